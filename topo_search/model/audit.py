@@ -14,7 +14,7 @@ from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
 from topo_search.model.flight import CasePower, Flight
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.tables import csv_text, heading, table
-from topo_search.model.value import Index, NonNegative, Number, Value, Vector
+from topo_search.model.value import OMIT_EMPTY, Index, NonNegative, Number, Omitted, Value, Vector
 
 
 class BoltedJoint(Value):
@@ -104,18 +104,7 @@ class Assembly(Value):
 
     def csv(self) -> str:
         """Return the sheet as a table: one row per joint, then one for the rod; its child is the end-effector."""
-        head = (
-            "step",
-            "module",
-            "port",
-            "child",
-            "child_port",
-            "angle_deg",
-            "rod_length_m",
-            "rod_x",
-            "rod_y",
-            "rod_z",
-        )
+        of_joint = ("step", "module", "port", "child", "child_port", "angle_deg")
         rows: list[tuple[object, ...]] = [
             (step, joint.module, joint.port, joint.child, joint.child_port, joint.angle_deg, "", "", "", "")
             for step, joint in enumerate(self.joints, start=1)
@@ -124,11 +113,9 @@ class Assembly(Value):
         if tip is not None and tip.mount is not None and tip.rod is not None:
             mount = (len(self.joints) + 1, tip.mount.module, tip.mount.port, "end-effector", "", "")
             rows.append((*mount, tip.rod.length_m, *tip.rod.direction_in_module))
-        return csv_text(head, rows)
+        return csv_text((*of_joint, "rod_length_m", "rod_x", "rod_y", "rod_z"), rows)
 
 
-SHOWN = 10
-"""Number of clearances that a notebook shows at least."""
 WITHIN_TOLERANCES = "least clearance within the tolerances"
 """The residual of a task that requires its tolerances."""
 
@@ -183,26 +170,23 @@ class Pair(Value):
     @property
     def name(self) -> str:
         """Both sides in the user's words, as the solver names its constraints."""
-        if self.kind == "exclusion":
-            return f"end-effector exclusion of module {self.a}"
+        a, b, segment, rod = f"module {self.a}", f"module {self.b}", self.segment, "the end-effector's rod"
         if self.kind in EXPOSURE_KINDS:
-            segment = "" if self.segment is None else f", {PART_NAMES[self.kind]} {self.segment}"
-            return f"exposure {self.b} ({self.kind}{segment}) of module {self.a}"
-        if self.kind == "rod":
-            return f"the end-effector's rod and module {self.a}"
-        if self.kind == "rod-airflow":
-            return f"the end-effector's rod and airflow of module {self.b}"
-        if self.kind == "rotor-airflow":
-            part = "hub and arms" if self.segment is None else f"rotor {self.segment}"
-            return f"{part} of module {self.a} and airflow of module {self.b}"
-        if self.kind in ("part-region", "rod-region"):
-            segment = "" if self.segment is None else f", segment {self.segment}"
-            what = "the end-effector's rod" if self.kind == "rod-region" else f"module {self.a}"
-            return f"{what} and solid exposure {self.b}{segment}"
-        if self.kind in ("bracket-airflow", "bracket-rotor"):
-            beside = "airflow" if self.kind == "bracket-airflow" else "rotors"
-            return f"the bracket of module {self.a} and {beside} of module {self.b}"
-        return f"{self.kind} of modules {self.a} and {self.b}"
+            part = "" if segment is None else f", {PART_NAMES[self.kind]} {segment}"
+            return f"exposure {self.b} ({self.kind}{part}) of {a}"
+        part = "hub and arms" if segment is None else f"rotor {segment}"
+        region = f"solid exposure {self.b}" + ("" if segment is None else f", segment {segment}")
+        names: dict[str, str] = {
+            "exclusion": f"end-effector exclusion of {a}",
+            "rod": f"{rod} and {a}",
+            "rod-airflow": f"{rod} and airflow of {b}",
+            "rotor-airflow": f"{part} of {a} and airflow of {b}",
+            "part-region": f"{a} and {region}",
+            "rod-region": f"{rod} and {region}",
+            "bracket-airflow": f"the bracket of {a} and airflow of {b}",
+            "bracket-rotor": f"the bracket of {a} and rotors of {b}",
+        }
+        return names.get(self.kind, f"{self.kind} of modules {self.a} and {self.b}")
 
 
 class Clearance(Pair):
@@ -343,15 +327,15 @@ class Audit(Value):
     flight: Flight | None = None
     """Capabilities of the design beyond its task; None if its numbers are too large to compute with, and in files
     of programs that do not compute it."""
-    power: Annotated[tuple[CasePower, ...], Field(exclude_if=lambda given: not given)] = ()
+    power: Annotated[tuple[CasePower, ...], OMIT_EMPTY] = ()
     """Power of the rotors in hover, where that is possible, and in every load case; empty in older files."""
-    air: Annotated[AirSpeeds | None, Field(exclude_if=lambda given: given is None)] = None
+    air: Omitted[AirSpeeds] = None
     """Air speeds by the jet model; None if numbers are too large to compute with, and in older files."""
-    stated: Annotated[tuple[StatedCheck, ...], Field(exclude_if=lambda given: not given)] = ()
+    stated: Annotated[tuple[StatedCheck, ...], OMIT_EMPTY] = ()
     """The user's own constraints: evaluated by their functions, not certified.
 
     A violated one makes the verdict `violated`; a met one is not a proof."""
-    mesh_excess: Annotated[tuple[MeshExcess, ...], Field(exclude_if=lambda given: not given)] = ()
+    mesh_excess: Annotated[tuple[MeshExcess, ...], OMIT_EMPTY] = ()
     """Regions larger than the mesh that they were read from, as the design's file says."""
     assembly: Assembly
     """Assembly sheet: what to bolt to what."""
@@ -377,36 +361,27 @@ class Audit(Value):
         """Show a notebook the verdict, the least clearances, and all that is not clear."""
         nearest = sorted(self.pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
         odd = sum(pair.status is not Status.CLEAR for pair in self.pairs)
-        shown = nearest[: max(odd, SHOWN)]
-        columns = ("clearance of", "audit", "proven at least [m]", "proven at most [m]", "closed form [m]")
-        pairs = table(
-            columns,
-            [
-                (
-                    pair.name,
-                    pair.status,
-                    None if pair.lower_m is None else lower_text(pair.lower_m),
-                    None if pair.upper_m is None else upper_text(pair.upper_m),
-                    lower_text(pair.analytic_m),
-                )
-                for pair in shown
-            ],
-        )
-        broken = [residual for residual in self.residuals if residual.status is not Status.CLEAR]
-        checked = ("name", "value", "unit", "scaled", "tolerance", "status")
-        rows = [
+        pairs = [
             (
-                *(one.name, upper_text(one.value), one.unit, upper_text(one.scaled)),
-                *(lower_text(one.tolerance), one.status),
+                *(pair.name, pair.status, None if pair.lower_m is None else lower_text(pair.lower_m)),
+                *(None if pair.upper_m is None else upper_text(pair.upper_m), lower_text(pair.analytic_m)),
             )
-            for one in broken
+            for pair in nearest[: max(odd, 10)]  # the nearest ten at least
         ]
-        residuals = table(checked, rows)
-        title = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
-        html = title + pairs + (heading("not met:") + residuals if broken else "")
+        html = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
+        html += table(
+            ("clearance of", "audit", "proven at least [m]", "proven at most [m]", "closed form [m]"), pairs
+        )
+        if broken := [residual for residual in self.residuals if residual.status is not Status.CLEAR]:
+            rows = [
+                (
+                    *(one.name, upper_text(one.value), one.unit, upper_text(one.scaled)),
+                    *(lower_text(one.tolerance), one.status),
+                )
+                for one in broken
+            ]
+            html += heading("not met:") + table(("name", "value", "unit", "scaled", "tolerance", "status"), rows)
         if self.stated:
-            checks = table(
-                ("constraint", "bounds", "it came to"), [(one.name, one.bounds, one.words) for one in self.stated]
-            )
-            html += heading(f"{NOT_CERTIFIED}:") + checks
+            checks = [(one.name, one.bounds, one.words) for one in self.stated]
+            html += heading(f"{NOT_CERTIFIED}:") + table(("constraint", "bounds", "it came to"), checks)
         return html

@@ -37,8 +37,6 @@ RULES = {
 }
 """The rule behind each of pydantic's types of error."""
 
-MISSING = "is required, but missing"
-
 
 @dataclass(frozen=True)
 class Fault:
@@ -55,12 +53,17 @@ class Fault:
 
 
 class BadInput(Exception):
-    """A file or an option that cannot be used; carries one message per fault."""
+    """A file or an option that cannot be used; carries one message per fault.
 
-    def __init__(self, source: str, faults: list[Fault]) -> None:
+    Args:
+        source: the file or option.
+        faults: what is wrong with it; a text is one rule that it breaks as a whole.
+    """
+
+    def __init__(self, source: str, faults: list[Fault] | str) -> None:
         self.source = source
-        self.faults = faults
-        super().__init__("\n".join(f"{to_printable(source)}: {fault}" for fault in faults))
+        self.faults = [Fault("", faults)] if isinstance(faults, str) else faults
+        super().__init__("\n".join(f"{to_printable(source)}: {fault}" for fault in self.faults))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BadInput, (self.source, self.faults)
@@ -113,22 +116,16 @@ def _fault(detail: Any, model: type[BaseModel]) -> Fault:
     path = _path(parts)
     if kind == "rule":
         return Fault(path, detail["msg"])
-    if kind == "missing":
-        return Fault(path, MISSING)
     if kind == "extra_forbidden":
         return Fault(path, f"unknown field; {nearest(str(detail['loc'][-1]), list(owner.model_fields))}")
-    if kind == "union_tag_not_found":
-        return Fault(f"{path}.kind", MISSING)
+    if kind in ("missing", "union_tag_not_found"):
+        return Fault(path if kind == "missing" else f"{path}.kind", "is required, but missing")
     if kind == "union_tag_invalid":
         path, given = f"{path}.kind", given["kind"]
-    context = {name: _quote(value) for name, value in detail.get("ctx", {}).items()}
+    # pydantic puts words in single quotes, TOML and JSON in double ones
+    context = {k: v.replace("'", '"') if isinstance(v, str) else v for k, v in detail.get("ctx", {}).items()}
     rule = RULES[kind].format_map(context) if kind in RULES else detail["msg"]
     return Fault(path, rule if "but got" in rule else f"{rule}, but got {show(given)}")
-
-
-def _quote(value: Any) -> Any:
-    """Turn the single quotes around words that pydantic lists into those of TOML and JSON."""
-    return value.replace("'", '"') if isinstance(value, str) else value
 
 
 def _walk(location: tuple[Any, ...], model: type[BaseModel]) -> tuple[list[Any], type[BaseModel]]:
@@ -143,15 +140,11 @@ def _walk(location: tuple[Any, ...], model: type[BaseModel]) -> tuple[list[Any],
             parts.append(part)
         elif len(inside) > 1:
             inside = [cls for cls in inside if cls.model_fields["kind"].default == part]
-        elif not _is_branch(part):
+        elif not re.fullmatch("<.*>", part, re.DOTALL):
             parts.append(part)
             owner, fields = inside[0], inside[0].model_fields
             inside = list(_models_in(fields[part].annotation)) if part in fields else [owner]
     return parts, owner
-
-
-def _is_branch(part: Any) -> bool:
-    return isinstance(part, str) and part.startswith("<") and part.endswith(">")
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:

@@ -11,7 +11,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
@@ -22,7 +22,6 @@ from pydantic import (
     ValidationError,
     ValidatorFunctionWrapHandler,
     field_validator,
-    model_validator,
 )
 
 from topo_search.model.arrays import Array, read_only
@@ -31,7 +30,7 @@ from topo_search.model.proven import at_least, gap_percent, lower_text, upper_te
 from topo_search.model.tables import heading, paragraph, table
 from topo_search.model.task import ResolvedTask, Task, before_requirement
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
-from topo_search.model.value import Index, Number, Value, Vector, refuse
+from topo_search.model.value import OMIT_EMPTY, Broken, Index, Location, Number, Omitted, Value, Vector
 
 NOT_CERTIFIED = "stated by the user, not certified"
 """Wording for a claim that nothing proves."""
@@ -148,11 +147,11 @@ class SolverRecord(Value):
     """Number of starts that reached a feasible point."""
     objectives: tuple[Number, ...] = ()
     """J of every feasible start [rad^4/s^4]; empty in files of programs that do not tell."""
-    corners: Annotated[Index | None, Field(exclude_if=lambda given: given is None)] = None
+    corners: Omitted[Index] = None
     """Number of corners of sets of wrenches, reserves and failures that must be possible besides the load cases."""
-    corners_active: Annotated[Index | None, Field(exclude_if=lambda given: given is None)] = None
+    corners_active: Omitted[Index] = None
     """Number of corners that were ever stated in a program; all others were met without."""
-    shorter_rod: Annotated[ShorterRod | None, Field(exclude_if=lambda given: given is None)] = None
+    shorter_rod: Omitted[ShorterRod] = None
     """Cost of a shorter rod, where one was tried: the design's is the shortest at its effort, to a tenth."""
     versions: dict[str, str]
     """Versions of the libraries that fix the result."""
@@ -203,7 +202,7 @@ class Design(Value):
     """Lower bound of the objective for every topology of this size, if each wrench is met exactly [rad^4/s^4]."""
     gap: Number | None = None
     """1 - lower_bound / objective."""
-    stated: Annotated[tuple[Stated, ...], Field(exclude_if=lambda given: not given)] = ()
+    stated: Annotated[tuple[Stated, ...], OMIT_EMPTY] = ()
     """The user's own constraints when it was solved, without their functions: evaluated, not certified."""
     solver: dict[str, Any] | None = None
 
@@ -239,33 +238,24 @@ class Design(Value):
         except (TypeError, ValueError, RecursionError):
             return None
 
-    @model_validator(mode="after")
-    def _counts_agree(self) -> Self:
+    def _broken_rules(self) -> Broken:
         n, cases = self.topology.n, len(self.task.load_cases)
-        counts: list[tuple[tuple[str | int, ...], str, int, int]] = [
+        counts: list[tuple[Location, str, int, int]] = [
             (("task", "modules"), "must be the number of rows of `topology`", n, self.task.n),
-            (("hinge_angles_rad",), "must have one angle per non-root module", n - 1, len(self.hinge_angles_rad)),
-            (("rotor_speeds_squared",), "must have one list per load case", cases, len(self.rotor_speeds_squared)),
+            ("hinge_angles_rad", "must have one angle per non-root module", n - 1, len(self.hinge_angles_rad)),
+            ("rotor_speeds_squared", "must have one list per load case", cases, len(self.rotor_speeds_squared)),
         ]
         for k, u_k in enumerate(self.rotor_speeds_squared):
             counts.append((("rotor_speeds_squared", k), "must have four values per module", 4 * n, len(u_k)))
-        wrong = [(field, f"{rule}, {due}, but got {got}") for field, rule, due, got in counts if due != got]
-        refuse("Design", *wrong)
-        return self
-
-    @model_validator(mode="after")
-    def _mount_is_free(self) -> Self:
+        yield from ((field, f"{rule}, {due}, but got {got}") for field, rule, due, got in counts if due != got)
         counted = self.task.end_effector.counted_rod
         if counted is not None and self.mount != Mount(module=counted.module, port=counted.port):
             given = "none" if self.mount is None else f"port {self.mount.port} of module {self.mount.module}"
             due = f"port {counted.port} of module {counted.module}"
-            refuse(
-                "Design", (("mount",), f"must be that of `task.end_effector.counted_rod`, {due}, but got {given}")
-            )
+            yield "mount", f"must be that of `task.end_effector.counted_rod`, {due}, but got {given}"
         if self.mount is not None and (self.mount.module, self.mount.port) not in self.topology.free_connectors:
             given = f"port {self.mount.port} of module {self.mount.module}"
-            refuse("Design", (("mount",), f"must be a connector without a joint, but got {given}"))
-        return self
+            yield "mount", f"must be a connector without a joint, but got {given}"
 
     @property
     def inputs(self) -> Array:
@@ -321,7 +311,7 @@ class Relaxation(Value):
     not_enough: Number | None = None
     """The largest share that was tried in vain; None if the least that is tried was enough."""
 
-    tightens: Annotated[bool, Field(exclude_if=lambda given: not given)] = False
+    tightens: Annotated[bool, OMIT_EMPTY] = False
     """True if the limit is tightened, so that the design is one of the task as it is."""
 
     @property
@@ -351,9 +341,9 @@ class Relaxed(Value):
     """Relaxations that helped, the least change first."""
     in_vain: tuple[str, ...]
     """Limits none of whose relaxations helped, each with the most that was tried."""
-    untried: Annotated[tuple[str, ...], Field(exclude_if=lambda given: not given)] = ()
+    untried: Annotated[tuple[str, ...], OMIT_EMPTY] = ()
     """Limits of which nothing is known, as the solver or the audit failed, each with the reason."""
-    topologies: Annotated[tuple[str, ...], Field(exclude_if=lambda given: not given)] = ()
+    topologies: Annotated[tuple[str, ...], OMIT_EMPTY] = ()
     """Keys of the trees; none in an older file."""
 
     @property
@@ -430,7 +420,7 @@ class Infeasible(Value):
     """Constraints that all starts ended short of, the most frequent first; none for a proof."""
     solver: SolverRecord | None = None
     """Solver record of the closest start; None for a proof."""
-    relaxed: Annotated[Relaxed | None, Field(exclude_if=lambda given: given is None)] = None
+    relaxed: Omitted[Relaxed] = None
     """Limits that, relaxed alone, give the tree a design; None where it was not asked."""
 
     def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise, product
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, Tag, ValidationInfo, model_validator
@@ -18,9 +18,12 @@ from topo_search.model.bad_input import show
 from topo_search.model.mesh_file import FARTHEST, convex_pieces, mesh_schema, take_mesh
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape, has_volume, unit
 from topo_search.model.value import (
+    OMIT_EMPTY,
+    Broken,
     Flag,
     NonEmpty,
     NonNegative,
+    Omitted,
     Positive,
     PositiveVector,
     Value,
@@ -64,18 +67,14 @@ def _check_thickness(box: Vector) -> Vector:
 Points = Annotated[tuple[Vector, ...], at_most(CORNERS, "corners"), AfterValidator(_check_volume)]
 
 
-def _not_given(value: object) -> bool:
-    return value is None
-
-
-Solid = Annotated[Flag, Field(exclude_if=lambda given: not given)]
+Solid = Annotated[Flag, OMIT_EMPTY]
 """True if a region is a thing: a wall, a pane, an object, rather than a place that must not be blown at."""
 
 
 class Region(Value):
     """Requirements that every region may state."""
 
-    speed: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
+    speed: Omitted[Positive] = None
     """Largest air speed in the region, in every load case, by the jet model [m/s]."""
     geometry: Annotated[Flag, Field(exclude_if=lambda given: given)] = True
     """True if airflow envelopes must keep out of the region; if false, only its `speed` is asked for."""
@@ -85,17 +84,15 @@ class Region(Value):
         """Distance from the end-effector up to which `speed` holds [m]; None: everywhere in the region."""
         return None
 
-    @model_validator(mode="after")
-    def _asks_for_something(self) -> Self:
+    def _broken_rules(self) -> Broken:
         if not self.geometry and self.speed is None:
-            refuse(type(self).__name__, (("geometry",), "must be true, or `speed` must be given"))
-        return self
+            yield "geometry", "must be true, or `speed` must be given"
 
 
 class UnboundedRegion(Region):
     """Requirements that an unbounded region may state."""
 
-    speed_within: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
+    speed_within: Omitted[Positive] = None
     """Distance from the end-effector up to which `speed` holds [m]; without it, everywhere."""
 
     @property
@@ -103,11 +100,10 @@ class UnboundedRegion(Region):
         """See `Region.speed_reach`."""
         return self.speed_within
 
-    @model_validator(mode="after")
-    def _speed_is_given(self) -> Self:
+    def _broken_rules(self) -> Broken:
+        yield from super()._broken_rules()
         if self.speed_within is not None and self.speed is None:
-            refuse(type(self).__name__, (("speed_within",), "must be left out, or `speed` must be given"))
-        return self
+            yield "speed_within", "must be left out, or `speed` must be given"
 
 
 class Local(Region):
@@ -121,21 +117,15 @@ class Local(Region):
     model_config = ConfigDict(json_schema_extra=mesh_schema)
 
     kind: Literal["local"] = "local"
-    radius: Annotated[Positive | None, Field(exclude_if=_not_given)] = None
+    radius: Omitted[Positive] = None
     """r_sph of a ball centred at p_E [m]; 0.15 if nothing else is given."""
-    box: Annotated[
-        Annotated[PositiveVector, AfterValidator(_check_thickness)] | None, Field(exclude_if=_not_given)
-    ] = None
+    box: Omitted[Annotated[PositiveVector, AfterValidator(_check_thickness)]] = None
     """Edges of a box centred at p_E, along x, y and z [m]."""
-    vertices: Annotated[Points | None, Field(exclude_if=_not_given)] = None
+    vertices: Omitted[Points] = None
     """Points whose convex hull the region is, from p_E [m]."""
-    pieces: Annotated[
-        Annotated[tuple[Points, ...], at_most(PIECES, "pieces"), NonEmpty] | None, Field(exclude_if=_not_given)
-    ] = None
+    pieces: Omitted[Annotated[tuple[Points, ...], at_most(PIECES, "pieces"), NonEmpty]] = None
     """Lists of points, each from p_E [m]: the region is the union of their convex hulls."""
-    mesh_excess: Annotated[
-        Annotated[tuple[NonNegative, ...], at_most(PIECES)] | None, Field(exclude_if=_not_given)
-    ] = None
+    mesh_excess: Omitted[Annotated[tuple[NonNegative, ...], at_most(PIECES)]] = None
     """Upper bound on each piece's excess over its source mesh [m]; None if there is no excess."""
     solid: Solid = False
     """True if rigid parts must stay outside too, and the rod except its tip unless p_E is inside."""
@@ -149,15 +139,15 @@ class Local(Region):
         given = [name for name in ("radius", "box", "vertices", "pieces", "mesh") if data.get(name) is not None]
         if len(given) > 1:
             rule = "must have one of `radius`, `box`, `vertices`, `pieces` and `mesh`"
-            refuse("Local", ((), f"{rule}, but got {' and '.join(given)}"))
+            refuse(((), f"{rule}, but got {' and '.join(given)}"))
         data = dict(data)
-        mesh = take_mesh(data, "Local", "vertices", info.context)
+        mesh = take_mesh(data, "vertices", info.context)
         if mesh is None:
             return data if given else {**data, "radius": 0.15}
         try:
             corners, excess = convex_pieces(mesh)
         except ValueError as error:
-            refuse("Local", (("mesh",), str(error)))
+            refuse(("mesh", str(error)))
         pieces = [points.tolist() for points in corners]
         shape = {"vertices": pieces[0]} if len(pieces) == 1 else {"pieces": pieces}
         return {**data, **shape, "mesh_excess": excess if any(excess) else None}
@@ -192,6 +182,9 @@ def _path(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
     return points
 
 
+Path = Annotated[tuple[Vector, ...], at_most(SEGMENTS, "points"), AfterValidator(_path)]
+
+
 class Directional(Region):
     """Capsules along motion paths near the end-effector; no envelope may enter any of them."""
 
@@ -200,15 +193,7 @@ class Directional(Region):
     """r_sph [m]."""
     segments: Annotated[tuple[Direction, ...], at_most(SEGMENTS), NonEmpty] | None = None
     """The end of each straight path from the end-effector, from p_E [m]."""
-    polylines: Annotated[
-        Annotated[
-            tuple[Annotated[tuple[Vector, ...], at_most(SEGMENTS, "points"), AfterValidator(_path)], ...],
-            at_most(SEGMENTS),
-            NonEmpty,
-        ]
-        | None,
-        Field(exclude_if=_not_given),
-    ] = None
+    polylines: Omitted[Annotated[tuple[Path, ...], at_most(SEGMENTS), NonEmpty]] = None
     """Instead of segments: bent paths, each a list of points from p_E [m]."""
     along: Literal["end_effector"] | None = None
     """Instead of segments: one path along p_E, away from the COM."""
@@ -217,15 +202,13 @@ class Directional(Region):
     solid: Solid = False
     """True if rigid parts must stay out of the capsules too."""
 
-    @model_validator(mode="after")
-    def _one_form(self) -> Self:
+    def _broken_rules(self) -> Broken:
+        yield from super()._broken_rules()
         forms = ("segments", "polylines", "along", "length")
         given = [name for name in forms if getattr(self, name) is not None]
         if given not in (["segments"], ["polylines"], ["along", "length"]):
             but = " and ".join(given) or "none of them"
-            text = f"must have either `segments`, or `polylines`, or `along` with `length`, but got {but}"
-            refuse("Directional", ((), text))
-        return self
+            yield (), f"must have either `segments`, or `polylines`, or `along` with `length`, but got {but}"
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
@@ -271,13 +254,12 @@ class Allowed(UnboundedRegion):
     solid: Solid = False
     """True if rigid parts, and the rod except its tip, must stay inside too."""
 
-    @model_validator(mode="after")
-    def _planes_are_within(self) -> Self:
+    def _broken_rules(self) -> Broken:
+        yield from super()._broken_rules()
         farthest = max(plane.offset for plane in self.planes)
         if self.speed_within is not None and self.speed_within <= farthest:
             text = f"must be more than every plane's offset, {farthest:g} m at most, but got {self.speed_within:g}"
-            refuse("Allowed", (("speed_within",), text))
-        return self
+            yield "speed_within", text
 
     @property
     def shapes(self) -> tuple[Shape, ...]:

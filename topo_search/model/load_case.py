@@ -22,16 +22,26 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
-from typing import Annotated, Literal, Self
+from collections.abc import Sequence
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field
 
 from topo_search.limits import LOAD_CASES
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import Direction
-from topo_search.model.value import Flag, Positive, PositiveOrZero, Value, Vector, at_most, refuse
+from topo_search.model.value import (
+    OMIT_EMPTY,
+    Broken,
+    Flag,
+    Omitted,
+    Positive,
+    PositiveOrZero,
+    Value,
+    Vector,
+    at_most,
+)
 
 SIDES = 8
 """m: with eight the pyramid is 8 % wider than the cone at its edges."""
@@ -69,9 +79,6 @@ class ForceCone(Value):
 MOST = 1e15
 """Largest component of a load case [N], [N m]: what derives from it stays finite."""
 
-Broken = Iterator[tuple[tuple[str | int, ...], str]]
-"""Fields and what is wrong with them."""
-
 
 def _name(name: str) -> str:
     if not re.fullmatch(r"\w[\w .+-]{0,38}[\w.+]|\w", name):
@@ -87,20 +94,14 @@ class Wrench(Value):
 
     def scale(self, force_unit: float, torque_unit: float) -> Wrench:
         """Return the wrench with its force and torque in other units."""
-        fx, fy, fz = self.force
-        tx, ty, tz = self.torque
-        return Wrench(
-            force=(fx * force_unit, fy * force_unit, fz * force_unit),
-            torque=(tx * torque_unit, ty * torque_unit, tz * torque_unit),
-        )
+        force, torque = (x * force_unit for x in self.force), (x * torque_unit for x in self.torque)
+        return Wrench.model_validate({"force": tuple(force), "torque": tuple(torque)})
 
 
 class LoadCase(Value):
     """A wrench that the platform must be able to exert, and the weight of its effort."""
 
-    name: Annotated[Annotated[str, AfterValidator(_name)] | None, Field(exclude_if=lambda given: given is None)] = (
-        None
-    )
+    name: Omitted[Annotated[str, AfterValidator(_name)]] = None
     """Name that appears wherever the load case is mentioned."""
     units: Literal["weight", "SI"] = "weight"
     """`weight`: forces in m_t g, torques in l_arm m_t g; `SI`: N and N m."""
@@ -108,29 +109,22 @@ class LoadCase(Value):
     """f_E, tau_E: exerted at the end-effector."""
     com: Wrench | None = None
     """f_C, tau_C: exerted at the platform's centre of mass."""
-    carries_weight: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
+    carries_weight: Annotated[Flag, OMIT_EMPTY] = False
     """True if the platform's weight [0, 0, m_t g] is added to f_C, for any number of modules."""
-    grows: Annotated[Literal["weight", "all"] | None, Field(exclude_if=lambda given: given is None)] = None
+    grows: Omitted[Literal["weight", "all"]] = None
     """Part that grows with the weight of a counted rod: `weight`, the share of f_C that carries it, or `all` of a
     case in units of weight. Set in designs, not in tasks."""
     weight: PositiveOrZero = 1.0
     """lambda_k: weight of this case's effort in the objective; 0: it must be possible but adds no effort."""
 
-    cone: Annotated[ForceCone | None, Field(exclude_if=lambda given: given is None)] = None
+    cone: Omitted[ForceCone] = None
     """Also required: every force in this cone instead of the force at the end-effector."""
-    vertices: Annotated[
-        tuple[Wrench, ...], at_most(LOAD_CASES, "vertices"), Field(exclude_if=lambda given: not given)
-    ] = ()
+    vertices: Annotated[tuple[Wrench, ...], at_most(LOAD_CASES, "vertices"), OMIT_EMPTY] = ()
     """Also required: every wrench in the convex hull of these and the one at the end-effector."""
 
-    @model_validator(mode="after")
-    def _asks_for_something(self) -> Self:
+    def _broken_rules(self) -> Broken:
         if not (self.end_effector or self.com or self.carries_weight or self.cone or self.vertices):
-            refuse(
-                "LoadCase",
-                ((), "must have at least one of `end_effector`, `com` and `carries_weight`, but got none"),
-            )
-        return self
+            yield (), "must have at least one of `end_effector`, `com` and `carries_weight`, but got none"
 
     @property
     def at_end_effector(self) -> Wrench:
@@ -164,7 +158,7 @@ class LoadCase(Value):
         """
         case = self
         if self.units == "weight":
-            case = self._scale(force_unit, torque_unit).model_copy(update={"units": "SI"})
+            case = self.scale(force_unit, torque_unit).model_copy(update={"units": "SI"})
         if self.carries_weight:
             case = case._carry(force_unit).model_copy(update={"carries_weight": False})
         if grows and (self.units == "weight" or self.carries_weight):
@@ -174,17 +168,19 @@ class LoadCase(Value):
     def regrow(self, before: float, after: float) -> LoadCase:
         """Return the same for another weight of the platform [N]."""
         if self.grows == "all":
-            return self._scale(after / before, after / before)
+            return self.scale(after / before, after / before)
         return self._carry(after - before) if self.grows == "weight" else self
 
-    def _scale(self, force_unit: float, torque_unit: float) -> LoadCase:
-        wrenches = (wrench and wrench.scale(force_unit, torque_unit) for wrench in (self.end_effector, self.com))
-        scaled = dict(zip(("end_effector", "com"), wrenches, strict=True))
-        sets = {
+    def scale(self, force_unit: float, torque_unit: float) -> LoadCase:
+        """Return the same with its forces and torques in other units."""
+        units = force_unit, torque_unit
+        scaled = {
+            "end_effector": self.end_effector and self.end_effector.scale(*units),
+            "com": self.com and self.com.scale(*units),
             "cone": self.cone and self.cone.scale(force_unit),
-            "vertices": tuple(wrench.scale(force_unit, torque_unit) for wrench in self.vertices),
+            "vertices": tuple(wrench.scale(*units) for wrench in self.vertices),
         }
-        return self.model_copy(update={**scaled, **sets})
+        return self.model_copy(update=scaled)
 
     def _carry(self, weight: float) -> LoadCase:
         x, y, z = self.at_com.force
@@ -205,17 +201,13 @@ def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: floa
         if not case.largest * factor + carried <= MOST:
             yield ("load_cases", k), f"must be at most {MOST:g} N and N m, but got {show(case.largest)}{of}{also}"
     if (number := len(cases) + sum(len(case.corners) for case in cases)) > LOAD_CASES:
-        yield (
-            ("load_cases",),
-            f"must have at most {LOAD_CASES} entries, corners of sets included, but got {number:,}",
-        )
+        yield "load_cases", f"must have at most {LOAD_CASES} entries, corners of sets included, but got {number:,}"
     names = [case.name for case in cases]
     for k, name in enumerate(names):
         if name is not None and (first := names.index(name)) < k:
-            text = f"must differ from that of load_cases[{first}], but got {show(name)}"
-            yield ("load_cases", k, "name"), text
+            yield ("load_cases", k, "name"), f"must differ from that of load_cases[{first}], but got {show(name)}"
     if not any(case.weight for case in cases):
-        yield ("load_cases",), "must have a weight greater than 0 in at least one entry, but got 0 in each"
+        yield "load_cases", "must have a weight greater than 0 in at least one entry, but got 0 in each"
 
 
 def ten_wrenches(task_seed: int) -> tuple[LoadCase, ...]:

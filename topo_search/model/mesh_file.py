@@ -15,18 +15,18 @@ from codecs import BOM_UTF8
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Never, Self
+from typing import Annotated, Any, NamedTuple, Never
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, model_validator
+from pydantic import AfterValidator
 
 from topo_search.limits import ALL_CORNERS, CORNERS, FACETS, FRAME_PIECES, FRAME_TRIANGLES, MESH_BYTES, PIECES
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import of_file, show, to_printable
 from topo_search.model.parsing import read_regular
 from topo_search.model.shape import has_volume, outer_hull
-from topo_search.model.value import Index, Positive, Value, Vector, at_most, refuse
+from topo_search.model.value import Broken, Index, Positive, Value, Vector, at_most, refuse
 
 Triangles = NDArray[np.intp]
 
@@ -94,12 +94,11 @@ def mesh_schema(schema: dict[str, Any]) -> None:
     schema["properties"] |= MeshFile.model_json_schema()["properties"]
 
 
-def take_mesh(data: dict[str, Any], model: str, replaces: str, context: Any) -> Surface | None:
+def take_mesh(data: dict[str, Any], replaces: str, context: Any) -> Surface | None:
     """Return the mesh that a table of a task file names, if it does; its fields are removed from the data.
 
     Args:
         data: the table; changed.
-        model: name of the table's class.
         replaces: the field that the mesh stands for.
         context: the `Folder` where files are looked for; anything else: no file may be named.
 
@@ -108,12 +107,12 @@ def take_mesh(data: dict[str, Any], model: str, replaces: str, context: Any) -> 
     """
     fields = {name: data.pop(name) for name in MeshFile.model_fields if data.get(name) is not None}
     if "mesh" not in fields:
-        refuse(model, *(((name,), "must be left out where there is no `mesh`") for name in fields))
+        refuse(*((name, "must be left out where there is no `mesh`") for name in fields))
         return None
     name = fields["mesh"]
 
     def refuse_mesh(text: str) -> Never:
-        refuse(model, (("mesh",), of_file(text, name)))
+        refuse(("mesh", of_file(text, name)))
         raise AssertionError
 
     if not isinstance(context, Folder):
@@ -384,15 +383,6 @@ def _text(word: bytes) -> str:
     return word[:100].decode("utf-8", "replace")
 
 
-FLAT = 1e-6
-"""Largest distance of a corner of a convex surface beyond a face, over the surface's size: single precision."""
-
-CLOSED = (
-    "must be a closed surface, every edge once in either direction; "
-    "pieces of a mesh that share an edge count as one, so let them overlap"
-)
-
-
 def _corners(value: tuple[int, ...]) -> tuple[int, int, int]:
     i, j, k = value
     if len({i, j, k}) < 3:
@@ -411,22 +401,25 @@ class ConvexPiece(Value):
     ]
     """Numbers of their corners."""
 
-    @model_validator(mode="after")
-    def _closed_and_convex(self) -> Self:
+    def _broken_rules(self) -> Broken:
         faces = np.array(self.triangles, dtype=np.int64).reshape(-1, 3)
         if not len(faces) or set(faces.ravel().tolist()) != set(range(len(self.vertices))):
-            refuse("ConvexPiece", (("triangles",), "must use every vertex, and no other"))
+            yield "triangles", "must use every vertex, and no other"
+            return
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).tolist()
         there = {(i, j) for i, j in edges}
         if len(there) < len(edges) or there != {(j, i) for i, j in there}:
-            refuse("ConvexPiece", (("triangles",), CLOSED))
-        if np.abs(self.vertices).max() > FARTHEST:
-            refuse("ConvexPiece", (("vertices",), f"must be at most {FARTHEST:g} m away"))
-        sticks_out = _beyond_faces(np.array(self.vertices), faces)
-        if sticks_out > FLAT:
-            text = f"must be convex, but a corner lies {100 * sticks_out:.3g} % of its size beyond a face"
-            refuse("ConvexPiece", (("triangles",), text))
-        return self
+            yield (
+                "triangles",
+                (
+                    "must be a closed surface, every edge once in either direction; "
+                    "pieces of a mesh that share an edge count as one, so let them overlap"
+                ),
+            )
+        elif np.abs(self.vertices).max() > FARTHEST:
+            yield "vertices", f"must be at most {FARTHEST:g} m away"
+        elif (beyond := _beyond_faces(np.array(self.vertices), faces)) > 1e-6:  # single precision
+            yield "triangles", f"must be convex, but a corner lies {100 * beyond:.3g} % of its size beyond a face"
 
 
 def _beyond_faces(vertices: Array, faces: Any) -> float:

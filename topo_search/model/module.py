@@ -65,23 +65,27 @@ The tip of such a cantilever is deflected by
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BeforeValidator, ConfigDict, Field, Tag, ValidationInfo, model_validator
 
 from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
 from topo_search.model.mesh_file import ConvexPiece, frame_of, mesh_schema, take_mesh
 from topo_search.model.value import (
+    Broken,
     Flag,
     Index,
+    Location,
     NonEmpty,
     NonNegative,
     Number,
+    Omitted,
     Positive,
     PositiveVector,
     Value,
     Vector,
     at_most,
+    omit_if,
     one_of,
     refuse,
 )
@@ -120,7 +124,7 @@ class EndEffector(Value):
     """`free`: optimised; `com`: at the centre of mass; [x, y, z]: fixed, from the COM [m]."""
     exclusion: Flag = True
     """True if p_E stays at least connector_distance away from every module's centre."""
-    stand_off: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0.0)] = 0.0
+    stand_off: Annotated[NonNegative, omit_if(0.0)] = 0.0
     """Least distance of p_E from every module's centre, if larger than the exclusion [m]."""
     rod: Literal["none", "straight"] = "straight"
     """`straight`: requires a straight rod, clear of all parts and airflow; `none`: a missing rod is only noted."""
@@ -131,26 +135,22 @@ class EndEffector(Value):
     """Radius of the rod that carries the end-effector [m]."""
     rod_linear_density: NonNegative = 0.045
     """Mass of the rod per metre [kg/m]; default: a carbon-fibre tube (1,600 kg/m^3) with a 1 mm wall."""
-    rod_mass: Annotated[Literal["included", "ignored"], Field(exclude_if=lambda given: given == "ignored")] = (
-        "ignored"
-    )
+    rod_mass: Annotated[Literal["included", "ignored"], omit_if("ignored")] = "ignored"
     """`included`: the rod's mass counts in weight, centre of mass and inertia; `ignored`: it weighs nothing."""
-    counted_rod: Annotated[CountedRod | None, Field(exclude_if=lambda given: given is None)] = None
+    counted_rod: Omitted[CountedRod] = None
     """The rod that a design counts with; a task leaves it out."""
-    rod_modulus: Annotated[Positive, Field(exclude_if=lambda given: given == 70e9)] = 70e9
+    rod_modulus: Annotated[Positive, omit_if(70e9)] = 70e9
     """Elastic modulus of the rod along it [Pa]; default: a carbon-fibre tube."""
-    rod_deflection: Annotated[Positive, Field(exclude_if=lambda given: given == 0.005)] = 0.005
+    rod_deflection: Annotated[Positive, omit_if(0.005)] = 0.005
     """Deflection of the rod's tip under the task's largest load and the rod's weight [m] that limits the default of
     largest_reach."""
 
-    @model_validator(mode="after")
-    def _weighable_rod(self) -> Self:
+    def _broken_rules(self) -> Broken:
         if self.rod_mass == "included" and (self.rod == "none" or self.largest_reach is False):
             given = 'rod = "none"' if self.rod == "none" else "largest_reach = false"
-            refuse("EndEffector", (("rod_mass",), f'must be "ignored" with {given}, but got "included"'))
+            yield "rod_mass", f'must be "ignored" with {given}, but got "included"'
         if self.rod_mass == "ignored" and self.counted_rod is not None:
-            refuse("EndEffector", (("counted_rod",), 'must be left out with rod_mass = "ignored"'))
-        return self
+            yield "counted_rod", 'must be left out with rod_mass = "ignored"'
 
     def stiff_length(self, force: float, torque: float, gravity: float) -> float:
         """Return the length at which the rod bends by `rod_deflection` [m]; infinite for a rod without mass.
@@ -207,16 +207,11 @@ class Bracket(Value):
     wall: Positive = 0.003
     """Wall thickness of the webs, and around bolts and rod [m]."""
 
-    @model_validator(mode="after")
-    def _bolts_apart(self) -> Self:
+    def _broken_rules(self) -> Broken:
         if self.bolt_circle / math.sqrt(2) <= 2 * self.bolt_diameter:
-            text = (
-                "`bolt_circle > 2 sqrt(2) bolt_diameter` must hold, so that bolts leave room for each other, "
-                "but got "
-                f"bolt_circle = {self.bolt_circle}, bolt_diameter = {self.bolt_diameter}"
-            )
-            refuse("Bracket", (("bolt_circle",), text))
-        return self
+            given = f"bolt_circle = {self.bolt_circle}, bolt_diameter = {self.bolt_diameter}"
+            rule = "`bolt_circle > 2 sqrt(2) bolt_diameter` must hold, so that bolts leave room for each other"
+            yield "bolt_circle", f"{rule}, but got {given}"
 
     @property
     def half_width(self) -> float:
@@ -233,8 +228,6 @@ AIR_DENSITY = 1.2
 """rho [kg/m^3]."""
 AGREE = 1e-3
 """Relative difference up to which two forms of one quantity agree: the digits of a data sheet."""
-LEAST_PART, LARGEST_PART = 1e-4, 100.0
-"""Smallest and largest size of a rigid part [l_arm]."""
 
 
 class Jet(Value):
@@ -282,22 +275,18 @@ class Airflow(Value):
     """theta_air: full spreading angle of the jet [deg]."""
     reach: Positive | None = None
     """From the module's centre to the far end of the envelope [m]; default: 20 arm_length / sqrt(2)."""
-    jet: Annotated[Jet, Field(exclude_if=lambda given: given == Jet())] = Jet()
+    jet: Annotated[Jet, omit_if(Jet())] = Jet()
     """The jet of which audits tell the air speed; omitted from files where it has its defaults."""
-    regions: Annotated[
-        RegionAirflow | None, BeforeValidator(_none_if_false), Field(exclude_if=lambda given: given is None)
-    ] = None
+    regions: Annotated[Omitted[RegionAirflow], BeforeValidator(_none_if_false)] = None
     """The envelope against target regions; that between modules where the table is left out, or false."""
-    speed: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    speed: Omitted[Positive] = None
     """Instead of `regions`: the smallest cone-sphere around all air of one module so fast or faster [m/s]."""
-    at: Annotated[Thrust, Field(exclude_if=lambda given: given == "hover")] = "hover"
+    at: Annotated[Thrust, omit_if("hover")] = "hover"
     """Thrust at which the air has that speed: `hover`, `full`, or a thrust over the module's weight."""
 
-    @model_validator(mode="after")
-    def _one_envelope_of_regions(self) -> Self:
+    def _broken_rules(self) -> Broken:
         if self.speed is not None and self.regions is not None:
-            refuse("Airflow", (("speed",), "must be left out where `regions` is given"))
-        return self
+            yield "speed", "must be left out where `regions` is given"
 
 
 class Body(Value):
@@ -313,10 +302,7 @@ class Body(Value):
     """Width and height of an arm [m]."""
     hub: PositiveVector = (0.08, 0.08, 0.04)
     """Edges of the hub along x, y, z [m]."""
-    frame: Annotated[
-        Annotated[tuple[ConvexPiece, ...], at_most(FRAME_PIECES, "pieces"), NonEmpty] | None,
-        Field(exclude_if=lambda given: given is None),
-    ] = None
+    frame: Omitted[Annotated[tuple[ConvexPiece, ...], at_most(FRAME_PIECES, "pieces"), NonEmpty]] = None
     """Convex pieces that replace hub and arms; a task file may name a `mesh` of them."""
     inertia: PositiveVector | None = None
     """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at uniform density."""
@@ -328,35 +314,23 @@ class Body(Value):
         if not isinstance(data, dict):
             return data
         frame, data = data.get("frame"), dict(data)
-        mesh = take_mesh(data, "Body", "frame", info.context)
+        mesh = take_mesh(data, "frame", info.context)
         if mesh is None:
             return data
         if frame is not None:
-            refuse("Body", (("mesh",), "must be left out where `frame` is given"))
+            refuse(("mesh", "must be left out where `frame` is given"))
         try:
             return {**data, "frame": frame_of(mesh)}
         except ValueError as error:
-            refuse("Body", (("mesh",), str(error)))
+            refuse(("mesh", str(error)))
 
-    @model_validator(mode="after")
-    def _few_triangles(self) -> Self:
+    def _broken_rules(self) -> Broken:
         if (triangles := sum(len(piece.triangles) for piece in self.frame or ())) > FRAME_TRIANGLES:
-            text = f"must have at most {FRAME_TRIANGLES:,} triangles in all, but got {triangles:,}"
-            refuse("Body", (("frame",), text))
-        return self
-
-    @model_validator(mode="after")
-    def _inertia_of_a_frame(self) -> Self:
+            yield "frame", f"must have at most {FRAME_TRIANGLES:,} triangles in all, but got {triangles:,}"
         if self.frame is not None and self.inertia is None:
-            refuse("Body", (("inertia",), "must be given with a `frame` or `mesh` of its own, but is missing"))
-        return self
-
-    @model_validator(mode="after")
-    def _inertia_of_a_body(self) -> Self:
+            yield "inertia", "must be given with a `frame` or `mesh` of its own, but is missing"
         if self.inertia is not None and 2 * max(self.inertia) > sum(self.inertia) * (1 + 1e-12):
-            text = f"no moment may exceed the sum of the other two, but got {list(self.inertia)}"
-            refuse("Body", (("inertia",), text))
-        return self
+            yield "inertia", f"no moment may exceed the sum of the other two, but got {list(self.inertia)}"
 
 
 class AirflowEnvelope(Value):
@@ -405,25 +379,25 @@ class Module(Value):
     """k_tau [N m s^2]."""
     max_thrust_to_weight: Positive = 2.5
     """Largest thrust of a module over its own weight."""
-    max_thrust: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    max_thrust: Omitted[Positive] = None
     """Largest thrust of a rotor [N]; replaces max_thrust_to_weight."""
-    torque_to_thrust: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    torque_to_thrust: Omitted[Positive] = None
     """Drag torque of a rotor over its thrust [m]; replaces torque_coefficient."""
-    joint_moment: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    joint_moment: Omitted[Positive] = None
     """Rated moment of a joint [N m]."""
-    joint_force: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    joint_force: Omitted[Positive] = None
     """Rated force of a joint [N]."""
-    joint_mass: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0.0)] = 0.0
+    joint_mass: Annotated[NonNegative, omit_if(0.0)] = 0.0
     """Mass of a joint, bracket and bolts, at its connector [kg]."""
     min_input: Annotated[float, Field(strict=True, ge=0, lt=1, exclude_if=lambda given: given == 0.0)] = 0.0
     """Least squared speed of a running rotor, as a share of the largest; a failed rotor is exempt."""
-    battery_Wh: Annotated[Positive | None, Field(exclude_if=lambda given: given is None)] = None
+    battery_Wh: Omitted[Positive] = None
     """Energy of a module's battery [Wh], of which the audit tells how long it lasts at most."""
     airflow: Airflow = Airflow()
     """The airflow envelope."""
     body: Body = Body()
     """The rigid parts."""
-    bracket: Annotated[Bracket | None, Field(exclude_if=lambda given: given is None)] = None
+    bracket: Omitted[Bracket] = None
     """The hinge brackets of the lab kit; if given, the audit checks them against airflow and rotors."""
 
     @model_validator(mode="before")
@@ -436,42 +410,25 @@ class Module(Value):
         given = _numbers(data.get("torque_to_thrust"), k_f)
         return data if given is None else {**data, "torque_coefficient": given[0] * given[1]}
 
-    @model_validator(mode="after")
-    def _one_torque(self) -> Self:
+    def _broken_rules(self) -> Broken:
         given, due = self.torque_to_thrust, self.torque_coefficient / self.thrust_coefficient
         if given is not None and not math.isclose(given, due, rel_tol=AGREE):
-            text = (
-                f"must agree with torque_coefficient / thrust_coefficient, {due:.4g} m, but got {given}: "
-                "leave one of them out"
-            )
-            refuse("Module", (("torque_to_thrust",), text))
-        return self
-
-    @model_validator(mode="after")
-    def _far_end_beyond_start(self) -> Self:
-        if self.reach <= self.start_radius:
-            given = f"reach = {self.reach}, start_radius = {self.start_radius}"
-            refuse("Module", (("airflow",), f"`reach > start_radius` must hold, but got {given}"))
-        regions = self.region_airflow
-        if regions is not None and regions.reach <= regions.start_radius:
-            given = f"reach = {regions.reach}, start_radius = {regions.start_radius}"
-            refuse("Module", (("airflow", "regions"), f"`reach > start_radius` must hold, but got {given}"))
-        return self
-
-    @model_validator(mode="after")
-    def _parts_of_a_size(self) -> Self:
-        """Refuse parts so small or so large that nobody could build them, nor the audit tell whether they touch."""
-        low, high = LEAST_PART * self.arm_length, LARGEST_PART * self.arm_length
+            rule = f"must agree with torque_coefficient / thrust_coefficient, {due:.4g} m"
+            yield "torque_to_thrust", f"{rule}, but got {given}: leave one of them out"
+        for field, envelope in ((("airflow",), self), (("airflow", "regions"), self.region_airflow)):
+            if envelope is not None and envelope.reach <= envelope.start_radius:
+                lengths = f"reach = {envelope.reach}, start_radius = {envelope.start_radius}"
+                yield field, f"`reach > start_radius` must hold, but got {lengths}"
+        # parts so small or so large that nobody could build them, nor the audit tell whether they touch
+        least, largest = 1e-4, 100.0  # [l_arm]
+        low, high = least * self.arm_length, largest * self.arm_length
         body = self.body
-        sizes: list[tuple[tuple[str | int, ...], float]] = [
-            (("body", "rotor_radius"), body.rotor_radius),
-            (("body", "rotor_height"), body.rotor_height),
-            (("body", "arm_width"), body.arm_width),
+        sizes: list[tuple[Location, float]] = [
+            *((("body", name), getattr(body, name)) for name in ("rotor_radius", "rotor_height", "arm_width")),
             *((("body", "hub", k), edge) for k, edge in enumerate(body.hub)),
         ]
-        rule = f"must be between {low:g} and {high:g}, {LEAST_PART:g} and {LARGEST_PART:g} arm lengths"
-        refuse("Module", *((field, f"{rule}, but got {size}") for field, size in sizes if not low <= size <= high))
-        return self
+        rule = f"must be between {low:g} and {high:g}, {least:g} and {largest:g} arm lengths"
+        yield from ((field, f"{rule}, but got {size}") for field, size in sizes if not low <= size <= high)
 
     @property
     def start_radius(self) -> float:

@@ -14,8 +14,6 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
 SOLVER_PRECISION = 1.0e-6
 """Relative error of an objective that the solver does not care about: efforts that differ by no more are equal."""
-CERTAIN = 10
-"""Decimals of a percentage that the arithmetic which led to it leaves certain."""
 SIGNIFICANT = 15
 """Digits that any double has."""
 
@@ -61,17 +59,14 @@ def gap_percent(gap: float, decimals: int = 2) -> str:
     >>> gap_percent(0.01541)
     '1.55 %'
     """
-    return f"{_percent(gap, decimals)} %"
+    certain = 10  # decimals of a percentage that the arithmetic which led to it leaves certain
+    percent = Decimal(f"{100 * gap if gap > SOLVER_PRECISION else 0.0:.{certain}f}")
+    return f"{percent.quantize(Decimal(1).scaleb(-decimals), ROUND_CEILING)} %"
 
 
 def improvement(gap: float) -> str:
     """Return in words how much better another design can be at most; `better` if by no more than rounding."""
     return f"more than {gap_percent(gap)} better" if gap > SOLVER_PRECISION else "better"
-
-
-def _percent(gap: float, decimals: int) -> Decimal:
-    percent = Decimal(f"{100 * gap if gap > SOLVER_PRECISION else 0.0:.{CERTAIN}f}")
-    return percent.quantize(Decimal(1).scaleb(-decimals), ROUND_CEILING)
 
 
 def _round(value: float, digits: int, rounding: str) -> float:

@@ -25,9 +25,9 @@ from pydantic import Field, Tag
 
 from topo_search.limits import FAILURES, LOAD_CASES
 from topo_search.model.arrays import Array
-from topo_search.model.load_case import MOST, Broken, LoadCase, Wrench
+from topo_search.model.load_case import MOST, LoadCase, Wrench
 from topo_search.model.tolerances import TOLERANCE
-from topo_search.model.value import Flag, NonNegative, Positive, Value, Vector, one_of
+from topo_search.model.value import Broken, Flag, NonNegative, Positive, Value, Vector, one_of
 
 if TYPE_CHECKING:
     from topo_search.model.search import Level

@@ -8,14 +8,26 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise, product
-from typing import Annotated, Any, Literal, NamedTuple, Self, TypeVar, get_args
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 
-from pydantic import AfterValidator, Field, Tag, model_validator
+from pydantic import AfterValidator, Field, Tag
 
 from topo_search.limits import HINGE_ANGLES, LEVELS
 from topo_search.model.bad_input import show
 from topo_search.model.reserves import Failing
-from topo_search.model.value import Angle, Flag, NonEmpty, NonNegative, Positive, Value, at_most, one_of, refuse
+from topo_search.model.value import (
+    OMIT_EMPTY,
+    Angle,
+    Broken,
+    Flag,
+    NonEmpty,
+    NonNegative,
+    Omitted,
+    Positive,
+    Value,
+    at_most,
+    one_of,
+)
 
 BodyClearance = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[Literal[False], Tag("<false>")],
@@ -31,6 +43,9 @@ def _check_apart(angles: tuple[float, ...]) -> tuple[float, ...]:
         if high - low < APART_DEG:
             raise ValueError(f"must differ by {APART_DEG:g} deg or more, but got {show([low, high])}")
     return angles
+
+
+Angles = Annotated[tuple[Angle, ...], at_most(HINGE_ANGLES), NonEmpty, AfterValidator(_check_apart)]
 
 
 class Search(Value):
@@ -54,15 +69,9 @@ class Search(Value):
     """Largest squared speed of a rotor in a load case, as a share of its limit."""
     body_clearance: BodyClearance | None = None
     """Least distance between centres not bolted together [m]; default: 2 (arm_length + rotor_radius); or false."""
-    hinge_step_deg: Annotated[
-        Annotated[float, Field(strict=True, ge=APART_DEG, le=90)] | None,
-        Field(exclude_if=lambda given: given is None),
-    ] = None
+    hinge_step_deg: Omitted[Annotated[float, Field(strict=True, ge=APART_DEG, le=90)]] = None
     """Hinge angles are multiples of this step, up to 90 deg either way [deg]; default: any angle."""
-    hinge_angles_deg: Annotated[
-        Annotated[tuple[Angle, ...], at_most(HINGE_ANGLES), NonEmpty, AfterValidator(_check_apart)] | None,
-        Field(exclude_if=lambda given: given is None),
-    ] = None
+    hinge_angles_deg: Omitted[Angles] = None
     """Hinge angles are these, turned either way, in place of a step [deg]."""
 
     @property
@@ -84,19 +93,13 @@ class Search(Value):
         """The same without a set of hinge angles."""
         return self.model_copy(update={"hinge_step_deg": None, "hinge_angles_deg": None})
 
-    @model_validator(mode="after")
-    def _one_kind_of_set(self) -> Self:
+    def _broken_rules(self) -> Broken:
         if self.hinge_step_deg is not None and self.hinge_angles_deg is not None:
             text = f"must be left out where hinge_angles_deg is given, but got {self.hinge_step_deg:g}"
-            refuse("Search", (("hinge_step_deg",), text))
-        return self
-
-    @model_validator(mode="after")
-    def _no_body_clearance_in_the_ablation(self) -> Self:
+            yield "hinge_step_deg", text
         if self.interference == "separation" and self.body_clearance:
             text = f'must be false or left out with interference = "separation", but got {self.body_clearance}'
-            refuse("Search", (("body_clearance",), text))
-        return self
+            yield "body_clearance", text
 
 
 FIELDS = (
@@ -121,13 +124,9 @@ def _check_distinct(levels: Levels) -> Levels:
     return levels
 
 
-OfFlight = Annotated[
-    tuple[NonNegative, ...],
-    at_most(LEVELS),
-    AfterValidator(_check_distinct),
-    Field(exclude_if=lambda given: not given),
-]
-"""Levels of a reserve."""
+Bound = TypeVar("Bound")
+AxisLevels = Annotated[tuple[Bound, ...], at_most(LEVELS), AfterValidator(_check_distinct)]
+"""Levels of one goal."""
 
 
 class Level(NamedTuple):
@@ -163,51 +162,30 @@ class Level(NamedTuple):
 class Goals(Value):
     """Goals weighed against control effort: bounds; the task is solved at every combination of their levels."""
 
-    clearance: Annotated[tuple[NonNegative, ...], at_most(LEVELS), AfterValidator(_check_distinct)] = ()
+    clearance: AxisLevels[NonNegative] = ()
     """Levels of search.margin [m]."""
-    stand_off: Annotated[tuple[Positive, ...], at_most(LEVELS), AfterValidator(_check_distinct)] = ()
+    stand_off: AxisLevels[Positive] = ()
     """Levels of end_effector.stand_off [m]."""
-    peak_input: Annotated[
-        tuple[Annotated[Positive, Field(le=1)], ...], at_most(LEVELS), AfterValidator(_check_distinct)
-    ] = ()
+    peak_input: AxisLevels[Annotated[Positive, Field(le=1)]] = ()
     """Levels of search.peak_input."""
-    force_reserve: OfFlight = ()
+    force_reserve: Annotated[AxisLevels[NonNegative], OMIT_EMPTY] = ()
     """Levels of flight.force_reserve, in its units."""
-    torque_reserve: OfFlight = ()
+    torque_reserve: Annotated[AxisLevels[NonNegative], OMIT_EMPTY] = ()
     """Levels of flight.torque_reserve, in its units."""
-    rotor_out: Annotated[
-        tuple[Failing, ...], AfterValidator(_check_distinct), Field(exclude_if=lambda given: not given)
-    ] = ()
+    rotor_out: Annotated[tuple[Failing, ...], AfterValidator(_check_distinct), OMIT_EMPTY] = ()
     """Levels of flight.rotor_out."""
-    joint_moment: Annotated[
-        tuple[Positive, ...],
-        at_most(LEVELS),
-        AfterValidator(_check_distinct),
-        Field(exclude_if=lambda given: not given),
-    ] = ()
+    joint_moment: Annotated[AxisLevels[Positive], OMIT_EMPTY] = ()
     """Levels of flight.joint_moment [N m]."""
-    hinge_angle_deg: Annotated[
-        tuple[Angle, ...],
-        at_most(LEVELS),
-        AfterValidator(_check_distinct),
-        Field(exclude_if=lambda given: not given),
-    ] = ()
+    hinge_angle_deg: Annotated[AxisLevels[Angle], OMIT_EMPTY] = ()
     """Levels of tolerances.hinge_angle_deg, which the clearances survive with all of [tolerances] [deg]."""
-    speed: Annotated[
-        tuple[Positive, ...],
-        at_most(LEVELS),
-        AfterValidator(_check_distinct),
-        Field(exclude_if=lambda given: not given),
-    ] = ()
+    speed: Annotated[AxisLevels[Positive], OMIT_EMPTY] = ()
     """Levels of the air speed in the regions of all exposures, in place of their own `speed` [m/s]."""
     modules: Flag = False
     """True if fewer modules are a goal; needs a range of sizes and wrenches in SI."""
 
-    @model_validator(mode="after")
-    def _few_levels(self) -> Self:
+    def _broken_rules(self) -> Broken:
         if (number := math.prod(len(axis) for axis in self._axes)) > LEVELS:
-            refuse("Goals", ((), f"must have at most {LEVELS:,} combinations of levels, but got {number:,}"))
-        return self
+            yield (), f"must have at most {LEVELS:,} combinations of levels, but got {number:,}"
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -231,15 +209,12 @@ class Goals(Value):
     @property
     def _axes(self) -> tuple[list[Any], ...]:
         """The levels of each goal, the loosest first."""
-        axes: tuple[list[Any], ...] = (
-            sorted(self.clearance),
-            sorted(self.stand_off),
-            sorted(self.peak_input, reverse=True),
-            sorted(self.force_reserve),
-            sorted(self.torque_reserve),
-            sorted(self.rotor_out, key=get_args(Failing).index),
-            sorted(self.joint_moment, reverse=True),
-            sorted(self.hinge_angle_deg),
-            sorted(self.speed, reverse=True),
-        )
-        return tuple(axis or [None] for axis in axes)
+        levels = [
+            sorted(
+                getattr(self, name),
+                key=get_args(Failing).index if name == "rotor_out" else None,
+                reverse=name in ("peak_input", "joint_moment", "speed"),
+            )
+            for name in Level._fields
+        ]
+        return tuple(axis or [None] for axis in levels)

@@ -41,15 +41,13 @@ class Hull(NamedTuple):
     @property
     def offsets(self) -> Array:
         """Distance of the triangles' planes from the origin, shape (f,)."""
-        result: Array = np.einsum("fx,fx->f", self.normals, self.corners[self.triangles[:, 0]])
-        return result
+        return np.asarray(np.einsum("fx,fx->f", self.normals, self.corners[self.triangles[:, 0]]))
 
     @property
     def planes(self) -> Array:
         """Normal and offset of every face, once however many triangles it is cut into, shape (p, 4)."""
         _, first = np.unique(self.normals.round(9) + 0.0, axis=0, return_index=True)
-        result: Array = np.column_stack([self.normals, self.offsets])[np.sort(first)]
-        return result
+        return np.asarray(np.column_stack([self.normals, self.offsets])[np.sort(first)])
 
 
 def convex_hull(points: Array) -> Hull:

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Tag, model_validator
 
 from topo_search.limits import ALL_CORNERS, LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
-from topo_search.model.load_case import Broken, LoadCase, broken_rules, labels, ten_wrenches
+from topo_search.model.load_case import LoadCase, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AGREE, AIR_DENSITY, CountedRod, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.reserves import AskedFlight, broken_reserves
 from topo_search.model.room import (
@@ -40,6 +40,7 @@ from topo_search.model.search import Goals, Level, Search
 from topo_search.model.tolerances import FARTHEST, TOLERANCE
 from topo_search.model.value import (
     Angle,
+    Broken,
     Count,
     Index,
     NonEmpty,
@@ -48,8 +49,8 @@ from topo_search.model.value import (
     Value,
     Vector,
     at_most,
+    omit_if,
     one_of,
-    refuse,
 )
 
 
@@ -97,7 +98,7 @@ class Task(Value):
     """n, or [fewest, most]."""
     gravity: Positive = 9.81
     """g [m/s^2]."""
-    air_density: Annotated[Positive, Field(exclude_if=lambda given: given == AIR_DENSITY)] = AIR_DENSITY
+    air_density: Annotated[Positive, omit_if(AIR_DENSITY)] = AIR_DENSITY
     """Density of air [kg/m^3]; omitted from files where it is the default."""
     task_seed: Index | None = None
     """Seed of the random family; belongs to load_cases = "ten-wrenches"."""
@@ -111,12 +112,12 @@ class Task(Value):
     """Regions that must stay out of the airflow."""
     search: Search = Search()
     """Options of the search."""
-    flight: Annotated[AskedFlight, Field(exclude_if=lambda given: given == AskedFlight())] = AskedFlight()
+    flight: Annotated[AskedFlight, omit_if(AskedFlight())] = AskedFlight()
     """Capabilities required of a design beyond its load cases; omitted from files if empty."""
-    tolerances: Annotated[Tolerances, Field(exclude_if=lambda given: given == Tolerances())] = Tolerances()
+    tolerances: Annotated[Tolerances, omit_if(Tolerances())] = Tolerances()
     """Build errors that a design must survive, unless `flight.tolerances = false`; omitted from files if there are
     none."""
-    goals: Annotated[Goals, Field(exclude_if=lambda given: given == Goals())] = Goals()
+    goals: Annotated[Goals, omit_if(Goals())] = Goals()
     """Goals besides control effort; omitted from files if there are none."""
 
     @model_validator(mode="before")
@@ -142,67 +143,61 @@ class Task(Value):
             return data
         return {**data, "flight": {"tolerances": True, **flight}}
 
-    @model_validator(mode="after")
-    def _check_consistency(self) -> Self:
-        broken: list[tuple[tuple[str | int, ...], str]] = []
+    def _broken_rules(self) -> Broken:
         if not self.sizes:
-            broken.append((("modules",), f"`fewest <= most` must hold, but got {show(self.modules)}"))
+            yield "modules", f"`fewest <= most` must hold, but got {show(self.modules)}"
         if len(self.sizes) > SIZES:
-            broken.append((("modules",), f"must be at most {SIZES} sizes, but got {show(self.modules)}"))
+            yield "modules", f"must be at most {SIZES} sizes, but got {show(self.modules)}"
         numbered = [region for region in self.exposure if segment_of(region, 0) is not None]
         if (parts := sum(len(region.shapes) for region in numbered)) > SEGMENTS:
             kinds = {region.kind for region in numbered}
             what = " and ".join(f"{name}s" for kind, name in PART_NAMES.items() if kind in kinds)
-            broken.append((("exposure",), f"must have at most {SEGMENTS} {what} in all, but got {parts:,}"))
+            yield "exposure", f"must have at most {SEGMENTS} {what} in all, but got {parts:,}"
         corners = sum(len(region.corners) for region in self.exposure if isinstance(region, Local))
         if corners > ALL_CORNERS:
-            broken.append((("exposure",), f"must have at most {ALL_CORNERS:,} corners in all, but got {corners:,}"))
+            yield "exposure", f"must have at most {ALL_CORNERS:,} corners in all, but got {corners:,}"
         if self.load_cases != "ten-wrenches" and self.task_seed is not None:
             rule = 'must be left out unless load_cases = "ten-wrenches"'
-            broken.append((("task_seed",), f"{rule}, but got {self.task_seed}"))
+            yield "task_seed", f"{rule}, but got {self.task_seed}"
         if self.load_cases == "ten-wrenches" and self.task_seed is None:
-            broken.append((("task_seed",), 'must be given with load_cases = "ten-wrenches", but is missing'))
-        fixed, least = self.end_effector.fixed_position, LEAST_OFFSET * self.module.arm_length
-        if fixed is not None and math.hypot(*fixed) < least:
-            text = (
-                f"takes its direction from p_E: `||end_effector.position|| >= {least:g}` must hold, "
-                f"but got {show(self.end_effector.position)}"
-            )
-            broken += [(("exposure", e), text) for e, region in enumerate(self.exposure) if needs_offset(region)]
+            yield "task_seed", 'must be given with load_cases = "ten-wrenches", but is missing'
+        tip, position = self.end_effector, self.end_effector.fixed_position
+        distance, least = math.hypot(*(position or ())), LEAST_OFFSET * self.module.arm_length
+        if position is not None and distance < least:
+            rule = f"takes its direction from p_E: `||end_effector.position|| >= {least:g}` must hold"
+            of_p_E = [e for e, region in enumerate(self.exposure) if needs_offset(region)]
+            yield from ((("exposure", e), f"{rule}, but got {show(tip.position)}") for e in of_p_E)
         farthest = self.farthest_end_effector(self.sizes[-1]) if self.sizes else math.inf
-        if fixed is not None and math.hypot(*fixed) > farthest:
-            text = f"`||position|| <= {farthest:g}` must hold, but got {show(self.end_effector.position)}"
-            broken.append((("end_effector", "position"), text))
-        if self.end_effector.stand_off > farthest:
-            text = f"`stand_off <= {farthest:g}` must hold, but got {show(self.end_effector.stand_off)}"
-            broken.append((("end_effector", "stand_off"), text))
+        if distance > farthest:
+            field = ("end_effector", "position")
+            yield field, f"`||position|| <= {farthest:g}` must hold, but got {show(tip.position)}"
+        if tip.stand_off > farthest:
+            field = ("end_effector", "stand_off")
+            yield field, f"`stand_off <= {farthest:g}` must hold, but got {show(tip.stand_off)}"
         if self.sizes and self.load_cases != "ten-wrenches":
             n = self.sizes[-1]
             units = self.force_unit(n), self.torque_unit(n)
-            broken += broken_rules(self.load_cases, *units)
+            yield from broken_rules(self.load_cases, *units)
             corners = sum(1 + len(case.corners) for case in self.load_cases)
             flights = dict.fromkeys(self.flight.at_level(level) for level in self.goals.levels)
-            broken += dict.fromkeys(x for flight in flights for x in broken_reserves(flight, corners, n, *units))
-        broken += [*self._broken_thrust(), *self._broken_hinges()]
-        refuse("Task", *broken, *self._broken_flight(), *self._broken_goals())
-        return self
+            yield from dict.fromkeys(x for flight in flights for x in broken_reserves(flight, corners, n, *units))
+        yield from self._broken_thrust()
+        yield from self._broken_hinges()
+        yield from self._broken_flight()
+        yield from self._broken_goals()
 
     def _broken_thrust(self) -> Broken:
         """Yield what is wrong with the limits of rotor inputs."""
         module = self.module
         due = module.max_thrust_to_weight * module.mass * self.gravity / 4
         if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=AGREE):
-            text = (
-                f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}, which is {due:.4g} N per "
-                f"rotor, but got {module.max_thrust}: leave one of them out"
-            )
-            yield ("module", "max_thrust"), text
+            rule = f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}"
+            given = f"which is {due:.4g} N per rotor, but got {module.max_thrust}: leave one of them out"
+            yield ("module", "max_thrust"), f"{rule}, {given}"
         lowest = min((self.search.peak_input, *self.goals.peak_input))
         if module.min_input >= lowest:
-            text = (
-                f"must be less than the largest share that rotors may use, {lowest:g}, but got {module.min_input}"
-            )
-            yield ("module", "min_input"), text
+            rule = f"must be less than the largest share that rotors may use, {lowest:g}"
+            yield ("module", "min_input"), f"{rule}, but got {module.min_input}"
 
     def _broken_hinges(self) -> Broken:
         """Yield what is wrong with a set of hinge angles that has none within the folds that parts leave."""
@@ -218,8 +213,7 @@ class Task(Value):
         """Yield what contradicts itself in what is asked for beyond load cases, or is asked for and not given."""
         torque = self.flight.rotor_out_torque
         if torque is not None and {self.flight.rotor_out, *self.goals.rotor_out} == {"none"}:
-            text = f'must be left out where rotor_out = "none", but got {torque:g}'
-            yield ("flight", "rotor_out_torque"), text
+            yield ("flight", "rotor_out_torque"), f'must be left out where rotor_out = "none", but got {torque:g}'
         if self.flight.tolerances and self.tolerances == Tolerances() and not any(self.goals.hinge_angle_deg):
             rule = "must be false where all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
             yield ("flight", "tolerances"), f"{rule}, but got true"
@@ -229,10 +223,8 @@ class Task(Value):
         for field in ("force_reserve", "torque_reserve", "rotor_out", "joint_moment"):
             given, default = getattr(self.flight, field), AskedFlight.model_fields[field].default
             if getattr(self.goals, field) and given != default:
-                yield (
-                    ("flight", field),
-                    f"must be left out where goals.{field} has levels of it, but got {show(given)}",
-                )
+                rule = f"must be left out where goals.{field} has levels of it"
+                yield ("flight", field), f"{rule}, but got {show(given)}"
         if self.goals.hinge_angle_deg and (error := self.tolerances.hinge_angle_deg):
             text = f"must be left out where goals.hinge_angle_deg has levels of it, but got {error:g}"
             yield ("tolerances", "hinge_angle_deg"), text
@@ -254,10 +246,9 @@ class Task(Value):
             if self.load_cases == "ten-wrenches":
                 yield ("load_cases",), f"units {rule}"
             else:
-                in_weights = [
-                    k for k, case in enumerate(self.load_cases) if case.units == "weight" and case.largest
-                ]
-                yield from ((("load_cases", k, "units"), rule) for k in in_weights)
+                for k, case in enumerate(self.load_cases):
+                    if case.units == "weight" and case.largest:
+                        yield ("load_cases", k, "units"), rule
 
     @property
     def sizes(self) -> range:
@@ -455,17 +446,18 @@ class ResolvedTask(Task):
     end_effector: ResolvedEndEffector = ResolvedEndEffector()
     load_cases: Annotated[tuple[LoadCase, ...], at_most(LOAD_CASES), NonEmpty]
 
-    @model_validator(mode="after")
-    def _in_si(self) -> Self:
+    def _broken_rules(self) -> Broken:
+        yield from super()._broken_rules()
         rule = 'must be "SI" in a design, but got "weight"'
-        weights = [k for k, case in enumerate(self.load_cases) if case.units == "weight"]
-        refuse("ResolvedTask", *((("load_cases", k, "units"), rule) for k in weights))
-        rule = "must be false in a design, the weight being written out in `com`, but got true"
+        for k, case in enumerate(self.load_cases):
+            if case.units == "weight":
+                yield ("load_cases", k, "units"), rule
         if self.flight.asks and self.flight.units != "SI":
-            refuse("ResolvedTask", (("flight", "units"), 'must be "SI" in a design, but got "weight"'))
-        carry = [k for k, case in enumerate(self.load_cases) if case.carries_weight]
-        refuse("ResolvedTask", *((("load_cases", k, "carries_weight"), rule) for k in carry))
-        return self
+            yield ("flight", "units"), rule
+        for k, case in enumerate(self.load_cases):
+            if case.carries_weight:
+                text = "must be false in a design, the weight being written out in `com`, but got true"
+                yield ("load_cases", k, "carries_weight"), text
 
     def with_rod(self, rod: CountedRod | None) -> ResolvedTask:
         """Return the task of platforms with a rod that counts, or None, and with what grows with the weight."""

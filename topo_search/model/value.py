@@ -6,6 +6,7 @@ import ast
 import functools
 import inspect
 import sys
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
@@ -19,6 +20,7 @@ from pydantic import (
     Field,
     GetJsonSchemaHandler,
     ValidationError,
+    model_validator,
 )
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
@@ -27,6 +29,12 @@ from topo_search.limits import LARGEST_INTEGER, MODULES
 
 FIELDS = "\n\nFields:\n"
 """Between what a value is and what its fields are, for `help`."""
+
+
+Location = str | tuple[str | int, ...]
+"""A field, or the names and numbers that lead to it; empty: the value as a whole."""
+Broken = Iterator[tuple[Location, str]]
+"""Fields and what is wrong with them."""
 
 
 class Value(BaseModel):
@@ -67,6 +75,15 @@ class Value(BaseModel):
         given = {name: getattr(self, name) for name in self.model_fields_set}
         return type(self).model_validate({**given, **changes})
 
+    def _broken_rules(self) -> Broken:
+        """Yield what is wrong between fields: the field to name, and what to say of it (rule and value)."""
+        yield from ()
+
+    @model_validator(mode="after")
+    def _keep_rules(self) -> Self:
+        refuse(*self._broken_rules())
+        return self
+
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Describe the value in a schema by its own words: its fields have theirs."""
@@ -106,22 +123,22 @@ def _words(field: FieldInfo) -> str:
     return f"{text} (default: {default})".strip() if len(default) < 40 else text
 
 
-def refuse(model: str, *broken: tuple[tuple[str | int, ...], str]) -> None:
-    """Refuse a value for each broken rule between its fields, if there are any.
-
-    Args:
-        model: name of the value's class.
-        broken: the field to name, and what to say of it (rule and value).
+def refuse(*broken: tuple[Location, str]) -> None:
+    """Refuse a value for each broken rule, as of `Value._broken_rules`, if there are any.
 
     Raises:
         ValidationError: one error for each broken rule.
     """
     if broken:
         errors = [
-            InitErrorDetails(type=PydanticCustomError("rule", "{text}", {"text": text}), loc=field, input=None)
+            InitErrorDetails(
+                type=PydanticCustomError("rule", "{text}", {"text": text}),
+                loc=(field,) if isinstance(field, str) else field,
+                input=None,
+            )
             for field, text in broken
         ]
-        raise ValidationError.from_exception_data(model, errors)
+        raise ValidationError.from_exception_data("Value", errors)
 
 
 def _branch(value: Any) -> str:
@@ -166,6 +183,17 @@ def at_most(limit: int, what: str = "entries") -> BeforeValidator:
 
     return BeforeValidator(check_count)
 
+
+def omit_if(value: object) -> Any:
+    """Leave a field out of files where it has this value."""
+    return Field(exclude_if=lambda given: given == value)
+
+
+OMIT_EMPTY: Any = Field(exclude_if=lambda given: not given)
+"""Leaves a field out of files where it is empty or false."""
+Given = TypeVar("Given")
+Omitted = Annotated[Given | None, Field(exclude_if=lambda given: given is None)]
+"""A field that files leave out where it is None."""
 
 Entries = TypeVar("Entries", bound=tuple[Any, ...])
 

@@ -15,22 +15,25 @@ import csv
 import io
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
-
-from pydantic import Field, model_validator
+from typing import Annotated, Any, Literal
 
 from topo_search.limits import TASK_BYTES
-from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.bad_input import BadInput
 from topo_search.model.files import load_text, validate
 from topo_search.model.flight import Flight, Size
 from topo_search.model.parsing import NotParsed, toml_data
-from topo_search.model.value import Index, NonEmpty, NonNegative, Number, Positive, Value, Vector, at_most, refuse
-
-MOST_ROTORS = 400
-"""Largest number of rotors of a vehicle."""
-OF_A_KIT = {"axis_x": "ax", "axis_y": "ay", "axis_z": "az", "thrust_coefficient_Ns2": "k_f"}
-OF_A_KIT |= {"torque_coefficient_Nms2": "k_tau", "largest_thrust_N": "thrust"}
-"""Columns of a kit's `rotors.csv` by the names here."""
+from topo_search.model.value import (
+    Broken,
+    Index,
+    NonEmpty,
+    NonNegative,
+    Number,
+    Omitted,
+    Positive,
+    Value,
+    Vector,
+    at_most,
+)
 
 
 class VehicleRotor(Value):
@@ -55,15 +58,11 @@ class VehicleRotor(Value):
     u_min: Number = 0.0
     """Least squared speed; below zero the rotor is reversible [rad^2/s^2]."""
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        broken = []
+    def _broken_rules(self) -> Broken:
         if not math.hypot(self.ax, self.ay, self.az) > 1e-12:
-            broken.append((("ax",), "must be part of an axis with a direction, but got the zero vector"))
+            yield "ax", "must be part of an axis with a direction, but got the zero vector"
         if not -1e15 <= self.u_min < self.u_max:
-            broken.append((("u_min",), f"must be less than u_max, {self.u_max:g}, but got {self.u_min:g}"))
-        refuse("VehicleRotor", *broken)
-        return self
+            yield "u_min", f"must be less than u_max, {self.u_max:g}, but got {self.u_min:g}"
 
 
 class Vehicle(Value):
@@ -71,7 +70,7 @@ class Vehicle(Value):
 
     mass: Positive = 1.0
     """[kg]"""
-    inertia: Annotated[tuple[Vector, Vector, Vector] | Vector | None, Field()] = None
+    inertia: tuple[Vector, Vector, Vector] | Vector | None = None
     """Tensor about the centre of mass, or its diagonal [kg m^2]; None: unknown."""
     com: Vector = (0.0, 0.0, 0.0)
     """Centre of mass, in the axes and from the origin of the rotors' positions [m]."""
@@ -79,7 +78,7 @@ class Vehicle(Value):
     """Point where loads of a task act, likewise [m]; default: where the task fixes it, or the centre of mass."""
     gravity: Positive = 9.81
     """[m/s^2]"""
-    rotors: Annotated[tuple[VehicleRotor, ...], at_most(MOST_ROTORS, "rotors"), NonEmpty]
+    rotors: Annotated[tuple[VehicleRotor, ...], at_most(400, "rotors"), NonEmpty]
 
 
 class Capability(Value):
@@ -95,7 +94,7 @@ class Capability(Value):
     """It can exert any force of this size without torque [N]."""
     flight: Flight
     """As in `audit.json`; single rotors are numbered from 0, all of module 0."""
-    met: Annotated[bool | None, Field(exclude_if=lambda given: given is None)] = None
+    met: Omitted[bool] = None
     """True if every wrench of the task is proven possible; None without a task."""
 
 
@@ -111,7 +110,7 @@ def read_vehicle(path: str | Path) -> Vehicle:
     try:
         data = toml_data(load_text(path, most_bytes=TASK_BYTES))
     except NotParsed as error:
-        raise BadInput(str(path), [Fault("", str(error))]) from None
+        raise BadInput(str(path), str(error)) from None
     if isinstance(name := data.get("rotors"), str):
         data = {**data, "rotors": _rows(path.parent / name)}
     return validate(Vehicle, data, str(path))
@@ -119,9 +118,11 @@ def read_vehicle(path: str | Path) -> Vehicle:
 
 def _rows(path: Path) -> list[dict[str, Any]]:
     """Return the rows of a table of rotors, with numbers where there are some."""
+    of_a_kit = {"axis_x": "ax", "axis_y": "ay", "axis_z": "az", "thrust_coefficient_Ns2": "k_f"}
+    of_a_kit |= {"torque_coefficient_Nms2": "k_tau", "largest_thrust_N": "thrust"}
     rows = []
     for row in csv.DictReader(io.StringIO(load_text(path, most_bytes=TASK_BYTES))):
-        given = {OF_A_KIT.get(name, name): _number(cell) for name, cell in row.items() if cell}
+        given = {of_a_kit.get(name, name): _number(cell) for name, cell in row.items() if cell}
         if "thrust" in given and isinstance(given.get("k_f"), float):
             given = {name: given[name] for name in given if name in VehicleRotor.model_fields or name == "thrust"}
             given["u_max"] = given.pop("thrust") / given["k_f"]
