@@ -7,16 +7,15 @@ defaults that depend on it included.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from operator import attrgetter
+from dataclasses import dataclass, replace
+from functools import partial
+from operator import attrgetter, methodcaller
 from typing import Any
 
-from topo_search.model.exposure import Allowed, AnyExposure, Exterior, Local
+from topo_search.model.exposure import Allowed, Exterior, Local
 from topo_search.model.load_case import LoadCase
 from topo_search.model.task import Task
-from topo_search.model.value import Vector
 
 LEAST = 0.2
 """Share of what is asked for that is left at most of all relaxing."""
@@ -63,23 +62,19 @@ def relaxable(task: Task, n: int) -> list[Relaxable]:
 
 def _module(task: Task) -> Iterator[Relaxable]:
     module = task.module
+    if module.max_thrust is None:
+        yield _scale(task, "rotor limits", "module", "max_thrust_to_weight", 1.0, "more thrust")
+    else:
+        strongest = module.max_thrust
 
-    def strengthen(x: float) -> Task:
-        if module.max_thrust is None:
-            return _with(
-                task, "module", max_thrust_to_weight=_round_to_print(module.max_thrust_to_weight * (1 + x))
-            )
-        thrust = _round_to_print(module.max_thrust * (1 + x))
-        ratio = 4 * thrust / (module.mass * task.gravity)
-        return _with(task, "module", max_thrust=thrust, max_thrust_to_weight=ratio)
+        def strengthen(x: float) -> Task:
+            thrust = _round_to_print(strongest * (1 + x))
+            ratio = 4 * thrust / (module.mass * task.gravity)
+            return _with(task, "module", max_thrust=thrust, max_thrust_to_weight=ratio)
 
-    name, unit = ("max_thrust_to_weight", "") if module.max_thrust is None else ("max_thrust", "N")
-    yield Relaxable(
-        "rotor limits", f"module.{name}", "more thrust", 1.0, strengthen, attrgetter(f"module.{name}"), unit
-    )
-    yield _scale(
-        task, "distance of module centres", "module", "connector_distance", 1.0, "longer connectors", unit="m"
-    )
+        value = attrgetter("module.max_thrust")
+        yield Relaxable("rotor limits", "module.max_thrust", "more thrust", 1.0, strengthen, value, "N")
+    yield _scale(task, "distance of module centres", "module", "connector_distance", 1.0, "longer connectors", "m")
 
 
 def _search(task: Task, n: int) -> Iterator[Relaxable]:
@@ -87,76 +82,54 @@ def _search(task: Task, n: int) -> Iterator[Relaxable]:
         most = 1 / task.search.peak_input - 1
         yield _scale(task, "rotor inputs", "search", "peak_input", most, "larger share of the largest input")
     if task.search.root == "paper":
-        yield _free(task, "orientation of the root", "search", "root", "free")
+        yield _free(task, "orientation of the root", "search", "root")
     if task.end_effector.fixed_position is not None:
-        yield _free(task, "position of the end-effector", "end_effector", "position", "free")
-    if (reach := task.largest_reach(n)) is not None:
-        for limit, more, most in (
-            ("reach of the rod", "more reach", 1.0),
-            ("reach of the rod, tightened", "less reach", LEAST - 1),
-        ):
-
-            def change_reach(x: float, sign: float = math.copysign(1, most), reach: float = reach) -> Task:
-                return _with(task, "end_effector", largest_reach=_round_to_print(reach * (1 + sign * x)))
-
-            yield Relaxable(
-                limit,
-                "end_effector.largest_reach",
-                more,
-                abs(most),
-                change_reach,
-                lambda of: of.largest_reach(n),
-                "m",
-                tightens=most < 0,
-            )
+        yield _free(task, "position of the end-effector", "end_effector", "position")
+    if task.largest_reach(n) is not None:
+        field, reach = ("end_effector", "largest_reach"), methodcaller("largest_reach", n)
+        yield _scale(task, "reach of the rod", *field, 1.0, "more reach", "m", reach)
+        shorter = _scale(task, "reach of the rod, tightened", *field, LEAST - 1, "less reach", "m", reach)
+        yield replace(shorter, tightens=True)
     if task.end_effector.stand_off:
-        yield _scale(
-            task,
-            "stand-off",
-            "end_effector",
-            "stand_off",
-            LEAST - 1,
-            "less stand-off of the end-effector",
-            unit="m",
-        )
+        less = "less stand-off of the end-effector"
+        yield _scale(task, "stand-off", "end_effector", "stand_off", LEAST - 1, less, "m")
 
 
 def _exposure(task: Task) -> Iterator[Relaxable]:
     for number, requirement in enumerate(task.exposure):
-
-        def reduce(x: float, number: int = number, requirement: Any = requirement) -> Task:
-            changed = requirement.model_copy(update=_shrink(requirement, x, task.module.region_envelope.length))
-            return task.model_copy(
-                update={"exposure": (*task.exposure[:number], changed, *task.exposure[number + 1 :])}
-            )
-
         if requirement.speed is not None:
-
-            def hasten(x: float, number: int = number, requirement: Any = requirement) -> Task:
-                faster = requirement.model_copy(update={"speed": _round_to_print(requirement.speed * (1 + x))})
-                return task.model_copy(
-                    update={"exposure": (*task.exposure[:number], faster, *task.exposure[number + 1 :])}
-                )
-
             limit = f"air over exposure {number} ({requirement.kind})"
-            value = _entry(number, "speed")
-            yield Relaxable(limit, f"exposure[{number}].speed", "faster air", 1.0, hasten, value, "m/s")
+            yield _scale(task, limit, number, "speed", 1.0, "faster air", "m/s")
         limit = f"exposure {number} ({requirement.kind})"
-        at = f"exposure[{number}]"
         if isinstance(requirement, Exterior):
             most = min(1.0, 90 / requirement.half_angle_deg - 1)
-            value = _entry(number, "half_angle_deg")
-            yield Relaxable(limit, f"{at}.half_angle_deg", "wider cone", most, reduce, value, "deg")
+            yield _scale(task, limit, number, "half_angle_deg", most, "wider cone", "deg")
         elif isinstance(requirement, Allowed):
-            yield Relaxable(
-                limit, f"{at}.planes", "of the airflow's length as extra room", 1.0, reduce, lambda _: None
-            )
+            more, moved = "of the airflow's length as extra room", partial(_move_planes, task, number)
+            yield Relaxable(limit, f"exposure[{number}].planes", more, 1.0, moved, lambda _: None)
         elif requirement.radius is not None:
-            value = _entry(number, "radius")
-            yield Relaxable(limit, f"{at}.radius", "smaller radius", 1 - LEAST, reduce, value, "m")
+            yield _scale(task, limit, number, "radius", LEAST - 1, "smaller radius", "m")
         elif isinstance(requirement, Local):
             shape = next(name for name in ("box", "vertices", "pieces") if getattr(requirement, name) is not None)
-            yield Relaxable(limit, f"{at}.{shape}", "smaller region", 1 - LEAST, reduce, lambda _: None)
+            field, reduced = f"exposure[{number}].{shape}", partial(_reduce, task, number, shape)
+            yield Relaxable(limit, field, "smaller region", 1 - LEAST, reduced, lambda _: None)
+
+
+def _move_planes(task: Task, number: int, x: float) -> Task:
+    """Return the task with the planes of a requirement farther out, by a share of the airflow's length."""
+    planes, length = attrgetter("planes")(task.exposure[number]), task.module.region_envelope.length
+    farther = (plane.model_copy(update={"offset": plane.offset + x * length}) for plane in planes)
+    return _with(task, number, planes=tuple(farther))
+
+
+def _reduce(task: Task, number: int, shape: str, x: float) -> Task:
+    """Return the task with the box or points of a requirement nearer to the end-effector by a share."""
+    return _with(task, number, **{shape: _times(getattr(task.exposure[number], shape), 1 - x)})
+
+
+def _times(given: Any, factor: float) -> Any:
+    """Return a number, or tuples of numbers within tuples, times a factor."""
+    return tuple(_times(each, factor) for each in given) if isinstance(given, tuple) else factor * given
 
 
 def _flight(task: Task) -> Iterator[Relaxable]:
@@ -168,7 +141,7 @@ def _flight(task: Task) -> Iterator[Relaxable]:
         ("com_error", "error of the centre of mass", "m"),
     ):
         if getattr(task.flight, name):
-            yield _scale(task, limit, "flight", name, LEAST - 1, "less", unit=unit)
+            yield _scale(task, limit, "flight", name, LEAST - 1, "less", unit)
     if any(accelerations := task.flight.angular_acceleration):
 
         def slow(x: float) -> Task:
@@ -179,15 +152,12 @@ def _flight(task: Task) -> Iterator[Relaxable]:
         field = "flight.angular_acceleration"
         yield Relaxable("angular acceleration", field, "less", 1 - LEAST, slow, lambda _: None)
     for index, (name, what, unit) in enumerate((("joint_force", "force", "N"), ("joint_moment", "moment", "N m"))):
-        if (most := task.joint_limits[index]) is not None:
-
-            def raise_limit(x: float, name: str = name, most: float = most) -> Task:
-                return _with(task, "flight", **{name: _round_to_print(most * (1 + x))})
+        if task.joint_limits[index] is not None:
 
             def bears(of: Task, index: int = index) -> float | None:
                 return of.joint_limits[index]
 
-            yield Relaxable(f"{what} in a joint", f"flight.{name}", f"larger {what}", 1.0, raise_limit, bears, unit)
+            yield _scale(task, f"{what} in a joint", "flight", name, 1.0, f"larger {what}", unit, bears)
 
     def lighten(x: float) -> Task:
         lighter = tuple(_lighten(case, 1 - x) for case in task.cases)
@@ -200,33 +170,7 @@ def _flight(task: Task) -> Iterator[Relaxable]:
 
 def _lighten(case: LoadCase, factor: float) -> LoadCase:
     """Return a load case with what it exerts at the end-effector scaled; the weight stays."""
-    return case.model_copy(
-        update={
-            "end_effector": case.end_effector and case.end_effector.scale(factor, factor),
-            "cone": case.cone and case.cone.scale(factor),
-            "vertices": tuple(wrench.scale(factor, factor) for wrench in case.vertices),
-        }
-    )
-
-
-def _shrink(requirement: AnyExposure, x: float, length: float) -> dict[str, Any]:
-    """Return what of a requirement changes."""
-    if isinstance(requirement, Exterior):
-        return {"half_angle_deg": min(90.0, _round_to_print(requirement.half_angle_deg * (1 + x)))}
-    if isinstance(requirement, Allowed):
-        farther = (plane.model_copy(update={"offset": plane.offset + x * length}) for plane in requirement.planes)
-        return {"planes": tuple(farther)}
-    if requirement.radius is not None:
-        return {"radius": _round_to_print(requirement.radius * (1 - x))}
-    if isinstance(requirement, Local) and requirement.box is not None:
-        return {"box": tuple((1 - x) * edge for edge in requirement.box)}
-    if isinstance(requirement, Local) and requirement.pieces is not None:
-        return {"pieces": tuple(_scale_points(points, 1 - x) for points in requirement.pieces)}
-    return {"vertices": _scale_points(requirement.vertices or (), 1 - x)}
-
-
-def _scale_points(points: tuple[Vector, ...], factor: float) -> tuple[Vector, ...]:
-    return tuple((factor * x, factor * y, factor * z) for x, y, z in points)
+    return case.scale(factor, factor).model_copy(update={"com": case.com})
 
 
 def _round_to_print(value: float) -> float:
@@ -234,38 +178,43 @@ def _round_to_print(value: float) -> float:
     return float(f"{value:.6g}")
 
 
-def _with(task: Task, part: str, **fields: Any) -> Task:
-    """Return the task with fields of one of its tables changed."""
-    return task.model_copy(update={part: getattr(task, part).model_copy(update=fields)})
+def _with(task: Task, part: str | int, **fields: Any) -> Task:
+    """Return the task with fields of one of its tables changed, or of an exposure requirement by its number."""
+    if isinstance(part, str):
+        return task.model_copy(update={part: getattr(task, part).model_copy(update=fields)})
+    changed = task.exposure[part].model_copy(update=fields)
+    return task.model_copy(update={"exposure": (*task.exposure[:part], changed, *task.exposure[part + 1 :])})
 
 
-def _entry(number: int, name: str) -> Callable[[Task], float | None]:
-    """Return what reads a field of an exposure requirement."""
-    return lambda task: float(getattr(task.exposure[number], name))
+def _scale(
+    task: Task,
+    limit: str,
+    part: str | int,
+    name: str,
+    most: float,
+    more: str,
+    unit: str = "",
+    value: Callable[[Task], float | None] | None = None,
+) -> Relaxable:
+    """Return a limit that is one number of a part, as of `_with`: it grows if `most` is positive, else shrinks.
+
+    `value`: what the number is where the field itself may be left out; default: the field.
+    """
+
+    def field_value(of: Task) -> float:
+        return float(getattr(of.exposure[part] if isinstance(part, int) else getattr(of, part), name))
+
+    value = value or field_value
+    given, sign = value(task) or 0.0, 1 if most > 0 else -1
+
+    def change(x: float) -> Task:
+        return _with(task, part, **{name: _round_to_print(given * (1 + sign * x))})
+
+    field = f"{part}.{name}" if isinstance(part, str) else f"exposure[{part}].{name}"
+    return Relaxable(limit, field, more, abs(most), change, value, unit)
 
 
-def _scale(task: Task, limit: str, part: str, name: str, most: float, more: str, unit: str = "") -> Relaxable:
-    """Return a limit that is one number: it grows if `most` is positive, else shrinks."""
-    given, sign = float(getattr(getattr(task, part), name)), 1 if most > 0 else -1
-    return Relaxable(
-        limit,
-        f"{part}.{name}",
-        more,
-        abs(most),
-        lambda x: _with(task, part, **{name: _round_to_print(given * (1 + sign * x))}),
-        attrgetter(f"{part}.{name}"),
-        unit,
-    )
-
-
-def _free(task: Task, limit: str, part: str, name: str, free: str) -> Relaxable:
+def _free(task: Task, limit: str, part: str, name: str) -> Relaxable:
     """Return a limit that is there or not."""
-    return Relaxable(
-        limit,
-        f'{part}.{name} = "{free}"',
-        "freeing it",
-        1.0,
-        lambda _: _with(task, part, **{name: free}),
-        lambda _: None,
-        at_once=True,
-    )
+    freed, field = _with(task, part, **{name: "free"}), f'{part}.{name} = "free"'
+    return Relaxable(limit, field, "freeing it", 1.0, lambda _: freed, lambda _: None, at_once=True)
