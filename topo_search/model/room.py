@@ -64,7 +64,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations, islice
@@ -181,14 +181,6 @@ Folds = tuple[tuple[float, float], ...]
 
 FOLD = (-1.0, 1.0, 1.0, -1.0)
 """Sign of the fold of a positive hinge angle at the parent's port +x, +y, -x, -y."""
-FIRST_INTERVALS = 16
-"""Intervals of +-pi/2 that a search begins with."""
-AIMS = 40
-"""Rounds in which a direction u is turned to where two parts are farther apart."""
-RING = 0.5
-"""Angle of the first turns [rad]; a little less in every further round."""
-NARROWER = 0.7
-"""Excess."""
 
 
 def clear_folds(module: Module, margin: float = 0.0) -> Folds:
@@ -211,8 +203,7 @@ def nearest_fold(folds: Folds, phi: Array) -> Array:
         return np.zeros_like(phi)
     inside = np.array([np.clip(phi, low, high) for low, high in folds])
     choice = np.argmin(np.abs(inside - phi), axis=0)
-    result: Array = np.take_along_axis(inside, choice[None], axis=0)[0]
-    return result
+    return np.asarray(np.take_along_axis(inside, choice[None], axis=0)[0])
 
 
 def intersect(some: Folds, others: Folds) -> Folds:
@@ -256,29 +247,53 @@ class _Part:
     def support(self, u: Array, turn: Array) -> Array:
         """Return max u . x over the part for u (m, k, 3), with the part turned about y by angles (m,)."""
         u = _turn(u, -turn[:, None])
-        result: Array = (u @ self.corners.T).max(axis=-1) + self.radius * np.hypot(u[..., 0], u[..., 1])
-        return result
+        return np.asarray((u @ self.corners.T).max(axis=-1) + self.radius * np.hypot(u[..., 0], u[..., 1]))
 
 
 @lru_cache(maxsize=32)
 def _search(module: Module, margin: float) -> Folds:
     """Return certified intervals of clear folds."""
-    h = math.pi / 2 / FIRST_INTERVALS
-    phi, pairs = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, FIRST_INTERVALS), _pairs(module)
+    pairs = _pairs(module)
     even = module.body.frame is None  # hubs, arms and rotors are the same upside down
-    phi = phi[phi > 0] if even else phi
-    clear: list[tuple[float, float]] = []
-    for _ in range(9):  # eight halvings of what is clear in the middle but not yet all over: to 0.8 mrad
-        slack = np.full(len(phi), math.inf)  # what is left of all pairs' clearances where they are least, scaled
+
+    def slack(phi: Array, h: float) -> tuple[Array, float]:
+        """Return what is left of all pairs' clearances where they are least, over what they may lose."""
+        least = np.full(len(phi), math.inf)
         for A, B in pairs:
             room = min(A.rho, B.rho) * h + ROUNDING * (A.rho + B.rho)
-            left = slack > -1.0
-            slack[left] = np.minimum(slack[left], (_distance(A, B, phi[left], margin + room) - margin) / room)
-        clear += [(middle - h, middle + h) for middle in phi[slack >= 1.0].tolist()]
-        open_ = phi[np.abs(slack) < 1.0]
+            left = least > -1.0
+            least[left] = np.minimum(least[left], (_distance(A, B, phi[left], margin + room) - margin) / room)
+        return least, 1.0
+
+    clear = _clear_intervals(slack, halvings=8, upper_half=even)  # to 0.8 mrad
+    return join(clear + [(-high, -low) for low, high in clear] if even else clear)
+
+
+def _clear_intervals(
+    spare: Callable[[Array, float], tuple[Array, float]], *, halvings: int, upper_half: bool = False
+) -> list[tuple[float, float]]:
+    """Return intervals of fold angles that are clear all over; those clear in the middle alone are halved.
+
+    Args:
+        spare: returns for middles of intervals and their half width what is spare there, and how much of it any
+            other angle of the interval may lack.
+        halvings: how often intervals are halved.
+        upper_half: whether positive angles are enough.
+    """
+    first = 16  # intervals of +-pi/2 to begin with
+    h = math.pi / 2 / first
+    phi = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, first)
+    phi = phi[phi > 0] if upper_half else phi
+    clear: list[tuple[float, float]] = []
+    for _ in range(halvings + 1):
+        left, lacking = spare(phi, h)
+        clear += [(middle - h, middle + h) for middle in phi[left >= lacking].tolist()]
+        open_ = phi[np.abs(left) < lacking]
+        if not len(open_):
+            break
         h /= 2
         phi = np.concatenate([open_ - h, open_ + h])
-    return join(clear + [(-high, -low) for low, high in clear] if even else clear)
+    return clear
 
 
 def join(intervals: list[tuple[float, float]]) -> Folds:
@@ -334,13 +349,13 @@ def _distance(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
     faces = np.stack([_turn(z, turn), -_turn(z, turn), _turn(z, -turn), -_turn(z, -turn)], axis=1)
     u = np.concatenate([faces, np.broadcast_to(DIRECTIONS, (len(turn), *DIRECTIONS.shape))], axis=1)
     most = np.full(len(turn), -math.inf)
-    for aim in range(AIMS + 1):
+    for aim in range(41):  # 40 turns of u to where parts are farther apart, by an angle that shrinks
         gaps = gap(u)
         best = gaps.argmax(axis=1)
         most = np.take_along_axis(gaps, best[:, None], axis=1)[:, 0]
         if np.all(most >= enough):
             break
-        u = _ring(np.take_along_axis(u, best[:, None, None], axis=1)[:, 0], RING * NARROWER**aim, float(aim))
+        u = _ring(np.take_along_axis(u, best[:, None, None], axis=1)[:, 0], 0.5 * 0.7**aim, float(aim))
     apart[near] = np.maximum(apart[near], most)
     return apart
 
@@ -374,8 +389,6 @@ DIRECTIONS = np.concatenate([_evenly(200), np.eye(3), -np.eye(3)])
 
 
 UP = np.array([0.0, 0.0, 1.0])
-CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
-GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 class Balls(NamedTuple):
@@ -457,7 +470,7 @@ def _uncovered_boxes(
     left = list(pieces)
     while left:
         box = left.pop()
-        corners = box.centre + (CORNERS * box.half) @ box.axes
+        corners = box.centre + (2 * CUBE * box.half) @ box.axes
         if np.any((corners @ box.normals.T).min(axis=0) > box.offsets):
             continue  # beyond a face of the piece
         if air is not None:
@@ -512,17 +525,8 @@ def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
         margin: what parts keep clear of the airflow by at least [m].
     """
     rate = module.connector_distance + body_radius(module)
-    h = math.pi / 2 / FIRST_INTERVALS
-    phi, intervals = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, FIRST_INTERVALS), np.empty((0, 2))
-    for _ in range(12):  # eleven halvings of what is clear in the middle but not yet all over: to 0.1 mrad
-        spare = _spare(module, phi) - margin
-        clear, open_ = phi[spare >= rate * h], phi[np.abs(spare) < rate * h]
-        intervals = np.concatenate([intervals, np.stack([clear - h, clear + h], axis=1)])
-        h /= 2
-        phi = np.concatenate([open_ - h, open_ + h])
-        if not len(phi):
-            break
-    return join([(low, high) for low, high in intervals.tolist()])
+    clear = _clear_intervals(lambda phi, h: (_spare(module, phi) - margin, rate * h), halvings=11)  # to 0.1 mrad
+    return join(clear)
 
 
 def _spare(module: Module, phi: Array) -> Array:
@@ -545,13 +549,14 @@ def _spare(module: Module, phi: Array) -> Array:
 
     low = np.zeros((len(phi), len(ports), len(ROTOR_DIRECTIONS) + len(pieces)))
     high = np.ones_like(low)
-    first, second = high - GOLDEN, low + GOLDEN
+    golden = (math.sqrt(5) - 1) / 2
+    first, second = high - golden, low + golden
     at_first, at_second = clearances(first), clearances(second)
     least = np.minimum(clearances(low), clearances(high))
     for _ in range(44):  # golden sections of the axis, to a billionth
         less = at_first < at_second
         low, high = np.where(less, low, first), np.where(less, second, high)
-        new = np.where(less, high - GOLDEN * (high - low), low + GOLDEN * (high - low))
+        new = np.where(less, high - golden * (high - low), low + golden * (high - low))
         at_new = clearances(new)
         first, second = np.where(less, new, second), np.where(less, first, new)
         at_first, at_second = np.where(less, at_new, at_second), np.where(less, at_first, at_new)
