@@ -12,7 +12,7 @@ from wording import says
 from topo_search.cli import main
 from topo_search.model import Task
 from topo_search.model.files import read_task
-from topo_search.model.template import ENVELOPE, LIMITS, RATINGS, SETS, task_template
+from topo_search.model.template import EXAMPLES, task_template
 
 EXPOSURES = 4
 """Examples of regions, each under its own heading in comments."""
@@ -49,7 +49,8 @@ def test_fields_that_are_taken_out_of_their_comments_say_what_their_default_was(
     init("window.toml")
     before = read_task("window.toml").resolve(5)
     path = in_folder / "window.toml"
-    defaults = rf"^# (?!{'|'.join(LIMITS | RATINGS | SETS | ENVELOPE)})(\w+ = )"  # the others are examples
+    examples = "|".join(name for fields in EXAMPLES.values() for name in fields)
+    defaults = rf"^# (?!{examples})(\w+ = )"
     path.write_text(re.sub(defaults, r"\1", task_template("window").replace("# [", "["), flags=re.MULTILINE))
     after = read_task("window.toml").resolve(5)
     assert len(after.exposure) == EXPOSURES

@@ -10,7 +10,6 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from topo_search.model.module import Module
 from topo_search.model.task import Task
 
 COMMENT_AT = 36
@@ -83,20 +82,19 @@ carries_weight = true
 """
 
 
-LIMITS = {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "tolerances": True}
-RATINGS = {"joint_moment": 4.0, "joint_force": 60.0, "battery_Wh": 12.0}
-SETS = {"hinge_step_deg": 15.0, "hinge_angles_deg": (0.0, 30.0, 45.0, 60.0, 90.0)}
-"""Examples of fields of [flight], of a module and of [search] that have no default."""
-ENVELOPE = {"speed": 2.0}
-"""Examples of fields of [module.airflow] that have no default."""
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "flight": {"rotor_out_torque": 0.01, "joint_moment": 2.0, "joint_force": 40.0, "tolerances": True},
+    "module": {"joint_moment": 4.0, "joint_force": 60.0, "battery_Wh": 12.0},
+    "airflow": {"speed": 2.0},
+    "search": {"hinge_step_deg": 15.0, "hinge_angles_deg": (0.0, 30.0, 45.0, 60.0, 90.0)},
+}
+"""Values of fields that have no default."""
 ADVISED: dict[str, dict[str, Any]] = {
     "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.03, "airflow": {"regions": {}}},
     "end_effector": {"rod_mass": "included"},
     "flight": {"at": "both"},
 }
 """Fields that a new task states: better than the default, which is that of older tasks."""
-OF_DESIGNS = {"grows"}
-"""Fields that a task leaves out."""
 
 
 def task_template(name: str) -> str:
@@ -104,25 +102,22 @@ def task_template(name: str) -> str:
     task = Task.model_validate(tomllib.loads(HEAD.format(name=name) + TASK) | ADVISED)
     filled = task.resolve(5)
     module, k_f = filled.module, filled.module.thrust_coefficient
-    forms = {
+    derived = {
         "max_thrust": k_f * filled.max_input,
         "torque_to_thrust": module.torque_coefficient / k_f,
         "bracket": module.bracket_sizes,
+        "airflow": module.airflow.model_copy(update=EXAMPLES["airflow"]),
     }
     changed = {
-        "module": _with_airflow(module.model_copy(update={**forms, **RATINGS}), **ENVELOPE),
-        "flight": filled.flight.model_copy(update=LIMITS | ADVISED["flight"]),
-        "search": filled.search.model_copy(update=SETS),
+        "module": module.model_copy(update=derived | EXAMPLES["module"]),
+        "flight": filled.flight.model_copy(update=EXAMPLES["flight"] | ADVISED["flight"]),
+        "search": filled.search.model_copy(update=EXAMPLES["search"]),
     }
     filled = filled.model_copy(update=changed)
     explained = {"name", "modules", "load_cases", "exposure", "task_seed"}  # or of a random family
     top = "\n".join(_fields(task, filled, explained))
     tables = "\n".join(_tables(task, filled, ""))
     return f"{HEAD.format(name=name)}{top}\n{TASK}{tables}\n"
-
-
-def _with_airflow(module: Module, **fields: Any) -> Module:
-    return module.model_copy(update={"airflow": module.airflow.model_copy(update=fields)})
 
 
 def _tables(task: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:
@@ -140,7 +135,8 @@ def _fields(task: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[s
     """Yield a line for every field with a plain value by default, commented out, its meaning beside it."""
     for field, known in type(filled).model_fields.items():
         value = getattr(filled, field)
-        if field in without | OF_DESIGNS or value is None or isinstance(value, BaseModel):
+        # designs alone have `grows`
+        if field in without | {"grows"} or value is None or isinstance(value, BaseModel):
             continue
         if getattr(task, field) is None and not isinstance(value, bool):
             value = _round(value)
