@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice, repeat
 from random import Random
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
 from topo_search.limits import MODULES, OWN_TOPOLOGIES
 from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
@@ -18,7 +18,7 @@ from topo_search.model.bad_input import show
 from topo_search.topologies.quotient import Quotient
 from topo_search.topologies.rooted import Rooted, key_of, rooted_at, rooted_of, text_of
 from topo_search.topologies.sampling import classes, draw_tree
-from topo_search.topologies.symmetry import Connectors, Group, Root, Symmetry, group_of
+from topo_search.topologies.symmetry import Connectors, Root, Symmetry, group_of
 from topo_search.topologies.task_symmetry import improper_isometry
 
 if TYPE_CHECKING:
@@ -40,14 +40,22 @@ class Candidate:
         return Topology.from_key(self.key)
 
 
-def candidates(
-    n: int,
-    *,
-    symmetry: Symmetry = "c2",
-    connectors: Connectors = "aligned",
-    root: Root = "free",
-    task: ResolvedTask | None = None,
-) -> Iterator[Candidate]:
+class Family(TypedDict, total=False):
+    """The trees that are candidates, and which of them are one."""
+
+    symmetry: Symmetry
+    """Trees that are one candidate, by default `c2`. `none`: those that differ in their root alone; `c2` to `d4`:
+    also turned or mirrored ones; `task`: the coarsest quotient exact for the task. With connectors of any port
+    every name but `none` and `task` means the quarter turn with spin flip."""
+    connectors: Connectors
+    """`aligned`, the default, or `any` port of the child, which counts by its parity."""
+    root: Root
+    """`free`, the default, or `paper`: trees with different roots differ."""
+    task: ResolvedTask | None
+    """Needed by the symmetry `task`."""
+
+
+def candidates(n: int, **family: Unpack[Family]) -> Iterator[Candidate]:
     """Return the candidates of n modules one by one, in ascending order of their keys.
 
     Their number is `count`; the orbits add up to the number of exact classes (half turns; for any port quarter
@@ -55,12 +63,7 @@ def candidates(
 
     Args:
         n: number of modules.
-        symmetry: which trees are one candidate. `none`: trees that differ in their root alone; `c2` to `d4`:
-            also turned or mirrored ones; `task`: the coarsest quotient that is exact for the task. With connectors
-            of any port every name but `none` and `task` means the quarter turn with spin flip.
-        connectors: `aligned`, or `any` port of the child, which counts by its parity.
-        root: `free`, or `paper`: trees with different roots differ.
-        task: needed by `task`.
+        family: see `Family`.
 
     Raises:
         ValueError: n < 1, an unknown name, or `task` without a task.
@@ -68,18 +71,10 @@ def candidates(
     >>> [topology.key for topology in candidates(3)]
     ['a300', 'a500', 'a600', 'aa00']
     """
-    quotient = quotient_of(n, symmetry=symmetry, connectors=connectors, root=root, task=task)
-    return _enumerate(n, quotient, connectors)
+    return _enumerate(n, quotient_of(n, **family), _connectors(family))
 
 
-def count(
-    n: int,
-    *,
-    symmetry: Symmetry = "c2",
-    connectors: Connectors = "aligned",
-    root: Root = "free",
-    task: ResolvedTask | None = None,
-) -> int:
+def count(n: int, **family: Unpack[Family]) -> int:
     """Return the number of candidates, by closed form; arguments and errors as `candidates`.
 
     >>> [count(n) for n in range(1, 7)]
@@ -87,19 +82,11 @@ def count(
     >>> count(5, symmetry="none")
     91
     """
-    return classes(n, _group(n, symmetry, connectors, root, task), connectors=connectors, root=root)
+    quotient = quotient_of(n, **family)
+    return classes(n, quotient.group, connectors=_connectors(family), root=quotient.root)
 
 
-def sample(
-    n: int,
-    m: int,
-    seed: int,
-    *,
-    symmetry: Symmetry = "c2",
-    connectors: Connectors = "aligned",
-    root: Root = "free",
-    task: ResolvedTask | None = None,
-) -> list[Topology]:
+def sample(n: int, m: int, seed: int, **family: Unpack[Family]) -> list[Topology]:
     """Return m candidates, drawn independently and uniformly, so that one may come twice.
 
     The first draws of a longer sample are those of a shorter one. Arguments and errors as `candidates`, and:
@@ -111,46 +98,26 @@ def sample(
         n: number of modules.
         m: number of draws.
         seed: draws them.
-        symmetry: as `candidates`.
-        connectors: as `candidates`.
-        root: as `candidates`.
-        task: as `candidates`.
+        family: see `Family`.
     """
-    endless = draws(n, seed, symmetry=symmetry, connectors=connectors, root=root, task=task)
-    return list(islice(endless, m))
+    return list(islice(draws(n, seed, **family), m))
 
 
-def draws(
-    n: int,
-    seed: int,
-    *,
-    symmetry: Symmetry = "c2",
-    connectors: Connectors = "aligned",
-    root: Root = "free",
-    task: ResolvedTask | None = None,
-) -> Iterator[Topology]:
+def draws(n: int, seed: int, **family: Unpack[Family]) -> Iterator[Topology]:
     """Return the draws of `sample` one by one, without end; arguments and errors as there."""
-    quotient = quotient_of(n, symmetry=symmetry, connectors=connectors, root=root, task=task)
-    random = Random(seed)
+    quotient, connectors, random = quotient_of(n, **family), _connectors(family), Random(seed)
     trees = (draw_tree(random, n, quotient, connectors) for _ in repeat(None))
     return (Topology.from_key(key_of(text_of(tree))) for tree in trees)
 
 
-def candidate_of(
-    topology: Topology,
-    *,
-    symmetry: Symmetry = "c2",
-    connectors: Connectors = "aligned",
-    root: Root = "free",
-    task: ResolvedTask | None = None,
-) -> Candidate:
+def candidate_of(topology: Topology, **family: Unpack[Family]) -> Candidate:
     """Return the candidate that stands for a topology; arguments and errors as `candidates`.
 
     Raises:
         ValueError: also if the family is aligned and the topology is not.
     """
-    quotient = quotient_of(topology.n, symmetry=symmetry, connectors=connectors, root=root, task=task)
-    listed = _representative(topology, quotient, connectors)
+    quotient = quotient_of(topology.n, **family)
+    listed = _representative(topology, quotient, _connectors(family))
     return Candidate(key_of(text_of(listed)), quotient.orbit(listed))
 
 
@@ -160,23 +127,28 @@ def candidate_key(topology: Topology, *, quotient: Quotient, connectors: Connect
 
 
 def quotient_of(
-    n: int, *, symmetry: Symmetry, connectors: Connectors, root: Root, task: ResolvedTask | None
+    n: int,
+    *,
+    symmetry: Symmetry = "c2",
+    connectors: Connectors = "aligned",
+    root: Root = "free",
+    task: ResolvedTask | None = None,
 ) -> Quotient:
     """Return which trees are one candidate; arguments and errors as `candidates`."""
-    return Quotient(_group(n, symmetry, connectors, root, task), root)
+    if n < 1:
+        raise ValueError(f"`n >= 1` must hold, but got n = {n}")
+    mirrors = None if task is None or symmetry != "task" else improper_isometry(task) is not None
+    return Quotient(group_of(symmetry, connectors=connectors, root=root, mirrors=mirrors), root)
+
+
+def _connectors(family: Family) -> Connectors:
+    return family.get("connectors", "aligned")
 
 
 def _representative(topology: Topology, quotient: Quotient, connectors: Connectors) -> Rooted:
     if connectors == "aligned" and not topology.aligned:
         raise ValueError(f"an aligned topology has even kappas alone, but got {list(topology.kappas)}")
     return quotient.representative(rooted_of(topology.key))
-
-
-def _group(n: int, symmetry: Symmetry, connectors: Connectors, root: Root, task: ResolvedTask | None) -> Group:
-    if n < 1:
-        raise ValueError(f"`n >= 1` must hold, but got n = {n}")
-    mirrors = None if task is None or symmetry != "task" else improper_isometry(task) is not None
-    return group_of(symmetry, connectors=connectors, root=root, mirrors=mirrors)
 
 
 def _enumerate(n: int, quotient: Quotient, connectors: Connectors) -> Iterator[Candidate]:
@@ -220,11 +192,11 @@ def own_candidates(
 
     if isinstance(topologies, str | nx.Graph | Topology) or not isinstance(topologies, Iterable):
         got = show(topologies) if isinstance(topologies, str) else type(topologies).__name__
-        raise BadInput(source, [Fault("", f"must be a list of topologies, but got {got}")])
+        raise BadInput(source, f"must be a list of topologies, but got {got}")
     faults, first = list[Fault](), dict[str, str]()
     for number, item in enumerate(topologies):
         if number >= OWN_TOPOLOGIES:
-            raise BadInput(source, [Fault("", f"must list at most {OWN_TOPOLOGIES:,} topologies, but has more")])
+            raise BadInput(source, f"must list at most {OWN_TOPOLOGIES:,} topologies, but has more")
         position = f"[{number}]" if places is None else places[number]
         try:
             topology = own_topology(item)

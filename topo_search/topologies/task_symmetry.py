@@ -69,17 +69,11 @@ class _Feature(NamedTuple):
         return np.vstack([self.polar, self.axial])
 
     def equals(self, other: _Feature) -> bool:
-        """True if two features are the same within the tolerance."""
-        if (
-            self.kind != other.kind
-            or len(self.vectors) != len(other.vectors)
-            or not np.allclose(self.scalars, other.scalars, rtol=TOLERANCE, atol=0.0)
-        ):
+        """True if two regions are the same within the tolerance."""
+        if len(self.vectors) != len(other.vectors) or not np.allclose(self.scalars, other.scalars, TOLERANCE, 0.0):
             return False
-        if self.kind == REGION:
-            same = _are_same(self.vectors[:, None], other.vectors)
-            return bool(np.all(same.any(axis=0)) and np.all(same.any(axis=1)))
-        return bool(np.all(_are_same(self.vectors, other.vectors)))
+        same = _are_same(self.vectors[:, None], other.vectors)
+        return bool(np.all(same.any(axis=0)) and np.all(same.any(axis=1)))
 
 
 class _Kind(NamedTuple):
@@ -207,8 +201,7 @@ def _wrench(case: LoadCase, at_com: bool) -> tuple[Array, Array]:
 def _are_same(one: Array, other: Array) -> NDArray[np.bool_]:
     """Return whether vectors (..., 3) count as equal."""
     lengths = np.maximum(np.linalg.norm(one, axis=-1), np.linalg.norm(other, axis=-1))
-    same: NDArray[np.bool_] = np.linalg.norm(one - other, axis=-1) <= TOLERANCE * lengths
-    return same
+    return np.asarray(np.linalg.norm(one - other, axis=-1) <= TOLERANCE * lengths)
 
 
 def _clean(vectors: Array, unit: float) -> Array:
@@ -260,8 +253,7 @@ def _images(features: list[_Feature], feature: _Feature, slot: int) -> Iterator[
 
 
 def _unit(vector: Array) -> Array:
-    result: Array = vector / np.linalg.norm(vector)
-    return result
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _frame(along: Array, beside: Array) -> Array:
