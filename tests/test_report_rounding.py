@@ -19,8 +19,8 @@ from toy_problem import toy_row
 from nlp import prove_impossible
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.cli.check import _expectations
 from topo_search.cli.tables import _print_front, _print_rows, print_audit
+from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
 from topo_search.compose.designs import Rounded
 from topo_search.export.audits import Judged, markdown

@@ -70,7 +70,7 @@ def collect_own(
 def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
     """Return designs to start from; BadInput if they are none, or too many."""
     if isinstance(near, Design | str) or not isinstance(near, Iterable):
-        raise BadInput("near", [Fault("", f"must be a list of designs, but got {_one(near)}")])
+        raise BadInput("near", f"must be a list of designs, but got {_one(near)}")
     designs = tuple(near)
     faults = [
         Fault(f"[{k}]", f"must be a Design, but got {type(design).__name__}")
@@ -95,11 +95,10 @@ def own_constraints(constraints: Iterable[OwnConstraint], *, elsewhere: bool = F
         BadInput: two have one name, one is no constraint or cannot be sent, or there are too many.
     """
     if isinstance(constraints, str) or not isinstance(constraints, Iterable):
-        rule = f"must be a list of OwnConstraint, but got {_one(constraints)}"
-        raise BadInput("constraints", [Fault("", rule)])
+        raise BadInput("constraints", f"must be a list of OwnConstraint, but got {_one(constraints)}")
     given = tuple(islice(constraints, OWN_CONSTRAINTS + 1))
     if len(given) > OWN_CONSTRAINTS:
-        raise BadInput("constraints", [Fault("", f"must be at most {OWN_CONSTRAINTS:,}, but got more")])
+        raise BadInput("constraints", f"must be at most {OWN_CONSTRAINTS:,}, but got more")
     faults = list[Fault]()
     for k, one in enumerate(given):
         if not isinstance(one, OwnConstraint):

@@ -31,16 +31,10 @@ INTERRUPTED = 130
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
 """Signals that end a command: Ctrl-C, and the one by which a scheduler ends a job."""
-GRACE = 2.5
-"""Time in which a command that is to stop can write what it has, before it is killed [s]."""
 MEMORY_FAULTS = (signal.SIGABRT, signal.SIGBUS, signal.SIGILL, signal.SIGSEGV, signal.SIGTRAP)
 """Signals by which native code ends when an allocation fails: C++ and LLVM abort, others use a null pointer."""
-SWALLOWS = ("casadi",)
-"""Libraries that handle signals in native code, and return what they have when one raises there."""
 AGAIN = 0.05
 """Delay after which KeyboardInterrupt is raised instead [s]."""
-TELL = 0.2
-"""Longest wait for a reader of messages [s]."""
 
 
 class Stop:
@@ -74,7 +68,7 @@ class Stop:
     def _raise(self, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt; later where it would be swallowed, and half a result be taken for one."""
         where = frame.f_globals.get("__name__", "") if frame else ""
-        if where.partition(".")[0] in SWALLOWS:
+        if where.partition(".")[0] == "casadi":  # handles signals in native code, and returns what it has then
             signal.signal(signal.SIGALRM, self)
             signal.setitimer(signal.ITIMER_REAL, AGAIN)
         else:
@@ -101,7 +95,7 @@ def tell(text: str) -> None:
     try:
         poll = select.poll()
         poll.register(2, select.POLLOUT)
-        if poll.poll(1000.0 * TELL):  # then a pipe has room for the line
+        if poll.poll(200.0):  # [ms] for a pipe to have room for the line
             os.write(2, f"{text}\n".encode(errors="backslashreplace"))
     except OSError:
         return  # stderr is full or gone: there is nobody left to tell
@@ -145,7 +139,7 @@ def _wait(child: int, ends: int) -> int:
         nonlocal asked
         if not asked:
             asked = True
-            signal.setitimer(signal.ITIMER_REAL, GRACE)
+            signal.setitimer(signal.ITIMER_REAL, 2.5)  # time to write what it has, before it is killed
         send(number)
 
     signal.signal(signal.SIGALRM, kill)
@@ -239,10 +233,6 @@ OUT_OF_MEMORY_WORDS = (
 """Messages of libraries that cannot be mapped, of threads that cannot be started, and of C++."""
 
 
-CRAMPED = 32 * 2**20
-"""Less address space than this is next to nothing: the arrays of one library take more [bytes]."""
-
-
 def is_out_of_memory(error: BaseException) -> bool:
     """True if an error, or its cause, says that there is no more memory."""
     seen: BaseException | None = error
@@ -264,7 +254,7 @@ def _is_cramped() -> bool:
     if _limit() is None:
         return False
     try:
-        mmap.mmap(-1, CRAMPED).close()
+        mmap.mmap(-1, 32 * 2**20).close()  # the arrays of one library take more
     except OSError:
         return True
     return False

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 @click.argument("task", required=False)
 @click.option(
     "--speed",
-    type=click.FloatRange(min=1e-6),
-    callback=options.number,
+    type=options.Real(min=1e-6),
     required=True,
     metavar="V",
     help="Air speed that the envelope encloses [m/s].",

@@ -31,7 +31,7 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
     """  # noqa: D301 (\b is click's)
     with explain_errors():
         from topo_search.export.audits import flight_lines
-        from topo_search.model import BadInput, Fault
+        from topo_search.model import BadInput
         from topo_search.model.files import read_task, write_atomically
         from topo_search.model.proven import lower_text
         from topo_search.model.vehicle import read_vehicle
@@ -42,7 +42,7 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
         stated = read_vehicle(vehicle)
         found = capability_of(stated, None if judge is None else read_task(judge))
         if found is None:
-            raise BadInput(vehicle, [Fault("", "has wrenches too large, in its weight and size, to compute with")])
+            raise BadInput(vehicle, "has wrenches too large, in its weight and size, to compute with")
         if page is not None:
             from topo_search.report.vehicle_page import vehicle_page
 

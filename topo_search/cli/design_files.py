@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from topo_search.limits import DESIGN_BYTES
-from topo_search.model import BadInput, Design, Fault
+from topo_search.model import BadInput, Design
 from topo_search.model.bad_input import to_printable
 from topo_search.model.files import load_json, stated_format, validate
 
@@ -38,7 +38,7 @@ class DesignFile:
             BadInput: it is no design; names every fault.
         """
         if self.fault is not None:
-            raise BadInput(self.name, [Fault("", self.fault)])
+            raise BadInput(self.name, self.fault)
         data = load_json(self.path, most_bytes=DESIGN_BYTES)
         if self.listed and stated_format(data) == AUDIT:
             return None

@@ -25,7 +25,7 @@ INPUT_OUTPUT = 74
 @contextmanager
 def needs_extras(option: str) -> Iterator[None]:
     """Turn a missing library of an extra into how to install it."""
-    from topo_search.model import BadInput, Fault
+    from topo_search.model import BadInput
 
     extras = {"distributed": "cluster", "matplotlib": "viz", "mujoco": "sim", "PIL": "sim", "pyarrow": "viz"}
     try:
@@ -35,7 +35,7 @@ def needs_extras(option: str) -> Iterator[None]:
         if extra is None:
             raise
         how = f'needs {error.name}, which is not installed; run: pip install "topo-search[{extra}]"'
-        raise BadInput(option, [Fault("", how)]) from None
+        raise BadInput(option, how) from None
 
 
 @contextmanager

@@ -37,7 +37,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 
 @click.command(epilog="Example: topo-search experiment ablation --sizes 10,20 --topologies 5 --out ablation")
 @click.argument("name", type=click.Choice(NAMES))
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="The experiment's folder.")
+@click.option("--out", type=options.PATH, required=True, help="The experiment's folder.")
 @click.option("--small", is_flag=True, help="Use small settings that finish in seconds.")
 @click.option(
     "--task",
@@ -61,7 +61,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 @options.workers
 @click.option(
     "--time-limit",
-    type=click.FloatRange(0, SECONDS, min_open=True),
+    type=options.Real(0, SECONDS, min_open=True),
     metavar="SECONDS",
     help="CPU time per topology after which no further start begins; scaling and ablation only (default: 600).",
 )
@@ -74,13 +74,10 @@ def experiment(
     tasks: tuple[str, ...],
     sizes: tuple[int, ...] | None,
     topologies: tuple[int, ...] | None,
-    distances: tuple[float, ...] | None,
-    starts: int | None,
-    seed: int,
     workers: int | None,
-    time_limit: float | None,
     picture: Path | None,
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """Repeat a study of the paper, or a further one, and keep its rows in a folder.
 
@@ -101,8 +98,8 @@ def experiment(
         from topo_search.experiments import Settings, conduct
         from topo_search.experiments import experiment as found
 
-        asked = found(name)
-        settings = asked.small if small else asked.full
+        study = found(name)
+        settings = study.small if small else study.full
         named = tuple(Settings.task_of(text) for text in tasks) or settings.tasks
         if sizes is not None:
             named = tuple((task, sizes) for task, _ in named)
@@ -113,20 +110,17 @@ def experiment(
         settings = settings.override(
             tasks=named,
             topologies=None if topologies is None else (topologies[0], topologies[-1]),
-            starts=starts,
-            distances=distances,
-            seed=seed,
-            time_limit=time_limit,
+            **asked,
         )
         if picture is not None:
             options.require_drawable(picture)
         with shown_progress(incumbent=False) as observer:
-            rows = conduct(asked, settings, out, workers=workers, observer=observer)
+            rows = conduct(study, settings, out, workers=workers, observer=observer)
         failed = rows["status"] == "failed"
         answered = rows[~failed]  # a cell without an answer is not one without a design
         if answered.empty:
             raise WorkersLost(f"all {len(rows)} cells failed: {rows['worst_constraint'].iloc[0]}")
-        findings = asked.findings(answered)
+        findings = study.findings(answered)
         if failed.any():
             findings.append(
                 f"{failed.sum()} of {len(rows)} cells failed and are left out; run it again to try them"
@@ -134,8 +128,8 @@ def experiment(
         if picture is not None:
             from topo_search.export.picture import save
 
-            save(asked.figure(answered), picture)
-        _print(out, asked.summary(answered), findings, picture, as_json=as_json)
+            save(study.figure(answered), picture)
+        _print(out, study.summary(answered), findings, picture, as_json=as_json)
 
 
 def _print(out: Path, summary: pd.DataFrame, findings: list[str], picture: Path | None, *, as_json: bool) -> None:

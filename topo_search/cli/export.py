@@ -68,23 +68,20 @@ def _require_known(context: click.Context, parameter: click.Parameter, value: st
 )
 @click.option(
     "--air-speed",
-    type=click.FloatRange(0, min_open=True),
-    callback=options.number,
+    type=options.Real(0, min_open=True),
     metavar="M/S",
     help="Draw all air faster than this into a glb or a picture, there instead of the airflow envelopes.",
 )
 @click.option("--load-case", type=click.IntRange(0), metavar="K", help="Load case of that air (default: 0).")
 @click.option(
     "--angle-step",
-    type=click.FloatRange(0, 45, min_open=True),
-    callback=options.number,
+    type=options.Real(0, 45, min_open=True),
     metavar="DEG",
     help="Round the hinge angles of a kit to this step, recompute the inputs, audit again and report what changed.",
 )
 @click.option(
     "--motor-lag",
-    type=click.FloatRange(0, 10, min_open=True),
-    callback=options.number,
+    type=options.Real(0, 10, min_open=True),
     metavar="SECONDS",
     help="Time constant of a rotor's thrust in the model for MuJoCo (default: none).",
 )
@@ -96,7 +93,7 @@ def _require_known(context: click.Context, parameter: click.Parameter, value: st
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=options.PATH,
     required=True,
     metavar="FILE|DIR",
     help="Output file or folder; an existing file or kit is overwritten.",
@@ -143,31 +140,29 @@ def export(
     with explain_errors():
         from topo_search.compose import audit, read_design
         from topo_search.export.simulator_xml import Physics
-        from topo_search.model import BadInput, Design, Fault
+        from topo_search.model import BadInput, Design
         from topo_search.model.files import read_json
 
         form: Any = kind or SUFFIXES.get(out.suffix.lower()) or _of_packages(out)
         if kind not in ("kit", "brackets") and out.is_dir():
-            rule = f"must be a file unless --format is kit or brackets, but {out} is a directory"
-            raise BadInput("--out", [Fault("", rule)])
+            raise BadInput("--out", f"must be a file unless --format is kit or brackets, but {out} is a directory")
         if form is None:
             rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
-            raise BadInput("--out", [Fault("", rule)])
+            raise BadInput("--out", rule)
         if parts is not None and form not in SOLIDS:
-            raise BadInput("--parts", [Fault("", f"applies only to glb and stl, but got {parts}")])
+            raise BadInput("--parts", f"applies only to glb and stl, but got {parts}")
         if air_speed is not None and form not in ("glb", *PICTURES):
-            raise BadInput("--air-speed", [Fault("", f"applies only to glb, png and svg, but got --format {form}")])
+            raise BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {form}")
         if load_case is not None and air_speed is None:
-            raise BadInput("--load-case", [Fault("", "applies only with --air-speed")])
+            raise BadInput("--load-case", "applies only with --air-speed")
         if angle_step is not None and form not in KIT:
-            rule = f"applies only to a kit and its parts, but got --format {form}"
-            raise BadInput("--angle-step", [Fault("", rule)])
+            raise BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {form}")
         if form == "air" and SUFFIXES.get(out.suffix.lower()) != "air":
-            raise BadInput("--out", [Fault("", f"must end in .npz or .vti, but got {out.name}")])
+            raise BadInput("--out", f"must end in .npz or .vti, but got {out.name}")
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
         if physics != Physics() and form not in ("mjcf", "kit"):
             rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {form}"
-            raise BadInput("--motor-lag, --rod-mass, --contacts", [Fault("", rule)])
+            raise BadInput("--motor-lag, --rod-mass, --contacts", rule)
         if form in KIT:
             _write_kit(read_json(Design, source), form, out, angle_step, physics)
             return
@@ -256,11 +251,11 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
     if kind in ("kit", "sheet"):
         require_room(design.task.module)
     notes: tuple[str, ...] = ()
-    if angle_step is not None:
+    if angle_step is None:
+        found = audit(design)
+    else:
         rounded = round_angles(design, angle_step)
         design, notes, found = rounded.design, rounded.notes, rounded.audit
-    else:
-        found = audit(design)
     for text in notes:
         click.echo(text)
     if found.verdict != Status.CLEAR and (kind == "kit" or angle_step is not None):
@@ -304,12 +299,12 @@ def _audit_of(source: str) -> Audit:
     from topo_search.cli.design_files import AUDIT
     from topo_search.compose import audits
     from topo_search.engine import Failed
-    from topo_search.model import Audit, BadInput, Design, Fault
-    from topo_search.model.files import format_of, read_json
+    from topo_search.model import Audit, BadInput, Design
+    from topo_search.model.files import load_json, read_json, stated_format
 
-    if format_of(source) == AUDIT:
+    if stated_format(load_json(source)) == AUDIT:
         return read_json(Audit, source)
     (result,) = audits([read_json(Design, source)])
     if isinstance(result, Failed):
-        raise BadInput(source, [Fault("", f"the audit failed: {result.reason}")])
+        raise BadInput(source, f"the audit failed: {result.reason}")
     return result

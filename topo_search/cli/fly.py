@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -28,16 +28,14 @@ if TYPE_CHECKING:
 @options.seed
 @click.option(
     "--noise",
-    type=click.FloatRange(0, 100),
-    callback=options.number,
+    type=options.Real(0, 100),
     default=1.0,
     show_default=True,
     help="Scale factor for the sensor noise.",
 )
 @click.option(
     "--model-error",
-    type=click.FloatRange(0, 0.5),
-    callback=options.number,
+    type=options.Real(0, 0.5),
     default=0.0,
     show_default=True,
     help="Relative standard deviation of masses and thrusts from the controller's model.",
@@ -49,8 +47,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--detection-time",
-    type=click.FloatRange(0, 10),
-    callback=options.number,
+    type=options.Real(0, 10),
     default=0.1,
     show_default=True,
     metavar="SECONDS",
@@ -77,15 +74,8 @@ def fly(
     design: str,
     out: Path | None,
     video: Path | None,
-    seed: int,
-    noise: float,
-    model_error: float,
-    rotor_out: bool,
-    detection_time: float,
-    allocator: str,
-    wake: bool,
-    only: tuple[str, ...],
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """Fly a design in closed-loop simulation with rotor limits, motor lag and noise.
 
@@ -108,8 +98,7 @@ def fly(
         if video is not None:
             os.environ.setdefault("MUJOCO_GL", "egl")
         with needs_extras("fly"):
-            conditions = (seed, noise, model_error, detection_time, allocator, wake)
-            result = _fly(read, out, video, conditions, rotor_out, only)
+            result = _fly(read, out, video, **asked)
         if as_json:
             options.echo_json(result.model_dump(mode="json"))
         else:
@@ -122,7 +111,13 @@ def _fly(
     design: Design,
     out: Path | None,
     video: Path | None,
-    conditions: tuple[int, float, float, float, str, bool],
+    *,
+    seed: int,
+    noise: float,
+    model_error: float,
+    detection_time: float,
+    allocator: str,
+    wake: bool,
     rotor_out: bool,
     only: tuple[str, ...],
 ) -> FlightResult:
@@ -134,12 +129,11 @@ def _fly(
     from topo_search.simulation.fly import Options
     from topo_search.simulation.plant import Errors
 
-    seed, noise, model_error, detection, allocator, wake = conditions
     rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[allocator]
     film = None if video is None else files.film(video, files.radius(design))
     campaign = fly_all(
         design,
-        Options(Errors(model_error, noise, seed), detection=detection, allocator=rule, wake=wake),
+        Options(Errors(model_error, noise, seed), detection=detection_time, allocator=rule, wake=wake),
         rotor_out=rotor_out,
         only=only,
         tell=lambda one: note(f"{one.name}: {one.verdict}"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -17,8 +18,7 @@ from topo_search.limits import PERCENT
 @options.set_field
 @click.option(
     "--within",
-    type=click.FloatRange(0, PERCENT),
-    callback=options.number,
+    type=options.Real(0, PERCENT),
     default=2.0,
     show_default=True,
     metavar="PERCENT",
@@ -27,25 +27,22 @@ from topo_search.limits import PERCENT
 @click.option(
     "--bracket-tolerance",
     "tolerance_deg",
-    type=click.FloatRange(0, 10),
-    callback=options.number,
+    type=options.Real(0, 10),
     default=0.0,
     show_default=True,
     metavar="DEG",
     help="Range of hinge angles that one bracket may serve, where designs with its middle are clear.",
 )
 @options.workers
-@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="A new or empty folder.")
+@click.option("--out", type=options.PATH, required=True, metavar="DIR", help="A new or empty folder.")
 @options.as_json
 def kit(
     tasks: tuple[str, ...],
     modules: str | None,
     settings: tuple[str, ...],
-    within: float,
-    tolerance_deg: float,
-    workers: int | None,
     out: Path,
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """Choose a design for each of several tasks such that the same few brackets build them all.
 
@@ -75,11 +72,9 @@ def kit(
                         for task in tasks
                     ],
                     out=out,
-                    within=within,
-                    tolerance_deg=tolerance_deg,
-                    workers=workers,
                     observer=observer,
                     note=note,
+                    **asked,
                 )
         except NoCommonKit as error:
             note(str(error))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import re
@@ -16,18 +17,25 @@ from topo_search.cli.errors import needs_extras, note
 from topo_search.limits import KEYS_BYTES, LARGEST_INTEGER, SECONDS, STARTS, WORKERS
 
 if TYPE_CHECKING:
-    from topo_search.engine import Certificates
     from topo_search.model import Design, Task
     from topo_search.model.task_warnings import TaskWarning
 
 SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
 
 
-def number(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """Refuse NaN, which lies in every range."""
-    if value is not None and math.isnan(value):
-        raise click.BadParameter("must be a number, but got nan", context, parameter)
-    return value
+class Real(click.FloatRange):
+    """A range of numbers; NaN, which lies in every range, is refused."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number that a text stands for."""
+        read = super().convert(value, param, ctx)
+        if math.isnan(read):
+            self.fail("must be a number, but got nan", param, ctx)
+        return read
+
+
+PATH = click.Path(path_type=Path)
+FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 set_field = click.option(
@@ -46,28 +54,12 @@ seed = click.option(
 )
 time_limit = click.option(
     "--time-limit",
-    type=click.FloatRange(0, SECONDS, min_open=True),
-    callback=number,
+    type=Real(0, SECONDS, min_open=True),
     metavar="SECONDS",
     help="Stop after this time with the best design so far, audited; every tree gets a few starts first.",
 )
 workers = click.option(
     "--workers", type=click.IntRange(1, WORKERS), help="Worker processes (default: the cores available)."
-)
-_dask = (
-    click.option(
-        "--dask", metavar="tcp|tls://HOST:PORT", help="Dask scheduler whose workers solve the candidates."
-    ),
-    *(
-        click.option(
-            f"--dask-{name}", type=click.Path(path_type=Path), metavar="FILE", help=f"With tls://: {text}."
-        )
-        for name, text in (
-            ("ca", "certificate (PEM) of the signing authority"),
-            ("cert", "client certificate (PEM)"),
-            ("key", "client private key (PEM)"),
-        )
-    ),
 )
 connectors = click.option(
     "--connectors",
@@ -105,7 +97,7 @@ def starts(text: str) -> Callable[..., Any]:
 
 def out(option: str, name: str, text: str) -> Callable[..., Any]:
     """Return an option for a file to write beside what is printed."""
-    return click.option(option, name, type=click.Path(path_type=Path, dir_okay=False), metavar="FILE", help=text)
+    return click.option(option, name, type=FILE, metavar="FILE", help=text)
 
 
 def _sizes(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -118,29 +110,42 @@ def _sizes(context: click.Context, parameter: click.Parameter, value: str | None
     return match[1] if match[2] is None else f"[{match[1]}, {match[2]}]"
 
 
-def modules(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the option for the number of modules."""
-    return click.option("--modules", callback=_sizes, metavar="N|LO-HI", help="Number of modules.")(function)
+modules = click.option("--modules", callback=_sizes, metavar="N|LO-HI", help="Number of modules.")
 
 
-def dask(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options for a Dask cluster."""
-    for option in reversed(_dask):
-        function = option(function)
-    return function
+def dask(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options for a Dask cluster; the command gets the certificates as `dask_tls`."""
+
+    @functools.wraps(command)
+    def with_certificates(
+        *, dask: str | None, dask_ca: Path | None, dask_cert: Path | None, dask_key: Path | None, **others: Any
+    ) -> None:
+        tls = None
+        if dask_ca or dask_cert or dask_key:
+            if dask is None:
+                raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
+            if not (dask_ca and dask_cert and dask_key):
+                raise click.UsageError("--dask-ca, --dask-cert and --dask-key must be given together")
+            from topo_search.engine import Certificates
+
+            tls = Certificates(dask_ca, dask_cert, dask_key)
+        command(dask=dask, dask_tls=tls, **others)
+
+    function: Callable[..., Any] = with_certificates
+    for name, text in (
+        ("key", "client private key (PEM)"),
+        ("cert", "client certificate (PEM)"),
+        ("ca", "certificate (PEM) of the signing authority"),
+    ):
+        function = click.option(f"--dask-{name}", type=PATH, metavar="FILE", help=f"With tls://: {text}.")(function)
+    return click.option(
+        "--dask", metavar="tcp|tls://HOST:PORT", help="Dask scheduler whose workers solve the candidates."
+    )(function)
 
 
-def certificates(dask: str | None, ca: Path | None, cert: Path | None, key: Path | None) -> Certificates | None:
-    """Return the certificates that the options of `dask` name: all of them, or none."""
-    if ca is None and cert is None and key is None:
-        return None
-    if dask is None:
-        raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
-    from topo_search.engine import Certificates
-
-    if ca is None or cert is None or key is None:
-        raise click.UsageError("--dask-ca, --dask-cert and --dask-key must be given together")
-    return Certificates(ca, cert, key)
+def without_none(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options that have a value: a function called with them has its own defaults for the others."""
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fields: str | None) -> Task:
@@ -160,8 +165,7 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     from topo_search.model.files import read_task
     from topo_search.model.parsing import PAPER
 
-    given = {name.replace("__", "."): value for name, value in fields.items() if value is not None}
-    changes = (*settings, *(f"{name}={value}" for name, value in given.items()))
+    changes = (*settings, *(f"{name.replace('__', '.')}={value}" for name, value in without_none(fields).items()))
     if not paper:
         return enclose_speed(read_task(task, changes))
     if twice := [setting for setting in changes if _meets(setting, PAPER)]:
@@ -230,16 +234,15 @@ def echo_json_list(values: Iterable[Any]) -> None:
 
 def picture(text: str) -> Callable[..., Any]:
     """Return the option for a picture; `require_drawable` refuses what cannot be drawn."""
-    path = click.Path(path_type=Path, dir_okay=False)
-    return click.option("--picture", type=path, metavar="FILE", help=f"{text}; needs the extra `viz`.")
+    return click.option("--picture", type=FILE, metavar="FILE", help=f"{text}; needs the extra `viz`.")
 
 
 def require_drawable(out: Path) -> None:
     """Refuse a picture that cannot be drawn, before any work is done for it."""
-    from topo_search.model import BadInput, Fault
+    from topo_search.model import BadInput
 
     if out.suffix.lower() not in (".png", ".svg"):
-        raise BadInput("--picture", [Fault("", f"must end in .png or .svg, but got {out.name}")])
+        raise BadInput("--picture", f"must end in .png or .svg, but got {out.name}")
     require_writable(out, "--picture")
     with needs_extras("--picture"):
         import matplotlib  # noqa: F401 (pandas and numpy are always there, it is not)
@@ -247,16 +250,15 @@ def require_drawable(out: Path) -> None:
 
 def require_writable(out: Path, option: str = "--out") -> None:
     """Refuse a file that cannot be written, before any work is done for it; nothing is left behind."""
-    from topo_search.model import BadInput, Fault
+    from topo_search.model import BadInput
 
     folder = out.parent
     try:
         if out.exists() and not out.is_file():  # a device: its name would be taken by a file
-            raise BadInput(option, [Fault("", f"must be a regular file if it exists, but got {out}")])
+            raise BadInput(option, f"must be a regular file if it exists, but got {out}")
         while not folder.exists():
             folder = folder.parent
         with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{out.name}."):  # as `write_atomically` names it
             pass
     except OSError as error:
-        rule = f"must be writable, but got {out} ({folder}: {error.strerror})"
-        raise BadInput(option, [Fault("", rule)]) from None
+        raise BadInput(option, f"must be writable, but got {out} ({folder}: {error.strerror})") from None

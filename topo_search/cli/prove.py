@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -13,15 +12,12 @@ from topo_search.cli import options
 from topo_search.cli.errors import OPEN, explain_errors, needs_extras, note
 from topo_search.limits import GAPS, SECONDS
 
-if TYPE_CHECKING:
-    from topo_search.engine import Certificates
-
 
 @click.command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01")
-@click.argument("folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.argument("folder", metavar="RUN", type=options.PATH)
 @click.option(
     "--gap",
-    type=click.FloatRange(*GAPS),
+    type=options.Real(*GAPS),
     default=0.003,
     show_default=True,
     help="Gap at which a tree counts as settled: how far its bound may lie below its own best control effort.",
@@ -39,13 +35,13 @@ if TYPE_CHECKING:
     "--from",
     "lender",
     metavar="RUN",
-    type=click.Path(path_type=Path),
+    type=options.PATH,
     help="Use the complete proofs of another run where they are enough for --gap; its task may differ only in name "
     "and exposure.",
 )
 @click.option(
     "--time-limit",
-    type=click.FloatRange(0, SECONDS, min_open=True),
+    type=options.Real(0, SECONDS, min_open=True),
     metavar="SECONDS",
     help="Stop after this time and keep what is proven by then.",
 )
@@ -60,18 +56,10 @@ if TYPE_CHECKING:
 @options.as_json
 def prove(
     folder: Path,
-    gap: float,
-    problem: Any,
     topology: str | None,
-    lender: Path | None,
-    time_limit: float | None,
     checks: bool,
-    workers: int | None,
-    dask: str | None,
-    dask_ca: Path | None,
-    dask_cert: Path | None,
-    dask_key: Path | None,
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """Prove that no tree of a finished RUN beats its best audited design, or bound by how much one could.
 
@@ -86,12 +74,12 @@ def prove(
     4 some are open; 1 the checker refuses a proof; 2 bad input;
     70 workers or the Dask scheduler do not start, answer or return.
     """
-    tls = options.certificates(dask, dask_ca, dask_cert, dask_key)
-    for name, value in (("--time-limit", time_limit), ("--from", lender)):
-        if checks and value is not None:
-            raise click.UsageError(f"{name} cannot be combined with --check")
     if checks:
-        _check(folder, topology=topology, workers=workers, dask=dask, dask_tls=tls, as_json=as_json)
+        for name, option in (("--time-limit", "time_limit"), ("--from", "lender")):
+            if asked[option] is not None:
+                raise click.UsageError(f"{name} cannot be combined with --check")
+        engine = {name: asked[name] for name in ("workers", "dask", "dask_tls")}
+        _check(folder, as_json=as_json, topology=topology, **engine)
         return
     with explain_errors(resumes=True):
         from topo_search.cli.progress import shown_progress
@@ -99,18 +87,7 @@ def prove(
         with shown_progress() as observer, needs_extras("--dask"):
             from topo_search.compose import prove as prove_run
 
-            answer = prove_run(
-                folder,
-                gap=gap,
-                problem=problem,
-                topology=topology,
-                lender=lender,
-                workers=workers,
-                dask=dask,
-                dask_tls=tls,
-                time_limit=math.inf if time_limit is None else time_limit,
-                observer=observer,
-            )
+            answer = prove_run(folder, topology=topology, observer=observer, **options.without_none(asked))
         from topo_search.model.proven import lower_text
         from topo_search.study.frames import candidates
 
@@ -135,15 +112,7 @@ def prove(
             raise SystemExit(OPEN)
 
 
-def _check(
-    folder: Path,
-    *,
-    topology: str | None,
-    workers: int | None,
-    dask: str | None,
-    dask_tls: Certificates | None,
-    as_json: bool,
-) -> None:
+def _check(folder: Path, *, as_json: bool, **asked: Any) -> None:
     """Check the proofs of a run, and end with the status that this comes to."""
     with explain_errors():
         from topo_search.cli.progress import shown_progress
@@ -151,9 +120,7 @@ def _check(
         from topo_search.model.proven import lower_text
 
         with shown_progress() as observer, needs_extras("--dask"):
-            result = check_proofs(
-                folder, topology=topology, workers=workers, dask=dask, dask_tls=dask_tls, observer=observer
-            )
+            result = check_proofs(folder, observer=observer, **asked)
     if as_json:
         trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in result.trees]
         options.echo_json({"sentences": result.sentences, "faults": result.faults, "trees": trees})

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -62,14 +60,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--prove",
-    type=click.FloatRange(*GAPS),
+    type=options.Real(*GAPS),
     metavar="GAP",
     help="Then prove by branch and bound that no design is better by more than this share; see `prove`.",
 )
 @click.option(
     "--keep-within",
-    type=click.FloatRange(0, PERCENT),
-    callback=options.number,
+    type=options.Real(0, PERCENT),
     metavar="PERCENT",
     help="Keep every clear local optimum with at most so much more effort than the best in the folder `optima`.",
 )
@@ -77,7 +74,7 @@ if TYPE_CHECKING:
 @options.seed
 @options.workers
 @options.dask
-@click.option("--out", type=click.Path(path_type=Path), help="The run's folder (default: runs/NAME-HASH).")
+@click.option("--out", type=options.PATH, help="The run's folder (default: runs/NAME-HASH).")
 @options.root
 @options.connectors
 @options.time_limit
@@ -89,28 +86,12 @@ def run(
     modules: str | None,
     settings: tuple[str, ...],
     paper: bool,
-    symmetry: Any,
-    strategy: Any,
-    sampler: Any,
-    trials: int | None,
-    round_size: int | None,
-    prune: bool,
-    prove: float | None,
-    keep_within: float | None,
-    starts: int | None,
-    seed: int,
-    workers: int | None,
-    dask: str | None,
-    dask_ca: Path | None,
-    dask_cert: Path | None,
-    dask_key: Path | None,
-    out: Path | None,
     root: str | None,
     connectors: str | None,
-    time_limit: float | None,
     topologies: str | None,
     near: tuple[str, ...],
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """Search the topologies for TASK (a file, or the name of a shipped example) and audit the best.
 
@@ -122,22 +103,21 @@ def run(
     scheduler do not start, answer or return (results are kept; run the same command to continue); 74 the disk is
     full or fails, or the folder was removed (the best design is then printed).
     """
-    if strategy == "exhaustive" and (sampler or trials or round_size):
+    exhaustive, prune = asked["strategy"] == "exhaustive", asked["prune"]
+    if exhaustive and (asked["sampler"] or asked["trials"] or asked["round_size"]):
         raise click.UsageError("--sampler, --trials and --round require --strategy optuna")
-    tls = options.certificates(dask, dask_ca, dask_cert, dask_key)
-    if strategy == "optuna" and prune:
+    if prune and not exhaustive:
         raise click.UsageError("--prune requires --strategy exhaustive")
-    if prune and keep_within is not None:
+    if prune and asked["keep_within"] is not None:
         raise click.UsageError("--keep-within solves all candidates, so that it cannot go with --prune")
-    if strategy == "optuna" and topologies:
+    if topologies and not exhaustive:
         raise click.UsageError("--topologies requires --strategy exhaustive: all listed trees are solved")
     with explain_errors(resumes=True):
         from topo_search.cli.progress import shown_progress
 
         warnings: list[TaskWarning] = []
         with _print_if_lost(warnings, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
-            from topo_search.compose import DEFAULT_TRIALS, search
-            from topo_search.study import DEFAULT_ROUND
+            from topo_search.compose import search
 
             problem = options.task_of(
                 task, settings, paper=paper, modules=modules, search__root=root, search__connectors=connectors
@@ -146,25 +126,7 @@ def run(
             designs = options.read_near(near)
             warnings += options.warn(problem)
             answer = search(
-                problem,
-                out=out,
-                symmetry=symmetry,
-                strategy=strategy,
-                sampler=sampler or "moves",
-                trials=trials or DEFAULT_TRIALS,
-                round_size=round_size or DEFAULT_ROUND,
-                prune=prune,
-                prove=prove,
-                keep_within=keep_within,
-                starts=starts,
-                seed=seed,
-                workers=workers,
-                dask=dask,
-                dask_tls=tls,
-                time_limit=math.inf if time_limit is None else time_limit,
-                near=designs,
-                topologies=listed,
-                observer=observer,
+                problem, near=designs, topologies=listed, observer=observer, **options.without_none(asked)
             )
         if as_json:
             options.echo_json(answer_as_json(answer, warnings))
@@ -172,7 +134,7 @@ def run(
             from topo_search.cli.tables import print_answer
 
             print_answer(answer)
-        unproven = prove is not None and answer.best is not None and not answer.proven
+        unproven = asked["prove"] is not None and answer.best is not None and not answer.proven
         raise SystemExit(OPEN if unproven else answer.exit_status)
 
 
@@ -212,7 +174,7 @@ def answer_as_json(answer: Answer, warnings: Sequence[TaskWarning]) -> dict[str,
         "air": answer.air,
         "tolerances": answer.tolerances,
         "sizes": [_size_as_json(size) for size in answer.sizes],
-        "warnings": [asdict(one) for one in warnings],
+        "warnings": [one._asdict() for one in warnings],
     }
     if not answer.levels:
         return value

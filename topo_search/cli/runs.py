@@ -1,13 +1,17 @@
-"""`topo-search list`, `show` and `open`: the runs that there are, their answers and pages."""
+"""`topo-search list`, `show`, `open`, `report` and `compare`: runs, their answers and pages."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors
+from topo_search.cli.errors import explain_errors, note
+
+if TYPE_CHECKING:
+    from topo_search.report.compare_page import Compared
 
 RUN = click.argument("run", type=click.Path(path_type=Path, exists=True, file_okay=False))
 
@@ -69,11 +73,88 @@ def open_page(run: Path) -> None:
     Exit status: 0 opened; 2 bad input, or no browser.
     """
     with explain_errors():
-        from topo_search.model import BadInput, Fault
+        from topo_search.model import BadInput
         from topo_search.study import REPORT
 
         page = run / REPORT
         if not page.is_file():
-            raise BadInput(str(run), [Fault("", f"has no {REPORT} yet: topo-search report {run} writes it")])
+            raise BadInput(str(run), f"has no {REPORT} yet: topo-search report {run} writes it")
         if click.launch(str(page)):
-            raise BadInput(str(page), [Fault("", "no program on this machine opens it")])
+            raise BadInput(str(page), "no program on this machine opens it")
+
+
+@click.command(epilog="Example: topo-search report runs/push-*/")
+@click.argument("source", metavar="RUN|DESIGN.json", type=options.PATH)
+@click.option(
+    "--out",
+    type=options.FILE,
+    metavar="FILE",
+    help="Where to write it (default: report.html in the run's folder, or the design's name with .html).",
+)
+@click.option(
+    "--flight",
+    type=options.PATH,
+    metavar="DIR",
+    help="Folder from `fly DESIGN.json --out DIR`, whose flights the page of that design shows.",
+)
+def report(source: Path, out: Path | None, flight: Path | None) -> None:
+    """Write the report of a run, or of a design after auditing it, as one offline HTML file.
+
+    `run` writes its report itself; this writes it again, from the ledger, with a warning for each other file that
+    somebody changed.
+
+    Exit status: 0 written, whatever the verdict; 2 bad input.
+    """
+    with explain_errors():
+        from topo_search import compose
+
+        if out is not None:
+            options.require_writable(out)
+        click.echo(f"the page is in {compose.write_report(source, out=out, flight=flight, note=note)}")
+
+
+@click.command(epilog="Example: topo-search compare runs/push-1 runs/push-2")
+@click.argument("first", metavar="RUN|DESIGN.json", type=options.PATH)
+@click.argument("second", metavar="RUN|DESIGN.json", type=options.PATH)
+@click.option(
+    "--out",
+    type=options.FILE,
+    default=Path("compare.html"),
+    show_default=True,
+    metavar="FILE",
+    help="Where to write the page.",
+)
+@options.as_json
+def compare(first: Path, second: Path, out: Path, as_json: bool) -> None:
+    """Compare two runs or designs, as a table and a page.
+
+    The table compares the best designs; the page shows any two of the best of each run in linked views.
+
+    Exit status: 0 compared; 2 bad input.
+    """
+    with explain_errors():
+        from topo_search import compose
+        from topo_search.cli.tables import print_figures
+
+        options.require_writable(out)
+        figures = {side[0].name: _figures(side[0]) for side in compose.compare(first, second, out=out)}
+        if as_json:
+            options.echo_json(figures)
+        else:
+            print_figures(figures)
+            click.echo(f"the page is in {out}")
+
+
+def _figures(design: Compared) -> dict[str, object]:
+    """Return the figures of a design by their columns in `candidates.csv`."""
+    from topo_search.study.row import figures_of, flight_of
+
+    audit = design.audit
+    return {
+        "key": design.design.topology.key,
+        "modules": design.design.topology.n,
+        "objective": design.design.objective,
+        "gap": design.gap,
+        "audit": None if audit is None else str(audit.verdict),
+        **({} if audit is None else {**flight_of(audit), **figures_of(audit)}),
+    }

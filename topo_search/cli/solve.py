@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 @options.seed
 @options.time_limit
 @options.near
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Output file for the design.")
+@click.option("--out", type=options.FILE, help="Output file for the design.")
 @options.as_json
 def solve(
     task: str,
@@ -43,12 +43,10 @@ def solve(
     modules: str | None,
     settings: tuple[str, ...],
     paper: bool,
-    starts: int | None,
-    seed: int,
-    time_limit: float | None,
     near: tuple[str, ...],
     out: Path | None,
     as_json: bool,
+    **asked: Any,
 ) -> None:
     """Solve TASK for one topology and audit the design.
 
@@ -73,12 +71,10 @@ def solve(
         solved = compose.solve(
             problem,
             topology,
-            starts=starts,
-            seed=seed,
-            time_limit=time_limit,
             near=designs,
             progress=lambda best: note(progress_line(best)),
             note=note,
+            **asked,
         )
         if out is not None and isinstance(solved.outcome, Design):
             text = to_json(solved.outcome)
@@ -96,21 +92,21 @@ def solve(
 
 def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bool) -> Topology:
     """Return the tree that the options name."""
-    from topo_search.model import BadInput, Fault, Topology
+    from topo_search.model import BadInput, Topology
     from topo_search.topologies import sample
 
     if key is not None and sample_seed is None:
         try:
             topology = Topology.from_key(key)
         except ValueError as error:
-            raise BadInput("--topology", [Fault("", str(error))]) from None
+            raise BadInput("--topology", str(error)) from None
         if sized and topology.n not in task.sizes:
             rule = f"must have the number of modules of --modules, but got {topology.n} in {key}"
-            raise BadInput("--topology", [Fault("", rule)])
+            raise BadInput("--topology", rule)
         return topology
     if key is None and sample_seed is not None:
         if len(task.sizes) > 1:
-            raise BadInput("--sample-seed", [Fault("", "needs one number of modules: choose it with --modules N")])
+            raise BadInput("--sample-seed", "needs one number of modules: choose it with --modules N")
         search = task.search
         (topology,) = sample(task.sizes[0], 1, sample_seed, connectors=search.connectors, root=search.root)
         return topology

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import click
@@ -12,7 +12,7 @@ from rich.table import Table
 
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audits import flight_lines, power_lines, tolerance_lines
-from topo_search.model import Audit, Design, Infeasible, Relaxed, Status
+from topo_search.model import Audit, Design, Infeasible, Status
 from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
 from topo_search.report.wording import length, modules, near_tie_cells, near_tie_columns, quantity
@@ -68,15 +68,12 @@ def _print_size(size: SizeAnswer) -> None:
         click.echo(f"{size.best.key} is {size.statement}")
     if size.proven is not None:
         click.echo(size.proven)
-    for remark in size.remarks:
-        click.echo(remark)
-    if size.reason is not None:
-        click.echo(size.reason)
-    _print_relaxed(size.relaxed)
+    _print_remarks(size)
 
 
-def _print_relaxed(relaxed: Relaxed | None, indent: str = "") -> None:
-    for sentence in relaxed.sentences if relaxed else ():
+def _print_remarks(size: SizeAnswer, indent: str = "") -> None:
+    reasons = () if size.reason is None else (size.reason,)
+    for sentence in (*size.remarks, *reasons, *(size.relaxed.sentences if size.relaxed else ())):
         click.echo(f"{indent}{sentence}")
 
 
@@ -97,43 +94,27 @@ def _print_front(answer: Answer) -> None:
                 click.echo(f"  best {size.best.key}, {_effort(size.best)}")
             if not size.complete:
                 click.echo("  not finished; run the same command to continue")
-            for remark in (*size.remarks, *([] if size.reason is None else [size.reason])):
-                click.echo(f"  {remark}")
-            _print_relaxed(size.relaxed, "  ")
+            _print_remarks(size, "  ")
     if not answer.points:
         return
     click.echo(f"front, {quantity(len(answer.points), 'design')}, none better than another in every goal:")
-    table = _table("key", "modules", "J [rad^4/s^4]", "clearance", "stand-off", "peak input", "level")
+    rows = []
     for point in answer.points:
         reached = ["" if x is None else length(at_least(x, 3)) for x in (point.clearance, point.stand_off)]
-        row = point.row
-        table.add_row(
-            row.key,
-            str(row.modules),
-            f"{row.objective:.6g}",
-            *reached,
-            f"{upper_text(point.peak_input, 4)} u_max",
-            str(point.number),
-        )
-    _print(table)
+        effort, peak = f"{point.row.objective:.6g}", f"{upper_text(point.peak_input, 4)} u_max"
+        rows.append((point.row.key, str(point.row.modules), effort, *reached, peak, str(point.number)))
+    _print_table(("key", "modules", "J [rad^4/s^4]", "clearance", "stand-off", "peak input", "level"), rows)
     for sentence in answer.idle_goals:
         click.echo(sentence)
 
 
 def _print_rows(rows: tuple[Row, ...]) -> None:
-    table = _table("key", "J [rad^4/s^4]", "J over bound", "gap", "hits", "symmetric copies", "audit")
+    cells = []
     for row in rows:
         key, objective, gap, audit = _in_short(row)
-        table.add_row(
-            key,
-            objective,
-            f"{at_most(row.objective / row.lower_bound, 5):.4f}" if row.objective and row.lower_bound else "",
-            gap,
-            f"{row.starts_at_best} of {row.starts}",
-            str(row.orbit),
-            audit,
-        )
-    _print(table)
+        over = f"{at_most(row.objective / row.lower_bound, 5):.4f}" if row.objective and row.lower_bound else ""
+        cells.append((key, objective, over, gap, f"{row.starts_at_best} of {row.starts}", str(row.orbit), audit))
+    _print_table(("key", "J [rad^4/s^4]", "J over bound", "gap", "hits", "symmetric copies", "audit"), cells)
 
 
 def _in_short(row: Row) -> tuple[str, str, str, str]:
@@ -147,46 +128,38 @@ def _print_near_ties(size: SizeAnswer) -> None:
     if size.best is None or len(size.near_ties) < 2:
         return
     click.echo(f"within {100 * NEAR:g} % of the least control effort, largest force reserve in hover first:")
-    table = _table(*near_tie_columns())
-    for row in size.near_ties:
-        table.add_row(*near_tie_cells(row, size.best))
-    _print(table)
+    _print_table(near_tie_columns(), [near_tie_cells(row, size.best) for row in size.near_ties])
     if size.near_ties_unaudited:
         click.echo(f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}")
 
 
 def print_figures(designs: Mapping[str, Mapping[str, object]]) -> None:
     """Print a column for each design, and a row for each figure that one of them has."""
-    table = _table("", *designs)
+    rows = []
     for name in next(iter(designs.values())):
         cells = [proven_cell(name, figures.get(name)) for figures in designs.values()]
         if any(cell is not None for cell in cells):
-            table.add_row(name, *("" if cell is None else str(cell) for cell in cells))
-    _print(table)
+            rows.append((name, *("" if cell is None else str(cell) for cell in cells)))
+    _print_table(("", *designs), rows)
 
 
 def print_runs(runs: Sequence[tuple[Path, Answer]]) -> None:
     """Print a row for each run."""
-    table = _table("run", "modules", "candidates solved", "best", "J [rad^4/s^4]", "gap", "audit")
+    rows = []
     for path, answer in runs:
-        best = answer.best
-        table.add_row(
-            str(path),
-            ", ".join(str(size.modules) for size in answer.sizes),
-            f"{sum(size.settled for size in answer.sizes)} of {sum(size.candidates for size in answer.sizes)}",
-            *(("none", "", "", "") if best is None else _in_short(best)),
-        )
-    _print(table)
+        sizes = ", ".join(str(size.modules) for size in answer.sizes)
+        solved = f"{sum(size.settled for size in answer.sizes)} of {sum(size.candidates for size in answer.sizes)}"
+        short = ("none", "", "", "") if answer.best is None else _in_short(answer.best)
+        rows.append((str(path), sizes, solved, *short))
+    _print_table(("run", "modules", "candidates solved", "best", "J [rad^4/s^4]", "gap", "audit"), rows)
 
 
-def _table(*columns: str) -> Table:
+def _print_table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     table = Table(box=None, pad_edge=False)
     for name in columns:
         table.add_column(name, justify="left" if name in ("", "key", "audit", "run") else "right")
-    return table
-
-
-def _print(table: Table) -> None:
+    for row in rows:
+        table.add_row(*row)
     console = Console(highlight=False)
     if not console.is_terminal:
         console = Console(highlight=False, width=100)
@@ -215,8 +188,9 @@ def print_solved(solved: Solved, out: Path | None) -> None:
     for note in solved.notes:
         click.echo(note)
     click.echo(progress_line(solved.outcome))
-    if isinstance(solved.outcome, Infeasible):
-        _print_relaxed(solved.outcome.relaxed)
+    if isinstance(solved.outcome, Infeasible) and solved.outcome.relaxed:
+        for sentence in solved.outcome.relaxed.sentences:
+            click.echo(sentence)
     if isinstance(solved.outcome, Design):
         if isinstance(solved.audit, Audit):
             print_audit(solved.outcome.topology.key, solved.audit)
@@ -257,14 +231,9 @@ def print_audit(name: str, audit: Audit) -> None:
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
         click.echo(f"  note: {sheet.note}")
-    for line in tolerance_lines(audit):
+    flight = () if audit.flight is None else (*flight_lines(audit.flight), *power_lines(audit))
+    for line in (*tolerance_lines(audit), *flight, *(() if audit.air is None else audit.air.sentences())):
         click.echo(f"  {line}")
-    if audit.flight is not None:
-        for line in (*flight_lines(audit.flight), *power_lines(audit)):
-            click.echo(f"  {line}")
-    if audit.air is not None:
-        for line in audit.air.sentences():
-            click.echo(f"  {line}")
 
 
 def print_tally(verdicts: Sequence[Status], failed: int, refused: int, passed_over: int) -> None:

@@ -57,17 +57,17 @@ def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: 
     """
     if not isinstance(path, str | os.PathLike):
         rule = f"must be a Task, a file or the name of a shipped example, but got {type(path).__name__}"
-        raise BadInput("task", [Fault("", rule)])
+        raise BadInput("task", rule)
     name = str(path)
     if name in examples():
         text = (resources.files("topo_search") / "examples" / f"{name}.toml").read_text(encoding="utf-8")
     else:
         hint = f"no such file, nor a shipped example; {nearest(name, examples())}"
-        text = _text(path, hint=hint, most_bytes=TASK_BYTES)
+        text = load_text(path, most_bytes=TASK_BYTES, if_missing=hint)
     try:
         data = toml_data(text)
     except NotParsed as error:
-        raise BadInput(name, [Fault("", str(error))]) from None
+        raise BadInput(name, str(error)) from None
     apply_settings(data, settings)
     folder = Path() if name in examples() else Path(path).parent
     task = validate(Task, data, name, Folder(folder) if names_files else None)
@@ -93,11 +93,6 @@ def read_json(model: type[Model], path: str | Path) -> Model:
     return validate(model, load_json(path, most_bytes=most_bytes), str(path))
 
 
-def format_of(path: str | Path) -> str | None:
-    """Return what a JSON file says that it holds, e.g. `topo-search/design`; BadInput if it is none."""
-    return stated_format(load_json(path))
-
-
 def stated_format(data: Any) -> str | None:
     """Return what the data of a JSON file say that they are."""
     name = data.get("format") if isinstance(data, dict) else None
@@ -118,7 +113,7 @@ def load_json(path: str | Path, *, most_bytes: int = RESULT_BYTES) -> Any:
     try:
         return json_data(text)
     except NotParsed as error:
-        raise BadInput(str(path), [Fault("", str(error))]) from None
+        raise BadInput(str(path), str(error)) from None
 
 
 def to_toml(task: Task) -> str:
@@ -179,19 +174,18 @@ def _open_unnamed(folder: Path) -> int | None:
         return None
 
 
-def load_text(path: str | Path, *, most_bytes: int) -> str:
-    """Return the text of a file; BadInput if it cannot be read, is too large, no regular file or no text."""
-    return _text(path, hint="no such file", most_bytes=most_bytes)
+def load_text(path: str | Path, *, most_bytes: int, if_missing: str = "no such file") -> str:
+    """Return the text of a file that anybody may have made.
 
-
-def _text(path: str | Path, *, hint: str, most_bytes: int) -> str:
-    """Return the text of a file that anybody may have made; BadInput says what is wrong with it."""
+    Raises:
+        BadInput: it cannot be read, is too large, no regular file or no text.
+    """
     try:
         return read_text(path, most_bytes=most_bytes)
     except FileNotFoundError:
-        rule = hint
+        rule = if_missing
     except NotReadable as error:
         rule = str(error)
     except OSError as error:
         rule = f"cannot be read: {error.strerror}"
-    raise BadInput(str(path), [Fault("", rule)])
+    raise BadInput(str(path), rule)

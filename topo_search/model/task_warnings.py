@@ -26,8 +26,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, starmap
+from typing import NamedTuple
 
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import Allowed, Directional, Exterior, Local, segment_of
@@ -37,13 +37,19 @@ from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, OUTWARDS, frame_reach, in_words, packed_width
 from topo_search.model.task import Task
 
-MOST_THRUST = 20.0
-"""Largest usual thrust over weight of a module; racing quadrotors reach 15."""
-LEAST_ANGLE_DEG = 1.6
-"""Angles of cones up to here may be radians: a right angle is 1.571."""
 
-SOUND = 340.0
-"""Speed of sound at 15 degrees Celsius [m/s]."""
+class TaskWarning(NamedTuple):
+    """A value that is allowed but seldom meant."""
+
+    path: str
+    """The field, e.g. `load_cases[2]`."""
+    words: str
+    """Reason why it is suspicious, and what may have been meant."""
+
+    def __str__(self) -> str:
+        """Return `path: words`."""
+        return f"{self.path}: {self.words}"
+
 
 Doubts = Iterator[tuple[str, str]]
 """Fields with what is suspicious about them."""
@@ -150,7 +156,8 @@ def _rotor(task: Task) -> Doubts:
             f"the jet carries {module.jet_momentum:.3g} of the thrust as momentum {of}, which should be near 1: "
             "its constants were measured of other modules",
         )
-    if (speed := module.tip_speed(module.max_input(task.gravity))) > 0.6 * SOUND:
+    sound = 340.0  # at 15 degrees Celsius [m/s]
+    if (speed := module.tip_speed(module.max_input(task.gravity))) > 0.6 * sound:
         yield (
             "module.thrust_coefficient",
             f"at full thrust tips {of} move at {speed:.3g} m/s, more than 0.6 times the speed of sound",
@@ -160,13 +167,14 @@ def _rotor(task: Task) -> Doubts:
 def _by_mass(task: Task) -> Doubts:
     """Yield thrusts, masses and inertia that do not go with the module's mass."""
     module, tip, n = task.module, task.end_effector, task.sizes[-1]
-    if (ratio := module.max_thrust_to_weight) > MOST_THRUST:
+    much = 20.0  # thrust over weight; racing quadrotors reach 15
+    if (ratio := module.max_thrust_to_weight) > much:
         name, hint = ("max_thrust_to_weight", "is it a ratio, not a thrust or per cent?")
         if module.max_thrust is not None:
             name, hint = "max_thrust", "is it of one rotor in N, and the mass in kg?"
         yield (
             f"module.{name}",
-            f"the thrust of a module is {ratio:.3g} times its weight, {MOST_THRUST:g} being much: {hint}",
+            f"the thrust of a module is {ratio:.3g} times its weight, {much:g} being much: {hint}",
         )
     if tip.mass > n * module.mass:
         modules = "the module" if n == 1 else f"all {n} modules"
@@ -202,114 +210,86 @@ def _beside_the_module(task: Task) -> Doubts:
 
 
 def _angles(task: Task) -> Doubts:
-    cones = {f"load_cases[{k}].cone": case.cone for k, case in enumerate(task.cases) if case.cone}
+    cones = {f"load_cases[{k}].cone": case.cone.half_angle_deg for k, case in enumerate(task.cases) if case.cone}
+    exteriors = ((e, one) for e, one in enumerate(task.exposure) if isinstance(one, Exterior))
+    cones |= {f"exposure[{e}]": one.half_angle_deg for e, one in exteriors}
+    least = 1.6  # angles of cones up to here may be radians: a right angle is 1.571
     angles = (
-        ("module.airflow.spread_angle_deg", task.module.airflow.spread_angle_deg, LEAST_ANGLE_DEG),
-        *((f"{path}.half_angle_deg", cone.half_angle_deg, LEAST_ANGLE_DEG) for path, cone in cones.items()),
-        *(
-            (f"exposure[{e}].half_angle_deg", requirement.half_angle_deg, LEAST_ANGLE_DEG)
-            for e, requirement in enumerate(task.exposure)
-            if isinstance(requirement, Exterior)
-        ),
+        ("module.airflow.spread_angle_deg", task.module.airflow.spread_angle_deg, least),
+        *((f"{path}.half_angle_deg", half_angle, least) for path, half_angle in cones.items()),
         ("tolerances.hinge_angle_deg", task.tolerances.hinge_angle_deg, 0.05),  # 1 mm at 1.1 m
     )
-    for path, angle, least in angles:
-        if 0 < angle < least:
-            yield (
-                path,
-                f"{angle:g} deg is small ({math.degrees(angle):.3g} deg, were it in radians): is it in degrees?",
-            )
+    for path, angle, usual in angles:
+        if 0 < angle < usual:
+            small = f"{angle:g} deg is small ({math.degrees(angle):.3g} deg, were it in radians)"
+            yield path, f"{small}: is it in degrees?"
 
 
-LONG_PATH = 20.0
-"""Paths are seldom meant to be longer, in packed widths."""
 SAME = 1e-9
 """Relative tolerance of comparisons between forces."""
-
-
-@dataclass(frozen=True)
-class TaskWarning:
-    """A value that is allowed but seldom meant."""
-
-    path: str
-    """The field, e.g. `load_cases[2]`."""
-    words: str
-    """Reason why it is suspicious, and what may have been meant."""
-
-    def __str__(self) -> str:
-        """Return `path: words`."""
-        return f"{self.path}: {self.words}"
 
 
 def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
     """Return the warnings about a task, in the order of its file."""
     n = task.sizes[-1]
-    return (
-        *_gravity(task),
-        *(TaskWarning(path, words) for path, words in doubts(task)),
-        *_module(task.module),
-        *_rod(task, n),
-        *_lengths(task, n),
-        *_meshes(task),
-        *_thrust(task, n),
-        *_load_cases(task, n),
-        *_search(task),
+    steps = (
+        *(_gravity(task), doubts(task), _module(task.module), _rod(task, n), _lengths(task, n)),
+        *(_meshes(task), _thrust(task, n), _load_cases(task, n), _search(task)),
     )
+    return tuple(starmap(TaskWarning, chain.from_iterable(steps)))
 
 
-def _gravity(task: Task) -> Iterator[TaskWarning]:
+def _gravity(task: Task) -> Doubts:
     if not 9.76 <= task.gravity <= 9.84:  # from the equator to the poles
-        yield TaskWarning("gravity", f"{task.gravity:g} m/s^2 is not that of the Earth's surface")
+        yield "gravity", f"{task.gravity:g} m/s^2 is not that of the Earth's surface"
 
 
-def _module(module: Module) -> Iterator[TaskWarning]:
+def _module(module: Module) -> Doubts:
     """Yield what hints at parts that cannot be as they are given."""
     body = module.body
     if 2 * body.rotor_radius > math.sqrt(2) * module.arm_length:
-        yield TaskWarning("module.body.rotor_radius", "adjacent rotors of a module overlap")
+        yield "module.body.rotor_radius", "adjacent rotors of a module overlap"
     least = module.arm_length / math.sqrt(2) + body.rotor_radius
     if module.connector_distance < least:
-        yield TaskWarning(
+        yield (
             "module.connector_distance",
             f"rotors reach {least:.3g} m out, beyond the connector at {module.connector_distance:g} m: those of "
             "two modules that are bolted together flat overlap",
         )
     if (reach := frame_reach(module)) > (1 + OUTWARDS) * module.connector_distance:
-        yield TaskWarning(
+        yield (
             "module.body",
             f"hub and arms reach {reach:.3g} m out, past the connector at {module.connector_distance:g} m: those "
             "of two modules that are bolted together may overlap, and the search does not prevent that",
         )
 
 
-def _lengths(task: Task, n: int) -> Iterator[TaskWarning]:
+def _lengths(task: Task, n: int) -> Doubts:
     """Yield lengths at the target that look as if they were in centimetres or millimetres."""
     width = packed_width(task.module, n)
     for path, length, usual in _lengths_at_target(task):
         if length > usual * width:
-            yield TaskWarning(
+            yield (
                 path,
                 f"{length:g} m is {length / width:.0f} times the width of {n} modules in a square, "
                 f"{width:.3g} m: lengths are in metres",
             )
 
 
-def _meshes(task: Task) -> Iterator[TaskWarning]:
+def _meshes(task: Task) -> Doubts:
     """Yield regions that are larger than their mesh."""
     for e, requirement in enumerate(task.exposure):
         for piece, excess in enumerate((isinstance(requirement, Local) and requirement.mesh_excess) or ()):
             if excess:
-                field = (
-                    f"exposure[{e}]" if segment_of(requirement, piece) is None else f"exposure[{e}].pieces[{piece}]"
-                )
-                yield TaskWarning(
-                    field,
+                numbered = segment_of(requirement, piece) is not None
+                yield (
+                    f"exposure[{e}].pieces[{piece}]" if numbered else f"exposure[{e}]",
                     f"reaches up to {upper_text(excess, 3)} m beyond its mesh, because pieces are convex and have "
                     "few corners: cut the mesh into closed convex bodies that share no edge to come closer",
                 )
 
 
-def _rod(task: Task, n: int) -> Iterator[TaskWarning]:
+def _rod(task: Task, n: int) -> Doubts:
     """Yield a reach at which the rod bends farther than it may."""
     rod, stiff, reach = task.end_effector, task.stiff_length(n), task.largest_reach(n)
     if rod.rod == "straight" and (reach or math.inf) > stiff:
@@ -319,7 +299,7 @@ def _rod(task: Task, n: int) -> Iterator[TaskWarning]:
             field, allowed = "end_effector.position", "needs or allows"
         else:
             return
-        yield TaskWarning(
+        yield (
             field,
             f"{allowed} rods longer than {stiff:.3g} m: at that length one of {2000 * rod.rod_radius:g} mm "
             f"diameter bends by rod_deflection = {1000 * rod.rod_deflection:g} mm under the largest load of the "
@@ -329,42 +309,40 @@ def _rod(task: Task, n: int) -> Iterator[TaskWarning]:
 
 def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
     """Yield each length with its field and the most that is usual, in packed widths."""
-    yield "end_effector.position", math.hypot(*(task.end_effector.fixed_position or (0.0,))), LARGE
-    yield "end_effector.stand_off", task.end_effector.stand_off, LARGE
-    yield "end_effector.largest_reach", task.end_effector.largest_reach or 0.0, LARGE
+    long_path, tip = 20.0, task.end_effector
+    yield "end_effector.position", math.hypot(*(tip.fixed_position or ())), LARGE
+    yield "end_effector.stand_off", tip.stand_off, LARGE
+    yield "end_effector.largest_reach", tip.largest_reach or 0.0, LARGE
     for e, requirement in enumerate(task.exposure):
+        at = f"exposure[{e}]"
         if isinstance(requirement, Local | Directional):
-            yield f"exposure[{e}].radius", requirement.radius or 0.0, LARGE
+            yield f"{at}.radius", requirement.radius or 0.0, LARGE
         if isinstance(requirement, Local):
-            yield (
-                f"exposure[{e}]",
-                max((math.hypot(*corner) for corner in requirement.corners.tolist()), default=0.0),
-                LARGE,
-            )
+            yield at, max((math.hypot(*corner) for corner in requirement.corners.tolist()), default=0.0), LARGE
         if isinstance(requirement, Directional):
             for k, end in enumerate(requirement.segments or ()):
-                yield f"exposure[{e}].segments[{k}]", math.hypot(*end), LONG_PATH
+                yield f"{at}.segments[{k}]", math.hypot(*end), long_path
             for k, points in enumerate(requirement.polylines or ()):
-                yield f"exposure[{e}].polylines[{k}]", max(math.hypot(*point) for point in points), LONG_PATH
-            yield f"exposure[{e}].length", requirement.length or 0.0, LONG_PATH
+                yield f"{at}.polylines[{k}]", max(math.hypot(*point) for point in points), long_path
+            yield f"{at}.length", requirement.length or 0.0, long_path
         if isinstance(requirement, Allowed):
             for k, plane in enumerate(requirement.planes):
-                yield f"exposure[{e}].planes[{k}].offset", abs(plane.offset), LARGE
+                yield f"{at}.planes[{k}].offset", abs(plane.offset), LARGE
 
 
-def _thrust(task: Task, n: int) -> Iterator[TaskWarning]:
+def _thrust(task: Task, n: int) -> Doubts:
     most, weight = largest_thrust(task, n), task.force_unit(n)
     if most < weight:
         load, pull = excess_texts(weight, most)
         units = ": are thrusts in N and masses in kg?" if 2 * most < weight else ""
         limit = "module.max_thrust_to_weight" if task.module.max_thrust is None else "module.max_thrust"
-        yield TaskWarning(
+        yield (
             limit if task.search.peak_input == 1 else "search.peak_input",
             f"all rotors together produce at most {pull} N, but {_platform(n)} weigh {load} N{units}",
         )
 
 
-def _load_cases(task: Task, n: int) -> Iterator[TaskWarning]:
+def _load_cases(task: Task, n: int) -> Doubts:
     if task.load_cases == "ten-wrenches":
         return
     weight = task.force_unit(n)
@@ -373,32 +351,28 @@ def _load_cases(task: Task, n: int) -> Iterator[TaskWarning]:
     for k, case in enumerate(cases):
         path = f"load_cases[{k}]"
         if case.largest == 0:
-            yield TaskWarning(path, "asks for no force and no torque: every design meets that with its rotors off")
+            yield path, "asks for no force and no torque: every design meets that with its rotors off"
         elif _falls(case, weight):
             upwards = case.at_end_effector.force[2] + case.at_com.force[2]
-            yield TaskWarning(
+            yield (
                 path,
                 f"its upward force of {upwards:.4g} N is less than the weight, {weight:.4g} N of {_platform(n)}; "
                 "gravity is included only if you ask for it: to exert it while hovering, set "
                 "carries_weight = true",
             )
         if (first := cases.index(case)) < k:
-            yield TaskWarning(path, f"is the same as load_cases[{first}]")
+            yield path, f"is the same as load_cases[{first}]"
     if not any(_hovers(case, weight) for case in cases):
-        yield TaskWarning(
-            "load_cases", "none is plain hover (carries_weight = true alone): a design need not be able to hover"
-        )
+        yield "load_cases", "none is plain hover (carries_weight = true alone): a design need not be able to hover"
     weights = [case.weight for case in cases if case.weight]
     if max(weights) > 1000 * min(weights):  # effort then counts for the heavier load case alone
-        yield TaskWarning(
-            "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {show(weights)}"
-        )
+        yield "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {show(weights)}"
 
 
-def _search(task: Task) -> Iterator[TaskWarning]:
+def _search(task: Task) -> Doubts:
     position, stand_off = task.end_effector.fixed_position, task.end_effector.stand_off
     if position is not None and math.hypot(*position) < stand_off:
-        yield TaskWarning(
+        yield (
             "end_effector.stand_off",
             f"{stand_off:g} m is more than the {math.hypot(*position):.4g} m from the centre of mass to "
             "`end_effector.position`: the modules would have to surround the end-effector",
@@ -406,12 +380,9 @@ def _search(task: Task) -> Iterator[TaskWarning]:
     margin = task.search.margin
     folds = task.folds(margin)
     if not folds:
-        yield TaskWarning(
-            "module.body",
-            "no hinge angle is known to keep rotors off a bolted neighbour and its airflow",
-        )
+        yield "module.body", "no hinge angle is known to keep rotors off a bolted neighbour and its airflow"
     elif folds != ((-math.pi / 2, math.pi / 2),):
-        yield TaskWarning(
+        yield (
             "module.body",
             f"hinges turn by {in_words(folds, ' deg')}: rotors reach a bolted neighbour or its airflow",
         )
@@ -419,18 +390,14 @@ def _search(task: Task) -> Iterator[TaskWarning]:
         shut = [a for a in angles if not any(low <= math.radians(a) <= high for low, high in folds)]
         if shut:
             some = ", ".join(f"{angle:g}" for angle in shut[:4]) + (", ..." if len(shut) > 4 else "")
-            yield TaskWarning(
+            yield (
                 "search.hinge_angles_deg" if task.search.hinge_angles_deg else "search.hinge_step_deg",
                 f"{len(shut)} of {len(angles)} angles, {some} deg, are beyond what hinges turn by, and never used",
             )
     if margin == 0:
-        yield TaskWarning(
-            "search.margin", "with 0, clearances may be too close to zero for the audit to prove them"
-        )
+        yield "search.margin", "with 0, clearances may be too close to zero for the audit to prove them"
     elif margin > 0.01:
-        yield TaskWarning(
-            "search.margin", f"{margin:g} m beyond every clearance that the task asks for costs control effort"
-        )
+        yield "search.margin", f"{margin:g} m beyond every clearance that the task asks for costs control effort"
 
 
 def _platform(n: int) -> str:

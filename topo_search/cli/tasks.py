@@ -1,10 +1,10 @@
-"""`topo-search check`: what a task asks for, in words, and its warnings."""
+"""`topo-search init`, `examples` and `check`: task files, and what a task asks for, in words, with its warnings."""
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Iterable
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,43 @@ from topo_search.report.wording import figures, quantity
 
 if TYPE_CHECKING:
     from topo_search.model import Task
+
+
+@click.command(epilog="Example: topo-search init window.toml && topo-search check window.toml")
+@click.argument("file", type=options.FILE, metavar="[FILE]", default="task.toml")
+@click.option("--force", is_flag=True, help="Overwrite an existing file.")
+def init(file: Path, force: bool) -> None:
+    """Write a commented task file to start from.
+
+    FILE (default: task.toml) has every field of a task, with its default, its unit and its meaning.
+
+    Exit status: 0 written; 2 bad input.
+    """
+    with explain_errors():
+        from topo_search.model import BadInput
+        from topo_search.model.files import write_atomically
+        from topo_search.model.template import task_template
+
+        if file.exists() and not force:
+            raise BadInput(str(file), "already exists; --force overwrites it")
+        options.require_writable(file, "FILE")
+        name = re.sub(r"[^A-Za-z0-9._-]+", "-", file.stem).lstrip("._-")[:64]
+        write_atomically(file, task_template(name or "task"))
+        click.echo(f"wrote {file}; explain it with: topo-search check {file}")
+
+
+@click.command(epilog='Example: topo-search run "$(topo-search examples | head -n 1)"')
+@options.as_json
+def examples(as_json: bool) -> None:
+    """List the shipped tasks, by the name that `run` and `solve` take."""
+    with explain_errors():
+        from topo_search.model import files
+
+        if as_json:
+            options.echo_json(files.examples())
+            return
+        for name in files.examples():
+            click.echo(name)
 
 
 @click.command(epilog="Example: topo-search check push-local --picture push-local.png")
@@ -53,13 +90,13 @@ def check(
         warnings = task_warnings(problem)
         if as_json:
             first = problem.resolve(problem.sizes[0]).model_dump(mode="json")
-            options.echo_json({"task": first, "sizes": sizes, "warnings": [asdict(one) for one in warnings]})
+            options.echo_json({"task": first, "sizes": sizes, "warnings": [one._asdict() for one in warnings]})
             return
         _explain(problem)
         for size in sizes:
             _group(f"search of {quantity(size['modules'], 'module')}", _expectations(size))
         if warnings:
-            _group("warnings", [(one.path, one.words) for one in warnings])
+            _group("warnings", warnings)
         if picture is not None:
             click.echo(f"\nthe picture is in {picture}")
 
