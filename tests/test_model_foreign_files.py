@@ -6,6 +6,7 @@ import socket
 import struct
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,8 +18,8 @@ from click.testing import CliRunner
 from topo_search.cli import main
 from topo_search.experiments.folder import Results, identify
 from topo_search.limits import DESIGN_BYTES, FACETS, FRAME_TRIANGLES, MESH_BYTES, RESULT_BYTES, TASK_BYTES
-from topo_search.model import BadInput, Design
-from topo_search.model.files import read_json, read_task, write_atomically
+from topo_search.model import BadInput, Design, Task
+from topo_search.model.files import read_json, read_task, validate, write_atomically
 from topo_search.model.mesh_file import convex_pieces, surface
 
 TASK = """\
@@ -162,7 +163,7 @@ def test_a_task_that_is_not_the_user_s_names_no_other_file(tmp_path: Path) -> No
         (tmp_path / "task.toml").write_text(form % "box.obj")
         read_task(tmp_path / "task.toml")
         with pytest.raises(BadInput) as refused:
-            read_task(tmp_path / "task.toml", names_files=False)
+            validate(Task, tomllib.loads(form % "box.obj"), "task.toml")
         assert [fault.path for fault in refused.value.faults] == [field]
 
 

@@ -16,7 +16,7 @@ from topo_search.limits import DESIGN_BYTES, RESULT_BYTES, TASK_BYTES
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
 from topo_search.model.design import Design
 from topo_search.model.mesh_file import Folder
-from topo_search.model.parsing import NotParsed, NotReadable, apply_settings, json_data, read_text, toml_data
+from topo_search.model.parsing import NotParsed, NotReadable, apply_settings, json_data, read_regular, toml_data
 from topo_search.model.task import Task
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -40,14 +40,14 @@ def validate(model: type[Model], data: Any, source: str, folder: Folder | None =
         raise BadInput(source, faults_of(error, model)) from None
 
 
-def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: bool = True) -> Task:
+def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     """Return the task of a TOML file or of a shipped example, with `FIELD=VALUE` settings applied.
+
+    Meshes that it names are looked for in the file's folder; of a shipped example, in the current one.
 
     Args:
         path: the file, or the name of the example.
         settings: override the file's fields, in order.
-        names_files: whether it may name meshes, which are looked for in the file's folder; of a shipped example, in
-            the current one. The tasks in folders of runs have their shapes written out and name none.
 
     Raises:
         BadInput: one fault for each thing that is wrong, or the figure of merit of the rotors is above 1.
@@ -70,7 +70,7 @@ def read_task(path: str | Path, settings: tuple[str, ...] = (), *, names_files: 
         raise BadInput(name, str(error)) from None
     apply_settings(data, settings)
     folder = Path() if name in examples() else Path(path).parent
-    task = validate(Task, data, name, Folder(folder) if names_files else None)
+    task = validate(Task, data, name, Folder(folder))
     if (merit := task.module.figure_of_merit(task.air_density)) > 1:
         rule = (
             f"must give a figure of merit of at most 1, but got {merit:.3g}: no rotor of "
@@ -130,14 +130,14 @@ def to_json(value: BaseModel) -> str:
     return value.model_dump_json(indent=1, ensure_ascii=True) + "\n"
 
 
-def write_atomically(path: Path, content: str | bytes, *, lasting: bool = True) -> None:
+def write_atomically(path: Path, content: str | bytes) -> None:
     """Write a file so that a reader sees the old one or the whole new one, whatever happens in between.
+
+    It is on the disk when this returns.
 
     Args:
         path: the file.
         content: of the file; text as UTF-8.
-        lasting: whether it is on the disk when this returns; else a power cut may lose it, which is for files that
-            can be made again.
 
     Raises:
         OSError: it cannot be written; names `path`. What is there and no regular file is not replaced.
@@ -154,8 +154,7 @@ def write_atomically(path: Path, content: str | bytes, *, lasting: bool = True) 
             with os.fdopen(handle, "wb") as stream:
                 stream.write(content if isinstance(content, bytes) else content.encode("utf-8"))
                 stream.flush()
-                if lasting:
-                    os.fsync(stream.fileno())
+                os.fsync(stream.fileno())
                 if not partial.exists():  # with a folder's descriptor, links are followed: the file gets its name
                     os.link(DESCRIPTORS / str(stream.fileno()), partial, src_dir_fd=stream.fileno())
             partial.replace(path)
@@ -181,7 +180,11 @@ def load_text(path: str | Path, *, most_bytes: int, if_missing: str = "no such f
         BadInput: it cannot be read, is too large, no regular file or no text.
     """
     try:
-        return read_text(path, most_bytes=most_bytes)
+        content = read_regular(path, most_bytes=most_bytes)
+        return content.decode("utf-8-sig")  # without the mark that some programs put first
+    except UnicodeDecodeError as error:
+        at = error.start + len(content) - len(error.object)  # the codec leaves the mark out
+        rule = f"must be UTF-8 text, but got the byte {content[at]:#04x} at offset {at}"
     except FileNotFoundError:
         rule = if_missing
     except NotReadable as error:

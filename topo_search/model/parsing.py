@@ -60,20 +60,6 @@ def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
     return content
 
 
-def read_text(path: str | Path, *, most_bytes: int) -> str:
-    """Return the text of a regular file, without the mark that some programs put first; errors as `read_regular`.
-
-    Raises:
-        NotReadable: also if it is not UTF-8; names the first byte that is none, and its offset.
-    """
-    content = read_regular(path, most_bytes=most_bytes)
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        at = error.start + len(content) - len(error.object)  # the codec leaves the mark out
-        raise NotReadable(f"must be UTF-8 text, but got the byte {content[at]:#04x} at offset {at}") from None
-
-
 def _require_regular(status: os.stat_result, most_bytes: int) -> None:
     if not stat.S_ISREG(status.st_mode):
         kind = KINDS.get(stat.S_IFMT(status.st_mode), "of another kind")
