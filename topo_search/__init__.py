@@ -6,6 +6,7 @@ and answers, and the interfaces for your own code (`OwnConstraint`, `OwnSampler`
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -68,36 +69,6 @@ if TYPE_CHECKING:
     from topo_search.report.progress import Lines
     from topo_search.study import Answer, LedgerLost, Observer, Row, SizeAnswer, Solved, read_answer
 
-_HOMES = {
-    "topo_search.compose": (
-        "audit", "compare", "figure", "plot_platform", "prove", "read_design", "search", "solve", "write_report",
-    ),
-    "topo_search.engine": ("Certificates", "WorkersLost"),
-    "topo_search.export.formats": ("export_design", "register_format"),
-    "topo_search.export.audits": ("clearances", "residuals"),
-    "topo_search.model": (
-        "Allowed", "Audit", "BadInput", "Clearance", "Design", "Directional", "EndEffector", "Exterior", "Fault",
-        "Flight", "Infeasible", "LoadCase", "Local", "Module", "Plane", "ResolvedTask", "Search", "Status",
-        "Task", "Tolerances", "Topology", "Wrench",
-    ),
-    "topo_search.model.files": ("read_json", "read_task", "to_json", "to_toml"),
-    "topo_search.model.load_case": ("ForceCone",),
-    "topo_search.model.mesh_file": ("ConvexPiece",),
-    "topo_search.model.search": ("Goals",),
-    "topo_search.model.module": ("Airflow", "Body", "Bracket", "CountedRod", "Jet", "RegionAirflow"),
-    "topo_search.model.reserves": ("AskedFlight",),
-    "topo_search.model.design": ("Stated", "StatedCheck"),
-    "topo_search.protocols": (
-        "Candidates", "OwnConstraint", "OwnFormat", "OwnSampler", "SymbolicPlatform", "TopologySampler", "Tried",
-    ),
-    "topo_search.report.plots": ("plot_candidates", "plot_front", "plot_history"),
-    "topo_search.report.progress": ("Lines",),
-    "topo_search.study": ("Answer", "LedgerLost", "Observer", "Row", "SizeAnswer", "Solved", "read_answer"),
-}  # fmt: skip
-"""Module that defines each name."""
-
-_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
-
 __all__ = [
     "Airflow", "Allowed", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates",
     "Certificates", "Clearance", "ConvexPiece", "CountedRod", "Design", "Directional", "EndEffector", "Exterior",
@@ -114,9 +85,19 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Load the solver and the audit when they are first asked for (PEP 562)."""
-    if name in _HOME_OF:
-        return getattr(import_module(_HOME_OF[name]), name)
+    if name in __all__:
+        return getattr(import_module(_homes()[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+@cache
+def _homes() -> dict[str, str]:
+    """Return the module that defines each name, as the imports above tell type checkers."""
+    import ast  # here, as a command's first process loads this file and little else
+
+    with open(__file__, "rb") as source:
+        imports = [node for node in ast.walk(ast.parse(source.read())) if isinstance(node, ast.ImportFrom)]
+    return {alias.name: node.module or "" for node in imports for alias in node.names}
 
 
 def __dir__() -> list[str]:
