@@ -32,16 +32,9 @@ Triangles = NDArray[np.intp]
 
 FARTHEST = 1e15
 """Largest coordinate, without sign [m]."""
-LINES = 10 * FACETS
-"""Largest number of lines of an OBJ: vertices, texture coordinates, normals and facets."""
-LINE = 10_000
-"""Largest number of bytes of a line, with those that continue it."""
 HEADER, FACET = 84, 50
 """Bytes of a binary STL before its facets, and of each facet."""
 NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
-COORDINATE = re.compile(NUMBER)
-WORDS = (b"facet", b"endfacet", b"vertex")
-"""Words that an ASCII STL has once per facet, or three times."""
 NOT_A_VERTEX = re.compile(rb"(?im)^vertex(?!(?:[ \t]+%b){3}[ \t]*$).*" % NUMBER)
 """A line of an ASCII STL that begins like a vertex but is none."""
 REFERENCE = re.compile(rb"([+-]?\d{1,9})(?:/[+-]?\d{0,9}){0,2}")
@@ -51,13 +44,7 @@ PASSED_OVER = frozenset(
     b"trace_obj".split()
 )
 """Words that an OBJ may have beside vertices and facets."""
-STATEMENTS = PASSED_OVER | {b"v", b"f"}
-"""Words that begin a line of an OBJ that is read."""
 NO_VOLUME = "must be the mesh of a body with a volume"
-ROUNDING = 1e-12
-"""Largest distance a body may stick out of another, over its size, and still count as inside."""
-SAMPLES = 200_000
-"""Points on a surface, about, from which its distance is measured."""
 
 
 @dataclass(frozen=True)
@@ -237,7 +224,7 @@ def _without_inner(bodies: list[Surface]) -> list[Surface]:
     def is_inside(one: int, other: int) -> bool:
         normals, offsets = hulls[other].equations[:, :3], hulls[other].equations[:, 3]
         heights = hulls[one].points[hulls[one].vertices] @ normals.T + offsets
-        return bool(heights.max() <= ROUNDING * np.ptp(hulls[other].points, axis=0).max())
+        return bool(heights.max() <= 1e-12 * np.ptp(hulls[other].points, axis=0).max())  # up to rounding
 
     def is_inner(one: int) -> bool:
         others = (other for other in range(len(bodies)) if other != one and is_inside(one, other))
@@ -271,12 +258,12 @@ def _concavity(body: Surface) -> float:
 
 
 def _sample(vertices: Array, triangles: Triangles) -> tuple[Array, float]:
-    """Return about SAMPLES points of a surface, and how long the edges between them are at most."""
+    """Return about 200,000 points of a surface, and how long the edges between them are at most."""
     from trimesh.remesh import subdivide_to_size
 
     sides = vertices[triangles] - vertices[np.roll(triangles, 1, axis=1)]
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    h = max(float(longest.max()) / 100, math.sqrt(float(np.sum(longest**2)) / SAMPLES))
+    h = max(float(longest.max()) / 100, math.sqrt(float(np.sum(longest**2)) / 200_000))
     points, _ = subdivide_to_size(vertices, triangles, max_edge=h)
     return np.asarray(points), h
 
@@ -297,7 +284,9 @@ def _stl(content: bytes) -> tuple[bytes, int]:
     body = re.sub(rb"(?im)^[ \t]*(?:end)?solid\b.*$", b"", content.replace(b"\r", b"\n"))
     # trimesh reads a vertex to the end of its line
     body = re.sub(rb"(?i)\s+(facet|vertex|endloop|endfacet)\b", rb"\n\1", body)
-    facets, ended, vertices = (len(re.findall(rb"(?im)^%b\b" % word, body)) for word in WORDS)
+    facets, ended, vertices = (
+        len(re.findall(rb"(?im)^%b\b" % word, body)) for word in (b"facet", b"endfacet", b"vertex")
+    )
     if ended <= FACETS and (wrong := NOT_A_VERTEX.search(body)):
         raise ValueError(f"must have three numbers per vertex, but got {show(_text(wrong[0]))}")
     if ended <= FACETS and not vertices == 3 * facets == 3 * ended:
@@ -320,7 +309,7 @@ def _is_facet(behind: bytes) -> bool:
 
 def _obj(content: bytes) -> tuple[bytes, int]:
     """Return an OBJ of vertices and facets alone, its corners counted from 1, and how many triangles it has."""
-    lines: list[bytes] = []
+    lines, statements = list[bytes](), PASSED_OVER | {b"v", b"f"}
     vertices = facets = 0
     for number, line in enumerate(_lines(content.rstrip(b"\0\x1a\r\n")), start=1):
         word, *rest = line.split() or [b""]
@@ -328,7 +317,7 @@ def _obj(content: bytes) -> tuple[bytes, int]:
             if word == b"v":
                 if len(rest) < 3:
                     raise ValueError(f"must have three numbers per vertex, but got {len(rest)}")
-                if merged := STATEMENTS.intersection(rest[3:]):  # weights, colours and normals are numbers
+                if merged := statements.intersection(rest[3:]):  # weights, colours and normals are numbers
                     raise ValueError(f"must have a line per vertex and facet, but got {show(_text(min(merged)))}")
                 lines.append(b"v " + b" ".join(map(_coordinate, rest[:3])))
                 vertices += 1
@@ -348,20 +337,21 @@ def _obj(content: bytes) -> tuple[bytes, int]:
 
 def _lines(content: bytes) -> Iterator[bytes]:
     """Yield the lines without comments; of those that a backslash continues the last, with all of them."""
-    if content.count(b"\n") + content.count(b"\r") > LINES:
-        raise ValueError(f"must have at most {LINES:,} lines, but has more")
+    most_lines, most_bytes = 10 * FACETS, 10_000  # vertices, texture coordinates, normals and facets; of a line
+    if content.count(b"\n") + content.count(b"\r") > most_lines:
+        raise ValueError(f"must have at most {most_lines:,} lines, but has more")
     unfinished = b""
     for line in content.splitlines():
         text = unfinished + line.split(b"#", 1)[0]
-        if len(text) > LINE:
-            raise ValueError(f"must have at most {LINE:,} bytes per line, but has {len(text):,}")
+        if len(text) > most_bytes:
+            raise ValueError(f"must have at most {most_bytes:,} bytes per line, but has {len(text):,}")
         unfinished = text[:-1] + b" " if text.endswith(b"\\") else b""
         yield b"" if unfinished else text
     yield unfinished
 
 
 def _coordinate(word: bytes) -> bytes:
-    if len(word) > 64 or COORDINATE.fullmatch(word) is None:
+    if len(word) > 64 or re.fullmatch(NUMBER, word) is None:
         raise ValueError(f"must have numbers for coordinates, but got {show(_text(word))}")
     return word
 
