@@ -36,8 +36,7 @@ def audit(
         from topo_search.model.files import write_atomically
 
         for option, out in (("--csv", table), ("--markdown", summary)):
-            if out is not None:
-                options.require_writable(out, option)
+            options.require_writable(out, option)
         files = design_files(designs)
         reading = Reading(files, tell=note)
         judged: list[Judged] = []

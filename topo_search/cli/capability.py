@@ -37,8 +37,7 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
         from topo_search.model.vehicle import read_vehicle
         from verify.flight import capability as capability_of
 
-        if page is not None:
-            options.require_writable(page)
+        options.require_writable(page)
         stated = read_vehicle(vehicle)
         found = capability_of(stated, None if judge is None else read_task(judge))
         if found is None:

@@ -139,8 +139,7 @@ def _print(out: Path, summary: pd.DataFrame, findings: list[str], picture: Path 
         options.echo_json({"folder": str(out), "summary": table, "findings": findings})
         return
     click.echo(summary.to_string(index=False, line_width=200, float_format=lambda value: f"{value:.4g}"))
-    for sentence in findings:
-        click.echo(sentence)
+    options.echo_lines(findings)
     click.echo(f"all rows are in {out / 'results.csv'}")
     if picture is not None:
         click.echo(f"the picture is in {picture}")

@@ -256,8 +256,7 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
     else:
         rounded = round_angles(design, angle_step)
         design, notes, found = rounded.design, rounded.notes, rounded.audit
-    for text in notes:
-        click.echo(text)
+    options.echo_lines(notes)
     if found.verdict != Status.CLEAR and (kind == "kit" or angle_step is not None):
         for text in broken_lines(found):
             note(text)

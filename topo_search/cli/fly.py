@@ -93,8 +93,7 @@ def fly(
 
         read = read_json(Design, design)
         for option, path in (("--video", video), ("--out", out and out / "flight.json")):
-            if path is not None:
-                options.require_writable(path, option)
+            options.require_writable(path, option)
         if video is not None:
             os.environ.setdefault("MUJOCO_GL", "egl")
         with needs_extras("fly"):

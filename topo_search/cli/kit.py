@@ -82,5 +82,4 @@ def kit(
         if as_json:
             options.echo_json(shared.model_dump(mode="json"))
         else:
-            for line in (*shared.lines, f"the kits are in {out}"):
-                click.echo(line)
+            options.echo_lines((*shared.lines, f"the kits are in {out}"))

@@ -223,6 +223,12 @@ def echo_json(value: Any) -> None:
     click.echo(json.dumps(value, indent=1, allow_nan=False))
 
 
+def echo_lines(lines: Iterable[str], indent: str = "") -> None:
+    """Print lines, each as soon as it is there."""
+    for line in lines:
+        click.echo(f"{indent}{line}")
+
+
 def echo_json_list(values: Iterable[Any]) -> None:
     """Print values as a JSON list, each as soon as it is there."""
     before = "[\n "
@@ -248,10 +254,12 @@ def require_drawable(out: Path) -> None:
         import matplotlib  # noqa: F401 (pandas and numpy are always there, it is not)
 
 
-def require_writable(out: Path, option: str = "--out") -> None:
-    """Refuse a file that cannot be written, before any work is done for it; nothing is left behind."""
+def require_writable(out: Path | None, option: str = "--out") -> None:
+    """Refuse a file that cannot be written, if one is asked for, before any work is done for it; none is left."""
     from topo_search.model import BadInput
 
+    if out is None:
+        return
     folder = out.parent
     try:
         if out.exists() and not out.is_file():  # a device: its name would be taken by a file

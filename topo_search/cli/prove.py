@@ -130,8 +130,7 @@ def _check(folder: Path, *, as_json: bool, **asked: Any) -> None:
         for tree in result.trees:
             by = "" if tree.bound is None else f", J >= {lower_text(tree.bound)} rad^4/s^4"
             click.echo(f"{tree.key}: {tree.verdict}{by}" + (f": {tree.fault}" if tree.fault else ""))
-        for sentence in result.sentences:
-            click.echo(sentence)
+        options.echo_lines(result.sentences)
     if result.refused:
         raise SystemExit(1)
     if not result.settled:

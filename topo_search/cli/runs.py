@@ -108,8 +108,7 @@ def report(source: Path, out: Path | None, flight: Path | None) -> None:
     with explain_errors():
         from topo_search import compose
 
-        if out is not None:
-            options.require_writable(out)
+        options.require_writable(out)
         click.echo(f"the page is in {compose.write_report(source, out=out, flight=flight, note=note)}")
 
 

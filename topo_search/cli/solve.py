@@ -65,8 +65,7 @@ def solve(
         problem = options.task_of(task, settings, paper=paper, modules=modules)
         topology = _topology(problem, key, sample_seed, sized=modules is not None)
         designs = options.read_near(near)
-        if out is not None:
-            options.require_writable(out)
+        options.require_writable(out)
         options.warn(problem.model_copy(update={"modules": topology.n}))
         solved = compose.solve(
             problem,

@@ -10,6 +10,7 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from topo_search.cli.options import echo_lines
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audits import flight_lines, power_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Status
@@ -73,8 +74,7 @@ def _print_size(size: SizeAnswer) -> None:
 
 def _print_remarks(size: SizeAnswer, indent: str = "") -> None:
     reasons = () if size.reason is None else (size.reason,)
-    for sentence in (*size.remarks, *reasons, *(size.relaxed.sentences if size.relaxed else ())):
-        click.echo(f"{indent}{sentence}")
+    echo_lines((*size.remarks, *reasons, *(size.relaxed.sentences if size.relaxed else ())), indent)
 
 
 def _counts(size: SizeAnswer) -> str:
@@ -104,8 +104,7 @@ def _print_front(answer: Answer) -> None:
         effort, peak = f"{point.row.objective:.6g}", f"{upper_text(point.peak_input, 4)} u_max"
         rows.append((point.row.key, str(point.row.modules), effort, *reached, peak, str(point.number)))
     _print_table(("key", "modules", "J [rad^4/s^4]", "clearance", "stand-off", "peak input", "level"), rows)
-    for sentence in answer.idle_goals:
-        click.echo(sentence)
+    echo_lines(answer.idle_goals)
 
 
 def _print_rows(rows: tuple[Row, ...]) -> None:
@@ -185,12 +184,10 @@ def progress_line(outcome: Outcome) -> str:
 
 def print_solved(solved: Solved, out: Path | None) -> None:
     """Print what became of one topology."""
-    for note in solved.notes:
-        click.echo(note)
+    echo_lines(solved.notes)
     click.echo(progress_line(solved.outcome))
     if isinstance(solved.outcome, Infeasible) and solved.outcome.relaxed:
-        for sentence in solved.outcome.relaxed.sentences:
-            click.echo(sentence)
+        echo_lines(solved.outcome.relaxed.sentences)
     if isinstance(solved.outcome, Design):
         if isinstance(solved.audit, Audit):
             print_audit(solved.outcome.topology.key, solved.audit)
@@ -218,8 +215,7 @@ def print_audit(name: str, audit: Audit) -> None:
     for pair in audit.pairs:
         if pair.status != "clear":
             click.echo(f"  {pair.name}: {pair.status}, {lower_text(pair.analytic_m)} m")
-            for finding in pair.evidence:
-                click.echo(f"    {finding}")
+            echo_lines(pair.evidence, "    ")
     for constraint in audit.stated:
         click.echo(f"  {constraint.name} ({NOT_CERTIFIED}): {constraint.words}, bounds: {constraint.bounds}")
     for residual in audit.residuals:
@@ -232,8 +228,7 @@ def print_audit(name: str, audit: Audit) -> None:
     if sheet is not None and sheet.note is not None:
         click.echo(f"  note: {sheet.note}")
     flight = () if audit.flight is None else (*flight_lines(audit.flight), *power_lines(audit))
-    for line in (*tolerance_lines(audit), *flight, *(() if audit.air is None else audit.air.sentences())):
-        click.echo(f"  {line}")
+    echo_lines((*tolerance_lines(audit), *flight, *(() if audit.air is None else audit.air.sentences())), "  ")
 
 
 def print_tally(verdicts: Sequence[Status], failed: int, refused: int, passed_over: int) -> None:

@@ -51,8 +51,7 @@ def examples(as_json: bool) -> None:
         if as_json:
             options.echo_json(files.examples())
             return
-        for name in files.examples():
-            click.echo(name)
+        options.echo_lines(files.examples())
 
 
 @click.command(epilog="Example: topo-search check push-local --picture push-local.png")

@@ -59,5 +59,4 @@ def topologies(
         if as_json:
             options.echo_json_list(keys)
             return
-        for key in keys:
-            click.echo(key)
+        options.echo_lines(keys)
