@@ -57,7 +57,7 @@ def test_the_recipe_draws_an_answer(tmp_path, monkeypatch, capsys):
     (code,) = blocks("python", "how-to/recipes.md")
     (tmp_path / "snippet.py").write_text(code)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(compose.places, "Workers", InProcess)
+    monkeypatch.setattr(compose.binding, "Workers", InProcess)
     runpy.run_path("snippet.py", run_name="__main__")
     assert "a300" in capsys.readouterr().out
     assert "force_reserve_N" in (tmp_path / "plot.html").read_text()
