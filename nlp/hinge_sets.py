@@ -82,8 +82,7 @@ class _Set:
 
     def angles(self, places: Places) -> Array:
         """Return the hinge angles of a combination, shape (n-1,) [rad]."""
-        result: Array = self._signs * self._folds[list(places)]
-        return result
+        return np.asarray(self._signs * self._folds[list(places)])
 
     def near(self, alpha: Array) -> list[Places]:
         """Return clear combinations near angles alpha (n-1,), all if they are few.
@@ -126,16 +125,27 @@ class _Set:
 
 
 def solve_on_set(
-    task: ResolvedTask, topology: Topology, free: Sequence[StartResult], constraints: UserConstraints = ()
+    task: ResolvedTask,
+    topology: Topology,
+    free: Sequence[StartResult],
+    constraints: UserConstraints = (),
+    most_effort: float | None = None,
 ) -> list[StartResult]:
     """Return the outcome of each start with hinge angles from the task's set, or else with any, judged by the task.
+
+    With an effort it is every combination near local optima of free angles that costs no more.
 
     Args:
         task: a task with a set of hinge angles, and with its corners.
         topology: the tree.
         free: where the starts ended with any angles.
         constraints: constraints of the user, which Ipopt alone knows.
+        most_effort: that effort [rad^4/s^4].
     """
+    if most_effort is not None:
+        numbered = [replace(one, start=k) for k, one in enumerate(free)]  # a start may lead to several
+        found, _ = _near_optima(task, topology, numbered, constraints, most_effort)
+        return [replace(one, start=free[one.start].start) for one in found]
     found, starts = _near_optima(task, topology, free, constraints)
     outcomes = {}
     for one in free:
@@ -143,19 +153,6 @@ def solve_on_set(
         own = [replace(each, start=one.start) for each in found if one.start in starts[each.start]]
         outcomes[one.start] = min([held, *own], key=lambda each: each.rank)
     return list(outcomes.values())
-
-
-def solve_every_on_set(
-    task: ResolvedTask,
-    topology: Topology,
-    free: Sequence[StartResult],
-    constraints: UserConstraints,
-    most_effort: float,
-) -> list[StartResult]:
-    """Return every combination near local optima of free angles that costs no more than `most_effort`."""
-    numbered = [replace(one, start=k) for k, one in enumerate(free)]  # a start may lead to several
-    found, _ = _near_optima(task, topology, numbered, constraints, most_effort)
-    return [replace(one, start=free[one.start].start) for one in found]
 
 
 def _near_optima(

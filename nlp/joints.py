@@ -167,7 +167,7 @@ class LimitRows:
             rows += [(L * L - ca.dot(v, v)) / (2 * L) for v in sides]
         self.g = ca.vertcat(*rows)
         """The rows, each at least zero."""
-        self.bounds = np.zeros(len(rows)), np.full(len(rows), math.inf)
+        self.bounds: tuple[Array, Array] = np.zeros(len(rows)), np.full(len(rows), math.inf)
         """Least and largest value of each."""
 
 

@@ -232,8 +232,9 @@ def solve_starts(
     seed: int,
     near: Sequence[Design],
     constraints: UserConstraints = (),
+    most_effort: float | None = None,
 ) -> list[StartResult]:
-    """Return the outcome of each start, and of each design carried over.
+    """Return the outcome of each start, and of each design carried over; or all minima that cost little enough.
 
     Args:
         task: the task; `reason_against` must have none.
@@ -242,9 +243,12 @@ def solve_starts(
         seed: draws them, with the task, the topology and the index.
         near: designs carried over, as the starts -1, -2, ...
         constraints: constraints of the user, which the polish alone knows: so it takes more minima.
+        most_effort: effort up to which every distinct minimum is polished and returned [rad^4/s^4].
     """
-    search = ReducedSearch(task, topology, seed, constraints)
+    search = ReducedSearch(task, topology, seed, constraints, most_effort)
     best = search.of_sources(near)
+    if most_effort is not None:
+        return list(search.polish([*best, *search.of_starts(starts).best]))
     others: list[LocalMinimum] = []
     if starts:
         reached = search.of_starts(starts)
@@ -260,25 +264,6 @@ def solve_starts(
             if start not in outcomes:
                 outcomes[start] = search.without_polish(start, minimum)
     return [outcomes[start] for start in (*range(-1, -1 - len(near), -1), *starts)]
-
-
-def solve_every(
-    task: ResolvedTask,
-    topology: Topology,
-    *,
-    starts: range,
-    seed: int,
-    near: Sequence[Design],
-    constraints: UserConstraints,
-    most_effort: float,
-) -> list[StartResult]:
-    """Return every distinct minimum that costs little enough and that starts or carried-over designs lead to.
-
-    Args: as of `solve_starts`, and
-        most_effort: largest effort of a minimum that is polished [rad^4/s^4].
-    """
-    search = ReducedSearch(task, topology, seed, constraints, most_effort)
-    return list(search.polish([*search.of_sources(near), *search.of_starts(starts).best]))
 
 
 def _starts(minimum: LocalMinimum, starts: Sequence[int]) -> tuple[int, ...]:

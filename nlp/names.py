@@ -1,4 +1,4 @@
-"""The constraints' names: the same in the problem, in its independent evaluation and in failure reports.
+"""Names of constraints that several places use; the others stand with their requirement.
 
 The audit, which shares no code with the solver, uses the same words; a test holds the two to that.
 """
@@ -24,36 +24,6 @@ def torque(case: str) -> str:
     return f"{case}, torque"
 
 
-def largest_input(case: str) -> str:
-    """Name the upper bound of a load case's rotor inputs."""
-    return f"{case}, largest rotor input"
-
-
-def smallest_input(case: str) -> str:
-    """Name the lower bound of a load case's rotor inputs."""
-    return f"{case}, smallest rotor input"
-
-
-def hinge_angle(i: int) -> str:
-    """Name the bounds of the hinge between module i and its parent."""
-    return f"hinge angle of module {i}"
-
-
-def root_angle(angle: str) -> str:
-    """Name the bounds of a root angle: psi, alpha_0 or alpha_1."""
-    return f"root orientation, {angle}"
-
-
-def airflow(i: int, j: int) -> str:
-    """Name the clearance of two airflow envelopes."""
-    return f"airflow of modules {i} and {j}"
-
-
-def separation(i: int, j: int) -> str:
-    """Name the least distance of two modules' centres."""
-    return f"separation of modules {i} and {j}"
-
-
 def rotor_airflow(i: int, j: int) -> str:
     """Name the clearance of module i's rotors, and of other parts of it, from the airflow of module j."""
     return f"rotors of module {i} and airflow of module {j}"
@@ -67,18 +37,6 @@ def tip_airflow(i: int) -> str:
 def exclusion(i: int) -> str:
     """Name the end-effector's exclusion ball of module i."""
     return f"end-effector exclusion of module {i}"
-
-
-def solid(number: int, i: int, segment: int | None = None) -> str:
-    """Name the clearance of module i's rigid parts from a solid region."""
-    part = "" if segment is None else f", segment {segment}"
-    return f"module {i} and solid exposure {number}{part}"
-
-
-def rod_region(number: int, segment: int | None = None) -> str:
-    """Name the clearance of the end-effector's rod from a solid region."""
-    part = "" if segment is None else f", segment {segment}"
-    return f"the end-effector's rod and solid exposure {number}{part}"
 
 
 def exposure(number: int, requirement: AnyExposure, i: int, segment: int | None = None) -> str:

@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from importlib.metadata import version
+from typing import NamedTuple
 
 import numpy as np
 
 from nlp.bounds import bound_of, prove_impossible
 from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.evaluation.correction import correct
-from nlp.evaluation.violations import Violation
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, rod_of
 from nlp.numbers.point import Point
@@ -33,6 +33,14 @@ REDUCED_STARTS = {5: 8, 9: 20, 12: 40, REDUCED_UP_TO: 48}
 """Default number of starts of the reduced search by most modules; `tests/benchmarks/reduced.py` compares them."""
 SAME_EFFORT = 1e-4
 """Relative difference of the efforts of local optima that count as one."""
+
+
+class Draws(NamedTuple):
+    """Starts, the seed that draws them, and designs that are carried over as the starts -1, -2, ..."""
+
+    starts: range
+    seed: int
+    near: Sequence[Design]
 
 
 def default_starts(task: Task) -> int:
@@ -93,15 +101,10 @@ def solve(
         raise ValueError(f"`starts` must have at least one index, but got {starts}")
     if proof := prove_impossible(task, topology):
         return proof
-    free = to_corners(task.model_copy(update={"search": task.search.any_angle}))
-    task, began = to_corners(task), time.perf_counter()
-    solve_starts = _whole_problem if reason_against(task) else _reduced_search
+    began = time.perf_counter()
     user_constraints = (*constraints, *pseudo_inverse_constraints(task.declared))
-    found = solve_starts(free, topology, starts=starts, seed=seed, near=near, constraints=user_constraints)
-    if task.search.hinge_set_deg is not None:
-        from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load
-
-        found = solve_on_set(task, topology, found, user_constraints)
+    found = _solve_starts(task, topology, Draws(starts, seed, near), user_constraints)
+    task = to_corners(task)
     for k, source in enumerate(near):
         found[k] = min(
             (found[k], *_carried_over(task, topology, source, found[k].start, seed, user_constraints)),
@@ -146,27 +149,10 @@ def local_optima(
         constraints: what a user states beyond the task.
         most_effort: largest effort of a design [rad^4/s^4].
     """
-    free = to_corners(task.model_copy(update={"search": task.search.any_angle}))
-    task, began = to_corners(task), time.perf_counter()
+    began = time.perf_counter()
     user_constraints = (*constraints, *pseudo_inverse_constraints(task.declared))
-    if reason_against(task):
-        found = _whole_problem(free, topology, starts=starts, seed=seed, near=near, constraints=user_constraints)
-    else:
-        from nlp.multistart import solve_every  # compiled code, which other commands need not load
-
-        found = solve_every(
-            free,
-            topology,
-            starts=starts,
-            seed=seed,
-            near=near,
-            constraints=user_constraints,
-            most_effort=most_effort,
-        )
-    if task.search.hinge_set_deg is not None:
-        from nlp.hinge_sets import solve_every_on_set
-
-        found = solve_every_on_set(task, topology, found, user_constraints, most_effort)
+    found = _solve_starts(task, topology, Draws(starts, seed, near), user_constraints, most_effort)
+    task = to_corners(task)
     for k, source in enumerate(near):
         found += _carried_over(task, topology, source, -1 - k, seed, user_constraints)
     found = _count_rods(task, found, user_constraints, most_effort)
@@ -278,29 +264,34 @@ def _carried_over(
     return [kept, polished] if comparable else [polished]
 
 
-def _reduced_search(
+def _solve_starts(
     task: ResolvedTask,
     topology: Topology,
-    *,
-    starts: range,
-    seed: int,
-    near: Sequence[Design],
+    drawn: Draws,
     constraints: UserConstraints,
+    most_effort: float | None = None,
 ) -> list[StartResult]:
-    """Return the results of the reduced search."""
-    from nlp.multistart import solve_starts  # compiled code, which other commands need not load
+    """Return the outcome of each start and each design carried over, judged by the task with its corners.
 
-    return solve_starts(task, topology, starts=starts, seed=seed, near=near, constraints=constraints)
+    With an effort it is all local optima that cost no more, if the reduced search expresses the task. Where hinge
+    angles come from a set, starts end with any angles first.
+    """
+    free = to_corners(task.model_copy(update={"search": task.search.any_angle}))
+    if reason_against(task):
+        found = _solve_whole_problem(free, topology, drawn, constraints)
+    else:
+        from nlp.multistart import solve_starts  # compiled code, which other commands need not load
+
+        found = solve_starts(free, topology, **drawn._asdict(), constraints=constraints, most_effort=most_effort)
+    if task.search.hinge_set_deg is None:
+        return found
+    from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load
+
+    return solve_on_set(to_corners(task), topology, found, constraints, most_effort)
 
 
-def _whole_problem(
-    task: ResolvedTask,
-    topology: Topology,
-    *,
-    starts: range,
-    seed: int,
-    near: Sequence[Design],
-    constraints: UserConstraints,
+def _solve_whole_problem(
+    task: ResolvedTask, topology: Topology, drawn: Draws, constraints: UserConstraints
 ) -> list[StartResult]:
     """Return the results of Ipopt on the whole problem, from untangled starts."""
     from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
@@ -311,10 +302,10 @@ def _whole_problem(
         return AssembledProgram(point.task, topology, constraints, limits).solve(point)
 
     draws: list[tuple[int, Callable[..., Point]]]
-    draws = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(near)]
-    draws += [(s, draw) for s in starts]
+    draws = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(drawn.near)]
+    draws += [(s, draw) for s in drawn.starts]
     for s, start in draws:
-        origin = start(plain, topology, rng=generator(plain, topology, s, seed))
+        origin = start(plain, topology, rng=generator(plain, topology, s, drawn.seed))
         found.append(take_in_corners(task, s, origin, solve_from, constraints))
     return found
 
@@ -352,11 +343,9 @@ def _infeasible(found: Sequence[StartResult], best: StartResult, record: SolverR
         unit=best.worst.unit,
         message="",
     )
-    return closest.with_starts((_shortfall(one.worst) for one in found), record)
-
-
-def _shortfall(worst: Violation) -> Shortfall:
-    return Shortfall(constraint=worst.name, starts=1, violation=worst.amount, unit=worst.unit)
+    ends = (one.worst for one in found)
+    shortfalls = (Shortfall(constraint=w.name, starts=1, violation=w.amount, unit=w.unit) for w in ends)
+    return closest.with_starts(shortfalls, record)
 
 
 def _vector(values: np.ndarray) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from nlp.evaluation.violations import Violation, worst
 from nlp.ipopt import IpoptResult
 from nlp.numbers.point import Point
-from nlp.user_constraints import UserConstraints, correct_point, violations_of
+from nlp.user_constraints import UserConstraints, violations_of
 
 
 @dataclass(frozen=True)
@@ -35,19 +35,6 @@ class StartResult:
     ) -> StartResult:
         """Return the outcome of a start that reached a point, whose program had some corners."""
         return cls(start, result, point, worst(violations_of(point, constraints)), corners)
-
-    @classmethod
-    def of(cls, start: int, origin: Point, result: IpoptResult, constraints: UserConstraints = ()) -> StartResult:
-        """Return the outcome of Ipopt from an origin.
-
-        An evaluation that failed leaves no numbers behind: then the origin is what was reached.
-        """
-        return cls.at(
-            start,
-            correct_point(result.point if result.finite else origin, constraints),
-            result,
-            constraints=constraints,
-        )
 
     @property
     def objective(self) -> float:

@@ -13,6 +13,7 @@ from nlp.assembled import AssembledProgram
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
+from nlp.user_constraints import correct_point
 from topo_search.model import Design, Infeasible, Mount, ResolvedTask, Task, Topology
 from topo_search.model.module import CountedRod
 
@@ -271,5 +272,6 @@ def placed(task: ResolvedTask, topology: Topology, starts: int) -> StartResult:
     """The best of some starts from which Ipopt solves the whole problem, without the reduced search."""
     ready = AssembledProgram(task, topology)
     origins = [draw(task, topology, generator(task, topology, s, 0)) for s in range(starts)]
-    found = [StartResult.of(s, origin, ready.solve(origin)) for s, origin in enumerate(origins)]
+    ends = [ready.solve(origin) for origin in origins]
+    found = [StartResult.at(s, correct_point(end.point, ()), end) for s, end in enumerate(ends) if end.finite]
     return min(found, key=lambda outcome: outcome.rank)

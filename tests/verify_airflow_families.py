@@ -118,7 +118,7 @@ def rotor_against_airflow(scale: float, rng: np.random.Generator) -> Iterator[Ju
     placed = Compound(tuple(each.place(R, centre) for each in own), bounds.place(R, centre), FRAME)
     parts = RigidParts((placed,), centre[None], R[None], np.zeros(3), own, max(each.reach for each in own))
     asked = [
-        BesideAirflow(0, 1, segment, True, placed, against)
+        BesideAirflow("rotor-airflow", 0, 1, placed, against, segment)
         for against in (Solid(body).place(R, centre) for body in bodies)
         for segment in (*range(ROTORS), None)
     ]

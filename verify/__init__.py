@@ -7,6 +7,7 @@ of a proof by branch and bound. All load on first use, so that importing this pa
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -18,22 +19,14 @@ if TYPE_CHECKING:
 __all__ = ["Poses", "audit", "check_chunk", "choose_mount", "poses", "prepare_check"]
 
 
+_HOMES = {
+    "Poses": "kinematics", "audit": "design_audit", "check_chunk": "proof.check", "choose_mount": "assembly",
+    "poses": "kinematics", "prepare_check": "proof.check",
+}  # fmt: skip
+
+
 def __getattr__(name: str) -> Any:
     """Load a public name on its first use (PEP 562)."""
-    if name == "audit":
-        from verify.design_audit import audit
-
-        return audit
-    if name == "choose_mount":
-        from verify.assembly import choose_mount
-
-        return choose_mount
-    if name in {"check_chunk", "prepare_check"}:
-        from verify.proof import check
-
-        return getattr(check, name)
-    if name in {"Poses", "poses"}:
-        from verify import kinematics
-
-        return getattr(kinematics, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"verify.{_HOMES[name]}"), name)

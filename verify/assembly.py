@@ -20,13 +20,12 @@ from topo_search.model import (
 )
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.room import LARGE, packed_width
-from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.value import Vector
 from verify.bodies import Array
 from verify.kinematics import Platform, platform
 from verify.parts import RigidParts, rigid_parts
 from verify.requirements import Scene
-from verify.residuals import clamp
+from verify.residuals import clamp, residual
 from verify.rod import free_connectors, straight_rod
 from verify.solid_regions import rod_keeps_out
 
@@ -90,16 +89,9 @@ def rod_residuals(design: Design, parts: RigidParts, sheet: Assembly) -> Iterato
     """Yield whether a straight rod reaches the end-effector, and from near enough, where the task asks for it."""
     if design.task.end_effector.rod == "straight":
         missing = 0.0 if sheet.mount is not None and parts.in_range else 1.0
-        lost = Status.VIOLATED if parts.in_range else Status.UNDECIDED
-        status = lost if missing else Status.CLEAR
-        yield Residual(
-            name="straight rod to the end-effector",
-            value=missing,
-            unit="rods missing",
-            scaled=missing,
-            tolerance=0.0,
-            status=status,
-        )
+        lost = None if parts.in_range else Status.UNDECIDED
+        name = "straight rod to the end-effector"
+        yield residual(name, missing, "rods missing", 1.0, tolerance=0.0, status=lost)
 
     reach = design.task.largest_reach(design.topology.n)
     if reach is not None:
@@ -112,17 +104,8 @@ def _rod_mass(design: Design, rod: Rod | None) -> Residual:
     """Return by how much the rod weighs more or less than the design counts with."""
     counted = design.task.end_effector.counted_rod
     given, weighs = 0.0 if counted is None else counted.mass, 0.0 if rod is None else rod.mass_kg
-    scaled = abs(weighs - given) / design.task.total_mass(design.topology.n)
-    return Residual(
-        name="mass of the end-effector's rod",
-        value=clamp(abs(weighs - given)),
-        unit="kg",
-        scaled=clamp(scaled),
-        tolerance=TOLERANCE,
-        status=Status.CLEAR if scaled <= TOLERANCE else Status.VIOLATED,
-        stated=given,
-        derived=clamp(weighs),
-    )
+    name, total = "mass of the end-effector's rod", design.task.total_mass(design.topology.n)
+    return residual(name, abs(weighs - given), "kg", total, stated=given, derived=weighs)
 
 
 def _reach(design: Design, parts: RigidParts, sheet: Assembly, reach: float) -> Residual:
@@ -136,18 +119,9 @@ def _reach(design: Design, parts: RigidParts, sheet: Assembly, reach: float) -> 
         mounts = [sheet.mount]
     lengths = [straight_rod(design, parts, mount).length * l_arm for mount in mounts] if parts.in_range else []
     excess = max(0.0, min(lengths) - reach) if lengths else 0.0
-    scaled = excess / l_arm
-    status = Status.VIOLATED if scaled > REACHED else Status.CLEAR
-    return Residual(
-        name="reach of the end-effector's rod",
-        value=clamp(excess),
-        unit="m",
-        scaled=clamp(scaled),
-        tolerance=REACHED,
-        status=status if lengths else Status.UNDECIDED,
-        stated=reach,
-        derived=clamp(min(lengths)) if lengths else None,
-    )
+    name, length = "reach of the end-effector's rod", min(lengths, default=None)
+    unknown = None if lengths else Status.UNDECIDED
+    return residual(name, excess, "m", l_arm, tolerance=REACHED, stated=reach, derived=length, status=unknown)
 
 
 def _rod(design: Design, parts: RigidParts, mount: Mount) -> Rod:

@@ -24,15 +24,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from topo_search.model import Status
-from topo_search.model.audit import Kind
 from verify.bodies import Array, Rows, nearest_on_axis
-from verify.certificate import ROUNDING, TURNED_LEVELS, Certificate, Solid, judge
+from verify.certificate import ROUNDING, TURNED_LEVELS, Certificate, Row, Solid, judge
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.fcl_queries import Shape
@@ -47,23 +45,8 @@ LEVELS = 2 + len(TURNED_LEVELS)
 """0: a box around the whole module; 1: common meshes of the parts; then meshes turned towards the witness."""
 
 
-@dataclass(frozen=True, eq=False)
-class BesideAirflow:
-    """Parts of one module that must keep out of the airflow of another one."""
-
-    a: int
-    """The module whose parts they are."""
-    b: int
-    """The module whose airflow it is."""
-    segment: int | None
-    """Its rotor, or None for hub and arms."""
-    counts: bool
-    """True if it affects the verdict; it is measured either way."""
-    body: Compound
-    """The module."""
-    against: Solid
-    """The envelope."""
-    kind: Kind = "rotor-airflow"
+class BesideAirflow(Row[Compound, Solid]):
+    """Parts of one module that must keep out of the airflow of another: its rotor `segment`, else hub and arms."""
 
     @property
     def parts(self) -> range:
@@ -96,7 +79,7 @@ def beside_airflow(parts: RigidParts, envelopes: Sequence[Solid], *, counts: boo
     """Yield every rotor, then hub and arms, of every module against the airflow of every other one."""
     modules = range(len(parts.modules))
     return (
-        BesideAirflow(a, b, segment, counts, parts.modules[a], envelopes[b])
+        BesideAirflow("rotor-airflow", a, b, parts.modules[a], envelopes[b], segment, counts)
         for a in modules
         for b in modules
         if a != b

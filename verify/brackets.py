@@ -56,7 +56,7 @@ def rotors_beside_brackets(brackets: dict[int, Hull], parts: RigidParts) -> Iter
     for a, bracket in solids.items():
         for b, module in enumerate(parts.modules):
             turning = Compound(rotors[b], module.bounds)
-            yield RigidRequirement("bracket-rotor", a, b, turning, Compound((bracket,), bracket), counts=True)
+            yield RigidRequirement("bracket-rotor", a, b, turning, Compound((bracket,), bracket))
 
 
 def _flange(design: Design, parts: RigidParts, i: int, port: int) -> Array:

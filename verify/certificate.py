@@ -20,11 +20,12 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from topo_search.model import Status
+from topo_search.model.audit import Kind
 from verify.bodies import Array, ConeSphere, Rows
 from verify.clearance import clearances
 from verify.fcl_queries import FARTHEST, Shape
@@ -55,6 +56,26 @@ class Certificate:
     """Number of refinements of the meshes: 0 is the common mesh."""
     closest: Array | None = None
     """Closest points: of a gap, the nearest of either side; of an overlap, a point in both, twice; shape (2, 3)."""
+
+
+Body = TypeVar("Body")
+Other = TypeVar("Other")
+
+
+@dataclass(frozen=True, eq=False)
+class Row(Generic[Body, Other]):
+    """One thing that must keep clear of, or stay inside, another."""
+
+    kind: Kind
+    a: int
+    """A module."""
+    b: int
+    """The other module, or the number of the exposure requirement; -1 for the end-effector or its rod."""
+    body: Body
+    against: Other
+    segment: int | None = None
+    counts: bool = True
+    """True if it affects the verdict; it is measured either way."""
 
 
 class Solid:

@@ -35,18 +35,25 @@ from verify.fcl_queries import FARTHEST
 from verify.gjk import ACCURACY, Cores, Flags, cores, nearest
 from verify.meshes import Indices
 
-CHUNK = 2_000_000
-"""Coordinates of vertices that are held at a time."""
-NEWTON_STEPS = 12
-"""Largest number of steps towards a growth distance; a few are enough."""
-ASCENT_STEPS = 6
-"""Largest number of steps from the normal at that factor towards the shortest way out."""
-LEAST_GAIN = 1e-9
-"""Least gain of a step towards the shortest way out [l_arm]."""
-ASIDE = (1e-4, 1e-2, 1.0)
-"""Distances that nearly touching parts are moved apart to see which way they face, in sums of their radii."""
-TOUCHING = 1e-4
-"""Copies scaled by s touch when they are this part of 1 - s apart: less than they were drawn in from the parts."""
+
+class ProximitySettings(NamedTuple):
+    """Steps of the search for nearest points."""
+
+    chunk: int = 2_000_000
+    """Coordinates of vertices that are held at a time."""
+    newton_steps: int = 12
+    """Largest number of steps towards a growth distance; a few are enough."""
+    ascent_steps: int = 6
+    """Largest number of steps from the normal at that factor towards the shortest way out."""
+    least_gain: float = 1e-9
+    """Least gain of a step towards the shortest way out [l_arm]."""
+    aside: tuple[float, ...] = (1e-4, 1e-2, 1.0)
+    """Distances that nearly touching parts are moved apart to see which way they face, in sums of their radii."""
+    touching: float = 1e-4
+    """Copies scaled by s touch when this part of 1 - s apart: less than they were drawn in from the parts."""
+
+
+SETTINGS = ProximitySettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +117,7 @@ def proximities(
     batch = _Batch(bodies, measured)
     at = {id(body): k for k, body in enumerate(bodies)}
     index = np.array([(at[id(A)], at[id(B)]) for A, B in pairs])
-    step = max(1, CHUNK // batch.coordinates)
+    step = max(1, SETTINGS.chunk // batch.coordinates)
     found: list[Proximity] = []
     for start in range(0, len(pairs), step):
         part = slice(start, start + step)
@@ -234,7 +241,7 @@ class _Batch:
             n[deep], x_A[deep] = touch([(flat[A[k]], flat[B[k]]) for k in deep])
             n[deep], x_B[deep] = self.steepest_directions(A[deep], B[deep], n[deep]), x_A[deep]
         g = self.gap(A, B, n)
-        open_ = np.flatnonzero(~lost & (g < d - LEAST_GAIN))
+        open_ = np.flatnonzero(~lost & (g < d - SETTINGS.least_gain))
         n[open_], g[open_] = self.sharper_directions(A[open_], B[open_], n[open_], g[open_])
         d[deep] = g[deep]
         return _Apart(d, g, n, x_A, x_B)
@@ -247,7 +254,7 @@ class _Batch:
         """
         n, g = n.copy(), g.copy()
         size = (self.radius[A] + self.radius[B])[:, None]
-        for away in ASIDE if len(n) else ():
+        for away in SETTINGS.aside if len(n) else ():
             moved = self.cores.take(B)
             moved = moved._replace(vertices=moved.vertices + (away * size * n)[:, None])
             turned = _unit(-nearest(self.cores.take(A), moved, n).v)
@@ -263,13 +270,13 @@ class _Batch:
         is at least g(n), and more unless n' = n.
         """
         n, left = n.copy(), np.arange(len(n))
-        for _ in range(ASCENT_STEPS):
+        for _ in range(SETTINGS.ascent_steps):
             g = self.gap(A[left], B[left], n[left])
             moved = self.cores.take(B[left])
             moved = moved._replace(vertices=moved.vertices - 2 * (g[:, None] * n[left])[:, None])
             v = nearest(self.cores.take(A[left]), moved, n[left]).v
             turned = _unit(-v)
-            better = self.gap(A[left], B[left], turned) > g + LEAST_GAIN
+            better = self.gap(A[left], B[left], turned) > g + SETTINGS.least_gain
             left = left[better]
             if not len(left):
                 break
@@ -291,7 +298,7 @@ def touch(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:
     r_A, r_B = (np.array([pair[side].ball for pair in pairs]) for side in (0, 1))
     n, x, s = _unit(c_B - c_A), (c_A + c_B) / 2, np.zeros(len(pairs))
     left = np.arange(len(pairs))
-    for _ in range(NEWTON_STEPS):
+    for _ in range(SETTINGS.newton_steps):
         # The factor at which the gap across n vanishes; never beyond s*, since the copies are apart below it.
         width = np.sum((A.take(left).support(n[left]) - c_A[left]) * n[left], axis=1) + r_A[left]
         width += np.sum((c_B[left] - B.take(left).support(-n[left])) * n[left], axis=1) + r_B[left]
@@ -299,7 +306,7 @@ def touch(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:
         found = nearest(_scale(A, c_A, s, left), _scale(B, c_B, s, left), n[left])
         size = np.linalg.norm(found.v, axis=1)
         x[left] = (found.x_A + found.x_B + (s * (r_A - r_B))[left, None] * n[left]) / 2
-        apart = ~found.overlap & (size - (s * (r_A + r_B))[left] > TOUCHING * (1 - s[left]))
+        apart = ~found.overlap & (size - (s * (r_A + r_B))[left] > SETTINGS.touching * (1 - s[left]))
         left = left[apart]
         if not len(left):
             break

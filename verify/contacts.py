@@ -21,9 +21,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from topo_search.model import AllowedContact, Design, Mount
-from topo_search.model.audit import Kind
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.room import INWARDS, OUTWARDS
+from verify.certificate import Row
 from verify.clipping import SLICE, clip
 from verify.compounds import Compound
 from verify.convex import Convex, Polyhedron
@@ -32,21 +32,11 @@ from verify.rod import FITTING, straight_rod
 
 
 @dataclass(frozen=True, eq=False)
-class RigidRequirement:
+class RigidRequirement(Row[Compound, Compound]):
     """Two rigid bodies that must not touch."""
 
-    kind: Kind
-    a: int
-    """A module."""
-    b: int
-    """The other module; -1 for the end-effector's rod."""
-    body: Compound
-    against: Compound
-    counts: bool
-    """True if it affects the verdict; it is measured either way."""
     bolted: bool = False
     """True if the frames may touch near the connector."""
-    segment: int | None = None
 
 
 def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterator[RigidRequirement]:
@@ -62,14 +52,14 @@ def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterat
         body, against = modules[a], modules[b]
         if (a, b) in joints:
             body, against = (_neighbour_at(parts, i, ends[k]) for i, k in zip((a, b), joints[a, b], strict=True))
-        yield RigidRequirement("body", a, b, body, against, counts, bolted=(a, b) in joints)
+        yield RigidRequirement("body", a, b, body, against, counts=counts, bolted=(a, b) in joints)
     if mount is None:
         return
     rod = straight_rod(design, parts, mount)
     for a, module in enumerate(modules):
         beside = rod.body_beside(a)
         if beside is not None:
-            yield RigidRequirement("rod", a, -1, module, beside, needs_rod)
+            yield RigidRequirement("rod", a, -1, module, beside, counts=needs_rod)
 
 
 @dataclass(frozen=True, eq=False)

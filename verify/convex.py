@@ -23,7 +23,7 @@ import numpy as np
 
 from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis
 from verify.fcl_queries import Shape
-from verify.meshes import ROUNDING, ConvexMesh, Indices, inner_mesh, outer_mesh
+from verify.meshes import ROUNDING, ConvexMesh, Indices, box_corners, inner_mesh, outer_mesh
 
 SIDES = 16
 """Sides of the prisms inside and around a cylinder: turned towards what matters, they lose nothing there."""
@@ -161,11 +161,8 @@ class Box(Polyhedron):
 
 def box(name: str, centre: Array, half: Array) -> Box:
     """Return a box whose rows of half edges are `half`, right-handed and at right angles, shape (3, 3)."""
-    # Corner 4 i + 2 j + k has the signs i, j, k along the three edges.
-    signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = [half_side for a, b, c, d in sides for half_side in ((a, b, c), (a, c, d))]
-    return Box(name, centre + signs @ half, np.array(triangles, dtype=np.intp), half)
+    signs, triangles = box_corners()
+    return Box(name, centre + signs @ half, triangles, half)
 
 
 @dataclass(frozen=True, eq=False)

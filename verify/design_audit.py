@@ -10,9 +10,9 @@ import functools
 import itertools
 import platform as python_platform
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib import metadata
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence
 from verify.bodies import Array
 from verify.brackets import beside_brackets, bracket_hulls, rotors_beside_brackets
 from verify.certificate import Certificate, Solid
-from verify.compound_certificate import certify_compounds, compound_evidence
+from verify.compound_certificate import compound_evidence
 from verify.contacts import RigidRequirement, allowed_contacts, keep_apart
 from verify.evidence import evidence
 from verify.flight import failure_residuals, flight, load_residuals, reserve_residuals, tolerance_residuals
@@ -38,7 +38,14 @@ from verify.power import power
 from verify.requirements import Requirement, Scene
 from verify.residuals import clamp, residuals
 from verify.sensitivity import sensitivity
-from verify.solid_regions import InsideCone, certify_all, certify_parts, parts_beside_regions, rod_beside_regions
+from verify.solid_regions import (
+    InsideCone,
+    certify_all,
+    certify_parts,
+    certify_rigid,
+    parts_beside_regions,
+    rod_beside_regions,
+)
 from verify.wrench_sets import corner_residuals
 
 Asked = Requirement | RigidRequirement | BesideAirflow | InsideCone
@@ -46,7 +53,6 @@ MOST_CLEARANCES = 1_000_000
 """Rows of an audit, of every kind: those of 380 modules and 50 paths; more would need gigabytes."""
 DISTANCES = ("separation", "exclusion")
 """Kinds that ask for a least distance of two places: their bodies are balls around them."""
-Row = TypeVar("Row", bound=Asked)
 
 
 def audit(design: Design) -> Audit:
@@ -66,39 +72,30 @@ def _audit(design: Design, started: float) -> Audit:
     found = platform(design)
     rows = (*residuals(design, found), *corner_residuals(design, found))
     scene = Scene(design, found)
-    requirements = _require_few(scene.requirements(), 0)
     parts = rigid_parts(design, found)
-    counts = design.task.parts_off_airflow
-    beside = _require_few(beside_airflow(parts, scene.envelopes, counts=counts), len(requirements))
     sheet = assembly(design, found, parts)
     rows = (*rows, *rod_residuals(design, parts, sheet))
-    rigid = _require_few(keep_apart(design, parts, sheet.mount), len(requirements) + len(beside))
-    others = len(requirements) + len(rigid) + len(beside)
-    rods = _require_few(scene.rod(parts, sheet.mount), others)
-    brackets = bracket_hulls(design, parts)
-    others += len(rods)
-    bracketed = _require_few(beside_brackets(brackets, scene.envelopes), others)
-    turning = _require_few(rotors_beside_brackets(brackets, parts), others + len(bracketed))
-    others += len(bracketed) + len(turning)
-    solid = _require_few(parts_beside_regions(scene, parts), others)
-    rod_solid = _require_few(rod_beside_regions(scene, parts, sheet.mount), others + len(solid))
-    asked: list[Asked] = [*requirements, *rigid, *beside, *rods, *bracketed, *turning, *solid, *rod_solid]
-    certificates = [
-        *certify_all(requirements),
-        *certify_compounds([(r.body, r.against) for r in rigid], [r.bolted for r in rigid]),
-        *certify_beside(beside, parts),
-        *certify_all(rods),
-        *certify_all(bracketed),
-        *certify_compounds([(r.body, r.against) for r in turning], [False] * len(turning)),
-        *certify_parts(solid),
-        *certify_all(rod_solid),
+    brackets, counts = bracket_hulls(design, parts), design.task.parts_off_airflow
+    kinds: list[tuple[Iterable[Asked], Callable[[list[Any]], list[Certificate]]]] = [
+        (scene.requirements(), certify_all),
+        (keep_apart(design, parts, sheet.mount), certify_rigid),
+        (beside_airflow(parts, scene.envelopes, counts=counts), functools.partial(certify_beside, parts=parts)),
+        (scene.rod(parts, sheet.mount), certify_all),
+        (beside_brackets(brackets, scene.envelopes), certify_all),
+        (rotors_beside_brackets(brackets, parts), certify_rigid),
+        (parts_beside_regions(scene, parts), certify_parts),
+        (rod_beside_regions(scene, parts, sheet.mount), certify_all),
     ]
+    listed = _require_few([of_kind for of_kind, _ in kinds])
+    asked = [row for of_kind in listed for row in of_kind]
+    certificates = [one for of_kind, (_, certify) in zip(listed, kinds, strict=True) for one in certify(of_kind)]
     statuses = [c.status for requirement, c in zip(asked, certificates, strict=True) if requirement.counts]
     mount, module = sheet.mount, design.task.module
     holder = 0 if mount is None else mount.module
     middle = found.p_com + found.o.mean(axis=0)  # of the scene, in W
     closest = _closest_points(asked, certificates, module.arm_length, middle)
     pairs = tuple(_clearance(*row, module, parts) for row in zip(asked, certificates, closest, strict=True))
+    requirements = [row for row in listed[0] if isinstance(row, Requirement)]
     errors = sensitivity(design, found, scene, requirements, holder)
     measured = flight(design, found, sheet, errors)
     judged = (reserve_residuals, failure_residuals, load_residuals)
@@ -123,12 +120,15 @@ def _audit(design: Design, started: float) -> Audit:
     )
 
 
-def _require_few(rows: Iterable[Row], others: int) -> list[Row]:
-    """Return the rows of one kind, besides so many others; a ValueError if they are too many together."""
-    found = list(itertools.islice(rows, MOST_CLEARANCES - others + 1))
-    if others + len(found) > MOST_CLEARANCES:
-        raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
-    return found
+def _require_few(kinds: Iterable[Iterable[Asked]]) -> list[list[Asked]]:
+    """Return the rows of every kind; a ValueError if they are too many together."""
+    listed, left = [], MOST_CLEARANCES
+    for rows in kinds:
+        listed.append(list(itertools.islice(rows, left + 1)))
+        left -= len(listed[-1])
+        if left < 0:
+            raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
+    return listed
 
 
 def _closest_points(

@@ -19,7 +19,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,11 +119,19 @@ def outer_mesh(body: ConeSphere, level: int, n: Array | None = None) -> ConvexMe
 def box_below(x: Array, m: Array, size: float) -> ConvexMesh:
     """Return a box that fills the half-space m.y <= m.x around the point x: `size` deep and twice as wide."""
     e_1, e_2 = basis_across(m)
-    # Corner 4 i + 2 j + k has the signs i, j, k along m, e_1, e_2.
-    signs = np.array([(i, j, k) for i in (-1, 0) for j in (-1, 1) for k in (-1, 1)])
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = [half for a, b, c, d in faces for half in ((a, b, c), (a, c, d))]
-    return ConvexMesh(x + size * signs @ np.stack([m, e_1, e_2]), np.array(triangles, dtype=np.intp))
+    signs, triangles = box_corners()
+    signs[:, 0] = np.minimum(signs[:, 0], 0)
+    return ConvexMesh(x + size * signs @ np.stack([m, e_1, e_2]), triangles)
+
+
+def box_corners() -> tuple[Indices, Indices]:
+    """Return the signs of a box' corners along its edges, shape (8, 3), and its surface, shape (12, 3).
+
+    Corner 4 i + 2 j + k has the signs i, j, k, from -1 to 1, along three edges that are right-handed.
+    """
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    triangles = [half for a, b, c, d in sides for half in ((a, b, c), (a, c, d))]
+    return np.array(list(product((-1, 1), repeat=3))), np.array(triangles, dtype=np.intp)
 
 
 def _hull(body: ConeSphere, sphere: Icosphere, turn: Array, scale: float, slack: float) -> ConvexMesh:

@@ -8,37 +8,23 @@ d / 2 around them keep apart; so is the end-effector's from every module's centr
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from topo_search.model import Allowed, Design, Directional, Exterior, Mount
-from topo_search.model.audit import Kind
 from topo_search.model.exposure import Exposure
 from topo_search.model.module import AirflowEnvelope
 from verify.bodies import Array, Cone, ConeSphere, ball
-from verify.certificate import Solid
+from verify.certificate import Row, Solid
 from verify.hulls import Hull, hull
 from verify.kinematics import Platform
 from verify.parts import RigidParts
 from verify.rod import straight_rod
 
 
-@dataclass(frozen=True, eq=False)
-class Requirement:
-    """One thing that must keep clear of, or stay inside, another."""
-
-    kind: Kind
-    a: int
-    """A module."""
-    b: int
-    """The other module, or the number of the exposure requirement; -1 for p_E."""
-    body: Solid
-    against: Solid | Cone | Hull
-    segment: int | None = None
-    counts: bool = True
-    """True if it affects the verdict; it is measured either way."""
+class Requirement(Row[Solid, Solid | Cone | Hull]):
+    """An airflow envelope, a ball, a bracket or a rod beside a volume, or in a cone."""
 
 
 class Scene:

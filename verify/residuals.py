@@ -32,7 +32,7 @@ def residuals(design: Design, platform: Platform) -> tuple[Residual, ...]:
     )
 
 
-def _row(
+def residual(
     name: str,
     value: float,
     unit: str,
@@ -41,7 +41,9 @@ def _row(
     tolerance: float = TOLERANCE,
     stated: float | None = None,
     derived: float | None = None,
+    status: Status | None = None,
 ) -> Residual:
+    """Return a number with its verdict, which its tolerance decides unless a status is given."""
     scaled = value / scale if scale > 0 else math.inf
     return Residual(
         name=name,
@@ -49,7 +51,7 @@ def _row(
         unit=unit,
         scaled=clamp(scaled),
         tolerance=tolerance,
-        status=Status.CLEAR if scaled <= tolerance else Status.VIOLATED,
+        status=status or (Status.CLEAR if scaled <= tolerance else Status.VIOLATED),
         stated=stated,
         derived=None if derived is None else clamp(derived),
     )
@@ -64,17 +66,17 @@ def _wrenches(design: Design, platform: Platform) -> Iterator[Residual]:
     n = design.topology.n
     for case, error in zip(design.task.case_labels, wrench_errors(design, platform), strict=True):
         force, torque = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
-        yield _row(f"{case}, force", force, "N", design.task.force_unit(n))
-        yield _row(f"{case}, torque", torque, "N m", design.task.torque_unit(n))
+        yield residual(f"{case}, force", force, "N", design.task.force_unit(n))
+        yield residual(f"{case}, torque", torque, "N m", design.task.torque_unit(n))
         at_tip = float(np.linalg.norm(error[3:] - np.cross(platform.p_e, error[:3])))
-        yield _row(f"{case}, torque about the end-effector", at_tip, "N m", design.task.torque_unit(n))
+        yield residual(f"{case}, torque about the end-effector", at_tip, "N m", design.task.torque_unit(n))
 
 
 def _inputs(design: Design) -> Iterator[Residual]:
     limit, lowest = design.task.max_input, design.task.min_input
     for case, u in zip(design.task.case_labels, design.inputs, strict=True):
         most, least = float(u.max()), float(u.min())
-        yield _row(
+        yield residual(
             f"{case}, largest rotor input",
             max(0.0, most - limit),
             "rad^2/s^2",
@@ -82,7 +84,7 @@ def _inputs(design: Design) -> Iterator[Residual]:
             stated=most,
             derived=limit,
         )
-        yield _row(
+        yield residual(
             f"{case}, smallest rotor input",
             max(0.0, lowest - least),
             "rad^2/s^2",
@@ -97,36 +99,36 @@ def _angles(design: Design) -> Iterator[Residual]:
         return max(0.0, abs(angle) - limit)
 
     for i, alpha in enumerate(design.hinge_angles_rad, start=1):
-        yield _row(f"hinge angle of module {i}", excess(alpha, math.pi / 2), "rad", 1.0, stated=alpha)
+        yield residual(f"hinge angle of module {i}", excess(alpha, math.pi / 2), "rad", 1.0, stated=alpha)
     if (allowed := design.task.search.hinge_set_deg) is not None:
         for i, alpha in enumerate(design.hinge_angles_rad, start=1):
             nearest = min(map(math.radians, allowed), key=lambda angle: abs(angle - alpha))
             name = f"hinge angle of module {i} against the task's set"
-            yield _row(name, abs(nearest - alpha), "rad", 1.0, tolerance=0.0, stated=alpha, derived=nearest)
+            yield residual(name, abs(nearest - alpha), "rad", 1.0, tolerance=0.0, stated=alpha, derived=nearest)
     if design.task.search.root == "paper":
         for name, angle, limit in zip(
             ("psi", "alpha_0", "alpha_1"), design.root_orientation_rad, (0.0, math.pi / 2, math.pi / 2), strict=True
         ):
-            yield _row(f"root orientation, {name}", excess(angle, limit), "rad", 1.0, stated=angle)
+            yield residual(f"root orientation, {name}", excess(angle, limit), "rad", 1.0, stated=angle)
 
 
 def _end_effector(design: Design, platform: Platform) -> Iterator[Residual]:
     l_arm = design.task.module.arm_length
     fixed = design.task.end_effector.fixed_position
     if fixed is not None:
-        yield _row("end-effector position", float(np.linalg.norm(platform.p_e - np.array(fixed))), "m", l_arm)
+        yield residual("end-effector position", float(np.linalg.norm(platform.p_e - np.array(fixed))), "m", l_arm)
     reach, farthest = float(np.linalg.norm(platform.p_e)), design.task.farthest_end_effector(design.topology.n)
-    yield _row("end-effector's reach", max(0.0, reach - farthest), "m", l_arm, derived=reach)
+    yield residual("end-effector's reach", max(0.0, reach - farthest), "m", l_arm, derived=reach)
     if any(needs_offset(requirement) for requirement in design.task.exposure):
         offset, least = float(np.linalg.norm(platform.p_e)), LEAST_OFFSET * l_arm
-        yield _row("end-effector's distance from the COM", max(0.0, least - offset), "m", l_arm, derived=offset)
+        yield residual("end-effector's distance from the COM", max(0.0, least - offset), "m", l_arm, derived=offset)
 
 
 def _ports(design: Design) -> Residual:
     """Return how many joints break `connectors = "aligned"`: a quarter turn does, a half turn changes nothing."""
     aligned = design.task.search.connectors == "aligned"
     turned = sum(kappa % 2 for kappa in design.topology.kappas) if aligned else 0
-    return _row(
+    return residual(
         f'joints against connectors = "{design.task.search.connectors}"', turned, "joints", 1.0, tolerance=0.0
     )
 
@@ -134,6 +136,6 @@ def _ports(design: Design) -> Residual:
 def _objective(design: Design) -> Residual:
     derived = objective(design)
     off = abs(design.objective - derived)
-    return _row(
+    return residual(
         "objective", off, "rad^4/s^4", max(derived, sys.float_info.min), stated=design.objective, derived=derived
     )

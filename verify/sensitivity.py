@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from topo_search.model import Design, Limit, Sensitivity, Status, WorstCase
 from topo_search.model.module import RegionAirflow
@@ -30,22 +31,29 @@ from verify.kinematics import Platform, Poses, platform, poses_of
 from verify.requirements import Requirement, Scene
 from verify.tolerance import KINDS, Errors, Tolerance, Weakest
 
-LARGEST_TURN = math.pi
-"""Larger errors of angles are not looked for [rad]."""
-LARGEST_SHIFT = 1e6
-"""Larger errors of positions and envelopes are not looked for [l_arm]."""
-LARGEST_FACTOR = 1e6
-"""Larger factors of the tolerances are not looked for."""
-ACCURACY = 1e-6
-"""A largest error is found to this part of itself."""
-TRIALS = 10
-"""Largest number of error sizes that are tried for one that violates a pair."""
-OVERSHOOT = 1.05
-"""Factor on the expected step to the next size."""
-CROSSING = 1e-3
-"""The factor at which an example begins to violate is found to this part of itself."""
-LEAP = 1.5
-"""Largest ratio of one size to the one before: far beyond the first violation a pair may be clear again."""
+
+class SearchSettings(NamedTuple):
+    """How far and how closely errors are looked for."""
+
+    largest_turn: float = math.pi
+    """Larger errors of angles are not looked for [rad]."""
+    largest_shift: float = 1e6
+    """Larger errors of positions and envelopes are not looked for [l_arm]."""
+    largest_factor: float = 1e6
+    """Larger factors of the tolerances are not looked for."""
+    accuracy: float = 1e-6
+    """A largest error is found to this part of itself."""
+    trials: int = 10
+    """Largest number of error sizes that are tried for one that violates a pair."""
+    overshoot: float = 1.05
+    """Factor on the expected step to the next size."""
+    crossing: float = 1e-3
+    """The factor at which an example begins to violate is found to this part of itself."""
+    leap: float = 1.5
+    """Largest ratio of one size to the one before: far beyond the first violation a pair may be clear again."""
+
+
+SEARCH = SearchSettings()
 
 
 def sensitivity(
@@ -67,9 +75,9 @@ def sensitivity(
     l_arm, asked = scene.l_arm, design.task.tolerances
     errors = Errors(math.radians(asked.hinge_angle_deg), asked.position / l_arm, asked.envelope / l_arm)
     return Sensitivity(
-        hinge_angle_deg=search.limit(Errors(delta=1.0), LARGEST_TURN, math.degrees(1.0)),
-        position_m=search.limit(Errors(delta_p=1.0), LARGEST_SHIFT, l_arm),
-        envelope_m=search.limit(Errors(delta_e=1.0), LARGEST_SHIFT, l_arm),
+        hinge_angle_deg=search.limit(Errors(delta=1.0), SEARCH.largest_turn, math.degrees(1.0)),
+        position_m=search.limit(Errors(delta_p=1.0), SEARCH.largest_shift, l_arm),
+        envelope_m=search.limit(Errors(delta_e=1.0), SEARCH.largest_shift, l_arm),
         tolerances=search.worst_case(errors) if any(errors) else None,
     )
 
@@ -93,7 +101,7 @@ class _Search:
                 **_pair(nominal.requirement), tolerated=0.0, violated_at=0.0 if nominal.bound < 0 else None
             )
         low, high = 0.0, largest
-        while high - low > ACCURACY * high and high > 1e-12:
+        while high - low > SEARCH.accuracy * high and high > 1e-12:
             # quarter the range of sizes first, then halve what is left
             middle = 0.25 * high if low == 0.0 else (low + high) / 2
             low, high = (middle, high) if self._keeps(errors.times(middle)) else (low, middle)
@@ -114,7 +122,7 @@ class _Search:
             status=Status.VIOLATED if attained < -ROUNDING else status,
             lower_m=weakest.bound * self._l_arm,
             attained_m=attained * self._l_arm,
-            factor=self.limit(errors, LARGEST_FACTOR, 1.0),
+            factor=self.limit(errors, SEARCH.largest_factor, 1.0),
         )
 
     def _keeps(self, errors: Errors) -> bool:
@@ -128,7 +136,7 @@ class _Search:
         first = self._tolerance.weakest(errors.times(proven))
         least = self._violating_factor(first, errors, proven, largest)
         tried = {id(first.requirement)}
-        reach = min(LEAP * LEAP * proven, largest) if least is None else least
+        reach = min(SEARCH.leap * SEARCH.leap * proven, largest) if least is None else least
         for other in self._tolerance.pairs_up_to(errors.times(reach), 0.0):
             if id(other.requirement) in tried:
                 continue
@@ -144,7 +152,7 @@ class _Search:
 
     def _crossing(self, weakest: Weakest, errors: Errors, low: float, high: float) -> float:
         """Return a factor at which an example violates the pair, and just below which none does."""
-        while high - low > CROSSING * high:
+        while high - low > SEARCH.crossing * high:
             middle = (low + high) / 2
             low, high = (
                 (low, middle) if self._least_clearance(weakest, errors.times(middle)) < 0 else (middle, high)
@@ -154,14 +162,16 @@ class _Search:
     def _violating_factor(self, weakest: Weakest, errors: Errors, factor: float, largest: float) -> float | None:
         """Return a factor near the least at which an example violates the pair; None if none is found."""
         before, left_before = 0.0, self._least_clearance(weakest, Errors())
-        for _ in range(TRIALS):
+        for _ in range(SEARCH.trials):
             left = self._least_clearance(weakest, errors.times(factor))
             if left < 0:
                 return self._crossing(weakest, errors, before, factor)
             slope = (left_before - left) / (factor - before)
             step = left / slope if slope > 0 else factor
             before, left_before = factor, left
-            factor = min(factor + OVERSHOOT * max(step, ACCURACY * factor), LEAP * factor, largest)
+            factor = min(
+                factor + SEARCH.overshoot * max(step, SEARCH.accuracy * factor), SEARCH.leap * factor, largest
+            )
             if factor == before:
                 break
         return None

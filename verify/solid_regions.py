@@ -13,13 +13,11 @@ box or on a path, the rod has to reach into K, and nothing is required of it. Le
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from topo_search.model import Design, Mount, Status
-from topo_search.model.audit import Kind
 from topo_search.model.module import TIP
 from verify.bodies import Array, Cone, ConeSphere, ball
-from verify.certificate import FLOOR, Certificate, Solid, certify_pairs
+from verify.certificate import FLOOR, Certificate, Row, Solid, certify_pairs
 from verify.compound_certificate import certify_compounds
 from verify.compounds import Compound
 from verify.cone_certificate import certify_inside
@@ -34,17 +32,8 @@ from verify.requirements import Requirement, Scene
 from verify.rod import straight_rod
 
 
-@dataclass(frozen=True, eq=False)
-class InsideCone:
+class InsideCone(Row[Compound, Cone]):
     """The parts of a module that must stay inside a cone, beyond which all is solid."""
-
-    a: int
-    b: int
-    body: Compound
-    against: Cone
-    kind: Kind = "part-region"
-    segment: int | None = None
-    counts: bool = True
 
 
 PartsRow = RigidRequirement | InsideCone
@@ -55,9 +44,9 @@ def parts_beside_regions(scene: Scene, parts: RigidParts) -> Iterator[PartsRow]:
     for number, segment, region in _regions(scene):
         for a, module in enumerate(parts.modules):
             if isinstance(region, Cone):
-                yield InsideCone(a, number, module, region, segment=segment)
+                yield InsideCone("part-region", a, number, module, region, segment)
             else:
-                yield RigidRequirement("part-region", a, number, module, _body(region), True, segment=segment)
+                yield RigidRequirement("part-region", a, number, module, _body(region), segment)
 
 
 def rod_beside_regions(scene: Scene, parts: RigidParts, mount: Mount | None) -> Iterator[Requirement]:
@@ -116,10 +105,14 @@ def certify_all(requirements: list[Requirement]) -> list[Certificate]:
     return [certificate(r.body, r.against) for r in requirements]
 
 
+def certify_rigid(rows: list[RigidRequirement]) -> list[Certificate]:
+    """Return one certificate a row, all at once."""
+    return certify_compounds([(row.body, row.against) for row in rows], [row.bolted for row in rows])
+
+
 def certify_parts(rows: list[PartsRow]) -> list[Certificate]:
     """Return the certificates of what `parts_beside_regions` yields."""
-    beside = [row for row in rows if isinstance(row, RigidRequirement)]
-    certified = iter(certify_compounds([(row.body, row.against) for row in beside], [False] * len(beside)))
+    certified = iter(certify_rigid([row for row in rows if isinstance(row, RigidRequirement)]))
     return [
         next(certified) if isinstance(row, RigidRequirement) else certify_parts_inside(row.body, row.against)
         for row in rows

@@ -22,6 +22,7 @@ from topo_search.model.corners import corners_of
 from topo_search.model.tolerances import TOLERANCE
 from verify.flight.programs import LARGEST, Box, find_solutions
 from verify.kinematics import Platform
+from verify.residuals import residual
 from verify.wrench import required_wrench, wrench_map
 
 
@@ -46,11 +47,4 @@ def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
         yes, no, missed = np.zeros(len(b), dtype=bool), np.zeros(len(b), dtype=bool), np.zeros(len(b))
     for k, (label, _) in enumerate(corners):
         status = Status.CLEAR if yes[k] else Status.VIOLATED if no[k] else Status.UNDECIDED
-        yield Residual(
-            name=label,
-            value=float(missed[k]),
-            unit="m_t g, l_arm m_t g",
-            scaled=float(missed[k]),
-            tolerance=TOLERANCE,
-            status=status,
-        )
+        yield residual(label, float(missed[k]), "m_t g, l_arm m_t g", 1.0, status=status)

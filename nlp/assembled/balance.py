@@ -21,8 +21,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from nlp.assembled.chain import add_cross, dot
 from nlp.assembled.local_vectors import Indices
-from nlp.assembled.vectors import add_cross, dot
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 

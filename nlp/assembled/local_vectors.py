@@ -10,7 +10,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
@@ -26,109 +26,64 @@ Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
 class VectorLayout:
-    """Layout of the platform vectors of n modules in V."""
+    """Layout of the platform vectors of n modules in V, and which unknowns move them."""
 
-    n: int
-
-    @property
-    def tip(self) -> int:
-        """p'_E."""
-        return self.n
-
-    @property
-    def com(self) -> int:
-        """p_COM."""
-        return self.n + 1
-
-    @property
-    def nothing(self) -> int:
-        """Zero."""
-        return 4 * self.n + 2
-
-    def ends(self, vector: LocalVector, subjects: Indices) -> tuple[Indices | int, Indices | int]:
-        """Return where both ends of a local vector stand, of subjects i and j, shape (2, m)."""
-        return self._index(vector.plus, subjects), self._index(vector.minus, subjects)
-
-    def _index(self, vector: PlatformVector | None, subjects: Indices) -> Indices | int:
-        if vector is None:
-            return self.nothing
-        if vector.of is None:
-            return {"p'_E": self.tip, "p_COM": self.com}[vector.name]
-        first: int = {"p": 0, "z": self.n + 2, "x": 2 * self.n + 2, "y": 3 * self.n + 2}[vector.name]
-        index: Indices = first + subjects[vector.of]
-        return index
-
-    def all_movers(self, moves: Mask, *, free: bool) -> Mask:
-        """Return which of the unknowns move each platform vector, shape (4n+3, g).
+    def __init__(self, moves: Mask, *, free: bool) -> None:
+        """Index them.
 
         Args:
             moves: [j, i]: angle j moves module i.
             free: p'_E is an unknown; else it stands where the modules and joints take it.
         """
-        n, angles = self.n, len(moves)
-        mask = np.zeros((4 * n + 3, angles + (3 if free else 0)), dtype=bool)
-        mask[:n, :angles] = moves.T
-        mask[n + 2 : -1, :angles] = np.tile(moves.T, (3, 1))
-        mask[self.tip, angles:] = True
-        mask[self.tip, :angles] = not free
-        mask[self.com] = True
-        return mask
+        angles, n = moves.shape
+        tip, com = n, n + 1
+        self._nothing: int = 4 * n + 2
+        self._first = {"p": 0, "p'_E": tip, "p_COM": com, "z": n + 2, "x": 2 * n + 2, "y": 3 * n + 2}
+        self.moved = np.zeros((4 * n + 3, angles + (3 if free else 0)), dtype=bool)
+        """Which unknowns move each vector, shape (4n+3, g)."""
+        self.moved[:n, :angles] = moves.T
+        self.moved[n + 2 : -1, :angles] = np.tile(moves.T, (3, 1))
+        self.moved[tip, angles:] = True
+        self.moved[tip, :angles] = not free
+        self.moved[com] = True
+        self.turned = self.moved.copy()
+        """Which of them turn it with all that they move, shape (4n+3, g).
 
+        No angle does that to p_COM, nor to p'_E where the modules and joints take it along."""
+        self.turned[[tip, com]] = False
+        self.turned[self._nothing] = True
 
-@dataclass(frozen=True)
-class Differences:
-    """The s local vectors of m clearances: V[plus] - V[minus], indices of shape (m, s)."""
+    def ends(self, vectors: Iterable[LocalVector], subjects: Indices) -> tuple[Indices, Indices]:
+        """Return where both ends of s local vectors of m subjects (i, j) stand, V[plus] - V[minus]: (m, s) each."""
+        sides = [self._index(side, subjects) for vector in vectors for side in vector]
+        indices = np.stack([column.ravel() for column in np.broadcast_arrays(*sides)], axis=-1)
+        return np.ascontiguousarray(indices[:, ::2]), np.ascontiguousarray(indices[:, 1::2])
 
-    plus: Indices
-    minus: Indices
-
-    @staticmethod
-    def of(*vectors: tuple[Indices | int, Indices | int]) -> Differences:
-        """Return those of s pairs (plus, minus), of m indices each or one for all."""
-        columns = np.broadcast_arrays(*(side for vector in vectors for side in vector))
-        indices = np.stack([column.ravel() for column in columns], axis=-1)
-        return Differences(np.ascontiguousarray(indices[:, ::2]), np.ascontiguousarray(indices[:, 1::2]))
-
-    def values(self, at: PlatformVectors) -> Array:
-        """Return y, shape (m, s, 3)."""
-        result: Array = _differences(at.V, self.plus, self.minus)
-        return result
-
-    def movers(self, moved: Mask) -> Mask:
-        """Return which unknowns move one of a clearance's vectors, shape (m, g), given `all_movers`."""
-        return np.asarray(moved[self._involved].any(axis=1))
-
-    def common_turns(self, moved: Mask, n: int) -> Mask:
-        """Return which unknowns turn all of a clearance's vectors as one, which leaves it as it is, shape (m, g).
-
-        No angle does that to p_COM, nor to p'_E where the modules and joints take it along.
-        """
-        layout = VectorLayout(n)
-        as_one = moved.copy()
-        as_one[layout.com] = as_one[layout.tip] = False
-        as_one[layout.nothing] = True
-        return np.asarray(as_one[self._involved].all(axis=1))
-
-    @property
-    def _involved(self) -> Indices:
-        return np.concatenate([self.plus, self.minus], axis=1)
+    def _index(self, vector: PlatformVector | None, subjects: Indices) -> Indices | int:
+        if vector is None:
+            return self._nothing
+        first: int = self._first[vector.name]
+        if vector.of is None:
+            return first
+        index: Indices = first + subjects[vector.of]
+        return index
 
 
 class PlatformVectors:
     """V and dV at some geometric unknowns."""
 
-    def __init__(self, links: Links, tip: Array, masses: Masses, *, free: bool) -> None:
+    def __init__(self, links: Links, moves: Mask, tip: Array, masses: Masses, *, free: bool) -> None:
         """Place the end-effector.
 
         Args:
             links: where the modules are.
+            moves: [j, i]: angle j moves module i.
             tip: p'_E; from B (`nlp.numbers.masses`) unless free.
             masses: those of the platform.
             free: p'_E is an unknown; else B takes it along.
         """
-        self.links, self._free = links, free
+        self.links, self._moves, self._free = links, moves, free
         self._share, self._masses, self._bodies = masses.tip / masses.total, masses.modules, masses.bodies
         self._moments = masses.modules[:, None] * masses.centres
         self.axes = np.ascontiguousarray(links.R.transpose(2, 0, 1)[[2, 0, 1]].reshape(-1, 3))
@@ -138,21 +93,19 @@ class PlatformVectors:
     @property
     def p_E(self) -> Array:
         """p'_E."""
-        p_E: Array = self.V[len(self.links.p)]
-        return p_E
+        return np.asarray(self.V[len(self.links.p)])
 
     @property
     def p_COM(self) -> Array:
         """Centre of mass."""
-        p_COM: Array = self.V[len(self.links.p) + 1]
-        return p_COM
+        return np.asarray(self.V[len(self.links.p) + 1])
 
     @cached_property
     def dV(self) -> Array:
         """Derivatives of V by x."""
         links = self.links
         shares = self._share, self._bodies, self._masses, self._moments
-        return _derivatives(links.p, self.axes, links.omega, links.v, links.chain.moves, *shares, self._free)
+        return _derivatives(links.p, self.axes, links.omega, links.v, self._moves, *shares, self._free)
 
     def push_to_modules(self, gradients: Array) -> tuple[Array, Array]:
         """Return the gradients by the modules' positions, (n, 3), and axes, (3n, 3).
@@ -190,8 +143,8 @@ def _vectors(
 
 
 @njit(cache=True)
-def _differences(V: Array, plus: Indices, minus: Indices) -> Array:
-    """Return V[plus] - V[minus]."""
+def differences(V: Array, plus: Indices, minus: Indices) -> Array:
+    """Return y, V[plus] - V[minus], shape (m, s, 3)."""
     m, s = plus.shape
     y = np.empty((m, s, 3))
     for r in range(m):
@@ -208,7 +161,7 @@ def _derivatives(
     axes: Array,
     omega: Array,
     v: Array,
-    moves: Array,
+    moves: Mask,
     share: float,
     bodies: float,
     masses: Array,
@@ -222,7 +175,7 @@ def _derivatives(
     for j in range(angles):
         a, b, c = omega[j]
         for i in range(n):
-            if moves[j, i] != 0.0:
+            if moves[j, i]:
                 x, y, w = p[i]
                 dV[i, j, 0] = b * w - c * y + v[j, 0]
                 dV[i, j, 1] = c * x - a * w + v[j, 1]

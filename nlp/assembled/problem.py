@@ -19,31 +19,18 @@ import casadi as ca
 import numpy as np
 
 from nlp.assembled.balance import add_bends, balances, by_inputs, by_point, rotors, slopes
-from nlp.assembled.chain import Chain
+from nlp.assembled.chain import links_at
 from nlp.assembled.chain_rule import add_curvature, add_gradients, chain_rule
-from nlp.assembled.local_vectors import Differences, Indices, Mask, PlatformVectors, VectorLayout
+from nlp.assembled.local_vectors import Indices, PlatformVectors, VectorLayout
 from nlp.assembled.terms import Term, derived_rows
 from nlp.assembled.turning import turning_terms
+from nlp.numbers.kinematics import tree_of
 from nlp.numbers.masses import masses
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import Requirement
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
-
-
-class IndexedTerm:
-    """A term with the places of its derivatives."""
-
-    def __init__(self, term: Term, moved: Mask, n: int) -> None:
-        """Find them; `moved`: what `all_movers` returns."""
-        self.derived, self.vectors, self.margin = term.derived, term.vectors, term.margin
-        self.plus, self.minus = term.vectors.plus, term.vectors.minus
-        self.m = len(self.plus)
-        moving = term.vectors.movers(moved)
-        self.rows, self.columns = np.nonzero(moving & ~term.vectors.common_turns(moved, n))
-        self.starts = np.concatenate([[0], np.cumsum(moving.sum(axis=1))])
-        self.moving = np.nonzero(moving)[1]
 
 
 class AssembledProblem:
@@ -60,7 +47,7 @@ class AssembledProblem:
         """
         module, unit = task.module, Units.of(task)
         self.n, self.K = topology.n, len(task.load_cases)
-        self._chain = Chain(topology, module.connector_distance / unit.length)
+        self._tree, self._l_c = tree_of(topology), module.connector_distance / unit.length
         self._fixed = task.end_effector.fixed_position
         self._torque_map = torque_map(module)
         self.g = self.n + 2 + (3 if self._fixed is None else 0)
@@ -73,13 +60,9 @@ class AssembledProblem:
         self._tau = (np.array([w.torque for w in tip]) + np.array([w.torque for w in com])) / (self.n * unit.torque)
         weights = np.array([case.weight for case in task.load_cases])
         self._weights = weights / (4 * self.n * weights.sum())
-        layout = VectorLayout(self.n)
-        moved = layout.all_movers(self._chain.moves.astype(bool), free=self._fixed is None)
-        terms = [term for requirement in stated for term in _terms(requirement, layout, beta)]
-        self._clearances = [IndexedTerm(term, moved, self.n) for term in terms]
-        self._turning = [
-            (row, IndexedTerm(term, moved, self.n)) for row, term in turning_terms(task, self._masses, layout)
-        ]
+        layout = VectorLayout(self._tree.moves, free=self._fixed is None)
+        self._clearances = [term for requirement in stated for term in _terms(requirement, layout, beta)]
+        self._turning = list(turning_terms(task, self._masses, layout))
         self._index()
         margins = [np.full(term.m, term.margin) for term in self._clearances]
         self.lower = np.concatenate([np.zeros(6 * self.K), *margins])
@@ -101,7 +84,7 @@ class AssembledProblem:
         clearances_by_inputs = ca.Sparsity(self.rows - 6 * K, 4 * n * K)
         self.jacobian_pattern = ca.horzcat(by_geometry, ca.vertcat(balances_by_inputs, clearances_by_inputs))
 
-        moving = self._chain.moves.T.astype(bool)
+        moving = self._tree.moves.T
         self._starts = np.concatenate([[0], np.cumsum(moving.sum(axis=1))])
         self._angles = np.nonzero(moving)[1]
         rotor, angle = np.nonzero(np.repeat(moving, 4, axis=0))
@@ -117,9 +100,9 @@ class AssembledProblem:
         if not np.array_equal(x, self._x):
             self._x = x.copy()
             angles, tip = self._x[: self.n + 2], self._x[self.n + 2 :]
-            links = self._chain.at(angles)
-            free = self._fixed is None
-            self._platform = PlatformVectors(links, tip if free else self._from_bodies, self._masses, free=free)
+            links, free = links_at(angles, self._tree, self._l_c), self._fixed is None
+            tip = tip if free else self._from_bodies
+            self._platform = PlatformVectors(links, self._tree.moves, tip, self._masses, free=free)
             self._A = rotors(links.R, links.p, self._torque_map)
         return self._platform, variables[self.g :].reshape(self.K, self.n, 4)
 
@@ -138,8 +121,8 @@ class AssembledProblem:
         at, u = self._at(variables)
         balance = balances(self._A, u, at.p_E, at.p_COM, self._f_E, self._f_C, self._tau).ravel()
         for row, term in self._turning:
-            balance[row] -= term.derived(0, term.vectors.values(at))[0].sum()
-        values = [term.derived(0, term.vectors.values(at))[0] for term in self._clearances]
+            balance[row] -= term.derive(0, at)[0].sum()
+        values = [term.derive(0, at)[0] for term in self._clearances]
         return np.concatenate([balance, *values])
 
     def jacobian(self, variables: Array) -> Array:
@@ -147,22 +130,22 @@ class AssembledProblem:
         at, u = self._at(variables)
         links, dp_E, dp_COM = at.links, at.dV[self.n], at.dV[self.n + 1]
         by_geometry = slopes(
-            self._A, u, links.omega, links.v, self._chain.parents, self._f_E, self._f_C, dp_E, dp_COM
+            self._A, u, links.omega, links.v, self._tree.parent, self._f_E, self._f_C, dp_E, dp_COM
         )
         for row, term in self._turning:
-            _, gradient = term.derived(1, term.vectors.values(at))
+            _, gradient = term.derive(1, at)
             slope = chain_rule(gradient, term.plus, term.minus, at.dV, term.rows, term.columns)
             np.subtract.at(by_geometry.reshape(-1, self.g)[row], term.columns, slope)
         entries = [by_geometry.ravel()]
         for term in self._clearances:
-            _, gradient = term.derived(1, term.vectors.values(at))
+            _, gradient = term.derive(1, at)
             entries.append(chain_rule(gradient, term.plus, term.minus, at.dV, term.rows, term.columns))
         return np.concatenate([np.concatenate(entries)[self._by_geometry], *[self._A.ravel()] * self.K])
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
         """Return the Hessian of the Lagrangian, its entries in the order of `hessian_pattern` (upper triangle)."""
         at, u = self._at(variables)
-        n, K, A, chain = self.n, self.K, self._A, self._chain
+        n, K, A = self.n, self.K, self._A
         omega, v, p = at.links.omega, at.links.v, at.links.p
         mu = multipliers[: 6 * K].reshape(K, 6)
         H = np.zeros((self.g, self.g))
@@ -174,11 +157,11 @@ class AssembledProblem:
             weighted.append((multipliers[row : row + term.m], term))
             row += term.m
         for weights, term in weighted:
-            _, gradient, hessian = term.derived(2, term.vectors.values(at))
+            _, gradient, hessian = term.derive(2, at)
             add_gradients(weights, gradient, term.plus, term.minus, to)
             add_curvature(weights, hessian, term.plus, term.minus, at.dV, term.starts, term.moving, H)
         g_p, g_axes = at.push_to_modules(to)
-        add_bends(A, u, mu, omega, v, chain.parents, p, at.axes, g_p, g_axes, H)
+        add_bends(A, u, mu, omega, v, self._tree.parent, p, at.axes, g_p, g_axes, H)
         diagonal = 2 * of_objective * self._weights
         inputs = by_inputs(A, mu, omega, v, self._starts, self._angles, diagonal)
         return np.concatenate([H[self._rows, self._columns], inputs])
@@ -190,9 +173,8 @@ def _terms(requirement: Requirement, layout: VectorLayout, beta: float) -> Itera
     if not subjects.size:
         return
     for formula in requirement.formulas:
-        vectors = Differences.of(*(layout.ends(vector, subjects) for vector in formula.local_vectors))
         for derived in derived_rows(formula, beta):
-            yield Term(derived, vectors, requirement.margin)
+            yield Term(derived, formula.local_vectors, subjects, layout, requirement.margin)
 
 
 def _pattern(rows: int, columns: int, i: Indices, j: Indices) -> ca.Sparsity:

@@ -12,20 +12,18 @@ once a process and not once a topology.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from nlp.assembled.chain import dot
 from nlp.assembled.kkt_candidates import smooth_least
-from nlp.assembled.local_vectors import Differences
-from nlp.assembled.vectors import dot
-from nlp.requirements.distance import Distance
+from nlp.assembled.local_vectors import Indices, PlatformVectors, VectorLayout, differences
 from nlp.requirements.modules import EnvelopePair
-from nlp.requirements.statement import Formula
+from nlp.requirements.statement import Distance, Formula, LocalVector
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -37,14 +35,37 @@ Derived = Callable[[int, Array], Jet]
 """derived(order, y); order 0, 1 or 2."""
 
 
-@dataclass(frozen=True)
 class Term:
-    """m clearances of one kind."""
+    """m clearances of one kind, with the places of their derivatives."""
 
-    derived: Derived
-    vectors: Differences
-    margin: float
-    """Required clearance beyond zero [l_arm]."""
+    def __init__(
+        self,
+        derived: Derived,
+        vectors: Iterable[LocalVector],
+        subjects: Indices,
+        layout: VectorLayout,
+        margin: float = 0.0,
+    ) -> None:
+        """Find the places.
+
+        Args:
+            derived: values and derivatives by the local vectors.
+            vectors: those local vectors.
+            subjects: modules i and j of each clearance, shape (2, m).
+            layout: where vectors stand.
+            margin: required clearance beyond zero [l_arm].
+        """
+        self._derived, self.margin = derived, margin
+        self.plus, self.minus = layout.ends(vectors, subjects)
+        self.m, involved = len(self.plus), np.concatenate([self.plus, self.minus], axis=1)
+        moving, turning = layout.moved[involved].any(axis=1), layout.turned[involved].all(axis=1)
+        self.rows, self.columns = np.nonzero(moving & ~turning)  # what turns as one stays as it is
+        self.starts = np.concatenate([[0], np.cumsum(moving.sum(axis=1))])
+        self.moving = np.nonzero(moving)[1]
+
+    def derive(self, order: int, at: PlatformVectors) -> Jet:
+        """Return values, and derivatives by the local vectors up to an order."""
+        return self._derived(order, differences(at.V, self.plus, self.minus))
 
 
 class Mapped:

@@ -12,7 +12,7 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from nlp.assembled.local_vectors import Differences, VectorLayout
+from nlp.assembled.local_vectors import VectorLayout
 from nlp.assembled.terms import Derived, Term, derive
 from nlp.numbers.masses import Body, Masses, RodMass
 from nlp.requirements.balances import turns
@@ -31,21 +31,17 @@ def turning_terms(task: ResolvedTask, carried: Masses, layout: VectorLayout) -> 
     alike = dict[Body, list[int]]()
     for i in range(n):
         alike.setdefault(carried.body(i), []).append(i)
-    modules = {
-        body: Differences.of(*(layout.ends(vector, np.tile(of_body, (2, 1))) for vector in (PLACE, X_I, Y_I, Z_I)))
-        for body, of_body in alike.items()
-    }
-    first, holder = np.zeros((2, 1), dtype=np.intp), np.full((2, 1), rod.module)
-    end_effector = Differences.of(layout.ends(FROM_COM, first))
-    along = Differences.of(*(layout.ends(vector, holder) for vector in (FROM_TIP, X_I, Y_I)))
+    holder = np.full((2, 1), rod.module)
     for k, (x, y, z) in enumerate(turns(task).tolist()):
         for axis in range(3) if any((x, y, z)) else ():
             row, a = 6 * k + 3 + axis, (x / n, y / n, z / n)
-            for body, vectors in modules.items():
-                yield row, Term(_of_body(body, a, axis), vectors, 0.0)
-            yield row, Term(_of_tip((m_E * x / n, m_E * y / n, m_E * z / n), axis), end_effector, 0.0)
+            for body, same in alike.items():
+                subjects = np.tile(same, (2, 1))
+                yield row, Term(_of_body(body, a, axis), (PLACE, X_I, Y_I, Z_I), subjects, layout)
+            of_tip = _of_tip((m_E * x / n, m_E * y / n, m_E * z / n), axis)
+            yield row, Term(of_tip, (FROM_COM,), holder, layout)
             if rod.mass:
-                yield row, Term(_of_rod(rod, a, axis), along, 0.0)
+                yield row, Term(_of_rod(rod, a, axis), (FROM_TIP, X_I, Y_I), holder, layout)
 
 
 @cache

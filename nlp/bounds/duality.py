@@ -24,6 +24,7 @@ concave; its constraints, one for every z, are added where they are violated.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -38,18 +39,27 @@ OPTIONS: dict[str, int | float | str | bool] = {
     "ipopt.sb": "yes",
     "ipopt.max_iter": 100,
 }
-SPLITS = 2
-"""Subdivisions of the octahedron for the first directions: 66 of them."""
+
+
+class DualSearch(NamedTuple):
+    """The search for good multipliers; no step of it has to be believed."""
+
+    splits: int = 2
+    """Subdivisions of the octahedron for the first directions: 66 of them."""
+    rounds: int = 6
+    """Largest number of refinements of the directions."""
+    ring: float = 0.25
+    """Angle from an added direction to its six companions [rad]; a third of it in every further round."""
+    ascents: int = 60
+    """Steps from a direction towards a local maximum."""
+    good_enough: float = 2e-4
+    """Share of the dual value that a search for better multipliers is not continued for."""
+
+
+SEARCH = DualSearch()
+
 ROUNDING = 1e-14
 """Share of the sum of all |nu_k| |f_k| that is left to rounding."""
-ROUNDS = 6
-"""Largest number of refinements of the directions."""
-RING = 0.25
-"""Angle from an added direction to its six companions [rad]; a third of it in every further round."""
-ASCENTS = 60
-"""Steps from a direction towards a local maximum."""
-GOOD_ENOUGH = 2e-4
-"""Share of the dual value that a search for better multipliers is not continued for."""
 
 
 def dual_value(nu: Array, f: Array, weights: Array, T: float) -> float:
@@ -63,17 +73,17 @@ def multipliers(f: Array, weights: Array, T: float, *, largest: float, known: fl
 
     The search ends early when no multipliers can have a dual value above `known`.
     """
-    z, best, lower = directions(SPLITS), np.zeros_like(f), -math.inf
-    for step in range(ROUNDS):
+    z, best, lower = directions(SEARCH.splits), np.zeros_like(f), -math.inf
+    for step in range(SEARCH.rounds):
         nu = _best_multipliers(z, f, weights, T, largest)
         peaks = _peaks(nu, weights, T)
         of_z, of_peaks = (np.sum(_phi(axes @ nu.T, weights, T), axis=-1) for axes in (z, peaks))
         upper, value = np.sum(nu * f) - of_z.max(), np.sum(nu * f) - max(of_z.max(), of_peaks.max())
         if value > lower:
             best, lower = nu, value
-        if upper - max(lower, known) <= GOOD_ENOUGH * upper:
+        if upper - max(lower, known) <= SEARCH.good_enough * upper:
             break
-        z = np.concatenate([z, ring_around(peaks[of_peaks > of_z.max()], RING / 3**step)])
+        z = np.concatenate([z, ring_around(peaks[of_peaks > of_z.max()], SEARCH.ring / 3**step)])
     return best
 
 
@@ -92,14 +102,13 @@ def _best_multipliers(z: Array, f: Array, weights: Array, T: float, largest: flo
     solver = ipopt("dual", problem, OPTIONS)
     bounds = ca.vertcat(ca.DM.ones(nu.numel()) * largest, ca.inf)
     x = solver(x0=ca.vertcat(ca.vec(ca.DM(2 * weights[:, None] * f)), 1.0), lbx=-bounds, ubx=bounds, lbg=0.0)["x"]
-    result: Array = np.asarray(x[:-1]).reshape(f.shape, order="F")
-    return result
+    return np.asarray(np.asarray(x[:-1]).reshape(f.shape, order="F"))
 
 
 def _peaks(nu: Array, weights: Array, T: float) -> Array:
     """Return the local maxima over the sphere of the convex sum of the phi_k: each step follows its gradient."""
-    z = directions(SPLITS)
-    for _ in range(ASCENTS):
+    z = directions(SEARCH.splits)
+    for _ in range(SEARCH.ascents):
         t = z @ nu.T
         thrust = _thrust(t, weights, T)  # phi_k'
         gradient = thrust @ nu
@@ -111,8 +120,7 @@ def _peaks(nu: Array, weights: Array, T: float) -> Array:
 def _phi(t: Array, weights: Array, T: float) -> Array:
     """Return phi_k(t) for t (..., K): t^2 / (4 lambda_k) between 0 and the knee 2 lambda_k T, linear beyond."""
     s = _thrust(t, weights, T)
-    result: Array = s * (t - weights * s)
-    return result
+    return np.asarray(s * (t - weights * s))
 
 
 def _thrust(t: Array, weights: Array, T: float) -> Array:

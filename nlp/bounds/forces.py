@@ -1,4 +1,4 @@
-"""Forces that no thrusts of a platform make, whatever its angles.
+"""Forces that no thrusts of a platform make, whatever its angles, and failures of a rotor that none survives.
 
 What is asked counts as produced to within the audit's tolerance.
 
@@ -9,6 +9,9 @@ What is asked counts as produced to within the audit's tolerance.
 | nu_k | a direction for load case k, at most 1 long | (3,) | |
 | z_i | thrust axis of module i | (3,) | |
 | T | largest thrust that the task allows a module, over m g | | |
+| W | weight of the platform | | N |
+| s_q | share of rotor q in the thrust of one module | | |
+| k | drag torque of a rotor over its thrust and the arm, k_tau / (k_f l_arm) | | |
 """
 
 from __future__ import annotations
@@ -26,11 +29,14 @@ from nlp.bounds.sphere import greatest
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.proven import excess_texts, lower_text
+from topo_search.model.tolerances import TOLERANCE
 
 ROUNDING = 1e-12
 """Share of the forces that is left to rounding."""
 SOFTENED = 0.01
 """Knee of phi in the search for a proof, in its largest multiplier: nearly that of a thrust without cost."""
+WEAKEST_DRAG = 1e-3
+"""Least k with which the argument about one module is made: its shares are then known to a hundredth."""
 
 
 def one_force(task: ResolvedTask) -> Refutation | None:
@@ -116,3 +122,36 @@ def _is_straight(topology: Topology) -> bool:
         ports.setdefault(h, set()).add(a % 2)
         ports.setdefault(i, set()).add(b % 2)
     return all(len(axes) == 1 for axes in ports.values())
+
+
+def failures(task: ResolvedTask) -> Refutation | None:
+    """Return why no platform of the task's size hovers with any one rotor dead, if that is asked for.
+
+    With one rotor dead all others pull with (4 n - 1) k_f u_max at most; `peak_input` does not bind them. One
+    module pulls along one axis, about which only the drag of rotors turns it. With rotor q dead that is balanced if
+    the one across has half of the thrust, s = s' + s'': so the centre of mass is half an arm away from the middle,
+    to the side across. With that rotor dead instead it would have to be as far to the other side.
+    """
+    if task.flight.rotor_out == "none":
+        return None
+    module, W, n = task.module, task.force_unit(task.n), task.n
+    name = "hover, any rotor dead"
+    most = (4 * n - 1) * module.thrust_coefficient * module.max_input(task.gravity)
+    if most * (1 + 2 * TOLERANCE) < W * (1 - 2 * TOLERANCE):
+        weight, pull = excess_texts(W, most)
+        return Refutation(
+            name,
+            W - most,
+            "N",
+            f"flight.rotor_out: {modules(task)} cannot hover with a rotor dead: all others at their limit pull "
+            f"with {pull} N at most, the weight is {weight} N",
+        )
+    if n == 1 and module.torque_coefficient >= WEAKEST_DRAG * module.thrust_coefficient * module.arm_length:
+        return Refutation(
+            name,
+            1.0,
+            "rotors",
+            "flight.rotor_out: one module cannot hover with any of its rotors dead: the centre of mass would have "
+            "to be half an arm away from its middle, towards the rotor across from the dead one, whichever it is",
+        )
+    return None

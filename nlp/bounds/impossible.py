@@ -6,13 +6,10 @@ Every rule leaves out all that it does not name, so what it refuses cannot be do
 from __future__ import annotations
 
 from nlp.bounds.air import windy
-from nlp.bounds.failures import failures
-from nlp.bounds.forces import all_forces, axes, one_force
+from nlp.bounds.forces import all_forces, axes, failures, one_force
 from nlp.bounds.paths import crowded_path
-from nlp.bounds.reach import out_of_reach
+from nlp.bounds.reach import out_of_reach, rotors_overlap, stand_off
 from nlp.bounds.refutation import Refutation, modules
-from nlp.bounds.rotors import rotors_overlap
-from nlp.bounds.stand_off import stand_off
 from nlp.bounds.torques import torque_reach
 from topo_search.model import Infeasible, ResolvedTask, Topology
 from topo_search.model.corners import to_corners

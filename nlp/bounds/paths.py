@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import combinations, pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,16 +27,24 @@ from topo_search.model import AirflowEnvelope, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.tolerances import TOLERANCE
 
-LONGEST = 5
-"""Modules of the longest path that is looked at."""
-MOST_BOXES = 4000
-"""Boxes in one round beyond which a path is given up as not proven."""
-LEAST_WIDTH = 0.01
-"""Half width of a box that is not halved any more [rad]."""
-DEPTH = 1e-3
-"""Least amount by which a clearance is missed in every box [l_arm]: far above rounding."""
-PARTS = (0.0, 0.1, 0.3, 1.0)
-"""Shares of an envelope's length: a part of it that overlaps is proof enough, and moves less."""
+
+class PathSearch(NamedTuple):
+    """How far paths are searched."""
+
+    longest: int = 5
+    """Modules of the longest path that is looked at."""
+    most_boxes: int = 4000
+    """Boxes in one round beyond which a path is given up as not proven."""
+    least_width: float = 0.01
+    """Half width of a box that is not halved any more [rad]."""
+    depth: float = 1e-3
+    """Least amount by which a clearance is missed in every box [l_arm]: far above rounding."""
+    parts: tuple[float, ...] = (0.0, 0.1, 0.3, 1.0)
+    """Shares of an envelope's length: a part of it that overlaps is proof enough, and moves less."""
+
+
+SEARCH = PathSearch()
+
 
 Turns = tuple[int, ...]
 
@@ -50,7 +59,7 @@ def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Refuta
     l_c = module.connector_distance
     paths = _paths(topology) if topology is not None else {()} if task.n > 1 else set()
     for turns in sorted(paths, key=lambda turns: (len(turns), turns)):
-        depth = DEPTH * module.arm_length
+        depth = SEARCH.depth * module.arm_length
         if _is_crowded(turns, air, apart, first, l_c, depth):
             row = f"{len(turns) + 2} modules in a row"
             way = ", ".join({1: "right", 2: "straight on", 3: "left"}[turn] for turn in turns)
@@ -65,11 +74,11 @@ def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Refuta
 
 
 def _paths(topology: Topology) -> set[Turns]:
-    """Return the turns of all paths of up to LONGEST modules; a path, its way back and its mirror image are one."""
+    """Return the turns of all paths that are looked at; a path, its way back and its mirror image are one."""
     import networkx as nx
 
     graph, found = topology.graph(), set[Turns]()
-    for _, ways in nx.all_pairs_shortest_path(graph, LONGEST - 1):
+    for _, ways in nx.all_pairs_shortest_path(graph, SEARCH.longest - 1):
         for way in ways.values():
             if len(way) == 1:
                 continue
@@ -90,7 +99,7 @@ def _is_crowded(
     """
     hinges = len(turns) + 1
     alpha, h = np.zeros((1, hinges)), np.full(hinges, math.pi / 2 + TOLERANCE)
-    while len(alpha) <= MOST_BOXES and h.max() > LEAST_WIDTH:
+    while len(alpha) <= SEARCH.most_boxes and h.max() > SEARCH.least_width:
         R, p = _poses(turns, alpha, l_c)
         open_, clear = np.ones(len(alpha), dtype=bool), np.ones(len(alpha), dtype=bool)
         for i, j in combinations(range(hinges + 1), 2):
@@ -100,7 +109,7 @@ def _is_crowded(
                 clear &= distance >= apart
             if air is None:
                 continue
-            for part in PARTS:
+            for part in SEARCH.parts:
                 length = part * air.length
                 radius = air.start_radius - (_displacement(i, j, h, l_c, length) + depth) / 2
                 if radius > 0:

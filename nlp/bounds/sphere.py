@@ -79,10 +79,8 @@ def _distance(triangles: Array) -> Array:
     """Return the distance d of every triangle's plane from the origin."""
     a, b, c = triangles.transpose(1, 0, 2)
     normal = np.cross(b - a, c - a)
-    result: Array = np.abs(np.sum(normal * a, axis=1)) / np.linalg.norm(normal, axis=1)
-    return result
+    return np.asarray(np.abs(np.sum(normal * a, axis=1)) / np.linalg.norm(normal, axis=1))
 
 
 def _unit(vectors: Array) -> Array:
-    result: Array = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return result
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))

@@ -30,15 +30,13 @@ def rotation(axis: ArrayLike, angle: float) -> Array:
     """Return the rotation about a unit axis (Rodrigues' formula)."""
     x, y, z = np.asarray(axis, dtype=float)
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    R: Array = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K)
-    return R
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * (K @ K))
 
 
 def root_rotation(root: ArrayLike) -> Array:
     """Return Rz(psi) Rx(alpha_0) Ry(alpha_1)."""
     psi, alpha_0, alpha_1 = np.asarray(root, dtype=float)
-    R: Array = rotation([0, 0, 1], psi) @ rotation([1, 0, 0], alpha_0) @ rotation([0, 1, 0], alpha_1)
-    return R
+    return np.asarray(rotation([0, 0, 1], psi) @ rotation([1, 0, 0], alpha_0) @ rotation([0, 1, 0], alpha_1))
 
 
 def root_angles(R: Array) -> Array:
@@ -116,8 +114,7 @@ def clearance(one: Swept, other: Swept) -> Array:
         least = np.where(less, f, least)
         reach = np.where(less, r + eta * one.dr + gamma * other.dr, reach)
     distance_squared = np.maximum(0.0, least + _dot(w, w) - r**2 + reach**2)
-    gap: Array = np.sqrt(distance_squared) - reach
-    return gap
+    return np.asarray(np.sqrt(distance_squared) - reach)
 
 
 def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float) -> Array:
@@ -128,8 +125,7 @@ def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float)
         along = _dot(q, axis)
         across = np.linalg.norm(q - along[..., None] * axis, axis=-1)
         ends.append(along * np.sin(half_angle) - across * np.cos(half_angle) - envelope.r_0 - eta * envelope.dr)
-    least: Array = np.minimum(*ends)
-    return least
+    return np.asarray(np.minimum(*ends))
 
 
 def cone_reach(envelopes: Swept, centre: Array, upstream: Array, half_angle: float) -> float:
@@ -176,17 +172,14 @@ def hull_clearance(envelope: Swept, corner: Array, hull: Hull) -> Array:
     leaves = np.min(np.where(slope > 0, crossing, 1.0), axis=1, initial=1.0)
     pierced = (enters <= leaves) & ~np.any((slope == 0) & (heights[0] > 0), axis=1)
     deepest = np.where(pierced, -envelope.r_0 - leaves * envelope.dr, np.inf)
-    result: Array = np.minimum(least, deepest)
-    return result
+    return np.asarray(np.minimum(least, deepest))
 
 
 def _dot(a: Array, b: Array) -> Array:
-    result: Array = np.einsum("...i,...i->...", a, b)
-    return result
+    return np.asarray(np.einsum("...i,...i->...", a, b))
 
 
 def _ratio(numerator: Array, denominator: Array) -> Array:
     """Return numerator / denominator bounded to [0, 1]; 0 where the denominator vanishes."""
     safe = np.where(denominator == 0, 1.0, denominator)
-    result: Array = np.clip(np.where(denominator == 0, 0.0, numerator / safe), 0.0, 1.0)
-    return result
+    return np.asarray(np.clip(np.where(denominator == 0, 0.0, numerator / safe), 0.0, 1.0))

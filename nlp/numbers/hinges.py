@@ -27,8 +27,7 @@ SPLAY = np.array(FOLD)
 
 def signs(topology: Topology) -> Array:
     """Return the sign of every hinge's fold at a positive angle, shape (n-1,)."""
-    result: Array = SPLAY[[a for _, _, a, _ in topology.edges()]]
-    return result
+    return np.asarray(SPLAY[[a for _, _, a, _ in topology.edges()]])
 
 
 def turns(task: ResolvedTask, margin: float = 0.0) -> Folds:
@@ -77,5 +76,4 @@ def fold_excess(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
     if not folds:
         return np.full_like(phi, np.pi)
     low, high = np.array(folds).T[:, :, None]
-    result: Array = np.min(np.maximum(low - phi, phi - high), axis=0)
-    return result
+    return np.asarray(np.min(np.maximum(low - phi, phi - high), axis=0))

@@ -15,14 +15,41 @@ many angles at once: of all corners of a box, and of modules in a row.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from topo_search.model import Topology
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 Indices = NDArray[np.int64]
+
+
+class Tree(NamedTuple):
+    """Who hangs on whom, and how."""
+
+    parent: Indices
+    """-1 for the root; parents come first."""
+    port: Indices
+    """The parent's port a."""
+    kappa: Indices
+    """Quarter turns of the child."""
+    moves: NDArray[np.bool_]
+    """[l, i]: angle l moves module i; angles are psi, alpha_0, alpha_1, then the hinges: shape (n+2, n)."""
+
+
+def tree_of(topology: Topology) -> Tree:
+    """Return a topology as the numbers that compiled code works on."""
+    n = topology.n
+    port, moves = np.zeros(n, dtype=np.int64), np.zeros((n + 2, n), dtype=bool)
+    moves[:3] = True
+    for h, i, a, _ in topology.edges():
+        port[i] = a
+        moves[3:, i] = moves[3:, h]
+        moves[i + 2, i] = True
+    return Tree(np.array(topology.parents), port, np.array(topology.kappas, dtype=np.int64), moves)
 
 
 @njit(cache=True)

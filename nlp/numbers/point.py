@@ -40,10 +40,9 @@ class Point:
         """Centre of mass in W [m]."""
         carried = masses(self.task.module, self.task.end_effector, self.topology)
         on_modules = carried.module * _bodies_moment(self.task, carried, *self.poses)
-        result: Array = (carried.tip_kg * self.p_E + on_modules) / (
-            carried.module * carried.bodies + carried.tip_kg
+        return np.asarray(
+            (carried.tip_kg * self.p_E + on_modules) / (carried.module * carried.bodies + carried.tip_kg)
         )
-        return result
 
     @cached_property
     def envelopes(self) -> Swept:
@@ -89,8 +88,7 @@ def fixed_end_effector(task: ResolvedTask, topology: Topology, root: Array, alph
     R, p = poses(topology, root_rotation(root), alpha, task.module.connector_distance)
     p_E = np.asarray(task.end_effector.fixed_position)
     carried = masses(task.module, task.end_effector, topology)
-    result: Array = _bodies_moment(task, carried, R, p) / carried.bodies + carried.lever * p_E
-    return result
+    return np.asarray(_bodies_moment(task, carried, R, p) / carried.bodies + carried.lever * p_E)
 
 
 def _bodies_moment(task: ResolvedTask, carried: Masses, R: Array, p: Array) -> Array:

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances, variable_bounds
@@ -35,19 +36,6 @@ LEAST_WEIGHT = 1e-4
 """Share of the largest weight that load cases which weigh less count with together, so that inputs are unique."""
 MOST_BINDING = 20
 """Upper bound on how many load cases are active at a time."""
-
-
-class Tree(NamedTuple):
-    """Who hangs on whom, and how."""
-
-    parent: Indices
-    """-1 for the root; parents come first."""
-    port: Indices
-    """The parent's port a."""
-    kappa: Indices
-    """Quarter turns of the child."""
-    moves: NDArray[np.bool_]
-    """[l, i]: angle l moves module i; angles are psi, alpha_0, alpha_1, then the hinges: shape (n+2, n)."""
 
 
 class Rotors(NamedTuple):
@@ -164,7 +152,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
     geometric = n + 2 + (3 if fixed is None else 0)
     lower, upper = (np.array(side[:geometric]) for side in variable_bounds(task, topology))
     return ReducedProblem(
-        _tree(topology),
+        tree_of(topology),
         rotors,
         _cases(task, n, unit),
         *_columns(list(rows(task, topology))),
@@ -174,18 +162,6 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         upper,
         np.empty(0) if fixed is None else carried.lever * np.array(fixed) / unit.length,
     )
-
-
-def _tree(topology: Topology) -> Tree:
-    n, edges = topology.n, list(topology.edges())
-    parent, port = np.full(n, -1), np.zeros(n, dtype=np.int64)
-    moves = np.zeros((n + 2, n), dtype=bool)
-    moves[:3] = True
-    for h, i, a, _ in edges:
-        parent[i], port[i] = h, a
-        moves[3:, i] = moves[3:, h]
-        moves[i + 2, i] = True
-    return Tree(parent.astype(np.int64), port, np.array(topology.kappas, dtype=np.int64), moves)
 
 
 def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:

@@ -4,8 +4,8 @@
 |---|---|---|
 | `balances` | force and torque of every load case, reserves among them | (2), (3) |
 | `modules` | airflow pairs, bodies, parts beside airflow | (4), (5), (6) |
-| `end_effector`, `rod` | exclusion, reach and course of the rod, the end-effector beside airflow | (7), (8) |
-| `exposure`, `regions` | every kind of exposure | (9) |
+| `rod` | reach and course of the end-effector's rod | (7) |
+| `exposure` | exclusion, the end-effector beside airflow, every kind of exposure | (7) to (9) |
 | `bounds` | inputs, hinges, root, place of the end-effector | (10) |
 
 A statement has the constraint's name, the bodies, a smooth form for Ipopt, the exact value, margin and unit. The
@@ -14,7 +14,8 @@ untangling of starts, and the rows of the reduced search with the choice of what
 statements; none of them has cases of its own.
 
 To add a clearance, write a `Formula` (`statement`): its `local_vectors`, its smooth and exact forms, and
-its rows of the compiled search (`nlp.requirements.kinds`). Then yield a `Requirement` with it.
+its rows of the compiled search (`nlp.requirements.kinds`). Then yield a `Requirement` with it. What keeps out of a
+region at the end-effector is an `AtRegion` of one of the `bodies` and one of the `regions`.
 `tests/test_nlp_requirements.py` holds its forms together.
 """
 
@@ -24,8 +25,7 @@ from functools import lru_cache
 
 from nlp.requirements.balances import Balance, balances
 from nlp.requirements.bounds import Bound, bounds, variable_bounds
-from nlp.requirements.end_effector import end_effector_clearances
-from nlp.requirements.exposure import exposure
+from nlp.requirements.exposure import end_effector_clearances, exposure
 from nlp.requirements.modules import module_clearances
 from nlp.requirements.rod import rod_clearances
 from nlp.requirements.statement import Formula, Requirement

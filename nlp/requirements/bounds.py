@@ -62,13 +62,13 @@ def bounds(point: Point) -> Iterator[Bound]:
     above = (u - task.max_input * alive).max(axis=1).tolist()
     below = (task.min_input * alive - u).max(axis=1).tolist()
     for label, over, under in zip(task.case_labels, above, below, strict=True):
-        yield Bound(names.largest_input(label), over, "rad^2/s^2", task.max_input)
-        yield Bound(names.smallest_input(label), under, "rad^2/s^2", task.max_input)
+        yield Bound(f"{label}, largest rotor input", over, "rad^2/s^2", task.max_input)
+        yield Bound(f"{label}, smallest rotor input", under, "rad^2/s^2", task.max_input)
     for i, excess in enumerate(hinges.fold_excess(task, point.topology, point.alpha).tolist(), start=1):
-        yield Bound(names.hinge_angle(i), excess, "rad", 1.0)
+        yield Bound(f"hinge angle of module {i}", excess, "rad", 1.0)
     if task.search.root == "paper":
         for (name, limit), angle in zip(PAPER_ROOT.items(), point.root.tolist(), strict=True):
-            yield Bound(names.root_angle(name), abs(angle) - limit, "rad", 1.0)
+            yield Bound(f"root orientation, {name}", abs(angle) - limit, "rad", 1.0)
     offset, position = point.p_E - point.p_COM, task.end_effector.fixed_position
     too_far = float(np.linalg.norm(offset)) - task.farthest_end_effector(point.topology.n)
     yield Bound(names.REACH, too_far, "m", l_arm)

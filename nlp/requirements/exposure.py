@@ -1,4 +1,7 @@
-"""The exposure requirements of a task as clearances; (9) of the printed problem."""
+"""Clearances at the end-effector: its exclusion, airflow beside it, exposure; (7) to (9) of the printed problem.
+
+Those of its rod are in `nlp.requirements.rod`.
+"""
 
 from __future__ import annotations
 
@@ -8,38 +11,49 @@ from functools import partial
 import numpy as np
 
 from nlp import names
-from nlp.requirements.air import Air
-from nlp.requirements.distance import Distance
-from nlp.requirements.end_effector import all_modules
-from nlp.requirements.kinds import OFFSET
-from nlp.requirements.regions import divide, to_cone, to_formula
-from nlp.requirements.solid import PartBalls, PartsInCone, PartsOffCapsule, PartsOffCapsuleAlong, PartsOffHull
-from nlp.requirements.statement import FROM_COM, Formula, Requirement
+from nlp.requirements.bodies import Air, Body, PartBalls
+from nlp.requirements.kinds import EXCLUSION, OFFSET
+from nlp.requirements.regions import AtRegion, CapsuleRegion, to_formula
+from nlp.requirements.statement import FROM_COM, FROM_TIP, Distance, Requirement, Subjects
 from nlp.units import Units
 from topo_search.model import LEAST_OFFSET, AnyExposure, ResolvedTask, needs_offset, segment_of
-from topo_search.model.shape import Capsule, Cone, Polytope, Shape
+
+
+def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:
+    """Yield the exclusion of (7), and (8)."""
+    unit, subjects = Units.of(task).length, _all_modules(task.n)
+    margin = task.search.margin / unit
+    if task.exclusion_radius is not None:
+        off = Distance(FROM_TIP, task.exclusion_radius / unit, EXCLUSION)
+        yield Requirement(7, lambda i, *_: names.exclusion(i), subjects, (off,), margin)
+    if task.tip_radius is not None:
+        tip = AtRegion(Air.of(task), CapsuleRegion(task.tip_radius / unit))
+        yield Requirement(8, lambda i, *_: names.tip_airflow(i), subjects, (tip,), margin)
 
 
 def exposure(task: ResolvedTask) -> Iterator[Requirement]:
     """Yield (9), and the least length of p_E where some direction is that of p_E."""
-    unit, subjects = Units.of(task).length, all_modules(task.n)
+    unit, subjects = Units.of(task).length, _all_modules(task.n)
     margin = task.search.margin / unit
+
+    def formulas(asked: AnyExposure, body: Body) -> tuple[AtRegion, ...]:
+        return tuple(to_formula(one, body, unit, segment_of(asked, k)) for k, one in enumerate(asked.shapes))
+
     for number, asked in enumerate(task.exposure):
-        formulas = tuple(
-            to_formula(shape, Air.at_regions(task), unit, segment_of(asked, part))
-            for part, shape in enumerate(asked.shapes)
-        )
         if asked.geometry:
-            yield Requirement(9, partial(_name, number, asked), subjects, formulas, margin)
+            airflow = formulas(asked, Air.at_regions(task))
+            yield Requirement(9, partial(_name, number, asked), subjects, airflow, margin)
         if asked.solid:
-            balls = PartBalls.of(task)
-            parts = tuple(
-                _solid(shape, balls, unit, segment_of(asked, part)) for part, shape in enumerate(asked.shapes)
-            )
+            parts = formulas(asked, PartBalls.of(task))
             yield Requirement(9, partial(_solid_name, number), subjects, parts, margin)
     if any(needs_offset(asked) for asked in task.exposure):
         offset = Distance(FROM_COM, LEAST_OFFSET, OFFSET)
         yield Requirement(9, lambda *_: names.OFFSET, subjects[:1], (offset,), 0.0)  # no clearance: no margin
+
+
+def _all_modules(n: int) -> Subjects:
+    """Return all modules, each by itself."""
+    return np.repeat(np.arange(n)[:, None], 2, axis=1)
 
 
 def _name(number: int, asked: AnyExposure, i: int, _: int, segment: int | None) -> str:
@@ -47,18 +61,4 @@ def _name(number: int, asked: AnyExposure, i: int, _: int, segment: int | None) 
 
 
 def _solid_name(number: int, i: int, _: int, segment: int | None) -> str:
-    return names.solid(number, i, segment)
-
-
-def _solid(shape: Shape, balls: PartBalls, unit: float, segment: int | None) -> Formula:
-    """Return what keeps rigid parts out of one solid shape; `unit`: l_arm [m]."""
-    match shape:
-        case Capsule(radius=radius, length=float(length)):
-            return PartsOffCapsuleAlong(balls, radius / unit, length / unit)
-        case Capsule(start=start, end=end):
-            path = np.array(end) - np.array(start)
-            return PartsOffCapsule(balls, shape.radius / unit, divide(start, unit), divide(path, unit), segment)
-        case Polytope():
-            return PartsOffHull(balls, tuple(divide(corner, unit) for corner in shape.corners), segment)
-        case Cone():
-            return PartsInCone(balls, to_cone(shape, unit), segment)
+    return f"module {i} and solid exposure {number}" + ("" if segment is None else f", segment {segment}")

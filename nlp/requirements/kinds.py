@@ -14,6 +14,12 @@ PARTS_CONE, PARTS_CONE_COM, PARTS_CAPSULE, PARTS_ALONG, PARTS_HULL, REACH = rang
 """The parts of a module in a cone, its axis fixed or to the COM; off a capsule near p'_E, one along p_E, a hull;
 p'_E and a free connector. This and the rows of regions may be about rods: those of the best rod alone count."""
 
+OF_PARTS = {
+    BALL: PARTS_CAPSULE, CAPSULE: PARTS_CAPSULE, ALONG: PARTS_ALONG,
+    HULL: PARTS_HULL, CONE: PARTS_CONE, CONE_COM: PARTS_CONE_COM,
+}  # fmt: skip
+"""From the kind of a row of an envelope and a region to that of a module's parts and the region."""
+
 WIDTH = 15
 """Numbers of a row."""
 

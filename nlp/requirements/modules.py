@@ -11,12 +11,10 @@ import numpy as np
 
 from nlp import names
 from nlp.numbers.geometry import clearance as exact_clearance
-from nlp.requirements.air import Air
-from nlp.requirements.distance import Distance
+from nlp.requirements.bodies import Air, PartBalls
 from nlp.requirements.kinds import AIR, PARTS, Kernel
 from nlp.requirements.kinds import APART as TWO_CENTRES
-from nlp.requirements.solid import PartBalls
-from nlp.requirements.statement import APART, X_I, Y_I, Z_I, Z_J, Requirement, Subjects
+from nlp.requirements.statement import APART, X_I, Y_I, Z_I, Z_J, Distance, Requirement, Subjects
 from nlp.symbols.envelope import clearance, clearance_of_all
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -45,12 +43,13 @@ class EnvelopePair:
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the paper's log-sum-exp over nine KKT candidates."""
         w, z_i, z_j = y
-        return clearance(self.air.symbol(w, z_i), self.air.symbol(ca.SX.zeros(3), z_j), beta)
+        return clearance(self.air.symbols([w, z_i]), self.air.symbols([ca.SX.zeros(3), z_j]), beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the gap where f_air is least."""
         w, z_i, z_j = y
-        return exact_clearance(self.air.number(w, z_i), self.air.number(np.zeros(3), z_j))
+        (one,), (other,) = self.air.numbers([w, z_i]), self.air.numbers([np.zeros(3), z_j])
+        return exact_clearance(one, other)
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
@@ -69,12 +68,12 @@ class PartsBeside:
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the log-sum-exp over all balls and KKT candidates."""
         *part, z_j = y
-        return clearance_of_all(self.air.symbol(ca.SX.zeros(3), z_j), self.balls.symbols(part), beta)
+        return clearance_of_all(self.air.symbols([ca.SX.zeros(3), z_j]), self.balls.symbols(part), beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the least gap of all balls."""
         *part, z_j = y
-        envelopes = self.air.number(np.zeros(3), z_j)
+        (envelopes,) = self.air.numbers([np.zeros(3), z_j])
         return np.asarray(np.min([exact_clearance(envelopes, ball) for ball in self.balls.numbers(part)], axis=0))
 
     def kernels(self) -> tuple[Kernel, ...]:
@@ -89,12 +88,16 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
     airflow, ablation = (task.search.interference == one for one in ("airflow", "separation"))
     if airflow:
         formulas = (EnvelopePair(air),)
-        yield Requirement(4, lambda i, j, _: names.airflow(i, j), _pairs(pairs), formulas, margin, near=NEAR)
+        yield Requirement(
+            4, lambda i, j, _: f"airflow of modules {i} and {j}", _pairs(pairs), formulas, margin, near=NEAR
+        )
     distance = task.separation if ablation else task.centre_distance
     if distance is not None:
         apart = [pair for pair in pairs if ablation or pair not in topology.bolted]
         formula = Distance(APART, distance / unit, TWO_CENTRES)
-        yield Requirement(5, lambda i, j, _: names.separation(i, j), _pairs(apart), (formula,), margin)
+        yield Requirement(
+            5, lambda i, j, _: f"separation of modules {i} and {j}", _pairs(apart), (formula,), margin
+        )
     if task.parts_off_airflow:
         yield Requirement(
             6,

@@ -1,4 +1,4 @@
-"""Regions at the end-effector that an airflow envelope or a rod keeps out of, or in (paper, Sec. III-B to III-D).
+r"""Regions at the end-effector that a body keeps out of, or in (paper, Sec. III-B to III-D).
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -19,17 +19,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nlp.numbers.geometry import Swept, cone_clearance, hull_clearance
 from nlp.numbers.geometry import clearance as exact_clearance
-from nlp.requirements.air import Air, Rod
+from nlp.requirements.bodies import Body, PartBalls, divide
 from nlp.requirements.kinds import ALONG, BALL, CAPSULE, CONE, CONE_COM, HULL, Kernel
-from nlp.requirements.statement import FROM_COM, FROM_TIP, Z_I, Formula, LocalVector
-from nlp.symbols.envelope import Ball, ConeSphere, clearance
+from nlp.requirements.statement import FROM_COM, LocalVector
+from nlp.symbols.envelope import Ball, ConeSphere, clearance, clearance_of_all
 from nlp.symbols.hull import hull_clearances
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex_hull
@@ -37,6 +37,7 @@ from topo_search.model.value import Vector
 
 ROUNDING = 1e-8
 """Added to ||rho||^2 so that its root is smooth on the axis [l_arm^2]; asks for more clearance, never for less."""
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 @lru_cache(maxsize=64)
@@ -45,125 +46,158 @@ def hull_of(corners: tuple[Vector, ...]) -> Hull:
     return convex_hull(np.array(corners))
 
 
-@dataclass(frozen=True)
-class OffBall:
-    """A body keeps out of a ball around the end-effector."""
+class Region(Protocol):
+    """A region, its numbers in l_arm from p_E; hashable."""
 
-    body: Air | Rod
-    radius: float
-    local_vectors = (FROM_TIP, Z_I)
-    segment = None
+    @property
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """p_E where the region takes a direction from it, else none."""
 
-    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the paper's log-sum-exp over three KKT candidates."""
-        return clearance(self.body.symbol(*y), Ball(ca.SX.zeros(3), self.radius), beta)
+    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the rows of a body for Ipopt; `towards`: the region's local vectors."""
 
-    def exact(self, y: Sequence[Array]) -> Array:
-        """Return the gap where f is least."""
-        return exact_clearance(self.body.number(*y), Swept(np.zeros(3), np.zeros(3), self.radius))
+    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
+        """Return the gap of one of a body's solids, with its exact sign."""
 
     def kernels(self) -> tuple[Kernel, ...]:
-        """Return one row."""
-        return (self.body.add_sizes(Kernel(BALL, size=self.radius)),)
+        """Return the rows of an envelope in the compiled search, but for its sizes."""
 
 
 @dataclass(frozen=True)
-class OffCapsule:
-    """A body keeps out of a capsule along a path near the end-effector."""
+class AtRegion:
+    """A body keeps out of a region, or in it."""
 
-    body: Air | Rod
-    radius: float
-    start: Vector
-    """From p_E."""
-    path: Vector
-    """From there to the end."""
-    segment: int
-    local_vectors = (FROM_TIP, Z_I)
-
-    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the paper's log-sum-exp over nine KKT candidates."""
-        capsule = ConeSphere(ca.SX(ca.DM(self.start)), ca.SX(ca.DM(self.path)), self.radius)
-        return clearance(self.body.symbol(*y), capsule, beta)
-
-    def exact(self, y: Sequence[Array]) -> Array:
-        """Return the gap where f is least."""
-        return exact_clearance(self.body.number(*y), Swept(np.array(self.start), np.array(self.path), self.radius))
-
-    def kernels(self) -> tuple[Kernel, ...]:
-        """Return one row."""
-        return (self.body.add_sizes(Kernel(CAPSULE, self.path, size=self.radius, start=self.start)),)
-
-
-@dataclass(frozen=True)
-class OffCapsuleAlong:
-    """A body keeps out of a capsule from the end-effector away from the COM."""
-
-    body: Air | Rod
-    radius: float
-    length: float
-    local_vectors = (FROM_TIP, Z_I, FROM_COM)
-    segment = 0
-
-    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the paper's log-sum-exp over nine KKT candidates."""
-        q, z, p_E = y
-        capsule = ConeSphere(ca.SX.zeros(3), self.length * p_E / ca.norm_2(p_E), self.radius)
-        return clearance(self.body.symbol(q, z), capsule, beta)
-
-    def exact(self, y: Sequence[Array]) -> Array:
-        """Return the gap where f is least."""
-        q, z, p_E = y
-        path = self.length * p_E / np.linalg.norm(p_E, axis=-1, keepdims=True)
-        return exact_clearance(self.body.number(q, z), Swept(np.zeros(3), path, self.radius))
-
-    def kernels(self) -> tuple[Kernel, ...]:
-        """Return one row."""
-        return (self.body.add_sizes(Kernel(ALONG, (self.length, 0.0, 0.0), size=self.radius)),)
-
-
-@dataclass(frozen=True)
-class OffHull:
-    """A body keeps out of the convex hull of points."""
-
-    body: Air | Rod
-    corners: tuple[Vector, ...]
-    """From p_E."""
+    body: Body
+    region: Region
     segment: int | None = None
-    local_vectors = (FROM_TIP, Z_I)
+
+    @property
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """Those of the body and of the region."""
+        return (*self.body.local_vectors, *self.region.local_vectors)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return two rows: the log-sum-exp, and how far the centre is outside (`nlp.symbols.hull`)."""
-        return hull_clearances(self.body.symbol(*y), ca.SX.zeros(3), hull_of(self.corners), beta)
+        """Return the region's rows."""
+        count = len(self.body.local_vectors)
+        return self.region.smooth(self.body.symbols(y[:count]), y[count:], beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
+        """Return the least gap of all that the body is made of."""
+        count = len(self.body.local_vectors)
+        gaps = [self.region.exact(swept, y[count:]) for swept in self.body.numbers(y[:count])]
+        return np.asarray(np.min(gaps, axis=0))
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return the body's rows."""
+        return self.body.rows(self.region.kernels())
+
+
+@dataclass(frozen=True)
+class CapsuleRegion:
+    """A capsule along a path near the end-effector, or from there away from the COM; without a path a ball."""
+
+    radius: float
+    start: Vector = ORIGIN
+    path: Vector = ORIGIN
+    """From there to the end."""
+    length: float | None = None
+    """Length of a path along p_E."""
+
+    @property
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """p_E where the path is along it."""
+        return () if self.length is None else (FROM_COM,)
+
+    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the paper's log-sum-exp over nine KKT candidates; of a ball over three, or distances of balls."""
+        start, path = ca.SX(ca.DM(self.start)), ca.SX(ca.DM(self.path))
+        if self.length is not None:
+            path = self.length * towards[0] / ca.norm_2(towards[0])
+        elif not any(self.path):
+            if isinstance(body, ConeSphere):
+                return clearance(body, Ball(start, self.radius), beta)
+            away, least = [ball.o - start for ball in body], [self.radius + ball.end_radius for ball in body]
+            return ca.vertcat(*((ca.dot(q, q) - d**2) / (2 * d) for q, d in zip(away, least, strict=True)))
+        capsule = ConeSphere(start, path, self.radius)
+        if isinstance(body, ConeSphere):
+            return clearance(body, capsule, beta)
+        return clearance_of_all(capsule, body, beta)
+
+    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
         """Return the gap where f is least."""
-        return hull_clearance(self.body.number(*y), np.zeros(3), hull_of(self.corners))
+        path = np.array(self.path)
+        if self.length is not None:
+            path = self.length * towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
+        return exact_clearance(swept, Swept(np.array(self.start), path, self.radius))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (self.body.add_sizes(Kernel(HULL, hull=hull_of(self.corners))),)
+        if self.length is not None:
+            return (Kernel(ALONG, (self.length, 0.0, 0.0), self.radius),)
+        return (Kernel(CAPSULE if any(self.path) else BALL, self.path, self.radius, start=self.start),)
+
+
+@dataclass(frozen=True)
+class HullRegion:
+    """The convex hull of points."""
+
+    corners: tuple[Vector, ...]
+    local_vectors = ()
+
+    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return two rows: the log-sum-exp, and how far the centre is outside (`nlp.symbols.hull`)."""
+        assert isinstance(body, ConeSphere)
+        return hull_clearances(body, ca.SX.zeros(3), hull_of(self.corners), beta)
+
+    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
+        """Return the gap where f is least."""
+        return hull_clearance(swept, np.zeros(3), hull_of(self.corners))
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return one row."""
+        return (Kernel(HULL, hull=hull_of(self.corners)),)
+
+
+class HullFaces(HullRegion):
+    """The convex hull of points, beyond one face of which all balls keep: at edges that asks for a little more."""
+
+    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the log-sum-exp of the heights over all faces, for every ball."""
+        assert isinstance(body, list)
+        normals, offsets = hull_of(self.corners).normals, hull_of(self.corners).offsets
+        gaps = []
+        for ball in body:
+            heights = ca.DM(normals) @ ball.o - ca.DM(offsets)
+            gaps.append(ca.logsumexp(beta * heights) / beta - math.log(len(offsets)) / beta - ball.end_radius)
+        return ca.vertcat(*gaps)
+
+    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
+        """Return the largest height."""
+        normals, offsets = hull_of(self.corners).normals, hull_of(self.corners).offsets
+        return np.asarray((swept.o @ normals.T - offsets).max(axis=-1) - swept.r_0)
 
 
 @dataclass(frozen=True)
 class InfiniteCone:
-    """An infinite cone that must hold something; at a right angle a half-space."""
+    """An infinite cone that must hold a body; at a right angle a half-space."""
 
     half_angle: float
     axis: Vector | None
     """d_con; None: towards the COM."""
-    apex: Vector = (0.0, 0.0, 0.0)
-    """From p_E."""
+    apex: Vector = ORIGIN
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
         """The COM where the axis points there."""
         return () if self.axis is not None else (FROM_COM,)
 
-    def smooth(self, balls: Sequence[Ball], towards: Sequence[ca.SX]) -> ca.SX:
-        """Return s - r of every ball; `towards`: its local vectors."""
+    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return s - r of every ball, of what is swept the end balls."""
         d_con = ca.SX(ca.DM(self.axis)) if self.axis is not None else -towards[0] / ca.norm_2(towards[0])
+        if isinstance(body, ConeSphere):
+            body = [Ball(body.o + eta * body.d, body.r_0 + eta * body.dr) for eta in (0.0, 1.0)]
         gaps = []
-        for ball in balls:
+        for ball in body:
             P = ball.o - ca.DM(self.apex)
             along = ca.dot(d_con, P)
             rho = P - along * d_con
@@ -173,69 +207,30 @@ class InfiniteCone:
         return ca.vertcat(*gaps)
 
     def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
-        """Return the lesser s - r of both ends; `towards`: its local vectors."""
+        """Return the lesser s - r of both ends."""
         axis = np.array(self.axis)
         if self.axis is None:
             axis = -towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
         return cone_clearance(swept, np.array(self.apex), axis, self.half_angle)
 
-    def kernel(self, kind: int, eta: float) -> Kernel:
-        """Return the row of a ball; eta distinguishes it from others."""
-        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
-        return Kernel(kind, self.axis or (0.0, 0.0, 0.0), eta, sine, cosine, self.apex)
-
-
-@dataclass(frozen=True)
-class InCone:
-    """A body stays in an infinite cone."""
-
-    body: Air | Rod
-    cone: InfiniteCone
-    segment: int | None = None
-
-    @property
-    def local_vectors(self) -> tuple[LocalVector, ...]:
-        """Those of the body and of the cone."""
-        return (FROM_TIP, Z_I, *self.cone.local_vectors)
-
-    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return s - r of both end balls."""
-        body = self.body.symbol(y[0], y[1])
-        ends = [Ball(body.o + eta * body.d, body.r_0 + eta * body.dr) for eta in (0.0, 1.0)]
-        return self.cone.smooth(ends, y[2:])
-
-    def exact(self, y: Sequence[Array]) -> Array:
-        """Return the lesser s - r of both end balls."""
-        return self.cone.exact(self.body.number(y[0], y[1]), y[2:])
-
     def kernels(self) -> tuple[Kernel, ...]:
         """Return a row for each end ball."""
-        kind = CONE_COM if self.cone.axis is None else CONE
-        return tuple(self.body.add_sizes(self.cone.kernel(kind, eta)) for eta in (0.0, 1.0))
+        kind, axis = (CONE_COM, ORIGIN) if self.axis is None else (CONE, self.axis)
+        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
+        return tuple(Kernel(kind, axis, eta, sine, cosine, self.apex) for eta in (0.0, 1.0))
 
 
-def to_formula(shape: Shape, body: Air | Rod, unit: float, segment: int | None) -> Formula:
+def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> AtRegion:
     """Return the clearance of a body from one shape of a requirement; `unit`: l_arm [m]."""
+    region: Region
     match shape:
         case Capsule(radius=radius, length=float(length)):
-            return OffCapsuleAlong(body, radius / unit, length / unit)
-        case Capsule(radius=radius, start=start, end=end) if start == end:
-            return OffBall(body, radius / unit)
+            region = CapsuleRegion(radius / unit, length=length / unit)
         case Capsule(radius=radius, start=start, end=end):
-            path = np.array(end) - np.array(start)
-            return OffCapsule(body, radius / unit, divide(start, unit), divide(path, unit), segment or 0)
+            region = CapsuleRegion(radius / unit, divide(start, unit), divide(np.subtract(end, start), unit))
         case Polytope(corners=corners):
-            return OffHull(body, tuple(divide(corner, unit) for corner in corners), segment)
-        case Cone():
-            return InCone(body, to_cone(shape, unit), segment)
-
-
-def to_cone(shape: Cone, unit: float) -> InfiniteCone:
-    """Return a cone; `unit`: l_arm [m]."""
-    return InfiniteCone(math.radians(shape.half_angle_deg), shape.axis, divide(shape.apex, unit))
-
-
-def divide(vector: ArrayLike, unit: float) -> Vector:
-    """Return a vector in other units, as numbers that hash."""
-    x, y, z = (np.array(vector) / unit).tolist()
-    return x, y, z
+            kind = HullFaces if isinstance(body, PartBalls) else HullRegion
+            region = kind(tuple(divide(corner, unit) for corner in corners))
+        case Cone(half_angle_deg=half_angle, axis=axis, apex=apex):
+            region = InfiniteCone(math.radians(half_angle), axis, divide(apex, unit))
+    return AtRegion(body, region, segment)

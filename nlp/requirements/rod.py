@@ -28,9 +28,9 @@ import numpy as np
 
 from nlp import names
 from nlp.numbers.rod import connectors
-from nlp.requirements.air import Rod
+from nlp.requirements.bodies import Rod, divide
 from nlp.requirements.kinds import REACH, Kernel
-from nlp.requirements.regions import OffHull, divide, hull_of, to_formula
+from nlp.requirements.regions import AtRegion, HullRegion, hull_of, to_formula
 from nlp.requirements.statement import (
     FROM_COM,
     FROM_TIP,
@@ -72,44 +72,21 @@ class WithinReach:
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return L - ||c||."""
-        gap: Array = self.largest - np.linalg.norm(y[0] + self.l_c * y[1], axis=-1)
-        return gap
+        return np.asarray(self.largest - np.linalg.norm(y[0] + self.l_c * y[1], axis=-1))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
         return (Kernel(REACH, size=self.largest),)
 
 
-@dataclass(frozen=True)
-class RodBeside:
+class RodBeside(AtRegion):
     """A rod but for its tip keeps out of a solid region."""
-
-    rod: Rod
-    region: Formula
-    """Formula of the rod's row."""
-
-    @property
-    def local_vectors(self) -> tuple[LocalVector, ...]:
-        """Those of the region."""
-        return self.region.local_vectors
-
-    @property
-    def segment(self) -> int | None:
-        """That of the region."""
-        return self.region.segment
-
-    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the region's rows."""
-        return self.region.smooth(y, beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the gap; infinite for a rod that is nothing but tip."""
-        length = np.linalg.norm(y[0] + self.rod.l_c * y[1], axis=-1)
-        return np.where((self.rod.tip > 0) & (length <= self.rod.tip), math.inf, self.region.exact(y))
-
-    def kernels(self) -> tuple[Kernel, ...]:
-        """Return the region's rows."""
-        return self.region.kernels()
+        assert isinstance(self.body, Rod)
+        length = np.linalg.norm(y[0] + self.body.l_c * y[1], axis=-1)
+        return np.where((self.body.tip > 0) & (length <= self.body.tip), math.inf, super().exact(y))
 
 
 @dataclass(frozen=True)
@@ -221,8 +198,9 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
                     continue
                 rod = Rod(l_c, r, TIP * r if apart <= r + TOUCHING else 0.0)
                 segment = segment_of(asked, part)
-                listed.append(names.rod_region(number, segment))
-                limits.append(RodBeside(rod, to_formula(shape, rod, unit, segment)))
+                which = "" if segment is None else f", segment {segment}"
+                listed.append(f"the end-effector's rod and solid exposure {number}{which}")
+                limits.append(RodBeside(rod, to_formula(shape, rod, unit, segment).region, segment))
                 margin = min(margin, (apart + rod.tip - r) / 2)  # no rod is farther than twice that from the region
     if limits:
         formulas = tuple(
@@ -234,11 +212,11 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
 
 def _distance(shape: Shape, unit: float) -> float:
     """Return how far p'_E is outside a shape, negative inside [l_arm]."""
-    region = to_formula(shape, Rod(0.0, 0.0, 0.0), unit, None)  # a point
-    if isinstance(region, OffHull) and (inside := hull_of(region.corners).offsets.min()) >= 0:
+    point = to_formula(shape, Rod(0.0, 0.0, 0.0), unit, None)
+    if isinstance(point.region, HullRegion) and (inside := hull_of(point.region.corners).offsets.min()) >= 0:
         return -float(inside)
     here, anywhere = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])  # no shape at p'_E has its distance from p_E
-    return float(region.exact([here, here, anywhere][: len(region.local_vectors)])[0])
+    return float(point.exact([here, here, anywhere][: len(point.local_vectors)])[0])
 
 
 def _from_connector(i: int, port: int) -> tuple[LocalVector, LocalVector]:

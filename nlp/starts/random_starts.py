@@ -120,8 +120,7 @@ def _end_effector(start: Point, rng: np.random.Generator) -> Array:
         direction = upstream + CONE_SPREAD * direction
     elif task.exposure and direction @ upstream < 0:
         direction = -direction
-    result: Array = start.poses[1].mean(axis=0) + distance * _unit(direction)
-    return result
+    return np.asarray(start.poses[1].mean(axis=0) + distance * _unit(direction))
 
 
 def _apex(start: Point, cone: Cone) -> Array:
@@ -132,8 +131,7 @@ def _apex(start: Point, cone: Cone) -> Array:
     reach = cone_reach(blown, centroid, upstream, half_angle) + margin / math.sin(half_angle)
     reach -= float(np.array(cone.apex) @ upstream)
     off = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin
-    result: Array = centroid + max(reach, off) * upstream
-    return result
+    return np.asarray(centroid + max(reach, off) * upstream)
 
 
 def cones(task: ResolvedTask) -> list[Cone]:
@@ -190,8 +188,8 @@ def mean_force(task: ResolvedTask) -> Array:
         (case.weight * np.add(case.at_end_effector.force, case.at_com.force) for case in task.load_cases),
         start=np.zeros(3),
     )
-    result: Array = force if np.linalg.norm(force) > 1e-9 * task.force_unit(task.n) else np.array([0.0, 0.0, 1.0])
-    return result
+    cancels = np.linalg.norm(force) <= 1e-9 * task.force_unit(task.n)
+    return np.array([0.0, 0.0, 1.0]) if cancels else np.asarray(force)
 
 
 def _rotation_between(a: Array, b: Array) -> Array:
@@ -206,5 +204,4 @@ def _rotation_between(a: Array, b: Array) -> Array:
 
 
 def _unit(vector: Array) -> Array:
-    result: Array = vector / np.linalg.norm(vector)
-    return result
+    return np.asarray(vector / np.linalg.norm(vector))

@@ -18,14 +18,15 @@ thrusts that point apart do little against it. What counts is
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from nlp.numbers.geometry import cone_reach, envelopes, poses
 from nlp.numbers.hinges import largest_turn, nearest_angles, signs, turns
-from nlp.requirements.air import Air
-from nlp.requirements.distance import Distance
+from nlp.requirements.bodies import Air
 from nlp.requirements.modules import module_clearances
+from nlp.requirements.statement import Distance
 from nlp.starts.tabu_search import Poses, Rules, Tree, straighten, tabu_search
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -34,18 +35,26 @@ from topo_search.model.layout import PORT_DIRECTIONS
 
 CLEAR = 0.02
 """Clearance at which a pair counts as free [l_arm]."""
-ENOUGH = 0.1
-"""Clearance that is given where there is room [l_arm]: leeway for the angles that the wrenches will want."""
-TURNS = 100
-"""Largest number of hinge turns per module."""
-SWEEPS = 3
-"""Passes that turn every hinge back towards zero, once no envelopes overlap."""
-KICKS = 15
-"""Hinges turned at random for the lever's sake, a module."""
-REPAIRS = 20
-"""Largest number of hinge turns after each pass, to undo the overlaps that it makes."""
-PATIENCE = 1 / 6
-"""Share of the kicks after which a platform that still has overlaps is let be: there each takes all its repairs."""
+
+
+class Effort(NamedTuple):
+    """Effort of untangling a platform."""
+
+    enough: float = 0.1
+    """Clearance that is given where there is room [l_arm]: leeway for the angles that the wrenches will want."""
+    turns: int = 100
+    """Largest number of hinge turns per module."""
+    sweeps: int = 3
+    """Passes that turn every hinge back towards zero, once no envelopes overlap."""
+    kicks: int = 15
+    """Hinges turned at random for the lever's sake, a module."""
+    repairs: int = 20
+    """Largest number of hinge turns after each pass, to undo the overlaps that it makes."""
+    patience: float = 1 / 6
+    """Share of the kicks after which a platform with overlaps is let be: there each takes all its repairs."""
+
+
+EFFORT = Effort()
 
 
 def untangle(
@@ -60,9 +69,10 @@ def untangle(
     tree, rules = _tree(topology, order), _rules(task, topology, CLEAR if leeway else 0.0)
     found = np.concatenate([[0.0], alpha])[order]
     at = _platform(topology, alpha, l_c, order)
-    if tabu_search(tree, at, found, rules, TURNS * topology.n, rng) == 0.0 and leeway:
-        straighten(tree, at, found, rules._replace(enough=ENOUGH), SWEEPS, rng)
-        tabu_search(tree, at, found, rules, TURNS * topology.n, rng)  # if room for some cost others all theirs
+    if tabu_search(tree, at, found, rules, EFFORT.turns * topology.n, rng) == 0.0 and leeway:
+        straighten(tree, at, found, rules._replace(enough=EFFORT.enough), EFFORT.sweeps, rng)
+        # again, if room for some cost others all theirs
+        tabu_search(tree, at, found, rules, EFFORT.turns * topology.n, rng)
     return _by_module(found, order)
 
 
@@ -87,13 +97,13 @@ def shorten_lever(
 
     def repair(alpha: Array) -> tuple[float, Array]:
         found = np.concatenate([[0.0], alpha])[order]
-        overlap = tabu_search(tree, _platform(topology, alpha, l_c, order), found, rules, REPAIRS, rng)
+        overlap = tabu_search(tree, _platform(topology, alpha, l_c, order), found, rules, EFFORT.repairs, rng)
         return overlap, _by_module(found, order)
 
     least, best = repair(alpha)
-    shortest, kicks = lever(task, topology, best, half_angle), KICKS * topology.n
+    shortest, kicks = lever(task, topology, best, half_angle), EFFORT.kicks * topology.n
     for kick in range(kicks):
-        if least > 0.0 and kick >= PATIENCE * kicks:
+        if least > 0.0 and kick >= EFFORT.patience * kicks:
             break
         kicked = best.copy()
         kicked[rng.integers(topology.n - 1)] = rng.uniform(-rules.turn, rules.turn)
@@ -122,8 +132,7 @@ def _by_module(found: Array, order: list[int]) -> Array:
     """Return the hinge angles of the modules 1..n-1, given those of all in preorder."""
     alpha = np.empty_like(found)
     alpha[order] = found
-    result: Array = alpha[1:]
-    return result
+    return np.asarray(alpha[1:])
 
 
 def _preorder(topology: Topology) -> list[int]:

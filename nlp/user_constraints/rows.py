@@ -9,15 +9,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 
+from nlp.airspeed import SpeedRows
 from nlp.evaluation.correction import correct
 from nlp.evaluation.violations import Violation, violations
+from nlp.joints import LimitRows
 from nlp.numbers.point import Point
 from nlp.units import Units
 from nlp.user_constraints.expressions import rows, scale_of, symbolic_platform
@@ -72,40 +74,6 @@ class Assembled(Protocol):
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
         """Return the entries of the Hessian of the Lagrangian."""
-
-
-class FurtherRows(Protocol):
-    """Rows that are joined to a program, in numbers."""
-
-    lower: Array
-    upper: Array
-    jacobian_pattern: ca.Sparsity
-    hessian_pattern: ca.Sparsity
-
-    def values(self, variables: Array) -> Array:
-        """Return the rows."""
-
-    def jacobian(self, variables: Array) -> Array:
-        """Return the entries of their Jacobian."""
-
-    def hessian(self, variables: Array, multipliers: Array) -> Array:
-        """Return the entries of the Hessian of their sum, times multipliers."""
-
-
-class ConstraintRows(Hashable, Protocol):
-    """Rows of a program as expressions of all its unknowns."""
-
-    @property
-    def x(self) -> ca.SX:
-        """The unknowns."""
-
-    @property
-    def g(self) -> ca.SX:
-        """The rows."""
-
-    @property
-    def bounds(self) -> tuple[Array, Array]:
-        """Least and largest value of each."""
 
 
 class UserRows:
@@ -201,7 +169,7 @@ def _kept_rows(constraints: UserConstraints, task: ResolvedTask, topology: Topol
 
 
 @lru_cache(maxsize=8)  # those of the user's constraints, and here of the pseudo-inverse, come again every round
-def _derive(rows: ConstraintRows) -> tuple[ca.Function, ca.Function, ca.Function]:
+def _derive(rows: UserRows | LimitRows) -> tuple[ca.Function, ca.Function, ca.Function]:
     """Return rows, their Jacobian, and the upper triangle of the Hessian of their sum times multipliers."""
     x, multipliers = rows.x, ca.SX.sym("multipliers", rows.g.numel())
     hessian = ca.triu(ca.hessian(ca.dot(multipliers, rows.g), x)[0])
@@ -215,7 +183,7 @@ def _derive(rows: ConstraintRows) -> tuple[ca.Function, ca.Function, ca.Function
 class DerivedRows:
     """Expressions as rows whose derivatives are CasADi's."""
 
-    def __init__(self, rows: ConstraintRows) -> None:
+    def __init__(self, rows: UserRows | LimitRows) -> None:
         """Derive them."""
         self._g, self._jacobian, self._hessian = _derive(rows)
         self.lower, self.upper = rows.bounds
@@ -238,7 +206,7 @@ class DerivedRows:
 class JoinedProgram:
     """A program in numbers with other rows below its own."""
 
-    def __init__(self, program: Assembled, rows: FurtherRows) -> None:
+    def __init__(self, program: Assembled, rows: DerivedRows | SpeedRows) -> None:
         """Find where entries go."""
         self._program, self._further = program, rows
         self.size, self.rows = program.size, program.rows + len(rows.lower)
@@ -271,8 +239,7 @@ class JoinedProgram:
     def jacobian(self, variables: Array) -> Array:
         """Return the entries of their Jacobian."""
         both = self._program.jacobian(variables), self._further.jacobian(variables)
-        result: Array = np.concatenate(both)[self._order]
-        return result
+        return np.asarray(np.concatenate(both)[self._order])
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
         """Return the entries of the Hessian of the Lagrangian."""
