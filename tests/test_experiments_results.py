@@ -78,14 +78,12 @@ def test_the_documentation_says_what_the_ablation_shows():
     rows = results(FOLDER / "ablation.csv")
     words = " ".join(documented.TEXT.split())
     assert (rows["colliding_pairs"] > 0).all()
-    assert (
-        f"all {len(rows)} platforms of {rows['n'].min()} to {rows['n'].max()} modules blow into themselves" in words
-    )
+    assert f"all {len(rows)} platforms blow into themselves" in words
     deepest = rows["deepest_percent"]
     nearly, fully = ((deepest >= depth).mean() for depth in (REACHED, FULLY))
     assert (
-        f"is {deepest.median():.0f} % of the largest possible; {100 * nearly:.0f} % of the platforms reach "
-        f"{REACHED:.0f} % of it, and {100 * fully:.0f} % reach {FULLY} %" in words
+        f"the median of the deepest overlap is {deepest.median():.0f} % of the largest possible; "
+        f"{100 * nearly:.0f} % reach {REACHED:.0f} %, {100 * fully:.0f} % reach {FULLY} %" in words
     )
 
 
@@ -93,8 +91,8 @@ def test_the_documentation_says_how_many_trees_the_scaling_study_has():
     few, fewer = json.loads((FOLDER / "scaling.json").read_text())["settings"]["topologies"]
     sizes = results(FOLDER / "scaling-direct.csv")["n"]
     words = " ".join(documented.TEXT.split())
-    assert f"{few} trees per size up to {FEW_ABOVE} modules and {fewer} above" in words
-    assert f"for {sizes.min()} to {sizes.max()} modules also with the paper's formulation written" in words
+    assert f"{few} trees per size, above {FEW_ABOVE} modules {fewer}" in words
+    assert f"for {sizes.min()} to {sizes.max()} modules also the paper's formulation written directly" in words
 
 
 def test_the_documentation_says_how_good_first_designs_are():
@@ -102,14 +100,12 @@ def test_the_documentation_says_how_good_first_designs_are():
     words = " ".join(documented.TEXT.split())
     gaps = rows[(rows["n"] == 100) & (rows["status"] == "feasible")].groupby("task")["gap"].median()
     low, high = gap_percent(gaps.min(), 1).removesuffix(" %"), gap_percent(gaps.max(), 1)
-    assert f"with 100 modules their median gap is {low} to {high} in the four settings" in words
+    assert f"With 100 modules the median gap of first designs is {low} to {high}" in words
 
 
 def test_the_documentation_says_how_many_problems_of_the_scaling_study_have_a_design():
     rows = results(FOLDER / "scaling.csv")
     words = " ".join(documented.TEXT.split())
     solved, clear = (rows["status"] == "feasible").sum(), (rows["verdict"] == "clear").sum()
-    assert (
-        f"{solved} of {len(rows)} problems with {rows['n'].min()} to {rows['n'].max()} modules have a design, "
-        f"{clear} of them with a clear audit" in words
-    )
+    assert clear == solved
+    assert f"{solved} of {len(rows)} problems have a design, all with a clear audit" in words
