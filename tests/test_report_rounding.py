@@ -148,7 +148,7 @@ def test_flights_fronts_and_near_ties(capsys):
         check(flight_part(found)["sentences"], least=x)
         check(flight_part(found)["cases"].rows[0], least=x, most=3 * x)
         row = Row(
-            *("a300", 3, 1, "feasible", 1, 1.0),
+            *("a300", 3, 1, "feasible"),
             objective=1e9,
             force_reserve_N=x,
             joint_moment_Nm=3 * x,
