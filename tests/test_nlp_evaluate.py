@@ -113,7 +113,7 @@ def audited_clearances(design):
             continue
         more = 0.0
         if r.kind in ("airflow", "separation"):
-            name = getattr(names, r.kind)(r.a, r.b)
+            name = f"{r.kind} of modules {r.a} and {r.b}"
             if r.kind == "separation" and task.centre_distance is not None:
                 more = task.centre_distance - task.body_clearance
         elif r.kind == "exclusion":
