@@ -243,7 +243,7 @@ def test_the_command_prints_the_summary_draws_and_resumes(tmp_path):
         (["--task", "push:3", "--task", "push:4"], "--task: must have no value twice, but got push 2 times"),
         (["--distances", "0.3,0.3"], "--distances: must have no value twice, but got 0.3 2 times"),
         (["--time-limit", "inf"], "inf is not in the range 0<x<=1000000000"),
-        (["--time-limit", "nan"], "--time-limit: must be positive and finite, but got nan"),
+        (["--time-limit", "nan"], "'--time-limit': must be a number, but got nan"),
         (["--sizes", "0"], "--sizes: must be positive and finite, but got 0"),
         (["--picture", "a.jpg"], "must end in .png or .svg, but got a.jpg"),
     ],
