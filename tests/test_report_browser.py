@@ -524,6 +524,7 @@ def test_without_webgl_the_rest_of_the_page_works(
         page = browser.new_page()
         page.set_default_timeout(PATIENCE_MS)
         page.goto(path.as_uri())
+        page.evaluate("for (const part of document.querySelectorAll('details')) part.open = true")
         page.wait_for_selector("#inputs .main-svg")
         assert "WebGL" in page.locator("#view").inner_text()
 
