@@ -48,10 +48,8 @@ def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
     """
     bounds = {size.modules: size.lower_bound for size in answer.at_level.sizes}
     n = _choose("modules", list(bounds), modules or (answer.best.modules if answer.best else min(bounds)))
-    solves = answer.solves
-    if answer.levels:
-        solves = solves[solves["level"] == answer.level].drop(columns="level")
-    keys = _of_size(answer, n)["key"]
+    candidates, solves = (_of_level(answer, frame) for frame in (answer.candidates, answer.solves))
+    keys = candidates.loc[candidates["modules"] == n, "key"]
     events = [SolveEvent(*row) for row in solves[solves["key"].isin(keys)].itertuples(index=False)]
     return charts.style(charts.progress(events, bounds[n]))
 
@@ -67,18 +65,23 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
     Raises:
         BadInput: there is no such column of numbers.
     """
-    numbers = list(answer.candidates.select_dtypes("number").columns)
+    candidates = _of_level(answer, answer.candidates)
+    numbers = list(candidates.select_dtypes("number").columns)
     for name, column in (("x", x), ("y", y)):
         _choose(name, numbers, column)
     figure = go.Figure()
     for colour, size in zip(palette.SERIES, answer.at_level.sizes, strict=False):
-        rows = _of_size(answer, size.modules).dropna(subset=[x, y])
+        rows = candidates[candidates["modules"] == size.modules].dropna(subset=[x, y])
         figure.add_scatter(
             x=rows[x],
             y=rows[y],
             name=f"{size.modules} modules",
             mode="markers",
-            marker={"color": colour, "size": 9, "symbol": ["circle" if clear else "x" for clear in _clear(rows)]},
+            marker={
+                "color": colour,
+                "size": 9,
+                "symbol": ["circle" if audit == "clear" else "x" for audit in rows["audit"]],
+            },
             text=rows["key"] + ", audit " + rows["audit"].fillna("none"),
             hovertemplate=f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}<extra></extra>",
         )
@@ -86,14 +89,9 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
     return charts.style(figure)
 
 
-def _clear(rows: pd.DataFrame) -> pd.Series[bool]:
-    return rows["audit"] == "clear"
-
-
-def _of_size(answer: Answer, n: int) -> pd.DataFrame:
-    frame = answer.candidates
-    chosen = frame["modules"] == n
-    return frame[chosen & (frame["level"] == answer.level)] if answer.levels else frame[chosen]
+def _of_level(answer: Answer, frame: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of the best design's level, without the column that only goals have."""
+    return frame[frame["level"] == answer.level].drop(columns="level") if answer.levels else frame
 
 
 def _choose(field: str, valid: Sequence[Value], chosen: Value | None) -> Value:
