@@ -175,12 +175,8 @@ class Connection:
         def settle(_: object) -> None:
             if sent.cancelled():
                 future.cancel()
-            if not future.set_running_or_notify_cancel():
-                return
-            try:
-                future.set_result(sent.result())
-            except BaseException as error:  # noqa: BLE001 (whatever it is, it is raised where the result is taken)
-                future.set_exception(error)
+            if future.set_running_or_notify_cancel():
+                _settle(future, sent.result)
 
         sent.add_done_callback(settle)
         future.add_done_callback(lambda done: sent.cancel() if done.cancelled() else None)
@@ -232,12 +228,13 @@ def _call_within(seconds: float, call: Callable[[], T]) -> T:
         TimeoutError: the time is over.
     """
     ended: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            ended.set_result(call())
-        except BaseException as error:  # noqa: BLE001 (whatever it is, it is raised where the result is waited for)
-            ended.set_exception(error)
-
-    threading.Thread(target=run, daemon=True).start()
+    threading.Thread(target=_settle, args=(ended, call), daemon=True).start()
     return ended.result(seconds)
+
+
+def _settle(future: Future[T], call: Callable[[], T]) -> None:
+    """Give a future what a call returns or raises."""
+    try:
+        future.set_result(call())
+    except BaseException as error:  # noqa: BLE001 (whatever it is, it is raised where the result is waited for)
+        future.set_exception(error)
