@@ -113,7 +113,7 @@ def open_engine(
 
 
 def processes(workers: int) -> Workers | CallingProcess:
-    """Return so many worker processes; 0: the calling process, which then crashes or hangs with a job."""
+    """Return a pool of this many worker processes; 0: the calling process, which crashes or hangs with a job."""
     return Workers(workers) if workers else CallingProcess()
 
 

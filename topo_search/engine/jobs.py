@@ -19,7 +19,7 @@ R = TypeVar("R")
 
 
 class Given(TypedDict):
-    """What a topology is solved from."""
+    """Arguments of a solve, beside task and topology."""
 
     starts: range
     """Indices of the starts."""

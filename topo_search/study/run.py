@@ -145,7 +145,7 @@ def solve_proposals(strategy: Strategy, folder: RunFolder, n: int, lower_bound: 
 
 
 def share_time(tools: Tools, parts: int) -> Tools:
-    """Return the same tools for the first of so many equal parts of the time that is left."""
+    """Return the same tools with an equal share of the time that is left."""
     now = time.monotonic()
     return tools if parts == 1 else replace(tools, until=now + (tools.until - now) / parts)
 

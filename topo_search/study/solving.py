@@ -34,7 +34,7 @@ from topo_search.study.row import FLIGHT, Row, row_of, score
 
 @dataclass(frozen=True)
 class Tools:
-    """What a run computes with: solver and audit, where they run, who is told of it, and until when."""
+    """Solver and audit of a run, with its engine, observer and time limit."""
 
     backends: Backends
     engine: Engine
