@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from topo_search.export.picture import Picture
 from topo_search.export.scene import frame_faces
-from topo_search.export.solids import cone_sphere, frame, glb, rotors, stl
+from topo_search.export.solids import cone_sphere, frame, glb, join, rotor_discs, stl
 from topo_search.model import Design, Module, Topology
 from verify.kinematics import platform, rotation
 
@@ -74,10 +74,10 @@ def test_frame_and_rotors_of_a_module_are_closed_and_of_the_right_volume() -> No
     module = Module()
     assert frame(module).is_watertight
     assert frame(module).volume == pytest.approx(FRAME, rel=1e-12)
-    assert rotors(module).is_watertight
-    assert rotors(module).volume == pytest.approx(DISCS, rel=4e-3)  # 48 sides
+    assert join(rotor_discs(module)).is_watertight
+    assert join(rotor_discs(module)).volume == pytest.approx(DISCS, rel=4e-3)  # 48 sides
     np.testing.assert_allclose(
-        rotors(module).bounds,
+        join(rotor_discs(module)).bounds,
         [[-a, -a, -h] for a, h in [(0.1 / 2**0.5 + 0.05, 0.01)]] * np.array([[1], [-1]]),
         atol=1e-4,
     )

@@ -49,7 +49,7 @@ def test_pictures_show_regions() -> None:
     finally:
         for figure in figures:
             plt.close(figure)
-    assert any("keep-out" in (trace.name or "") for trace in scene(DESIGN, poses(DESIGN), None).data)
+    assert any("keep-out" in part.name for part in scene(DESIGN, poses(DESIGN)))
 
 
 def test_the_closest_points_of_a_region_are_as_far_apart_as_the_audit_says() -> None:

@@ -22,7 +22,6 @@ from topo_search.model import Audit, Clearance, Design, Status, Topology
 from topo_search.model.files import read_json
 from topo_search.report.design_page import design_page, read_simulated
 from topo_search.report.page import render
-from topo_search.report.scene import scene
 from verify.air import case_jets
 from verify.air.jets import speeds
 from verify.kinematics import platform
@@ -32,18 +31,10 @@ pytestmark = pytest.mark.browser
 
 WEBGL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 """3-D drawn by the processor: test machines have no graphics card."""
-CAMERA = "id => JSON.stringify(document.getElementById(id)._fullLayout.scene._scene.getCamera().eye)"
-TURN = """
-async () => {
-  const view = document.getElementById("view");
-  for (let step = 0; step < 12; step++) {
-    const angle = step * 0.1;
-    const eye = { x: 1.7 * Math.cos(angle), y: 1.7 * Math.sin(angle), z: 0.7 };
-    await Plotly.relayout(view, { "scene.camera.eye": eye });
-    await new Promise(requestAnimationFrame);
-  }
-}
-"""
+CAMERA = "JSON.stringify(views[0].stage.orbit)"
+PICTURE = "(stage => (stage.picture(), stage.canvas.toDataURL()))(views[0].stage)"
+DRAWN = "({ stage }) => stage.content.children.map(object => object.name)"
+BESIDE = "document.querySelectorAll('#beside .stage canvas').length === 2"
 
 
 PATIENCE_MS = 300_000
@@ -92,7 +83,7 @@ def opened(browser: Browser, tmp_path: Path) -> Iterator[Open]:
         page.on("pageerror", lambda error: wrong.append(str(error)))
         page.on("request", lambda request: wrong.append(request.url) if request.url.startswith("http") else None)
         page.goto(path.as_uri())
-        until(page, "document.querySelectorAll('.plot:not(.js-plotly-plot)').length === 0")
+        until(page, "document.querySelectorAll('.plot:not(.js-plotly-plot), .stage > svg').length === 0")
         return page
 
     yield open_text
@@ -117,7 +108,7 @@ def test_the_view_turns(opened: Open, five: str) -> None:
     page = opened(five)
     view = page.locator("#view canvas").first
     view.scroll_into_view_if_needed()
-    before, seen = page.evaluate(CAMERA, "view"), view.screenshot()
+    before, seen = page.evaluate(CAMERA), view.screenshot()
     box = view.bounding_box()
     assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -126,72 +117,87 @@ def test_the_view_turns(opened: Open, five: str) -> None:
     page.mouse.move(x + 150, y + 40, steps=10)
     page.mouse.up()
     page.wait_for_timeout(300)
-    assert page.evaluate(CAMERA, "view") != before
+    assert page.evaluate(CAMERA) != before
     assert view.screenshot() != seen
 
 
-def parts(page: Page) -> dict[str, dict[str, object]]:
-    """Return what is drawn in 3-D, by its part of the picture."""
-    found = page.evaluate(
-        "document.getElementById('view').data.map(t => [t.meta.part, {points: t.x.length, opacity: t.opacity ?? 1,"
-        " intensity: t.intensity ?? null, name: t.name, x: t.type === 'mesh3d' ? [...t.x] : null}])"
+def parts(page: Page) -> list[str]:
+    """Return which parts are drawn in 3-D."""
+    return list(page.evaluate(f"({DRAWN})(views[0])"))
+
+
+def copies(page: Page, kind: str) -> list[list[float]]:
+    """Return the poses of all copies of a part that are drawn, column by column."""
+    return list(
+        page.evaluate(
+            "kind => views[0].stage.content.children.filter(object => object.name === kind).flatMap(object =>"
+            " Array.from({length: object.count}, (_, k) =>"
+            " [...object.instanceMatrix.array.slice(16 * k, 16 * k + 16)]))",
+            kind,
+        )
     )
-    return dict(found)
-
-
-def spans(page: Page) -> list[float]:
-    """Return how far the axes of the picture reach."""
-    axes = "document.getElementById('view').layout.scene"
-    return [page.evaluate(f"{axes}.{axis}axis.range[1] - {axes}.{axis}axis.range[0]") for axis in "xyz"]
 
 
 def test_the_view_opens_on_the_platform_and_shows_what_is_chosen(opened: Open) -> None:
     made = design(Topology.from_key("af0000"), "push-two-paths")
+    at = poses(made)
     page = opened(render(design_page(made, audit(made), "mine.json")))
-    first, near = parts(page), spans(page)
-    assert first["airflow"]["opacity"] == 0.06
-    assert {"regions", "modules", "tip"} <= {*first}
-    assert "closest" not in first
-    whole = {trace.meta["part"]: trace for trace in scene(made, poses(made)).data}
-    assert first["modules"]["x"] == pytest.approx(whole["modules"].x.tolist(), abs=2e-5)
-
-    page.click("[data-choice=airflow]")
-    assert {"closest", "airflow"} <= {*parts(page)}
-    assert spans(page)[2] > near[2] + 0.5  # the jets are over a metre long
-    assert page.get_attribute("[data-choice=airflow]", "aria-pressed") == "true"
-    assert page.get_attribute("[data-choice=platform]", "aria-pressed") == "false"
-
-    page.click("[data-choice=platform]")
-    assert spans(page) == pytest.approx(near)
+    assert {"regions", "modules", "rotors", "spin", "joints", "tip"} <= {*parts(page)}
+    assert not {"airflow", "closest", "connectors"} & {*parts(page)}
+    for matrix, R, p in zip(copies(page, "modules"), at.R, at.p, strict=True):
+        pose = np.array(matrix).reshape(4, 4).T
+        np.testing.assert_allclose(pose[:3], np.column_stack([R, p]), atol=2e-6)
+    labels = page.evaluate(POINTS_AT)
 
     page.click("[data-choice=case][data-number='1']")
-    shown = parts(page)
-    assert shown["case"]["name"] == "load case 1"
-    throttle = 100 * made.inputs[1] / made.task.module.max_input(9.81)
-    assert set(np.round(shown["rotors"]["intensity"], 2)) == set(np.round(throttle.ravel(), 2))
-    assert "load case 1: force" in page.inner_text(".told")
+    assert {"case", "rotors"} <= {*parts(page)}
+    page.click("[data-part=airflow]")
+    assert page.get_attribute("[data-part=airflow]", "aria-pressed") == "true"
+    assert {"case", "airflow"} <= {*parts(page)}
+    told = page.inner_text(".told")
+    assert told.startswith("load case 1: force")
+    page.click("[data-choice=platform]")
+    assert "airflow" in parts(page)
+    page.evaluate(PICTURE)
+    assert page.evaluate(POINTS_AT) == pytest.approx(labels)  # jets of over a metre leave the platform its size
+    page.click("[data-part=airflow]")
+    assert "airflow" not in parts(page)
 
     page.click("[data-choice=assembly]")
+    assert page.get_attribute("[data-choice=assembly]", "aria-pressed") == "true"
+    assert page.get_attribute("[data-choice=platform]", "aria-pressed") == "false"
     assert page.inner_text(".told").startswith("Step 1 of 6: Start with module 0")
-    one = parts(page)["modules"]["points"]
-    for step in range(2, 6):
+    for step in range(1, 6):
+        assert len(copies(page, "modules")) == step
+        assert len(copies(page, "joints")) == 2 * (step - 1)
+        assert not copies(page, "tip")
         page.click("[data-step='1']")
-        assert parts(page)["modules"]["points"] == step * one
-    assert "tip" not in parts(page)
-    page.click("[data-step='1']")
-    assert "tip" in parts(page)
+    assert copies(page, "tip")
     page.click("[data-step='-1']")
     assert page.inner_text(".told").startswith("Step 5 of 6")
+
+
+def test_rotors_have_the_colour_of_their_throttle(opened: Open) -> None:
+    made = design(Topology.from_key("af0000"), "push")
+    page = opened(render(design_page(made, audit(made), "mine.json")))
+    page.click("[data-choice=case][data-number='1']")
+    hues = page.evaluate(
+        "views[0].stage.content.children.filter(object => object.name === 'rotors').map(object =>"
+        " Array.from({length: object.count}, (_, k) => object.instanceColor.array[3 * k + 2]))"
+    )
+    throttle = made.inputs[1].T.ravel()
+    blue = np.array(hues).ravel()[np.argsort(throttle)]
+    assert np.all(np.diff(blue) <= 1e-6)  # the more throttle, the less blue
+    assert blue[0] > blue[-1]
 
 
 def test_rotors_keep_no_colour_of_a_load_case(opened: Open) -> None:
     made = design(Topology.from_key("af0000"), "push")
     page = opened(render(design_page(made, audit(made), "mine.json")))
-    still = "document.getElementById('view')._fullLayout.scene._scene.toImage('png')"
     pictures = []
     for case in ("0", "1"):
         page.click("[data-choice=assembly]")
-        pictures.append(page.evaluate(still))
+        pictures.append(page.evaluate(PICTURE))
         page.click(f"[data-choice=case][data-number='{case}']")
     assert pictures[0] == pictures[1]
 
@@ -224,17 +230,27 @@ def test_air_has_the_speeds_of_the_audit_and_the_platform_keeps_its_size(opened:
         np.testing.assert_allclose(shown, speeds(blown, in_scene).sum(axis=1), rtol=1e-3, atol=1e-3)
 
     page.click("[data-choice=case][data-number='1']")
+    page.evaluate(PICTURE)
     before = page.evaluate(POINTS_AT)
     page.select_option("[data-air=speed]", "1")
     page.select_option("[data-air=across]", "y")
     assert {"air", "slice"} <= {*parts(page)}
+    speeds_there = page.evaluate(
+        "(air => { const at = views[0].stage.content.getObjectByName('air').geometry.attributes.position;"
+        " return Array.from({length: at.count}, (_, i) => air.at([at.getX(i), at.getY(i), at.getZ(i)])); })"
+        "(new Air(read('view-data'), 1))"
+    )
+    assert len(speeds_there) > 1000
+    assert np.quantile(speeds_there, [0.05, 0.95]) == pytest.approx(1.0, abs=0.15)
+    page.evaluate(PICTURE)
     assert page.evaluate(POINTS_AT) == pytest.approx(before, abs=0.5)
     assert page.locator("output:visible").inner_text().endswith(", through the tip")
     slider = page.locator("[data-air=at]")
     middle = float(slider.input_value())
     slider.press("ArrowRight")
-    plane = "new Set(document.getElementById('view').data.at(-1).y.flat())"
-    assert page.evaluate(f"[...{plane}]") == [pytest.approx(float(slider.input_value()))] != [pytest.approx(middle)]
+    corners = "[...views[0].stage.content.getObjectByName('slice').geometry.attributes.position.array]"
+    at_y = {round(y, 5) for y in page.evaluate(corners)[1::3]}
+    assert at_y == {round(float(slider.input_value()), 5)} != {round(middle, 5)}
     page.click("[data-choice=platform]")
     assert not {"air", "slice"} & {*parts(page)}
 
@@ -242,7 +258,7 @@ def test_air_has_the_speeds_of_the_audit_and_the_platform_keeps_its_size(opened:
 def test_labels_do_not_lie_over_each_other(opened: Open, five: str) -> None:
     page = opened(five)
     labels = page.locator(".view .labels text")
-    assert labels.all_text_contents() == ["0", "1", "2", "3", "4", "tip", "centre of mass"]
+    assert labels.all_text_contents() == [*"01234", "tip", "centre of mass", *"xyz", "squares of 0.2 m"]
     boxes = page.evaluate(
         "[...document.querySelectorAll('.view .labels text')].map(t => t.getBoundingClientRect().toJSON())"
     )
@@ -260,7 +276,7 @@ def test_the_pointer_on_a_module_shows_its_numbers(opened: Open, five: str) -> N
     assert box is not None
     lines = page.locator(".view .labels line")
     x, y = (float(lines.nth(1).get_attribute(name) or 0) for name in ("x1", "y1"))
-    told = page.locator("#view .hovertext")
+    told = page.locator(".view .hover:visible")
     end = time.monotonic() + PATIENCE_MS / 1000
     while not told.count():
         assert time.monotonic() < end
@@ -276,9 +292,9 @@ def test_keys_turn_the_view(opened: Open, five: str) -> None:
     page = opened(five)
     page.focus("#view")
     for key in ("ArrowLeft", "ArrowUp", "+"):
-        before = page.evaluate(CAMERA, "view")
+        before = page.evaluate(CAMERA)
         page.keyboard.press(key)
-        assert page.evaluate(CAMERA, "view") != before
+        assert page.evaluate(CAMERA) != before
 
 
 def test_the_page_is_dark_where_the_reader_wants_it(opened: Open, five: str) -> None:
@@ -338,14 +354,17 @@ def test_a_row_shows_its_design_beside_the_best(opened: Open, tmp_path: Path) ->
     assert [trees.nth(i).get_attribute("aria-label") for i in range(2)] == [
         f"tree of the 4 modules, {key}" for key in (ranked[0], ranked[3])
     ]
-    until(page, "document.querySelectorAll('#beside .js-plotly-plot').length === 2")
+    until(page, BESIDE)
 
-    drawn = "[...document.querySelectorAll('#beside .plot')].map(p => p.data.map(t => t.meta.part))"
-    page.locator("#beside [data-choice=airflow]").first.click()  # both show the same
-    for button in page.locator("#beside [data-choice=airflow]").all():
+    page.locator("#beside [data-part=airflow]").first.click()  # both show the same
+    for button in page.locator("#beside [data-part=airflow]").all():
         assert button.get_attribute("aria-pressed") == "true"
     page.locator("#beside [data-choice=case]").last.click()
-    assert all("case" in parts and "airflow" not in parts for parts in page.evaluate(drawn))
+    drawn = page.evaluate(f"beside.views.map({DRAWN})")
+    assert all({"case", "airflow"} <= {*names} for names in drawn)
+    page.locator("#beside .stage").last.press("ArrowLeft")
+    one, other = page.evaluate("beside.views.map(({ stage }) => stage.orbit.across)")
+    assert one == other != page.evaluate("beside.views[0].stage.first.across")
 
     page.click("#beside [data-move='1']")
     assert page.inner_text("#beside h3").startswith(ranked[4])
@@ -383,7 +402,7 @@ def test_two_designs_of_any_rank_are_compared_and_the_address_links_to_them(open
     assert "design=" not in page.url
     page.goto("about:blank")
     page.goto(link)
-    until(page, "document.querySelectorAll('#beside .js-plotly-plot').length === 2")
+    until(page, BESIDE)
     assert page.inner_text("#beside h3") == f"{ranked[3]} beside {ranked[2]}"
 
 
@@ -479,7 +498,7 @@ def test_everybody_can_read_the_page(
     page = opened(toy_page(tmp_path / "run", modules=4, starts=4), width=width)
     page.emulate_media(color_scheme=scheme)
     page.locator("#ranking tbody button").nth(2).click()
-    until(page, "document.querySelectorAll('#beside .js-plotly-plot').length === 2")
+    until(page, BESIDE)
     violations = Axe().run(page).response["violations"]
     assert [(one["id"], [node["html"][:200] for node in one["nodes"]]) for one in violations] == []
     assert page.evaluate("document.documentElement.scrollWidth") == width
@@ -488,16 +507,17 @@ def test_everybody_can_read_the_page(
 def test_a_hundred_modules_are_a_few_meshes(opened: Open) -> None:
     made = design(grown(100), "push-two-paths")
     page = opened(render(design_page(made, audit(made), "mine.json")))
-    assert page.evaluate("document.getElementById('view').data.length") <= 20
-    before = page.evaluate(CAMERA, "view")
-    page.evaluate(TURN)
-    assert page.evaluate(CAMERA, "view") != before
+    assert len(parts(page)) <= 30
+    assert len(copies(page, "modules")) == 100
+    before = page.evaluate(PICTURE)
+    page.locator("#view").press("ArrowLeft")
+    assert page.evaluate(PICTURE) != before
 
 
 def test_on_paper_there_are_no_controls(opened: Open, five: str) -> None:
     page = opened(five)
     page.emulate_media(media="print")
-    assert page.locator("#view canvas").first.is_visible()
+    assert page.locator("#view canvas").is_visible()
     assert not page.locator("nav").is_visible()
     page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
     assert page.locator("details").count() == page.locator("details[open]").count() > 0
@@ -524,9 +544,11 @@ def test_without_webgl_the_rest_of_the_page_works(
         page = browser.new_page()
         page.set_default_timeout(PATIENCE_MS)
         page.goto(path.as_uri())
+        until(page, "document.querySelectorAll('.plot:not(.js-plotly-plot)').length === 0")
         page.evaluate("for (const part of document.querySelectorAll('details')) part.open = true")
         page.wait_for_selector("#inputs .main-svg")
         assert "WebGL" in page.locator("#view").inner_text()
+        assert page.locator("#view svg").is_visible()
 
 
 def test_flights_follow_the_look_of_the_page(opened: Open, tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_the_picture_has_the_scale_of_the_arrows(able: Design) -> None:
     assert not view("view", able, at, found)["forces"]
     value = shown["value"]["forces"]
     assert "can be added in every direction" in value["told"]
-    assert [trace["meta"]["part"] for trace in value["traces"]] == ["forces", "forces"]
+    assert [part["kind"] for part in value["parts"]] == ["forces", "forces"]
     scale = metres_per_newton(able, at)
     (force,) = (case.at_com.force for case in able.task.load_cases)
     tip, start = np.array(shown["value"]["cases"][0]["ends"][0][1]), at.p_com

@@ -23,7 +23,7 @@ from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page, write_run_page
-from topo_search.report.scene import scene
+from topo_search.report.scene import closest_words, scene
 from topo_search.study import RunFolder, answer_of
 
 
@@ -42,7 +42,8 @@ def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
     assert "audit: clear" in page.text
     assert "topo-search run task.toml --symmetry c2 --starts 4 --seed 5" in page.text
     assert 'name = "toy"' in page.text
-    for part in ("view", "inputs", "progress-2", "progress-3"):
+    assert json.loads(page.data["view-data"])["parts"]
+    for part in ("inputs", "progress-2", "progress-3"):
         assert json.loads(page.data[f"{part}-data"])["data"]
 
 
@@ -141,14 +142,14 @@ def test_any_size_has_a_page():
     for n in (1, 2, 9):
         made = design(grown(n), "push-exterior-60")
         page = Reader(render(design_page(made, audit(made), "mine.json")))
-        traces = json.loads(page.data["view-data"])["data"]
-        assert len(traces) <= 20
-        assert "cone that must contain all airflow" in {trace.get("name") for trace in traces}
+        drawn = json.loads(page.data["view-data"])["parts"]
+        assert len(drawn) <= 30
+        assert "cone that must contain all airflow" in {part["name"] for part in drawn}
 
 
 def test_a_half_space_is_not_called_a_cone():
     made = design(grown(2), "push-exterior-90")
-    names = {trace.name for trace in scene(made, poses(made)).data}
+    names = {part.name for part in scene(made, poses(made))}
     assert "half-space that must contain all airflow" in names
     assert "cone that must contain all airflow" not in names
 
@@ -170,27 +171,37 @@ def test_the_rod_and_the_blocked_connectors_are_shown(audited):
     sheet = verdict.assembly.end_effector
     blocked = [connector for connector in sheet.connectors if connector.blocked_by]
     page = Reader(render(design_page(made, verdict, "mine.json")))
-    traces = {trace["name"]: trace for trace in json.loads(page.data["view-data"])["data"]}
-    assert ("rod of the end-effector" in traces) == (sheet.mount is not None)
-    assert len(traces["connectors blocked for the rod"]["hovertext"]) == len(blocked) > 0
+    drawn = json.loads(page.data["view-data"])["parts"]
+    assert ("rod" in {part["name"] for part in drawn}) == (sheet.mount is not None)
+    marked = [len(part["modules"]) for part in drawn if part["name"] == "connectors blocked for the rod"]
+    assert sum(marked) == len(blocked) > 0
     assert (f"from port {PORT_NAMES[sheet.mount.port]} of module {sheet.mount.module}" in page.text) or sheet.note
 
 
 def test_the_mark_is_where_the_audit_says(audited):
     made, verdict = audited
     pair = next(pair for pair in verdict.pairs if pair.kind == "directional")
-    mark = scene(made, poses(made), pair).data[-1]
-    np.testing.assert_allclose(np.stack([mark.x, mark.y, mark.z], axis=1), pair.closest_m, rtol=1e-6)
+    *_, mark = scene(made, poses(made), pair)
+    radius = 0.08 * made.task.module.arm_length
+    for end in np.array(pair.closest_m):
+        assert np.linalg.norm(mark.mesh.vertices - end, axis=1).min() == pytest.approx(radius / 4, rel=0.02)
     without = pair.model_copy(update={"closest_m": None})  # as in files of programs that do not tell
-    assert "closest" not in {trace.meta["part"] for trace in scene(made, poses(made), without).data}
+    assert "closest" not in {part.kind for part in scene(made, poses(made), without)}
 
 
 def test_a_distance_that_is_marked_is_told_from_a_gap(audited):
-    made, verdict = audited
+    _, verdict = audited
     for kind, told in (("airflow", "1 mm, airflow"), ("separation", "1 mm beyond the least distance, separation")):
         pair = next(pair for pair in verdict.pairs if pair.kind == kind).model_copy(update={"analytic_m": 1e-3})
-        mark = scene(made, poses(made), pair).data[-1]
-        assert mark.name.startswith(f"closest pair: {told} of modules")
+        assert closest_words(pair).startswith(f"The closest pair: {told} of modules")
+
+
+def test_a_solid_plane_is_a_wall_beside_the_platform():
+    made = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
+    at = poses(made)
+    (wall,) = (part for part in scene(made, at) if part.kind == "walls")
+    assert wall.name == "wall"
+    assert wall.mesh.bounds[0, 0] == pytest.approx(at.end_effector[0])  # it begins where the platform ends
 
 
 def luminance(colour: str) -> float:

@@ -7,8 +7,10 @@ from report_cases import design, grown
 from topo_search.compose import audit
 from topo_search.export.poses import poses
 from topo_search.model import Audit, Design, LoadCase, Topology, Wrench
-from topo_search.report.arrows import arrows, reach, ring, straight_arrow
-from topo_search.report.scene import scene
+from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.report.arrows import arrows, reach
+from topo_search.report.parts import ring, straight_arrow
+from topo_search.report.scene import closest, figure, meshes, scene
 from topo_search.report.view import shared_meshes, view
 
 
@@ -30,26 +32,46 @@ def with_cases(*cases: LoadCase) -> Design:
     )
 
 
-def test_copies_of_a_mesh_lie_where_the_whole_picture_has_them(audited: tuple[Design, Audit]) -> None:
+def test_a_figure_has_the_parts_of_the_page(audited: tuple[Design, Audit]) -> None:
     made, found = audited
     at = poses(made)
-    whole = {trace.meta["part"]: trace for trace in scene(made, at).data if "mesh" in trace.meta}
-    written = shared_meshes(made)
-    assert set(written) == {trace.meta["mesh"] for trace in whole.values()}
-    for name, mesh in written.items():
-        corners = np.array([mesh[axis] for axis in "xyz"])
-        placed = np.concatenate([R @ corners + p[:, None] for R, p in zip(at.R, at.p, strict=True)], axis=1)
-        trace = next(trace for trace in whole.values() if trace.type == "mesh3d" and trace.meta["mesh"] == name)
-        np.testing.assert_allclose(placed, [trace.x, trace.y, trace.z], atol=2e-5)
-        assert len(trace.i) == made.topology.n * len(mesh["i"])
-    left_out = [trace for trace in view("view", made, at, found)["value"]["data"] if "mesh" in trace["meta"]]
-    assert len(left_out) == 4
-    assert not any("x" in trace for trace in left_out)
+    shared = meshes(made.task.module, sides=24)
+    parts = list(scene(made, at, closest(found), found.assembly))
+    assert {part.mesh for part in parts if isinstance(part.mesh, str)} <= {*shared_meshes(made)}
+    drawn = figure(made, at, closest(found), found.assembly).data
+    assert [trace.name for trace in drawn] == [part.name for part in parts]
+    (frames,) = (trace for trace in drawn if trace.name == "modules")
+    corners = [shared["modules"].vertices @ R.T + p for R, p in zip(at.R, at.p, strict=True)]
+    np.testing.assert_allclose(np.column_stack([frames.x, frames.y, frames.z]), np.concatenate(corners), atol=1e-6)
+
+
+def test_joints_meet_where_two_modules_are_bolted_together(audited: tuple[Design, Audit]) -> None:
+    made, _ = audited
+    at = poses(made)
+    halves = [part for part in scene(made, at) if part.kind == "joints"]
+    ends: dict[int, list[np.ndarray]] = {}
+    for part in halves:
+        port = PORT_DIRECTIONS[int(part.mesh.split()[1])]
+        for module, step in zip(part.modules, part.steps, strict=True):
+            reach_of_port = made.task.module.connector_distance * port
+            ends.setdefault(step, []).append(at.p[module] + at.R[module] @ reach_of_port)
+    assert sorted(ends) == list(range(1, made.topology.n))
+    for one, other in ends.values():
+        np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+def test_rings_are_on_the_rotors_that_turn_so() -> None:
+    """Front right and rear left turn counter-clockwise, as in PX4."""
+    module = design(Topology.from_key("a300"), "push").task.module
+    for name, fronts in (("counter-clockwise rotors", -1), ("clockwise rotors", 1)):
+        corners = meshes(module, sides=24)[name].vertices
+        in_front = corners[corners[:, 0] > 0]
+        assert np.all(np.sign(in_front[:, 1]) == fronts)
 
 
 def test_an_arrow_begins_and_ends_where_it_says() -> None:
     start, direction = np.array([0.1, 0.2, 0.3]), np.array([0.6, 0.0, -0.8])
-    mesh, end = straight_arrow(start, direction, 0.5, 1.0)
+    mesh, end = straight_arrow(start, direction, 0.5, 0.025)
     np.testing.assert_allclose(end, [0.4, 0.2, -0.1])
     along = (mesh.vertices - start) @ direction
     assert (along.min(), along.max()) == pytest.approx((0.0, 0.5))
@@ -57,7 +79,7 @@ def test_an_arrow_begins_and_ends_where_it_says() -> None:
 
 def test_a_torque_turns_by_the_right_hand_rule() -> None:
     axis = np.array([0.0, -0.6, 0.8])
-    mesh, beside = ring(np.zeros(3), axis, 1.0, 1.0)
+    mesh, beside = ring(np.zeros(3), axis, 0.3, 0.025)
     assert abs(beside @ axis) < 1e-12
     head = mesh.vertices[len(mesh.vertices) - 1 :: -1][:11].mean(axis=0)
     turned = np.arctan2(np.cross(beside, head) @ axis, beside @ head)
@@ -81,7 +103,7 @@ def test_the_largest_force_has_the_longest_arrow() -> None:
     ]
     assert lengths[0] == pytest.approx(2 * lengths[1], rel=1e-3)
     assert lengths[0] == pytest.approx(0.6 * reach(made, at), rel=1e-3)
-    assert (nothing["told"], nothing["traces"]) == ("nothing", [])
+    assert (nothing["told"], nothing["parts"]) == ("nothing", [])
 
 
 def test_an_assembly_has_a_step_for_each_module_and_the_rod(audited: tuple[Design, Audit]) -> None:
@@ -103,7 +125,7 @@ def test_the_pointer_tells_a_modules_least_clearance(audited: tuple[Design, Audi
     least = min(found.pairs, key=lambda pair: pair.analytic_m)
     assert any(f": {least.name}" in text for text in told)
     for i, text in enumerate(told):
-        assert text.startswith(f"<b>module {i}</b><br>")
+        assert text.startswith(f"module {i}\n")
         assert ("joint bears up to" in text) == (i > 0)
 
 
@@ -142,7 +164,7 @@ def test_a_push_while_hovering_has_its_contact_plane_across_the_force(audited: t
     at = poses(made)
     push, other = arrows(made, at)
     assert push["name"] == "load case 0 (push)"
-    (plane,) = (trace for trace in push["traces"] if trace.meta["part"] == "contact")
-    assert np.ptp(plane.x) < 0.01 < np.ptp(plane.y)
-    assert np.mean(plane.x) == pytest.approx(at.end_effector[0], abs=1e-3)
-    assert all(trace.meta["part"] != "contact" for trace in other["traces"])
+    (plane,) = (part.mesh for part in push["parts"] if part.kind == "contact")
+    assert plane.extents[0] < 0.01 < plane.extents[1]
+    assert plane.bounds[:, 0].mean() == pytest.approx(at.end_effector[0], abs=1e-3)
+    assert all(part.kind != "contact" for part in other["parts"])

@@ -81,11 +81,11 @@ def write_page(folder: RunFolder) -> None:
 def plot_platform(design: Design, audited: Audit | None = None) -> Any:
     """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod."""
     from topo_search.export.poses import poses_to_draw
-    from topo_search.report.scene import closest, scene
+    from topo_search.report.scene import closest, figure
 
     if not isinstance(design, Design):
         raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])
-    return scene(design, poses_to_draw(design), closest(audited), None if audited is None else audited.assembly)
+    return figure(design, poses_to_draw(design), closest(audited), None if audited is None else audited.assembly)
 
 
 figure = plot_platform

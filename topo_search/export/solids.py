@@ -86,7 +86,7 @@ def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
     here = [pose_matrix(R, p) for R, p in zip(at.R, at.p, strict=True)]
     if parts != "airflow":
         yield Solid("frame", frame(module), palette.MODULE, here)
-        yield Solid("rotors", rotors(module), palette.ROTOR, here)
+        yield Solid("rotors", join(rotor_discs(module)), palette.ROTOR, here)
         if rod := rod_of(design, at):
             tube = cone_sphere(rod.start, rod.radius, rod.end, rod.radius)
             yield Solid("rod", tube, palette.END_EFFECTOR, [np.eye(4)])
@@ -148,14 +148,12 @@ def frame(module: Module) -> Trimesh:
     return join([hub, *bars])
 
 
-def rotors(module: Module, *, sides: int = SIDES) -> Trimesh:
-    """Return the four rotor discs in the module frame."""
+def rotor_discs(module: Module, *, sides: int = SIDES) -> list[Trimesh]:
+    """Return the rotor discs in the module frame."""
     body, l_arm = module.body, module.arm_length
-    discs = []
-    for angle in ROTOR_ANGLES:
-        disc = trimesh.creation.cylinder(radius=body.rotor_radius, height=body.rotor_height, sections=sides)
-        discs.append(disc.apply_translation((l_arm * math.cos(angle), l_arm * math.sin(angle), 0)))
-    return join(discs)
+    disc = trimesh.creation.cylinder(radius=body.rotor_radius, height=body.rotor_height, sections=sides)
+    hubs = ((l_arm * math.cos(angle), l_arm * math.sin(angle), 0) for angle in ROTOR_ANGLES)
+    return [disc.copy().apply_translation(hub) for hub in hubs]
 
 
 def airflow(module: Module, *, sides: int = SIDES) -> Trimesh:

@@ -21,7 +21,6 @@ polytope. The figures are the audit's, which proves them; this module only draws
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -29,7 +28,6 @@ import numpy as np
 import trimesh
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
-from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.allocation import thrust_matrix
@@ -37,7 +35,7 @@ from topo_search.export.poses import Poses, largest_wrench, load_wrenches, rotat
 from topo_search.export.solids import join, pose_matrix
 from topo_search.model import Design, LoadCase
 from topo_search.model.arrays import Array
-from topo_search.report.scene import MATT, drawn_mesh
+from topo_search.report.parts import Part, ring, straight_arrow
 from topo_search.report.task_facts import vector as vector_text
 from topo_search.report.wording import figures
 
@@ -51,12 +49,10 @@ RING = 0.3
 """Radius of a torque's ring, over the length of the longest arrow."""
 CONTACT = 0.35
 """Radius of the piece of a contact plane that is drawn, over the length of the longest arrow."""
-TURN = math.radians(300)
-"""Angle of the ring that is drawn [rad]."""
 
 
 def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
-    """Yield every load case as arrows: its name, its words, the label and position of each arrow, its traces."""
+    """Yield every load case as arrows: its name, its words, the label and position of each arrow, its parts."""
     S = SHARE * reach(design, at)
     largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
     for k, wrenches in itertools.groupby(load_wrenches(design, at), key=lambda wrench: wrench[0]):
@@ -66,23 +62,22 @@ def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
             if not size:
                 continue
             length = S * max(LEAST, size / largest[kind])
-            mesh, end = (straight_arrow if kind == "force" else ring)(point, vector / size, length, S)
+            shape, extent = (straight_arrow, length) if kind == "force" else (ring, RING * length)
+            mesh, end = shape(point, vector / size, extent, THICK * S)
             text = f"{figures(size, 3)} {'N' if kind == 'force' else 'N m'}"
             meshes.append(mesh)
             ends.append((text, end.round(5).tolist()))
             words.append(f"{kind} {text}, along {vector_text((vector / size).tolist())}, at the {where}")
-        trace = (
-            [drawn_mesh(f"load case {k}", join(meshes), palette.WRENCH, "case", lighting=MATT)] if meshes else []
-        )
+        case = [Part("case", f"load case {k}", palette.WRENCH, join(meshes))] if meshes else []
         yield {
             "name": design.task.case_labels[k],
             "told": "; ".join(words) or "nothing",
             "ends": ends,
-            "traces": [*trace, *_contact(design, design.task.load_cases[k], at, S)],
+            "parts": [*case, *_contact(design, design.task.load_cases[k], at, S)],
         }
 
 
-def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Iterator[Any]:
+def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Iterator[Part]:
     """Yield the contact plane of a push while it hovers: a disc at the end-effector, across the force."""
     f = np.array(case.at_end_effector.force)
     weight = design.task.force_unit(design.topology.n)
@@ -90,7 +85,7 @@ def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Itera
         return
     disc = trimesh.creation.cylinder(radius=CONTACT * longest, height=0.002, sections=48)
     disc.apply_transform(pose_matrix(rotation_to(f / np.linalg.norm(f)), at.end_effector))
-    yield drawn_mesh("contact plane", disc, palette.CONTACT, "contact", opacity=0.5)
+    yield Part("contact", "contact plane", palette.CONTACT, disc, opacity=0.5)
 
 
 def metres_per_newton(design: Design, at: Poses) -> float:
@@ -106,41 +101,6 @@ def reach(design: Design, at: Poses) -> float:
     """Return the largest distance of a rotor or the end-effector from the centre of mass [m]."""
     places = np.vstack([at.p, at.end_effector])
     return float(np.linalg.norm(places - at.p_com, axis=1).max()) + design.task.module.arm_length
-
-
-def straight_arrow(start: Array, direction: Array, length: float, longest: float) -> tuple[Trimesh, Array]:
-    """Return an arrow and its point, (3,) [m].
-
-    Args:
-        start: where it begins, (3,) [m].
-        direction: unit vector, (3,).
-        length: of it [m].
-        longest: length of the longest arrow, which sets the thickness of all [m].
-    """
-    thick = THICK * longest
-    head = min(5 * thick, length / 2)
-    shaft = trimesh.creation.cylinder(radius=thick, height=length - head, sections=10)
-    shaft.apply_translation((0, 0, (length - head) / 2))
-    cone = trimesh.creation.cone(radius=2.4 * thick, height=head, sections=10)
-    cone.apply_translation((0, 0, length - head))
-    mesh = join([shaft, cone]).apply_transform(pose_matrix(rotation_to(direction), start))
-    return mesh, start + length * direction
-
-
-def ring(centre: Array, axis: Array, length: float, longest: float) -> tuple[Trimesh, Array]:
-    """Return an arrow that turns about an axis by the right-hand rule, and a place beside it."""
-    thick, r = THICK * longest, RING * length
-    angles = np.linspace(0.0, TURN, 25)
-    path = r * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
-    steps = [
-        trimesh.creation.cylinder(radius=thick, segment=[one, other], sections=8)
-        for one, other in itertools.pairwise(path)
-    ]
-    forward = np.array([-math.sin(TURN), math.cos(TURN), 0.0])
-    head = trimesh.creation.cone(radius=2.4 * thick, height=5 * thick, sections=10)
-    head.apply_transform(pose_matrix(rotation_to(forward), path[-1]))
-    mesh = join([*steps, head]).apply_transform(pose_matrix(rotation_to(axis), centre))
-    return mesh, centre + rotation_to(axis) @ path[0]
 
 
 MOST_PROGRAMS = 200

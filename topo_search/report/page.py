@@ -1,7 +1,10 @@
-"""The page as one file: a template that escapes every text, with plotly.js inside."""
+"""The page as one file: a template that escapes every text, with plotly.js and three.js inside."""
 
 from __future__ import annotations
 
+import base64
+import functools
+import gzip
 import json
 import re
 from collections.abc import Collection, Sequence
@@ -10,13 +13,25 @@ from typing import Any, NamedTuple
 
 import jinja2
 import plotly.graph_objects as go
+import trimesh
 from markupsafe import Markup, escape
 from plotly.offline import get_plotlyjs
+from trimesh.viewer import scene_to_html
 
 from topo_search.export import palette
 from topo_search.report.charts import style
 
-SCRIPTS = ("figures.js", "labels.js", "air.js", "view.js", "beside.js", "choice.js", "ranking.js", "page.js")
+SCRIPTS = (
+    "figures.js",
+    "labels.js",
+    "stage.js",
+    "air.js",
+    "view.js",
+    "beside.js",
+    "choice.js",
+    "ranking.js",
+    "page.js",
+)
 """In the order in which they run."""
 
 
@@ -34,7 +49,7 @@ PARTS = (
     "reproduction",
 )
 """Parts that a page may lack."""
-FIRST_TILES = 4
+FIRST_TILES = 6
 """Number of tiles beside the view."""
 
 
@@ -87,8 +102,21 @@ def render(page: dict[str, Any]) -> str:
         FIRST_TILES=FIRST_TILES,
         style=_template("page.css"),
         script=Markup("\n").join(map(_template, SCRIPTS)),
-        plotly=Markup(get_plotlyjs()),
+        libraries=_libraries(),
     )
+
+
+@functools.cache
+def _libraries() -> str:
+    """Return plotly.js and three.js as gzip in base64, which is a third of their size.
+
+    trimesh ships three.js inside of the page of its own viewer: a licence with a line of code below.
+    """
+    viewer = scene_to_html(trimesh.Scene(trimesh.creation.box()))
+    found = re.search(r"/\*\*\s+\* @license[^/]*Three\.js Authors[^/]*\*/\n.+", viewer)
+    assert found is not None  # as in every version that the project allows
+    code = f"{get_plotlyjs()}\n{found.group()}"
+    return base64.b64encode(gzip.compress(code.encode(), mtime=0)).decode()
 
 
 def mark_code(text: str) -> Markup:

@@ -10,14 +10,18 @@ from topo_search.export.poses import Poses, azimuth_deg, towards_viewer
 from topo_search.model import Design
 from topo_search.model.arrays import Array
 
-SIDE = 36
-"""Edge of the picture [px]."""
 CORNERS = 10
 """Number of corners of a rotor's disc."""
 
 
-def thumbnail(design: Design, at: Poses) -> Markup:
-    """Return rotors, arms and the end-effector as inline SVG, seen as in the page's view of the design."""
+def thumbnail(design: Design, at: Poses, side: int = 36) -> Markup:
+    """Return rotors, arms and the end-effector as inline SVG, seen as in the page's view of the design.
+
+    Args:
+        design: any design.
+        at: its poses.
+        side: edge of the picture [px].
+    """
     towards = towards_viewer(azimuth_deg(at))
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
@@ -28,10 +32,11 @@ def thumbnail(design: Design, at: Poses) -> Markup:
     discs = hubs[:, :, None] + np.einsum("nij,cj->nci", at.R, circle)[:, None]
     everything = np.concatenate([discs.reshape(-1, 3), at.end_effector[None]]) @ axes.T
     low, high = everything.min(axis=0), everything.max(axis=0)
-    scale = (SIDE - 4) / max(*(high - low), 1e-9)
+    tip = max(3, side // 40)
+    scale = (side - 2 * tip) / max(*(high - low), 1e-9)
 
     def pixels(points: Array) -> str:
-        flat = SIDE / 2 + scale * (points @ axes.T - (low + high) / 2)
+        flat = side / 2 + scale * (points @ axes.T - (low + high) / 2)
         return " ".join(f"{u:.0f},{v:.0f}" for u, v in flat)
 
     back_first = np.argsort((hubs @ towards).ravel())
@@ -39,7 +44,7 @@ def thumbnail(design: Design, at: Poses) -> Markup:
     rotors = "".join(f'<polygon points="{pixels(discs.reshape(-1, CORNERS, 3)[i])}"/>' for i in back_first)
     x, y = pixels(at.end_effector[None]).split(",")
     return Markup(
-        f'<svg class="thumbnail" width="{SIDE}" height="{SIDE}" aria-hidden="true">'
+        f'<svg class="thumbnail" width="{side}" height="{side}" viewBox="0 0 {side} {side}" aria-hidden="true">'
         f'<g stroke="{palette.ARM}">{arms}</g><g fill="{palette.ROTOR}" stroke="{palette.MODULE}">{rotors}</g>'
-        f'<circle cx="{x}" cy="{y}" r="3" fill="{palette.END_EFFECTOR}"/></svg>'
+        f'<circle cx="{x}" cy="{y}" r="{tip}" fill="{palette.END_EFFECTOR}"/></svg>'
     )

@@ -1,11 +1,10 @@
-"""The picture in 3-D of one design as the page takes it: traces, poses, throttles, load cases, steps of assembly.
+"""The picture in 3-D of one design as the page takes it: parts, poses, throttles, load cases, steps of assembly.
 
-What every module has a copy of is written once, in the module's frame; the page's script places the copies.
+What modules have copies of is written once, in the module's frame; the page's script places the copies.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
@@ -13,20 +12,17 @@ import numpy as np
 from trimesh import Trimesh
 
 from topo_search.export import palette
-from topo_search.export.poses import Poses
-from topo_search.export.solids import cone_sphere
+from topo_search.export.poses import Poses, azimuth_deg, towards_viewer
 from topo_search.model import Assembly, Audit, Design
 from topo_search.model.layout import ROTOR_DIRECTIONS
 from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.arrows import arrows, force_polytope, metres_per_newton
-from topo_search.report.charts import style
-from topo_search.report.scene import NUMBERED, closest, drawn_mesh, meshes, scene, sides
+from topo_search.report.parts import Part, ball, triangles_of
+from topo_search.report.scene import NUMBERED, closest, closest_words, meshes, scene, sides
+from topo_search.report.thumbnail import thumbnail
 from topo_search.report.wording import clearance, figures, length, modules
 from verify.air.jets import DIAMETER, FADES_OVER, MERGED_AT, SHEAR, jets
-
-PLACED = ("x", "y", "z", "i", "j", "k")
-"""Fields that a trace of copies lacks on the page."""
 
 
 def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
@@ -40,18 +36,12 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
         forces: whether to draw what can be added at the end-effector in hover, which takes a second or more.
     """
     assembly = None if audit is None else audit.assembly
-    figure = json.loads(style(scene(design, at, closest(audit), assembly)).to_json())
-    traces = [
-        {key: value for key, value in trace.items() if "mesh" not in trace["meta"] or key not in PLACED}
-        for trace in figure["data"]
-        if trace["meta"]["part"] != "numbers"
-    ]
-    layout = {key: value for key, value in figure["layout"].items() if key != "template"}
+    nearest = closest(audit)
     cases = list(arrows(design, at))
     u_max = design.task.module.max_input(design.task.gravity)
     value = {
-        "data": traces,
-        "layout": layout,
+        "parts": [part.written() for part in scene(design, at, nearest, assembly)],
+        "towards": towards_viewer(azimuth_deg(at)).round(4).tolist(),
         "R": at.R.round(7).tolist(),
         "p": at.p.round(6).tolist(),
         "numbered": design.topology.n <= NUMBERED,
@@ -59,7 +49,8 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
         "modules": _modules(design, at, audit),
         "throttle": (design.inputs / u_max).round(6).tolist(),
         "air": _air(design),
-        "cases": [{**case, "traces": [json.loads(trace.to_json()) for trace in case["traces"]]} for case in cases],
+        "cases": [{**case, "parts": [part.written() for part in case["parts"]]} for case in cases],
+        "closest": None if nearest is None else closest_words(nearest),
         "steps": _steps(design, assembly),
         "forces": _forces(design, at, audit) if forces else None,
     }
@@ -67,6 +58,7 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
         "name": name,
         "caption": f"{design.topology.key}, a platform of {modules(design.topology.n)}, in the axes of the task",
         "value": value,
+        "still": thumbnail(design, at, 360),
         "cases": [case["name"] for case in cases],
         "listed": len(cases) > 12,  # so many are chosen from a list rather than by a button each
         "forces": value["forces"] is not None,
@@ -74,12 +66,9 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
 
 
 def shared_meshes(design: Design) -> dict[str, Any]:
-    """Return what every module of a design has a copy of, as its corners and triangles in the module's frame."""
-    found = {}
-    for name, mesh in meshes(design.task.module, sides=sides(design.topology.n)).items():
-        corners, faces = mesh.vertices.round(5).T.tolist(), mesh.faces.T.tolist()
-        found[name] = dict(zip(PLACED, (*corners, *faces), strict=True))
-    return found
+    """Return what modules of a design have copies of, in their own frame."""
+    shared = meshes(design.task.module, sides=sides(design.topology.n))
+    return {name: triangles_of(mesh) for name, mesh in shared.items()}
 
 
 def _air(design: Design) -> dict[str, Any]:
@@ -107,15 +96,15 @@ def _forces(design: Design, at: Poses, audit: Audit | None) -> dict[str, Any] | 
     vertices, triangles = polytope
     scale = metres_per_newton(design, at)
     corners = Trimesh(at.end_effector + scale * vertices, triangles, process=False)
-    words = "forces that can be added in hover"
-    traces = [drawn_mesh(words, corners, palette.OFFSET, "forces", opacity=0.35, flatshading=True)]
+    words = "forces that can be added"
+    parts = [Part("forces", words, palette.OFFSET, corners, opacity=0.35)]
     told = "All forces that can be added at the tip in hover, to the scale of the load cases' arrows."
     reserve = None if audit is None or audit.flight is None else audit.flight.hover.force_reserve_N
     if reserve is not None:
-        ball = cone_sphere(at.end_effector, scale * reserve, at.end_effector, scale * reserve, sides=16)
-        traces.append(drawn_mesh("in every direction", ball, palette.END_EFFECTOR, "forces"))
+        sphere = ball(at.end_effector, scale * reserve)
+        parts.append(Part("forces", "in every direction", palette.END_EFFECTOR, sphere))
         told += f" The ball: {figures(at_least(reserve, 3), 3)} N can be added in every direction."
-    return {"told": told, "traces": [json.loads(trace.to_json()) for trace in traces]}
+    return {"told": told, "parts": [part.written() for part in parts]}
 
 
 def _modules(design: Design, at: Poses, audit: Audit | None) -> list[str]:
@@ -126,9 +115,9 @@ def _modules(design: Design, at: Poses, audit: Audit | None) -> list[str]:
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     }
     return [
-        "<br>".join(
+        "\n".join(
             [
-                f"<b>module {i}</b>",
+                f"module {i}",
                 hinges.get(i, "the root"),
                 f"centre {_vector(at.p[i])} m",
                 f"thrust axis {_vector(at.z[i])}",

@@ -1,7 +1,10 @@
 // Air speeds in a load case by the jet model of verify/air/jets.py, in metres and m/s: surfaces and slices.
 
 const GRID = 60000; // points at most among which a surface of equal speed is drawn
-const ACROSS = 80; // cells of a slice along its longer side
+const ACROSS = 120; // cells of a slice along its longer side
+const COLOUR = "#56b4e9"; // of a surface
+// The six tetrahedra of a cell around its diagonal, by corners numbered x + 2 y + 4 z.
+const TETRAHEDRA = [[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]];
 const BANDS = ["#fcfdbf", "#fe9f6d", "#de4968", "#8c2981", "#3b0f70", "#000004"]; // below 0.5 m/s, each to twice as much
 const SLOWEST = -2; // log2 of the speed where the first band begins
 
@@ -46,46 +49,72 @@ class Air {
     return Math.max(most, inflow);
   }
 
-  // A trace of all points of a box with one speed.
+  // The surface of all points of a box with one speed, by marching through tetrahedra.
   surface(speed, box) {
-    const step = Math.cbrt(["x", "y", "z"].reduce((volume, axis) => volume * (box[axis][1] - box[axis][0]), 1 / GRID));
-    const [x, y, z, value] = [[], [], [], []];
-    for (const px of ticks(box.x, step)) {
-      for (const py of ticks(box.y, step)) {
-        for (const pz of ticks(box.z, step)) {
-          x.push(px);
-          y.push(py);
-          z.push(pz);
-          value.push(this.at([px, py, pz]));
-        }
+    const step = Math.cbrt(box.reduce((volume, [low, high]) => volume * (high - low), 1 / GRID));
+    const axes = box.map((side) => ticks(side, step));
+    const [nx, ny, nz] = axes.map((axis) => axis.length);
+    const point = (i) => [axes[0][i % nx], axes[1][Math.floor(i / nx) % ny], axes[2][Math.floor(i / nx / ny)]];
+    const beyond = Float32Array.from({ length: nx * ny * nz }, (_, i) => this.at(point(i)) - speed);
+    const [corners, faces, known] = [[], [], new Map()];
+    const crossing = (inside, outside) => {
+      const edge = Math.min(inside, outside) * beyond.length + Math.max(inside, outside);
+      if (!known.has(edge)) {
+        known.set(edge, corners.length / 3);
+        const share = beyond[inside] / (beyond[inside] - beyond[outside]);
+        const to = point(outside);
+        corners.push(...point(inside).map((x, axis) => x + share * (to[axis] - x)));
+      }
+      return known.get(edge);
+    };
+    for (let k = 0; k < nz - 1; k++) for (let j = 0; j < ny - 1; j++) for (let i = 0; i < nx - 1; i++) {
+      const cell = [0, 1, 2, 3, 4, 5, 6, 7].map((c) => i + (c & 1) + nx * (j + ((c >> 1) & 1) + ny * (k + (c >> 2))));
+      for (const tetrahedron of TETRAHEDRA) {
+        const all = tetrahedron.map((c) => cell[c]);
+        const [inside, outside] = [all.filter((c) => beyond[c] > 0), all.filter((c) => beyond[c] <= 0)];
+        if (!inside.length || !outside.length) continue;
+        const ends = inside.flatMap((a) => outside.map((b) => crossing(a, b)));
+        const found = ends.length === 3 ? [ends] : [[ends[0], ends[1], ends[2]], [ends[1], ends[3], ends[2]]];
+        for (const face of found) faces.push(...outwards(face, corners, point(inside[0])));
       }
     }
-    const none = { show: false };
-    return {
-      type: "isosurface", uid: "air", meta: { part: "air" }, hoverinfo: "skip",
-      x, y, z, value, isomin: speed, isomax: speed, surface: { count: 1 }, caps: { x: none, y: none, z: none },
-      opacity: 0.35, colorscale: [[0, "#56b4e9"], [1, "#56b4e9"]], showscale: false,
-    };
+    return Object.assign(new THREE.Mesh(surface({ corners, faces }), paint(COLOUR, 0.35)), { name: "air" });
   }
 
-  // A trace of the speeds in a plane across an axis.
+  // The speeds in a plane across an axis (0, 1 or 2), which tells them to the pointer.
   slice(across, at, box) {
-    const [first, second] = ["x", "y", "z"].filter((axis) => axis !== across);
+    const [first, second] = [0, 1, 2].filter((axis) => axis !== across);
     const step = Math.max(...[first, second].map((axis) => box[axis][1] - box[axis][0])) / ACROSS;
-    const points = ticks(box[first], step).map((u) => ticks(box[second], step).map((w) => ({ [across]: at, [first]: u, [second]: w })));
-    const speeds = points.map((row) => row.map(({ x, y, z }) => this.at([x, y, z])));
-    const bands = BANDS.flatMap((colour, k) => [[k / BANDS.length, colour], [(k + 1) / BANDS.length, colour]]);
-    const ticked = BANDS.slice(1).map((_, k) => SLOWEST + 1 + k);
-    const bar = { title: { text: "air [m/s]" }, len: 0.6, y: 0.45, x: 0, xanchor: "left", thickness: 12, outlinewidth: 0 };
-    return {
-      type: "surface", uid: "slice", meta: { part: "slice" },
-      ...Object.fromEntries(["x", "y", "z"].map((axis) => [axis, points.map((row) => row.map((point) => point[axis]))])),
-      surfacecolor: speeds.map((row) => row.map((speed) => Math.log2(speed))), cmin: SLOWEST, cmax: SLOWEST + BANDS.length,
-      text: speeds.map((row) => row.map((speed) => `${speed.toPrecision(2)} m/s`)), hoverinfo: "text",
-      showlegend: false, colorscale: bands, opacityscale: [[0, 0.25], [1 / BANDS.length, 0.25], [1 / BANDS.length, 0.85], [1, 0.85]], lighting: { ambient: 1, diffuse: 0, specular: 0, fresnel: 0 },
-      colorbar: { ...bar, tickvals: ticked, ticktext: ticked.map((power) => String(2 ** power)) },
-    };
+    const [columns, rows] = [first, second].map((axis) => ticks(box[axis], step));
+    const place = (u, w) => Object.values({ [across]: at, [first]: u, [second]: w });
+    const colours = BANDS.map((colour, band) => [...bytes(colour), band ? 160 : 40]);
+    const pixels = rows.flatMap((w) => columns.flatMap((u) => {
+      const band = Math.floor(Math.log2(this.at(place(u, w))) - SLOWEST);
+      return colours[Math.max(0, Math.min(BANDS.length - 1, band))];
+    }));
+    const map = new THREE.DataTexture(Uint8Array.from(pixels), columns.length, rows.length);
+    Object.assign(map, { encoding: THREE.sRGBEncoding, magFilter: THREE.LinearFilter, needsUpdate: true });
+    const corners = [0, 1].flatMap((w) => [0, 1].flatMap((u) => place(box[first][u], box[second][w])));
+    const geometry = surface({ corners, faces: [0, 1, 3, 0, 3, 2] });
+    geometry.setAttribute("uv", new THREE.Float32BufferAttribute([0, 0, 1, 0, 0, 1, 1, 1], 2));
+    const mesh = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ map, transparent: true, depthWrite: false, side: THREE.DoubleSide }));
+    mesh.name = "slice";
+    mesh.userData.tell = ({ point }) => `${this.at(point.toArray()).toPrecision(2)} m/s`;
+    return mesh;
   }
+}
+
+// The red, green and blue of a colour.
+function bytes(colour) {
+  return [1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16));
+}
+
+// A triangle turned so that a point lies behind it.
+function outwards([a, b, c], corners, behind) {
+  const at = (i) => new THREE.Vector3(corners[3 * i], corners[3 * i + 1], corners[3 * i + 2]);
+  const [A, B, C] = [a, b, c].map(at);
+  const away = A.clone().sub(new THREE.Vector3(...behind));
+  return B.sub(A).cross(C.sub(A)).dot(away) > 0 ? [a, b, c] : [a, c, b];
 }
 
 // Numbers from one end of an interval to the other, as evenly as steps of about a size allow.

@@ -25,7 +25,7 @@ function draw(plot, traces, layout) {
     responsive: true,
     displaylogo: false,
     displayModeBar: plot.closest(".matrix") ? false : undefined, // it would cover the colour bar
-    modeBarButtons: [plot.closest(".scene") ? ["toImage", "resetCameraDefault3d"] : ["toImage", "zoom2d", "pan2d", "resetScale2d"]],
+    modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
   };
   return Plotly.react(plot, traces, layout, options);
 }

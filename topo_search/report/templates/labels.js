@@ -3,22 +3,24 @@
 const SVG = "http://www.w3.org/2000/svg";
 const DISTANCES = [32, 44, 58, 74, 92, 112];
 const DIRECTIONS = 16;
+const CORNER = 42; // of the axes, from the left and from below [px]
+const AXIS = 26; // length of an axis that lies in the picture [px]
 
 class Labels {
-  constructor(plot) {
-    this.plot = plot;
+  constructor(canvas) {
     this.marks = [];
     this.places = new Map(); // where each label was last, so that it stays there while nothing is in its way
     this.layer = document.createElementNS(SVG, "svg");
     this.layer.classList.add("labels");
     this.layer.setAttribute("aria-hidden", "true");
-    plot.parentElement.append(this.layer);
+    canvas.append(this.layer);
   }
 
-  set(marks) {
+  set(marks, cell) {
     this.marks = marks;
+    const texts = [...marks.map(({ text }) => text), "x", "y", "z", `squares of ${cell} m`];
     this.layer.replaceChildren(
-      ...marks.map(({ text }) => {
+      ...texts.map((text) => {
         const group = document.createElementNS(SVG, "g");
         const line = document.createElementNS(SVG, "line");
         const words = document.createElementNS(SVG, "text");
@@ -30,41 +32,31 @@ class Labels {
     this.sizes = marks.map(({ text }) => ({ width: 7.6 * text.length + 6, height: 17 }));
   }
 
-  // Draws the labels anew with every picture of the view; without WebGL there is none.
-  follow() {
-    const scene = this.plot._fullLayout?.scene?._scene;
-    if (!scene?.glplot?.cameraParams) {
-      this.layer.replaceChildren();
-      return;
-    }
-    if (scene.glplot !== this.followed) {
-      this.followed = scene.glplot;
-      const before = this.followed.onrender;
-      this.followed.onrender = () => {
-        before();
-        this.draw(scene);
-      };
-    }
-    this.draw(scene);
-  }
-
-  draw(scene) {
-    const [frame, inside] = [this.layer.getBoundingClientRect(), scene.container.getBoundingClientRect()];
-    const points = this.marks.map(({ at }) => {
-      const [x, y] = onScreen(scene, at);
-      return [inside.left - frame.left + x * inside.width, inside.top - frame.top + y * inside.height];
-    });
+  // Draws the labels anew, as every picture of the view asks for.
+  draw(stage) {
+    const frame = this.layer.getBoundingClientRect();
+    const points = this.marks.map(({ at }) => stage.onScreen(at));
     const middle = [0, 1].map((axis) => points.reduce((sum, point) => sum + point[axis], 0) / (points.length || 1));
-    const taken = [];
+    const taken = [{ left: 0, right: 2 * CORNER, top: frame.height - 2 * CORNER, bottom: frame.height }];
     this.marks.forEach(({ text }, m) => {
       const [place, box] = this.placed(text, points[m], middle, this.sizes[m], points, taken, frame);
       taken.push(box);
-      const [line, words] = this.layer.children[m].children;
-      const [x, y] = points[m];
-      for (const [name, value] of Object.entries({ x1: x, y1: y, x2: place[0], y2: place[1] })) line.setAttribute(name, value);
-      words.setAttribute("x", place[0]);
-      words.setAttribute("y", place[1]);
+      this.put(m, points[m], place, place);
     });
+    const [corner, count] = [[CORNER, frame.height - CORNER], this.marks.length];
+    stage.axes().forEach((axis, k) => {
+      const [end, beyond] = [1, 1.4].map((times) => axis.map((x, side) => corner[side] + times * AXIS * x));
+      this.put(count + k, corner, end, beyond);
+    });
+    this.put(count + 3, corner, corner, [corner[0] + 120, corner[1] + 28]);
+  }
+
+  // Places a label with its line.
+  put(number, from, to, [x, y]) {
+    const [line, words] = this.layer.children[number].children;
+    for (const [name, value] of Object.entries({ x1: from[0], y1: from[1], x2: to[0], y2: to[1] })) line.setAttribute(name, value);
+    words.setAttribute("x", x);
+    words.setAttribute("y", y);
   }
 
   // The first free place around a point: where the label was, else outwards from the middle, near before far.
@@ -100,13 +92,4 @@ function* around(outwards) {
 function boxed(point, offset, { width, height }) {
   const [x, y] = [point[0] + offset[0], point[1] + offset[1]];
   return { left: x - width / 2, right: x + width / 2, top: y - height / 2, bottom: y + height / 2 };
-}
-
-// Where a point of the data lies in the picture, in shares of its width and height.
-function onScreen(scene, at) {
-  const { model, view, projection } = scene.glplot.cameraParams;
-  const turned = (m, v) => [0, 1, 2, 3].map((j) => v.reduce((sum, x, i) => sum + m[4 * i + j] * x, 0));
-  const scaled = [...at.map((x, axis) => x * scene.dataScale[axis]), 1];
-  const [x, y, , w] = turned(projection, turned(view, turned(model, scaled)));
-  return [0.5 * (1 + x / w), 0.5 * (1 - y / w)];
 }
