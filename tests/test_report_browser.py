@@ -444,6 +444,14 @@ def test_the_plot_shows_the_audited_designs_that_the_filters_leave(opened: Open,
     assert page.inner_text("#beside h3").startswith(audited[1])
 
 
+def test_a_page_is_as_tall_as_can_be_read(opened: Open, tmp_path: Path) -> None:
+    page = opened(toy_page(tmp_path / "run", modules=5, starts=4), width=1440)
+    assert page.evaluate("document.documentElement.scrollHeight") <= 4500
+    assert page.locator("#ranking tbody tr").count() == 15
+    page.click("#more")
+    assert page.locator("#ranking tbody tr").count() > 15
+
+
 def test_the_keys_of_the_best_open_their_designs_too(opened: Open, tmp_path: Path) -> None:
     page = opened(toy_page(tmp_path / "run", modules=4, starts=4))
     (best,) = page.locator("td[data-name=best] button").all_inner_texts()

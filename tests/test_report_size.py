@@ -35,7 +35,7 @@ def result(number: int, candidate: Candidate, task: ResolvedTask) -> tuple[Row, 
     return replace(row, margin=task.search.margin), outcome
 
 
-def test_ten_thousand_candidates_take_less_than_ten_megabytes(tmp_path):
+def test_ten_thousand_candidates_take_less_than_six_megabytes(tmp_path):
     request = Request(toy_task(9), "none", starts=1, seed=0)
     (context, *_), path = request.contexts(9), tmp_path / "run"
     with RunFolder.open(path, request) as folder:
@@ -49,7 +49,7 @@ def test_ten_thousand_candidates_take_less_than_ten_megabytes(tmp_path):
             folder.ledger.record(context, [(row, found if row.key in shown else None) for row, found in rows])
         write_run_page(folder)
     page = path / "report.html"
-    assert page.stat().st_size < 10e6
+    assert page.stat().st_size < 6e6
     text = page.read_text(encoding="utf-8")
     (data,) = re.findall(r'id="ranking-data">(.*?)</script>', text, re.DOTALL)
     assert len(json.loads(data)["rows"]) == NUMBER

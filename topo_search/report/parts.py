@@ -36,7 +36,7 @@ class Part(NamedTuple):
     """Steps of the assembly from which on the copies are there."""
     opacity: float = 1.0
 
-    def written(self) -> dict[str, Any]:
+    def dump(self) -> dict[str, Any]:
         """Return it as the page takes it."""
         return {**self._asdict(), "mesh": self.mesh if isinstance(self.mesh, str) else triangles_of(self.mesh)}
 

@@ -40,7 +40,7 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
     cases = list(arrows(design, at))
     u_max = design.task.module.max_input(design.task.gravity)
     value = {
-        "parts": [part.written() for part in scene(design, at, nearest, assembly)],
+        "parts": [part.dump() for part in scene(design, at, nearest, assembly)],
         "towards": towards_viewer(azimuth_deg(at)).round(4).tolist(),
         "R": at.R.round(7).tolist(),
         "p": at.p.round(6).tolist(),
@@ -49,7 +49,7 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
         "modules": _modules(design, at, audit),
         "throttle": (design.inputs / u_max).round(6).tolist(),
         "air": _air(design),
-        "cases": [{**case, "parts": [part.written() for part in case["parts"]]} for case in cases],
+        "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in cases],
         "closest": None if nearest is None else closest_words(nearest),
         "steps": _steps(design, assembly),
         "forces": _forces(design, at, audit) if forces else None,
@@ -104,7 +104,7 @@ def _forces(design: Design, at: Poses, audit: Audit | None) -> dict[str, Any] | 
         sphere = ball(at.end_effector, scale * reserve)
         parts.append(Part("forces", "in every direction", palette.END_EFFECTOR, sphere))
         told += f" The ball: {figures(at_least(reserve, 3), 3)} N can be added in every direction."
-    return {"told": told, "parts": [part.written() for part in parts]}
+    return {"told": told, "parts": [part.dump() for part in parts]}
 
 
 def _modules(design: Design, at: Poses, audit: Audit | None) -> list[str]:
