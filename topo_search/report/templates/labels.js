@@ -34,7 +34,8 @@ class Labels {
 
   // Draws the labels anew, as every picture of the view asks for.
   draw(stage) {
-    const frame = this.layer.getBoundingClientRect();
+    const { clientWidth: width, clientHeight: height } = stage.canvas;
+    const frame = { width, height };
     const points = this.marks.map(({ at }) => stage.onScreen(at));
     const middle = [0, 1].map((axis) => points.reduce((sum, point) => sum + point[axis], 0) / (points.length || 1));
     const taken = [{ left: 0, right: 2 * CORNER, top: frame.height - 2 * CORNER, bottom: frame.height }];
