@@ -4,9 +4,9 @@ With the hinges fixed, what is left of the problem is the root's orientation, th
 effort of an optimum of free angles is taken as the least that combinations near it cost: a bound of its own
 neighbourhood, and so of the whole set as far as all local optima are known. In the order of their efforts, from
 every optimum that costs less than the best combination so far, the nearest angles below and above of each hinge are
-combined; where there are few combinations in all, each is tried. Then one hinge or two turn to the next angles, as
-long as that costs less. How clear modules are of each other depends on hinges alone, so that combinations in which
-they are not are left out without a solve.
+combined; where there are few combinations in all, each is tried. Then one hinge, two, or more where hinges are few,
+turn to the next angles, as long as that costs less. How clear modules are of each other depends on hinges alone, so
+that combinations in which they are not are left out without a solve.
 
 The compiled search solves a combination in milliseconds, and Ipopt makes the best of them exact. Tasks that it does
 not express are solved by Ipopt alone, with fewer combinations.
@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, islice, product
+from itertools import accumulate, combinations, islice, product
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -37,7 +37,7 @@ from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
 COMPLETE = 256
-"""Largest number of combinations tried near one optimum.
+"""Largest number of combinations tried near one optimum, and of moves from the best.
 
 If there are no more in all, each is tried; else as many hinges take either angle as make no more, those whose
 angles are farthest from the set, and the others take the nearest."""
@@ -114,8 +114,10 @@ class _Set:
         return all(np.all(each.gaps(vectors) >= each.margin) for each in self._between)
 
     def moves(self, places: Places) -> Iterator[Places]:
-        """Yield clear combinations in which one hinge, then those in which two have the next angle either way."""
-        for moved in (*combinations(range(self.hinges), 1), *combinations(range(self.hinges), 2)):
+        """Yield clear combinations in which hinges have the next angle either way: one, two, or more if few."""
+        counts = accumulate(math.comb(self.hinges, k) * 2**k for k in range(1, self.hinges + 1))
+        most = max(2, sum(count <= COMPLETE for count in counts))
+        for moved in (each for k in range(1, most + 1) for each in combinations(range(self.hinges), k)):
             for steps in product((-1, 1), repeat=len(moved)):
                 other = np.array(places)
                 other[list(moved)] += steps

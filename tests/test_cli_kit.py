@@ -14,6 +14,7 @@ import networkx as nx
 import numpy as np
 import pytest
 import toy_problem
+from benchmarks import drawer
 from click.testing import CliRunner
 from documented import PAGES, blocks
 from nlp_cases import push, solved
@@ -84,6 +85,24 @@ def test_the_choice_is_that_of_all_combinations(seed):
         return drawer_size(designs), moves, effort
 
     assert choose(choices) == min(product(*(range(len(each)) for each in choices)), key=cost)
+
+
+@pytest.mark.parametrize(("n", "tasks", "count", "step"), [(3, 4, 6, 45.0), (4, 3, 12, 30.0), (5, 3, 16, 15.0)])
+def test_many_designs_some_of_them_copies_are_chosen_from_exactly(n, tasks, count, step):
+    choices = drawer.made_up(n, tasks, count, step)
+    copied = [each[k] for k in (1, 2) for each in choices[:1]]
+    choices[-1] += [design.model_copy(update={"objective": 1.03}) for design in copied]
+    stay = [[[len(shared_part(a, b)) for b in other] for a in one] for one, other in pairwise(choices)]
+    kinds = [[count_kinds(design) for design in each] for each in choices]
+
+    def cost(places):
+        counts = [each[d] for each, d in zip(kinds, places, strict=True)]
+        brackets = sum(max(count[kind] for count in counts) for kind in set().union(*counts))
+        moves = -sum(table[d][e] for table, (d, e) in zip(stay, pairwise(places), strict=True))
+        effort = sum(each[d].objective / each[0].objective for each, d in zip(choices, places, strict=True))
+        return brackets, moves, round(effort, 9)
+
+    assert cost(choose(choices)) == min(map(cost, product(*(range(len(each)) for each in choices))))
 
 
 def test_one_task_and_one_module_have_a_choice_too():

@@ -7,6 +7,7 @@ from nlp_cases import PUSH, best_design, push, solved
 
 from nlp import default_starts, hinge_sets, solve
 from topo_search.model import Infeasible, Topology
+from topo_search.model.files import read_task
 from topo_search.topologies import candidates
 from verify import audit
 
@@ -39,6 +40,16 @@ def test_what_is_found_near_the_local_optima_is_what_all_combinations_hold(step,
     monkeypatch.setattr(hinge_sets, "COMPLETE", 10**6)
     every = solved(best("a3200", hinge_step_deg=step))
     assert every.objective == pytest.approx(found.objective, rel=1e-6)
+
+
+def test_a_task_costs_no_more_than_with_a_region_besides():
+    """The best of push is three turns from the angles nearest to its local optima of free angles."""
+    efforts = []
+    for name in ("push", "push-local"):
+        task = read_task(name, ("modules=4", "search.hinge_step_deg=10")).resolve(4)
+        efforts.append(solved(solve(task, Topology.from_key("a3200"), starts=range(8), seed=0)).objective)
+    alone, besides = efforts
+    assert alone <= besides * (1 + 1e-6)
 
 
 def test_a_set_without_a_design_says_what_stops_it():

@@ -26,7 +26,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--modules", type=int, default=20)
     parser.add_argument("--tasks", type=int, default=3)
-    parser.add_argument("--choices", type=int, nargs="+", default=[10, 30, 100])
+    parser.add_argument("--choices", type=int, nargs="+", default=[10, 30, 100, 300])
     parser.add_argument("--step", type=float, default=15.0)
     arguments = parser.parse_args()
     print(f"{'modules':>8}{'tasks':>7}{'choices':>9}{'CPU time':>10}{'brackets':>10}{'of the best':>13}")

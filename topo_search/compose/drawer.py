@@ -5,27 +5,29 @@
 | t, d, k | task, one of its designs, kind of bracket: the size of its angle, rounded as in the kit's file names | |
 | x[t, d] | 1 for the design that is chosen | |
 | c[d, k] | brackets of a kind in a design | |
-| y[k] | brackets of a kind in the drawer: `y[k] >= sum_d c[d, k] x[t, d]` for every task | |
+| y[k, j] | 1 if the drawer has j or more of a kind: `y[k, j] >= sum x[t, d]` of all d with `c[d, k] >= j` | |
 | z[t, d, e] | 1 if d is chosen for task t and e for the next: `sum_e z = x[t, d]`, `sum_d z = x[t + 1, e]` | |
 | m[d, e] | joints to undo and to bolt from d to e | |
 | J, J* | effort of a design, and the least of its task | rad^4/s^4 |
 
-Least sum y first, of these least sum m z, of these least sum J / J* x: three integer programs. A bracket turned
-upside down turns the other way, so the sign of its angle makes no other kind. Modules are alike, and alike after
-half a turn.
+Least sum y first, of these least sum m z, of these least sum J / J* x: three integer programs. Of designs of a task
+that are bolted alike only the one with the least effort is a choice. Once the least sum y is known, z is only for d
+and e that such a drawer serves, with some design of each other task. A bracket turned upside down turns the other
+way, so the sign of its angle makes no other kind. Modules are alike, and alike after half a turn.
 """
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from topo_search.compose.designs import audits, brackets_note
@@ -34,6 +36,7 @@ from topo_search.compose.searching import search
 from topo_search.export.brackets import DIGITS, TURNS
 from topo_search.export.kit import write_kit
 from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
+from topo_search.model.arrays import Array
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.proven import upper_text
 from topo_search.model.topology import PORT_NAMES
@@ -281,47 +284,82 @@ def _run_of(task: Task | str | Path, within: float, workers: int | None, observe
 
 
 def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
-    """Return the place of the design to choose for each task, by the programs of the module's docstring."""
+    """Return the index of the design to choose for each task, by the programs of the module's docstring."""
+    kept = [_without_copies(each) for each in choices]
+    designs = [each[d] for each, of in zip(choices, kept, strict=True) for d in of]
+    first = np.cumsum([0, *map(len, kept)]).tolist()
+    tasks = [range(*ends) for ends in pairwise(first)]
+    counts = [count_kinds(design) for design in designs]
+    brackets = sorted({(kind, j) for count in counts for kind, most in count.items() for j in range(1, most + 1)})
+    needs = np.array([[count[kind] >= j for kind, j in brackets] for count in counts]).reshape(len(designs), -1)
+    y = range(len(designs), len(designs) + len(brackets))
+    rows: list[Row] = [(dict.fromkeys(of, 1.0), 1.0, 1.0) for of in tasks]
+    rows += [
+        ({y[k]: 1.0} | {d: -1.0 for d in of if needs[d, k]}, 0.0, math.inf) for of in tasks for k in range(len(y))
+    ]
+    drawer = dict.fromkeys(y, 1.0)
+    _, fewest = _least(drawer, rows, y.stop, len(designs))
+    rows.append((drawer, -math.inf, round(fewest) + 0.5))
+    z = {pair: number for number, pair in enumerate(_pairs(needs, tasks, round(fewest)), start=y.stop)}
+    for side, of in enumerate((range(first[-2]), range(first[1], first[-1]))):
+        rows += [({d: -1.0} | {number: 1.0 for pair, number in z.items() if pair[side] == d}, 0.0, 0.0) for d in of]
+    moves = dict[int, float]()
+    for pair, number in z.items():
+        one, other = (designs[d] for d in pair)
+        moves[number] = one.topology.n + other.topology.n - 2 * len(shared_part(one, other))
+    _, least = _least(moves, rows, y.stop + len(z), len(designs))
+    rows.append((moves, -math.inf, round(least) + 0.5))
+    excess = [_excess(each[d], each) for each, of in zip(choices, kept, strict=True) for d in of]
+    effort = {d: 1e6 * over for d, over in enumerate(excess)}  # HiGHS stops within 1e-6 of the least
+    x, _ = _least(effort, rows, y.stop + len(z), len(designs))
+    return tuple(each[int(np.argmax(x[of]))] for each, of in zip(kept, tasks, strict=True))
+
+
+Row = tuple[dict[int, float], float, float]
+"""A constraint: coefficients by variable, and the limits of their sum."""
+
+
+def _least(cost: dict[int, float], rows: Sequence[Row], size: int, whole: int) -> tuple[Array, float]:
+    """Return variables from 0 to 1, the first of them whole numbers, with the least cost, and that cost."""
     from scipy.optimize import LinearConstraint, milp  # slow to import
     from scipy.sparse import csr_array
 
-    designs = [design for each in choices for design in each]
-    places = iter(range(len(designs)))
-    tasks = [[next(places) for _ in each] for each in choices]
-    counts = [count_kinds(design) for design in designs]
-    y = {kind: len(designs) + k for k, kind in enumerate(sorted(set().union(*counts)))}
-    pairs = [pair for one, other in pairwise(tasks) for pair in product(one, other)]
-    z = {pair: len(designs) + len(y) + p for p, pair in enumerate(pairs)}
-    rows: list[tuple[dict[int, float], float, float]] = [(dict.fromkeys(of, 1.0), 1.0, 1.0) for of in tasks]
-    rows += [
-        ({y[kind]: 1.0} | {d: -float(counts[d][kind]) for d in of}, 0.0, math.inf) for of in tasks for kind in y
-    ]
-    for one, other in pairwise(tasks):
-        rows += [({d: -1.0} | {z[d, e]: 1.0 for e in other}, 0.0, 0.0) for d in one]
-        rows += [({e: -1.0} | {z[d, e]: 1.0 for d in one}, 0.0, 0.0) for e in other]
-    size = len(designs) + len(y) + len(z)
-    drawer, moves, effort = np.zeros((3, size))
-    drawer[list(y.values())] = 1.0
-    for (d, e), place in z.items():
-        before, after = designs[d], designs[e]
-        moves[place] = before.topology.n + after.topology.n - 2 * len(shared_part(before, after))
-    effort[: len(designs)] = [1 + _excess(design, each) for each in choices for design in each]
-    for cost in (drawer, moves, effort):
-        entries = [(r, c, value) for r, (row, _, _) in enumerate(rows) for c, value in row.items()]
-        at_row, at_column, values = zip(*entries, strict=True)
-        A = csr_array((values, (at_row, at_column)), shape=(len(rows), size))
-        _, lower, upper = zip(*rows, strict=True)
-        found = milp(
-            cost,
-            constraints=LinearConstraint(A, lower, upper),
-            integrality=np.arange(size) < len(designs),
-            options={"mip_rel_gap": 0.0, "presolve": False},  # SciPy 1.17's presolve may never end on the last
-        )
-        if not found.success:
-            raise RuntimeError(f"the integer program of the drawer failed: {found.message}")
-        fixed = {c: value for c, value in enumerate(cost.tolist()) if value}
-        rows.append((fixed, -math.inf, round(found.fun) + 0.5))  # a whole number, but for the last
-    return tuple(int(np.argmax(found.x[of])) for of in tasks)
+    entries = [(r, c, value) for r, (row, _, _) in enumerate(rows) for c, value in row.items()]
+    at_row, at_column, values = zip(*entries, strict=True)
+    _, lower, upper = zip(*rows, strict=True)
+    found = milp(
+        [cost.get(c, 0.0) for c in range(size)],
+        constraints=LinearConstraint(csr_array((values, (at_row, at_column)), (len(rows), size)), lower, upper),
+        integrality=np.arange(size) < whole,
+        bounds=(0, 1),
+        options={"mip_rel_gap": 0.0, "presolve": False},  # SciPy 1.17's presolve may never end on efforts
+    )
+    if not found.success:
+        raise RuntimeError(f"the integer program of the drawer failed: {found.message}")
+    return found.x, found.fun
+
+
+def _pairs(needs: NDArray[np.bool_], tasks: Sequence[range], most: int) -> Iterator[tuple[int, int]]:
+    """Yield designs of a task and the next that so many brackets serve, with some design of each other task."""
+    for t, (one, other) in enumerate(pairwise(tasks)):
+        for d in one:
+            both = needs[d] | needs[other]
+            served = both.sum(axis=1) <= most
+            for of in (*tasks[:t], *tasks[t + 2 :]):
+                more = ~both @ needs[of].T.astype(int)
+                served &= both.sum(axis=1) + more.min(axis=1) <= most
+            yield from ((d, other[e]) for e in np.flatnonzero(served).tolist())
+
+
+def _without_copies(designs: Sequence[Design]) -> list[int]:
+    """Return the indices of the designs with the least effort of all whose modules are bolted alike."""
+    kept: dict[frozenset[tuple[float, int]], list[int]] = {}
+    for d in sorted(range(len(designs)), key=lambda d: designs[d].objective):
+        alike = kept.setdefault(frozenset(count_kinds(designs[d]).items()), [])
+        n = designs[d].topology.n
+        if not any(len(shared_part(designs[d], designs[e])) == n == designs[e].topology.n for e in alike):
+            alike.append(d)
+    return sorted(d for alike in kept.values() for d in alike)
 
 
 def count_kinds(design: Design) -> Counter[float]:
@@ -332,21 +370,23 @@ def count_kinds(design: Design) -> Counter[float]:
 def shared_part(one: Design, other: Design) -> dict[int, int]:
     """Return the largest part in one piece that two designs share: numbers of its modules in one, and in the other.
 
-    It is found exactly: a module, its number in the other design and a half turn of it or none fix all the rest.
+    It is found exactly: two joints that agree, a module at each, fix all the rest.
     """
     mine, theirs = _ports(one), _ports(other)
-    largest: dict[int, int] = {}
+    ends = [[(i, a, phi) for i, joints in of.items() for a, (*_, phi) in joints.items()] for of in (mine, theirs)]
+    largest = {0: 0}
     seen = set[tuple[int, int, int]]()
-    for start in product(mine, theirs, (0, 2)):
-        if start in seen:
+    for (start, a, angle), (match, b, angle_there) in product(*ends):
+        turn = (b - a) % 4
+        if angle != angle_there or turn % 2 or (start, match, turn) in seen:
             continue
-        part, grown = {start[0]: start[1:]}, [start[0]]
+        part, grown = {start: (match, turn)}, [start]
         for i in grown:
             j, turn = part[i]
-            for port, (child, child_port, angle) in mine[i].items():
-                match = theirs[j].get((port + turn) % 4)
-                if child not in part and match and match[2] == angle and (match[1] - child_port) % 2 == 0:
-                    part[child] = match[0], (match[1] - child_port) % 4
+            for port, (child, child_port, phi) in mine[i].items():
+                there = theirs[j].get((port + turn) % 4)
+                if child not in part and there and there[2] == phi and (there[1] - child_port) % 2 == 0:
+                    part[child] = there[0], (there[1] - child_port) % 4
                     grown.append(child)
         seen.update((i, *at) for i, at in part.items())
         if len(part) > len(largest):
