@@ -5,8 +5,9 @@ effort of an optimum of free angles is taken as the least that combinations near
 neighbourhood, and so of the whole set as far as all local optima are known. In the order of their efforts, from
 every optimum that costs less than the best combination so far, the nearest angles below and above of each hinge are
 combined; where there are few combinations in all, each is tried. Then one hinge, two, or more where hinges are few,
-turn to the next angles, as long as that costs less. How clear modules are of each other depends on hinges alone, so
-that combinations in which they are not are left out without a solve.
+turn to the next angles, as long as that costs less, and one where all combinations up to an effort are sought, from
+each of them. How clear modules are of each other depends on hinges alone, so that combinations in which they are not
+are left out without a solve.
 
 The compiled search solves a combination in milliseconds, and Ipopt makes the best of them exact. Tasks that it does
 not express are solved by Ipopt alone, with fewer combinations.
@@ -59,6 +60,7 @@ End = TypeVar("End", LocalMinimum, StartResult)
 class _Solved(Generic[End]):
     """A combination with its hinges fixed, solved."""
 
+    start: int
     places: Places
     rank: tuple[bool, float]
     """True if it misses anything; its effort, plus a price of what it misses [rad^4/s^4]."""
@@ -113,10 +115,10 @@ class _Set:
         vectors = Point(self._task, self._topology, nowhere, self.angles(places), nowhere, still).vectors
         return all(np.all(each.gaps(vectors) >= each.margin) for each in self._between)
 
-    def moves(self, places: Places) -> Iterator[Places]:
-        """Yield clear combinations in which hinges have the next angle either way: one, two, or more if few."""
+    def moves(self, places: Places, at_once: int) -> Iterator[Places]:
+        """Yield clear combinations in which hinges have the next angle either way: so many, or more if few."""
         counts = accumulate(math.comb(self.hinges, k) * 2**k for k in range(1, self.hinges + 1))
-        most = max(2, sum(count <= COMPLETE for count in counts))
+        most = max(at_once, sum(count <= COMPLETE for count in counts))
         for moved in (each for k in range(1, most + 1) for each in combinations(range(self.hinges), k)):
             for steps in product((-1, 1), repeat=len(moved)):
                 other = np.array(places)
@@ -187,7 +189,8 @@ def _search(
         optima: ends of free angles, the least effort first.
         solve: solves a combination.
         most: combinations to solve.
-        most_effort: of an optimum whose neighbours are sought even if a better combination is known [rad^4/s^4].
+        most_effort: of optima and combinations whose neighbours are sought even if a better one is known
+            [rad^4/s^4].
     """
     found: dict[Places, _Solved[End]] = {}
     solved = 0
@@ -198,26 +201,32 @@ def _search(
         found[places] = min(found.get(places, one), one, key=lambda each: each.rank)
         return one
 
-    best: tuple[StartResult, _Solved[End]] | None = None
+    best: _Solved[End] | None = None
     for optimum in optima:
-        if best is not None and max(best[1].rank, (False, most_effort)) <= (False, optimum.objective):
+        if best is not None and max(best.rank, (False, most_effort)) <= (False, optimum.objective):
             break
         for places in islice(angles.near(optimum.point.alpha), max(0, most - solved)):
             one = attempt(optimum.start, optimum.point.pack(), places)
-            if best is None or one.rank < best[1].rank:
-                best = optimum, one
+            if best is None or one.rank < best.rank:
+                best = one
     tried = set[Places]()
     while best is not None:
-        optimum, at = best
+        at, best = best, None
         tried.add(at.places)
-        best = None
-        for places in angles.moves(at.places):
+        for places in angles.moves(at.places, 2):
             if places not in tried and solved < most:
                 tried.add(places)
-                one = attempt(optimum.start, at.x, places)
+                one = attempt(at.start, at.x, places)
                 if one.rank < at.rank:
-                    best = optimum, one
+                    best = one
                     break
+    within = [one for one in found.values() if one.rank <= (False, most_effort)]
+    for at in within:
+        for places in angles.moves(at.places, 1):
+            if places not in found and solved < most:
+                one = attempt(at.start, at.x, places)
+                if one.rank <= (False, most_effort):
+                    within.append(one)
     return sorted(found.values(), key=lambda each: (each.rank, each.places))
 
 
@@ -238,7 +247,7 @@ def _solve_reduced(
             each[hinges] = angles.angles(places)
         ((end, *_), _) = local_minima(stated._replace(lower=lower, upper=upper), x[None])
         end = replace(end, starts=(start,))
-        return _Solved(places, (end.missing > ACCEPTED, search.effort_unit * end.merit), end.x, end)
+        return _Solved(start, places, (end.missing > ACCEPTED, search.effort_unit * end.merit), end.x, end)
 
     found = _search(angles, optima, solve, MOST_REDUCED, most_effort or 0.0)
     return list(search.polish([each.end for each in found], POLISHED))
@@ -258,6 +267,6 @@ def _solve_whole(
         known = replace(free[start].point, task=task, root=x[:3], alpha=angles.angles(places))
         origin = with_some(correct(known, refit=True), free[start].corners)
         end = take_in_corners(task, start, origin, polish, constraints)
-        return _Solved(places, end.rank[:2], end.point.pack(), end)
+        return _Solved(start, places, end.rank[:2], end.point.pack(), end)
 
     return [each.end for each in _search(angles, optima, solve, MOST_WHOLE, most_effort or 0.0)]

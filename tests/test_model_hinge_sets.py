@@ -23,6 +23,7 @@ def test_a_step_means_its_multiples_and_a_list_is_turned_either_way():
     assert max(of("hinge_step_deg=0.9").search.hinge_set_deg or ()) == 90
     assert of("hinge_angles_deg=[45, 0, 30]").search.hinge_set_deg == (-45, -30, 0, 30, 45)
     assert of("hinge_angles_deg=[90]").search.hinge_set_deg == (-90, 90)
+    assert to_toml(of("hinge_angles_deg=[-0.0]")) == to_toml(of("hinge_angles_deg=[0]"))
 
 
 @pytest.mark.parametrize(

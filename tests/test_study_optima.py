@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from nlp_cases import push, solved
 from toy_problem import toy_run
 
-from nlp import local_optima, solve
+from nlp import hinge_sets, local_optima, solve
 from topo_search.cli import main
 from topo_search.model import Design, Status, Topology
 from topo_search.model.files import read_json
@@ -106,6 +106,17 @@ def test_local_optima_are_distinct_and_none_is_missed_that_solve_finds():
     assert efforts[0] <= best.objective * (1 + 1e-6)  # more minima go on than where the best is sought
     assert all(after > before * (1 + 1e-4) for before, after in pairwise(efforts))
     assert efforts[-1] <= 1.05 * best.objective
+
+
+def test_local_optima_on_a_set_are_all_that_all_combinations_hold(monkeypatch):
+    task, tree = push(4, search={"hinge_step_deg": 15.0}), Topology.from_key("a3200")
+    best = solved(solve(task, tree, starts=range(4), seed=0))
+    options = {"starts": range(4), "seed": 0, "near": (best,), "most_effort": 1.1 * best.objective}
+    found = local_optima(task, tree, **options)
+    monkeypatch.setattr(hinge_sets, "COMPLETE", 10**4)
+    every = local_optima(task, tree, **options)
+    assert [design.objective for design in found] == pytest.approx([design.objective for design in every], rel=1e-6)
+    assert len(found) > 4
 
 
 def test_local_optima_on_a_set_are_of_the_set():

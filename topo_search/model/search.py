@@ -42,7 +42,7 @@ def _check_apart(angles: tuple[float, ...]) -> tuple[float, ...]:
     for low, high in pairwise(sorted(angles)):
         if high - low < APART_DEG:
             raise ValueError(f"must differ by {APART_DEG:g} deg or more, but got {show([low, high])}")
-    return angles
+    return tuple(angle + 0.0 for angle in angles)  # -0.0 becomes 0.0
 
 
 Angles = Annotated[tuple[Angle, ...], at_most(HINGE_ANGLES), NonEmpty, AfterValidator(_check_apart)]
