@@ -6,8 +6,8 @@ neighbourhood, and so of the whole set as far as all local optima are known. In 
 every optimum that costs less than the best combination so far, the nearest angles below and above of each hinge are
 combined; where there are few combinations in all, each is tried. Then one hinge, two, or more where hinges are few,
 turn to the next angles, as long as that costs less, and one where all combinations up to an effort are sought, from
-each of them. How clear modules are of each other depends on hinges alone, so that combinations in which they are not
-are left out without a solve.
+each of them. How clear modules are of each other depends on hinges alone, so that combinations in which they are
+not are left out without a solve.
 
 The compiled search solves a combination in milliseconds, and Ipopt makes the best of them exact. Tasks that it does
 not express are solved by Ipopt alone, with fewer combinations.

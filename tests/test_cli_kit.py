@@ -25,7 +25,15 @@ from nlp import solve
 from nlp.evaluation.refit import refit
 from topo_search.cli import main
 from topo_search.compose import searching
-from topo_search.compose.drawer import Choices, choose, count_kinds, growing_steps, share_brackets, shared_part
+from topo_search.compose.drawer import (
+    Choices,
+    SharedKit,
+    choose,
+    count_kinds,
+    growing_steps,
+    share_brackets,
+    shared_part,
+)
 from topo_search.export import palette
 from topo_search.export.poses import poses
 from topo_search.model import Design, Module, Topology
@@ -189,7 +197,7 @@ def test_two_runs_end_in_a_drawer_a_change_and_two_kits(tmp_path):
         best = read_json(Design, tmp_path / ("one" if task["task"] == "push" else "two") / "best.json")
         assert task["over_best_percent"] == pytest.approx(100 * (design.objective / best.objective - 1))
     sheets = [(tmp_path / "kit" / task["design"]).with_name("assembly.html").read_text() for task in told["tasks"]]
-    assert [f"from push to wall: undo {undo} joints" in sheet for sheet in sheets] == [False, True]
+    assert [f"from push to wall: undo {undo} joint" in sheet for sheet in sheets] == [False, True]
     again = make(tmp_path / "one", "--out", tmp_path / "kit")
     assert (again.exit_code, "new or empty" in again.output) == (2, True)
 
@@ -298,6 +306,40 @@ def test_the_commands_of_the_tutorial_make_what_it_shows(tmp_path, monkeypatch):
     assert CliRunner().invoke(main, cheap).exit_code == 0
     assert not (tmp_path / "log").exists()  # nothing was solved again
     assert (tmp_path / "drawer/kit.json").read_bytes() == (tmp_path / "before/kit.json").read_bytes()
+
+
+def check_drawer(folder: Path) -> SharedKit:
+    """Hold a drawer of the tutorial against its designs: each is clear and on the set, and the steps lead there."""
+    shared = read_json(SharedKit, folder / "kit.json")
+    designs = [read_json(Design, folder / task.design) for task in shared.tasks]
+    for task, design in zip(shared.tasks, designs, strict=True):
+        assert task.task == design.task.name
+        assert set(design.hinge_angles_rad) <= {math.radians(15 * k) for k in range(-6, 7)}
+        assert verify.audit(design).verdict == "clear"
+    assert len({design.task.module.model_dump_json(exclude={"airflow"}) for design in designs}) == 1
+    assert sum(kind.count for kind in shared.brackets) == drawer_size(designs)
+    for change, (before, after) in zip(shared.changes, pairwise(designs), strict=True):
+        assert change.undo == before.topology.n - 1 - brute_part(before, after)
+        check_steps(change.model_dump(), before, after)
+    return shared
+
+
+def test_the_kept_drawer_of_the_tutorial_is_what_it_says():
+    shared = check_drawer(Path(__file__).parent / "designs/drawer")
+    words = " ".join((PAGES / "tutorials/one-drawer.md").read_text().split())
+    assert shared.lines[0].removeprefix("4 modules and ") in words
+    assert f"{sum(change.undo for change in shared.changes)} joints in all" in words
+
+
+@pytest.mark.slow
+def test_the_tutorial_makes_the_kept_drawer_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    command = shlex.split(blocks("sh", "tutorials/one-drawer.md")[0].replace("\\\n", " "))
+    done = CliRunner().invoke(main, [*command[1:], "--workers", "1"], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    made, kept = (check_drawer(path) for path in (tmp_path / "drawer", Path(__file__).parent / "designs/drawer"))
+    assert (made.brackets, made.designs_kept) == (kept.brackets, kept.designs_kept)
+    assert [task.topology_key for task in made.tasks] == [task.topology_key for task in kept.tasks]
 
 
 def test_settings_are_for_tasks_alone(tmp_path):

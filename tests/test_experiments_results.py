@@ -87,6 +87,18 @@ def test_the_documentation_says_what_the_ablation_shows():
     )
 
 
+def test_the_documentation_says_what_a_set_of_hinge_angles_costs():
+    page = (documented.PAGES / "how-to/experiments.md").read_text(encoding="utf-8")
+    table = experiment("hinges").summary(results(FOLDER / "hinges.csv"))
+    for (task, n), group in table.groupby(["task", "n"]):
+        _, *sets = group.to_dict(orient="records")
+        cells = [
+            f"{100 * (row['best_ratio'] - 1):.1f} % ({row['trees_solved']})".replace("nan % (0)", "none")
+            for row in sets
+        ]
+        assert f"| `{task}`, {n} | {' | '.join(cells)} |" in page
+
+
 def test_the_documentation_says_how_many_trees_the_scaling_study_has():
     few, fewer = json.loads((FOLDER / "scaling.json").read_text())["settings"]["topologies"]
     sizes = results(FOLDER / "scaling-direct.csv")["n"]

@@ -15,7 +15,7 @@ from topo_search.limits import SECONDS
 if TYPE_CHECKING:
     import pandas as pd
 
-NAMES = ("scaling", "ablation", "placement", "root", "body")
+NAMES = ("scaling", "ablation", "placement", "root", "body", "hinges")
 
 
 def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
@@ -87,6 +87,7 @@ def experiment(
     placement  what an end-effector at the centre of mass costs
     root       what the paper's root orientation costs against a free one
     body       what body clearance costs
+    hinges     what hinge angles from a set cost
 
     Without options a study runs at its full size, which takes hours. Run the same command to resume.
 

@@ -117,7 +117,8 @@ class Change(Value):
     @property
     def words(self) -> str:
         """Instruction for the change, without a full stop."""
-        todo = f"from {self.before} to {self.after}: undo {self.undo} joints, then bolt {self.bolt}"
+        joints = f"joint{'s' * (self.undo != 1)}"
+        todo = f"from {self.before} to {self.after}: undo {self.undo} {joints}, then bolt {self.bolt}"
         if len(self.stay) == 1:
             return f"{todo}; no two modules stay together"
         stay = ", ".join(f"{i} as {j}" for i, j in self.stay)

@@ -11,8 +11,8 @@ from topo_search.experiments.plan import Settings
 
 
 def experiment(name: str) -> Experiment:
-    """Return an experiment: `scaling`, `ablation`, `placement`, `root` or `body`."""
-    from topo_search.experiments.comparisons import BODY, PLACEMENT, ROOT
+    """Return an experiment: `scaling`, `ablation`, `placement`, `root`, `body` or `hinges`."""
+    from topo_search.experiments.comparisons import BODY, HINGES, PLACEMENT, ROOT
     from topo_search.experiments.paper import ABLATION, SCALING
 
-    return {one.name: one for one in (SCALING, ABLATION, PLACEMENT, ROOT, BODY)}[name]
+    return {one.name: one for one in (SCALING, ABLATION, PLACEMENT, ROOT, BODY, HINGES)}[name]

@@ -14,6 +14,7 @@ wrenches each have their own, so that there is no best of them.
 - `body`: frames that keep clear of each other, where the paper lets airflow alone keep them apart. `airflow only`
   has the paper's clearances, `search.body_clearance = false`; `body clearance` requires the default distance of the
   centres of modules that are not bolted together.
+- `hinges`: hinge angles from a set, multiples of a step, against any angles.
 """
 
 from __future__ import annotations
@@ -215,6 +216,22 @@ BODY = comparison(
     small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
     variants=(Variant("airflow only", (AIRFLOW_ALONE,)), Variant("body clearance")),
     title="What body clearance costs: each point a tree, compared with itself",
+)
+
+HINGES = comparison(
+    name="hinges",
+    question="What do hinge angles from a set cost, compared with any angles?",
+    full=Settings(
+        tasks=(("push", (3, 4, 5, 6)), ("push-local", (3, 4, 5, 6)), ("wall-push", (3, 4, 5, 6))),
+        topologies=(50, 10),
+        starts=24,
+    ),
+    small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
+    variants=(
+        Variant("free"),
+        *(Variant(f"{step} deg", (f"search.hinge_step_deg={step}",)) for step in (5, 10, 15, 30, 45)),
+    ),
+    title="What hinge angles from a set cost: each point a tree, compared with itself",
 )
 
 PAPER_ROOT = Variant("paper root", ('search.root="paper"',))

@@ -25,6 +25,7 @@ body { font: 11pt/1.35 sans-serif; max-width: 180mm; margin: 10mm auto; color: #
 table { border-collapse: collapse; font-size: 9.5pt } th, td { border: 0.3mm solid #999; padding: 1mm 2mm }
 section { display: flex; gap: 6mm; align-items: center; break-inside: avoid; border-top: 0.3mm solid #999 }
 section svg { width: 48mm; flex: none } .convention svg { width: 70mm } h2 { break-after: avoid }
+section:has(figure) { flex-wrap: wrap } figure { margin: 0 }
 @media print { body { margin: 0 } }
 """
 CONVENTION = """\
