@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import nlp
-from topo_search.compose.designs import audit, with_bound
+from topo_search.compose.designs import audit, read_completed, with_bound
 from topo_search.model import Audit, BadInput, Design, Fault
-from topo_search.model.files import read_json, write_atomically
+from topo_search.model.files import write_atomically
 from topo_search.study import REPORT, RunFolder, answer_of
 from topo_search.study.directory import CHANGED
 
@@ -56,7 +56,7 @@ def write_report(
             _name_changed(folder, note)
             page = run_page(folder)
     else:
-        design = read_json(Design, source)
+        design = read_completed(source)
         simulated = None if flight is None else read_simulated(Path(flight), design)
         page = design_page(with_bound(design, nlp.proven_bound(design.task)), audit(design), source.name, simulated)
     path = Path(out or source.with_suffix(".html"))
@@ -118,7 +118,7 @@ def _designs(source: Path) -> list[Compared]:
     from topo_search.report.headline import rows_to_show
 
     if not source.is_dir():
-        design = read_json(Design, source)
+        design = read_completed(source)
         design = with_bound(design, nlp.proven_bound(design.task))
         judged = audit(design)
         return [Compared(source.stem, design, judged, design.gap if judged.verdict == "clear" else None)]

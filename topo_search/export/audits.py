@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pydantic import BaseModel
 
-from topo_search.model import Audit, Clearance, Design, Flight, Residual, RotorsOut, Status
+from topo_search.model import Audit, Clearance, Flight, Geometry, Residual, RotorsOut, Status
 from topo_search.model.flight import direction
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.tables import escape_formula
@@ -30,7 +30,7 @@ class Judged(NamedTuple):
 
     name: str
     """Name in the summary: its file."""
-    design: Design
+    design: Geometry
     audit: Audit
 
 
@@ -78,6 +78,8 @@ def _section(each: Judged) -> Iterator[str]:
     name, _, audit = each
     versions = ", ".join(" ".join(item) for item in audit.versions.items())
     yield from (f"## {escape(name)}", "", f"Verdict: **{audit.verdict}**. Versions: {versions}.", "")
+    if audit.inputs_words is not None:
+        yield from (f"Inputs: {escape(audit.inputs_words)}.", "")
     rows = []
     for kind, group in groupby(sorted(audit.pairs, key=lambda pair: pair.kind), key=lambda pair: pair.kind):
         pairs = list(group)
