@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import nlp
 from topo_search.compose.designs import audit, read_completed, with_bound
 from topo_search.model import Audit, BadInput, Design, Fault
 from topo_search.model.files import write_atomically
-from topo_search.study import REPORT, RunFolder, answer_of
+from topo_search.study import REPORT, Observer, RunFolder, answer_of
 from topo_search.study.directory import CHANGED
 
 if TYPE_CHECKING:
@@ -76,6 +77,18 @@ def write_page(folder: RunFolder) -> None:
     from topo_search.report.run_page import write_run_page
 
     write_run_page(folder)
+
+
+@contextmanager
+def follow_live(path: Path, observer: Observer, *, live: bool) -> Iterator[Observer]:
+    """Return who observes a run: the same, or one that serves the page as well while the block runs."""
+    if not live:
+        yield observer
+        return
+    from topo_search.report.live import serve_live
+
+    with serve_live(path, observer) as serving:
+        yield serving
 
 
 def plot_platform(design: Design, audited: Audit | None = None) -> Any:

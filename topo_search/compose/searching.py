@@ -14,7 +14,7 @@ import nlp
 import verify
 from topo_search.compose.binding import backends, open_engine
 from topo_search.compose.envelopes import enclose_speed
-from topo_search.compose.pages import write_page
+from topo_search.compose.pages import follow_live, write_page
 from topo_search.engine import Certificates, DaskWorkers, Workers
 from topo_search.limits import CANDIDATES, GAPS, PERCENT
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
@@ -69,6 +69,7 @@ def search(
     prove: float | None = None,
     keep_within: float | None = None,
     observer: Observer | None = None,
+    live: bool = False,
 ) -> Answer:
     """Search the topologies for the best design of a task, audit the best ones and write a run folder.
 
@@ -98,6 +99,7 @@ def search(
         prove: relative gap to which branch and bound then proves that no tree is better, as `prove` does.
         keep_within: keep every local optimum with a clear audit and at most so much more effort than the best [%].
         observer: receives progress.
+        live: serve the page on this machine while the search runs; the observer gets its address as a note.
 
     Raises:
         BadInput: the task, folder, address, a certificate or your own code is invalid, or there are too many
@@ -159,19 +161,22 @@ def search(
             gap=gap,
             key=None,
             engine=engine,
-            observer=observer,
+            observer=follower,
             time_limit=until - time.monotonic(),
             prepare=_compiling(nlp.prepare_proof, engine, observer),
             report=write_page,
         )
 
-    with open_engine(workers, dask, dask_tls, request.versions, observer) as engine:
+    with (
+        open_engine(workers, dask, dask_tls, request.versions, observer) as engine,
+        follow_live(path, observer, live=live) as follower,
+    ):
         return run(
             request,
             path,
             backends(handed.constraints),
             engine=engine,
-            observer=observer,
+            observer=follower,
             workers=engine.count if isinstance(engine, Workers) else None,
             time_limit=time_limit,
             prepare=prepare,
