@@ -56,6 +56,14 @@ def solve(
     Raises:
         BadInput: the task, or what is your own, is invalid, or its connectors do not allow the topology.
         ValueError: the number of starts is out of range (`limits`).
+
+    Example:
+        >>> from topo_search import read_task, solve
+        >>> hover = "load_cases=[{com={force=[0.0,0.0,1.0]}}]"
+        >>> task = read_task("push", ("modules=2", hover))
+        >>> solved = solve(task, "a10", starts=1)
+        >>> len(solved.outcome.hinge_angles_rad), solved.audit.verdict.value
+        (1, 'clear')
     """
     if starts is not None and not 1 <= starts <= STARTS:
         raise ValueError(f"`1 <= starts <= {STARTS:,}` must hold, but got {starts:,}")
@@ -95,6 +103,12 @@ def read_design(path: str | Path) -> Design:
 
     Raises:
         BadInput: the file cannot be read, or is no design.
+
+    Example:
+        >>> from topo_search import read_design
+        >>> design = read_design("hover-2/best.json")
+        >>> design.topology.key, design.lower_bound <= design.objective
+        ('a10', True)
     """
     design = read_completed(path)
     return with_bound(design, nlp.lower_bound(design.task))
@@ -196,6 +210,12 @@ def audit(design: Geometry, *, constraints: Iterable[OwnConstraint] = ()) -> Aud
     Raises:
         BadInput: a constraint cannot be used.
         RuntimeError: says why there is no audit.
+
+    Example:
+        >>> from topo_search import audit, read_design
+        >>> found = audit(read_design("hover-2/best.json"))
+        >>> found.verdict.value, found.pairs[0].name
+        ('clear', 'airflow of modules 0 and 1')
     """
     if not isinstance(design, Geometry):
         raise BadInput("design", [Fault("", f"must be a Design or a Geometry, but got {type(design).__name__}")])

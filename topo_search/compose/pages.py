@@ -38,6 +38,11 @@ def write_report(
         BadInput: the source is neither, or the flights are not of it; or the page would go into a folder that a
             run is using, or replace a file that the run did not write.
         RuntimeError: the audit failed; the message gives the reason.
+
+    Example:
+        >>> from topo_search import write_report
+        >>> print(write_report("hover-2/best.json", out="best.html"))
+        best.html
     """
     from topo_search.report.design_page import design_page, read_simulated
     from topo_search.report.page import render
@@ -92,7 +97,14 @@ def follow_live(path: Path, observer: Observer, *, live: bool) -> Iterator[Obser
 
 
 def plot_platform(design: Design, audited: Audit | None = None) -> Any:
-    """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod."""
+    """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod.
+
+    Example:
+        >>> from topo_search import plot_platform, read_answer
+        >>> figure = plot_platform(read_answer("hover-2").design)
+        >>> type(figure).__name__
+        'Figure'
+    """
     from topo_search.export.poses import poses_to_draw
     from topo_search.report.scene import closest, figure
 
@@ -116,6 +128,11 @@ def compare(first: str | Path, second: str | Path, *, out: str | Path | None = N
     Raises:
         BadInput: one of them is neither, or a run without a design.
         RuntimeError: the audit of a design failed; the message gives the reason.
+
+    Example:
+        >>> from topo_search import compare
+        >>> [side[0].name for side in compare("hover-2", "hover-2/best.json")]
+        ['hover-2/a10', 'best']
     """
     from topo_search.report.compare_page import compare_page
     from topo_search.report.page import render

@@ -107,6 +107,14 @@ def search(
         ValueError: starts, trials, round_size or workers are out of range (`limits`), or strategy or sampler is
             unknown.
         WorkersLost: workers do not start or return, or the Dask scheduler does not answer; results are kept.
+
+    Example:
+        >>> from topo_search import read_task, search
+        >>> hover = "load_cases=[{com={force=[0.0,0.0,1.0]}}]"
+        >>> task = read_task("push", ("modules=2", hover))
+        >>> answer = search(task, out="hover-2", starts=1)
+        >>> answer.best.key, answer.best.modules, answer.audit.verdict.value
+        ('a10', 2, 'clear')
     """
     asked = enclose_speed(task if isinstance(task, Task) else read_task(task))
     handed = collect_own(
@@ -224,6 +232,11 @@ def prove(
             proof of `lender` holds for it.
         ValueError: a gap beyond `limits`.
         WorkersLost: as for `search`.
+
+    Example:
+        >>> from topo_search import prove
+        >>> prove("hover-2", gap=0.01).proven  # doctest: +SKIP
+        True
     """
     _refuse_gap("gap", gap)
     observer = observer or Silent()

@@ -234,6 +234,12 @@ def clearances(audit: Audit) -> pd.DataFrame:
     """Return a row for every pair and requirement of an audit [m], with the fields of `Clearance`.
 
     Without evidence and points, which are not single values.
+
+    Example:
+        >>> from topo_search import clearances, read_answer
+        >>> frame = clearances(read_answer("hover-2").audit)
+        >>> list(frame["kind"].unique()[:2])
+        ['airflow', 'exclusion']
     """
     return _clearances(audit.pairs)
 
@@ -245,7 +251,13 @@ def clearances_of(audits: Sequence[tuple[str, Audit]]) -> pd.DataFrame:
 
 
 def residuals(audit: Audit) -> pd.DataFrame:
-    """Return a row for every checked number of an audit, with the fields of `Residual`."""
+    """Return a row for every checked number of an audit, with the fields of `Residual`.
+
+    Example:
+        >>> from topo_search import read_answer, residuals
+        >>> residuals(read_answer("hover-2").audit)["name"][0]
+        'load case 0, force'
+    """
     return _frame(Residual, audit.residuals).astype({"stated": "float64", "derived": "float64"})
 
 

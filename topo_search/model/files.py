@@ -88,7 +88,13 @@ def examples() -> list[str]:
 
 
 def read_json(model: type[Model], path: str | Path) -> Model:
-    """Return the value that a JSON file holds; BadInput names every fault."""
+    """Return the value that a JSON file holds; BadInput names every fault.
+
+    Example:
+        >>> from topo_search import Audit, read_json
+        >>> read_json(Audit, "hover-2/audits/a10.json").verdict.value
+        'clear'
+    """
     most_bytes = DESIGN_BYTES if issubclass(model, Design) else RESULT_BYTES
     return validate(model, load_json(path, most_bytes=most_bytes), str(path))
 
