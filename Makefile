@@ -5,7 +5,7 @@ STAMP := $(VENV)/.installed
 # Two variables: older versions of pip pin the build tools by the first, newer ones by the second.
 PINNED := PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
 
-.PHONY: demo notebooks test test-slow test-browser lint figures docs clean
+.PHONY: demo notebooks notebooks-docs test test-slow test-browser lint figures docs clean
 
 demo: $(STAMP)  ## search all five-module topologies for the push task
 	$(BIN)/topo-search run push
@@ -14,7 +14,10 @@ notebooks: $(STAMP)  ## run every notebook with its full settings, and draw the 
 	FULL=1 $(BIN)/jupyter-execute --timeout=-1 notebooks/*.ipynb
 	$(BIN)/python tests/benchmarks/keep_results.py
 
-test: lint  ## everything CI checks, but what needs a browser; the site shows the notebooks that the tests ran
+notebooks-docs: $(STAMP)  ## run every notebook with its small settings, and keep what the site shows of it
+	KEEP=1 $(BIN)/pytest -k fresh_kernel tests/test_notebooks.py
+
+test: lint  ## everything CI checks, but what needs a browser
 	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not browser"
 	$(MAKE) docs
 

@@ -13,6 +13,7 @@ import sys
 import termios
 import time
 from pathlib import Path
+from random import Random
 
 import pytest
 import toy_problem
@@ -134,6 +135,35 @@ def test_time_left_is_learnt_from_the_steps():
     assert left(50.0) > 30.0 > before
     left.plan(Plan((), workers=1, time_limit=5.0), 50.0)
     assert left(50.0) <= 5.0
+
+
+def simulate(phases, longer):
+    """Return what is shown after each step of a run on one worker, over the truth, from a fiftieth of the run on.
+
+    Steps take `longer(n)` times what is expected, give or take a factor of two.
+    """
+    random, left, now, shown = Random(1), TimeLeft(), 0.0, []
+    left.plan(Plan(phases, workers=1), now)
+    for phase in phases:
+        left.begin(phase, now)
+        for _ in range(phase.steps):
+            now += longer(phase.n) * phase.seconds * 2 ** random.uniform(-1, 1)
+            left.step(now, known=False)
+            shown.append((now, left(now)))
+    return [remaining / (now - at) for at, remaining in shown if now / 50 < at < 0.99 * now]
+
+
+@pytest.mark.parametrize(
+    "longer",
+    [lambda n: 1, lambda n: 100, lambda n: (n / 3) ** 2, lambda n: (n / 3) ** 4],
+    ids=["1", "100", "n2", "n4"],
+)
+def test_time_left_is_steady_where_large_trees_take_longer_than_expected(longer):
+    several = tuple(Phase("searching", n, 100 * n, 4, seconds=0.05 * n) for n in (3, 4, 6, 8))
+    for phases in (several, (Phase("searching", 12, 1000, 4, seconds=0.1),)):
+        factors = simulate(phases, longer)
+        assert min(factors) > 0.5
+        assert max(factors) < 2.0
 
 
 def test_known_steps_take_no_time():

@@ -2,6 +2,9 @@
 
 import json
 import math
+import subprocess
+import sys
+import threading
 from functools import partial
 
 import casadi as ca
@@ -147,8 +150,8 @@ def test_a_wrong_claim_of_invariance_is_found(task, tmp_path, expression, invari
             "text: must return a casadi.SX, or a list of them",
         ),
         (
-            [OwnConstraint("lambda", lambda p: p.axes[0][2], upper=1.0)],
-            "lambda: cannot be sent to worker processes",
+            [OwnConstraint("locked", partial(lambda lock, p: p.axes[0][2], threading.Lock()), upper=1.0)],
+            "locked: cannot be sent to worker processes",
         ),
         ([UPRIGHT, UPRIGHT], "upright: must be the name of one constraint"),
         ([3], r"\[0\]: must be an OwnConstraint, but got int"),
@@ -169,6 +172,23 @@ def test_what_cannot_be_used_is_refused_before_a_folder_is_made(task, tmp_path, 
     with pytest.raises(BadInput, match=words):
         search(task, out=tmp_path / "run", constraints=stated, starts=1)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_constraint_of_a_prompt_or_a_notebook_goes_to_workers_by_value():
+    typed = """
+LEAST = 0.9
+def upright(platform):
+    return platform.axes[0][2] - LEAST
+task = read_task("push", ("modules=2", "load_cases=[{com={force=[0.0,0.0,1.0]}}]"))
+stated = [OwnConstraint("typed", upright, lower=0.0), OwnConstraint("lambda", lambda p: p.axes[0][2], upper=2.0)]
+solved = solve(task, "a10", starts=4, constraints=stated)
+print(*(one.status for one in solved.audit.stated) if solved.audit else solved)
+"""
+    text = f"from topo_search import OwnConstraint, read_task, solve\n{typed}"
+    done = subprocess.run(
+        [sys.executable, "-"], input=text, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert (done.stdout.strip(), done.returncode) == ("met met", 0), done.stderr
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,25 @@ import pickle
 import sys
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import get_args
 
+import cloudpickle
+
 from topo_search.limits import NEAR, OWN_CONSTRAINTS
 from topo_search.model import BadInput, Design, Fault, Task
-from topo_search.protocols import OwnConstraint, OwnSampler, SamplerFactory, TopologySampler
+from topo_search.protocols import (
+    ConstraintExpression,
+    Expression,
+    OwnConstraint,
+    OwnSampler,
+    SamplerFactory,
+    SymbolicPlatform,
+    TopologySampler,
+)
 from topo_search.study import Own, Sampler
 from topo_search.study.request import digest
 from topo_search.topologies import OwnTopology, own_candidates
@@ -96,7 +107,7 @@ def own_constraints(constraints: Iterable[OwnConstraint], *, elsewhere: bool = F
     """
     if isinstance(constraints, str) or not isinstance(constraints, Iterable):
         raise BadInput("constraints", f"must be a list of OwnConstraint, but got {_one(constraints)}")
-    given = tuple(islice(constraints, OWN_CONSTRAINTS + 1))
+    given = tuple(_sendable(one, elsewhere=elsewhere) for one in islice(constraints, OWN_CONSTRAINTS + 1))
     if len(given) > OWN_CONSTRAINTS:
         raise BadInput("constraints", f"must be at most {OWN_CONSTRAINTS:,}, but got more")
     faults = list[Fault]()
@@ -119,8 +130,38 @@ def _one(given: object) -> str:
     return f"one {kind}: write it in brackets" if isinstance(given, Design | OwnConstraint) else kind
 
 
+@dataclass(frozen=True)
+class ByValue:
+    """An expression of a notebook, a prompt or inside a function, which no other process can import."""
+
+    content: bytes
+    """It and all that it refers to there, pickled."""
+
+    def __call__(self, platform: SymbolicPlatform, /) -> Expression:
+        """Return what it returns."""
+        return _loaded(self.content)(platform)
+
+
+@cache
+def _loaded(content: bytes) -> ConstraintExpression:
+    expression: ConstraintExpression = pickle.loads(content)
+    return expression
+
+
+def _sendable(one: OwnConstraint, *, elsewhere: bool) -> OwnConstraint:
+    """Return a constraint with its expression by value if workers cannot import it, and that is possible."""
+    if not isinstance(one, OwnConstraint) or _reason_to_stay(one, elsewhere=elsewhere) is None:
+        return one
+    try:
+        return replace(one, expression=ByValue(cloudpickle.dumps(one.expression)))
+    except (TypeError, pickle.PicklingError):  # it refers to a file, a lock, ...: refused with the reason
+        return one
+
+
 def _reason_to_stay(constraint: OwnConstraint, *, elsewhere: bool) -> str | None:
     """Return why a constraint cannot be sent to workers; None if it can."""
+    if isinstance(constraint.expression, ByValue):
+        return None
     how = "write it as a function at the top of a module, with `functools.partial` for its numbers"
     try:
         sent = pickle.dumps(constraint)

@@ -1,8 +1,9 @@
 """The exact audit of a design; shares no code with the solver.
 
 `audit(design)` derives everything again from a design alone; `choose_mount(design)` finds the connector from which
-a straight rod reaches the end-effector; `poses` is the audit's own forward kinematics; `check_chunk` checks a part
-of a proof by branch and bound. All load on first use, so that importing this package costs nothing.
+a straight rod reaches the end-effector; `complete(geometry)` gives a geometry its inputs; `poses` is the audit's
+own forward kinematics; `check_chunk` checks a part of a proof by branch and bound. All load on first use, so that
+importing this package costs nothing.
 """
 
 from __future__ import annotations
@@ -12,16 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from verify.assembly import choose_mount
+    from verify.bare import complete
     from verify.design_audit import audit
     from verify.kinematics import Poses, poses
     from verify.proof.check import check_chunk, prepare_check
 
-__all__ = ["Poses", "audit", "check_chunk", "choose_mount", "poses", "prepare_check"]
+__all__ = ["Poses", "audit", "check_chunk", "choose_mount", "complete", "poses", "prepare_check"]
 
 
 _HOMES = {
     "Poses": "kinematics", "audit": "design_audit", "check_chunk": "proof.check", "choose_mount": "assembly",
-    "poses": "kinematics", "prepare_check": "proof.check",
+    "complete": "bare", "poses": "kinematics", "prepare_check": "proof.check",
 }  # fmt: skip
 
 

@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from topo_search.model import Audit, Clearance, Design, Local, Module, Status, segment_of
+from topo_search.model import Audit, Clearance, Design, Geometry, Local, Module, Status, segment_of
 from topo_search.model.audit import MeshExcess
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
 from verify.air import air, speed_residuals
 from verify.assembly import assembly, rod_residuals
+from verify.bare import complete
 from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
 from verify.bodies import Array
 from verify.brackets import beside_brackets, bracket_hulls, rotors_beside_brackets
@@ -55,8 +56,8 @@ DISTANCES = ("separation", "exclusion")
 """Kinds that ask for a least distance of two places: their bodies are balls around them."""
 
 
-def audit(design: Design) -> Audit:
-    """Return the audit of a design; a pure function of it, but for `seconds`.
+def audit(design: Geometry) -> Audit:
+    """Return the audit of a design, or of a geometry with its best inputs; pure, but for `seconds`.
 
     python-fcl is native code that can crash: callers that must survive run this in a child process.
 
@@ -65,7 +66,7 @@ def audit(design: Design) -> Audit:
     """
     started = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers overflow, and then nothing is proven
-        return _audit(design, started)
+        return _audit(complete(design), started)
 
 
 def _audit(design: Design, started: float) -> Audit:
@@ -103,6 +104,7 @@ def _audit(design: Design, started: float) -> Audit:
     blown = air(design, found, scene)
     rows = (*rows, *tolerance_residuals(design, errors), *speed_residuals(design, blown))
     return Audit(
+        inputs_computed=design.inputs_computed,
         verdict=Status.worst([*(row.status for row in rows), *statuses]),
         pairs=pairs,
         residuals=rows,

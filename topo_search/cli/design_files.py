@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from topo_search.limits import DESIGN_BYTES
-from topo_search.model import BadInput, Design
+from topo_search.model import BadInput, Geometry
 from topo_search.model.bad_input import to_printable
-from topo_search.model.files import load_json, stated_format, validate
+from topo_search.model.files import load_json, stated_format, to_geometry
 
 AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
@@ -31,8 +31,8 @@ class DesignFile:
         """The path as it can be printed: Unicode without control characters."""
         return to_printable(self.path)
 
-    def read(self) -> Design | None:
-        """Return the design; None for an audit in a folder.
+    def read(self) -> Geometry | None:
+        """Return the design, or its geometry; None for an audit in a folder.
 
         Raises:
             BadInput: it is no design; names every fault.
@@ -42,7 +42,7 @@ class DesignFile:
         data = load_json(self.path, most_bytes=DESIGN_BYTES)
         if self.listed and stated_format(data) == AUDIT:
             return None
-        return validate(Design, data, self.name)
+        return to_geometry(data, self.name)
 
 
 class Reading:
@@ -51,14 +51,14 @@ class Reading:
     def __init__(self, files: Sequence[DesignFile], *, tell: Callable[[str], None]) -> None:
         self.files = files
         self.tell = tell
-        self.read: list[tuple[str, Design]] = []
+        self.read: list[tuple[str, Geometry]] = []
         """Every design with the name of its file, in order."""
         self.refused: list[tuple[str, str]] = []
         """Every other file, with its faults."""
         self.passed_over = 0
         """Number of audits that were found in folders."""
 
-    def designs(self) -> Iterator[Design]:
+    def designs(self) -> Iterator[Geometry]:
         """Yield the designs as they are read, and tell the faults of the other files."""
         for file in self.files:
             try:

@@ -138,10 +138,9 @@ def export(
     Exit status: 0 written; 1 a kit, or a design of rounded angles, is not clear; 2 bad input.
     """  # noqa: D301 (\b is click's)
     with explain_errors():
-        from topo_search.compose import audit, read_design
+        from topo_search.compose import audit, read_completed, read_design
         from topo_search.export.simulator_xml import Physics
-        from topo_search.model import BadInput, Design
-        from topo_search.model.files import read_json
+        from topo_search.model import BadInput
 
         form: Any = kind or SUFFIXES.get(out.suffix.lower()) or _of_packages(out)
         if kind not in ("kit", "brackets") and out.is_dir():
@@ -164,7 +163,7 @@ def export(
             rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {form}"
             raise BadInput("--motor-lag, --rod-mass, --contacts", rule)
         if form in KIT:
-            _write_kit(read_json(Design, source), form, out, angle_step, physics)
+            _write_kit(read_completed(source), form, out, angle_step, physics)
             return
         options.require_writable(out)
         with needs_extras(f"--format {form}"):
@@ -296,14 +295,14 @@ def _write_table(source: str, kind: Any, out: Path) -> None:
 def _audit_of(source: str) -> Audit:
     """Return the audit that a file holds, or that of the design that it holds."""
     from topo_search.cli.design_files import AUDIT
-    from topo_search.compose import audits
+    from topo_search.compose import audits, read_completed
     from topo_search.engine import Failed
-    from topo_search.model import Audit, BadInput, Design
+    from topo_search.model import Audit, BadInput
     from topo_search.model.files import load_json, read_json, stated_format
 
     if stated_format(load_json(source)) == AUDIT:
         return read_json(Audit, source)
-    (result,) = audits([read_json(Design, source)])
+    (result,) = audits([read_completed(source)])
     if isinstance(result, Failed):
         raise BadInput(source, f"the audit failed: {result.reason}")
     return result

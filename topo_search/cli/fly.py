@@ -88,10 +88,9 @@ def fly(
     Exit status: 0 all scenarios held; 1 some did not; 2 bad input, or the extra is missing.
     """
     with explain_errors():
-        from topo_search.model import Design
-        from topo_search.model.files import read_json
+        from topo_search.compose import read_completed
 
-        read = read_json(Design, design)
+        read = read_completed(design)
         for option, path in (("--video", video), ("--out", out and out / "flight.json")):
             options.require_writable(path, option)
         if video is not None:

@@ -179,10 +179,9 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
 
 def read_near(files: tuple[str, ...]) -> list[Design]:
     """Return the designs of some files; BadInput names every fault."""
-    from topo_search.model import Design
-    from topo_search.model.files import read_json
+    from topo_search.compose import read_completed
 
-    return [read_json(Design, file) for file in files]
+    return [read_completed(file) for file in files]
 
 
 def read_topologies(file: str, task: Task) -> tuple[str, ...]:

@@ -205,6 +205,8 @@ def print_audit(name: str, audit: Audit) -> None:
     nearest = min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
     least = "" if nearest is None else f"; least clearance {lower_text(nearest.analytic_m)} m, {nearest.name}"
     click.echo(f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{least}")
+    if audit.inputs_words is not None:
+        click.echo(f"  {audit.inputs_words}")
     overlaps = audit.interference
     if overlaps is not None and overlaps.colliding_pairs:
         sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)

@@ -5,6 +5,15 @@ of your own: then the calls belong under `if __name__ == "__main__":`.
 """
 
 from topo_search.compose.binding import BACKENDS, available_cores
-from topo_search.compose.designs import Rounded, audit, audits, brackets_note, read_design, round_angles, solve
+from topo_search.compose.designs import (
+    Rounded,
+    audit,
+    audits,
+    brackets_note,
+    read_completed,
+    read_design,
+    round_angles,
+    solve,
+)
 from topo_search.compose.pages import compare, figure, plot_platform, write_report
 from topo_search.compose.searching import DEFAULT_GAP, DEFAULT_TRIALS, check_proofs, prove, search

@@ -13,7 +13,7 @@ import verify
 from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Workers, computing_versions
 from topo_search.engine.jobs import Given
 from topo_search.limits import WORKERS
-from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, ResolvedTask, Status, Topology
+from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Infeasible, ResolvedTask, Status, Topology
 from topo_search.protocols import OwnConstraint
 from topo_search.study import Observer
 
@@ -51,15 +51,16 @@ def local_optima_mounted(
     return [_mount(task, design, constraints) for design in found]
 
 
-def audit_exactly(design: Design) -> Audit:
+def audit_exactly(design: Geometry) -> Audit:
     """Audit a design; the audit and its libraries load with the first one."""
     return verify.audit(design)
 
 
-def audit_stated(design: Design, *, constraints: Sequence[OwnConstraint]) -> Audit:
+def audit_stated(geometry: Geometry, *, constraints: Sequence[OwnConstraint]) -> Audit:
     """Audit a design, and evaluate own constraints at the poses that the audit derives."""
     from verify.kinematics import platform
 
+    design = verify.complete(geometry)
     audited, at = verify.audit(design), platform(design)
     found = nlp.check_stated(constraints, design, orientations=at.poses.R, centres=at.o, end_effector=at.p_e)
     here = {one.name for one in found}

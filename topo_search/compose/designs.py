@@ -9,12 +9,13 @@ from functools import partial
 from pathlib import Path
 
 import nlp
+import verify
 from topo_search.compose.binding import backends, processes
 from topo_search.compose.envelopes import enclose_speed
 from topo_search.engine import Failed, Outcome, audit_deadline, audit_job
-from topo_search.limits import MODULES, STARTS
-from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
-from topo_search.model.files import read_json, read_task
+from topo_search.limits import DESIGN_BYTES, MODULES, STARTS
+from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Status, Task
+from topo_search.model.files import load_json, read_task, to_geometry
 from topo_search.model.proven import lower_text
 from topo_search.own import own_constraints, starting_points
 from topo_search.protocols import OwnConstraint
@@ -55,6 +56,14 @@ def solve(
     Raises:
         BadInput: the task, or what is your own, is invalid, or its connectors do not allow the topology.
         ValueError: the number of starts is out of range (`limits`).
+
+    Example:
+        >>> from topo_search import read_task, solve
+        >>> hover = "load_cases=[{com={force=[0.0,0.0,1.0]}}]"
+        >>> task = read_task("push", ("modules=2", hover))
+        >>> solved = solve(task, "a10", starts=1)
+        >>> len(solved.outcome.hinge_angles_rad), solved.audit.verdict.value
+        (1, 'clear')
     """
     if starts is not None and not 1 <= starts <= STARTS:
         raise ValueError(f"`1 <= starts <= {STARTS:,}` must hold, but got {starts:,}")
@@ -90,11 +99,24 @@ def solve(
 def read_design(path: str | Path) -> Design:
     """Return the design in a file, with its lower bound and gap computed anew.
 
+    A file without inputs gets those of least effort.
+
     Raises:
         BadInput: the file cannot be read, or is no design.
+
+    Example:
+        >>> from topo_search import read_design
+        >>> design = read_design("hover-2/best.json")
+        >>> design.topology.key, design.lower_bound <= design.objective
+        ('a10', True)
     """
-    design = read_json(Design, path)
+    design = read_completed(path)
     return with_bound(design, nlp.lower_bound(design.task))
+
+
+def read_completed(path: str | Path) -> Design:
+    """Return the design in a file; one without inputs gets those of least effort. Raises as `read_design`."""
+    return verify.complete(to_geometry(load_json(path, most_bytes=DESIGN_BYTES), str(path)))
 
 
 def with_bound(design: Design, bound: float) -> Design:
@@ -176,19 +198,27 @@ def brackets_note(design: Design) -> str:
     return f"Brackets are not clear: {least.name}, {lower_text(1000 * least.analytic_m, 3)} mm ({least.status})."
 
 
-def audit(design: Design, *, constraints: Iterable[OwnConstraint] = ()) -> Audit:
+def audit(design: Geometry, *, constraints: Iterable[OwnConstraint] = ()) -> Audit:
     """Return the exact audit of a design, made in the calling process; with constraints of your own in a worker.
 
+    A geometry without inputs is judged with those of least effort.
+
     Args:
-        design: the design.
+        design: the design, or a geometry.
         constraints: of your own, evaluated on it; those that it names but that are not given are `not checked`.
 
     Raises:
         BadInput: a constraint cannot be used.
         RuntimeError: says why there is no audit.
+
+    Example:
+        >>> from topo_search import audit, read_design
+        >>> found = audit(read_design("hover-2/best.json"))
+        >>> found.verdict.value, found.pairs[0].name
+        ('clear', 'airflow of modules 0 and 1')
     """
-    if not isinstance(design, Design):
-        raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])
+    if not isinstance(design, Geometry):
+        raise BadInput("design", [Fault("", f"must be a Design or a Geometry, but got {type(design).__name__}")])
     stated = own_constraints(constraints)
     nlp.refuse_unusable(stated, design.task, design.topology)
     (result,) = audits([design], workers=int(bool(stated)), constraints=stated)
@@ -198,7 +228,7 @@ def audit(design: Design, *, constraints: Iterable[OwnConstraint] = ()) -> Audit
 
 
 def audits(
-    designs: Iterable[Design], *, workers: int = 0, constraints: Sequence[OwnConstraint] = ()
+    designs: Iterable[Geometry], *, workers: int = 0, constraints: Sequence[OwnConstraint] = ()
 ) -> Iterator[Audit | Failed]:
     """Yield the audit of each design in order.
 

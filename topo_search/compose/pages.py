@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import nlp
-from topo_search.compose.designs import audit, with_bound
+from topo_search.compose.designs import audit, read_completed, with_bound
 from topo_search.model import Audit, BadInput, Design, Fault
-from topo_search.model.files import read_json, write_atomically
-from topo_search.study import REPORT, RunFolder, answer_of
+from topo_search.model.files import write_atomically
+from topo_search.study import REPORT, Observer, RunFolder, answer_of
 from topo_search.study.directory import CHANGED
 
 if TYPE_CHECKING:
@@ -37,6 +38,11 @@ def write_report(
         BadInput: the source is neither, or the flights are not of it; or the page would go into a folder that a
             run is using, or replace a file that the run did not write.
         RuntimeError: the audit failed; the message gives the reason.
+
+    Example:
+        >>> from topo_search import write_report
+        >>> print(write_report("hover-2/best.json", out="best.html"))
+        best.html
     """
     from topo_search.report.design_page import design_page, read_simulated
     from topo_search.report.page import render
@@ -56,7 +62,7 @@ def write_report(
             _name_changed(folder, note)
             page = run_page(folder)
     else:
-        design = read_json(Design, source)
+        design = read_completed(source)
         simulated = None if flight is None else read_simulated(Path(flight), design)
         page = design_page(with_bound(design, nlp.proven_bound(design.task)), audit(design), source.name, simulated)
     path = Path(out or source.with_suffix(".html"))
@@ -78,8 +84,27 @@ def write_page(folder: RunFolder) -> None:
     write_run_page(folder)
 
 
+@contextmanager
+def follow_live(path: Path, observer: Observer, *, live: bool) -> Iterator[Observer]:
+    """Return who observes a run: the same, or one that serves the page as well while the block runs."""
+    if not live:
+        yield observer
+        return
+    from topo_search.report.live import serve_live
+
+    with serve_live(path, observer) as serving:
+        yield serving
+
+
 def plot_platform(design: Design, audited: Audit | None = None) -> Any:
-    """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod."""
+    """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod.
+
+    Example:
+        >>> from topo_search import plot_platform, read_answer
+        >>> figure = plot_platform(read_answer("hover-2").design)
+        >>> type(figure).__name__
+        'Figure'
+    """
     from topo_search.export.poses import poses_to_draw
     from topo_search.report.scene import closest, figure
 
@@ -103,6 +128,11 @@ def compare(first: str | Path, second: str | Path, *, out: str | Path | None = N
     Raises:
         BadInput: one of them is neither, or a run without a design.
         RuntimeError: the audit of a design failed; the message gives the reason.
+
+    Example:
+        >>> from topo_search import compare
+        >>> [side[0].name for side in compare("hover-2", "hover-2/best.json")]
+        ['hover-2/a10', 'best']
     """
     from topo_search.report.compare_page import compare_page
     from topo_search.report.page import render
@@ -118,7 +148,7 @@ def _designs(source: Path) -> list[Compared]:
     from topo_search.report.headline import rows_to_show
 
     if not source.is_dir():
-        design = read_json(Design, source)
+        design = read_completed(source)
         design = with_bound(design, nlp.proven_bound(design.task))
         judged = audit(design)
         return [Compared(source.stem, design, judged, design.gap if judged.verdict == "clear" else None)]

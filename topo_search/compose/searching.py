@@ -14,7 +14,7 @@ import nlp
 import verify
 from topo_search.compose.binding import backends, open_engine
 from topo_search.compose.envelopes import enclose_speed
-from topo_search.compose.pages import write_page
+from topo_search.compose.pages import follow_live, write_page
 from topo_search.engine import Certificates, DaskWorkers, Workers
 from topo_search.limits import CANDIDATES, GAPS, PERCENT
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
@@ -69,6 +69,7 @@ def search(
     prove: float | None = None,
     keep_within: float | None = None,
     observer: Observer | None = None,
+    live: bool = False,
 ) -> Answer:
     """Search the topologies for the best design of a task, audit the best ones and write a run folder.
 
@@ -98,6 +99,7 @@ def search(
         prove: relative gap to which branch and bound then proves that no tree is better, as `prove` does.
         keep_within: keep every local optimum with a clear audit and at most so much more effort than the best [%].
         observer: receives progress.
+        live: serve the page on this machine while the search runs; the observer gets its address as a note.
 
     Raises:
         BadInput: the task, folder, address, a certificate or your own code is invalid, or there are too many
@@ -105,6 +107,14 @@ def search(
         ValueError: starts, trials, round_size or workers are out of range (`limits`), or strategy or sampler is
             unknown.
         WorkersLost: workers do not start or return, or the Dask scheduler does not answer; results are kept.
+
+    Example:
+        >>> from topo_search import read_task, search
+        >>> hover = "load_cases=[{com={force=[0.0,0.0,1.0]}}]"
+        >>> task = read_task("push", ("modules=2", hover))
+        >>> answer = search(task, out="hover-2", starts=1)
+        >>> answer.best.key, answer.best.modules, answer.audit.verdict.value
+        ('a10', 2, 'clear')
     """
     asked = enclose_speed(task if isinstance(task, Task) else read_task(task))
     handed = collect_own(
@@ -159,19 +169,22 @@ def search(
             gap=gap,
             key=None,
             engine=engine,
-            observer=observer,
+            observer=follower,
             time_limit=until - time.monotonic(),
             prepare=_compiling(nlp.prepare_proof, engine, observer),
             report=write_page,
         )
 
-    with open_engine(workers, dask, dask_tls, request.versions, observer) as engine:
+    with (
+        open_engine(workers, dask, dask_tls, request.versions, observer) as engine,
+        follow_live(path, observer, live=live) as follower,
+    ):
         return run(
             request,
             path,
             backends(handed.constraints),
             engine=engine,
-            observer=observer,
+            observer=follower,
             workers=engine.count if isinstance(engine, Workers) else None,
             time_limit=time_limit,
             prepare=prepare,
@@ -219,6 +232,11 @@ def prove(
             proof of `lender` holds for it.
         ValueError: a gap beyond `limits`.
         WorkersLost: as for `search`.
+
+    Example:
+        >>> from topo_search import prove
+        >>> prove("hover-2", gap=0.01).proven  # doctest: +SKIP
+        True
     """
     _refuse_gap("gap", gap)
     observer = observer or Silent()

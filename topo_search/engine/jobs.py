@@ -11,9 +11,9 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NotRequired, Protocol, TypedDict, TypeVar, Unpack
 
-from topo_search.model import Audit, Design, Infeasible, ResolvedTask, SolverRecord, Topology
+from topo_search.model import Audit, Design, Geometry, Infeasible, ResolvedTask, SolverRecord, Topology
 
-AuditDesign = Callable[[Design], Audit]
+AuditDesign = Callable[[Geometry], Audit]
 J = TypeVar("J")
 R = TypeVar("R")
 
@@ -163,7 +163,7 @@ def solve_job(solve: Solve, job: Job) -> Design | Infeasible:
     return solve(job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near)
 
 
-def audit_job(audit: AuditDesign, labelled: tuple[object, Design]) -> Audit:
+def audit_job(audit: AuditDesign, labelled: tuple[object, Geometry]) -> Audit:
     """Audit a design that comes with a label (in a worker)."""
     return audit(labelled[1])
 

@@ -21,6 +21,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 from multiprocessing.spawn import get_preparation_data
 from multiprocessing.synchronize import RLock
+from pathlib import Path
 from types import FrameType
 from typing import Any, Generic, Self
 
@@ -216,7 +217,11 @@ class Workers(_OneThread):
         try:
             call = pickle.dumps((function, job))
             script = get_preparation_data("") if b"__main__" in call else {}
-            script = {key: value for key, value in script.items() if key.startswith("init_main")}
+            script = {
+                key: value  # what a notebook or a prompt defines comes by value: there is no script
+                for key, value in script.items()
+                if key == "init_main_from_name" or (key == "init_main_from_path" and Path(value).is_file())
+            }
             future: Future[Any] = self._pool.schedule(call_pickled, args=(call, script), timeout=deadline)
         except RuntimeError:
             if self._pool.active:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pydantic import BaseModel
 
-from topo_search.model import Audit, Clearance, Design, Flight, Residual, RotorsOut, Status
+from topo_search.model import Audit, Clearance, Flight, Geometry, Residual, RotorsOut, Status
 from topo_search.model.flight import direction
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.tables import escape_formula
@@ -30,7 +30,7 @@ class Judged(NamedTuple):
 
     name: str
     """Name in the summary: its file."""
-    design: Design
+    design: Geometry
     audit: Audit
 
 
@@ -78,6 +78,8 @@ def _section(each: Judged) -> Iterator[str]:
     name, _, audit = each
     versions = ", ".join(" ".join(item) for item in audit.versions.items())
     yield from (f"## {escape(name)}", "", f"Verdict: **{audit.verdict}**. Versions: {versions}.", "")
+    if audit.inputs_words is not None:
+        yield from (f"Inputs: {escape(audit.inputs_words)}.", "")
     rows = []
     for kind, group in groupby(sorted(audit.pairs, key=lambda pair: pair.kind), key=lambda pair: pair.kind):
         pairs = list(group)
@@ -232,6 +234,12 @@ def clearances(audit: Audit) -> pd.DataFrame:
     """Return a row for every pair and requirement of an audit [m], with the fields of `Clearance`.
 
     Without evidence and points, which are not single values.
+
+    Example:
+        >>> from topo_search import clearances, read_answer
+        >>> frame = clearances(read_answer("hover-2").audit)
+        >>> list(frame["kind"].unique()[:2])
+        ['airflow', 'exclusion']
     """
     return _clearances(audit.pairs)
 
@@ -243,7 +251,13 @@ def clearances_of(audits: Sequence[tuple[str, Audit]]) -> pd.DataFrame:
 
 
 def residuals(audit: Audit) -> pd.DataFrame:
-    """Return a row for every checked number of an audit, with the fields of `Residual`."""
+    """Return a row for every checked number of an audit, with the fields of `Residual`.
+
+    Example:
+        >>> from topo_search import read_answer, residuals
+        >>> residuals(read_answer("hover-2").audit)["name"][0]
+        'load case 0, force'
+    """
     return _frame(Residual, audit.residuals).astype({"stated": "float64", "derived": "float64"})
 
 

@@ -51,6 +51,12 @@ def register_format(own: OwnFormat) -> None:
 
     Raises:
         ValueError: the name or a suffix is not allowed, or another format has it.
+
+    Example:
+        >>> from topo_search import OwnFormat, export_design, read_design, register_format
+        >>> register_format(OwnFormat("tree", lambda design: design.topology.key, suffixes=(".tree",)))
+        >>> export_design(read_design("hover-2/best.json"), "hover-2.tree").read_text()
+        'a10'
     """
     if not isinstance(own, OwnFormat):
         raise ValueError(f"must be an OwnFormat, but got {type(own).__name__}")
@@ -101,6 +107,11 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
 
     Raises:
         BadInput: there is no such format, or it cannot represent this design.
+
+    Example:
+        >>> from topo_search import export_design, read_design
+        >>> print(export_design(read_design("hover-2/best.json"), "hover-2.urdf"))
+        hover-2.urdf
     """
     if not isinstance(design, Design):
         raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])

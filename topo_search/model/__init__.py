@@ -21,6 +21,7 @@ from topo_search.model.audit import (
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import (
     Design,
+    Geometry,
     Infeasible,
     Mount,
     Relaxation,

@@ -13,8 +13,8 @@ from topo_search.model.design import NOT_CERTIFIED, Mount, StatedCheck
 from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
 from topo_search.model.flight import CasePower, Flight
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.model.tables import csv_text, heading, table
-from topo_search.model.value import OMIT_EMPTY, Index, NonNegative, Number, Omitted, Value, Vector
+from topo_search.model.tables import csv_text, heading, paragraph, table
+from topo_search.model.value import OMIT_EMPTY, Flag, Index, NonNegative, Number, Omitted, Value, Vector
 
 
 class BoltedJoint(Value):
@@ -318,6 +318,8 @@ class Audit(Value):
     format: Literal["topo-search/audit"] = "topo-search/audit"
     version: Literal[1] = 1
     verdict: Status
+    inputs_computed: Annotated[Flag, OMIT_EMPTY] = False
+    """True if the design came without inputs, and those of least effort are judged."""
     pairs: tuple[Clearance, ...]
     residuals: tuple[Residual, ...]
     interference: Interference | None = None
@@ -345,6 +347,14 @@ class Audit(Value):
     seconds: NonNegative
 
     @property
+    def inputs_words(self) -> str | None:
+        """Origin of the inputs and their effort, in words; None if the design gives them."""
+        if not self.inputs_computed:
+            return None
+        J = next(row.derived for row in self.residuals if row.name == "objective")
+        return f"the design gives no inputs; judged with the best that the audit finds, J = {J:.6g} rad^4/s^4"
+
+    @property
     def tolerances_words(self) -> str | None:
         """Clearances that the task's tolerances, all at once, leave, in words; None if it has none."""
         worst = None if self.sensitivity is None else self.sensitivity.tolerances
@@ -369,6 +379,7 @@ class Audit(Value):
             for pair in nearest[: max(odd, 10)]  # the nearest ten at least
         ]
         html = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
+        html += paragraph(self.inputs_words) if self.inputs_words is not None else ""
         html += table(
             ("clearance of", "audit", "proven at least [m]", "proven at most [m]", "closed form [m]"), pairs
         )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -30,7 +30,7 @@ from topo_search.model.proven import at_least, gap_percent, lower_text, upper_te
 from topo_search.model.tables import heading, paragraph, table
 from topo_search.model.task import ResolvedTask, Task, before_requirement
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
-from topo_search.model.value import OMIT_EMPTY, Broken, Index, Location, Number, Omitted, Value, Vector
+from topo_search.model.value import OMIT_EMPTY, Broken, Flag, Index, Location, Number, Omitted, Value, Vector
 
 NOT_CERTIFIED = "stated by the user, not certified"
 """Wording for a claim that nothing proves."""
@@ -171,8 +171,8 @@ class Mount(Value):
     """0..3 for +x, +y, -x, -y."""
 
 
-class Design(Value):
-    """A complete platform for a task. The audit recomputes everything that it states.
+class Geometry(Value):
+    """A platform for a task without rotor inputs: a design's file that leaves them out.
 
     Unknown fields of a file are ignored, so that other programs can add their own.
     """
@@ -194,8 +194,51 @@ class Design(Value):
     """p'_E in W [m]."""
     mount: Mount | None = None
     """Connector to which the end-effector's rod is bolted; None: not chosen yet, or no straight rod reaches."""
+
+    @field_validator("task", mode="before")
+    @classmethod
+    def _resolve_task(cls, value: Any) -> Any:
+        """Accept a task with derived defaults left out or load cases in weights: both are unambiguous here.
+
+        A file that says nothing of the rod did not ask for one, nor for tolerances to be kept.
+        """
+        if isinstance(value, ResolvedTask):
+            return value
+        if isinstance(value, dict) and isinstance(given := value.get("end_effector", {}), dict):
+            value = {**value, "end_effector": {"rod": "none", "largest_reach": False, **given}}
+        task = Task.model_validate(before_requirement(value))
+        return task.resolve(task.n)
+
+    def _miscounts(self) -> Iterator[tuple[Location, str, int, int]]:
+        """Yield how many values fields must have: the field, the rule, the number due and the number given."""
+        n = self.topology.n
+        yield ("task", "modules"), "must be the number of rows of `topology`", n, self.task.n
+        yield "hinge_angles_rad", "must have one angle per non-root module", n - 1, len(self.hinge_angles_rad)
+
+    def _broken_rules(self) -> Broken:
+        yield from (
+            (field, f"{rule}, {due}, but got {got}") for field, rule, due, got in self._miscounts() if due != got
+        )
+        counted = self.task.end_effector.counted_rod
+        if counted is not None and self.mount != Mount(module=counted.module, port=counted.port):
+            given = "none" if self.mount is None else f"port {self.mount.port} of module {self.mount.module}"
+            due = f"port {counted.port} of module {counted.module}"
+            yield "mount", f"must be that of `task.end_effector.counted_rod`, {due}, but got {given}"
+        if self.mount is not None and (self.mount.module, self.mount.port) not in self.topology.free_connectors:
+            given = f"port {self.mount.port} of module {self.mount.module}"
+            yield "mount", f"must be a connector without a joint, but got {given}"
+
+
+class Design(Geometry):
+    """A complete platform for a task. The audit recomputes everything that it states.
+
+    Unknown fields of a file are ignored, so that other programs can add their own.
+    """
+
     rotor_speeds_squared: tuple[tuple[Number, ...], ...]
     """u_k: 4 n values per load case, module-major [rad^2/s^2]."""
+    inputs_computed: Annotated[Flag, OMIT_EMPTY] = False
+    """True if the audit computed the inputs of least effort for a geometry that came without."""
     objective: Number
     """J = sum_k lambda_k ||u_k||^2 [rad^4/s^4]."""
     lower_bound: Number | None = None
@@ -214,20 +257,6 @@ class Design(Value):
         except ValidationError:
             return None
 
-    @field_validator("task", mode="before")
-    @classmethod
-    def _resolve_task(cls, value: Any) -> Any:
-        """Accept a task with derived defaults left out or load cases in weights: both are unambiguous here.
-
-        A file that says nothing of the rod did not ask for one, nor for tolerances to be kept.
-        """
-        if isinstance(value, ResolvedTask):
-            return value
-        if isinstance(value, dict) and isinstance(given := value.get("end_effector", {}), dict):
-            value = {**value, "end_effector": {"rod": "none", "largest_reach": False, **given}}
-        task = Task.model_validate(before_requirement(value))
-        return task.resolve(task.n)
-
     @field_validator("topology_key", "lower_bound", "gap", "solver", mode="wrap")
     @classmethod
     def _drop_unreadable(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
@@ -238,24 +267,13 @@ class Design(Value):
         except (TypeError, ValueError, RecursionError):
             return None
 
-    def _broken_rules(self) -> Broken:
-        n, cases = self.topology.n, len(self.task.load_cases)
-        counts: list[tuple[Location, str, int, int]] = [
-            (("task", "modules"), "must be the number of rows of `topology`", n, self.task.n),
-            ("hinge_angles_rad", "must have one angle per non-root module", n - 1, len(self.hinge_angles_rad)),
-            ("rotor_speeds_squared", "must have one list per load case", cases, len(self.rotor_speeds_squared)),
-        ]
+    def _miscounts(self) -> Iterator[tuple[Location, str, int, int]]:
+        yield from super()._miscounts()
+        cases = len(self.task.load_cases)
+        yield "rotor_speeds_squared", "must have one list per load case", cases, len(self.rotor_speeds_squared)
         for k, u_k in enumerate(self.rotor_speeds_squared):
-            counts.append((("rotor_speeds_squared", k), "must have four values per module", 4 * n, len(u_k)))
-        yield from ((field, f"{rule}, {due}, but got {got}") for field, rule, due, got in counts if due != got)
-        counted = self.task.end_effector.counted_rod
-        if counted is not None and self.mount != Mount(module=counted.module, port=counted.port):
-            given = "none" if self.mount is None else f"port {self.mount.port} of module {self.mount.module}"
-            due = f"port {counted.port} of module {counted.module}"
-            yield "mount", f"must be that of `task.end_effector.counted_rod`, {due}, but got {given}"
-        if self.mount is not None and (self.mount.module, self.mount.port) not in self.topology.free_connectors:
-            given = f"port {self.mount.port} of module {self.mount.module}"
-            yield "mount", f"must be a connector without a joint, but got {given}"
+            field = "rotor_speeds_squared", k
+            yield field, "must have four values per module", 4 * self.topology.n, len(u_k)
 
     @property
     def inputs(self) -> Array:

@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import DESIGN_BYTES, RESULT_BYTES, TASK_BYTES
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
-from topo_search.model.design import Design
+from topo_search.model.design import Design, Geometry
 from topo_search.model.mesh_file import Folder
 from topo_search.model.parsing import NotParsed, NotReadable, apply_settings, json_data, read_regular, toml_data
 from topo_search.model.task import Task
@@ -88,9 +88,21 @@ def examples() -> list[str]:
 
 
 def read_json(model: type[Model], path: str | Path) -> Model:
-    """Return the value that a JSON file holds; BadInput names every fault."""
+    """Return the value that a JSON file holds; BadInput names every fault.
+
+    Example:
+        >>> from topo_search import Audit, read_json
+        >>> read_json(Audit, "hover-2/audits/a10.json").verdict.value
+        'clear'
+    """
     most_bytes = DESIGN_BYTES if issubclass(model, Design) else RESULT_BYTES
     return validate(model, load_json(path, most_bytes=most_bytes), str(path))
+
+
+def to_geometry(data: Any, source: str) -> Geometry:
+    """Return the design that a file's data hold, or its geometry if they hold no inputs; BadInput as `validate`."""
+    bare = isinstance(data, dict) and "rotor_speeds_squared" not in data
+    return validate(Geometry if bare else Design, data, source)
 
 
 def stated_format(data: Any) -> str | None:

@@ -50,7 +50,7 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         "fragile": fragile(audit),
         "answer": "This report covers one design, not a search.",
         "tiles": headline(design, audit, gap, "a single design"),
-        "notes": (),
+        "notes": () if audit.inputs_words is None else (audit.inputs_words,),
         "bound": bound(design.lower_bound, gap, task.n),
         "task": task_part(task, task),
         "design": design_part(design, audit),

@@ -45,6 +45,11 @@ def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
 
     Raises:
         BadInput: the run has no such size.
+
+    Example:
+        >>> from topo_search import plot_history, read_answer
+        >>> type(plot_history(read_answer("hover-2"))).__name__
+        'Figure'
     """
     bounds = {size.modules: size.lower_bound for size in answer.at_level.sizes}
     n = _choose("modules", list(bounds), modules or (answer.best.modules if answer.best else min(bounds)))
@@ -64,6 +69,11 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
 
     Raises:
         BadInput: there is no such column of numbers.
+
+    Example:
+        >>> from topo_search import plot_candidates, read_answer
+        >>> plot_candidates(read_answer("hover-2"), x="rod_length_m").layout.xaxis.title.text
+        'rod_length_m'
     """
     candidates = _of_level(answer, answer.candidates)
     numbers = list(candidates.select_dtypes("number").columns)

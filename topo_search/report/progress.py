@@ -71,7 +71,15 @@ def describe_plan(plan: Plan) -> str:
 
 
 class Lines:
-    """Prints progress as plain lines for logs and notebooks: `search("push", observer=Lines())`."""
+    """Prints progress as plain lines for logs and notebooks.
+
+    Example:
+        >>> from topo_search import Lines, read_task, search
+        >>> hover = "load_cases=[{com={force=[0.0,0.0,1.0]}}]"
+        >>> answer = search(read_task("push", ("modules=2", hover)), out="hover-2", starts=1, observer=Lines())
+        plan: all candidates are solved and audited; only files are written
+        writing
+    """
 
     def __init__(self, tell: Callable[[str], None] = print, words: Words = describe) -> None:
         """Take where lines go.

@@ -7,12 +7,14 @@ The expected processor times are rough: they say how long a run is about to take
 | E | time since the phase began | s |
 | d | steps done in it; one that runs counts half | |
 | s | expected time of a step on all workers together | s |
-| c | correction of all expectations: time taken over time expected, T seconds of each added | |
-| T | how much the expectations are trusted | s |
+| c(n) | correction of what is expected of n modules: time taken over time expected, of steps done and T more | |
+| T | number of steps for which the expectations are trusted | |
 
-A step of the present phase is taken to need (E + c T) / (d + T / s) seconds: what was seen, and T seconds of what
-was expected. Phases that are yet to come are expected to take c times what they were planned with. How long workers
-load what they compute with counts for c as well; but until the first step is done, nothing was seen of the steps.
+A step of the present phase is taken to need (E + c T s) / (d + T) seconds: what was seen, and T steps as they were
+expected. T counts steps, not seconds: where an expectation is wrong by a factor of hundreds, a few steps show it.
+Phases that are yet to come are expected to take c times what they were planned with. Between sizes, and beyond
+those seen, log c is a line over log n, so that large sizes that cost more than expected are foreseen from the small
+ones. How long workers load what they compute with is no step.
 A time limit ends what is solved; audits come after it.
 `tests/benchmarks/time_left.py` measures the error over recorded runs.
 """
@@ -20,9 +22,10 @@ A time limit ends what is solved; audits come after it.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from topo_search.engine import rounds
 from topo_search.model import ResolvedTask
@@ -42,7 +45,7 @@ REDUCED_UP_TO = 20
 CHUNK_SECONDS = 0.4
 """Processor time of a chunk of a proof by branch and bound, three and five modules [s]."""
 TRUSTED = 2.0
-"""T [s]."""
+"""T."""
 
 
 @dataclass(frozen=True)
@@ -200,9 +203,9 @@ class TimeLeft:
         self._workers = 1
         self._end = math.inf
         self._phase: Phase | None = None
-        self._began = self._since = 0.0
+        self._began = 0.0
         self._done = self._known = 0
-        self._taken = self._expected = 0.0
+        self._spent: dict[int, Spent] = {}
         self._woken = False
 
     def plan(self, plan: Plan, now: float) -> None:
@@ -217,7 +220,7 @@ class TimeLeft:
 
     def begin(self, phase: Phase, now: float) -> None:
         """Begin a phase, whether it was planned or not."""
-        self._close(now)
+        self._spent = self._spent_until(now)
         places = [place for place, planned in enumerate(self._planned) if planned.same == phase.same]
         if places:
             del self._planned[: places[0] + 1]
@@ -226,40 +229,35 @@ class TimeLeft:
     def step(self, now: float, *, known: bool) -> None:
         """Count a step; one whose result was known took no time."""
         if self._waking and not known and self._phase is not None:
-            self._taken += max(0.0, now - self._phase.seconds - self._began)
-            self._expected += WAKING
-            self._woken, self._began = True, now - self._phase.seconds
+            self._woken, self._began = True, max(self._began, now - self._phase.seconds)
         self._done += not known
         self._known += known
 
     def __call__(self, now: float) -> float:
         """Return how long it still takes [s]."""
-        taken, expected = self._seconds_spent(now)
-        correction = (self._taken + taken + TRUSTED) / (self._expected + expected + TRUSTED)
+        spent = self._spent_until(now)
         solving = other = 0.0
         for phase in self._planned:
-            left = correction * duration(phase, self._workers)
+            left = correction(spent, phase.n) * duration(phase, self._workers)
             solving, other = (solving + left, other) if phase.starts else (solving, other + left)
-        present = self._present(now, correction)
+        present = self._present(now)
         if self._phase is not None and self._phase.starts:
             solving += present
         else:
             other += present
         return min(solving, max(0.0, self._end - now)) + other
 
-    def _present(self, now: float, correction: float) -> float:
+    def _present(self, now: float) -> float:
         """Return how long the present phase still takes [s]."""
         phase = self._phase
         if phase is None or not phase.steps:
             return 0.0
-        due, step = phase.steps - self._known, duration(phase, self._workers) / phase.steps
+        due = phase.steps - self._known
+        step = correction(self._spent, phase.n) * duration(phase, self._workers) / phase.steps
         if self._waking:
-            return max(0.0, self._began + WAKING - now) + correction * step * due
-        done = self._done + self._half(due)
-        taken = now - self._began
-        weight = TRUSTED if step else 0.0  # where nothing is expected only what is seen counts
-        seen = (taken + correction * weight) / (done + (weight / step if step else 0.0))
-        return seen * max(0.0, due - done)
+            return max(0.0, self._began + WAKING - now) + step * due
+        done, weight = self._done + self._half(due), TRUSTED if step else 0.0  # without expectation, what is seen
+        return (now - self._began + weight * step) / (done + weight) * max(0.0, due - done)
 
     def _half(self, due: int) -> float:
         alone = self._phase is not None and self._phase.alone
@@ -269,16 +267,42 @@ class TimeLeft:
     def _waking(self) -> bool:
         return self._phase is not None and not self._phase.alone and not self._woken
 
-    def _seconds_spent(self, now: float) -> tuple[float, float]:
-        """Return what was spent on the present phase, and what was expected of as much [s]."""
+    def _spent_until(self, now: float) -> dict[int, Spent]:
+        """Return what was spent on each size, the present phase included."""
         phase = self._phase
-        if phase is None or not phase.steps or self._waking:
-            return 0.0, 0.0
-        share = (self._done + self._half(phase.steps - self._known)) / phase.steps
-        return now - self._began, share * duration(phase, self._workers)
+        if phase is None or phase.alone or not phase.steps or self._waking:
+            return self._spent
+        step, steps = (
+            duration(phase, self._workers) / phase.steps,
+            self._done + self._half(phase.steps - self._known),
+        )
+        before = self._spent.get(phase.n, Spent(0.0, 0.0, 0.0))
+        more = Spent(before.taken + now - self._began, before.expected + steps * step, before.steps + steps)
+        return {**self._spent, phase.n: more}
 
-    def _close(self, now: float) -> None:
-        """Add up the phase that is over."""
-        taken, expected = self._seconds_spent(now)
-        self._taken += taken
-        self._expected += expected
+
+class Spent(NamedTuple):
+    """Time spent on platforms of one size."""
+
+    taken: float
+    """[s]"""
+    expected: float
+    """Expected for the same steps [s]."""
+    steps: float
+
+
+def correction(spent: Mapping[int, Spent], n: int) -> float:
+    """Return c(n), by a line through log c over log n of the sizes seen, each weighed by its steps."""
+    seen = [(math.log(m), *one) for m, one in spent.items() if one.steps and one.expected and one.taken > 0]
+    steps = sum(weight for *_, weight in seen)
+    if not steps:
+        return 1.0
+    points = [
+        (x, math.log((taken / expected * weight + TRUSTED) / (weight + TRUSTED)), weight)
+        for x, taken, expected, weight in seen
+    ]
+    middle = sum(weight * x for x, _, weight in points) / steps
+    level = sum(weight * y for _, y, weight in points) / steps
+    spread = sum(weight * (x - middle) ** 2 for x, _, weight in points)
+    slope = sum(weight * (x - middle) * (y - level) for x, y, weight in points) / (spread + TRUSTED)
+    return math.exp(level + slope * (math.log(n or 1) - middle) * bool(n))

@@ -172,6 +172,12 @@ def read_answer(path: str | Path) -> Answer:
 
     Raises:
         BadInput: it is not a run folder.
+
+    Example:
+        >>> from topo_search import read_answer
+        >>> answer = read_answer("hover-2")
+        >>> answer.best.key, answer.complete
+        ('a10', True)
     """
     with RunFolder.load(Path(path)) as folder:
         return answer_of(folder)

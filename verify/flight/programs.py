@@ -136,7 +136,7 @@ def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -
     v = found.v
     yes, no = _meets(M, m, v), _excludes(M, m, bounds, found.rays)
     for row in np.flatnonzero(~yes & ~no):
-        v[row], y = _nearest(M, m[row], bounds.low[row], bounds.high[row])
+        v[row], y = nearest(M, m[row], bounds.low[row], bounds.high[row])
         one = slice(row, row + 1)
         yes[one] = _meets(M, m[one], v[one])
         no[one] = _excludes(M, m[one], Box(bounds.low[one], bounds.high[one]), y[None])
@@ -155,7 +155,7 @@ def _excludes(M: Array, m: Array, box: Box, y: Array) -> NDArray[np.bool_]:
     return np.asarray(beside - box.greatest(y @ M) > TOLERANCE)
 
 
-def _nearest(M: Array, m: Array, low: Array, high: Array) -> tuple[Array, Array]:
+def nearest(M: Array, m: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Return by HiGHS the v that misses no equation by more than it must, and the multipliers that show it."""
     k, N = M.shape
     A = np.block([[M, -np.ones((k, 1))], [-M, -np.ones((k, 1))]])

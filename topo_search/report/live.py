@@ -1,0 +1,145 @@
+"""The page of a run while it goes on, served to browsers on this machine alone."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from topo_search.model import BadInput
+from topo_search.report.page import render
+from topo_search.report.progress import describe, period, stage
+from topo_search.report.run_page import run_page
+from topo_search.study import Observer, RunFolder
+from topo_search.study.progress import Phase, Plan, TimeLeft
+from topo_search.study.row import Row
+
+LOOPBACK = "127.0.0.1"
+"""The only address that is served: no other machine reaches it."""
+REFRESH_S = 5.0
+"""Least age of a page before it is made anew [s]."""
+MOST_SHARE = 0.1
+"""Largest share of the time that may go into making pages."""
+
+
+class Live:
+    """An observer that hands progress on to another, and knows the page of the run as it stands."""
+
+    def __init__(self, path: Path, observer: Observer) -> None:
+        """Take the run's folder, and who else observes it."""
+        self._path, self._observer = path, observer
+        self._left = TimeLeft()
+        self._phase: Phase | None = None
+        self._done = self._version = 0
+        self._incumbent: Row | None = None
+        self._page, self._due = "", 0.0
+        self._making = threading.Lock()
+
+    def plan(self, plan: Plan) -> None:
+        """Take up the plan."""
+        self._left.plan(plan, time.monotonic())
+        self._observer.plan(plan)
+
+    def phase(self, phase: Phase) -> None:
+        """Begin a stage."""
+        self._phase, self._done, self._version = phase, 0, self._version + 1
+        self._left.begin(phase, time.monotonic())
+        self._observer.phase(phase)
+
+    def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
+        """Count a step."""
+        self._incumbent, self._done, self._version = incumbent, self._done + 1, self._version + 1
+        self._left.step(time.monotonic(), known=known)
+        self._observer.settled(incumbent, known=known)
+
+    def note(self, text: str) -> None:
+        """Hand a note on."""
+        self._observer.note(text)
+
+    @property
+    def status(self) -> dict[str, str | int]:
+        """Progress in words, and a number that grows with it."""
+        if self._phase is None:
+            return {"words": "The run begins.", "version": 0}
+        left = period(self._left(time.monotonic()))
+        steps = "" if self._phase.alone else f"{self._done} of {self._phase.steps}, "
+        words = f"{stage(self._phase)}: {steps}{describe(self._incumbent)}, about {left} left"
+        return {"words": words, "version": self._version}
+
+    def page(self) -> str:
+        """Return the page of the run, made anew unless that was done just now."""
+        with self._making:
+            began = time.monotonic()
+            if began >= self._due:
+                self._page = self._render()
+                now = time.monotonic()
+                self._due = now + max(REFRESH_S, (now - began) / MOST_SHARE)
+            return self._page
+
+    def _render(self) -> str:
+        try:
+            with RunFolder.load(self._path) as folder:
+                page = run_page(folder)
+        except (BadInput, OSError, sqlite3.Error) as error:  # the folder is not complete yet, or gone
+            return (
+                f"<!DOCTYPE html><html lang='en'><title>No page yet</title><p>No page yet: {type(error).__name__}."
+            )
+        return render(page if page["key"] is not None else {**page, "answer": "There is no design yet."})
+
+
+@contextmanager
+def serve_live(path: Path, observer: Observer) -> Iterator[Observer]:
+    """Serve the page of a run on a free port of this machine while the block runs, and note its address."""
+    live = Live(path, observer)
+    with ThreadingHTTPServer((LOOPBACK, 0), partial(_Handler, live)) as server:
+        threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True).start()
+        try:
+            observer.note(f"live page: http://{LOOPBACK}:{server.server_port}/")
+            yield live
+        finally:
+            server.shutdown()
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers browsers that ask for this machine by its own name."""
+
+    def __init__(self, live: Live, *args: Any) -> None:
+        self._live = live
+        super().__init__(*args)
+
+    def do_GET(self) -> None:
+        """Send the frame, the page in it, or the progress."""
+        _, port = self.connection.getsockname()
+        if self.headers.get("Host") not in (f"{LOOPBACK}:{port}", f"localhost:{port}"):  # a page of another site
+            self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
+        elif self.path == "/":
+            frame = resources.files("topo_search.report") / "templates/live.html"
+            self._send("text/html", frame.read_text(encoding="utf-8"))
+        elif self.path == "/page":
+            self._send("text/html", self._live.page())
+        elif self.path == "/status":
+            self._send("application/json", json.dumps(self._live.status))
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND)
+
+    def _send(self, kind: str, text: str) -> None:
+        content = text.encode()
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(content)))
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("X-Frame-Options", "SAMEORIGIN")
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Keep the terminal for the run."""
