@@ -8,7 +8,10 @@ import pytest
 from nlp_cases import HOVER, as_design, push, random_point, random_tree
 
 from nlp import prove_impossible, solve
-from nlp.airspeed import AIMED_AT, SpeedPoint, SpeedRows, fastest
+from nlp.airspeed import AIMED_AT, SpeedPoint, fastest
+from nlp.assembled.air import SpeedRows
+from nlp.assembled.problem import AssembledProblem
+from nlp.ipopt import BETA
 from topo_search.model import Design, ResolvedTask, Status, Topology
 from verify import audit
 from verify.air import air, case_jets
@@ -49,7 +52,7 @@ def test_rows_are_the_speeds_at_their_points() -> None:
     point = random_point(task, random_tree(4, rng), rng)
     point = replace(point, u=np.abs(point.u) + 1e5)
     points = tuple(SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3))) for k in (0, 1, 2) for _ in range(20))
-    stated = SpeedRows(task, point.topology, points).values(point.pack())
+    stated = SpeedRows(AssembledProblem(task, point.topology, [], BETA), task, points).values(point.pack())
     design = as_design(point)
     placed, scene = platform(design), Scene(design, platform(design))
     air = [blown for _, blown in case_jets(design, placed, scene)]
@@ -67,7 +70,7 @@ def test_derivatives_of_rows_are_differences(tip: str | list[float]) -> None:
     points = tuple(
         SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3)), module, 1.5) for k in (0, 2) for module in (-1, -1, 0, 2)
     )
-    rows = SpeedRows(task, point.topology, points)
+    rows = SpeedRows(AssembledProblem(task, point.topology, [], BETA), task, points)
     multipliers = rng.normal(size=len(points))
 
     def dense(pattern: ca.Sparsity, entries: np.ndarray) -> np.ndarray:
