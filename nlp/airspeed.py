@@ -20,9 +20,10 @@ slipstream (momentum theory, with a shear layer of 0.1 (z + R)), and the flow to
     s' &= \max(s, 2.5), \quad r_h = 2 b (s' + s_0), \quad g = 1 + z / \sqrt{R^2 + z^2} \\
     c_z &= \min(1, (2.5 - s) / 1.5), \quad c_r = \tfrac12 + (R / \sqrt g - r_q) / (0.2 (z + R)) \in [0, 1]
 
-Over a region counts the sum of all modules' speeds. A program has it at points that are fixed from the
-end-effector, those of the region where air is fastest, taken in as a solve leaves them too fast; there the largest
-of the parts is their 8-norm, which is no less.
+Over a region counts the sum of all modules' speeds. A program has it at points of the region where air is fastest,
+taken in as a solve leaves them too fast; there the largest of the parts is their 8-norm, which is no less. Points
+of a ball move with a module, or the platform would turn away from them at no cost; others are fixed from the
+end-effector.
 """
 
 from __future__ import annotations
@@ -64,9 +65,11 @@ class SpeedPoint(NamedTuple):
     from_tip: tuple[float, float, float]
     """From p'_E [l_arm]."""
     module: int = -1
-    """Instead of that point: the point nearest to this module's axis of a ball around it."""
+    """Instead of that point: one of a ball around it that moves with this module."""
     radius: float = 0.0
     """Radius of the ball [l_arm]."""
+    direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    """Of the point from there, along the shortest way to the module's axis, across both, and along the axis."""
 
 
 @dataclass(frozen=True)
@@ -107,18 +110,23 @@ def fastest(point: Point) -> Iterator[Fastest]:
         shapes = [shape.at(point.p_E - point.p_COM) for shape in asked.shapes]
         for case in range(len(task.declared.load_cases)):
             air = partial(total_speeds, jet, R, p, induced[case])
-            found, points = [], set[SpeedPoint]()
+            found, points = dict[SpeedPoint, Array](), set[SpeedPoint]()
             for shape in shapes:
                 inside = partial(_pull_inside, shape, l_arm, asked.speed_reach)
                 tops = _climb(inside, air, begins.reshape(len(p), -1, 3))
-                found += [x for x in tops if np.isfinite(x).all()]
                 if isinstance(shape, Capsule):
+                    radius = shape.radius / l_arm
                     for i, on_path in enumerate(_nearest_of_path(shape, tops * l_arm) / l_arm):
-                        points.add(_point(case, number, on_path, i, shape.radius / l_arm))
+                        points.add(_point(case, number, on_path, i, radius))
+                        direction = _direction(on_path, radius, R[i, :, 2], p[i], tops[i])
+                        moving = () if direction is None else (i, radius, direction)
+                        found[_point(case, number, tops[i] if direction is None else on_path, *moving)] = tops[i]
+                else:
+                    found |= {_point(case, number, x): x for x in tops if np.isfinite(x).all()}
             if not found:
                 continue
-            sums = air(np.array(found))
-            points.update(_point(case, number, x) for x in np.array(found)[sums > 0.9 * sums.max()])
+            sums = air(np.array(list(found.values())))
+            points.update(point for point, sum_ in zip(found, sums, strict=True) if sum_ > 0.9 * sums.max())
             yield Fastest(case, number, asked.speed or math.inf, float(sums.max()), tuple(sorted(points)))
 
 
@@ -126,6 +134,16 @@ def _point(case: int, exposure: int, from_tip: Array, *of_ball: Any) -> SpeedPoi
     """Return a point in as many digits as tell it from others."""
     x, y, z = from_tip.round(6).tolist()
     return SpeedPoint(case, exposure, (x, y, z), *of_ball)
+
+
+def _direction(centre: Array, radius: float, z: Array, p: Array, x: Array) -> tuple[float, ...] | None:
+    """Return `SpeedPoint.direction` of a point of a ball; None where the module's axis is as near as that."""
+    w = p + z * ((centre - p) @ z) - centre
+    length = np.linalg.norm(w)
+    if length <= radius:
+        return None
+    frame = np.array([w / length, np.cross(z, w) / length, z])
+    return tuple((frame @ (x - centre) / radius).round(6).tolist())
 
 
 def _climb(inside: Callable[[Array], Array], air: Callable[[Array], Array], begins: Array) -> Array:

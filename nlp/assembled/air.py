@@ -22,7 +22,7 @@ from nlp.assembled.balance import add_bends
 from nlp.assembled.chain_rule import add_gradients
 from nlp.assembled.local_vectors import Indices, differences
 from nlp.assembled.problem import AssembledProblem
-from nlp.numbers.jets import DIFFERENCE, ROUNDED, Jet, by_inputs, curvature, jet_of, nearest_to_axis, speed
+from nlp.numbers.jets import DIFFERENCE, ROUNDED, Jet, by_inputs, curvature, jet_of, point_of_ball, speed
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
@@ -42,7 +42,10 @@ class SpeedRows:
         i, j = np.tile(np.arange(n), m), np.repeat([max(0, point.module) for point in points], n)
         self._plus, self._minus = program.layout.ends(VECTORS, np.stack([i, j]))
         limits = [task.exposure[point.exposure].speed or math.inf for point in points]
-        numbers = [[*point.from_tip, point.radius, 1 / limit] for point, limit in zip(points, limits, strict=True)]
+        numbers = [
+            [*point.from_tip, *point.direction, point.radius, 1 / limit]
+            for point, limit in zip(points, limits, strict=True)
+        ]
         self._numbers = np.repeat(numbers, n, axis=0)
         self._inputs = 4 * (n * np.repeat([point.case for point in points], n) + i)[:, None] + np.arange(4)
         x = np.concatenate([np.tile(np.arange(g), (m * n, 1)), g + self._inputs], axis=1)
@@ -102,7 +105,7 @@ def _derive(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> tuple[A
         jet: of the modules.
         y: shape (m, 6, 3).
         u: shape (m, 4).
-        numbers: `from_tip`, `radius` and 1 over the limit of each point, shape (m, 5).
+        numbers: `from_tip`, `direction`, `radius` and 1 over the limit of each point, shape (m, 8).
     """
     m = len(y)
     values, gradients = np.empty(m), np.zeros((m if order else 0, 22))
@@ -110,13 +113,13 @@ def _derive(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> tuple[A
     x, q, v, slopes, bent = np.empty(3), np.empty(3), np.empty(4), np.empty(7), np.empty((7, 7))
     by_ball, by_y, d = np.empty((3, 6)), np.zeros((7, 22)), np.empty(3)
     for r in range(m):
-        nearest_to_axis(numbers[r, :3], numbers[r, 3], y[r, 4], y[r, 5], x, by_ball)
+        point_of_ball(numbers[r, :3], numbers[r, 6], numbers[r, 3:6], y[r, 4], y[r, 5], x, by_ball)
         for a in range(3):
             d[a] = x[a] - y[r, 0, a]
         for a in range(3):
             q[a] = y[r, 1 + a, 0] * d[0] + y[r, 1 + a, 1] * d[1] + y[r, 1 + a, 2] * d[2]
         by_inputs(jet, u[r], v)
-        over = numbers[r, 4]
+        over = numbers[r, 7]
         values[r] = over * speed(jet, q, v, ROUNDED, slopes)
         if order == 0:
             continue
@@ -145,7 +148,7 @@ def _derive(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> tuple[A
                 for c in range(6):
                     H[3 + 3 * a + b, 12 + c] += slopes[a] * by_ball[b, c]
                     H[12 + c, 3 + 3 * a + b] += slopes[a] * by_ball[b, c]
-        if numbers[r, 3] > 0.0:
+        if numbers[r, 6] > 0.0:
             _add_curvature_of_point(numbers[r], y[r], slopes, H)
         for a in range(22):
             for b in range(22):
@@ -161,9 +164,9 @@ def _add_curvature_of_point(numbers: Array, y: Array, slopes: Array, H: Array) -
         of, axis = 4 + c // 3, c % 3
         middle = y[of, axis]
         y[of, axis] = middle + DIFFERENCE
-        nearest_to_axis(numbers[:3], numbers[3], y[4], y[5], x, above)
+        point_of_ball(numbers[:3], numbers[6], numbers[3:6], y[4], y[5], x, above)
         y[of, axis] = middle - DIFFERENCE
-        nearest_to_axis(numbers[:3], numbers[3], y[4], y[5], x, below)
+        point_of_ball(numbers[:3], numbers[6], numbers[3:6], y[4], y[5], x, below)
         y[of, axis] = middle
         for a in range(3):
             for b in range(3):

@@ -177,12 +177,17 @@ def total_speeds(jet: Jet, R: Array, p: Array, v: Array, x: Array) -> Array:
 
 
 @njit(cache=True)
-def nearest_to_axis(from_tip: Array, radius: float, p: Array, z: Array, x: Array, slopes: Array) -> None:
-    """Find the point x of a ball that is nearest to a module's axis, and its derivatives by p and z, shape (3, 6).
+def point_of_ball(
+    from_tip: Array, radius: float, direction: Array, p: Array, z: Array, x: Array, slopes: Array
+) -> None:
+    """Find a point x of a ball that moves with a module, and its derivatives by p and z, shape (3, 6).
+
+    With w from the ball's centre to the module's axis, the direction is in the frame w / |w|, z x w / |w|, z.
 
     Args:
         from_tip: centre of the ball from p'_E.
         radius: of the ball; 0: the point is its centre.
+        direction: shape (3,); (1, 0, 0): x is the point that is nearest to the axis.
         p: place of the module from p'_E.
         z: its axis.
         x: from p'_E, shape (3,).
@@ -192,7 +197,7 @@ def nearest_to_axis(from_tip: Array, radius: float, p: Array, z: Array, x: Array
     slopes[:] = 0.0
     if radius == 0.0:
         return
-    along, squares, w = 0.0, 0.0, np.empty(3)
+    along, squares, w, to, dw, dz = 0.0, 0.0, np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
     for a in range(3):
         along += z[a] * (from_tip[a] - p[a])
     for a in range(3):
@@ -200,18 +205,25 @@ def nearest_to_axis(from_tip: Array, radius: float, p: Array, z: Array, x: Array
         squares += w[a] * w[a]
     length = math.sqrt(squares + 1e-12)
     reach, by_length = larger(length, radius, ROUNDED)
-    share, by_share = radius / reach, -radius / reach**2 * by_length / length
+    share = radius / reach
     for a in range(3):
-        x[a] += share * w[a]
-        for b in range(3):  # w by p, then by z
-            slopes[a, b] = (a == b) - z[a] * z[b]
-            slopes[a, 3 + b] = along * (a == b) + z[a] * (from_tip[b] - p[b])
+        b, c = (a + 1) % 3, (a + 2) % 3
+        to[a] = direction[0] * w[a] + direction[1] * (z[b] * w[c] - z[c] * w[b]) + direction[2] * length * z[a]
+        x[a] += share * to[a]
     for column in range(6):
-        by_squares = 0.0
+        k, change = column % 3, 0.0
+        dz[k] = 0.0 if column < 3 else 1.0
         for a in range(3):
-            by_squares += w[a] * slopes[a, column]
+            dw[a] = along * dz[a] + z[a] * ((from_tip[k] - p[k]) if column > 2 else -z[k])
+            if column == a:
+                dw[a] += 1.0
+            change += w[a] * dw[a] / length
         for a in range(3):
-            slopes[a, column] = share * slopes[a, column] + by_share * by_squares * w[a]
+            b, c = (a + 1) % 3, (a + 2) % 3
+            turned = dz[b] * w[c] - dz[c] * w[b] + z[b] * dw[c] - z[c] * dw[b]
+            moved = direction[0] * dw[a] + direction[1] * turned + direction[2] * (change * z[a] + length * dz[a])
+            slopes[a, column] = share * moved - share / reach * by_length * change * to[a]
+        dz[k] = 0.0
 
 
 @njit(cache=True)
