@@ -40,6 +40,7 @@ from nlp.user_constraints import UserConstraints, correct_point
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.compiled_code import is_kept
 from topo_search.model.corners import CorneredTask
+from topo_search.model.shape import Capsule
 from topo_search.model.topology import straight_chain
 
 DRAWS = 8
@@ -62,8 +63,8 @@ The merit of such a minimum says little about its design: on `survives-a-rotor` 
 or exclusion the seven best of 61 minima become designs 1.5 % worse than those of 31 others.
 """
 CONSTRAINED = Polish(enough=8, most=16)
-"""For the user's constraints and air speeds, which the descents do not know: the best design may be far from the
-best minimum."""
+"""For what the descents do not know, the user's constraints and air speeds over other regions than balls and paths:
+the best design may be far from the best minimum."""
 EVERY = Polish(enough=256, most=256)
 """Where all local optima are sought that cost little enough."""
 MOST_MISSED = 0.02
@@ -122,7 +123,8 @@ class ReducedSearch:
         """Effort of a merit of 1 [rad^4/s^4]."""
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)
-        self._extra = bool(constraints) or any(asked.speed is not None for asked in task.exposure)
+        limited = [shape for asked in task.exposure if asked.speed is not None for shape in asked.shapes]
+        self._extra = bool(constraints) or not all(isinstance(shape, Capsule) for shape in limited)
         self._most_merit = None if most_effort is None else most_effort / self.effort_unit
 
     def of_starts(self, starts: Sequence[int]) -> _Minima:

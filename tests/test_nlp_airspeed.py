@@ -8,7 +8,12 @@ import pytest
 from nlp_cases import HOVER, as_design, push, random_point, random_tree
 
 from nlp import prove_impossible, solve
-from nlp.airspeed import AIMED_AT, SpeedPoint, SpeedRows, fastest
+from nlp.airspeed import AIMED_AT, SpeedPoint, fastest
+from nlp.assembled.air import SpeedRows
+from nlp.assembled.problem import AssembledProblem
+from nlp.ipopt import BETA
+from nlp.reduced.arrays import to_arrays
+from nlp.reduced.merit import Evaluated, evaluate
 from topo_search.model import Design, ResolvedTask, Status, Topology
 from verify import audit
 from verify.air import air, case_jets
@@ -49,7 +54,7 @@ def test_rows_are_the_speeds_at_their_points() -> None:
     point = random_point(task, random_tree(4, rng), rng)
     point = replace(point, u=np.abs(point.u) + 1e5)
     points = tuple(SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3))) for k in (0, 1, 2) for _ in range(20))
-    stated = SpeedRows(task, point.topology, points).values(point.pack())
+    stated = SpeedRows(AssembledProblem(task, point.topology, [], BETA), task, points).values(point.pack())
     design = as_design(point)
     placed, scene = platform(design), Scene(design, platform(design))
     air = [blown for _, blown in case_jets(design, placed, scene)]
@@ -65,9 +70,11 @@ def test_derivatives_of_rows_are_differences(tip: str | list[float]) -> None:
     point = random_point(task, random_tree(3, rng), rng)
     x = replace(point, u=np.abs(point.u) + 1e5).pack()
     points = tuple(
-        SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3)), module, 1.5) for k in (0, 2) for module in (-1, -1, 0, 2)
+        SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3)), module, 1.5, tuple(rng.normal(0, 1, 3)))
+        for k in (0, 2)
+        for module in (-1, -1, 0, 2)
     )
-    rows = SpeedRows(task, point.topology, points)
+    rows = SpeedRows(AssembledProblem(task, point.topology, [], BETA), task, points)
     multipliers = rng.normal(size=len(points))
 
     def dense(pattern: ca.Sparsity, entries: np.ndarray) -> np.ndarray:
@@ -82,6 +89,26 @@ def test_derivatives_of_rows_are_differences(tip: str | list[float]) -> None:
     by_differences = np.array([(gradient(x + s) - gradient(x - s)) / (2 * step) for s in steps])
     upper = dense(rows.hessian_pattern, rows.hessian(x, multipliers))
     assert upper == pytest.approx(np.triu(by_differences), rel=1e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize("tip", ["free", [0.0, 0.0, -0.6]])
+def test_derivatives_of_rows_of_the_reduced_search_are_differences(tip: str | list[float]) -> None:
+    """Inputs follow the platform."""
+    rng, step = np.random.default_rng(6), 1e-6
+    regions = [{**REGIONS[0], "speed": 0.03}, {**REGIONS[3], "speed": 0.05}]
+    task = push(3, exposure=regions, end_effector={"position": tip})
+    point = random_point(task, random_tree(3, rng), rng)
+    reduced = to_arrays(task, point.topology)
+    x, air = point.pack()[: len(reduced.lower)], len(reduced.speeds.case)
+
+    def rows(x: np.ndarray) -> Evaluated:
+        return evaluate(reduced, x, np.zeros((len(task.load_cases), 6)), np.ones(len(task.load_cases), bool), 300.0)
+
+    at = rows(x)
+    assert at.near[-air:].any()
+    by_differences = np.array([(rows(x + s).g - rows(x - s).g) / (2 * step) for s in step * np.eye(len(x))]).T
+    near = np.flatnonzero(at.near[-air:]) + len(at.g) - air
+    assert at.J[near] == pytest.approx(by_differences[near], rel=1e-4, abs=1e-5)
 
 
 @pytest.mark.parametrize("geometry", [True, False])

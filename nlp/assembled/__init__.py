@@ -11,10 +11,10 @@ from pathlib import Path
 
 from nlp.assembled.kkt_candidates import smooth_least
 from nlp.assembled.program import AssembledProgram, polish_with
-from nlp.numbers import kinematics
+from nlp.numbers import jets, kinematics
 from nlp.symbols import smooth
 from topo_search.model.compiled_code import refresh
 
-refresh(smooth_least, Path(__file__).parent, Path(smooth.__file__), Path(kinematics.__file__))
+refresh(smooth_least, Path(__file__).parent, Path(smooth.__file__), Path(kinematics.__file__), Path(jets.__file__))
 
 __all__ = ["AssembledProgram", "polish_with"]

@@ -48,6 +48,7 @@ class AssembledProblem:
         module, unit = task.module, Units.of(task)
         self.n, self.K = topology.n, len(task.load_cases)
         self._tree, self._l_c = tree_of(topology), module.connector_distance / unit.length
+        self.parents = self._tree.parent
         self._fixed = task.end_effector.fixed_position
         self._torque_map = torque_map(module)
         self.g = self.n + 2 + (3 if self._fixed is None else 0)
@@ -60,7 +61,7 @@ class AssembledProblem:
         self._tau = (np.array([w.torque for w in tip]) + np.array([w.torque for w in com])) / (self.n * unit.torque)
         weights = np.array([case.weight for case in task.load_cases])
         self._weights = weights / (4 * self.n * weights.sum())
-        layout = VectorLayout(self._tree.moves, free=self._fixed is None)
+        self.layout = layout = VectorLayout(self._tree.moves, free=self._fixed is None)
         self._clearances = [term for requirement in stated for term in _terms(requirement, layout, beta)]
         self._turning = list(turning_terms(task, self._masses, layout))
         self._index()
@@ -94,7 +95,7 @@ class AssembledProblem:
         self.hessian_pattern = ca.horzcat(geometry, ca.vertcat(mixed, inputs))
         self._columns, self._rows = np.tril_indices(g)  # of the upper triangle, column by column
 
-    def _at(self, variables: Array) -> tuple[PlatformVectors, Array]:
+    def at(self, variables: Array) -> tuple[PlatformVectors, Array]:
         """Return the platform and the inputs; the platform is kept until the geometry changes."""
         x = variables[: self.g]
         if not np.array_equal(x, self._x):
@@ -102,9 +103,9 @@ class AssembledProblem:
             angles, tip = self._x[: self.n + 2], self._x[self.n + 2 :]
             links, free = links_at(angles, self._tree, self._l_c), self._fixed is None
             tip = tip if free else self._from_bodies
-            self._platform = PlatformVectors(links, self._tree.moves, tip, self._masses, free=free)
+            self.platform = PlatformVectors(links, self._tree.moves, tip, self._masses, free=free)
             self._A = rotors(links.R, links.p, self._torque_map)
-        return self._platform, variables[self.g :].reshape(self.K, self.n, 4)
+        return self.platform, variables[self.g :].reshape(self.K, self.n, 4)
 
     def objective(self, variables: Array) -> float:
         """Return (1)."""
@@ -118,7 +119,7 @@ class AssembledProblem:
 
     def constraints(self, variables: Array) -> Array:
         """Return (2) to (9)."""
-        at, u = self._at(variables)
+        at, u = self.at(variables)
         balance = balances(self._A, u, at.p_E, at.p_COM, self._f_E, self._f_C, self._tau).ravel()
         for row, term in self._turning:
             balance[row] -= term.derive(0, at)[0].sum()
@@ -127,11 +128,9 @@ class AssembledProblem:
 
     def jacobian(self, variables: Array) -> Array:
         """Return the Jacobian of (2) to (9), its entries in the order of `jacobian_pattern`."""
-        at, u = self._at(variables)
+        at, u = self.at(variables)
         links, dp_E, dp_COM = at.links, at.dV[self.n], at.dV[self.n + 1]
-        by_geometry = slopes(
-            self._A, u, links.omega, links.v, self._tree.parent, self._f_E, self._f_C, dp_E, dp_COM
-        )
+        by_geometry = slopes(self._A, u, links.omega, links.v, self.parents, self._f_E, self._f_C, dp_E, dp_COM)
         for row, term in self._turning:
             _, gradient = term.derive(1, at)
             slope = chain_rule(gradient, term.plus, term.minus, at.dV, term.rows, term.columns)
@@ -144,7 +143,7 @@ class AssembledProblem:
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
         """Return the Hessian of the Lagrangian, its entries in the order of `hessian_pattern` (upper triangle)."""
-        at, u = self._at(variables)
+        at, u = self.at(variables)
         n, K, A = self.n, self.K, self._A
         omega, v, p = at.links.omega, at.links.v, at.links.p
         mu = multipliers[: 6 * K].reshape(K, 6)
@@ -161,7 +160,7 @@ class AssembledProblem:
             add_gradients(weights, gradient, term.plus, term.minus, to)
             add_curvature(weights, hessian, term.plus, term.minus, at.dV, term.starts, term.moving, H)
         g_p, g_axes = at.push_to_modules(to)
-        add_bends(A, u, mu, omega, v, self._tree.parent, p, at.axes, g_p, g_axes, H)
+        add_bends(A, u, mu, omega, v, self.parents, p, at.axes, g_p, g_axes, H)
         diagonal = 2 * of_objective * self._weights
         inputs = by_inputs(A, mu, omega, v, self._starts, self._angles, diagonal)
         return np.concatenate([H[self._rows, self._columns], inputs])

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from nlp.airspeed import SpeedRows
+from nlp.assembled.air import SpeedRows
 from nlp.assembled.callbacks import Evaluated, Function
 from nlp.assembled.problem import AssembledProblem
 from nlp.evaluation.violations import worst
@@ -118,11 +118,12 @@ class AssembledProgram:
 
     def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
         stated = [requirement.restrict(start.vectors) for requirement in self._clearances]
-        printed: Assembled = AssembledProblem(self._task, self._topology, stated, BETA)
+        program = AssembledProblem(self._task, self._topology, stated, BETA)
+        printed: Assembled = program
         if self._limits is not None and self._limits.loads:
             printed = JoinedProgram(printed, DerivedRows(LimitRows(self._task, self._topology, self._limits)))
         if self._limits is not None and self._limits.air:
-            printed = JoinedProgram(printed, SpeedRows(self._task, self._topology, self._limits.air))
+            printed = JoinedProgram(printed, SpeedRows(program, self._task, self._limits.air))
         assembled = rows_of(self._constraints, self._task, self._topology).append_to(printed)
         solver, functions = _ipopt(assembled, options)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))

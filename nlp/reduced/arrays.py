@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nlp.airspeed import AIMED_AT
+from nlp.numbers.jets import Jet, jet_of
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.numbers.rotors import torque_map
@@ -27,7 +29,7 @@ from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask
-from topo_search.model.shape import Hull
+from topo_search.model.shape import Capsule, Hull
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -87,6 +89,7 @@ class Rows(NamedTuple):
     data: Array
     """See `Kernel.data`; shape (m, WIDTH)."""
     least: Array
+    """Of clearances and air speeds."""
     rods: int
     """Number of rods with rows; only those of one count: the shortest that lacks nothing, else what lacks least."""
 
@@ -100,6 +103,23 @@ class Hulls(NamedTuple):
     """Start, and from there to the end, shape (e, 6)."""
 
 
+class Speeds(NamedTuple):
+    """The rows of air speeds, for each load case of the task, region and module; they come after the clearances."""
+
+    jet: Jet
+    case: Indices
+    module: Indices
+    start: Array
+    """Start of the region's path from p'_E, shape (r, 3)."""
+    path: Array
+    """From there to its end, shape (r, 3)."""
+    along: Array
+    """Length of a path along p_E, shape (r,)."""
+    radius: Array
+    over: Array
+    """1 over the limit, shape (r,) [s/m]."""
+
+
 class ReducedProblem(NamedTuple):
     """Everything that the search needs to know of a task and a topology."""
 
@@ -108,6 +128,7 @@ class ReducedProblem(NamedTuple):
     cases: Cases
     rows: Rows
     hulls: Hulls
+    speeds: Speeds
     air: tuple[float, float, float]
     """Length of an envelope's axis, its start radius and growth."""
     parts: Array
@@ -148,14 +169,15 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         task.min_thrust_to_weight,
         task.max_thrust_to_weight,
     )
-    air = module.envelope
+    air, speeds = module.envelope, _speeds(task)
     geometric = n + 2 + (3 if fixed is None else 0)
     lower, upper = (np.array(side[:geometric]) for side in variable_bounds(task, topology))
     return ReducedProblem(
         tree_of(topology),
         rotors,
         _cases(task, n, unit),
-        *_columns(list(rows(task, topology))),
+        *_columns(list(rows(task, topology)), len(speeds.case)),
+        speeds,
         (air.length / unit.length, air.start_radius / unit.length, air.growth / unit.length),
         np.column_stack(task.part_cover) / unit.length,
         lower,
@@ -191,7 +213,7 @@ def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:
                 )
 
 
-def _columns(listed: list[Row]) -> tuple[Rows, Hulls]:
+def _columns(listed: list[Row], speeds: int) -> tuple[Rows, Hulls]:
     kind, i, j = (np.array([row[k] for row in listed], dtype=np.int64) for k in (1, 2, 3))
     data = np.array([row.data for row in listed]).reshape(-1, WIDTH)
     planes, edges, places = [np.empty((0, 4))], [np.empty((0, 6))], dict[int, list[int]]()
@@ -208,4 +230,22 @@ def _columns(listed: list[Row]) -> tuple[Rows, Hulls]:
         numbers[:4] = places[id(row.hull)]
     tables = Hulls(np.concatenate(planes), np.concatenate(edges))
     rods = int(data[:, -1].max(initial=-1.0)) + 1
-    return Rows(kind, i, j, data, np.array([row.least for row in listed]), rods), tables
+    least = np.array([row.least for row in listed] + [1 - AIMED_AT] * speeds)
+    return Rows(kind, i, j, data, least, rods), tables
+
+
+def _speeds(task: ResolvedTask) -> Speeds:
+    l_arm, regions = task.module.arm_length, list[tuple[float, ...]]()
+    for requirement in task.exposure:
+        for shape in requirement.shapes:
+            if requirement.speed is not None and isinstance(shape, Capsule):
+                path = np.zeros(3) if shape.length else np.subtract(shape.end, shape.start)
+                sizes = *shape.start, *path, shape.length or 0.0, shape.radius
+                regions.append((*np.divide(sizes, l_arm), 1 / requirement.speed))
+    numbers = np.array(regions).reshape(-1, 9)
+    case, region, module = (
+        index.ravel() for index in np.indices((len(task.declared.load_cases), len(numbers), task.n))
+    )
+    start, path, rest = np.split(numbers[region], [3, 6], axis=1)
+    jet = jet_of(task.module, task.air_density, task.gravity)
+    return Speeds(jet, case, module, start.copy(), path.copy(), *rest.T.copy())

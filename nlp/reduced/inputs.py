@@ -69,31 +69,47 @@ def effort(
     for k in range(K):
         if not counting[k]:
             continue
-        fx, fy, fz = stated.cases.f_E[k]
         c = stated.cases.effort[k]
         find_wrench(stated, at, k, w)
         total += c * inputs(stated, A, k, w, rho, mu[k], u[k])
-        _add_gradient(stated, at, c / m, mu[k], u[k], F, T)
-        if stated.cases.turn[k].any():
-            _add_turn_gradient(stated, at, c / m, mu[k, 3:], stated.cases.turn[k], F, T, E)
-        tx, ty, tz = mu[k, 3], mu[k, 4], mu[k, 5]
-        E[0] += c / m * (fy * tz - fz * ty)
-        E[1] += c / m * (fz * tx - fx * tz)
-        E[2] += c / m * (fx * ty - fy * tx)
+        add_wrench_gradient(stated, at, k, c / m, mu[k], u[k], F, T, E)
+    to_unknowns(stated, at, moved, F, T, E, gradient)
+    return total
+
+
+@njit(cache=True)
+def to_unknowns(
+    stated: ReducedProblem, at: Platform, moved: Moved, F: Array, T: Array, E: Array, gradient: Array
+) -> None:
+    """Add a gradient by o_i, by turns of the modules, shape (n, 3) each, and by p_E to that by x, shape (N,)."""
     S = np.zeros(3)  # o_i = p_i - p_COM, and p_COM = p'_E - p_E
-    for i in range(n):
+    for i in range(len(F)):
         S += F[i]
     for l in range(len(gradient)):
         slope = 0.0
         for a in range(3):
             slope += E[a] * moved.dB[l, a] - S[a] * (moved.dE[l, a] - moved.dB[l, a])
-        if l < n + 2:
-            for i in range(n):
+        if l < len(F) + 2:
+            for i in range(len(F)):
                 if stated.tree.moves[l, i]:
                     for a in range(3):
                         slope += F[i, a] * moved.dp[l, i, a] + T[i, a] * at.omega[l, a]
         gradient[l] += slope
-    return total
+
+
+@njit(cache=True)
+def add_wrench_gradient(
+    stated: ReducedProblem, at: Platform, k: int, scale: float, mu: Array, u: Array, F: Array, T: Array, E: Array
+) -> None:
+    """Add what m scale mu . (dw - dA u) of load case k is by o_i, by turns of the modules and by p_E."""
+    add_gradient(stated, at, scale, mu, u, F, T)
+    if stated.cases.turn[k].any():
+        _add_turn_gradient(stated, at, scale, mu[3:], stated.cases.turn[k], F, T, E)
+    fx, fy, fz = stated.cases.f_E[k]
+    tx, ty, tz = mu[3], mu[4], mu[5]
+    E[0] += scale * (fy * tz - fz * ty)
+    E[1] += scale * (fz * tx - fx * tz)
+    E[2] += scale * (fx * ty - fy * tx)
 
 
 @njit(cache=True)
@@ -184,10 +200,10 @@ def columns(stated: ReducedProblem, at: Platform) -> Array:
 
 
 @njit(cache=True)
-def _add_gradient(
+def add_gradient(
     stated: ReducedProblem, at: Platform, scale: float, mu: Array, u: Array, F: Array, T: Array
 ) -> None:
-    """Add what -c mu . dA u is by the places o_i and by turns of the modules."""
+    """Add what -m scale mu . dA u is by o_i and by turns of the modules."""
     torques = stated.rotors.torques
     fx, fy, fz, tx, ty, tz = mu
     for i in range(len(at.p)):

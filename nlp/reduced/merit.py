@@ -23,6 +23,7 @@ from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, TURN_I, Z_I, Z_J, clearances
 from nlp.reduced.inputs import effort
 from nlp.reduced.platform import Moved, Platform, motion, platform
+from nlp.reduced.speeds import speed_rows
 from nlp.requirements.kinds import AIR, APART, OFFSET, PARTS
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -49,7 +50,7 @@ class Evaluated(NamedTuple):
 @njit(cache=True)
 def evaluate(stated: ReducedProblem, x: Array, mu: Array, counting: Mask, rho: float) -> Evaluated:
     """Return the reduced problem at x with the load cases that count; the search for the inputs begins at mu."""
-    N, m, K, n = len(x), len(stated.rows.kind), len(stated.cases.effort), len(stated.tree.parent)
+    N, m, K, n = len(x), len(stated.rows.least), len(stated.cases.effort), len(stated.tree.parent)
     at = platform(stated, x)
     by = motion(stated, at)
     dV, found, u = np.zeros(N), mu.copy(), np.empty((K, 4 * n))
@@ -57,6 +58,8 @@ def evaluate(stated: ReducedProblem, x: Array, mu: Array, counting: Mask, rho: f
     g, J, near, local = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 7, 3))
     clearances(stated, at, g, local)
     _slopes(stated, at, by, g, local, J, near)
+    if len(stated.speeds.case):
+        speed_rows(stated, at, by, counting, rho, found, u, g, J, near)
     return Evaluated(x, V, dV, g, J, near, found, counting)
 
 
@@ -68,7 +71,7 @@ def _slopes(stated: ReducedProblem, at: Platform, moved: Moved, g: Array, by: Ar
     """
     kinds, one, other, moves, n = stated.rows.kind, stated.rows.i, stated.rows.j, stated.tree.moves, len(at.p)
     dp, dz, dE, dB, omega = moved.dp, moved.dz, moved.dE, moved.dB, at.omega
-    for r in range(len(g)):
+    for r in range(len(kinds)):
         if g[r] >= NEAR:
             continue
         near[r] = True

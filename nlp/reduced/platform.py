@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.numbers import cholesky, kinematics
+from nlp.numbers import cholesky, jets, kinematics
 from nlp.numbers.kinematics import chain
 from nlp.reduced.arrays import ReducedProblem
 from topo_search.model.arrays import Array
@@ -70,7 +70,7 @@ def platform(stated: ReducedProblem, x: Array) -> Platform:
 
 
 # nothing compiled is without this module
-refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesky.__file__))
+refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesky.__file__), Path(jets.__file__))
 
 
 @njit(cache=True)

@@ -202,7 +202,7 @@ def descend_all(stated: ReducedProblem, begun: Descents, phase: Phase) -> Descen
         phase: how they descend.
     """
     count, N = begun.x.shape
-    m, K = len(stated.rows.kind), len(stated.cases.effort)
+    m, K = len(stated.rows.least), len(stated.cases.effort)
     x, mu, curvature = np.empty((count, N)), np.empty((count, K, 6)), begun.B.copy()
     merits, missing = np.empty(count), np.zeros(count)
     counting = np.empty((count, K), np.bool_)

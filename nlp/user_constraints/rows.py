@@ -16,7 +16,6 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from nlp.airspeed import SpeedRows
 from nlp.evaluation.correction import correct
 from nlp.evaluation.violations import Violation, violations
 from nlp.joints import LimitRows
@@ -74,6 +73,24 @@ class Assembled(Protocol):
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
         """Return the entries of the Hessian of the Lagrangian."""
+
+
+class FurtherRows(Protocol):
+    """Rows below those of a program."""
+
+    lower: Array
+    upper: Array
+    jacobian_pattern: ca.Sparsity
+    hessian_pattern: ca.Sparsity
+
+    def values(self, variables: Array) -> Array:
+        """Return the rows."""
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the entries of their Jacobian."""
+
+    def hessian(self, variables: Array, multipliers: Array) -> Array:
+        """Return the entries of the Hessian of their sum, times multipliers."""
 
 
 class UserRows:
@@ -206,7 +223,7 @@ class DerivedRows:
 class JoinedProgram:
     """A program in numbers with other rows below its own."""
 
-    def __init__(self, program: Assembled, rows: DerivedRows | SpeedRows) -> None:
+    def __init__(self, program: Assembled, rows: FurtherRows) -> None:
         """Find where entries go."""
         self._program, self._further = program, rows
         self.size, self.rows = program.size, program.rows + len(rows.lower)

@@ -1,0 +1,181 @@
+"""Air speeds at points of regions as rows of a program.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| y | local vectors: p_i - p'_E, x_i, y_i, z_i, and of the ball's module j p_j - p'_E, z_j | (6, 3) | l_arm, - |
+| u | inputs of module i in the point's load case | (4,) | u_hover |
+| q | the point from module i in its frame (`nlp.numbers.jets`) | (3,) | l_arm |
+
+A row is the sum of the modules' speeds at its point. The speed of one is a function of (y, u), the same in all
+topologies; the chain rule takes its derivatives to the unknowns.
+"""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+
+from nlp.airspeed import AIMED_AT, SpeedPoint
+from nlp.assembled.balance import add_bends
+from nlp.assembled.chain_rule import add_gradients
+from nlp.assembled.local_vectors import Indices, differences
+from nlp.assembled.problem import AssembledProblem
+from nlp.numbers.jets import DIFFERENCE, ROUNDED, Jet, by_inputs, curvature, jet_of, point_of_ball, speed
+from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
+from topo_search.model import ResolvedTask
+from topo_search.model.arrays import Array
+from topo_search.model.compiled_code import njit
+
+VECTORS = (FROM_TIP, X_I, Y_I, Z_I, LocalVector(PlatformVector("p", 1), TIP), Z_J)
+"""y."""
+
+
+class SpeedRows:
+    """The air at some points of regions as rows below those of an assembled program."""
+
+    def __init__(self, program: AssembledProblem, task: ResolvedTask, points: tuple[SpeedPoint, ...]) -> None:
+        """Find where their derivatives are not zero; a row has the inputs of its own load case alone."""
+        n, g, m, size = program.n, program.g, len(points), program.size
+        self._program, self._jet = program, jet_of(task.module, task.air_density, task.gravity)
+        i, j = np.tile(np.arange(n), m), np.repeat([max(0, point.module) for point in points], n)
+        self._plus, self._minus = program.layout.ends(VECTORS, np.stack([i, j]))
+        limits = [task.exposure[point.exposure].speed or math.inf for point in points]
+        numbers = [
+            [*point.from_tip, *point.direction, point.radius, 1 / limit]
+            for point, limit in zip(points, limits, strict=True)
+        ]
+        self._numbers = np.repeat(numbers, n, axis=0)
+        self._inputs = 4 * (n * np.repeat([point.case for point in points], n) + i)[:, None] + np.arange(4)
+        x = np.concatenate([np.tile(np.arange(g), (m * n, 1)), g + self._inputs], axis=1)
+        self._rows, self._upper = np.repeat(np.arange(m), n), np.triu_indices(g + 4)
+        first, second = self._upper
+        self.jacobian_pattern, self._in_jacobian = _pattern(m, size, self._rows[:, None], x)
+        self.hessian_pattern, self._in_hessian = _pattern(size, size, x[:, first], x[:, second])
+        self._bends = np.flatnonzero(second < g)
+        self.lower, self.upper = np.zeros(m), np.full(m, math.inf)
+
+    def values(self, variables: Array) -> Array:
+        """Return the rows, each to be at least zero."""
+        return np.asarray(AIMED_AT - np.bincount(self._rows, self._derive(0, variables)[0]))
+
+    def jacobian(self, variables: Array) -> Array:
+        """Return the entries of their Jacobian."""
+        _, gradient, _ = self._derive(1, variables)
+        slopes = np.einsum("rxy,ry->rx", self._chain(), gradient)
+        return np.asarray(-np.bincount(self._in_jacobian, slopes.ravel()))
+
+    def hessian(self, variables: Array, multipliers: Array) -> Array:
+        """Return the entries of the Hessian of their sum, times multipliers."""
+        _, gradient, hessian = self._derive(2, variables)
+        program, n, dy, weights = self._program, self._program.n, self._chain(), -multipliers[self._rows]
+        first, second = self._upper
+        each = weights[:, None] * (dy @ hessian @ dy.transpose(0, 2, 1))[:, first, second]
+        at, H, to = program.platform, np.zeros((program.g, program.g)), np.zeros((4 * n + 3, 3))
+        add_gradients(weights, gradient[:, :18].copy().reshape(-1, 6, 3), self._plus, self._minus, to)
+        nothing = np.zeros((n, 4, 6)), np.zeros((0, n, 4)), np.zeros((0, 6))  # no balances
+        g_p, g_axes = at.push_to_modules(to)
+        add_bends(*nothing, at.links.omega, at.links.v, program.parents, at.links.p, at.axes, g_p, g_axes, H)
+        each[0, self._bends] += H[first[self._bends], second[self._bends]]
+        return np.asarray(np.bincount(self._in_hessian, each.ravel()), dtype=float)
+
+    def _derive(self, order: int, variables: Array) -> tuple[Array, Array, Array]:
+        """Return every module's speed over the limit at each point, with derivatives by (y, u)."""
+        at, u = self._program.at(variables)
+        return _derive(
+            order, self._jet, differences(at.V, self._plus, self._minus), u.ravel()[self._inputs], self._numbers
+        )
+
+    def _chain(self) -> Array:
+        """Return the derivatives of (y, u) by the geometric unknowns and u, shape (m n, g + 4, 22)."""
+        dV, g = self._program.platform.dV, self._program.g
+        dy = np.zeros((len(self._rows), g + 4, 22))
+        dy[:, :g, :18] = (dV[self._plus] - dV[self._minus]).transpose(0, 2, 1, 3).reshape(-1, g, 18)
+        dy[:, g:, 18:] = np.eye(4)
+        return dy
+
+
+@njit(cache=True)
+def _derive(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> tuple[Array, Array, Array]:
+    """Return speeds over limits, with gradients and Hessians by (y, u) up to an order.
+
+    Args:
+        order: 0, 1 or 2.
+        jet: of the modules.
+        y: shape (m, 6, 3).
+        u: shape (m, 4).
+        numbers: `from_tip`, `direction`, `radius` and 1 over the limit of each point, shape (m, 8).
+    """
+    m = len(y)
+    values, gradients = np.empty(m), np.zeros((m if order else 0, 22))
+    hessians = np.zeros((m if order > 1 else 0, 22, 22))
+    x, q, v, slopes, bent = np.empty(3), np.empty(3), np.empty(4), np.empty(7), np.empty((7, 7))
+    by_ball, by_y, d = np.empty((3, 6)), np.zeros((7, 22)), np.empty(3)
+    for r in range(m):
+        point_of_ball(numbers[r, :3], numbers[r, 6], numbers[r, 3:6], y[r, 4], y[r, 5], x, by_ball)
+        for a in range(3):
+            d[a] = x[a] - y[r, 0, a]
+        for a in range(3):
+            q[a] = y[r, 1 + a, 0] * d[0] + y[r, 1 + a, 1] * d[1] + y[r, 1 + a, 2] * d[2]
+        by_inputs(jet, u[r], v)
+        over = numbers[r, 7]
+        values[r] = over * speed(jet, q, v, ROUNDED, slopes)
+        if order == 0:
+            continue
+        for a in range(3):
+            for b in range(3):
+                by_y[a, b] = -y[r, 1 + a, b]
+                by_y[a, 3 + 3 * a + b] = d[b]
+            for c in range(6):
+                by_y[a, 12 + c] = 0.0
+                for b in range(3):
+                    by_y[a, 12 + c] += y[r, 1 + a, b] * by_ball[b, c]
+        for k in range(4):
+            by_y[3 + k, 18 + k] = jet.induced**2 / (2 * v[k])
+        gradients[r] = over * (slopes @ by_y)
+        if order == 1:
+            continue
+        curvature(jet, q, v, bent)
+        H = hessians[r]
+        H[:] = by_y.T @ bent @ by_y
+        for k in range(4):
+            H[18 + k, 18 + k] -= slopes[3 + k] * jet.induced**4 / (4 * v[k] ** 3)
+        for a in range(3):
+            for b in range(3):
+                H[b, 3 + 3 * a + b] -= slopes[a]
+                H[3 + 3 * a + b, b] -= slopes[a]
+                for c in range(6):
+                    H[3 + 3 * a + b, 12 + c] += slopes[a] * by_ball[b, c]
+                    H[12 + c, 3 + 3 * a + b] += slopes[a] * by_ball[b, c]
+        if numbers[r, 6] > 0.0:
+            _add_curvature_of_point(numbers[r], y[r], slopes, H)
+        for a in range(22):
+            for b in range(22):
+                H[a, b] *= over
+    return values, gradients, hessians
+
+
+@njit(cache=True)
+def _add_curvature_of_point(numbers: Array, y: Array, slopes: Array, H: Array) -> None:
+    """Add what a speed bends by as its point moves along a ball, by differences as in `nlp.numbers.jets`."""
+    x, above, below = np.empty(3), np.empty((3, 6)), np.empty((3, 6))
+    for c in range(6):
+        of, axis = 4 + c // 3, c % 3
+        middle = y[of, axis]
+        y[of, axis] = middle + DIFFERENCE
+        point_of_ball(numbers[:3], numbers[6], numbers[3:6], y[4], y[5], x, above)
+        y[of, axis] = middle - DIFFERENCE
+        point_of_ball(numbers[:3], numbers[6], numbers[3:6], y[4], y[5], x, below)
+        y[of, axis] = middle
+        for a in range(3):
+            for b in range(3):
+                for other in range(6):
+                    bend = (above[b, other] - below[b, other]) / (2 * DIFFERENCE)
+                    H[12 + c, 12 + other] += slopes[a] * y[1 + a, b] * bend
+
+
+def _pattern(rows: int, columns: int, i: Indices, j: Indices) -> tuple[ca.Sparsity, Indices]:
+    """Return CasADi's pattern of entries (i, j), which may come again, and where each is in it."""
+    entries, places = np.unique((i + rows * j).ravel(), return_inverse=True)
+    return ca.Sparsity.triplet(rows, columns, entries % rows, entries // rows), places
