@@ -62,8 +62,8 @@ def random_case(rng, push, newtons, metres):
     return {**case, str(place): {"force": force.tolist(), "torque": torque.tolist()}}
 
 
-def random_task(rng):
-    """A task of one to four modules with any of the features that a proof reads."""
+def random_task(rng, *, flies=False):
+    """A task of one to four modules with any of the features that a proof reads; flight and walls if it flies."""
     scale, n = float(rng.choice([1.0, 1.0, 0.02, 30.0])), int(rng.choice([1, 2, 3, 4], p=[0.1, 0.2, 0.35, 0.35]))
     module = random_module(rng, scale)
     l_arm, n_cases = module["arm_length"], int(rng.choice([1, 1, 2, 2, 3, 6]))
@@ -92,17 +92,34 @@ def random_task(rng):
     (of_joints,) = rng.spawn(1)
     if of_joints.random() < 0.5:
         module["joint_mass"] = float(module.get("mass", 0.24) * of_joints.uniform(0.0, 0.5))
-    return Task.model_validate(
-        {
-            "name": "attack",
-            "modules": n,
-            "module": module,
-            "end_effector": end_effector,
-            "load_cases": [random_case(rng, push, newtons, l_arm) for _ in range(n_cases)],
-            "exposure": [exposure[rng.integers(3)]] if rng.random() < 0.25 else [],
-            "search": search,
-        }
-    ).resolve(n)
+    task = {
+        "name": "attack",
+        "modules": n,
+        "module": module,
+        "end_effector": end_effector,
+        "load_cases": [random_case(rng, push, newtons, l_arm) for _ in range(n_cases)],
+        "exposure": [exposure[rng.integers(3)]] if rng.random() < 0.25 else [],
+        "search": search,
+    }
+    return Task.model_validate(task | (random_flight(rng, l_arm) if flies else {})).resolve(n)
+
+
+def random_flight(rng, l_arm):
+    """Reserves and walls."""
+    planes = [
+        {"normal": rng.normal(size=3).tolist(), "offset": float(l_arm * rng.uniform(-1, 3))} for _ in range(2)
+    ]
+    walls = [
+        {"kind": "allowed", "planes": planes[: int(rng.integers(1, 3))]},
+        {"kind": "exterior", "half_angle_deg": 90.0, "axis": rng.normal(size=3).tolist()},
+    ]
+    flight = {
+        "force_reserve": float(rng.choice([0.0, 0.1])),
+        "directions": str(rng.choice(["all", "horizontal"])),
+        "at": str(rng.choice(["tip", "com"])),
+        "torque_reserve": float(rng.choice([0.0, 0.1])),
+    }
+    return {"flight": flight, "exposure": [walls[rng.integers(2)]]}
 
 
 def attack(seeds):

@@ -11,16 +11,16 @@ from nlp_cases import HOVER, as_design, push, random_tree
 from test_nlp_bounds_attack import random_task
 
 from nlp import solve
-from nlp.bounds.branch import box, frames, multipliers, search, slopes
+from nlp.bounds.branch import box, frames, interior, multipliers, search, slopes
 from nlp.bounds.branch.arrays import centre, effort_unit, hang, to_arrays, whole_box
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from nlp.bounds.branch.proof import chunk_box, prove_chunk
 from nlp.numbers.point import Point
 from nlp.units import Units
 from topo_search.model import Design, Topology
-from topo_search.model.files import read_task
+from topo_search.model.files import read_json, read_task
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
-from topo_search.model.proof import chunk_count
+from topo_search.model.proof import chunk_count, proof_task
 from verify.beside_airflow import beside_airflow, certify_beside
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
@@ -42,12 +42,21 @@ def seen(stated, lower, upper):
     return roots, middle, axes, vertices, (upper - lower) / 2
 
 
-def bound_of(stated, y, lower, upper):
-    return box.bound(stated, y, *seen(stated, lower, upper), box.sums(stated))
+def bound_of(stated, y, sigma, lower, upper):
+    return box.bound(stated, y, sigma, *seen(stated, lower, upper), box.sums(stated))
 
 
-def dual_value(task, tree, theta, tip, y):
-    """D(theta; y) with the audit's kinematics and wrenches, in effort units."""
+def dual_value(task, tree, theta, tip, y, walls):
+    """D(theta; y, sigma) with the audit's kinematics and wrenches, in effort units.
+
+    Args:
+        task: the task.
+        tree: hung.
+        theta: angles.
+        tip: p'_E.
+        y: multipliers of wrenches.
+        walls: module, end, normal and multiplier of every row.
+    """
     unit, module, n = Units.of(task), task.module, tree.n
     at = poses(tree, theta[:3], theta[3:], module.connector_distance)
     mass = task.total_mass(n)
@@ -65,52 +74,74 @@ def dual_value(task, tree, theta, tip, y):
     rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * ROTOR_DIRECTIONS)
     platform = Platform(at, p_COM, o, tip - p_COM, rotors, joints - p_COM)
     A, most = wrench_map(platform, module) * unit.input, max(case.weight for case in task.load_cases)
-    total = 0.0
-    for case, y_k in zip(task.load_cases, y, strict=True):
+    total, cornered, air = 0.0, proof_task(task, "task"), module.region_envelope
+    planes = list(half_spaces(task))
+    for i, end, normal, sigma in walls:
+        e, radius = (at.p[i] - air.length * at.z[i], air.end_radius) if end else (at.p[i], air.start_radius)
+        offset = min(planes, key=lambda plane: np.abs(plane[0] - normal).max())[1]
+        total += sigma * (normal @ (e - tip) + radius - offset) / unit.length
+    for case, y_k in zip(cornered.load_cases, y, strict=True):
         nu, mu = y_k[:3] / unit.force, y_k[3:] / unit.torque
         about_com = np.concatenate([nu + np.cross(mu, p_COM), mu])  # nu . F + mu . (tau + p_COM x F)
         t, weight, U = about_com @ A, case.weight / most, task.max_thrust_to_weight
-        u = np.clip(np.divide(t, 2 * weight), 0, U)
+        u = np.clip(t / (2 * weight), 0, U) if weight > 0 else np.where(t > 0, U, 0.0)
         total += about_com @ required_wrench(case, platform.p_e) - np.sum(u * (t - weight * u))
     return total
 
 
+def half_spaces(task):
+    """Outward normal and offset [m] of what envelopes are to stay within."""
+    for asked in task.exposure:
+        if asked.kind == "allowed":
+            yield from ((np.array(one.normal) / np.linalg.norm(one.normal), one.offset) for one in asked.planes)
+        if asked.kind == "exterior" and asked.axis != "com":
+            yield -np.array(asked.axis) / np.linalg.norm(asked.axis), 0.0
+
+
 def multipliers_for(stated, rng):
     y = rng.normal(size=(len(stated.loads.f), 6)) * 10 ** rng.uniform(-1, 1)
-    multipliers.meet(stated, y)
-    return y
+    sigma = np.maximum(0.0, rng.normal(size=len(stated.walls.normal)))
+    interior._meet(stated, stated.loads.project, y, sigma)
+    return y, sigma
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed):
+def rows(stated, sigma):
+    return list(zip(stated.walls.module, stated.walls.end, stated.walls.normal, sigma, strict=True))
+
+
+@pytest.mark.parametrize("flies", [False, True])
+@pytest.mark.parametrize("seed", range(40))
+def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed, flies):
     rng = np.random.default_rng([25, seed])
-    task = random_task(rng)
+    task = random_task(rng, flies=flies)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
     tree = hang(tree, centre(task, tree))
     stated = to_arrays(task, tree)
     least, most = whole_box(task, task.n)
     middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, 0, size=len(least))
     lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
-    y = multipliers_for(stated, rng)
-    proven = bound_of(stated, y, lower, upper)
+    y, sigma = multipliers_for(stated, rng)
+    proven = bound_of(stated, y, sigma, lower, upper)
     for draw in range(60):
         theta = rng.uniform(lower, upper)
         if draw % 3 == 0:
             theta = np.where(rng.random(len(theta)) < 0.5, lower, upper)
         tip = rng.normal(size=3) * task.module.arm_length * 10 ** rng.uniform(-1, 1)
-        assert dual_value(task, tree, theta, tip, y) >= proven
+        assert dual_value(task, tree, theta, tip, y, rows(stated, sigma)) >= proven
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(seed):
+@pytest.mark.parametrize("flies", [False, True])
+@pytest.mark.parametrize("seed", range(15))
+def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(seed, flies):
     rng = np.random.default_rng([26, seed])
-    task = random_task(rng)
+    task = random_task(rng, flies=flies)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
     tree = hang(tree, centre(task, tree))
     stated, theta = to_arrays(task, tree), rng.uniform(*whole_box(task, task.n))
-    y = multipliers_for(stated, rng)
-    true, proven = dual_value(task, tree, theta, np.zeros(3), y), bound_of(stated, y, theta, theta)
-    size = np.abs(stated.loads.f).sum() + np.abs(stated.loads.t).sum() + task.n * stated.u_max
+    y, sigma = multipliers_for(stated, rng)
+    true = dual_value(task, tree, theta, np.zeros(3), y, rows(stated, sigma))
+    proven = bound_of(stated, y, sigma, theta, theta)
+    size = np.abs(stated.loads.f).sum() + np.abs(stated.loads.t).sum() + task.n * stated.u_max + sigma.sum()
     lost = np.linalg.norm(y, axis=1).sum() * (1 + stated.levers.rotor.max()) * size
     assert 0 < true - proven < 1e-3 * lost
 
@@ -123,11 +154,11 @@ def test_a_bound_ends_early_under_a_cut_alone(seed):
     stated, (least, most) = to_arrays(task, tree), whole_box(task, task.n)
     lower = rng.uniform(least, most)
     upper = np.minimum(most, lower + 0.3)
-    y, looked_at = multipliers_for(stated, rng), (*seen(stated, lower, upper), box.sums(stated))
-    proven = box.bound(stated, y, *looked_at)
-    assert box.bound(stated, y, *looked_at, proven) == proven
+    multiplied, looked_at = multipliers_for(stated, rng), (*seen(stated, lower, upper), box.sums(stated))
+    proven = box.bound(stated, *multiplied, *looked_at)
+    assert box.bound(stated, *multiplied, *looked_at, proven) == proven
     above = proven + 1e-6 * abs(proven)
-    assert proven <= box.bound(stated, y, *looked_at, above) < above
+    assert proven <= box.bound(stated, *multiplied, *looked_at, above) < above
 
 
 def looked_at(stated, theta, y, flat):
@@ -147,7 +178,7 @@ def test_slopes_are_those_of_the_dual_function(seed):
     task = random_task(rng)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
     stated, theta = to_arrays(task, tree), rng.uniform(*whole_box(task, task.n))
-    A, step, y = len(theta), 1e-6, multipliers_for(stated, rng)
+    A, step, (y, _) = len(theta), 1e-6, multipliers_for(stated, rng)
     flat, other = slopes.blank(task.n, A), slopes.blank(task.n, A)
     _, work = looked_at(stated, theta, y, flat)
 
@@ -362,6 +393,20 @@ def test_the_chunk_of_a_design_has_a_bound_of_no_more_than_its_effort(best):
     ]
     assert mine
     assert prove_chunk(task, tree, mine[0], design.objective * 1.001).outcome != "closed"
+
+
+@pytest.mark.parametrize("problem", ["task", "solver"])
+@pytest.mark.parametrize("name", ["wall-push", "window-cleaning", "survives-a-rotor"])
+def test_what_is_left_out_of_a_bound_costs_a_flying_design_nothing(name, problem):
+    """At its own angles, of which no multipliers may prove more than it costs; `task` asks for less."""
+    design = read_json(Design, Path(__file__).parent / "designs" / f"{name}.json")
+    task, theta = design.task, np.array([*design.root_orientation_rad, *design.hinge_angles_rad])
+    assert centre(task, design.topology) == 0
+    lower, upper = theta - 1e-6, theta + 1e-6
+    cost = design.objective / effort_unit(task)
+    cuts = cost * np.array([{"solver": 0.995, "task": 0.97}[problem], 1.0001])
+    found = [search.search(to_arrays(task, design.topology, problem), lower, upper, cut, 1) for cut in cuts]
+    assert [one.how for one in found] == [search.CLOSED, search.OPEN]
 
 
 def test_chunks_fill_the_whole_box_and_share_no_more_than_faces():

@@ -11,13 +11,13 @@ from toy_problem import InProcess, toy_run, toy_task
 from wording import says
 
 from topo_search.model import BadInput, Chunk, Proof
-from topo_search.model.exposure import Local
+from topo_search.model.exposure import Allowed, Local, Plane
 from topo_search.model.proof import chunk_count
 from topo_search.model.proven import gap_percent
 from topo_search.report.run_page import run_page
 from topo_search.study import RunFolder, Silent, answer_of, prove
 from topo_search.study.frames import candidates
-from topo_search.study.proofs import target
+from topo_search.study.proofs import bounded_alike, problem, target
 
 
 class Prover:
@@ -284,3 +284,25 @@ def test_the_gap_of_a_size_that_is_proven_tree_by_tree_has_a_scope(run):
         page = run_page(folder)
     tiles = [page["tiles"], *(card["figures"] for card in page["run"]["cards"])]
     assert all("in the scope of the proofs" in str(some) for some in tiles)
+
+
+def test_a_proof_names_what_its_bound_takes_in_beyond_load_cases():
+    plain = toy_task().resolve(3)
+    wall = plain.model_copy(update={"exposure": (Allowed(planes=(Plane(normal=(1.0, 0.0, 0.0)),)),)})
+    reserve = wall.model_copy(update={"flight": plain.flight.model_copy(update={"torque_reserve": 0.1})})
+    weak = reserve.model_copy(update={"search": reserve.search.model_copy(update={"peak_input": 0.9})})
+    assert "; with" not in problem(plain, "task")
+    assert "; with half-spaces that hold the airflow;" in problem(wall, "task")
+    assert "; with reserves (points of the balls) and half-spaces that hold the airflow;" in problem(
+        reserve, "task"
+    )
+    assert "; with reserves (corners around the balls) and half-spaces" in problem(reserve, "solver")
+    assert "reserves" not in problem(weak, "solver")
+
+
+def test_a_proof_with_a_wall_is_none_of_a_task_without():
+    plain = toy_task().resolve(3)
+    wall = plain.model_copy(update={"exposure": (Allowed(planes=(Plane(normal=(1.0, 0.0, 0.0)),)),)})
+    assert bounded_alike(plain, wall)
+    assert bounded_alike(wall, wall)
+    assert not bounded_alike(wall, plain)

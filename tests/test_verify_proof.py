@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from nlp_cases import HOVER, push, random_tree
 from test_nlp_bounds_attack import random_task
-from test_nlp_bounds_branch import clearance_missed, seen
+from test_nlp_bounds_branch import clearance_missed, half_spaces, seen
 
 from nlp import proof_root, prove_chunk, solve
 from nlp.bounds.branch.arrays import to_arrays
 from nlp.bounds.branch.crowded import ALL_OVER, crowding
 from topo_search.model import Chunk, Design, Topology
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
-from topo_search.model.proof import chunk_count
+from topo_search.model.proof import chunk_count, proof_task
 from verify import check_chunk
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
@@ -42,13 +42,16 @@ def framed_middle(stated, theta):
     return points, frames
 
 
-def bound_of(stated, y, lower, upper):
+def bound_of(stated, y, sigma, lower, upper):
     corners, frames = framed(stated, lower, upper)
-    return dual.bound(stated, y, corners, frames, dual.sums(stated, len(frames.p)))
+    return dual.bound(stated, y, sigma, corners, frames, dual.sums(stated, len(frames.p)))
 
 
-def dual_value(task, tree, theta, tip, y):
-    """The dual function with the audit's kinematics and wrenches, inputs within limits, in units of `dual`."""
+def dual_value(task, tree, theta, tip, y, walls, corners=()):
+    """The dual function with the audit's kinematics and wrenches, inputs within limits, in units of `dual`.
+
+    `walls`: module, distance down its airflow, normal and multiplier of every row.
+    """
     module, n = task.module, tree.n
     at = poses(tree, theta[:3], theta[3:], module.connector_distance)
     mass, fixed = task.total_mass(n), task.end_effector.fixed_position
@@ -65,7 +68,13 @@ def dual_value(task, tree, theta, tip, y):
     platform = Platform(at, p_COM, o, tip - p_COM, rotors, joints - p_COM)
     F, most = module.thrust_coefficient * task.max_input, max(case.weight for case in task.load_cases)
     A, total = wrench_map(platform, module) * task.max_input, 0.0
-    for case, y_k in zip(task.load_cases, y, strict=True):
+    air, planes, cornered = module.region_envelope, list(half_spaces(task)), proof_task(task, "task")
+    for i, down, normal, sigma in walls:
+        e, radius = (at.p[i] - air.length * at.z[i], air.end_radius) if down else (at.p[i], air.start_radius)
+        offset = min(planes, key=lambda plane: np.abs(plane[0] - normal).max())[1]
+        total += sigma * (normal @ (e - tip) + radius - offset) / module.arm_length
+    cornered = cornered.with_corners(corners) if corners else task
+    for case, y_k in zip(cornered.load_cases, y, strict=True):
         nu, mu = y_k[:3] / F, y_k[3:] / (F * module.arm_length)
         about_com = np.concatenate([nu + np.cross(mu, p_COM), mu])
         t, weight = about_com @ A, case.weight / most
@@ -75,43 +84,58 @@ def dual_value(task, tree, theta, tip, y):
 
 
 def any_multipliers(stated, rng):
-    z = rng.normal(size=stated.free.shape[1]) * 10 ** rng.uniform(-2, 1)
-    return (stated.free @ z).reshape(-1, 6)
+    y = rng.normal(size=(len(stated.f), 6)) * 10 ** rng.uniform(-2, 1)
+    sigma = np.maximum(0.0, rng.normal(size=len(stated.normal)))
+    ascent.balance(stated, ascent.workspace(stated), y, sigma)
+    return y, sigma
 
 
-def any_tree(rng):
-    task = random_task(rng)
+def any_corners(task, rng):
+    """A few of the corners."""
+    count = len(proof_task(task, "task").load_cases) - len(task.load_cases)
+    return tuple(sorted(rng.choice(count, size=min(count, 5), replace=False).tolist()))
+
+
+def any_tree(rng, *, flies=False):
+    task = random_task(rng, flies=flies)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
     return task, tree if task.search.root == "paper" else hang(tree, int(rng.integers(task.n)))
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed):
+@pytest.mark.parametrize("flies", [False, True])
+@pytest.mark.parametrize("seed", range(40))
+def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed, flies):
     rng = np.random.default_rng([41, seed])
-    task, tree = any_tree(rng)
-    stated = numbers(task, tree)
+    task, tree = any_tree(rng, flies=flies)
+    corners = any_corners(task, rng)
+    stated = numbers(task, tree, "task", corners)
     least, most = all_angles(task, task.n)
     middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, -0.1, size=len(least))
     lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
-    y = any_multipliers(stated, rng)
-    proven = bound_of(stated, y, lower, upper)
+    y, sigma = any_multipliers(stated, rng)
+    walls = list(zip(stated.module, stated.down, stated.normal, sigma, strict=True))
+    proven = bound_of(stated, y, sigma, lower, upper)
     for draw in range(60):
         theta = rng.uniform(lower, upper)
         if draw % 3 == 0:
             theta = np.where(rng.random(len(theta)) < 0.5, lower, upper)
         tip = rng.normal(size=3) * task.module.arm_length * 10 ** rng.uniform(-1, 1)
-        assert dual_value(task, tree, theta, tip, y) >= proven
+        assert dual_value(task, tree, theta, tip, y, walls, corners) >= proven
 
 
-@pytest.mark.parametrize("seed", range(30))
-def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(seed):
+@pytest.mark.parametrize("flies", [False, True])
+@pytest.mark.parametrize("seed", range(15))
+def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(seed, flies):
     rng = np.random.default_rng([42, seed])
-    task, tree = any_tree(rng)
-    stated = numbers(task, tree)
-    theta, y = rng.uniform(*all_angles(task, task.n)), any_multipliers(stated, rng)
-    true, proven = dual_value(task, tree, theta, np.zeros(3), y), bound_of(stated, y, theta, theta)
+    task, tree = any_tree(rng, flies=flies)
+    corners = any_corners(task, rng)
+    stated = numbers(task, tree, "task", corners)
+    theta, (y, sigma) = rng.uniform(*all_angles(task, task.n)), any_multipliers(stated, rng)
+    walls = zip(stated.module, stated.down, stated.normal, sigma, strict=True)
+    true = dual_value(task, tree, theta, np.zeros(3), y, walls, corners)
+    proven = bound_of(stated, y, sigma, theta, theta)
     lever = 2 * stated.l_c * tree.n + 2
-    size = np.abs(stated.f).sum() + np.abs(stated.t).sum() + lever * (np.abs(stated.h).sum() + tree.n)
+    size = np.abs(stated.f).sum() + np.abs(stated.t).sum() + lever * (np.abs(stated.h).sum() + tree.n + sigma.sum())
     assert 0 < true - proven < 1e-4 * (1 + np.linalg.norm(y, axis=1).sum()) * (1 + lever) * size
 
 
@@ -224,34 +248,36 @@ def test_wrenches_change_with_every_angle_as_is_said(seed):
             assert measured[j] == pytest.approx(at.change[angle, j], abs=1e-7 * tree.n)
 
 
+@pytest.mark.parametrize("flies", [False, True])
 @pytest.mark.parametrize("seed", range(10))
-def test_the_dual_function_has_the_slopes_that_multipliers_are_improved_by(seed):
+def test_the_dual_function_has_the_slopes_that_multipliers_are_improved_by(seed, flies):
     """By differences: of D in every angle, of the slopes in the multipliers."""
     rng = np.random.default_rng([49, seed])
-    task, tree = any_tree(rng)
-    stated, theta = numbers(task, tree), rng.uniform(-1.5, 1.5, size=tree.n + 2)
-    at, z = ascent.workspace(stated), 0.1 * rng.normal(size=stated.free.shape[1])
-    A, still, y = len(theta), np.zeros(len(theta)), np.zeros((len(stated.f), 6))
+    task, tree = any_tree(rng, flies=flies)
+    stated, theta = numbers(task, tree, "task", any_corners(task, rng)), rng.uniform(-1.5, 1.5, size=tree.n + 2)
+    at, (y, sigma) = ascent.workspace(stated), any_multipliers(stated, rng)
+    A, still, wide = len(theta), np.zeros(len(theta)), np.full(len(theta), 0.1)
 
-    def looked_at(theta, z):
+    def looked_at(theta, y, sigma):
         points, frames = framed_middle(stated, theta)
         ascent.look(stated, points, frames, still, at)
-        return ascent.value(stated, at, z, y, still, 1.0)
+        ascent.blur(stated, at, wide, 1.0)
+        return ascent.value(stated, at, y, sigma, still, 1.0)
 
-    def slopes(z):
-        looked_at(theta, z)
-        ascent.value(stated, at, z, y, np.full(A, 1e-9), 1.0)
+    def slopes(y, sigma):
+        looked_at(theta, y, sigma)
+        ascent.value(stated, at, y, sigma, np.full(A, 1e-9), 1.0)
         return at.slope.copy()
 
-    found, step = slopes(z), 1e-6
-    steep = at.steep @ stated.free
+    found, step = slopes(y, sigma), 1e-6
+    by, wall_by = step * rng.normal(size=y.shape), step * rng.normal(size=len(sigma))
+    expected = at.steep @ by.ravel() + at.shift @ wall_by
     for a in range(A):
-        by = step * np.eye(A)[a]
-        measured = (looked_at(theta + by, z) - looked_at(theta - by, z)) / (2 * step)
+        turn = step * np.eye(A)[a]
+        measured = (looked_at(theta + turn, y, sigma) - looked_at(theta - turn, y, sigma)) / (2 * step)
         assert found[a] == pytest.approx(measured, rel=1e-4, abs=1e-6 * (1 + np.abs(found).max()))
-    by = step * rng.normal(size=len(z))
-    measured = (slopes(z + by) - slopes(z - by)) / 2
-    assert steep @ by == pytest.approx(measured, rel=1e-3, abs=1e-3 * np.abs(steep @ by).max())
+    measured = (slopes(y + by, sigma + wall_by) - slopes(y - by, sigma - wall_by)) / 2
+    assert expected == pytest.approx(measured, rel=1e-3, abs=1e-3 * np.abs(expected).max())
 
 
 @pytest.fixture(scope="module")
@@ -295,6 +321,51 @@ def test_a_proof_where_airflow_may_merge_is_checked(problem):
     assert [check_chunk(task, tree, root, cut, chunk, problem).fault for chunk in chunks] == [None] * len(chunks)
 
 
+@pytest.fixture(scope="module")
+def flying():
+    """Two modules with a reserve of torque in front of a wall, a design, and the proof of a cut under it."""
+    wall = {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}]}
+    loads = [{"end_effector": {"force": [0.25, 0.0, 0.75]}}, HOVER]
+    task = push(2, load_cases=loads, exposure=[wall], flight={"torque_reserve": 0.2})
+    design = solve(task, PAIR, starts=range(8), seed=0)
+    cut = 0.9 * design.objective
+    return task, design, cut, [prove_chunk(task, PAIR, number, cut) for number in range(chunk_count(2))]
+
+
+def refused(task, cut, chunks):
+    return [fault for chunk in chunks if (fault := check_chunk(task, PAIR, 0, cut, chunk).fault) is not None]
+
+
+def test_a_proof_with_a_wall_and_a_reserve_is_checked(flying):
+    task, _, cut, chunks = flying
+    assert {chunk.outcome for chunk in chunks} == {"closed"}
+    assert any(chunk.corners for chunk in chunks)
+    assert not refused(task, cut, chunks)
+
+
+def test_a_cut_above_the_best_with_a_wall_and_a_reserve_is_refused(flying):
+    task, design, _, chunks = flying
+    assert refused(task, 1.002 * design.objective, chunks)
+
+
+@pytest.mark.parametrize("directions", ["all", "horizontal"])
+def test_a_proof_about_the_task_counts_on_points_of_its_reserves_alone(directions):
+    flight = {"force_reserve": 0.1, "torque_reserve": 0.2, "directions": directions, "rotor_out": "hover"}
+    task = push(3, flight=flight)
+    bounded, n = proof_task(task, "task"), len(task.load_cases)
+    assert not any(case.weight for case in bounded.load_cases[n:])
+    assert set(bounded.dead_rotors) == {None}
+    sizes = set[tuple[float, float]]()
+    for case in bounded.load_cases[n:]:
+        at_tip = case.at_end_effector
+        force, torque = np.linalg.norm(at_tip.force), np.linalg.norm(at_tip.torque)
+        assert case.at_com.force == pytest.approx((0.0, 0.0, task.force_unit(3)))
+        assert min(force, torque) == 0.0
+        assert directions == "all" or at_tip.force[2] == 0.0
+        sizes.add((round(force / task.force_unit(3), 9), round(torque / task.torque_unit(3), 9)))
+    assert sizes == {(round(0.1 - 5e-6, 9), 0.0), (0.0, round(0.2 - 5e-6, 9))}
+
+
 def with_record(chunk, record):
     return Chunk.of(chunk.number, "closed", bytes(record))
 
@@ -334,6 +405,7 @@ def test_what_cannot_be_looked_at_is_refused(pair):
     three = Topology.from_key("aa00")
     for given, why in (
         ((task, PAIR, 2, cut, chunks[0]), "angles cannot be counted from module 2"),
+        ((task, PAIR, root, cut, chunks[0].model_copy(update={"corners": (0,)})), "there is no corner 0"),
         ((task, three, 0, cut, chunks[0]), "the task has 2 modules, but the tree 3"),
         ((task, PAIR, root, cut, chunks[0].model_copy(update={"number": 64})), "there is no chunk 64"),
         ((task, PAIR, root, cut, chunks[0].model_copy(update={"packed": "AAAA"})), "cannot be unpacked"),

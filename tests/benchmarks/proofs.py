@@ -1,6 +1,7 @@
 """Boxes and processor time of the proof of every tree of a task: python tests/benchmarks/proofs.py RUN --gap 0.01.
 
-RUN is the folder of a finished run; nothing is written to it. The compilation is done before the first tree. With
+RUN is the folder of a finished run; nothing is written to it. The first line says what the bound takes in beyond
+load cases and airflow. The compilation is done before the first tree. With
 --check every chunk is checked as it is proven. With --sample M only M trees are, drawn at random, and what all of
 them take is extrapolated, with the standard error. Chunks of one tree differ too much to be a sample.
 """
@@ -13,12 +14,13 @@ import random
 import time
 from pathlib import Path
 from statistics import mean, stdev
+from typing import get_args
 
 from nlp import proof_root, prove_chunk
 from topo_search.model import Chunk, Topology
-from topo_search.model.proof import chunk_count
+from topo_search.model.proof import Problem, chunk_count
 from topo_search.study import RunFolder
-from topo_search.study.proofs import target
+from topo_search.study.proofs import knows, target
 from verify import check_chunk
 
 
@@ -27,6 +29,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("run", type=Path)
     parser.add_argument("--gap", type=float, default=0.01)
+    parser.add_argument("--problem", choices=get_args(Problem), default="task")
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--sample", type=int, metavar="M", help="at least 2")
     parser.add_argument("--seed", type=int, default=0, help="of the draw")
@@ -37,9 +40,10 @@ def main() -> None:
             task, best = folder.request.contexts(n)[0].task, folder.ledger.best_clear(n)
             if best is None or best.objective is None:
                 continue
-            prove_chunk(task, Topology.from_key(best.key), 0, best.objective, most_boxes=1)
+            prove_chunk(task, Topology.from_key(best.key), 0, best.objective, asked.problem, most_boxes=1)
             if asked.check:
                 check_chunk(task, Topology.from_key(best.key), 0, best.objective, Chunk.of(0, "closed", b"\0"))
+            print(f"{task.name}, {n} modules, about the {asked.problem}: {', '.join(knows(task, asked.problem))}")
             print("key        aim         cut/best     boxes   CPU s  chunks closed, check: CPU s, boxes halved")
             rows = [row for row in folder.ledger.ranking(n) if not asked.trees or row.key in asked.trees]
             drawn = random.Random(asked.seed).sample(rows, asked.sample) if asked.sample else rows
@@ -49,14 +53,14 @@ def main() -> None:
                 tree, boxes, closed, halved, seconds, checking = Topology.from_key(row.key), 0, 0, 0, 0.0, 0.0
                 for number in range(chunk_count(n)):
                     began = time.process_time()
-                    chunk = prove_chunk(task, tree, number, cut)
+                    chunk = prove_chunk(task, tree, number, cut, asked.problem)
                     seconds += time.process_time() - began
                     boxes, closed = boxes + chunk.boxes, closed + (chunk.outcome == "closed")
                     if chunk.outcome != "closed":
                         break
                     if asked.check:
                         began = time.process_time()
-                        found = check_chunk(task, tree, proof_root(task, tree), cut, chunk)
+                        found = check_chunk(task, tree, proof_root(task, tree), cut, chunk, asked.problem)
                         checking += time.process_time() - began
                         halved += found.halved
                         if found.fault is not None:

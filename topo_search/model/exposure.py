@@ -6,6 +6,7 @@ Points are in metres from the end-effector p_E, in the axes of the task frame.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from itertools import pairwise, product
 from typing import Annotated, Any, Literal, get_args
 
@@ -280,6 +281,13 @@ ExposureKind = Literal["local", "directional", "exterior", "allowed"]
 EXPOSURE_KINDS: tuple[ExposureKind, ...] = get_args(ExposureKind)
 PART_NAMES = {"directional": "segment", "allowed": "plane", "local": "piece"}
 """Names of the numbered parts of a requirement."""
+
+
+def half_spaces(exposure: Iterable[AnyExposure]) -> list[Cone]:
+    """Return the half-spaces that all airflow must stay within, if their directions are given."""
+    shapes = (shape for requirement in exposure if requirement.geometry for shape in requirement.shapes)
+    cones = (shape for shape in shapes if isinstance(shape, Cone) and shape.half_angle_deg == 90)
+    return [cone for cone in cones if not cone.takes_direction_from_com]
 
 
 LEAST_OFFSET = 0.1

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.task import ResolvedTask
 from topo_search.model.topology import Topology
 from topo_search.model.value import Index, Number, Value
@@ -26,9 +27,23 @@ Text = Annotated[str, Field(strict=True)]
 Ended = Literal["closed", "many", "stuck"]
 Aim = Literal["excluded", "within"]
 Problem = Literal["task", "solver"]
-"""Designs that a proof is about: `task`, all that an audit may call clear; `solver`, those that keep the solver's
-distances besides: where envelopes or centres need a distance R, d^2 >= R^2 + 2 R margin (`search.margin`), and of
-centres R is `centre_distance` in place of `body_clearance`. What holds of the first holds of the second."""
+"""Designs that a proof is about: `task`, all that an audit may call clear; `solver`, those that meet the solver's
+requirements besides: where envelopes or centres need a distance R, d^2 >= R^2 + 2 R margin (`search.margin`), and
+of centres R is `centre_distance` in place of `body_clearance`; and of reserves all corners around the balls. What
+holds of the first holds of the second."""
+
+
+def proof_task(task: ResolvedTask, problem: Problem) -> ResolvedTask:
+    """Return the task that a proof bounds: with sets of wrenches and reserves written out as corners.
+
+    Of the balls of reserves `solver` has the corners around them, `task` points of the balls themselves. Failures
+    and angular accelerations are left out, and where `search.peak_input` is less than 1 reserves.
+    """
+    cornered = to_corners(task, inner=problem == "task" or task.search.peak_input < 1)
+    if not isinstance(cornered, CorneredTask):
+        return task
+    known = (c for c, corner in enumerate(cornered.corners) if corner.dead is None and not any(corner.acceleration))
+    return cornered.with_corners(known)
 
 
 def chunk_count(n: int) -> int:
@@ -47,13 +62,23 @@ class Chunk(Value):
     """The record, compressed by zlib, in Base64; empty unless the chunk is closed."""
     stuck: tuple[tuple[Number, ...], tuple[Number, ...]] | None = None
     """The box that the search stopped at, from and to [rad]."""
+    corners: Annotated[tuple[Index, ...], Field(exclude_if=lambda given: not given)] = ()
+    """Wrenches without weight that its boxes are bounded with, by their numbers in `proof_task`: for a check a hint
+    that saves time, for any of them will do."""
 
     @classmethod
-    def of(cls, number: int, outcome: Ended, record: bytes, stuck: tuple[tuple[float, ...], ...] = ()) -> Chunk:
+    def of(
+        cls,
+        number: int,
+        outcome: Ended,
+        record: bytes,
+        stuck: tuple[tuple[float, ...], ...] = (),
+        corners: tuple[int, ...] = (),
+    ) -> Chunk:
         """Return a chunk with its record packed; of one that is not closed the record proves nothing."""
         packed = base64.b64encode(zlib.compress(record, 9)).decode() if outcome == "closed" else ""
         box = None if not stuck else (stuck[0], stuck[1])
-        return cls(number=number, outcome=outcome, boxes=len(record), packed=packed, stuck=box)
+        return cls(number=number, outcome=outcome, boxes=len(record), packed=packed, stuck=box, corners=corners)
 
     @property
     def record(self) -> bytes:

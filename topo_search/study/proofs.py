@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from topo_search.model import Audit, Proof, ResolvedTask
+from topo_search.model.exposure import half_spaces
 from topo_search.model.proof import Problem
 from topo_search.model.proven import improvement, upper_text
 from topo_search.study.request import Request
@@ -73,8 +74,24 @@ def target(row: Row, best: float, gap: float) -> tuple[str, float]:
 
 
 def bounded_alike(task: ResolvedTask, other: ResolvedTask) -> bool:
-    """True if a proof of one task is one of the other: they differ in name and exposure, which no bound knows."""
-    return task.model_copy(update={"name": other.name, "exposure": other.exposure}) == other
+    """True if a proof of one task is one of the other: the same but for name and exposure that no bound knows."""
+    alike = task.model_copy(update={"name": other.name, "exposure": other.exposure}) == other
+    return alike and set(half_spaces(task.exposure)) <= set(half_spaces(other.exposure))
+
+
+def knows(task: ResolvedTask, about: Problem) -> list[str]:
+    """Return which requirements beyond load cases and airflow a bound takes in."""
+    flight, words = task.flight, list[str]()
+    if any(case.corners for case in task.load_cases):
+        words.append("sets of wrenches")
+    if task.search.peak_input == 1:
+        balls = "corners around the balls" if about == "solver" else "points of the balls"
+        words += [f"reserves ({balls})"] * (flight.force_reserve > 0 or flight.torque_reserve > 0)
+        words += ["tilts"] * (flight.tilt_deg > 0 and about == "solver")
+        words += ["errors of the centre of mass"] * (flight.com_error > 0 and about == "solver")
+    if half_spaces(task.exposure) and task.end_effector.fixed_position is None:
+        words.append("half-spaces that hold the airflow")
+    return words
 
 
 class ProofSummary(NamedTuple):
@@ -180,6 +197,8 @@ def problem(task: ResolvedTask, about: Problem) -> str:
         if apart is not None:
             kept += f" and centres of modules not bolted together be {upper_text(apart)} m{margin} apart"
     kept = f"the solver's own distances, {kept}" if about == "solver" else kept
+    if known := knows(task, about):
+        kept += f"; with {' and '.join(known)}"
     # a proof holds for the trees and the orientations that the task allows
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
@@ -187,5 +206,5 @@ def problem(task: ResolvedTask, about: Problem) -> str:
     hinges = "hinge angles of the task's set" if of_set else "hinge angles within 90 deg either way"
     return (
         f"scope: {connectors}{root}, {hinges}, every wrench and input within the "
-        f"audit's tolerance; {kept}; all other requirements can only raise the control effort"
+        f"audit's tolerance; {kept}; all other requirements are left out, and can only raise the control effort"
     )

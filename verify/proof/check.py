@@ -10,7 +10,7 @@ import numpy as np
 
 from topo_search.model import CheckedChunk, Chunk, ResolvedTask, Topology, tolerances
 from topo_search.model.compiled_code import is_kept, refresh
-from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
+from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, proof_task
 from topo_search.model.topology import straight_chain
 from verify.bodies import Array
 from verify.proof import replay as ends
@@ -45,7 +45,7 @@ def check_chunk(
         problem: which designs the proof is about.
     """
     n = topology.n
-    if fault := _unfit(task, n, root_module, chunk):
+    if fault := _unfit(task, n, root_module, chunk, problem):
         return CheckedChunk(number=chunk.number, fault=fault)
     try:
         record = np.frombuffer(chunk.record, np.uint8)
@@ -54,7 +54,7 @@ def check_chunk(
     lower, upper = chunk_box(task, n, chunk.number)
     if np.any(lower > upper) and not len(record):  # no angles of the task's set are in the chunk
         return CheckedChunk(number=chunk.number, fault=None)
-    stated = numbers(task, hang(topology, root_module), problem)
+    stated = numbers(task, hang(topology, root_module), problem, chunk.corners)
     # a bound in these units is off from one in SI by a few roundings
     found = ends.replay(stated, lower, upper, cut / effort_unit(task) * (1 + 1e-12), record)
     fault = None
@@ -87,7 +87,7 @@ def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
     return lower, upper
 
 
-def _unfit(task: ResolvedTask, n: int, root_module: int, chunk: Chunk) -> str | None:
+def _unfit(task: ResolvedTask, n: int, root_module: int, chunk: Chunk, problem: Problem) -> str | None:
     """Say what keeps a chunk from being looked at."""
     if not 1 <= n <= MOST_MODULES:
         return f"a check takes 1 to {MOST_MODULES} modules, but the tree has {n}"
@@ -99,6 +99,8 @@ def _unfit(task: ResolvedTask, n: int, root_module: int, chunk: Chunk) -> str | 
         return f"angles cannot be counted from module {root_module}"
     if chunk.outcome != "closed":
         return "it is not closed"
+    if max(chunk.corners, default=-1) >= len(proof_task(task, problem).load_cases) - len(task.load_cases):
+        return f"there is no corner {max(chunk.corners)}"
     return None
 
 

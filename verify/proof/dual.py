@@ -5,15 +5,19 @@ produce is b_k + r_k with |r_k| as `verify.proof.platform` says, so
 
 .. math::
 
-    J = \sum_{j,k} \lambda_k u_{jk}^2 - \sum_k y_k \cdot (A u_k - b_k - r_k) \ge
-        \sum_k y_k \cdot b_k - |y_k| \cdot |r_k| - \sum_{j,k} \psi_k(a_j \cdot y_k), \qquad
+    J \ge \sum_{j,k} \lambda_k u_{jk}^2 - \sum_k y_k \cdot (A u_k - b_k - r_k)
+        + \sum_r \sigma_r (n_r \cdot (e_r - p'_E) + d_r) \ge
+        \sum_k y_k \cdot b_k - |y_k| \cdot |r_k| - \sum_{j,k} \psi_k(a_j \cdot y_k)
+        + \sum_r \sigma_r (n_r \cdot (e_r - p'_E) + d_r), \qquad
     \psi_k(t) = \max_{-\tau \le u \le 1 + \tau} t u - \lambda_k u^2
 
-with tau the audit's tolerance. p'_E drops out where sum_k g_k x mu_k = 0; what is missed of that costs as much
-times the farthest p'_E. psi is convex, a_j . y and b . y are affine in the pair of each angle
-(`verify.proof.arcs`), so the right-hand side is least at a choice of corners. A module adds what depends on the
-root and on the hinges of its path alone, so for each of the 27 choices of the root the least over the hinges is
-found from the leaves of the tree inwards.
+with tau the audit's tolerance. The ends e_r of envelopes keep within half-spaces, so that n_r . (e_r - p'_E) + d_r
+<= 0, and sigma_r >= 0. What must be possible but costs nothing has lambda_k = 0.
+p'_E drops out where sum_k g_k x mu_k = sum_r sigma_r n_r; what is missed of that costs as much times the farthest
+p'_E. psi is convex, a_j . y, b . y and n_r . e_r are affine in the pair of each angle (`verify.proof.arcs`), so the
+right-hand side is least at a choice of corners. A module adds what depends on the root and on the hinges of its
+path alone, so for each of the 27 choices of the root the least over the hinges is found from the leaves of the tree
+inwards.
 
 **Rounding.** Corners are at most 1.44, and a frame is a product of at most n + 2 matrices whose entries are off
 by 4 eps (eps = 2^-53), each product by 3 eps of the sums of sizes: entries of R are off by less than 16 (n + 2)
@@ -30,6 +34,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from topo_search.model.compiled_code import njit
 from topo_search.model.tolerances import TOLERANCE
@@ -54,6 +59,10 @@ class Sums(NamedTuple):
     """Multipliers seen from there, shape (K, 6, 27)."""
     s: Array
     """Weights of the modules' centres, seen from there, shape (3, 27)."""
+    walls: Array
+    """sum_r sigma_r n_r of every module, and so with sigma_r down_r, seen from there, shape (n, 2, 3, 27)."""
+    active: NDArray[np.bool_]
+    """Load cases that add anything, shape (K,)."""
     least: Array
     """Least sum of a module and all beyond it, shape (frames, 27)."""
 
@@ -66,28 +75,39 @@ def sums(numbers: Numbers, frames: int) -> Sums:
         np.zeros((CHOICES, 3, 3)),
         np.zeros((K, 6, CHOICES)),
         np.zeros((3, CHOICES)),
+        np.zeros((len(numbers.parent), 2, 3, CHOICES)),
+        np.zeros(K, np.bool_),
         np.zeros((frames, CHOICES)),
     )
 
 
 @njit(cache=True)
-def bound(numbers: Numbers, y: Array, corners: Array, frames: Frames, work: Sums) -> float:
+def bound(numbers: Numbers, y: Array, sigma: Array, corners: Array, frames: Frames, work: Sums) -> float:
     """Return a lower bound of the effort of all designs in a box.
 
     Args:
         numbers: the task and the tree.
         y: any multipliers, shape (K, 6).
+        sigma: any that are not negative, shape (W,).
         corners: of the angles, shape (A, 3, 2).
         frames: of all modules for each choice of the hinges' corners.
         work: arrays.
     """
     n, K = len(numbers.parent), len(y)
     s = lever_force(numbers, y)
+    work.walls[:] = 0.0
+    for k in range(K):
+        work.active[k] = numbers.weight[k] > 0.0 or np.any(y[k] != 0.0)
     for choice in range(CHOICES):
         R = work.R[choice]
         root_turn(corners[0, choice // 9], corners[1, choice // 3 % 3], corners[2, choice % 3], R)
         for l in range(3):
             work.s[l, choice] = R[0, l] * s[0] + R[1, l] * s[1] + R[2, l] * s[2]
+            for r in range(len(sigma)):
+                x, y_, z = numbers.normal[r]
+                seen = sigma[r] * (R[0, l] * x + R[1, l] * y_ + R[2, l] * z)
+                work.walls[numbers.module[r], 0, l, choice] += seen
+                work.walls[numbers.module[r], 1, l, choice] += numbers.down[r] * seen
             for k in range(K):
                 work.y[k, l, choice] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
                 work.y[k, 3 + l, choice] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
@@ -101,7 +121,7 @@ def bound(numbers: Numbers, y: Array, corners: Array, frames: Frames, work: Sums
             for choice in range(CHOICES):
                 least = min(work.least[at, choice], work.least[at + 1, choice])
                 into[choice] += min(least, work.least[at + 2, choice])
-    found: float = constant(numbers, y) - rounding(numbers, y, corners) + work.least[0].min()
+    found: float = constant(numbers, y, sigma) - rounding(numbers, y, sigma, corners) + work.least[0].min()
     return found
 
 
@@ -113,7 +133,14 @@ def _fill(numbers: Numbers, frames: Frames, i: int, v: int, work: Sums) -> None:
     Mx, My, Mz = frames.B[v, 0, 2], frames.B[v, 1, 2], frames.B[v, 2, 2]
     for choice in range(CHOICES):
         into[choice] = c[0] * work.s[0, choice] + c[1] * work.s[1, choice] + c[2] * work.s[2, choice]
+    if len(numbers.normal) > 0:
+        for l in range(3):
+            for choice in range(CHOICES):
+                into[choice] += frames.p[v, l] * work.walls[i, 0, l, choice]
+                into[choice] -= R[l, 2] * work.walls[i, 1, l, choice]
     for k in range(len(work.y)):
+        if not work.active[k]:
+            continue
         y, weight = work.y[k], numbers.weight[k]
         steep = 0.5 / weight if weight > 0.5 / STEEP else STEEP
         for q in range(4):
@@ -141,21 +168,32 @@ def lever_force(numbers: Numbers, y: Array) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def constant(numbers: Numbers, y: Array) -> float:
+def constant(numbers: Numbers, y: Array, sigma: Array) -> float:
     """Return what no angle changes: the loads' part, less what the audit lets pass and what p'_E may bring."""
-    total, a, b, c = 0.0, 0.0, 0.0, 0.0
+    total, (a, b, c) = float((sigma * numbers.beyond).sum()), missed(numbers, y, sigma)
     for k in range(len(y)):
         nu, mu = y[k, :3], y[k, 3:]
         for l in range(3):
             total += numbers.f[k, l] * nu[l] + numbers.t[k, l] * mu[l]
         total -= numbers.force_off * _size(nu) + numbers.torque_off[k] * _size(mu)
-        x, y_, z = numbers.g[k]
-        a, b, c = a + y_ * mu[2] - z * mu[1], b + z * mu[0] - x * mu[2], c + x * mu[1] - y_ * mu[0]
     return total - numbers.reach * math.sqrt(a * a + b * b + c * c)
 
 
 @njit(cache=True)
-def rounding(numbers: Numbers, y: Array, corners: Array) -> float:
+def missed(numbers: Numbers, y: Array, sigma: Array) -> tuple[float, float, float]:
+    """Return sum_k g_k x mu_k - sum_r sigma_r n_r, the factor of p'_E."""
+    a, b, c = 0.0, 0.0, 0.0
+    for k in range(len(y)):
+        (x, y_, z), mu = numbers.g[k], y[k, 3:]
+        a, b, c = a + y_ * mu[2] - z * mu[1], b + z * mu[0] - x * mu[2], c + x * mu[1] - y_ * mu[0]
+    for r in range(len(sigma)):
+        x, y_, z = numbers.normal[r]
+        a, b, c = a - sigma[r] * x, b - sigma[r] * y_, c - sigma[r] * z
+    return a, b, c
+
+
+@njit(cache=True)
+def rounding(numbers: Numbers, y: Array, sigma: Array, corners: Array) -> float:
     """Return the allowance for rounding."""
     n, size, gamma = len(numbers.parent), 0.0, 1.0
     for a in range(len(corners)):
@@ -166,6 +204,8 @@ def rounding(numbers: Numbers, y: Array, corners: Array) -> float:
         size += (_size(numbers.f[k]) + 4 * n * (1 + numbers.weight[k])) * nu
         size += (_size(numbers.t[k]) + lever * (n * _size(numbers.h[k]) + 4 * n)) * mu + 4 * n * numbers.weight[k]
         size += numbers.reach * _size(numbers.g[k]) * mu * 1e-3
+    for r in range(len(sigma)):
+        size += sigma[r] * (lever + numbers.down[r] + abs(numbers.beyond[r]) + numbers.reach * 1e-3)
     return ROUNDING * size * gamma
 
 

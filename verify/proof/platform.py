@@ -9,6 +9,7 @@ lambda_max u_max^2.
 | A | angles, n + 2: psi, alpha_0, alpha_1, then the hinge of every module but the root | |
 | f_k | total force of load case k, f_E + f_C | (K, 3) |
 | t_k, h_k, g_k | its torque about the origin of W is t_k + sum_i c_i x h_k + p'_E x g_k | (K, 3) each |
+| n_r | outward normal of the half-space that row r keeps an end of an envelope in | (W, 3) |
 | c_i | moment of module i and half of each of its joints, over their mean mass: p_i without joint mass | (3,) |
 | C | centre of mass of all modules and joints, the mean of the c_i | (3,) |
 | kappa | m_E / (m_t - m_E) | |
@@ -16,11 +17,11 @@ lambda_max u_max^2.
 With p'_E free, p_COM = (C + kappa p'_E) / (1 + kappa), so g_k = f_E + (m_E / m_t) f_C, h_k = f_C / (n (1 + kappa)).
 With p_E fixed from the COM, p_COM = C + kappa p_E and p'_E = C + (1 + kappa) p_E, so g_k = 0 and h_k = f_k / n.
 
-**What a clear audit lets pass** (`topo_search.model.search`): the force is off by e = TOLERANCE m_t g; so
-are, in l_arm, the torques about the COM and about p_E. Torque changes linearly with the point that it is about,
-and C is on the line through both: off by (1 + 2 kappa) e about C, and by |C| e more about the origin. Inputs are
-between
--TOLERANCE and 1 + TOLERANCE, hinges within pi/2 + TOLERANCE, a fixed p_E within TOLERANCE l_arm.
+**What a clear audit lets pass** (`topo_search.model.search`): the force is off by e = TOLERANCE m_t g; so are, in
+l_arm, the torques about the COM and about p_E. Torque changes linearly with the point that it is about, and C is on
+the line through both: off by (1 + 2 kappa) e about C, and by |C| e more about the origin. Inputs are between
+-TOLERANCE and 1 + TOLERANCE (`min_input`, or 0 of a dead rotor), hinges within pi/2 + TOLERANCE, a fixed p_E within
+TOLERANCE l_arm.
 """
 
 from __future__ import annotations
@@ -32,10 +33,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model import ResolvedTask, Topology
+from topo_search.model import Allowed, Exterior, ResolvedTask, Topology
 from topo_search.model.compiled_code import njit
+from topo_search.model.corners import CorneredTask
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
-from topo_search.model.proof import Problem
+from topo_search.model.proof import Problem, proof_task
 from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
 
@@ -68,8 +70,12 @@ class Numbers(NamedTuple):
     g: Array
     weight: Array
     """lambda_k, in the greatest, shape (K,)."""
-    free: Array
-    """Orthonormal columns that span the multipliers with sum_k g_k x mu_k = 0, shape (6 K, d)."""
+    normal: Array
+    module: Indices
+    down: Array
+    """Distance of that end of the envelope from the module's centre, shape (W,)."""
+    beyond: Array
+    """Its radius less how far the half-space reaches from p'_E, shape (W,)."""
     force_off: float
     """Largest error of the force in a clear audit."""
     torque_off: Array
@@ -94,15 +100,21 @@ class Numbers(NamedTuple):
     """Set that hinge angles are to be of, empty if any will do [rad]."""
 
 
-def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Numbers:
+def numbers(
+    task: ResolvedTask, tree: Topology, problem: Problem = "task", corners: tuple[int, ...] = ()
+) -> Numbers:
     """Return the numbers of a task and a tree that hangs from the module that angles are counted from.
 
     Args:
         task: the task.
         tree: hung.
         problem: which designs a proof is about (`topo_search.model.proof`).
+        corners: which of those of `proof_task` are taken in; what is left out only makes bounds lower.
     """
-    n, module, cases = tree.n, task.module, task.load_cases
+    bounded = proof_task(task, problem)
+    if isinstance(bounded, CorneredTask):
+        bounded = bounded.with_corners(corners)
+    n, module, cases = tree.n, task.module, bounded.load_cases
     l_arm, F = module.arm_length, module.thrust_coefficient * task.max_input
     l_c = module.connector_distance / l_arm
     depth = np.zeros(n, np.int64)
@@ -132,6 +144,7 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
     farthest = bodies[:, 0] * 2 * l_c * depth + np.linalg.norm(bodies[:, 1:], axis=1)
     centroid, e = float(farthest.mean()), TOLERANCE * task.total_mass(n) * task.gravity / F
     weight = np.array([case.weight for case in cases])
+    normal, module_of, down, beyond = _walls(task)
     air = module.envelope
     margin, exempt = task.search.margin if problem == "solver" else 0.0, task.search.interference != "separation"
     apart = task.separation
@@ -150,7 +163,10 @@ def numbers(task: ResolvedTask, tree: Topology, problem: Problem = "task") -> Nu
         h=h,
         g=g,
         weight=weight / weight.max(),
-        free=_free(g),
+        normal=normal,
+        module=module_of,
+        down=down,
+        beyond=beyond,
         force_off=e,
         torque_off=e * (1 + 2 * kappa + centroid) + off,
         reach=centroid + (1 + kappa) * (task.farthest_end_effector(n) / l_arm + TOLERANCE),
@@ -265,12 +281,22 @@ def _bodies(task: ResolvedTask, tree: Topology) -> Array:
     return np.asarray(bodies * (tree.n / bodies[:, 0].sum()))
 
 
-def _free(g: Array) -> Array:
-    """Return the multipliers that p'_E drops out of; what rounding leaves of it costs what it is worth."""
-    K = len(g)
-    condition = np.zeros((3, 6 * K))
-    for k, (x, y, z) in enumerate(g):
-        condition[:, 6 * k + 3 : 6 * k + 6] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
-    _, sizes, rows = np.linalg.svd(condition)
-    rank = int(np.sum(sizes > 1e-12 * max(1e-300, sizes.max())))
-    return np.ascontiguousarray(rows[rank:].T)
+def _walls(task: ResolvedTask) -> tuple[Array, Indices, Array, Array]:
+    """Return the rows of half-spaces with a direction of their own; a fixed end-effector has none."""
+    planes = list[tuple[Array, float]]()
+    for region in task.exposure:
+        if not region.geometry or task.end_effector.fixed_position is not None:
+            continue
+        if isinstance(region, Allowed):
+            planes += [(np.array(plane.normal), plane.offset) for plane in region.planes]
+        elif isinstance(region, Exterior) and region.half_angle_deg == 90 and region.axis != "com":
+            planes.append((-np.array(region.axis), 0.0))
+    air, n, l_arm = task.module.region_envelope, task.n, task.module.arm_length
+    ends = (0.0, air.start_radius), (air.length, air.end_radius)
+    rows = [(out, i, down, r - offset) for out, offset in planes for i in range(n) for down, r in ends]
+    return (
+        np.array([out / np.linalg.norm(out) for out, *_ in rows]).reshape(-1, 3),
+        np.array([i for _, i, _, _ in rows], np.int64),
+        np.array([down for _, _, down, _ in rows]) / l_arm,
+        np.array([beyond for *_, beyond in rows]) / l_arm,
+    )

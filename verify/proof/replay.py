@@ -55,12 +55,15 @@ class Workspace(NamedTuple):
     middle: ascent.Middle
     sums: dual.Sums
     y: Array
-    z: Array
     """The multipliers of the box before."""
+    sigma: Array
+    """And those of walls."""
     still: Array
     """No half widths, shape (A,)."""
-    z_start: Array
-    """Those of parallel thrust."""
+    start: Array
+    """The multipliers of parallel thrust."""
+    open_air: Array
+    """No walls, shape (W,)."""
     pair: NDArray[np.int64]
 
 
@@ -118,10 +121,9 @@ def replay(numbers: Numbers, lower: Array, upper: Array, cut: float, record: NDA
 def _workspace(numbers: Numbers) -> Workspace:
     A, K = len(numbers.parent) + 2, len(numbers.f)
     frames, at_middle = arcs.frame_arrays(numbers, 3), arcs.frame_arrays(numbers, 1)
-    y = np.zeros(6 * K)
+    start, open_air = np.zeros((K, 6)), np.zeros(len(numbers.normal))
     for k in range(K):  # n modules, four rotors each, all in parallel with the force: t = 2 lambda u
-        y[6 * k : 6 * k + 3] = 2 * numbers.weight[k] * numbers.f[k] / (4 * len(numbers.parent))
-    start = numbers.free.T @ y
+        start[k, :3] = 2 * numbers.weight[k] * numbers.f[k] / (4 * len(numbers.parent))
     return Workspace(
         np.zeros((A, 3, 2)),
         np.zeros((A, 1, 2)),
@@ -129,10 +131,11 @@ def _workspace(numbers: Numbers) -> Workspace:
         at_middle,
         ascent.workspace(numbers),
         dual.sums(numbers, len(frames.p)),
-        np.zeros((K, 6)),
         start.copy(),
+        open_air.copy(),
         np.zeros(A),
         start,
+        open_air,
         np.zeros(2, np.int64),
     )
 
@@ -168,29 +171,39 @@ def _settle(
             return -1
         return _hinge_between(numbers, rho, work.pair[0], work.pair[1])
     arcs.fill_frames(numbers, work.corners, 3, work.frames)
-    ascent.look(numbers, work.points, work.at_middle, rho, work.middle)
-    if not ascent.value(numbers, work.middle, work.z, work.y, work.still, cut) > ascent.value(
-        numbers, work.middle, work.z_start, work.y, work.still, cut
+    middle, y, sigma = work.middle, work.y, work.sigma
+    ascent.look(numbers, work.points, work.at_middle, rho, middle)
+    ascent.blur(numbers, middle, rho, cut)
+    if not ascent.value(numbers, middle, y, sigma, work.still, cut) > ascent.value(
+        numbers, middle, work.start, work.open_air, work.still, cut
     ):
-        work.z[:] = work.z_start
-    ascent.climb(numbers, work.middle, work.z, work.y, work.still, cut, STEPS)
-    if dual.bound(numbers, work.y, work.corners, work.frames, work.sums) >= cut:
+        y[:], sigma[:] = work.start, work.open_air
+    ascent.climb(numbers, middle, y, sigma, work.still, cut, STEPS)
+    if ascent.leave(numbers, middle, y, sigma):
+        ascent.climb(numbers, middle, y, sigma, work.still, cut, STEPS)
+    if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
         return -1
-    work.middle.curved[:] *= ascent.CURVED
-    ascent.climb(numbers, work.middle, work.z, work.y, rho, cut, STEPS)
-    if dual.bound(numbers, work.y, work.corners, work.frames, work.sums) >= cut:
+    middle.curved[:] *= ascent.CURVED
+    ascent.climb(numbers, middle, y, sigma, rho, cut, STEPS)
+    if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
         return -1
-    work.middle.curved[:] /= ascent.CURVED
-    work.z[:] = work.z_start
+    middle.curved[:] /= ascent.CURVED
+    ascent.blur(numbers, middle, rho, cut)
+    y[:], sigma[:] = work.start, work.open_air
     for _ in range(MANY_STEPS):  # where no balance is possible the best multipliers are too long for any box
-        before = ascent.value(numbers, work.middle, work.z, work.y, work.still, cut)
-        found = ascent.climb(numbers, work.middle, work.z, work.y, work.still, math.inf, 1)
-        if found > cut and dual.bound(numbers, work.y, work.corners, work.frames, work.sums) >= cut:
+        before = ascent.value(numbers, middle, y, sigma, work.still, cut)
+        found = ascent.climb(numbers, middle, y, sigma, work.still, math.inf, 1)
+        if found > cut and dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
             return -1
         if not found > before:
             break
-    work.z[:] = work.z_start
-    return _steepest(numbers, work, rho)
+    if ascent.leave(numbers, middle, y, sigma):
+        ascent.climb(numbers, middle, y, sigma, work.still, cut, STEPS)
+        if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
+            return -1
+    axis = _steepest(numbers, work, rho)
+    y[:], sigma[:] = work.start, work.open_air
+    return axis
 
 
 @njit(cache=True)
@@ -211,8 +224,12 @@ def _steepest(numbers: Numbers, work: Workspace, rho: Array) -> int:
     """Return the angle that changes the bound the most."""
     at, A = work.middle, len(rho)
     slope, curve = np.zeros(A), np.zeros(A)
+    for angle in range(A):
+        slope[angle] = (at.shift[angle] * work.sigma).sum()
     for k in range(len(work.y)):
-        weight = max(numbers.weight[k], ascent.LIGHTEST)
+        if not at.active[k]:
+            continue
+        weight = at.weight[k]
         for j in range(len(at.a)):
             t = (at.a[j] * work.y[k]).sum()
             u = min(max(t / (2 * weight), 0.0), 1.0)

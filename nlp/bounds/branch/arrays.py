@@ -10,6 +10,9 @@ root orientation the tree hangs from its centre, which makes the paths from the 
 | t_k, h_k | its torque about the origin of W is t_k + sum_i p_i x h_k + p'_E x g_k | (K, 3) each |
 | g_k | what p'_E is the lever of; 0 where the task fixes the end-effector from the COM | (K, 3) |
 | lambda_k | weight, in the largest | (K,) |
+| n_r | outward normal of the half-space that row r keeps an end of an envelope in | (W, 3) |
+
+Load cases are followed by the corners of sets of wrenches and of reserves, which weigh nothing.
 """
 
 from __future__ import annotations
@@ -25,10 +28,13 @@ from nlp.numbers.rotors import torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
+from topo_search.model.exposure import half_spaces
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
-from topo_search.model.proof import Problem
+from topo_search.model.proof import Problem, proof_task
+from topo_search.model.shape import NOWHERE
 from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.topology import ROOT, Joint
+from topo_search.model.value import Vector
 
 Indices = NDArray[np.int64]
 
@@ -60,6 +66,8 @@ class Levers(NamedTuple):
 
     rotor: Array
     """Greatest distance of module i's rotors from the axis of angle a, with the lever of drag; shape (n, A)."""
+    centre: Array
+    """Greatest distance of its centre, shape (n, A)."""
     body: Array
     """Greatest distance of its body's moment (`BranchProblem.bodies`); shape (n, A)."""
     between: Array
@@ -78,6 +86,19 @@ class Loads(NamedTuple):
     """Pseudo-inverse of sum_k [g_k]x [g_k]x^T, shape (3, 3)."""
 
 
+class Walls(NamedTuple):
+    """Half-spaces about a free end-effector: row r holds n_r . (e_r - p'_E) + d_r <= 0, e_r of an envelope."""
+
+    normal: Array
+    module: Indices
+    end: Indices
+    """0: at the module, 1: far down its airflow."""
+    beyond: Array
+    """d_r, the radius of the end less the offset of the half-space [l_arm], shape (W,)."""
+    length: float
+    """Distance of the two ends [l_arm]."""
+
+
 class Slack(NamedTuple):
     """Losses of a dual value: to deviations that an audit lets pass, and to rounding."""
 
@@ -85,6 +106,8 @@ class Slack(NamedTuple):
     """Loss per unit of |nu_k|, shape (K,)."""
     torque: Array
     """Loss per unit of |mu_k|, shape (K,)."""
+    wall: float
+    """Loss per unit of a wall's multiplier."""
     tip: float
     """Greatest |p'_E| [l_arm]."""
 
@@ -112,6 +135,7 @@ class BranchProblem(NamedTuple):
     tree: Tree
     levers: Levers
     loads: Loads
+    walls: Walls
     slack: Slack
     separation: Separation
     bodies: Array
@@ -139,8 +163,8 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
     tree, carried = _tree(topology), masses(module, task.end_effector, topology)
     bodies = np.column_stack([carried.modules, carried.modules[:, None] * carried.centres]) * n / carried.bodies
     levers = _levers(tree, l_c, drag, bodies)
-    loads = _loads(task, carried, unit)
-    U = task.max_thrust_to_weight
+    cornered = proof_task(task, problem)
+    loads, walls, U = _loads(cornered, carried, unit), _walls(task, unit), task.max_thrust_to_weight
     air, kind = module.envelope, task.search.interference
     margin, body = 0.0, task.body_clearance
     if problem == "solver":
@@ -152,7 +176,8 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
         tree,
         levers,
         loads,
-        _slack(task, tree, levers, loads, carried, U),
+        walls,
+        _slack(cornered, tree, levers, loads, walls, carried, U),
         Separation(
             airflow=kind == "airflow",
             length=length,
@@ -260,7 +285,7 @@ def _levers(tree: Tree, l_c: float, drag: float, bodies: Array) -> Levers:
     before = np.concatenate([np.zeros(3), l_c * (2 * tree.depth[1:] - 1)])
     centre = np.abs(2 * l_c * tree.depth[:, None] - before)
     body = bodies[:, :1] * centre + np.linalg.norm(bodies[:, 1:], axis=1)[:, None]
-    return Levers(centre + 1 + drag, body, np.abs(before[:, None] - before[None, :])[: n + 2])
+    return Levers(centre + 1 + drag, centre, body, np.abs(before[:, None] - before[None, :])[: n + 2])
 
 
 def _loads(task: ResolvedTask, carried: Masses, unit: Units) -> Loads:
@@ -280,7 +305,26 @@ def _loads(task: ResolvedTask, carried: Masses, unit: Units) -> Loads:
     return Loads(f_E + f_C, t, h, g, weight / weight.max(), np.linalg.pinv(crosses, rcond=1e-9, hermitian=True))
 
 
-def _slack(task: ResolvedTask, tree: Tree, levers: Levers, loads: Loads, carried: Masses, U: float) -> Slack:
+def _walls(task: ResolvedTask, unit: Units) -> Walls:
+    """Return the half-spaces of the exposure, but of a fixed end-effector, which follows the centre of mass."""
+    air, rows = task.module.region_envelope, list[tuple[Vector, int, int, float]]()
+    for _, axis, apex in half_spaces(task.exposure) if task.end_effector.fixed_position is None else ():
+        x, y, z = axis or NOWHERE
+        offset = -float(np.dot((x, y, z), apex))
+        for end, radius in enumerate((air.start_radius, air.end_radius)):
+            rows += [((-x, -y, -z), i, end, (radius - offset) / unit.length) for i in range(task.n)]
+    return Walls(
+        np.array([row[0] for row in rows]).reshape(-1, 3),
+        np.array([row[1] for row in rows], np.int64),
+        np.array([row[2] for row in rows], np.int64),
+        np.array([row[3] for row in rows]),
+        air.length / unit.length,
+    )
+
+
+def _slack(
+    task: ResolvedTask, tree: Tree, levers: Levers, loads: Loads, walls: Walls, carried: Masses, U: float
+) -> Slack:
     """Return what deviations within an audit's tolerance and rounding take from a dual value.
 
     With e = TOLERANCE m_t g a force may be off by e, a torque about the COM and about the end-effector by l_arm e
@@ -299,4 +343,5 @@ def _slack(task: ResolvedTask, tree: Tree, levers: Levers, loads: Loads, carried
     torque = e * (2 * carried.lever - 1 + B) + n * d * lever + off * np.array(both) / Units.of(task).force
     torque = torque + ROUNDING * (t + n * lever * (levered + U))
     tip = B + carried.lever * (task.farthest_end_effector(n) / unit + TOLERANCE)
-    return Slack(force, torque, tip)
+    wall = ROUNDING * (float(levers.centre.max()) + walls.length + float(np.abs(walls.beyond).max(initial=0.0)))
+    return Slack(force, torque, wall, tip)

@@ -4,12 +4,15 @@ r"""A lower bound on the effort of every design whose angles lie in a box.
 
 .. math::
 
-    J \ge \sum_k y_k \cdot b_k(\theta) - \sum_{j,k} \psi_k(a_j(\theta) \cdot y_k) =: D(\theta; y), \qquad
+    J \ge \sum_k y_k \cdot b_k(\theta) - \sum_{j,k} \psi_k(a_j(\theta) \cdot y_k)
+    + \sum_r \sigma_r (n_r \cdot e_r(\theta) + d_r) =: D(\theta; y, \sigma), \qquad
     \psi_k(t) = \max_{0 \le u \le U} t u - \lambda_k u^2
 
-The balance of load case k has p'_E x g_k in its torque; it cancels in the sum where sum_k g_k x mu_k = 0, so
-that no box for p'_E is needed. b_k . y_k is const + sum_i B_i . s with s = sum_k h_k x mu_k and B_i the moment of
-module i and its joints, p_i where joints weigh nothing.
+with sigma_r >= 0 of the rows of walls, n_r . (e_r - p'_E) + d_r <= 0, e_r an end of an envelope. The balance of
+load case k has p'_E x g_k in its torque; p'_E cancels in the sum where sum_k g_k x mu_k = sum_r sigma_r n_r, so
+that no box for it is needed. b_k . y_k is const + sum_i B_i . s with s = sum_k h_k x mu_k and B_i the moment of
+module i and its joints, p_i where joints weigh nothing. A corner of a reserve is a load case with lambda_k = 0,
+whose psi is U max(t, 0); one with y_k = 0 adds nothing.
 
 **Interpolation.** In every single angle a, the others held, t = a_j . y_k is A + alpha cos x + beta sin x, x
 from the middle of the box and |x| <= rho. It exceeds the line through its values at x = -rho and rho by
@@ -20,7 +23,9 @@ after the other, for interpolation averages: in the whole box t is at most its m
 E = sum_a (max(0, alpha_a) (1 - cos rho_a) + |beta_a| rho_a^3 / (9 sqrt 3)), with the largest alpha_a, beta_a
 over the other angles. As psi is convex and nondecreasing, psi(t) is at most the interpolant of psi(t(v) + E), so
 
-    D >= const + min over vertices v of sum_i (B_i(v) . s - E_i - sum_jk psi_k(t_jk(v) + E_jk)).
+    D >= const + min over vertices v of sum_i (B_i(v) . s + w_i(v) - E_i - sum_jk psi_k(t_jk(v) + E_jk))
+
+with w_i = sum_r sigma_r n_r . e_r over the two ends of module i, as harmonic as B_i . s.
 
 **Minimum.** What module i adds depends on the root's angles and the hinges on its path alone. So for each of the 8
 vertices of the root the minimum over hinges is taken from the leaves of the tree inwards, not over all 2^A
@@ -35,11 +40,11 @@ the tree stretched out, and |nu'| is that at the middle plus |mu| times how far 
 **Rounding.** Frames are products of at most A + 1 rotations, each of whose entries is off by 4 eps at most (eps =
 2^-53: one rounding of each sine, product and sum), so an entry of a frame by under 8 (A + 1) eps, a position by
 that times the path's length, and t by under 100 (A + 1) eps (|nu| + |mu| L), L the longest lever. psi' <= U, and
-sums of 4 n K + n + 6 K terms are off by that many eps of the sum of their sizes, none of which is above
-U (|nu| + |mu| L) or the sizes of b . y. For A <= 20 and n K <= 1000 that is under 1e-12 of these in all; `Slack`
-takes ROUNDING = 1e-11 of them, beside the audit's tolerance, which is 1e-6 of the same and alone a hundred
+sums of 4 n K + 5 n + 6 K terms are off by that many eps of the sum of their sizes, none of which is above U (|nu| +
+|mu| L), sigma L or the sizes of b . y. For A <= 20 and n K <= 10,000 that is under 6e-12 of these in all; `Slack`
+takes ROUNDING = 1e-11 of them, beside the audit's tolerance, which is 1e-6 of those of y and alone a hundred
 thousand times as large. Ends of boxes are floats, and adjacent boxes share them, so boxes leave no gap. What the
-condition on mu misses costs |sum_k g_k x mu_k| |p'_E|, and |p'_E| is bounded by what an audit lets pass.
+condition on mu and sigma misses costs as much times |p'_E|, which is bounded by what an audit lets pass.
 """
 
 from __future__ import annotations
@@ -48,6 +53,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Axes, Frames, moment
@@ -57,8 +63,8 @@ from topo_search.model.compiled_code import njit
 
 CUBIC = 1 / (9 * math.sqrt(3))
 """Largest coefficient of rho^3, see the module's docstring."""
-MISSED = 1e-14
-"""Rounding error of the condition on mu, as a share of |g_k| |mu_k|."""
+MISSED = 1e-13
+"""Rounding error of the condition on mu and sigma, as a share of |g_k| |mu_k| and sigma_r."""
 
 
 class Sums(NamedTuple):
@@ -68,6 +74,10 @@ class Sums(NamedTuple):
     """Remainders of one module's rotors, shape (K, 4)."""
     y: Array
     """Multipliers in the root's frame, shape (K, 6)."""
+    active: NDArray[np.bool_]
+    """Whether a load case adds anything, shape (K,)."""
+    walls: Array
+    """sum_r sigma_r n_r of both ends of every module, in the root's frame, shape (n, 2, 3)."""
     least: Array
     """Least sums over the modules beyond, for every frame: (frames,)."""
     slope: Array
@@ -85,7 +95,15 @@ def sums(stated: BranchProblem) -> Sums:
     """Return arrays for one box at a time."""
     K, A, count = len(stated.loads.f), len(stated.levers.between), stated.tree.first[-1]
     return Sums(
-        np.zeros((K, 4)), np.zeros((K, 6)), np.zeros(count), np.zeros(A), np.zeros(A), np.zeros(A), np.zeros(A)
+        np.zeros((K, 4)),
+        np.zeros((K, 6)),
+        np.zeros(K, np.bool_),
+        np.zeros((len(stated.tree.parent), 2, 3)),
+        np.zeros(count),
+        np.zeros(A),
+        np.zeros(A),
+        np.zeros(A),
+        np.zeros(A),
     )
 
 
@@ -93,6 +111,7 @@ def sums(stated: BranchProblem) -> Sums:
 def bound(
     stated: BranchProblem,
     y: Array,
+    sigma: Array,
     roots: Array,
     middle: Frames,
     axes: Axes,
@@ -106,6 +125,7 @@ def bound(
     Args:
         stated: the task and the tree.
         y: multipliers in W.
+        sigma: those of the rows of walls, shape (W,).
         roots: root orientations at the middle and at the 8 vertices, shape (9, 3, 3).
         middle: frames at the middle of the box.
         axes: the angles' axes there.
@@ -114,29 +134,44 @@ def bound(
         work: arrays; its `slope` and `spread` say what a split of each angle might gain.
         cut: once a vertex is under it, no other is looked at.
     """
-    n, tree = len(stated.tree.parent), stated.tree
-    constant = _constant(stated, y)
+    n, tree, L = len(stated.tree.parent), stated.tree, stated.walls.length
+    constant = _constant(stated, y, sigma)
     work.slope[:] = 0.0
     work.spread[:] = 0.0
     _drifts(stated, rho, work.drift)
     remainders, least_of = np.zeros((n, len(y), 4)), np.zeros(n)
-    _turn(roots[0], y, work.y)
+    for k in range(len(y)):
+        work.active[k] = stated.loads.weight[k] > 0.0 or np.any(y[k] != 0.0)
+    _turn(roots[0], y, work)
+    _turn_walls(stated, roots[0], sigma, work.walls)
     sx, sy, sz = _lever_force(stated, y)
     s = _into(roots[0], sx, sy, sz)
     for i in range(n):
         _remainders(stated, i, work, middle, axes, rho)
         remainders[i] = work.E
-        least_of[i] = _body_remainder(stated, i, s, middle, axes, rho, work)
+        m, lever = moment(middle, i, stated.bodies[i]), stated.levers.body[i]
+        least_of[i] = _remainder_of(stated, i, stated.bodies[i, 0], m, lever, s, axes, rho, work)
+        for end in range(2 if len(sigma) > 0 else 0):
+            x, y_, z = work.walls[i, end]
+            if x * x + y_ * y_ + z * z > 0.0:
+                e, lever = middle.p[i] - end * L * middle.z[i], stated.levers.centre[i] + end * L
+                at = (e[0], e[1], e[2])
+                least_of[i] += _remainder_of(stated, i, 1.0, at, lever, (x, y_, z), axes, rho, work)
     result = math.inf
     for vertex in range(8):
         R = roots[1 + vertex]
-        _turn(R, y, work.y)
+        _turn(R, y, work)
+        _turn_walls(stated, R, sigma, work.walls)
         s = _into(R, sx, sy, sz)
         for i in range(n - 1, -1, -1):
+            near, far = work.walls[i]
             for v in range(tree.first[i], tree.first[i + 1]):
                 mx, my, mz = moment(vertices, v, stated.bodies[i])
                 added = mx * s[0] + my * s[1] + mz * s[2] - least_of[i]
-                work.least[v] = added - _psi(stated, work.y, vertices, v, remainders[i])
+                if len(sigma) > 0:
+                    for l in range(3):
+                        added += vertices.p[v, l] * near[l] + (vertices.p[v, l] - L * vertices.z[v, l]) * far[l]
+                work.least[v] = added - _psi(stated, work, vertices, v, remainders[i])
         for i in range(n - 1, 0, -1):
             h = tree.parent[i]
             for v in range(tree.first[h + 1] - tree.first[h]):
@@ -149,9 +184,14 @@ def bound(
 
 
 @njit(cache=True)
-def _constant(stated: BranchProblem, y: Array) -> float:
+def _constant(stated: BranchProblem, y: Array, sigma: Array) -> float:
     """Return what of D no angle changes, less what the audit lets pass and rounding take."""
     total, loads, slack = 0.0, stated.loads, stated.slack
+    a, b, c = residual(stated, y)
+    for r in range(len(sigma)):
+        x, y_, z = stated.walls.normal[r]
+        a, b, c = a - sigma[r] * x, b - sigma[r] * y_, c - sigma[r] * z
+        total += sigma[r] * (stated.walls.beyond[r] - slack.wall - slack.tip * MISSED)
     for k in range(len(y)):
         nu2, mu2 = 0.0, 0.0
         for l in range(3):
@@ -161,17 +201,30 @@ def _constant(stated: BranchProblem, y: Array) -> float:
         nu, mu = math.sqrt(nu2), math.sqrt(mu2)
         g = math.sqrt(loads.g[k, 0] ** 2 + loads.g[k, 1] ** 2 + loads.g[k, 2] ** 2)
         total -= slack.force[k] * nu + slack.torque[k] * mu + slack.tip * MISSED * g * mu
-    a, b, c = residual(stated, y)
     return total - slack.tip * math.sqrt(a * a + b * b + c * c)
 
 
 @njit(cache=True)
-def _turn(R: Array, y: Array, into: Array) -> None:
+def _turn(R: Array, y: Array, work: Sums) -> None:
     """Fill multipliers seen in a root's frame, R^T nu and R^T mu."""
     for k in range(len(y)):
-        for l in range(3):
-            into[k, l] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
-            into[k, 3 + l] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
+        if work.active[k]:
+            for l in range(3):
+                work.y[k, l] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
+                work.y[k, 3 + l] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
+
+
+@njit(cache=True)
+def _turn_walls(stated: BranchProblem, R: Array, sigma: Array, into: Array) -> None:
+    """Fill the sums of sigma_r n_r seen in a root's frame."""
+    walls = stated.walls
+    into[:] = 0.0
+    for r in range(len(sigma)):
+        if sigma[r] > 0.0:
+            x, y, z = sigma[r] * walls.normal[r]
+            sums = into[walls.module[r], walls.end[r]]
+            for l in range(3):
+                sums[l] += R[0, l] * x + R[1, l] * y + R[2, l] * z
 
 
 @njit(cache=True)
@@ -196,14 +249,16 @@ def _lever_force(stated: BranchProblem, y: Array) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def _psi(stated: BranchProblem, y: Array, at: Frames, v: int, E: Array) -> float:
+def _psi(stated: BranchProblem, work: Sums, at: Frames, v: int, E: Array) -> float:
     """Return the sum of psi_k(t + E) over the rotors of one module, frame v."""
     xx, xy, xz = at.x[v]
     yx, yy, yz = at.y[v]
     zx, zy, zz = at.z[v]
     px, py, pz = at.p[v]
-    total, U = 0.0, stated.u_max
+    total, y, U = 0.0, work.y, stated.u_max
     for k in range(len(y)):
+        if not work.active[k]:
+            continue
         mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
         nx, ny, nz = y[k, 0] + my * pz - mz * py, y[k, 1] + mz * px - mx * pz, y[k, 2] + mx * py - my * px
         force = nx * zx + ny * zy + nz * zz
@@ -247,6 +302,8 @@ def _remainders(stated: BranchProblem, i: int, work: Sums, middle: Frames, axes:
     px, py, pz = middle.p[i]
     t, slopes, parts = np.zeros(4), np.zeros((count, 4)), np.zeros((count, 4))
     for k in range(len(work.y)):
+        if not work.active[k]:
+            continue
         nx, ny, nz = work.y[k, 0], work.y[k, 1], work.y[k, 2]
         mx, my, mz = work.y[k, 3], work.y[k, 4], work.y[k, 5]
         mu = math.sqrt(mx * mx + my * my + mz * mz)
@@ -306,12 +363,22 @@ def _remainders(stated: BranchProblem, i: int, work: Sums, middle: Frames, axes:
 
 
 @njit(cache=True)
-def _body_remainder(
-    stated: BranchProblem, i: int, s: tuple[float, float, float], middle: Frames, axes: Axes, rho: Array, work: Sums
+def _remainder_of(
+    stated: BranchProblem,
+    i: int,
+    w: float,
+    m: tuple[float, float, float],
+    lever: Array,
+    s: tuple[float, float, float],
+    axes: Axes,
+    rho: Array,
+    work: Sums,
 ) -> float:
-    """Return by how much B_i . s is below its interpolant at most: as the rotors' remainders, for -s."""
-    path, count, lever = stated.tree.path[i], stated.tree.depth[i] + 3, stated.levers.body[i]
-    w, (mx, my, mz) = stated.bodies[i, 0], moment(middle, i, stated.bodies[i])
+    """Return by how much m . s is below its interpolant at most: as the rotors' remainders, for -s.
+
+    m is the moment of a mass w that moves with module i, at the middle, `lever` its greatest about every axis.
+    """
+    path, count, (mx, my, mz) = stated.tree.path[i], stated.tree.depth[i] + 3, m
     size, total = math.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2), 0.0
     for at in range(count):
         a = path[at]

@@ -71,7 +71,8 @@ def prove_chunk(
     elif found.how == MANY:
         outcome = "many"
     stuck = () if outcome == "closed" else (tuple(found.lower.tolist()), tuple(found.upper.tolist()))
-    return Chunk.of(number, outcome, np.asarray(found.record).tobytes(), stuck)
+    corners = tuple(np.flatnonzero(found.used[len(task.load_cases) :]).tolist())
+    return Chunk.of(number, outcome, np.asarray(found.record).tobytes(), stuck, corners)
 
 
 def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.bounds.branch import box, frames, multipliers, slopes
+from nlp.bounds.branch import box, frames, interior, multipliers, slopes
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from topo_search.model.arrays import Array
@@ -68,6 +68,8 @@ class Found(NamedTuple):
     lower: Array
     """The box that is not excluded, if it was for that."""
     upper: Array
+    used: NDArray[np.bool_]
+    """Load cases and corners that any box was excluded with, shape (K,)."""
 
 
 @njit(cache=True)
@@ -81,10 +83,10 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
         cut: in effort units.
         most_boxes: after which it is given up.
     """
-    n, K, A = len(stated.tree.parent), len(stated.loads.f), len(lower)
+    n, K, A, W = len(stated.tree.parent), len(stated.loads.f), len(lower), len(stated.walls.normal)
     depth = 64 * A
     lo, hi = np.empty((depth, A)), np.empty((depth, A))
-    guesses, bounded = np.zeros((depth, K, 6)), np.zeros(depth, np.bool_)
+    guesses, pressed, bounded = np.zeros((depth, K, 6)), np.zeros((depth, W)), np.zeros(depth, np.bool_)
     moved = np.ones(depth, np.bool_)
     lo[0], hi[0] = lower, upper
     first = np.zeros((K, 6))
@@ -96,11 +98,12 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
     axes = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3)))
     at_box = BoxFrames(np.zeros((9, 3, 3)), middle, axes, vertices)
     work, flat, sums = multipliers.workspace(stated), slopes.blank(n, A), box.sums(stated)
-    gain, whole_rho = np.zeros(A), (upper[0] - lower[0]) / 2
-    record, boxes, left, y = np.empty(1024, np.uint8), 0, 1, np.zeros((K, 6))
+    inner = interior.blank(stated)
+    gain, whole_rho, used = np.zeros(A), (upper[0] - lower[0]) / 2, np.zeros(K, np.bool_)
+    record, boxes, left, y, sigma = np.empty(1024, np.uint8), 0, 1, np.zeros((K, 6)), np.zeros(W)
     while left > 0:
         if boxes == most_boxes:
-            return Found(MANY, record[:boxes], lo[left - 1].copy(), hi[left - 1].copy())
+            return Found(MANY, record[:boxes], lo[left - 1].copy(), hi[left - 1].copy(), used)
         if boxes == len(record):
             longer = np.empty(2 * boxes, np.uint8)
             longer[:boxes] = record
@@ -120,18 +123,20 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
                 axis = max(axis, _hinge_between(rho, gain))
         bound_due = axis < 0
         if bound_due:
-            y[:] = guesses[left]
+            y[:], sigma[:] = guesses[left], pressed[left]
             _roots(lo[left], hi[left], at, at_box.roots)
-            if _is_excluded(stated, at_box, rho, cut, first, bounded[left], y, work, flat, sums):
+            if _is_excluded(stated, at_box, rho, cut, first, bounded[left], y, sigma, work, flat, inner, sums):
                 record[boxes - 1] = DUAL
+                for k in range(K):
+                    used[k] |= np.any(y[k] != 0.0)
                 continue
             if 2 * rho.max() < LEAST_WIDTH:
-                return Found(OPEN, record[:boxes], lo[left].copy(), hi[left].copy())
+                return Found(OPEN, record[:boxes], lo[left].copy(), hi[left].copy(), used)
             axis = _worst(rho, sums.slope, sums.spread)
         record[boxes - 1] = SPLIT + axis
         lo[left + 1], hi[left + 1] = lo[left], hi[left]
-        guesses[left] = y
-        guesses[left + 1] = y
+        for half in range(left, left + 2):
+            guesses[half], pressed[half] = y, sigma
         bounded[left] = bounded[left + 1] = bound_due
         moved[left] = moved[left + 1] = axis >= 3
         end, begin = at[axis], at[axis]
@@ -140,7 +145,7 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
         lo[left, axis] = begin  # the upper half waits
         hi[left + 1, axis] = end
         left += 2
-    return Found(CLOSED, record[:boxes], lower, upper)
+    return Found(CLOSED, record[:boxes], lower, upper, used)
 
 
 @njit(cache=True)
@@ -168,32 +173,39 @@ def _is_excluded(
     first: Array,
     inherited: bool,
     y: Array,
+    sigma: Array,
     work: multipliers.Workspace,
     flat: slopes.Slopes,
+    inner: interior.Interior,
     sums: box.Sums,
 ) -> bool:
-    """Return whether multipliers are found that exclude a box; y, its parent's if inherited, becomes the last."""
+    """Return whether multipliers exclude a box; y and sigma, its parent's if inherited, become those tried last."""
     roots, middle, axes, vertices = at_box
-    if inherited and box.bound(stated, y, roots, middle, axes, vertices, rho, sums, cut) >= cut:
+    if inherited and box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
         return True
     multipliers.wrenches(stated, roots[0], middle, work)
+    if len(sigma) > 0 or stated.loads.weight.min() == 0.0:
+        wall_ridge = interior.look(stated, roots[0], middle, rho, cut, inner)
+        interior.search_from_start(stated, work, inner, wall_ridge, first, ENOUGH * cut)
+        y[:], sigma[:] = inner.y, inner.sigma
+        return bool(box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut)
     ridge = RIDGE * len(middle.p) / 24 * max((rho**2).sum(), LEAST_SQUARE)
     work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
     if multipliers.value(stated, work, first) > multipliers.value(stated, work, y):
         y[:] = first
     multipliers.improve(stated, work, y, STEPS, ENOUGH * cut)
-    if box.bound(stated, y, roots, middle, axes, vertices, rho, sums, cut) >= cut:
+    if box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
         return True
     slopes.fill(stated, roots[0], middle, axes, work, flat)
     slopes.flatten(stated, work, flat, rho, y, FLATTENED, ENOUGH * cut)
-    if box.bound(stated, y, roots, middle, axes, vertices, rho, sums, cut) >= cut:
+    if box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
         return True
     if 2 * rho.max() >= NARROW:
         return False
     work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
     y[:] = first
     multipliers.improve(stated, work, y, MANY_STEPS, ENOUGH * cut)
-    return bool(box.bound(stated, y, roots, middle, axes, vertices, rho, sums, cut) >= cut)
+    return bool(box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut)
 
 
 @njit(cache=True)
