@@ -99,7 +99,7 @@ def solve(
 def read_design(path: str | Path) -> Design:
     """Return the design in a file, with its lower bound and gap computed anew.
 
-    A file without inputs gets those of least effort.
+    A file without inputs gets the best that the audit finds.
 
     Raises:
         BadInput: the file cannot be read, or is no design.
@@ -115,7 +115,7 @@ def read_design(path: str | Path) -> Design:
 
 
 def read_completed(path: str | Path) -> Design:
-    """Return the design in a file; one without inputs gets those of least effort. Raises as `read_design`."""
+    """Return the design in a file; one without inputs gets the best found. Raises as `read_design`."""
     return verify.complete(to_geometry(load_json(path, most_bytes=DESIGN_BYTES), str(path)))
 
 
@@ -201,7 +201,7 @@ def brackets_note(design: Design) -> str:
 def audit(design: Geometry, *, constraints: Iterable[OwnConstraint] = ()) -> Audit:
     """Return the exact audit of a design, made in the calling process; with constraints of your own in a worker.
 
-    A geometry without inputs is judged with those of least effort.
+    A geometry without inputs is judged with the best inputs found.
 
     Args:
         design: the design, or a geometry.

@@ -319,7 +319,7 @@ class Audit(Value):
     version: Literal[1] = 1
     verdict: Status
     inputs_computed: Annotated[Flag, OMIT_EMPTY] = False
-    """True if the design came without inputs, and those of least effort are judged."""
+    """True if the design came without inputs, and the best that the audit finds are judged."""
     pairs: tuple[Clearance, ...]
     residuals: tuple[Residual, ...]
     interference: Interference | None = None

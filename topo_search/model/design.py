@@ -238,7 +238,7 @@ class Design(Geometry):
     rotor_speeds_squared: tuple[tuple[Number, ...], ...]
     """u_k: 4 n values per load case, module-major [rad^2/s^2]."""
     inputs_computed: Annotated[Flag, OMIT_EMPTY] = False
-    """True if the audit computed the inputs of least effort for a geometry that came without."""
+    """True if the audit found the inputs, for a geometry that came without."""
     objective: Number
     """J = sum_k lambda_k ||u_k||^2 [rad^4/s^4]."""
     lower_bound: Number | None = None
