@@ -69,7 +69,7 @@ class SpeedPoint(NamedTuple):
     radius: float = 0.0
     """Radius of the ball [l_arm]."""
     direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
-    """Of the point from there, along the shortest way to the module's axis, across both, and along the axis."""
+    """Direction of the point from there: along the shortest way to the module's axis, across both, along it."""
 
 
 @dataclass(frozen=True)

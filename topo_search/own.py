@@ -139,11 +139,11 @@ class ByValue:
 
     def __call__(self, platform: SymbolicPlatform, /) -> Expression:
         """Return what it returns."""
-        return _loaded(self.content)(platform)
+        return _expression(self.content)(platform)
 
 
 @cache
-def _loaded(content: bytes) -> ConstraintExpression:
+def _expression(content: bytes) -> ConstraintExpression:
     expression: ConstraintExpression = pickle.loads(content)
     return expression
 

@@ -89,7 +89,7 @@ class Rows(NamedTuple):
     data: Array
     """See `Kernel.data`; shape (m, WIDTH)."""
     least: Array
-    """Of clearances and air speeds."""
+    """Smallest allowed value of every row, shape (m,)."""
     rods: int
     """Number of rods with rows; only those of one count: the shortest that lacks nothing, else what lacks least."""
 

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from topo_search.model.compiled_code import njit
 from verify.bodies import Array
 from verify.proof.arcs import Frames, root_turn
-from verify.proof.dual import missed
+from verify.proof.dual import residual
 from verify.proof.platform import Numbers
 
 LIGHTEST = 1e-2
@@ -88,9 +88,9 @@ class Middle(NamedTuple):
     R: Array
     """The root's orientation, shape (3, 3)."""
     step: Array
-    """Of y, shape (K, 6)."""
+    """Step of y, shape (K, 6)."""
     wall_step: Array
-    """Of sigma, shape (W,)."""
+    """Step of sigma, shape (W,)."""
     solved: Array
     """A case's Hessian's inverse times its gradient and the tied rows, shape (K, 6, 4 + A)."""
     rows: Array
@@ -98,7 +98,7 @@ class Middle(NamedTuple):
     wall_rows: Array
     """Likewise with sigma, shape (3 + A, W)."""
     ridge: Array
-    """Of sigma's square, shape (1,)."""
+    """Ridge of sigma's square, shape (1,)."""
 
 
 @njit(cache=True)
@@ -278,12 +278,12 @@ def _fill_project(numbers: Numbers, at: Middle) -> None:
 def balance(numbers: Numbers, at: Middle, y: Array, sigma: Array) -> None:
     """Change multipliers of torque so that p'_E drops out; if they cannot, without walls."""
     for _ in range(2):
-        x, y_, z = missed(numbers, y, sigma)
+        x, y_, z = residual(numbers, y, sigma)
         q = at.project @ np.array([x, y_, z])
         for k in range(len(y)):
             if at.active[k]:
                 y[k, 3:] -= np.cross(q, numbers.g[k])
-        x, y_, z = missed(numbers, y, sigma)
+        x, y_, z = residual(numbers, y, sigma)
         if math.sqrt(x * x + y_ * y_ + z * z) <= UNMET * sigma.sum():
             break
         sigma[:] = 0.0
@@ -397,7 +397,7 @@ def _newton(numbers: Numbers, at: Middle, y: Array, sigma: Array, rho: Array, cu
         tied += len(rho)
         at.rows[3:], at.wall_rows[3:] = at.steep, at.shift
     S, q = np.zeros((tied, tied)), np.zeros(tied)
-    q[0], q[1], q[2] = missed(numbers, y, sigma)
+    q[0], q[1], q[2] = residual(numbers, y, sigma)
     for a in range(tied - 3):
         S[3 + a, 3 + a] = math.hypot(at.slope[a], FLAT * cut) / max(rho[a], 1e-12)
         q[3 + a] = at.slope[a]

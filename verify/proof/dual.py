@@ -170,7 +170,7 @@ def lever_force(numbers: Numbers, y: Array) -> tuple[float, float, float]:
 @njit(cache=True)
 def constant(numbers: Numbers, y: Array, sigma: Array) -> float:
     """Return what no angle changes: the loads' part, less what the audit lets pass and what p'_E may bring."""
-    total, (a, b, c) = float((sigma * numbers.beyond).sum()), missed(numbers, y, sigma)
+    total, (a, b, c) = float((sigma * numbers.beyond).sum()), residual(numbers, y, sigma)
     for k in range(len(y)):
         nu, mu = y[k, :3], y[k, 3:]
         for l in range(3):
@@ -180,7 +180,7 @@ def constant(numbers: Numbers, y: Array, sigma: Array) -> float:
 
 
 @njit(cache=True)
-def missed(numbers: Numbers, y: Array, sigma: Array) -> tuple[float, float, float]:
+def residual(numbers: Numbers, y: Array, sigma: Array) -> tuple[float, float, float]:
     """Return sum_k g_k x mu_k - sum_r sigma_r n_r, the factor of p'_E."""
     a, b, c = 0.0, 0.0, 0.0
     for k in range(len(y)):
