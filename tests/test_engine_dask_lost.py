@@ -165,6 +165,7 @@ def test_whatever_a_worker_loads_to_solve_and_audit_must_be_the_same():
         "annotated-types",
         "lxml",  # trimesh loads it and the next one where they are installed
         "pillow",
+        "cloudpickle",
         "charset-normalizer",  # numpy.f2py reads Fortran with it where it is installed
         "pydantic_core",
         "setuptools",  # its hook for distutils, loaded as Python starts

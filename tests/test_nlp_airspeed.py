@@ -119,7 +119,7 @@ def test_designs_keep_the_air_over_a_region_slow(geometry: bool) -> None:
     efforts = []
     for speed in (20.0, 4.0):
         task = push(4, load_cases=[HOVER], exposure=[{**region, "speed": speed}], **below)
-        design = solve(task, Topology.from_key("a5020"), starts=range(2), seed=0)
+        design = solve(task, Topology.from_key("a5020"), starts=range(4), seed=0)
         assert isinstance(design, Design)
         found = audit(design)
         assert found.verdict == Status.CLEAR
