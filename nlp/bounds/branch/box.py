@@ -142,8 +142,9 @@ def bound(
     remainders, least_of = np.zeros((n, len(y), 4)), np.zeros(n)
     for k in range(len(y)):
         work.active[k] = stated.loads.weight[k] > 0.0 or np.any(y[k] != 0.0)
-    _turn(roots[0], y, work)
-    _turn_walls(stated, roots[0], sigma, work.walls)
+    _turn(roots[0], y, work.active, work.y)
+    if len(sigma) > 0:
+        _turn_walls(stated, roots[0], sigma, work.walls)
     sx, sy, sz = _lever_force(stated, y)
     s = _into(roots[0], sx, sy, sz)
     for i in range(n):
@@ -160,18 +161,19 @@ def bound(
     result = math.inf
     for vertex in range(8):
         R = roots[1 + vertex]
-        _turn(R, y, work)
-        _turn_walls(stated, R, sigma, work.walls)
+        _turn(R, y, work.active, work.y)
+        if len(sigma) > 0:
+            _turn_walls(stated, R, sigma, work.walls)
         s = _into(R, sx, sy, sz)
         for i in range(n - 1, -1, -1):
-            near, far = work.walls[i]
+            near, far = work.walls[i, 0], work.walls[i, 1]
             for v in range(tree.first[i], tree.first[i + 1]):
                 mx, my, mz = moment(vertices, v, stated.bodies[i])
                 added = mx * s[0] + my * s[1] + mz * s[2] - least_of[i]
                 if len(sigma) > 0:
                     for l in range(3):
                         added += vertices.p[v, l] * near[l] + (vertices.p[v, l] - L * vertices.z[v, l]) * far[l]
-                work.least[v] = added - _psi(stated, work, vertices, v, remainders[i])
+                work.least[v] = added - _psi(stated, work.y, work.active, vertices, v, remainders[i])
         for i in range(n - 1, 0, -1):
             h = tree.parent[i]
             for v in range(tree.first[h + 1] - tree.first[h]):
@@ -205,13 +207,13 @@ def _constant(stated: BranchProblem, y: Array, sigma: Array) -> float:
 
 
 @njit(cache=True)
-def _turn(R: Array, y: Array, work: Sums) -> None:
+def _turn(R: Array, y: Array, active: NDArray[np.bool_], into: Array) -> None:
     """Fill multipliers seen in a root's frame, R^T nu and R^T mu."""
     for k in range(len(y)):
-        if work.active[k]:
+        if active[k]:
             for l in range(3):
-                work.y[k, l] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
-                work.y[k, 3 + l] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
+                into[k, l] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
+                into[k, 3 + l] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
 
 
 @njit(cache=True)
@@ -249,15 +251,15 @@ def _lever_force(stated: BranchProblem, y: Array) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def _psi(stated: BranchProblem, work: Sums, at: Frames, v: int, E: Array) -> float:
+def _psi(stated: BranchProblem, y: Array, active: NDArray[np.bool_], at: Frames, v: int, E: Array) -> float:
     """Return the sum of psi_k(t + E) over the rotors of one module, frame v."""
     xx, xy, xz = at.x[v]
     yx, yy, yz = at.y[v]
     zx, zy, zz = at.z[v]
     px, py, pz = at.p[v]
-    total, y, U = 0.0, work.y, stated.u_max
+    total, U = 0.0, stated.u_max
     for k in range(len(y)):
-        if not work.active[k]:
+        if not active[k]:
             continue
         mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
         nx, ny, nz = y[k, 0] + my * pz - mz * py, y[k, 1] + mz * px - mx * pz, y[k, 2] + mx * py - my * px
