@@ -57,7 +57,7 @@ from numpy.typing import NDArray
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Axes, Frames, moment
-from nlp.bounds.branch.multipliers import residual
+from nlp.bounds.branch.multipliers import imbalance
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -75,7 +75,7 @@ class Sums(NamedTuple):
     y: Array
     """Multipliers in the root's frame, shape (K, 6)."""
     active: NDArray[np.bool_]
-    """Whether a load case adds anything, shape (K,)."""
+    """Load cases with a weight or multipliers; others add nothing, shape (K,)."""
     walls: Array
     """sum_r sigma_r n_r of both ends of every module, in the root's frame, shape (n, 2, 3)."""
     least: Array
@@ -135,13 +135,14 @@ def bound(
         cut: once a vertex is under it, no other is looked at.
     """
     n, tree, L = len(stated.tree.parent), stated.tree, stated.walls.length
+    weight, U = stated.loads.weight, stated.u_max
     constant = _constant(stated, y, sigma)
     work.slope[:] = 0.0
     work.spread[:] = 0.0
     _drifts(stated, rho, work.drift)
     remainders, least_of = np.zeros((n, len(y), 4)), np.zeros(n)
     for k in range(len(y)):
-        work.active[k] = stated.loads.weight[k] > 0.0 or np.any(y[k] != 0.0)
+        work.active[k] = weight[k] > 0.0 or np.any(y[k] != 0.0)
     _turn(roots[0], y, work.active, work.y)
     if len(sigma) > 0:
         _turn_walls(stated, roots[0], sigma, work.walls)
@@ -173,7 +174,9 @@ def bound(
                 if len(sigma) > 0:
                     for l in range(3):
                         added += vertices.p[v, l] * near[l] + (vertices.p[v, l] - L * vertices.z[v, l]) * far[l]
-                work.least[v] = added - _psi(stated, work.y, work.active, vertices, v, remainders[i])
+                work.least[v] = added - _psi(
+                    stated.torques, weight, U, work.y, work.active, vertices, v, remainders[i]
+                )
         for i in range(n - 1, 0, -1):
             h = tree.parent[i]
             for v in range(tree.first[h + 1] - tree.first[h]):
@@ -189,10 +192,8 @@ def bound(
 def _constant(stated: BranchProblem, y: Array, sigma: Array) -> float:
     """Return what of D no angle changes, less what the audit lets pass and rounding take."""
     total, loads, slack = 0.0, stated.loads, stated.slack
-    a, b, c = residual(stated, y)
+    a, b, c = imbalance(stated, y, sigma)
     for r in range(len(sigma)):
-        x, y_, z = stated.walls.normal[r]
-        a, b, c = a - sigma[r] * x, b - sigma[r] * y_, c - sigma[r] * z
         total += sigma[r] * (stated.walls.beyond[r] - slack.wall - slack.tip * MISSED)
     for k in range(len(y)):
         nu2, mu2 = 0.0, 0.0
@@ -251,13 +252,15 @@ def _lever_force(stated: BranchProblem, y: Array) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def _psi(stated: BranchProblem, y: Array, active: NDArray[np.bool_], at: Frames, v: int, E: Array) -> float:
+def _psi(
+    torques: Array, weights: Array, U: float, y: Array, active: NDArray[np.bool_], at: Frames, v: int, E: Array
+) -> float:
     """Return the sum of psi_k(t + E) over the rotors of one module, frame v."""
     xx, xy, xz = at.x[v]
     yx, yy, yz = at.y[v]
     zx, zy, zz = at.z[v]
     px, py, pz = at.p[v]
-    total, U = 0.0, stated.u_max
+    total = 0.0
     for k in range(len(y)):
         if not active[k]:
             continue
@@ -267,14 +270,9 @@ def _psi(stated: BranchProblem, y: Array, active: NDArray[np.bool_], at: Frames,
         about_x = mx * xx + my * xy + mz * xz
         about_y = mx * yx + my * yy + mz * yz
         about_z = mx * zx + my * zy + mz * zz
-        weight = stated.loads.weight[k]
+        weight = weights[k]
         for q in range(4):
-            t = 0.25 * (
-                force
-                + stated.torques[q, 0] * about_x
-                + stated.torques[q, 1] * about_y
-                + stated.torques[q, 2] * about_z
-            )
+            t = 0.25 * (force + torques[q, 0] * about_x + torques[q, 1] * about_y + torques[q, 2] * about_z)
             t += E[k, q]
             if t > 0.0:
                 u = U if t >= 2 * weight * U else t / (2 * weight)

@@ -24,7 +24,7 @@ import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Frames
-from nlp.bounds.branch.multipliers import Workspace, residual
+from nlp.bounds.branch.multipliers import Workspace, imbalance
 from nlp.numbers.cholesky import factor, solve_factored
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -42,7 +42,9 @@ RIDGE = 2.0
 LEVERED = 10.0
 """Ridge of multipliers of torque, in that of those of force: levers are longer than l_arm."""
 KINKED = 0.1
-"""A corner's ridge is more, by one over so many times the root of sum_a rho_a^2: its psi has a kink."""
+"""Divisor of a corner's ridge, over the root of sum_a rho_a^2: its psi has a kink."""
+MOST_KINKED = 1e-2
+"""Largest divisor."""
 LEAST_SQUARE = 1e-6
 """That sum_a rho_a^2 counts as [rad^2]."""
 IDLE = 1e-3
@@ -82,7 +84,7 @@ class Interior(NamedTuple):
     rows: Array
     """Their inverses times the condition's rows, shape (K, 3, 6)."""
     S: Array
-    """What is left for p, shape (3, 3)."""
+    """Schur complement of p, factored, shape (3, 3)."""
     c: Array
     """How far beyond its wall an end of an envelope is, but for p, shape (W,)."""
     weight: Array
@@ -148,7 +150,7 @@ def look(stated: BranchProblem, R: Array, at: Frames, rho: Array, cut: float, in
     for k in range(len(inner.ridge)):
         inner.ridge[k, :3] = ridge
         if stated.loads.weight[k] == 0.0:
-            inner.ridge[k, :3] = ridge / min(1e-2, KINKED * math.sqrt(square))
+            inner.ridge[k, :3] = ridge / min(MOST_KINKED, KINKED * math.sqrt(square))
         inner.ridge[k, 3:] = LEVERED * inner.ridge[k, 0]
     return float(square * stated.levers.centre.max() ** 2 / cut)
 
@@ -217,21 +219,20 @@ def _value(
 
 @njit(cache=True)
 def _meet(stated: BranchProblem, project: Array, y: Array, sigma: Array) -> None:
-    """Change torques' multipliers that are not zero as little as meets the condition; or drop the walls'."""
-    normal = stated.walls.normal
-    for attempt in range(3):
-        x, y_, z = residual(stated, y)
-        for r in range(len(sigma)):
-            x, y_, z = x - sigma[r] * normal[r, 0], y_ - sigma[r] * normal[r, 1], z - sigma[r] * normal[r, 2]
-        if attempt == 1:
-            if math.sqrt(x * x + y_ * y_ + z * z) <= CANNOT * sigma.sum():
-                break
-            sigma[:] = 0.0
-            continue
-        q = project @ np.array([x, y_, z])
-        for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
-            if np.any(y[k] != 0.0):
-                y[k, 3:] -= np.cross(q, stated.loads.g[k])
+    """Meet the condition by the least change of torques' multipliers that are not zero, or else without walls."""
+    _correct(stated, project, y, sigma)
+    a, b, c = imbalance(stated, y, sigma)
+    if not math.sqrt(a * a + b * b + c * c) <= CANNOT * sigma.sum():
+        sigma[:] = 0.0
+        _correct(stated, project, y, sigma)
+
+
+@njit(cache=True)
+def _correct(stated: BranchProblem, project: Array, y: Array, sigma: Array) -> None:
+    q = project @ np.array(imbalance(stated, y, sigma))
+    for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
+        if np.any(y[k] != 0.0):
+            y[k, 3:] -= np.cross(q, stated.loads.g[k])
 
 
 @njit(cache=True)

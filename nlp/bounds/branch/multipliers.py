@@ -194,6 +194,16 @@ def residual(stated: BranchProblem, y: Array) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
+def imbalance(stated: BranchProblem, y: Array, sigma: Array) -> tuple[float, float, float]:
+    """Return sum_k g_k x mu_k - sum_r sigma_r n_r, with multipliers of walls."""
+    a, b, c = residual(stated, y)
+    for r in range(len(sigma)):
+        x, y_, z = stated.walls.normal[r]
+        a, b, c = a - sigma[r] * x, b - sigma[r] * y_, c - sigma[r] * z
+    return a, b, c
+
+
+@njit(cache=True)
 def newton_step(stated: BranchProblem, work: Workspace, y: Array, tied: int) -> None:
     """Fill the step to the maximum of the quadratic model under the first rows, so many.
 
