@@ -116,7 +116,7 @@ class _Set:
         return all(np.all(each.gaps(vectors) >= each.margin) for each in self._between)
 
     def moves(self, places: Places, at_once: int) -> Iterator[Places]:
-        """Yield clear combinations in which hinges have the next angle either way: so many, or more if few."""
+        """Yield clear combinations with up to `at_once` hinges a step away, or more hinges where moves are few."""
         counts = accumulate(math.comb(self.hinges, k) * 2**k for k in range(1, self.hinges + 1))
         most = max(at_once, sum(count <= COMPLETE for count in counts))
         for moved in (each for k in range(1, most + 1) for each in combinations(range(self.hinges), k)):

@@ -1,4 +1,4 @@
-"""The inputs of least effort for a platform that came without any: one convex program a load case.
+"""The best inputs found for a platform that came without any: one convex program a load case.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -24,7 +24,7 @@ from verify.wrench import objective, required_wrench, wrench_map
 
 
 def complete(geometry: Geometry) -> Design:
-    """Return the design of a geometry: with the rod that its task counts, and with the inputs of least effort.
+    """Return the design of a geometry: with the rod that its task counts, and with the best inputs found.
 
     Of a load case that no inputs produce, it has inputs that miss it least.
     """

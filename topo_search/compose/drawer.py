@@ -341,7 +341,7 @@ def _least(cost: dict[int, float], rows: Sequence[Row], size: int, whole: int) -
 
 
 def _pairs(needs: NDArray[np.bool_], tasks: Sequence[range], most: int) -> Iterator[tuple[int, int]]:
-    """Yield designs of a task and the next that so many brackets serve, with some design of each other task."""
+    """Yield pairs of designs of adjacent tasks that fit `most` brackets with some design of each other task."""
     for t, (one, other) in enumerate(pairwise(tasks)):
         for d in one:
             both = needs[d] | needs[other]
