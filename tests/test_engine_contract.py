@@ -16,9 +16,9 @@ from engine_jobs import (
 )
 from processes import eventually, gone
 
-from topo_search.child import ONE_THREAD
 from topo_search.engine import DaskWorkers, Failed, Workers
 from topo_search.engine.dask_workers import BATCH
+from topo_search.supervisor import ONE_THREAD
 
 
 @pytest.fixture(scope="module", params=["local", "dask"])

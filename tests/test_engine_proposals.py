@@ -23,8 +23,7 @@ from toy_problem import follow
 from topo_search.engine.proposals import OptunaSearch, moves
 from topo_search.engine.proposals.study import LEARNT
 from topo_search.engine.proposals.trials import CERTAIN, FEW
-from topo_search.engine.space import Space
-from topo_search.engine.strategy import Proposal, Scored, Strategy
+from topo_search.engine.strategy import Proposal, Scored, Space, Strategy
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.protocols import SamplerFactory

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from topo_search.engine.proposals.moves import Moves
 from topo_search.engine.proposals.surrogate import MOST, PATTERNS, Surrogate, descriptors
 from topo_search.engine.proposals.trials import Idea
-from topo_search.engine.space import Space
-from topo_search.engine.strategy import Scored
+from topo_search.engine.strategy import Scored, Space
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, candidate_of, sample

@@ -4,23 +4,27 @@ Python's own handling of signals waits until native code returns, which may take
 LLVM), and memory that runs out in native code ends a process without a word. So the process that was started loads
 nothing: it waits for its child, passes Ctrl-C and SIGTERM on to it, kills it if it does not end by itself, and says
 why it crashed. That loses nothing: whatever was finished is in the ledger, which survives that at any moment.
+
+Every child process makes sure first that it cannot outlive the process that started it. This file loads only
+Python's own library, so that a child that has too little memory for more can say so.
 """
 
 from __future__ import annotations
 
+import ctypes
 import mmap
 import os
+import pickle
 import resource
 import select
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from types import FrameType
 from typing import Any, NoReturn
-
-from topo_search.child import ONE_THREAD, die_with_parent
 
 SOFTWARE = 70
 """EX_SOFTWARE of <sysexits.h>."""
@@ -269,3 +273,68 @@ def _open_standard_streams() -> None:
             os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "r" if number == 0 else "w", closefd=False))  # noqa: SIM115
+
+
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
+)
+"""Environment of a worker: the cores are shared out between workers, and threads would change sums."""
+
+
+def die_with_parent(parent: int) -> None:
+    """End this process when its parent, whose id is given, ends; at once if it already has.
+
+    On systems other than Linux a worker whose parent was killed ends when it next reads from the closed pipe.
+    """
+    if sys.platform == "linux":
+        libc = ctypes.CDLL(None, use_errno=True)
+        set_parent_death_signal = 1  # PR_SET_PDEATHSIG of <linux/prctl.h>
+        if libc.prctl(set_parent_death_signal, signal.SIGKILL) != 0:
+            code = ctypes.get_errno()
+            raise OSError(code, f"prctl(PR_SET_PDEATHSIG): {os.strerror(code)}")
+    if os.getppid() != parent:  # it ended before the line above
+        os._exit(1)
+
+
+def call_pickled(call: bytes, script: dict[str, str]) -> bytes:
+    """Call a function with its job: what that loads, and takes to do so, is part of the job that may fail.
+
+    Args:
+        call: both, pickled.
+        script: names the script that defines some of it, as `multiprocessing` does; may be empty.
+    """
+    if script:
+        from multiprocessing import current_process  # a worker has loaded them, the supervisor never does
+        from multiprocessing.spawn import prepare
+
+        process: Any = current_process()
+        process._inheriting = True  # as in a process that starts: the script may not start more of them
+        try:
+            prepare(script)
+        finally:
+            del process._inheriting
+    function, job = pickle.loads(call)
+    return pickle.dumps(function(job))
+
+
+class Clock:
+    """CPU seconds of this process since the last lap."""
+
+    def __init__(self) -> None:
+        self._began = time.process_time()
+
+    def lap(self) -> float:
+        """Return them, and begin the next."""
+        now = time.process_time()
+        seconds, self._began = now - self._began, now
+        return seconds
+
+
+def peak_mb() -> float:
+    """Return the most memory that this process has held [MB]."""
+    if sys.platform != "linux":
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # bytes on macOS
+    with open(
+        "/proc/self/status"
+    ) as status:  # not `ru_maxrss`, in which Linux counts the parent in that started it
+        return next(int(line.split()[1]) for line in status if line.startswith("VmHWM:")) / 2**10

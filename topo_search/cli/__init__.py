@@ -17,8 +17,7 @@ from topo_search.cli.prove import prove
 from topo_search.cli.run import run
 from topo_search.cli.runs import compare, list_runs, open_page, report, show
 from topo_search.cli.solve import solve
-from topo_search.cli.tasks import check, examples, init
-from topo_search.cli.topologies import topologies
+from topo_search.cli.tasks import check, examples, init, topologies
 
 GROUPS = {
     "Task": (init, examples, check, topologies),

@@ -12,7 +12,7 @@ from topo_search.cli import options
 from topo_search.cli.errors import explain_errors
 
 if TYPE_CHECKING:
-    from topo_search.model.air import EnvelopeAir
+    from topo_search.model.audit import EnvelopeAir
 
 
 @click.command(epilog="Example: topo-search airflow push-local --speed 2 --at full")
@@ -44,7 +44,7 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
     Exit status: 0; 2 bad input, or no air is as fast.
     """
     with explain_errors():
-        from topo_search.compose.envelopes import enclose_speed, envelope_of_speed
+        from topo_search.compose.binding import enclose_speed, envelope_of_speed
         from topo_search.model import Module
         from topo_search.model.files import read_task
         from topo_search.model.module import AIR_DENSITY

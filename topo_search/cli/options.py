@@ -160,7 +160,7 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     Raises:
         BadInput: the task is wrong, or something else sets what `--paper` sets.
     """
-    from topo_search.compose.envelopes import enclose_speed
+    from topo_search.compose.binding import enclose_speed
     from topo_search.model import BadInput, Fault
     from topo_search.model.files import read_task
     from topo_search.model.parsing import PAPER

@@ -10,14 +10,12 @@ from pathlib import Path
 
 import nlp
 import verify
-from topo_search.compose.binding import backends, processes
-from topo_search.compose.envelopes import enclose_speed
+from topo_search.compose.binding import backends, enclose_speed, own_constraints, processes, starting_points
 from topo_search.engine import Failed, Outcome, audit_deadline, audit_job
 from topo_search.limits import DESIGN_BYTES, MODULES, STARTS
 from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Status, Task
 from topo_search.model.files import load_json, read_task, to_geometry
 from topo_search.model.proven import lower_text
-from topo_search.own import own_constraints, starting_points
 from topo_search.protocols import OwnConstraint
 from topo_search.study import Solved, solve_single
 from topo_search.topologies import OwnTopology, own_topology

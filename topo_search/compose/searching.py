@@ -12,15 +12,13 @@ from typing import TypeVar
 
 import nlp
 import verify
-from topo_search.compose.binding import backends, open_engine
-from topo_search.compose.envelopes import enclose_speed
+from topo_search.compose.binding import AnySampler, backends, collect_own, enclose_speed, open_engine
 from topo_search.compose.pages import follow_live, write_page
 from topo_search.engine import Certificates, DaskWorkers, Workers
 from topo_search.limits import CANDIDATES, GAPS, PERCENT
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
 from topo_search.model.files import read_task
 from topo_search.model.proof import Problem
-from topo_search.own import AnySampler, collect_own
 from topo_search.protocols import OwnConstraint
 from topo_search.study import (
     DEFAULT_ROUND,

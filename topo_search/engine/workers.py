@@ -27,10 +27,9 @@ from typing import Any, Generic, Self
 
 from pebble import ProcessExpired, ProcessPool
 
-from topo_search.child import ONE_THREAD, call_pickled, die_with_parent
 from topo_search.engine.jobs import Engine, Failed, J, R, WorkersLost
 from topo_search.limits import WORKERS
-from topo_search.supervisor import AGAIN, STOPS, is_out_of_memory
+from topo_search.supervisor import AGAIN, ONE_THREAD, STOPS, call_pickled, die_with_parent, is_out_of_memory
 
 LOOK = 1.0
 """Poll period of the pool while jobs run [s]."""

@@ -21,7 +21,6 @@ from topo_search.engine import (
     record_of,
     solve_deadline,
 )
-from topo_search.engine.usage import Clock, peak_mb
 from topo_search.experiments.folder import Measured, Results, identify, results
 from topo_search.experiments.plan import Cell, Settings
 from topo_search.export.poses import poses
@@ -29,6 +28,7 @@ from topo_search.model import Audit, Design, Infeasible, Status, Topology
 from topo_search.model.files import read_task
 from topo_search.study import Observer, Phase, Silent
 from topo_search.study.ledger_file import KEPT
+from topo_search.supervisor import Clock, peak_mb
 from topo_search.topologies import sample
 
 if TYPE_CHECKING:

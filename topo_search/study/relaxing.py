@@ -20,8 +20,8 @@ from topo_search.model.design import STARTS, Relaxation
 from topo_search.model.files import to_json
 from topo_search.model.relaxable import Relaxable, relaxable
 from topo_search.study.folder import RunFolder
-from topo_search.study.margins import LARGER_MARGINS, margins, raise_margins, with_margin
 from topo_search.study.progress import Phase, solving_seconds
+from topo_search.study.request import LARGER_MARGINS, margins, raise_margins, with_margin
 from topo_search.study.solving import Tools
 
 TREES = 2

@@ -20,9 +20,9 @@ from topo_search.engine import (
 )
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.tables import paragraph
-from topo_search.study.margins import margins, raise_margins, with_margin
 from topo_search.study.progress import Silent
 from topo_search.study.relaxing import relax
+from topo_search.study.request import margins, raise_margins, with_margin
 from topo_search.study.solving import Tools
 
 GAIN = 1.0e-4

@@ -15,10 +15,8 @@ from optuna import Study
 from optuna.trial import FrozenTrial
 
 from topo_search.engine.proposals.surrogate import Surrogate, descriptors
-from topo_search.engine.proposals.tree_sampler import FRESH, TreeSampler
-from topo_search.engine.proposals.trials import Idea, Merit, steps
-from topo_search.engine.space import Space
-from topo_search.engine.strategy import Scored
+from topo_search.engine.proposals.trials import FRESH, Idea, Merit, TreeSampler, steps
+from topo_search.engine.strategy import Scored, Space
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
 from topo_search.topologies.tree_moves import draw_move, graft

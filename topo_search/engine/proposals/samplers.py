@@ -14,10 +14,8 @@ from optuna.samplers import BaseSampler, NSGAIISampler, TPESampler
 from optuna.trial import FrozenTrial, TrialState
 
 from topo_search.engine.proposals.moves import Moves
-from topo_search.engine.proposals.tree_sampler import FRESH, TreeSampler
-from topo_search.engine.proposals.trials import Idea, decode, violation
-from topo_search.engine.space import Space
-from topo_search.engine.strategy import Scored
+from topo_search.engine.proposals.trials import FRESH, Idea, TreeSampler, decode, violation
+from topo_search.engine.strategy import Scored, Space
 from topo_search.model import BadInput, Fault, Topology
 from topo_search.protocols import SamplerFactory, TopologySampler
 from topo_search.supervisor import is_out_of_memory

@@ -30,12 +30,16 @@ from optuna.trial import FrozenTrial, TrialState
 
 from topo_search.engine.jobs import rounds
 from topo_search.engine.proposals.samplers import sampler_of
-from topo_search.engine.proposals.tree_sampler import KEY, NEAR, STARTS, STATUS, TreeSampler
 from topo_search.engine.proposals.trials import (
     CERTAIN,
     IMPOSSIBLE,
+    KEY,
+    NEAR,
+    STARTS,
+    STATUS,
     Idea,
     Rank,
+    TreeSampler,
     decode,
     encode,
     goes_on,
@@ -44,8 +48,7 @@ from topo_search.engine.proposals.trials import (
     value,
     violation,
 )
-from topo_search.engine.space import Space
-from topo_search.engine.strategy import Proposal, Scored, Stage, Strategy
+from topo_search.engine.strategy import Proposal, Scored, Space, Stage, Strategy
 from topo_search.model import Topology
 from topo_search.protocols import SamplerFactory
 from topo_search.topologies import Candidate
