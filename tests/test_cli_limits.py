@@ -19,7 +19,7 @@ from topo_search.limits import (
 )
 from topo_search.model import BadInput, Task, Topology
 from topo_search.model.files import read_task, to_toml
-from topo_search.model.parsing import json_data, toml_data
+from topo_search.model.text import json_data, toml_data
 
 HEAD = 'name = "t"\nmodules = 5\n'
 HOVER = "[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n"

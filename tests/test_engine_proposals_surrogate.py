@@ -5,14 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from topo_search.engine.proposals.moves import Moves
+from topo_search.engine.proposals.moves import Moves, part_of
 from topo_search.engine.proposals.surrogate import MOST, PATTERNS, Surrogate, descriptors
 from topo_search.engine.proposals.trials import Idea
 from topo_search.engine.strategy import Scored, Space
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, candidate_of, sample
-from topo_search.topologies.tree_moves import part_of
 
 
 @given(st.integers(1, 14), st.integers(0, 10**6), st.sampled_from(["aligned", "any"]))

@@ -375,7 +375,7 @@ def test_without_unnamed_files_a_file_is_replaced_as_well(tmp_path: Path, monkey
 
 def test_a_log_that_calls_itself_a_regular_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A pipe that nothing comes through, taken for a regular file, stands for the log of a kernel."""
-    monkeypatch.setattr("topo_search.model.parsing._require_regular", lambda status, most_bytes: None)
+    monkeypatch.setattr("topo_search.model.text._require_regular", lambda status, most_bytes: None)
     os.mkfifo(tmp_path / "log.json")
     with open(tmp_path / "log.json", "r+b", buffering=0), pytest.raises(BadInput, match="reading it would wait"):
         read_json(Design, tmp_path / "log.json")

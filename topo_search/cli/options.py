@@ -163,7 +163,7 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     from topo_search.compose.binding import enclose_speed
     from topo_search.model import BadInput, Fault
     from topo_search.model.files import read_task
-    from topo_search.model.parsing import PAPER
+    from topo_search.model.text import PAPER
 
     changes = (*settings, *(f"{name.replace('__', '.')}={value}" for name, value in without_none(fields).items()))
     if not paper:
@@ -211,7 +211,7 @@ def warn(task: Task) -> tuple[TaskWarning, ...]:
 
 def _meets(setting: str, others: tuple[str, ...]) -> bool:
     """True if a setting sets a field that one of others sets too, or a table with it."""
-    from topo_search.model.parsing import field_of
+    from topo_search.model.text import field_of
 
     mine = field_of(setting)
     return bool(mine) and any(all(a == b for a, b in zip(mine, field_of(other), strict=False)) for other in others)

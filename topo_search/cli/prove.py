@@ -89,7 +89,7 @@ def prove(
 
             answer = prove_run(folder, topology=topology, observer=observer, **options.without_none(asked))
         from topo_search.model.proven import lower_text
-        from topo_search.study.frames import candidates
+        from topo_search.study.answer import candidates
 
         table = candidates(folder)
         table = table if topology is None else table[table["key"] == topology]

@@ -112,7 +112,7 @@ def _explain(task: Task) -> None:
     for group in (platform, *(facts(other)[0] for other in others), *groups):
         _group(*group)
     if any(asked.geometry for asked in first.exposure):
-        from topo_search.cli.airflow import speeds_on
+        from topo_search.cli.hardware import speeds_on
         from verify.air import envelope_air
 
         hover = first.module.mass * first.gravity

@@ -144,7 +144,7 @@ def search(
         refuse_unprovable(request, asked.name)
         _refuse_gap("prove", prove)
     if handed.propose is not None:
-        from topo_search.engine.proposals.samplers import make_own
+        from topo_search.engine.proposals.study import make_own
 
         make_own(handed.propose, seed)
     for n in asked.sizes if handed.constraints else ():

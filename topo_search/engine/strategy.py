@@ -34,8 +34,7 @@ from topo_search.topologies import (
     quotient_of,
     sample,
 )
-from topo_search.topologies.symmetry import Root
-from topo_search.topologies.tree_moves import with_spins_reversed
+from topo_search.topologies.rooted import Root
 
 PRUNED_AFTER = 32
 """Number of candidates proposed ahead of the results that may rule them out."""
@@ -263,6 +262,12 @@ class Space:
             "root": self._root,
             "task": self.task,
         }
+
+
+def with_spins_reversed(topology: Topology) -> Topology:
+    """Return the tree whose rotors all turn the other way: every joint sits one port further on."""
+    first, *joints = topology.joints
+    return Topology((first, *((h, (a + 1) % 4, (b + 1) % 4) for h, a, b in joints)))
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ from topo_search.limits import RESULT_BYTES
 from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import show
 from topo_search.model.files import load_json
-from topo_search.model.parsing import NotReadable, read_regular
-from topo_search.model.tables import escape_formula
+from topo_search.model.text import NotReadable, escape_formula, read_regular
 from topo_search.study.directory import Directory, hold_lock
 from topo_search.study.ledger_file import LedgerLost
 from topo_search.study.request import installed_versions

@@ -31,7 +31,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
-from topo_search.model.tables import csv_text, paragraph, table
+from topo_search.model.text import csv_text, paragraph, table
 from topo_search.model.topology import PORT_NAMES
 
 STYLE = """

@@ -17,7 +17,7 @@ from topo_search.model.design import NOT_CERTIFIED, Mount, StatedCheck
 from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
 from topo_search.model.flight import CasePower, Flight
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.model.tables import csv_text, heading, paragraph, table
+from topo_search.model.text import csv_text, heading, paragraph, table
 from topo_search.model.value import OMIT_EMPTY, Flag, Index, NonNegative, Number, Omitted, Value, Vector
 
 

@@ -16,8 +16,8 @@ from topo_search.limits import DESIGN_BYTES, RESULT_BYTES, TASK_BYTES
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
 from topo_search.model.design import Design, Geometry
 from topo_search.model.mesh_file import Folder
-from topo_search.model.parsing import NotParsed, NotReadable, apply_settings, json_data, read_regular, toml_data
 from topo_search.model.task import Task
+from topo_search.model.text import NotParsed, NotReadable, apply_settings, json_data, read_regular, toml_data
 
 Model = TypeVar("Model", bound=BaseModel)
 

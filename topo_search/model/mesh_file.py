@@ -24,8 +24,8 @@ from pydantic import AfterValidator
 from topo_search.limits import ALL_CORNERS, CORNERS, FACETS, FRAME_PIECES, FRAME_TRIANGLES, MESH_BYTES, PIECES
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import of_file, show, to_printable
-from topo_search.model.parsing import read_regular
 from topo_search.model.shape import has_volume, outer_hull
+from topo_search.model.text import read_regular
 from topo_search.model.value import Broken, Index, Positive, Value, Vector, at_most, refuse
 
 Triangles = NDArray[np.intp]

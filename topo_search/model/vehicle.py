@@ -21,7 +21,7 @@ from topo_search.limits import TASK_BYTES
 from topo_search.model.bad_input import BadInput
 from topo_search.model.files import load_text, validate
 from topo_search.model.flight import Flight, Size
-from topo_search.model.parsing import NotParsed, toml_data
+from topo_search.model.text import NotParsed, toml_data
 from topo_search.model.value import (
     Broken,
     Index,

@@ -21,9 +21,8 @@ from topo_search.limits import STARTS, TASK_BYTES, TRIALS
 from topo_search.model import Audit, BadInput, Design, Fault, Proof, ResolvedTask, Task
 from topo_search.model.bad_input import faults_of
 from topo_search.model.files import to_json, to_toml, validate
-from topo_search.model.parsing import NotParsed, toml_data
-from topo_search.model.tables import escape_formula
 from topo_search.model.task import before_requirement
+from topo_search.model.text import NotParsed, escape_formula, toml_data
 from topo_search.study.directory import HOLDER, LOCK, PARTIAL, Directory, ReadOnlyFolder, hold_lock
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import blank

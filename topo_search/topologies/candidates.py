@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 from topo_search.limits import MODULES, OWN_TOPOLOGIES
 from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
 from topo_search.model.bad_input import show
-from topo_search.topologies.quotient import Quotient
-from topo_search.topologies.rooted import Rooted, key_of, rooted_at, rooted_of, text_of
+from topo_search.topologies.rooted import Connectors, Root, Rooted, key_of, rooted_at, rooted_of, text_of
 from topo_search.topologies.sampling import classes, draw_tree
-from topo_search.topologies.symmetry import Connectors, Root, Symmetry, group_of
+from topo_search.topologies.symmetry import Quotient, Symmetry, group_of
 from topo_search.topologies.task_symmetry import improper_isometry
 
 if TYPE_CHECKING:
