@@ -10,7 +10,7 @@ from topo_search.experiments import Settings, experiment, results
 from topo_search.experiments.conducting import failure_row
 from topo_search.experiments.folder import ABOUT, COLUMNS, RESULTS, Measured, Results, identify
 from topo_search.experiments.plan import Variant, plan
-from topo_search.limits import RESULT_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput
 from topo_search.study.directory import PARTIAL
 from topo_search.study.ledger_file import LedgerLost
@@ -201,7 +201,7 @@ def rows_of(tmp_path):
             r'n: .* kind int, but got "3.5" in line 2',
         ),
         (lambda text: text.replace(b"push,0.15,3,", b"push,0.15,,", 1), r'n: .* kind int, but got "" in line 2'),
-        (lambda text: text + b"x" * RESULT_BYTES, "must have at most 67,108,864 bytes, but has"),
+        (lambda text: text + b"x" * LIMITS.result_bytes, "must have at most 67,108,864 bytes, but has"),
     ],
 )
 def test_rows_that_are_none_are_named_and_left_as_they_are(tmp_path, harm, words):

@@ -12,7 +12,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import BAD_INPUT, explain_errors, note
-from topo_search.limits import DESIGN_BYTES
+from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     from topo_search.model import Geometry
@@ -110,7 +110,7 @@ class DesignFile:
 
         if self.fault is not None:
             raise BadInput(self.name, self.fault)
-        data = load_json(self.path, most_bytes=DESIGN_BYTES)
+        data = load_json(self.path, most_bytes=LIMITS.design_bytes)
         if self.listed and stated_format(data) == AUDIT:
             return None
         return to_geometry(data, self.name)

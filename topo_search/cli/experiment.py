@@ -10,7 +10,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors
-from topo_search.limits import SECONDS
+from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,7 +61,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 @options.workers
 @click.option(
     "--time-limit",
-    type=options.Real(0, SECONDS, min_open=True),
+    type=options.Real(0, LIMITS.seconds, min_open=True),
     metavar="SECONDS",
     help="CPU time per topology after which no further start begins; scaling and ablation only (default: 600).",
 )

@@ -10,14 +10,14 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import OPEN, explain_errors, needs_extras, note
-from topo_search.limits import GAPS, SECONDS
+from topo_search.limits import LIMITS
 
 
 @click.command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01")
 @click.argument("folder", metavar="RUN", type=options.PATH)
 @click.option(
     "--gap",
-    type=options.Real(*GAPS),
+    type=options.Real(*LIMITS.gaps),
     default=0.003,
     show_default=True,
     help="Gap at which a tree counts as settled: how far its bound may lie below its own best control effort.",
@@ -41,7 +41,7 @@ from topo_search.limits import GAPS, SECONDS
 )
 @click.option(
     "--time-limit",
-    type=options.Real(0, SECONDS, min_open=True),
+    type=options.Real(0, LIMITS.seconds, min_open=True),
     metavar="SECONDS",
     help="Stop after this time and keep what is proven by then.",
 )

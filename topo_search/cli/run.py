@@ -11,7 +11,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import INPUT_OUTPUT, OPEN, explain_errors, needs_extras
-from topo_search.limits import GAPS, PERCENT, ROUND, TRIALS
+from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     from topo_search.model.task_warnings import TaskWarning
@@ -44,13 +44,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--trials",
-    type=click.IntRange(1, TRIALS),
+    type=click.IntRange(1, LIMITS.trials),
     help="Number of candidates to propose (default: 512); if fewer exist, all are solved with all starts.",
 )
 @click.option(
     "--round",
     "round_size",
-    type=click.IntRange(1, ROUND),
+    type=click.IntRange(1, LIMITS.round),
     help="Proposals that may be unsolved at a time (default: 8). More keep more workers busy but learn later.",
 )
 @click.option(
@@ -60,13 +60,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--prove",
-    type=options.Real(*GAPS),
+    type=options.Real(*LIMITS.gaps),
     metavar="GAP",
     help="Then prove by branch and bound that no design is better by more than this share; see `prove`.",
 )
 @click.option(
     "--keep-within",
-    type=options.Real(0, PERCENT),
+    type=options.Real(0, LIMITS.percent),
     metavar="PERCENT",
     help="Keep every clear local optimum with at most so much more effort than the best in the folder `optima`.",
 )

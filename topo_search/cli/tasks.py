@@ -13,7 +13,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors
-from topo_search.limits import DRAWN_TREES, LISTED_MODULES
+from topo_search.limits import LIMITS
 from topo_search.report.wording import figures, quantity
 
 if TYPE_CHECKING:
@@ -164,12 +164,12 @@ def _size(task: Task, n: int) -> dict[str, Any]:
 
 
 @click.command(epilog="Example: topo-search topologies 8 --count")
-@click.argument("n", type=click.IntRange(1, LISTED_MODULES), metavar="N")
+@click.argument("n", type=click.IntRange(1, LIMITS.listed_modules), metavar="N")
 @click.option("--count", "only_count", is_flag=True, help="Print only the number of topologies.")
 @click.option(
     "--sample",
     "size",
-    type=click.IntRange(1, DRAWN_TREES),
+    type=click.IntRange(1, LIMITS.drawn_trees),
     metavar="M",
     help="Print M topologies, drawn uniformly.",
 )

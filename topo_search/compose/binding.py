@@ -23,7 +23,7 @@ import nlp
 import verify
 from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Workers, computing_versions
 from topo_search.engine.jobs import Given
-from topo_search.limits import NEAR, OWN_CONSTRAINTS, WORKERS
+from topo_search.limits import LIMITS
 from topo_search.model import (
     Audit,
     BadInput,
@@ -158,7 +158,7 @@ def processes(workers: int) -> Workers | CallingProcess:
 def available_cores() -> int:
     """Return the number of cores that this process may use, at most the largest number of workers."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores, WORKERS)
+    return min(cores, LIMITS.workers)
 
 
 AnySampler = Sampler | OwnSampler | SamplerFactory | TopologySampler
@@ -220,8 +220,8 @@ def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
         for k, design in enumerate(designs)
         if not isinstance(design, Design)
     ]
-    if len(designs) > NEAR:
-        faults = [Fault("", f"must be at most {NEAR:,} designs, but got {len(designs):,}")]
+    if len(designs) > LIMITS.near:
+        faults = [Fault("", f"must be at most {LIMITS.near:,} designs, but got {len(designs):,}")]
     if faults:
         raise BadInput("near", faults)
     return designs
@@ -239,9 +239,9 @@ def own_constraints(constraints: Iterable[OwnConstraint], *, elsewhere: bool = F
     """
     if isinstance(constraints, str) or not isinstance(constraints, Iterable):
         raise BadInput("constraints", f"must be a list of OwnConstraint, but got {_one(constraints)}")
-    given = tuple(_sendable(one, elsewhere=elsewhere) for one in islice(constraints, OWN_CONSTRAINTS + 1))
-    if len(given) > OWN_CONSTRAINTS:
-        raise BadInput("constraints", f"must be at most {OWN_CONSTRAINTS:,}, but got more")
+    given = tuple(_sendable(one, elsewhere=elsewhere) for one in islice(constraints, LIMITS.own_constraints + 1))
+    if len(given) > LIMITS.own_constraints:
+        raise BadInput("constraints", f"must be at most {LIMITS.own_constraints:,}, but got more")
     faults = list[Fault]()
     for k, one in enumerate(given):
         if not isinstance(one, OwnConstraint):

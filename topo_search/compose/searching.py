@@ -15,7 +15,7 @@ import verify
 from topo_search.compose.binding import AnySampler, backends, collect_own, enclose_speed, open_engine
 from topo_search.compose.pages import follow_live, write_page
 from topo_search.engine import Certificates, DaskWorkers, Workers
-from topo_search.limits import CANDIDATES, GAPS, PERCENT
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
 from topo_search.model.files import read_task
 from topo_search.model.proof import Problem
@@ -138,8 +138,8 @@ def search(
         propose=handed.propose,
     )
     _refuse_endless(request)
-    if keep_within is not None and (prune or not 0 <= keep_within <= PERCENT):
-        raise ValueError(f"`0 <= keep_within <= {PERCENT}` must hold without `prune`, but got {keep_within}")
+    if keep_within is not None and (prune or not 0 <= keep_within <= LIMITS.percent):
+        raise ValueError(f"`0 <= keep_within <= {LIMITS.percent}` must hold without `prune`, but got {keep_within}")
     if prove is not None:
         refuse_unprovable(request, asked.name)
         _refuse_gap("prove", prove)
@@ -257,7 +257,7 @@ def prove(
 
 def _refuse_gap(name: str, gap: float) -> None:
     """Refuse a gap that no proof can be asked for."""
-    least, most = GAPS
+    least, most = LIMITS.gaps
     if not least <= gap <= most:
         raise ValueError(f"`{least} <= {name} <= {most}` must hold, but got {gap}")
 
@@ -320,9 +320,9 @@ def _refuse_endless(request: Request) -> None:
     if request.trials is not None:
         return
     for n in request.task.sizes:
-        if (count := request.space(n).count()) > CANDIDATES:
+        if (count := request.space(n).count()) > LIMITS.candidates:
             rule = (
-                f"an exhaustive search takes at most {CANDIDATES:,} candidates, but {n} modules have "
+                f"an exhaustive search takes at most {LIMITS.candidates:,} candidates, but {n} modules have "
                 f"{Decimal(count):.1e}; choose the strategy `optuna`"
             )
             raise BadInput(request.task.name, [Fault("modules", rule)])

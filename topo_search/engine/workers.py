@@ -28,7 +28,7 @@ from typing import Any, Generic, Self
 from pebble import ProcessExpired, ProcessPool
 
 from topo_search.engine.jobs import Engine, Failed, J, R, WorkersLost
-from topo_search.limits import WORKERS
+from topo_search.limits import LIMITS
 from topo_search.supervisor import AGAIN, ONE_THREAD, STOPS, call_pickled, die_with_parent, is_out_of_memory
 
 LOOK = 1.0
@@ -128,8 +128,8 @@ class Workers(_OneThread):
     """
 
     def __init__(self, count: int) -> None:
-        if not 1 <= count <= WORKERS:
-            raise ValueError(f"`1 <= workers <= {WORKERS}` must hold, but got {count:,}")
+        if not 1 <= count <= LIMITS.workers:
+            raise ValueError(f"`1 <= workers <= {LIMITS.workers}` must hold, but got {count:,}")
         self.count = count
         self._pool: ProcessPool | None = None
         self._context = _KeepingContext()

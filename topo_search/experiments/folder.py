@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from topo_search.experiments.plan import IDENTITY, Cell
-from topo_search.limits import RESULT_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import show
 from topo_search.model.files import load_json
@@ -218,7 +218,7 @@ def results(folder: str | Path) -> pd.DataFrame:
     kinds = {"key": "str", "task_seed": "Int64", "colliding_pairs": "Int64", "largest_cluster": "Int64"}
     kinds |= dict.fromkeys(("verdict", "depths_percent", "worst_constraint", "unit"), "str")
     try:
-        content = read_regular(path, most_bytes=RESULT_BYTES)
+        content = read_regular(path, most_bytes=LIMITS.result_bytes)
         frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
     except (NotReadable, UnicodeDecodeError, pd.errors.ParserError) as error:
         raise BadInput(str(path), [Fault("", str(error))]) from None
@@ -245,7 +245,7 @@ def _compare(folder: Path, held: Any, about: dict[str, Any]) -> None:
 def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
     """Return the bytes of a file that are whole rows, and what they answer; BadInput names a damaged row."""
     try:
-        content = read_regular(path, most_bytes=RESULT_BYTES)
+        content = read_regular(path, most_bytes=LIMITS.result_bytes)
         size = content.rfind(b"\n") + 1
         text = content[:size].decode("utf-8")
     except NotReadable as error:

@@ -28,7 +28,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from topo_search.limits import LOAD_CASES
+from topo_search.limits import LIMITS
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import Direction
 from topo_search.model.value import (
@@ -119,7 +119,7 @@ class LoadCase(Value):
 
     cone: Omitted[ForceCone] = None
     """Also required: every force in this cone instead of the force at the end-effector."""
-    vertices: Annotated[tuple[Wrench, ...], at_most(LOAD_CASES, "vertices"), OMIT_EMPTY] = ()
+    vertices: Annotated[tuple[Wrench, ...], at_most(LIMITS.load_cases, "vertices"), OMIT_EMPTY] = ()
     """Also required: every wrench in the convex hull of these and the one at the end-effector."""
 
     def _broken_rules(self) -> Broken:
@@ -200,8 +200,11 @@ def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: floa
         carried, also = (force_unit, f" and the weight, {force_unit:.4g} N") if case.carries_weight else (0.0, "")
         if not case.largest * factor + carried <= MOST:
             yield ("load_cases", k), f"must be at most {MOST:g} N and N m, but got {show(case.largest)}{of}{also}"
-    if (number := len(cases) + sum(len(case.corners) for case in cases)) > LOAD_CASES:
-        yield "load_cases", f"must have at most {LOAD_CASES} entries, corners of sets included, but got {number:,}"
+    if (number := len(cases) + sum(len(case.corners) for case in cases)) > LIMITS.load_cases:
+        yield (
+            "load_cases",
+            f"must have at most {LIMITS.load_cases} entries, corners of sets included, but got {number:,}",
+        )
     names = [case.name for case in cases]
     for k, name in enumerate(names):
         if name is not None and (first := names.index(name)) < k:

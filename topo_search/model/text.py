@@ -18,7 +18,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
 
-from topo_search.limits import KEY_PARTS, LISTS
+from topo_search.limits import LIMITS
 from topo_search.model.bad_input import BadInput, Fault, show
 
 KINDS = {
@@ -76,7 +76,7 @@ def _require_regular(status: os.stat_result, most_bytes: int) -> None:
 
 
 PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
-DOTTED = re.compile(rf"""(?<![A-Za-z0-9_."'-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{KEY_PARTS}}}""")
+DOTTED = re.compile(rf"""(?<![A-Za-z0-9_."'-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{LIMITS.key_parts}}}""")
 """A key of too many parts. The parser would take hours for it: its time grows with the cube of their number."""
 
 
@@ -95,10 +95,12 @@ def toml_data(text: str) -> dict[str, Any]:
     Raises:
         NotParsed: it is none, or has very many lists, brackets within each other or parts of a key.
     """
-    if (lists := text.count("[")) > LISTS:
-        raise NotParsed(f"must have at most {LISTS:,} lists, but has {lists:,}", beyond=True)
+    if (lists := text.count("[")) > LIMITS.lists:
+        raise NotParsed(f"must have at most {LIMITS.lists:,} lists, but has {lists:,}", beyond=True)
     if (dotted := DOTTED.search(text)) is not None:
-        raise NotParsed(f"must have at most {KEY_PARTS} parts in a key, but got {show(dotted[0])}", beyond=True)
+        raise NotParsed(
+            f"must have at most {LIMITS.key_parts} parts in a key, but got {show(dotted[0])}", beyond=True
+        )
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -171,8 +173,8 @@ def _apply(data: dict[str, Any], setting: str) -> Fault | None:
     if match is None:
         return Fault("", f"must be FIELD=VALUE, but got {show(setting)}")
     names = [*field_of(setting)]
-    if len(names) > KEY_PARTS:
-        return Fault("", f"must have at most {KEY_PARTS} names in a field, but got {show(match[1])}")
+    if len(names) > LIMITS.key_parts:
+        return Fault("", f"must have at most {LIMITS.key_parts} names in a field, but got {show(match[1])}")
     if max(map(len, names)) > NAME:
         return Fault("", f"must have names of at most {NAME} characters in a field, but got {show(match[1])}")
     try:

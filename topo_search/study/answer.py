@@ -1,4 +1,5 @@
 """The answer of a run: what was found and proven, how both are said, and its tables as data frames."""
+
 from __future__ import annotations
 
 from collections import Counter

@@ -29,7 +29,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Self
 
-from topo_search.limits import RUN_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault
 from topo_search.study.ledger_file import checksum
 
@@ -141,7 +141,7 @@ class Directory:
         """Return the names of all that is in the folder itself."""
         return sorted(os.listdir(self._handle))
 
-    def read(self, name: str, *, most_bytes: int = RUN_BYTES) -> bytes | None:
+    def read(self, name: str, *, most_bytes: int = LIMITS.run_bytes) -> bytes | None:
         """Return the content of a file; None if there is none of this name.
 
         Raises:

@@ -17,7 +17,7 @@ from typing import Any, Self, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from topo_search.limits import STARTS, TASK_BYTES, TRIALS
+from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Proof, ResolvedTask, Task
 from topo_search.model.bad_input import faults_of
 from topo_search.model.files import to_json, to_toml, validate
@@ -69,8 +69,10 @@ def last_request(path: Path, directory: Directory, ledger: Ledger) -> Request:
     starts, trials = ledger.last_request()
     if starts < 1 or (trials is not None and trials < 1):
         raise BadInput(str(path), [Fault("", "has no run yet")])
-    if starts > STARTS or (trials is not None and trials > TRIALS):
-        rule = f"must ask for at most {STARTS:,} starts and {TRIALS:,} trials, but holds a run with more"
+    if starts > LIMITS.starts or (trials is not None and trials > LIMITS.trials):
+        rule = (
+            f"must ask for at most {LIMITS.starts:,} starts and {LIMITS.trials:,} trials, but holds a run with more"
+        )
         raise BadInput(str(path), [Fault("", rule)])
     return Request(
         _read_task(path, directory),
@@ -112,7 +114,7 @@ def refusal(path: Path, what: str) -> BadInput:
 
 def _read_task(path: Path, directory: Directory) -> Task:
     """Return the task as the run wrote it: it names no other file."""
-    content, name = directory.read(TASK, most_bytes=TASK_BYTES), str(path / TASK)
+    content, name = directory.read(TASK, most_bytes=LIMITS.task_bytes), str(path / TASK)
     if content is None:
         raise BadInput(name, [Fault("", "no such file")])
     try:

@@ -20,7 +20,7 @@ from typing import Any, Literal, get_args
 from pydantic import Field
 
 from topo_search.engine import Listed, Space
-from topo_search.limits import ROUND, STARTS, TRIALS
+from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Task
 from topo_search.model.design import Stated, Versioned
 from topo_search.model.search import Level
@@ -134,7 +134,7 @@ class Identity(Value):
     """Pruning of an exhaustive search; None for any other."""
     sampler: Sampler | None = None
     """Sampler of a search that is not exhaustive."""
-    round_size: int = Field(DEFAULT_ROUND, ge=1, le=ROUND)
+    round_size: int = Field(DEFAULT_ROUND, ge=1, le=LIMITS.round)
     """Proposals whose results may be unknown when any other makes one."""
     proposals: Literal["by whole rounds", "ahead of results"] = "by whole rounds"
     """Order of proposals in any other; older folders are by whole rounds, which waited for their last job."""
@@ -178,9 +178,9 @@ class Request:
     def __post_init__(self) -> None:
         """Refuse what cannot be asked; ValueError names it."""
         for name, number, most in (
-            ("starts", self.starts, STARTS),
-            ("trials", self.trials, TRIALS),
-            ("round_size", self.round_size, ROUND),
+            ("starts", self.starts, LIMITS.starts),
+            ("trials", self.trials, LIMITS.trials),
+            ("round_size", self.round_size, LIMITS.round),
         ):
             if number is not None and not 1 <= number <= most:
                 raise ValueError(f"`1 <= {name} <= {most:,}` must hold, but got {number:,}")

@@ -12,7 +12,7 @@ from itertools import islice, repeat
 from random import Random
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
-from topo_search.limits import MODULES, OWN_TOPOLOGIES
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
 from topo_search.model.bad_input import show
 from topo_search.topologies.rooted import Connectors, Root, Rooted, key_of, rooted_at, rooted_of, text_of
@@ -194,8 +194,8 @@ def own_candidates(
         raise BadInput(source, f"must be a list of topologies, but got {got}")
     faults, first = list[Fault](), dict[str, str]()
     for number, item in enumerate(topologies):
-        if number >= OWN_TOPOLOGIES:
-            raise BadInput(source, f"must list at most {OWN_TOPOLOGIES:,} topologies, but has more")
+        if number >= LIMITS.own_topologies:
+            raise BadInput(source, f"must list at most {LIMITS.own_topologies:,} topologies, but has more")
         position = f"[{number}]" if places is None else places[number]
         try:
             topology = own_topology(item)
@@ -225,9 +225,9 @@ def own_topology(given: OwnTopology) -> Topology:
     if isinstance(given, Topology):
         return given
     if isinstance(given, str):
-        if len(given) > MODULES + 1:
+        if len(given) > LIMITS.modules + 1:
             raise ValueError(
-                f"must be a key of at most {MODULES} modules, but got a text of {len(given):,} characters"
+                f"must be a key of at most {LIMITS.modules} modules, but got a text of {len(given):,} characters"
             )
         return Topology.from_key(given)
     import networkx as nx
