@@ -12,7 +12,7 @@ from topo_search.experiments.folder import ABOUT, COLUMNS, RESULTS, Measured, Re
 from topo_search.experiments.plan import Variant, plan
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput
-from topo_search.study.directory import PARTIAL
+from topo_search.study.directory import RunFile
 from topo_search.study.ledger_file import LedgerLost
 
 SETTINGS = Settings(tasks=(("push", (3,)),), topologies=(3, 3), starts=1)
@@ -261,9 +261,9 @@ def test_rows_that_vanish_end_the_experiment_and_are_not_called_kept(tmp_path, h
 
 def test_what_a_killed_experiment_left_half_written_is_removed(tmp_path):
     rows_of(tmp_path)
-    (tmp_path / PARTIAL).write_text("half")
+    (tmp_path / RunFile.PARTIAL).write_text("half")
     with Results.open(tmp_path, asked()):
-        assert not (tmp_path / PARTIAL).exists()
+        assert not (tmp_path / RunFile.PARTIAL).exists()
 
 
 def test_a_pipe_is_no_table_to_be_read(tmp_path):

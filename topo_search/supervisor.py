@@ -23,15 +23,26 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from enum import IntEnum
 from types import FrameType
 from typing import Any, NoReturn
 
-SOFTWARE = 70
-"""EX_SOFTWARE of <sysexits.h>."""
-OUT_OF_MEMORY = 71
-"""EX_OSERR of <sysexits.h>: the system has no more memory, or no more processes."""
-INTERRUPTED = 130
-"""128 + SIGINT, as shells have it."""
+
+class ExitStatus(IntEnum):
+    """Exit statuses of commands; some are those of <sysexits.h>."""
+
+    BAD_INPUT = 2
+    OPEN = 4
+    """A proof is not complete."""
+    SOFTWARE = 70
+    """EX_SOFTWARE."""
+    OUT_OF_MEMORY = 71
+    """EX_OSERR: the system has no more memory, or no more processes."""
+    INPUT_OUTPUT = 74
+    """EX_IOERR: the disk is full, or fails."""
+    INTERRUPTED = 130
+    """128 + SIGINT, as shells have it."""
+
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
 """Signals that end a command: Ctrl-C, and the one by which a scheduler ends a job."""
@@ -66,8 +77,8 @@ class Stop:
         self._ending = True
         if not self._raised:
             tell("stopped")
-        self.ends(INTERRUPTED)
-        os._exit(INTERRUPTED)
+        self.ends(ExitStatus.INTERRUPTED)
+        os._exit(ExitStatus.INTERRUPTED)
 
     def _raise(self, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt; later where it would be swallowed, and half a result be taken for one."""
@@ -117,7 +128,7 @@ def supervise(command: Callable[[], object]) -> NoReturn:
         child = os.fork()
     except OSError as error:
         tell(f"no process can be started: {error.strerror}")
-        os._exit(OUT_OF_MEMORY)
+        os._exit(ExitStatus.OUT_OF_MEMORY)
     if child == 0:
         os.close(ends)
         stop = Stop(end)
@@ -158,7 +169,7 @@ def _wait(child: int, ends: int) -> int:
     if asked:
         if not told:
             tell("stopped")
-        return told[-1] if told else INTERRUPTED
+        return told[-1] if told else ExitStatus.INTERRUPTED
     return _explain_death(status)
 
 
@@ -173,9 +184,9 @@ def _explain_death(status: int) -> int:
     by = f"a library, with status {status}" if number is None else number.name
     if limit is not None and (number is None or number in MEMORY_FAULTS):
         tell(f"out of memory: ended by {by}, with a limit of {limit:.0f} MB (`ulimit -v`)")
-        return OUT_OF_MEMORY
+        return ExitStatus.OUT_OF_MEMORY
     tell(f"ended by {by}{', by hand or because memory ran out' if number == signal.SIGKILL else ''}")
-    return SOFTWARE if number is None else 128 + number
+    return ExitStatus.SOFTWARE if number is None else 128 + number
 
 
 def _limit() -> float | None:
@@ -197,7 +208,9 @@ def _run(command: Callable[[], object], parent: int, stop: Stop) -> NoReturn:
         if not stop.asked and not is_out_of_memory(error):
             stop.ends(1)
             raise
-        text, status = ("stopped", INTERRUPTED) if stop.asked else ("out of memory", OUT_OF_MEMORY)
+        text, status = (
+            ("stopped", ExitStatus.INTERRUPTED) if stop.asked else ("out of memory", ExitStatus.OUT_OF_MEMORY)
+        )
         tell(text)
         stop.ends(status)
         raise SystemExit(status) from None
@@ -218,8 +231,8 @@ def _silence(stop: Stop) -> None:
             return
         if told.exc_value and is_out_of_memory(told.exc_value):
             tell("out of memory")
-            stop.ends(OUT_OF_MEMORY)
-            os._exit(OUT_OF_MEMORY)
+            stop.ends(ExitStatus.OUT_OF_MEMORY)
+            os._exit(ExitStatus.OUT_OF_MEMORY)
         of_thread(told)
 
     sys.unraisablehook, threading.excepthook = ignore, end

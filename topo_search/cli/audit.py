@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import BAD_INPUT, explain_errors, note
+from topo_search.cli.errors import explain_errors, note
 from topo_search.limits import LIMITS
+from topo_search.supervisor import ExitStatus
 
 if TYPE_CHECKING:
     from topo_search.model import Geometry
@@ -73,7 +74,7 @@ def audit(
         if summary is not None:
             write_atomically(summary, markdown(judged, [*failed, *reading.refused]))
         if reading.refused:
-            raise SystemExit(BAD_INPUT)
+            raise SystemExit(ExitStatus.BAD_INPUT)
         if failed or any(each.audit.verdict != Status.CLEAR for each in judged):
             raise SystemExit(1)
 

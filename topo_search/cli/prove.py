@@ -9,8 +9,9 @@ from typing import Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import OPEN, explain_errors, needs_extras, note
+from topo_search.cli.errors import explain_errors, needs_extras, note
 from topo_search.limits import LIMITS
+from topo_search.supervisor import ExitStatus
 
 
 @click.command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01")
@@ -109,7 +110,7 @@ def prove(
         if not settled or (topology is None and not answer.proven):
             resumable = any(topology in (None, key) for size in answer.sizes for key in size.proof_resumable)
             note("some trees are still open" + "; run the same command to continue" * resumable)
-            raise SystemExit(OPEN)
+            raise SystemExit(ExitStatus.OPEN)
 
 
 def _check(folder: Path, *, as_json: bool, **asked: Any) -> None:
@@ -135,4 +136,4 @@ def _check(folder: Path, *, as_json: bool, **asked: Any) -> None:
         raise SystemExit(1)
     if not result.settled:
         note("some trees are still open; run `topo-search prove` to continue")
-        raise SystemExit(OPEN)
+        raise SystemExit(ExitStatus.OPEN)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import INPUT_OUTPUT, OPEN, explain_errors, needs_extras
+from topo_search.cli.errors import explain_errors, needs_extras
 from topo_search.limits import LIMITS
+from topo_search.supervisor import ExitStatus
 
 if TYPE_CHECKING:
     from topo_search.model.task_warnings import TaskWarning
@@ -136,7 +137,7 @@ def run(
 
             print_answer(answer)
         unproven = asked["prove"] is not None and answer.best is not None and not answer.proven
-        raise SystemExit(OPEN if unproven else answer.exit_status)
+        raise SystemExit(ExitStatus.OPEN if unproven else answer.exit_status)
 
 
 @contextmanager
@@ -151,7 +152,7 @@ def _print_if_lost(warnings: Sequence[TaskWarning], *, as_json: bool) -> Iterato
             if as_json:
                 design = None if lost.design is None else lost.design.model_dump(mode="json")
                 value = answer_as_json(lost.answer, warnings)
-                options.echo_json({**value, "exit_status": INPUT_OUTPUT, "design": design})
+                options.echo_json({**value, "exit_status": ExitStatus.INPUT_OUTPUT, "design": design})
             else:
                 from topo_search.cli.tables import print_found
                 from topo_search.model.files import to_json

@@ -27,10 +27,10 @@ def list_runs(folder: Path, as_json: bool) -> None:
     with explain_errors():
         from topo_search.cli.tables import print_runs
         from topo_search.study import RunFolder, answer_of
-        from topo_search.study.folder import LEDGER
+        from topo_search.study.directory import RunFile
 
         runs = []
-        for ledger in sorted(folder.glob(f"*/{LEDGER}")):
+        for ledger in sorted(folder.glob(f"*/{RunFile.LEDGER}")):
             with RunFolder.load(ledger.parent) as opened:
                 runs.append((ledger.parent, answer_of(opened)))
         if as_json:

@@ -37,7 +37,7 @@ from topo_search.experiments.plan import (
     plan,
     require_few,
 )
-from topo_search.export.palette import SERIES
+from topo_search.export import palette
 from topo_search.model import Topology
 from topo_search.model.proven import gap_percent
 from topo_search.topologies import candidate_of
@@ -153,7 +153,7 @@ def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
         shift = 0.8 * ((number - 0.5) / (len(names) - 1) - 0.5)
         points = [(position + shift, value) for position, values in enumerate(ratios) for value in values]
         x, y = [x for x, _ in points], [y for _, y in points]
-        effort.plot(x, y, "osD^"[number % 4], color=SERIES[number], alpha=0.5, label=name)
+        effort.plot(x, y, "osD^"[number % 4], color=palette.SERIES[number], alpha=0.5, label=name)
     effort.axhline(0.0, color="black", linewidth=1, label=names[0])
     effort.set(title="Effort of trees with a design under both", ylabel=f"effort J above {names[0]} [%]")
     width = 0.8 / len(names)
@@ -161,7 +161,7 @@ def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
         mine = table[table["variant"] == name]
         shares = 100 * mine["trees_solved"] / mine["trees"]
         left = positions[mine.index] + (number + 0.5) * width - 0.4
-        share.bar(left, shares, 0.9 * width, color=SERIES[number], label=name)
+        share.bar(left, shares, 0.9 * width, color=palette.SERIES[number], label=name)
     share.set(title="Trees with a design", ylabel="share of all trees [%]", ylim=(0, 105))
     labels = [f"{task}\n$n$ = {n}, {distance:.2f} m" for (task, distance, n), _ in problems]
     for axes in (effort, share):

@@ -28,7 +28,7 @@ import pandas as pd
 from topo_search.experiments.conducting import Experiment
 from topo_search.experiments.folder import METHOD
 from topo_search.experiments.plan import AIRFLOW_ALONE, IDENTITY, Settings, Variant, plan
-from topo_search.export.palette import SERIES
+from topo_search.export import palette
 from topo_search.model.proven import gap_percent
 
 if TYPE_CHECKING:
@@ -323,7 +323,7 @@ def fit(n: pd.Series, y: pd.Series) -> tuple[float, float] | None:
 
 def style(number: int) -> dict[str, str]:
     """Return the colour and the marker of a series; with more markers than colours, so that no two are alike."""
-    return {"color": SERIES[number % len(SERIES)], "marker": "osD^v<>P"[number % 8]}
+    return {"color": palette.SERIES[number % len(palette.SERIES)], "marker": "osD^v<>P"[number % 8]}
 
 
 def draw(axes: Axes, series: Sequence[tuple[str, pd.DataFrame]], column: str, sizes: Sequence[int]) -> None:
