@@ -36,7 +36,7 @@ from topo_search.study import prove as prove_run
 from topo_search.study.proving import refuse_unprovable
 from topo_search.topologies import OwnTopology, Symmetry, improper_isometry
 
-T = TypeVar("T", Task, ResolvedTask)
+AnyTask = TypeVar("AnyTask", Task, ResolvedTask)
 
 DEFAULT_TRIALS = 512
 """Candidates that are proposed when not all are solved and nobody says otherwise."""
@@ -299,8 +299,8 @@ def check_proofs(
 
 
 def _compiling(
-    prepare: Callable[[T, Callable[[str], None]], None], engine: Workers | DaskWorkers, observer: Observer
-) -> Callable[[T], None]:
+    prepare: Callable[[AnyTask, Callable[[str], None]], None], engine: Workers | DaskWorkers, observer: Observer
+) -> Callable[[AnyTask], None]:
     """Return what compiles before jobs would, on this machine or on every machine of a cluster."""
     if isinstance(engine, DaskWorkers):
         return partial(engine.prepare, prepare)

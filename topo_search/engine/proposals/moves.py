@@ -30,7 +30,7 @@ from optuna import Study
 from optuna.trial import FrozenTrial
 
 from topo_search.engine.proposals.surrogate import Surrogate, descriptors
-from topo_search.engine.proposals.trials import FRESH, Idea, Merit, TreeSampler, steps
+from topo_search.engine.proposals.trials import HALVING, Idea, Merit, TreeSampler, steps
 from topo_search.engine.strategy import Scored, Space
 from topo_search.model import Topology
 from topo_search.model.arrays import Array
@@ -171,7 +171,7 @@ class Moves(TreeSampler):
             yield self.uniform()
         known = self._learn()
         self._breed(trial.number, known, trial.number - len(trials.running))
-        while trial.number < self._first + FRESH:
+        while trial.number < self._first + HALVING.fresh:
             yield self.uniform()
         # What one job carries over must not be what another one extends meanwhile: which ends first is chance.
         running = {idea.key for idea in trials.running.values()}
@@ -196,7 +196,7 @@ class Moves(TreeSampler):
         of_own = (one for one in known.solved if one.number >= self._first and one.number not in self._strays)
         own = [*islice(of_own, BREEDING.parents)]
         if not own:
-            if number >= self._first + FRESH:
+            if number >= self._first + HALVING.fresh:
                 self._strays.add(number)
             return
         self._parents = own

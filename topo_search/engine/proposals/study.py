@@ -38,13 +38,9 @@ from optuna.trial import FrozenTrial, TrialState
 from topo_search.engine.jobs import rounds
 from topo_search.engine.proposals.moves import Moves
 from topo_search.engine.proposals.trials import (
-    CERTAIN,
-    FRESH,
+    HALVING,
     IMPOSSIBLE,
-    KEY,
-    NEAR,
-    STARTS,
-    STATUS,
+    Attribute,
     Idea,
     Rank,
     TreeSampler,
@@ -127,7 +123,7 @@ class OptunaSearch(Strategy):
         """Yield what the sampler draws, then the best again."""
         yield from self._draws()
         best = sorted((reached, key) for key, reached in self._ranks.items() if reached[0] < IMPOSSIBLE)
-        most = CERTAIN if self._trials < self._space.count() else None
+        most = HALVING.certain if self._trials < self._space.count() else None
         for stop in self._stops:
             short = [key for _, key in best[:most] if self._had[key] < stop]
             if not short:
@@ -182,21 +178,23 @@ def _draw(study: optuna.Study, proposer: TreeSampler) -> _Drawn:
     idea = proposer.drawn.pop(trial.number, Idea(candidate.key))
     proposer.note_idea(trial.number, idea)
     near = idea.warm_starts
-    trial.set_user_attr(KEY, candidate.key)
-    trial.set_user_attr(NEAR, near)
+    trial.set_user_attr(Attribute.KEY, candidate.key)
+    trial.set_user_attr(Attribute.NEAR, near)
     return _Drawn(trial, candidate, near)
 
 
 def _trial_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:
     """Return a trial of a candidate that is not the sampler's."""
-    study.enqueue_trial(dict(encode(Topology.from_key(key), proposer.connectors)), {KEY: key, NEAR: ()})
+    study.enqueue_trial(
+        dict(encode(Topology.from_key(key), proposer.connectors)), {Attribute.KEY: key, Attribute.NEAR: ()}
+    )
     return study.ask(proposer.distributions)
 
 
 def _tell(study: optuna.Study, trial: optuna.Trial, score: Scored) -> FrozenTrial:
     """Tell the study what became of a candidate; without a design it misses a constraint, at an infinite value."""
-    trial.set_user_attr(STATUS, score.status)
-    trial.set_user_attr(STARTS, score.starts)
+    trial.set_user_attr(Attribute.STATUS, score.status)
+    trial.set_user_attr(Attribute.STARTS, score.starts)
     if score.status == "failed":
         return study.tell(trial, state=TrialState.FAIL)
     trial.set_constraint("violation", violation(score))
@@ -244,7 +242,7 @@ class Optunas(TreeSampler):
 
     def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield what the sampler proposes."""
-        while trial.number < FRESH:
+        while trial.number < HALVING.fresh:
             yield self.uniform()
         while True:
             numbers = self._sampler.sample_relative(study, trial, self.distributions)
@@ -371,9 +369,9 @@ def sampler_of(
     if sampler == "random":
         return Uniform(space, seed)
     if sampler == "tpe":
-        return Optunas(space, seed, TPESampler(n_startup_trials=FRESH, seed=seed % SEEDS))
+        return Optunas(space, seed, TPESampler(n_startup_trials=HALVING.fresh, seed=seed % SEEDS))
     if sampler == "nsga2":
-        return Optunas(space, seed, NSGAIISampler(population_size=FRESH, seed=seed % SEEDS))
+        return Optunas(space, seed, NSGAIISampler(population_size=HALVING.fresh, seed=seed % SEEDS))
     raise ValueError(f"sampler must be one of moves, tpe, nsga2, random, but got {sampler!r}")
 
 

@@ -26,6 +26,8 @@ from abc import abstractmethod
 from bisect import bisect_left, insort
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from enum import StrEnum
 from itertools import islice
 from random import Random
 from typing import Any, NamedTuple
@@ -40,12 +42,24 @@ from topo_search.model import Topology
 from topo_search.model.topology import ROOT, Joint
 from topo_search.topologies import Connectors
 
-FEW = 2
-"""Starts of a new candidate, if its sampler does not say otherwise."""
-SHARE = 4
-"""Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all, if its sampler promotes."""
-CERTAIN = 5
-"""So many of the best are given all starts in the end; all are if every candidate was proposed."""
+
+@dataclass(frozen=True)
+class Halving:
+    """Settings of successive halving."""
+
+    few: int = 2
+    """Starts of a new candidate, if its sampler does not say otherwise."""
+    share: int = 4
+    """Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all, if its sampler promotes."""
+    certain: int = 5
+    """So many of the best are given all starts in the end; all are if every candidate was proposed."""
+    draws: int = 64
+    """Known trees drawn in a row after which one is drawn uniformly from all that are left."""
+    fresh: int = 8
+    """Uniform draws that a search, or a population after a restart, begins with."""
+
+
+HALVING = Halving()
 IMPOSSIBLE = 1.0e6
 """Violation of a candidate that is proven impossible or failed, behind all for which no design was found."""
 Rank = tuple[float, float]
@@ -117,7 +131,7 @@ def goes_on(score: Scored, others: Sequence[Rank], step: int) -> bool:
         step: 1 after the first step.
     """
     own = rank(score)
-    return own[0] < IMPOSSIBLE and bisect_left(others, own) < len(others) // SHARE**step
+    return own[0] < IMPOSSIBLE and bisect_left(others, own) < len(others) // HALVING.share**step
 
 
 class Idea(NamedTuple):
@@ -206,25 +220,23 @@ def violation(score: Scored) -> float:
     return score.violation if score.status == "infeasible" and score.violation is not None else IMPOSSIBLE
 
 
-KEY = "key"
-"""User attribute of a trial: the key of its candidate."""
-NEAR = "near"
-"""User attribute of a trial: the keys of the candidates whose designs are carried over to it."""
-STARTS = "starts"
-"""User attribute of a trial that is over: the starts of its candidate so far."""
-STATUS = "status"
-"""User attribute of a trial that is over: what became of its candidate."""
-DRAWS = 64
-"""Number of known trees drawn in a row after which one is drawn uniformly from all that are left."""
+class Attribute(StrEnum):
+    """Optuna's user attributes of a trial."""
 
-FRESH = 8
-"""Uniform draws that a search, or a population after a restart, begins with."""
+    KEY = "key"
+    """Key of its candidate."""
+    NEAR = "near"
+    """Keys of the candidates whose designs are carried over to it."""
+    STARTS = "starts"
+    """Starts of its candidate so far, once it is over."""
+    STATUS = "status"
+    """What became of its candidate, once it is over."""
 
 
 class TreeSampler(BaseSampler):
     """Draws the numbers of a tree's encoding together, in the form that its candidate's key has."""
 
-    few = FEW
+    few = HALVING.few
     """Starts of a new candidate."""
     promotes = True
     """True if candidates that do well are given more starts at once."""
@@ -274,7 +286,7 @@ class TreeSampler(BaseSampler):
     ) -> dict[str, Any]:
         """Return the numbers of a tree that is drawn."""
         known = self.trials.proposed
-        for idea in islice(self.ideas(study, trial), DRAWS):
+        for idea in islice(self.ideas(study, trial), HALVING.draws):
             if idea.again or idea.key not in known:
                 break
         else:
@@ -290,7 +302,7 @@ class TreeSampler(BaseSampler):
 
     def _draw_unknown(self, known: Set[str]) -> Idea:
         """Return a candidate drawn uniformly from those that are not known; they are listed if there are few."""
-        for _ in range(DRAWS):
+        for _ in range(HALVING.draws):
             idea = self.uniform()
             if idea.key not in known:
                 return idea
