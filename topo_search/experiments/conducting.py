@@ -35,9 +35,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-COMPILED = 8
-"""Number of modules for which the solver uses all of its compiled code."""
-
 
 @dataclass(frozen=True)
 class Experiment:
@@ -115,7 +112,7 @@ def _deadline(cell: Cell) -> float:
 
 def measure(backends: Backends, cell: Cell) -> Measured:
     """Solve and audit one cell (in a worker)."""
-    _load(backends, cell.task, cell.distance_m, min(cell.n, COMPILED))
+    _load(backends, cell.task, cell.distance_m, min(cell.n, 8))  # with eight all of the compiled code is used
     task, topology = cell.resolve(), Topology.from_key(cell.key)
     clock, spent, iterations = Clock(), 0.0, 0
     best: Design | Infeasible | None = None

@@ -214,10 +214,6 @@ def _text(x: float, y: float, text: str, size: float) -> str:
     return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size}" text-anchor="middle">{text}</text>'
 
 
-REFERENCES = 3
-"""Number of modules from which distances are given."""
-
-
 def overview(design: Design) -> Iterator[str]:
     """Yield the lines of the section."""
     at = poses(design)
@@ -252,7 +248,7 @@ def overview(design: Design) -> Iterator[str]:
 
 def _distances(at: Poses) -> tuple[list[str], list[list[str]]]:
     """Return the head and the rows of the table of distances."""
-    near = at.p[:REFERENCES]
+    near = at.p[:3]
     head = ["module", *(f"to module {k} [mm]" for k in range(len(near))), "to the tip [mm]"]
     rows = [
         [str(i), *_millimetres(np.linalg.norm(np.vstack([near, at.end_effector]) - p, axis=1))]
@@ -323,10 +319,6 @@ Row = tuple[str, int | str, str, str, str, str]
 """Cells in the order of `COLUMNS`."""
 PLASTIC, STEEL = 1240.0, 7850.0
 """Densities of printed PLA and of bolts [kg/m^3]."""
-THREADS = (1.6, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)
-"""Diameters of metric bolts [mm]."""
-LENGTHS = (4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 35, 40, 45, 50, 60, 70, 80, 90, 100)
-"""Lengths of metric bolts [mm]."""
 ABOUT_PARTS = (
     "Printed parts weigh what solid PLA does, bolts with nuts what steel does. A bolt is long enough for a flange, "
     "a face of the module as thick as that, and a nut. The last row is the mass that search and audit count with."
@@ -365,9 +357,11 @@ def parts_csv(rows: Sequence[Row]) -> str:
 
 def bolt_of(hole: float, grip: float) -> tuple[float, float]:
     """Return diameter and length of a bolt [mm], for a hole and what it holds together [m]."""
-    d = max((thread for thread in THREADS if thread <= MILLIMETRES * hole), default=MILLIMETRES * hole)
+    threads = (1.6, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)  # diameters of metric bolts
+    lengths = (4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 35, 40, 45, 50, 60, 70, 80, 90, 100)
+    d = max((thread for thread in threads if thread <= MILLIMETRES * hole), default=MILLIMETRES * hole)
     least = MILLIMETRES * grip + 0.8 * d + 1  # a nut is 0.8 d high, and a millimetre looks out of it
-    return d, next((length for length in LENGTHS if length >= least), math.ceil(least))
+    return d, next((length for length in lengths if length >= least), math.ceil(least))
 
 
 def _bolt_row(name: str, count: int, d: float, length: float) -> Row:

@@ -43,31 +43,27 @@ from topo_search.model.value import (
     at_most,
 )
 
-SIDES = 8
-"""m: with eight the pyramid is 8 % wider than the cone at its edges."""
-WIDEST = 60.0
-"""Beyond, corners would be more than twice as far out as the cone's own forces [deg]."""
-
 
 class ForceCone(Value):
     """All forces up to a size within an angle of an axis."""
 
     axis: Direction
     """Axis of the cone, in the task frame."""
-    half_angle_deg: Annotated[float, Field(strict=True, gt=0, le=WIDEST)]
-    """theta [deg]."""
+    half_angle_deg: Annotated[float, Field(strict=True, gt=0, le=60.0)]
+    """theta [deg]; beyond, corners would be more than twice as far out as the cone's own forces."""
     force: Positive
     """F, the largest force, in the units of the load case."""
 
     @property
     def corners(self) -> tuple[Vector, ...]:
         """The corners that cover the cone, zero first, in the units of F."""
+        m = 8  # the pyramid is then 8 % wider than the cone at its edges
         a = np.array(self.axis) / math.hypot(*self.axis)
         across = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
         across /= np.linalg.norm(across)
-        angles = 2 * np.pi / SIDES * np.arange(SIDES)
+        angles = 2 * np.pi / m * np.arange(m)
         e = np.multiply.outer(np.cos(angles), across) + np.multiply.outer(np.sin(angles), np.cross(a, across))
-        out = math.tan(math.radians(self.half_angle_deg)) / math.cos(math.pi / SIDES)
+        out = math.tan(math.radians(self.half_angle_deg)) / math.cos(math.pi / m)
         rim = self.force * (a + out * e)
         return ((0.0, 0.0, 0.0), *((float(x), float(y), float(z)) for x, y, z in rim))
 

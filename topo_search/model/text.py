@@ -147,8 +147,6 @@ PAPER = (
 )
 """The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames, no rod, one
 envelope of airflow."""
-NAME = 64
-"""Largest number of characters of a name in a field."""
 
 
 def apply_settings(data: dict[str, Any], settings: tuple[str, ...]) -> None:
@@ -175,8 +173,8 @@ def _apply(data: dict[str, Any], setting: str) -> Fault | None:
     names = [*field_of(setting)]
     if len(names) > LIMITS.key_parts:
         return Fault("", f"must have at most {LIMITS.key_parts} names in a field, but got {show(match[1])}")
-    if max(map(len, names)) > NAME:
-        return Fault("", f"must have names of at most {NAME} characters in a field, but got {show(match[1])}")
+    if max(map(len, names)) > (most := 64):
+        return Fault("", f"must have names of at most {most} characters in a field, but got {show(match[1])}")
     try:
         value = _value(match[2])
     except NotParsed as error:

@@ -16,8 +16,8 @@ from topo_search.model.proven import gap_percent
 from topo_search.study.answer import Answer
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger_file import KEPT
-from topo_search.study.progress import CHUNK_SECONDS, Observer, Phase
-from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, NO_ROD_MASS, sizes_with_best, target
+from topo_search.study.progress import EXPECTED, Observer, Phase
+from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, sizes_with_best, target
 from topo_search.study.request import Request
 from topo_search.study.row import Row
 from topo_search.study.summary import answer_of, refuse_lost
@@ -186,7 +186,7 @@ def prove(
                         started_at = time.monotonic()
                         prepare(task)
                         until += time.monotonic() - started_at
-                    observer.phase(Phase("proving", n, due, seconds=CHUNK_SECONDS))
+                    observer.phase(Phase("proving", n, due, seconds=EXPECTED.chunk_s))
                     ended = engine.run(
                         partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: PATIENCE.chunk_s, until=until
                     )
@@ -215,7 +215,8 @@ def refuse_unprovable(request: Request, name: str) -> None:
     if request.task.goals.names:
         raise BadInput(name, [Fault("", NO_GOALS)])
     if request.task.end_effector.rod_mass == "included":
-        raise BadInput(name, [Fault("end_effector.rod_mass", NO_ROD_MASS)])
+        rule = 'must be "ignored" for a proof, which knows no rod whose mass a design decides, but got "included"'
+        raise BadInput(name, [Fault("end_effector.rod_mass", rule)])
     if (n := request.task.sizes[-1]) > PATIENCE.modules:
         raise BadInput(name, [Fault("modules", f"must be at most {PATIENCE.modules} for a proof, but got {n}")])
 

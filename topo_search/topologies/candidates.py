@@ -164,9 +164,6 @@ def _enumerate(n: int, quotient: Quotient, connectors: Connectors) -> Iterator[C
 OwnTopology: TypeAlias = "Topology | str | nx.Graph[Any]"
 """A tree, its key, or a graph with `ports = {module: port}` at every edge, as `Topology.graph` returns it."""
 
-SHOWN_FAULTS = 20
-"""Number of faults of a list that a message names one by one."""
-
 
 def own_candidates(
     topologies: Iterable[OwnTopology],
@@ -215,8 +212,9 @@ def own_candidates(
             Fault("", f"must list a topology of each size of the task, but none has {missing[0]} modules")
         )
     if faults:
-        left = [Fault("", f"has {len(faults) - SHOWN_FAULTS:,} more faults")] if len(faults) > SHOWN_FAULTS else []
-        raise BadInput(source, [*faults[:SHOWN_FAULTS], *left])
+        shown = 20  # named one by one
+        left = [Fault("", f"has {len(faults) - shown:,} more faults")] if len(faults) > shown else []
+        raise BadInput(source, [*faults[:shown], *left])
     return tuple(sorted(first))
 
 
