@@ -24,9 +24,9 @@ from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Wedge
 
 from topo_search.export import palette
 from topo_search.export.brackets import bracket
+from topo_search.export.picture import Scene
+from topo_search.export.poses import circle, cone_sphere_outline
 from topo_search.export.poses import poses as poses_of
-from topo_search.export.regions import circle, cone_sphere_outline
-from topo_search.export.scene import Scene
 from topo_search.export.tree_drawing import layout
 from topo_search.model import Design, Module, Topology
 from topo_search.model.arrays import Array

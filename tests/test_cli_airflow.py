@@ -12,9 +12,9 @@ from scipy.spatial import ConvexHull
 from wording import says
 
 from topo_search.cli import main
-from topo_search.compose.envelopes import enclose_speed
+from topo_search.compose.binding import enclose_speed
 from topo_search.model import Module
-from topo_search.model.air import SpeedEnvelope
+from topo_search.model.audit import SpeedEnvelope
 from topo_search.model.files import read_task, to_toml
 from topo_search.model.proven import upper_text
 from verify.air import enclose, envelope_air

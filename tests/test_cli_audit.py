@@ -15,9 +15,9 @@ from wording import says
 import verify
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.cli.design_files import DesignFile
+from topo_search.cli.audit import DesignFile
 from topo_search.export.audits import escape, tolerance_lines
-from topo_search.limits import DESIGN_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model import Audit, Topology
 from topo_search.model.files import to_json
 
@@ -304,7 +304,7 @@ def test_a_file_of_a_gigabyte_is_not_read(command, tmp_path):
     result = command("huge.json", "/dev/zero")
     assert result.exit_code == 2
     assert result.stderr.splitlines() == [
-        f"huge.json: must have at most {DESIGN_BYTES:,} bytes, but has {2**30:,}",
+        f"huge.json: must have at most {LIMITS.design_bytes:,} bytes, but has {2**30:,}",
         "/dev/zero: must be a regular file, but is a character device",
     ]
 

@@ -7,19 +7,10 @@ import pytest
 from click.testing import CliRunner
 
 from topo_search.cli import main
-from topo_search.limits import (
-    CORNERS,
-    KEY_PARTS,
-    LARGEST_INTEGER,
-    LEVELS,
-    LOAD_CASES,
-    MODULES,
-    SEGMENTS,
-    TASK_BYTES,
-)
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Task, Topology
 from topo_search.model.files import read_task, to_toml
-from topo_search.model.parsing import json_data, toml_data
+from topo_search.model.text import json_data, toml_data
 
 HEAD = 'name = "t"\nmodules = 5\n'
 HOVER = "[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n"
@@ -77,7 +68,7 @@ BEYOND = {
         "task_seed: must be at most 9.22337e+18, but got a whole number of 400,000 bits",
     ),
     "brackets": (HEAD + HOVER + "x = " + "[" * 2000 + "]" * 2000, "must have fewer nested brackets"),
-    "a long file": (HEAD + HOVER + "#" * TASK_BYTES, "must have at most 1,048,576 bytes, but has"),
+    "a long file": (HEAD + HOVER + "#" * LIMITS.task_bytes, "must have at most 1,048,576 bytes, but has"),
 }  # fmt: skip
 
 
@@ -138,7 +129,10 @@ def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
         ([*SCALING, "--workers", "1000000000"], "'--workers': 1000000000 is not in the range 1<=x<=256"),
         ([*SCALING, "--starts", "10001"], "'--starts': 10001 is not in the range 1<=x<=10000"),
         ([*SCALING, "--time-limit", "1e300"], "1e+300 is not in the range 0<x<=1000000000"),
-        ([*SCALING, "--seed", str(LARGEST_INTEGER)], "--seed: must be from 0 to 9,223,372,036,854,765,807, but"),
+        (
+            [*SCALING, "--seed", str(LIMITS.largest_integer)],
+            "--seed: must be from 0 to 9,223,372,036,854,765,807, but",
+        ),
         ([*SCALING, "--topologies", "10001"], "--topologies: must be at most 10,000, but got 10001"),
         ([*SCALING, "--topologies", "5,1000000000"], "--topologies: must be at most 10,000, but got 1000000000"),
         ([*SCALING, "--topologies", "9" * 400], "--topologies: must be at most 10,000, but got 9"),
@@ -181,30 +175,30 @@ def test_the_largest_listed_sizes_are_counted_drawn_and_listed_as_they_come():
 
 def test_a_task_at_its_limits_is_read_again_from_what_is_written(tmp_path):
     rng = np.random.default_rng(0)
-    points = rng.normal(size=(9, CORNERS, 3))
-    segments = rng.normal(size=(SEGMENTS, 3)).tolist()
+    points = rng.normal(size=(9, LIMITS.corners, 3))
+    segments = rng.normal(size=(LIMITS.segments, 3)).tolist()
     wrench = {"force": rng.normal(size=3).tolist(), "torque": rng.normal(size=3).tolist()}
     task = Task.model_validate(
         {
             "name": "largest",
-            "modules": MODULES,
-            "load_cases": [{"end_effector": wrench, "com": wrench, "units": "SI"}] * LOAD_CASES,
+            "modules": LIMITS.modules,
+            "load_cases": [{"end_effector": wrench, "com": wrench, "units": "SI"}] * LIMITS.load_cases,
             "exposure": [
                 *({"kind": "local", "vertices": corners.tolist()} for corners in points),
                 {"kind": "directional", "segments": segments},
                 *({"kind": "local", "vertices": corners.tolist()} for corners in points),
             ],
-            "goals": {"clearance": [i * 1e-5 for i in range(LEVELS)]},
+            "goals": {"clearance": [i * 1e-5 for i in range(LIMITS.levels)]},
         }
     )
     text = to_toml(task)
-    assert len(text) < TASK_BYTES
+    assert len(text) < LIMITS.task_bytes
     (tmp_path / "task.toml").write_text(text)
     assert read_task(tmp_path / "task.toml") == task
 
 
 def test_keys_of_as_many_parts_as_allowed_are_read():
-    assert toml_data(".".join(["a"] * KEY_PARTS) + " = 1")
+    assert toml_data(".".join(["a"] * LIMITS.key_parts) + " = 1")
     # neither numbers in lists, nor texts and comments are keys
     assert toml_data("v = [" + "0.1, " * 1000 + "]\n# " + "1.2, " * 1000 + '\nt = "' + ". " * 1000 + '"')
 
@@ -219,9 +213,9 @@ def test_json_that_cannot_be_read_is_named(text):
 
 def test_seeds_are_what_toml_can_write():
     family = {"name": "t", "modules": 5, "load_cases": "ten-wrenches"}
-    assert Task.model_validate({**family, "task_seed": LARGEST_INTEGER}).task_seed == LARGEST_INTEGER
+    assert Task.model_validate({**family, "task_seed": LIMITS.largest_integer}).task_seed == LIMITS.largest_integer
     with pytest.raises(ValueError, match="less than or equal"):
-        Task.model_validate({**family, "task_seed": LARGEST_INTEGER + 1})
+        Task.model_validate({**family, "task_seed": LIMITS.largest_integer + 1})
 
 
 def test_no_message_is_longer_than_a_screen(tmp_path):

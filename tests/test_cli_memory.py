@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from topo_search.supervisor import OUT_OF_MEMORY
+from topo_search.supervisor import ExitStatus
 
 COMMANDS = (
     ("check", "push"),
@@ -38,7 +38,7 @@ def limited(megabytes, *words, folder, **environment):
 )
 def test_too_little_memory_is_a_line_and_a_status(tmp_path, megabytes, words):
     done = limited(megabytes, *words, folder=tmp_path)
-    assert done.returncode == OUT_OF_MEMORY, done.stderr
+    assert done.returncode == ExitStatus.OUT_OF_MEMORY, done.stderr
     assert done.stderr.splitlines()[-1].startswith("out of memory")
     assert "Traceback" not in done.stderr
 
@@ -87,7 +87,7 @@ def test_whatever_ends_a_command_is_told(fault, status, last):
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.returncode == status, done.stderr
     assert (done.stderr.splitlines() or [None])[-1] == last
-    if status == OUT_OF_MEMORY:
+    if status == ExitStatus.OUT_OF_MEMORY:
         assert "Traceback" not in done.stderr
 
 
@@ -101,10 +101,10 @@ def test_every_amount_of_memory(tmp_path):
             done = limited(megabytes, *words, folder=folder)
             counts[done.returncode] = counts.get(done.returncode, 0) + 1
             at = (megabytes, words, done.returncode, done.stderr)
-            assert done.returncode in (0, 1, 3, 70, OUT_OF_MEMORY), at
+            assert done.returncode in (0, 1, 3, 70, ExitStatus.OUT_OF_MEMORY), at
             assert "Traceback" not in done.stderr, at
-            if done.returncode in (70, OUT_OF_MEMORY):
+            if done.returncode in (70, ExitStatus.OUT_OF_MEMORY):
                 assert "memory" in done.stderr.splitlines()[-1], at
     print(f"\nexit statuses of {sum(counts.values())} commands with 40 to 960 MB: {dict(sorted(counts.items()))}")
-    assert counts[OUT_OF_MEMORY] > 20
+    assert counts[ExitStatus.OUT_OF_MEMORY] > 20
     assert counts[0] > 20

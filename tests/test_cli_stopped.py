@@ -12,7 +12,7 @@ import pytest
 from processes import eventually, gone, recorded
 from wording import says
 
-from topo_search.supervisor import INTERRUPTED
+from topo_search.supervisor import ExitStatus
 
 HERE = Path(__file__).parent
 HANG = 10.0
@@ -107,7 +107,7 @@ def test_a_signal_while_a_command_starts_ends_it(tmp_path, words, number):
     command = Command(tmp_path, *words)
     command.wait_until_it_listens()
     command.process.send_signal(number)
-    assert command.ends() == INTERRUPTED
+    assert command.ends() == ExitStatus.INTERRUPTED
     assert command.told() == "stopped\n"
 
 
@@ -116,7 +116,7 @@ def test_a_signal_during_a_run_keeps_what_was_finished(tmp_path):
     eventually(lambda: len(recorded(tmp_path / "run")) >= 3)
     for _ in range(20):  # a terminal, a shell and a scheduler at once, all to every process
         os.killpg(command.process.pid, random.choice([signal.SIGINT, signal.SIGTERM]))
-    assert command.ends() == INTERRUPTED
+    assert command.ends() == ExitStatus.INTERRUPTED
     assert says(command.told().splitlines()[-1], "stopped", "kept", "same command")
     assert command.told().count("stopped") == 1
     assert "Traceback" not in command.told()
@@ -131,7 +131,7 @@ def test_native_code_that_does_not_return_is_ended_too(tmp_path):
     time.sleep(0.5)
     process.terminate()
     _, told = process.communicate(timeout=HANG)
-    assert (process.returncode, told) == (INTERRUPTED, "stopped\n")
+    assert (process.returncode, told) == (ExitStatus.INTERRUPTED, "stopped\n")
 
 
 def test_a_signal_while_another_is_told_of_takes_no_word_from_it():
@@ -149,7 +149,7 @@ supervisor.Stop().handle()
 os.kill(os.getpid(), signal.SIGINT)
 """
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANG)
-    assert (ended.returncode, ended.stdout, ended.stderr) == (INTERRUPTED, "", "stopped\n")
+    assert (ended.returncode, ended.stdout, ended.stderr) == (ExitStatus.INTERRUPTED, "", "stopped\n")
 
 
 @pytest.mark.parametrize("kind", ["full", "closed", "unread"])
@@ -171,7 +171,7 @@ def test_what_becomes_of_stderr_keeps_no_run_from_being_stopped(tmp_path, kind):
     else:
         eventually(lambda: len(recorded(tmp_path / "run")) >= 3)
     command.process.terminate()
-    assert command.ends() == INTERRUPTED
+    assert command.ends() == ExitStatus.INTERRUPTED
     os.close(reader)
     os.close(writer)
 
@@ -219,10 +219,10 @@ def test_signals_at_random_moments(tmp_path):
         status = command.ends()
         done = status in (0, 1, 3)
         counts[status] = counts.get(status, 0) + 1
-        assert done or status == INTERRUPTED, (words, status, command.told())
+        assert done or status == ExitStatus.INTERRUPTED, (words, status, command.told())
         assert "Traceback" not in command.told(), (words, command.told())
         assert "Error" not in command.told(), (words, command.told())
         assert "Exception" not in command.told(), (words, command.told())
         assert done or "stopped" in command.told().splitlines()[-1], (words, command.told())
     print(f"\nexit statuses of 100 commands that were signalled: {dict(sorted(counts.items()))}")
-    assert counts[INTERRUPTED] >= 80
+    assert counts[ExitStatus.INTERRUPTED] >= 80

@@ -16,9 +16,9 @@ from engine_jobs import (
 )
 from processes import eventually, gone
 
-from topo_search.child import ONE_THREAD
 from topo_search.engine import DaskWorkers, Failed, Workers
-from topo_search.engine.dask_workers import BATCH
+from topo_search.engine.dask_workers import DURATIONS
+from topo_search.supervisor import ONE_THREAD
 
 
 @pytest.fixture(scope="module", params=["local", "dask"])
@@ -52,7 +52,9 @@ def test_jobs_are_drawn_only_as_workers_take_them(engine):
     for _ in range(6):
         next(outcomes)
     outcomes.close()
-    ahead = 2 if isinstance(engine, Workers) else 4.5 * BATCH / 0.3  # of a worker: two jobs, or batches of them
+    ahead = (
+        2 if isinstance(engine, Workers) else 4.5 * DURATIONS.batch / 0.3
+    )  # of a worker: two jobs, or batches of them
     assert len(drawn) <= 6 + 2 * ahead
 
 

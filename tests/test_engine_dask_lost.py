@@ -17,7 +17,7 @@ from processes import eventually
 from wording import says
 
 from topo_search.engine import DaskWorkers, WorkersLost, computing_versions, dask_connection, dask_workers
-from topo_search.engine.dask_workers import COMPUTING, PYTHON
+from topo_search.engine.dask_workers import COMPUTING
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def test_a_scheduler_that_falls_silent_is_given_up(tmp_path, monkeypatch):
 
 
 def test_workers_that_do_not_come_back_are_given_up(tmp_path, monkeypatch):
-    monkeypatch.setattr(dask_workers, "RETURN", 1.0)
+    monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(away=1.0))
     noted = []
     with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}, note=noted.append) as workers:
         worker = cluster.add_worker()
@@ -81,7 +81,7 @@ def test_workers_that_do_not_come_back_are_given_up(tmp_path, monkeypatch):
 
 
 def test_a_scheduler_that_is_restarted_without_workers_ends_the_run(tmp_path, monkeypatch):
-    monkeypatch.setattr(dask_workers, "RETURN", 1.0)
+    monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(away=1.0))
     with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}) as workers:
         worker = cluster.add_worker()
         assert workers.run_one(square, 3, deadline=LONG) == 9
@@ -139,11 +139,11 @@ def test_a_scheduler_that_ends_is_a_line_and_a_status(tmp_path):
     assert all(any(word in line for word in words) for line in told.splitlines()), told
 
 
-@pytest.mark.parametrize("name", [PYTHON, *COMPUTING])
+@pytest.mark.parametrize("name", ["Python", *COMPUTING])
 def test_another_version_of_anything_that_computes_is_refused(cluster, name):
     versions = computing_versions()
     here = versions[name]
-    assert here == (".".join(map(str, sys.version_info[:3])) if name == PYTHON else metadata.version(name))
+    assert here == (".".join(map(str, sys.version_info[:3])) if name == "Python" else metadata.version(name))
     differ = rf"the Dask worker tcp://\S+ has {name} {here}, where this process has 0\.1: results could differ"
     with (
         DaskWorkers(cluster.address, {**versions, name: "0.1"}) as workers,

@@ -22,15 +22,14 @@ from toy_problem import follow
 
 from topo_search.engine.proposals import OptunaSearch, moves
 from topo_search.engine.proposals.study import LEARNT
-from topo_search.engine.proposals.trials import CERTAIN, FEW
-from topo_search.engine.space import Space
-from topo_search.engine.strategy import Proposal, Scored, Strategy
+from topo_search.engine.proposals.trials import HALVING
+from topo_search.engine.strategy import Proposal, Scored, Space, Strategy
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.protocols import SamplerFactory
 
 SAMPLERS = ("moves", "tpe", "nsga2", "random")
-FIRST = {"moves": 1} | dict.fromkeys(SAMPLERS[1:], FEW)
+FIRST = {"moves": 1} | dict.fromkeys(SAMPLERS[1:], HALVING.few)
 """Starts of a new tree."""
 STARTS = 10
 
@@ -212,7 +211,7 @@ def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
     replayed = replay(study_of(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
     reached = {p.candidate.key: p.starts for p in replayed.searched}
     assert sorted(reached) == [candidate.key for candidate in space(5).candidates()]
-    assert sum(starts > FEW for starts in reached.values()) < len(reached) / 2
+    assert sum(starts > HALVING.few for starts in reached.values()) < len(reached) / 2
     (stage,) = replayed.stages
     last = [scored(p.candidate.key, reached[p.candidate.key]) for p in stage]
     assert [s.objective or math.inf for s in last] == sorted(s.objective or math.inf for s in last)
@@ -252,11 +251,11 @@ def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
     reached = {p.candidate.key: p.starts for p in replayed.proposals}
     scores = [scored(key, starts) for key, starts in reached.items()]
     feasible = sorted((s for s in scores if s.objective), key=lambda s: s.objective or 0.0)
-    assert [s.starts for s in feasible[:CERTAIN]] == [24] * CERTAIN
+    assert [s.starts for s in feasible[: HALVING.certain]] == [24] * HALVING.certain
     number = Counter(reached.values())
     assert number.keys() <= {FIRST[sampler], 2, 4, 8, 16, 24}
-    assert sum(trees for starts, trees in number.items() if starts <= FEW) > 80
-    assert CERTAIN <= number[24] < 40
+    assert sum(trees for starts, trees in number.items() if starts <= HALVING.few) > 80
+    assert HALVING.certain <= number[24] < 40
     assert all(s.starts == FIRST[sampler] for s in scores if s.status in ("failed", "impossible"))
 
 
@@ -382,14 +381,14 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
     hidden = {tree.key for tree in trees[:2]}
 
     def objective(key: str, starts: int) -> Scored:
-        if key in hidden and starts <= FEW:
+        if key in hidden and starts <= HALVING.few:
             bad = (None, 1.0) if at_first == "infeasible" else (10.0, None)
             return Scored(key, starts, at_first, *bad)
         return scored(key, starts)
 
     def found(sampler: str, seed: int) -> bool:
         replayed = replay(study_of(space(8), sampler=sampler, trials=trials, starts=10, seed=seed), objective)
-        return any(p.candidate.key in hidden and p.starts > FEW for p in replayed.proposals)
+        return any(p.candidate.key in hidden and p.starts > HALVING.few for p in replayed.proposals)
 
     assert sum(found("moves", seed) for seed in range(3)) >= 2
     assert not any(found("random", seed) for seed in range(3))

@@ -5,15 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from topo_search.engine.proposals.moves import Moves
-from topo_search.engine.proposals.surrogate import MOST, PATTERNS, Surrogate, descriptors
+from topo_search.engine.proposals.moves import Moves, part_of
+from topo_search.engine.proposals.surrogate import PATTERNS, REGRESSION, Surrogate, descriptors
 from topo_search.engine.proposals.trials import Idea
-from topo_search.engine.space import Space
-from topo_search.engine.strategy import Scored
+from topo_search.engine.strategy import Scored, Space
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, candidate_of, sample
-from topo_search.topologies.tree_moves import part_of
 
 
 @given(st.integers(1, 14), st.integers(0, 10**6), st.sampled_from(["aligned", "any"]))
@@ -94,7 +92,7 @@ def test_a_ranking_is_forecast_and_the_unknown_is_given_a_chance(bend: float) ->
 
 def test_of_very_many_solved_trees_some_of_all_places_are_looked_at() -> None:
     rng = np.random.default_rng(1)
-    described = np.sort(rng.normal(size=(2 * MOST + 1, 1)), axis=0)
+    described = np.sort(rng.normal(size=(2 * REGRESSION.trees + 1, 1)), axis=0)
     bounds = Surrogate(described, range(len(described))).lower_confidence_bounds(np.array([[-2.0], [0.0], [2.0]]))
     assert bounds[0] < bounds[1] - 0.5 < bounds[2] - 1.0
 

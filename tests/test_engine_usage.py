@@ -3,10 +3,10 @@ import sys
 
 import numpy as np
 
-from topo_search.engine.usage import Clock, peak_mb
+from topo_search.supervisor import Clock, peak_mb
 
 BLOCK_MB = 400.0
-SAY = "from topo_search.engine.usage import peak_mb; print(peak_mb())"
+SAY = "from topo_search.supervisor import peak_mb; print(peak_mb())"
 
 
 def test_a_process_counts_its_own_memory_and_not_that_of_its_parent():

@@ -13,8 +13,8 @@ import pytest
 from engine_jobs import LONG, environment, misbehave, raise_timeout, report_pid, square
 from processes import eventually, gone
 
-from topo_search.child import ONE_THREAD
 from topo_search.engine import CallingProcess, Failed, Workers, WorkersLost
+from topo_search.supervisor import ONE_THREAD
 
 
 def test_killing_a_worker_from_outside_costs_one_retry(tmp_path):

@@ -10,9 +10,9 @@ from topo_search.experiments import Settings, experiment, results
 from topo_search.experiments.conducting import failure_row
 from topo_search.experiments.folder import ABOUT, COLUMNS, RESULTS, Measured, Results, identify
 from topo_search.experiments.plan import Variant, plan
-from topo_search.limits import RESULT_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput
-from topo_search.study.directory import PARTIAL
+from topo_search.study.directory import RunFile
 from topo_search.study.ledger_file import LedgerLost
 
 SETTINGS = Settings(tasks=(("push", (3,)),), topologies=(3, 3), starts=1)
@@ -201,7 +201,7 @@ def rows_of(tmp_path):
             r'n: .* kind int, but got "3.5" in line 2',
         ),
         (lambda text: text.replace(b"push,0.15,3,", b"push,0.15,,", 1), r'n: .* kind int, but got "" in line 2'),
-        (lambda text: text + b"x" * RESULT_BYTES, "must have at most 67,108,864 bytes, but has"),
+        (lambda text: text + b"x" * LIMITS.result_bytes, "must have at most 67,108,864 bytes, but has"),
     ],
 )
 def test_rows_that_are_none_are_named_and_left_as_they_are(tmp_path, harm, words):
@@ -261,9 +261,9 @@ def test_rows_that_vanish_end_the_experiment_and_are_not_called_kept(tmp_path, h
 
 def test_what_a_killed_experiment_left_half_written_is_removed(tmp_path):
     rows_of(tmp_path)
-    (tmp_path / PARTIAL).write_text("half")
+    (tmp_path / RunFile.PARTIAL).write_text("half")
     with Results.open(tmp_path, asked()):
-        assert not (tmp_path / PARTIAL).exists()
+        assert not (tmp_path / RunFile.PARTIAL).exists()
 
 
 def test_a_pipe_is_no_table_to_be_read(tmp_path):

@@ -14,7 +14,7 @@ from topo_search.cli import main
 from topo_search.export import audits as tables
 from topo_search.export.audits import Judged, escape, markdown
 from topo_search.model.files import to_json
-from topo_search.model.tables import escape_formula
+from topo_search.model.text import escape_formula
 
 FORMULAS = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", '=HYPERLINK("http://x")']
 

@@ -13,10 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from report_cases import grown
 
-from topo_search.export.picture import draw, figure_of, title
-from topo_search.export.poses import poses
-from topo_search.export.regions import cone_sphere_outline, cone_triangles
-from topo_search.export.scene import Scene, frame_faces, rotor_faces, wrenches
+from topo_search.export.picture import Scene, draw, figure_of, frame_faces, rotor_faces, title, wrenches
+from topo_search.export.poses import cone_sphere_outline, cone_triangles, poses
 from topo_search.export.tree_drawing import flat_layout, layered_layout
 from topo_search.model import BadInput, Design, Module, Topology
 from topo_search.model.files import examples, read_task

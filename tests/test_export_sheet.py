@@ -12,9 +12,8 @@ import pytest
 from topo_search.export.allocation import allocation
 from topo_search.export.brackets import brackets, mount, struts
 from topo_search.export.mjcf import mjcf
-from topo_search.export.parts import bolt_of, parts_csv, parts_list
 from topo_search.export.poses import poses
-from topo_search.export.sheet import sheet
+from topo_search.export.sheet import bolt_of, parts_csv, parts_list, sheet
 from topo_search.export.urdf import urdf
 from topo_search.model import Design
 from topo_search.model.files import read_json

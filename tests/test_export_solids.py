@@ -10,8 +10,7 @@ import trimesh
 from export_cases import BLOCK, OWN_FRAME, WEDGE, drawn_trees, random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
-from topo_search.export.picture import Picture
-from topo_search.export.scene import frame_faces
+from topo_search.export.picture import Picture, frame_faces
 from topo_search.export.solids import cone_sphere, frame, glb, join, rotor_discs, stl
 from topo_search.model import Design, Module, Topology
 from verify.kinematics import platform, rotation

@@ -27,8 +27,7 @@ from nlp_cases import (
 )
 
 from nlp.evaluation.violations import violations
-from topo_search.export.poses import poses
-from topo_search.export.regions import shapes
+from topo_search.export.poses import poses, shapes
 from topo_search.export.solids import region_mesh
 from topo_search.model import Design, Topology
 from topo_search.model.files import to_json

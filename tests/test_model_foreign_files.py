@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 from topo_search.cli import main
 from topo_search.experiments.folder import Results, identify
-from topo_search.limits import DESIGN_BYTES, FACETS, FRAME_TRIANGLES, MESH_BYTES, RESULT_BYTES, TASK_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Task
 from topo_search.model.files import read_json, read_task, validate, write_atomically
 from topo_search.model.mesh_file import convex_pieces, surface
@@ -85,11 +85,11 @@ def _experiment(path: Path) -> None:
 
 
 READERS: dict[str, tuple[Callable[[Path], None], str, int]] = {
-    "task": (_task, "in.toml", TASK_BYTES),
-    "design": (_design, "in.json", DESIGN_BYTES),
-    "region": (_region, "in.obj", MESH_BYTES),
-    "frame": (_frame, "in.stl", MESH_BYTES),
-    "experiment": (_experiment, "in.json", RESULT_BYTES),
+    "task": (_task, "in.toml", LIMITS.task_bytes),
+    "design": (_design, "in.json", LIMITS.design_bytes),
+    "region": (_region, "in.obj", LIMITS.mesh_bytes),
+    "frame": (_frame, "in.stl", LIMITS.mesh_bytes),
+    "experiment": (_experiment, "in.json", LIMITS.result_bytes),
 }
 
 
@@ -283,9 +283,13 @@ def test_a_mesh_opens_no_other_file(tmp_path: Path) -> None:
         ("a.obj", BOX + b"\nf 1 2 " + b"1" * 20, "must have the number of a vertex for a corner"),
         ("a.obj", b"curv 0 1 1 2\n", 'must be an OBJ of vertices and facets, but has "curv" (line 1)'),
         ("a.obj", b"\x89PNG\r\n\x1a\n", "must be an OBJ of vertices and facets, but has"),
-        ("a.obj", b"#\n" * (10 * FACETS + 2), "must have at most 1,000,000 lines, but has more"),
+        ("a.obj", b"#\n" * (10 * LIMITS.facets + 2), "must have at most 1,000,000 lines, but has more"),
         ("a.obj", b"v 0 0 0\nf" + b" 1" * 10**6, "must have at most 10,000 bytes per line"),
-        ("a.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\n" + b"f 1 2 3\n" * (FACETS + 1), "must have at most 100,000 facets"),
+        (
+            "a.obj",
+            b"v 0 0 0\nv 0 0 0\nv 0 0 0\n" + b"f 1 2 3\n" * (LIMITS.facets + 1),
+            "must have at most 100,000 facets",
+        ),
         ("a.obj", b"", "must be the mesh of a body with a volume"),
         (
             "a.stl",
@@ -314,7 +318,7 @@ def test_a_mesh_that_is_none_is_named(tmp_path: Path, name: str, content: bytes,
 
 def test_a_frame_has_few_triangles_and_pieces(tmp_path: Path) -> None:
     ball = trimesh.creation.icosphere(subdivisions=5)
-    assert len(ball.faces) > FRAME_TRIANGLES
+    assert len(ball.faces) > LIMITS.frame_triangles
     (tmp_path / "ball.stl").write_bytes(ball.export(file_type="stl"))
     assert "must have at most 5,000 triangles, but has 20,480" in refusal(_frame, tmp_path / "ball.stl")
     crumb = trimesh.creation.box((0.1, 0.1, 0.1))
@@ -375,7 +379,7 @@ def test_without_unnamed_files_a_file_is_replaced_as_well(tmp_path: Path, monkey
 
 def test_a_log_that_calls_itself_a_regular_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A pipe that nothing comes through, taken for a regular file, stands for the log of a kernel."""
-    monkeypatch.setattr("topo_search.model.parsing._require_regular", lambda status, most_bytes: None)
+    monkeypatch.setattr("topo_search.model.text._require_regular", lambda status, most_bytes: None)
     os.mkfifo(tmp_path / "log.json")
     with open(tmp_path / "log.json", "r+b", buffering=0), pytest.raises(BadInput, match="reading it would wait"):
         read_json(Design, tmp_path / "log.json")

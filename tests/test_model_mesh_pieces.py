@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from trimesh.creation import annulus, box, cylinder, icosphere
 
 from topo_search.cli import main
-from topo_search.limits import ALL_CORNERS, CORNERS
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Local
 from topo_search.model.files import read_task, to_json, to_toml
 from topo_search.model.proven import upper_text
@@ -204,7 +204,7 @@ def test_few_corners_are_kept_as_they_are() -> None:
 def test_many_corners_are_simplified_and_the_excess_is_said(tmp_path: Path) -> None:
     ball = icosphere(4)
     asked = region(tmp_path, ball)
-    assert len(asked.vertices or ()) <= CORNERS
+    assert len(asked.vertices or ()) <= LIMITS.corners
     assert holds(asked, ball.vertices.astype("f4").astype(float)).all()  # as an STL has them
     (excess,) = asked.mesh_excess or ()
     farthest = np.linalg.norm(asked.corners, axis=1).max()
@@ -220,7 +220,7 @@ def test_round_bodies_share_the_corners_of_a_region(tmp_path: Path) -> None:
     cans = [cylinder(0.1, 1.0, sections=64).apply_translation([k, 0, 0]) for k in range(40)]
     asked = region(tmp_path, trimesh.util.concatenate(cans))
     assert len(asked.pieces or ()) == 40
-    assert len(asked.corners) <= ALL_CORNERS
+    assert len(asked.corners) <= LIMITS.all_corners
     assert holds(asked, np.concatenate([can.vertices for can in cans]).astype("f4").astype(float)).all()
     task = read_task(tmp_path / "case.toml")
     (tmp_path / "again.toml").write_text(to_toml(task))

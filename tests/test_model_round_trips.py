@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from topo_search.limits import SIZES
+from topo_search.limits import LIMITS
 from topo_search.model import (
     Audit,
     Design,
@@ -106,7 +106,8 @@ tasks = st.one_of(
     lambda cases: st.fixed_dictionaries(
         {
             "name": st.from_regex(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}", fullmatch=True),
-            "modules": count | st.tuples(count, st.integers(0, SIZES - 1)).map(lambda size: [size[0], sum(size)]),
+            "modules": count
+            | st.tuples(count, st.integers(0, LIMITS.sizes - 1)).map(lambda size: [size[0], sum(size)]),
             **{name: st.just(value) for name, value in cases.items()},
         },
         optional={

@@ -117,4 +117,4 @@ def test_a_task_that_it_does_not_express_is_named() -> None:
 
 def test_a_plan_expects_the_reduced_search_of_the_sizes_that_take_it() -> None:
     """What a run is made of knows no solver, so the number stands in both."""
-    assert progress.REDUCED_UP_TO == REDUCED_UP_TO
+    assert progress.EXPECTED.reduced_modules == REDUCED_UP_TO

@@ -178,7 +178,7 @@ def test_efforts_and_gaps(capsys, monkeypatch):
         check(CliRunner().invoke(main, ["prove", "run", "--check"]).stdout, least=x)
         table = pd.DataFrame({"key": ["a300"], "proof": ["excluded"], "proven_bound": [x]})
         monkeypatch.setattr(compose, "prove", lambda *_, **__: Answer("nowhere", ()))
-        monkeypatch.setattr("topo_search.study.frames.candidates", lambda _, given=table: given)
+        monkeypatch.setattr("topo_search.study.answer.candidates", lambda _, given=table: given)
         check(CliRunner().invoke(main, ["prove", "run"]).stdout, least=x)
 
 

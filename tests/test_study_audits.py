@@ -16,7 +16,7 @@ from topo_search.model.reserves import AskedFlight
 from topo_search.model.task import before_requirement
 from topo_search.study import LARGER_MARGINS, Silent, solve_single
 from topo_search.study.folder import RunFolder
-from topo_search.study.margins import RUNG, margins
+from topo_search.study.request import RUNG, margins
 
 
 class Notes(Silent):

@@ -13,7 +13,7 @@ from wording import says
 from topo_search.model import BadInput, CheckedChunk, Design, Infeasible, Proof
 from topo_search.model.files import to_json
 from topo_search.study import RunFolder, Silent, check
-from topo_search.study.frames import candidates
+from topo_search.study.answer import candidates
 
 
 class Checker:

@@ -23,7 +23,7 @@ from toy_problem import InProcess, solved_keys, toy_run, toy_task
 from topo_search.model import BadInput
 from topo_search.model.files import to_toml
 from topo_search.study import RunFolder, answer_of
-from topo_search.study.directory import PARTIAL
+from topo_search.study.directory import RunFile
 
 RAN, ENDED, ODD = 0, 3, 99
 """Exit statuses of a child: it came to its end, it said why not, or something happened that nobody reckons with."""
@@ -246,7 +246,7 @@ def kill_campaign(tmp_path, kills, seed):
     status, _, err = coordinator.finish()
     assert status == 0, err.decode()
     assert ranking(coordinator.folder) == ranking(tmp_path / "whole")
-    assert not (coordinator.folder / PARTIAL).exists()
+    assert not (coordinator.folder / RunFile.PARTIAL).exists()
     assert not [name for name in listing(coordinator.folder) - listing(tmp_path / "whole") if name != "report.html"]
     return counts
 

@@ -18,7 +18,7 @@ from topo_search.cli import main
 from topo_search.model import BadInput, Design
 from topo_search.model.files import to_json, to_toml, write_atomically
 from topo_search.study import LedgerLost, RunFolder, answer_of
-from topo_search.study.directory import PARTIAL, Directory
+from topo_search.study.directory import Directory, RunFile
 
 MINE = {"designs/mine.json": "mine", "audits/x.json": "x", "report.html": "page"}
 
@@ -47,9 +47,9 @@ def test_a_folder_with_anything_in_it_is_refused_untouched(tmp_path, name):
 
 
 def test_a_folder_that_a_killed_run_had_only_begun_is_taken_up(tmp_path):
-    put(tmp_path, {".lock": "123 on host\n", PARTIAL: "half a ledg"})
+    put(tmp_path, {".lock": "123 on host\n", RunFile.PARTIAL: "half a ledg"})
     assert toy_run(tmp_path).exit_status == 0
-    assert not (tmp_path / PARTIAL).exists()
+    assert not (tmp_path / RunFile.PARTIAL).exists()
 
 
 def test_the_lock_of_another_program_is_left_alone(tmp_path):
@@ -138,9 +138,9 @@ def test_an_empty_file_that_a_power_cut_left_is_written_again(tmp_path):
 
 def test_what_a_killed_run_left_half_written_is_removed_and_nothing_else(tmp_path):
     toy_run(tmp_path)
-    put(tmp_path, {PARTIAL: "half", ".best.json.mine": "mine"})
+    put(tmp_path, {RunFile.PARTIAL: "half", ".best.json.mine": "mine"})
     toy_run(tmp_path)
-    assert not (tmp_path / PARTIAL).exists()
+    assert not (tmp_path / RunFile.PARTIAL).exists()
     assert (tmp_path / ".best.json.mine").read_text() == "mine"
 
 
@@ -238,7 +238,8 @@ def test_ctrl_c_before_anything_was_begun_promises_nothing(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize(
-    "name", ["designs", "audits", "task.toml", "best.json", "candidates.csv", "ledger.sqlite", ".lock", PARTIAL]
+    "name",
+    ["designs", "audits", "task.toml", "best.json", "candidates.csv", "ledger.sqlite", ".lock", RunFile.PARTIAL],
 )
 def test_no_symbolic_link_is_followed(tmp_path, name):
     run, outside = tmp_path / "run", tmp_path / "outside"
@@ -253,7 +254,7 @@ def test_no_symbolic_link_is_followed(tmp_path, name):
         target = outside / "other" / name
     path.symlink_to(target)
     before = {each: each.read_bytes() for each in outside.rglob("*") if each.is_file()}
-    if name == PARTIAL:  # ours to remove, the link itself
+    if name == RunFile.PARTIAL:  # ours to remove, the link itself
         assert toy_run(run, starts=5).exit_status == 0
         assert not path.is_symlink()
     else:

@@ -16,7 +16,7 @@ from topo_search.model.proof import chunk_count
 from topo_search.model.proven import gap_percent
 from topo_search.report.run_page import run_page
 from topo_search.study import RunFolder, Silent, answer_of, prove
-from topo_search.study.frames import candidates
+from topo_search.study.answer import candidates
 from topo_search.study.proofs import bounded_alike, problem, target
 
 

@@ -14,8 +14,8 @@ from topo_search.engine import Failed
 from topo_search.model import Design, Infeasible, Task, Topology
 from topo_search.model.design import STARTS, Relaxation, Relaxed
 from topo_search.model.files import to_json
-from topo_search.model.parsing import apply_settings
 from topo_search.model.relaxable import relaxable
+from topo_search.model.text import apply_settings
 from topo_search.study import Silent
 from topo_search.study.relaxing import TREES, relax
 from topo_search.study.solving import Tools

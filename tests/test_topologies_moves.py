@@ -7,10 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from topo_search.engine import Space
+from topo_search.engine.proposals.moves import draw_move, graft, part_of
+from topo_search.engine.strategy import with_spins_reversed
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, Root, Symmetry, candidate_of, candidates, sample
-from topo_search.topologies.tree_moves import draw_move, graft, part_of, with_spins_reversed
 
 
 def spins(topology: Topology) -> list[int]:

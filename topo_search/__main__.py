@@ -16,7 +16,7 @@ def _command() -> None:
 
     logging.disable()  # libraries would log, for example, the traceback of a lost connection
 
-    from topo_search.child import ONE_THREAD
+    from topo_search.supervisor import ONE_THREAD
 
     os.environ.update(ONE_THREAD)  # before NumPy loads: threads would cost more than proposals, and change sums
 

@@ -4,30 +4,45 @@ Python's own handling of signals waits until native code returns, which may take
 LLVM), and memory that runs out in native code ends a process without a word. So the process that was started loads
 nothing: it waits for its child, passes Ctrl-C and SIGTERM on to it, kills it if it does not end by itself, and says
 why it crashed. That loses nothing: whatever was finished is in the ledger, which survives that at any moment.
+
+Every child process makes sure first that it cannot outlive the process that started it. This file loads only
+Python's own library, so that a child that has too little memory for more can say so.
 """
 
 from __future__ import annotations
 
+import ctypes
 import mmap
 import os
+import pickle
 import resource
 import select
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
+from enum import IntEnum
 from types import FrameType
 from typing import Any, NoReturn
 
-from topo_search.child import ONE_THREAD, die_with_parent
 
-SOFTWARE = 70
-"""EX_SOFTWARE of <sysexits.h>."""
-OUT_OF_MEMORY = 71
-"""EX_OSERR of <sysexits.h>: the system has no more memory, or no more processes."""
-INTERRUPTED = 130
-"""128 + SIGINT, as shells have it."""
+class ExitStatus(IntEnum):
+    """Exit statuses of commands; some are those of <sysexits.h>."""
+
+    BAD_INPUT = 2
+    OPEN = 4
+    """A proof is not complete."""
+    SOFTWARE = 70
+    """EX_SOFTWARE."""
+    OUT_OF_MEMORY = 71
+    """EX_OSERR: the system has no more memory, or no more processes."""
+    INPUT_OUTPUT = 74
+    """EX_IOERR: the disk is full, or fails."""
+    INTERRUPTED = 130
+    """128 + SIGINT, as shells have it."""
+
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
 """Signals that end a command: Ctrl-C, and the one by which a scheduler ends a job."""
@@ -62,8 +77,8 @@ class Stop:
         self._ending = True
         if not self._raised:
             tell("stopped")
-        self.ends(INTERRUPTED)
-        os._exit(INTERRUPTED)
+        self.ends(ExitStatus.INTERRUPTED)
+        os._exit(ExitStatus.INTERRUPTED)
 
     def _raise(self, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt; later where it would be swallowed, and half a result be taken for one."""
@@ -113,7 +128,7 @@ def supervise(command: Callable[[], object]) -> NoReturn:
         child = os.fork()
     except OSError as error:
         tell(f"no process can be started: {error.strerror}")
-        os._exit(OUT_OF_MEMORY)
+        os._exit(ExitStatus.OUT_OF_MEMORY)
     if child == 0:
         os.close(ends)
         stop = Stop(end)
@@ -154,7 +169,7 @@ def _wait(child: int, ends: int) -> int:
     if asked:
         if not told:
             tell("stopped")
-        return told[-1] if told else INTERRUPTED
+        return told[-1] if told else ExitStatus.INTERRUPTED
     return _explain_death(status)
 
 
@@ -169,9 +184,9 @@ def _explain_death(status: int) -> int:
     by = f"a library, with status {status}" if number is None else number.name
     if limit is not None and (number is None or number in MEMORY_FAULTS):
         tell(f"out of memory: ended by {by}, with a limit of {limit:.0f} MB (`ulimit -v`)")
-        return OUT_OF_MEMORY
+        return ExitStatus.OUT_OF_MEMORY
     tell(f"ended by {by}{', by hand or because memory ran out' if number == signal.SIGKILL else ''}")
-    return SOFTWARE if number is None else 128 + number
+    return ExitStatus.SOFTWARE if number is None else 128 + number
 
 
 def _limit() -> float | None:
@@ -193,7 +208,9 @@ def _run(command: Callable[[], object], parent: int, stop: Stop) -> NoReturn:
         if not stop.asked and not is_out_of_memory(error):
             stop.ends(1)
             raise
-        text, status = ("stopped", INTERRUPTED) if stop.asked else ("out of memory", OUT_OF_MEMORY)
+        text, status = (
+            ("stopped", ExitStatus.INTERRUPTED) if stop.asked else ("out of memory", ExitStatus.OUT_OF_MEMORY)
+        )
         tell(text)
         stop.ends(status)
         raise SystemExit(status) from None
@@ -214,8 +231,8 @@ def _silence(stop: Stop) -> None:
             return
         if told.exc_value and is_out_of_memory(told.exc_value):
             tell("out of memory")
-            stop.ends(OUT_OF_MEMORY)
-            os._exit(OUT_OF_MEMORY)
+            stop.ends(ExitStatus.OUT_OF_MEMORY)
+            os._exit(ExitStatus.OUT_OF_MEMORY)
         of_thread(told)
 
     sys.unraisablehook, threading.excepthook = ignore, end
@@ -269,3 +286,68 @@ def _open_standard_streams() -> None:
             os.open(os.devnull, os.O_RDWR)  # the lowest number that is free: this one
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "r" if number == 0 else "w", closefd=False))  # noqa: SIM115
+
+
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
+)
+"""Environment of a worker: the cores are shared out between workers, and threads would change sums."""
+
+
+def die_with_parent(parent: int) -> None:
+    """End this process when its parent, whose id is given, ends; at once if it already has.
+
+    On systems other than Linux a worker whose parent was killed ends when it next reads from the closed pipe.
+    """
+    if sys.platform == "linux":
+        libc = ctypes.CDLL(None, use_errno=True)
+        set_parent_death_signal = 1  # PR_SET_PDEATHSIG of <linux/prctl.h>
+        if libc.prctl(set_parent_death_signal, signal.SIGKILL) != 0:
+            code = ctypes.get_errno()
+            raise OSError(code, f"prctl(PR_SET_PDEATHSIG): {os.strerror(code)}")
+    if os.getppid() != parent:  # it ended before the line above
+        os._exit(1)
+
+
+def call_pickled(call: bytes, script: dict[str, str]) -> bytes:
+    """Call a function with its job: what that loads, and takes to do so, is part of the job that may fail.
+
+    Args:
+        call: both, pickled.
+        script: names the script that defines some of it, as `multiprocessing` does; may be empty.
+    """
+    if script:
+        from multiprocessing import current_process  # a worker has loaded them, the supervisor never does
+        from multiprocessing.spawn import prepare
+
+        process: Any = current_process()
+        process._inheriting = True  # as in a process that starts: the script may not start more of them
+        try:
+            prepare(script)
+        finally:
+            del process._inheriting
+    function, job = pickle.loads(call)
+    return pickle.dumps(function(job))
+
+
+class Clock:
+    """CPU seconds of this process since the last lap."""
+
+    def __init__(self) -> None:
+        self._began = time.process_time()
+
+    def lap(self) -> float:
+        """Return them, and begin the next."""
+        now = time.process_time()
+        seconds, self._began = now - self._began, now
+        return seconds
+
+
+def peak_mb() -> float:
+    """Return the most memory that this process has held [MB]."""
+    if sys.platform != "linux":
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20  # bytes on macOS
+    with open(
+        "/proc/self/status"
+    ) as status:  # not `ru_maxrss`, in which Linux counts the parent in that started it
+        return next(int(line.split()[1]) for line in status if line.startswith("VmHWM:")) / 2**10

@@ -15,9 +15,9 @@ from nlp.evaluation.correction import correct
 from nlp.evaluation.violations import violations, worst
 from nlp.numbers.point import Point
 from nlp.starts.random_starts import draw, generator
-from topo_search.engine.usage import Clock
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task
+from topo_search.supervisor import Clock
 from topo_search.topologies import sample
 
 Row = dict[str, Any]

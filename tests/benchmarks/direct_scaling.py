@@ -18,8 +18,8 @@ from pathlib import Path
 from attempts import Stated, attempts
 from children import Child, Row
 
+from topo_search.experiments import experiment
 from topo_search.experiments.folder import Measured, Results, identify
-from topo_search.experiments.paper import SCALING
 from topo_search.experiments.plan import Cell
 
 METHOD = "direct"
@@ -37,7 +37,7 @@ def main() -> None:
     parser.add_argument("--cap", type=int, default=600, help="most CPU seconds of each topology")
     given = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"  # for the children, which measure
-    settings = SCALING.full.override(
+    settings = experiment("scaling").full.override(
         tasks=tuple((task, tuple(given.sizes)) for task in given.tasks),
         topologies=(given.topologies, given.topologies),
         distances=(given.distance,),
@@ -49,8 +49,8 @@ def main() -> None:
         f"--sizes {' '.join(map(str, given.sizes))} --topologies {given.topologies} --distance {given.distance} "
         f"--starts {given.starts} --cap {given.cap}"
     )
-    with Results.open(given.out, identify(SCALING.name, settings.as_json(), command)) as rows:
-        for cell in SCALING.cells(settings):
+    with Results.open(given.out, identify(experiment("scaling").name, settings.as_json(), command)) as rows:
+        for cell in experiment("scaling").cells(settings):
             if not rows.has(cell):
                 rows.add(measured(cell, given.cap))
 

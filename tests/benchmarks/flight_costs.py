@@ -22,7 +22,7 @@ import verify
 from nlp import default_starts, solve
 from topo_search.model import Audit, Design, ResolvedTask, Topology
 from topo_search.model.files import read_task
-from topo_search.study.margins import margins, raise_margins, with_margin
+from topo_search.study.request import margins, raise_margins, with_margin
 from topo_search.topologies import candidates
 
 PLAIN = "nothing"

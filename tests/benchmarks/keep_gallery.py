@@ -23,9 +23,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import topo_search
-from topo_search.export.picture import figure_of
+from topo_search.export.picture import Scene, figure_of
 from topo_search.export.poses import Poses, azimuth_deg, poses_to_draw
-from topo_search.export.scene import Scene
 from topo_search.model import Design
 from topo_search.model.files import examples, read_json, read_task, write_atomically
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from topo_search.limits import CORNERS, FACETS, LOAD_CASES, MODULES, SEGMENTS
+from topo_search.limits import LIMITS
 
 HEAD = 'name = "limit"\nmodules = 5\n'
 HOVER = "[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n"
@@ -40,12 +40,12 @@ def mesh(number: int) -> bytes:
 
 def inputs(folder: Path) -> dict[str, list[str]]:
     """Make the inputs; return the command of every part."""
-    turn = np.linspace(0, 2 * np.pi, SEGMENTS, endpoint=False)
+    turn = np.linspace(0, 2 * np.pi, LIMITS.segments, endpoint=False)
     around = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1).tolist()
-    sphere = np.random.default_rng(0).normal(size=(CORNERS, 3))
+    sphere = np.random.default_rng(0).normal(size=(LIMITS.corners, 3))
     sphere /= np.linalg.norm(sphere, axis=1, keepdims=True)
     tasks = {
-        "load-cases": HEAD + cases(LOAD_CASES),
+        "load-cases": HEAD + cases(LIMITS.load_cases),
         "load-cases-beyond": HEAD + cases(10_000),
         "segments": HEAD + HOVER + f'[[exposure]]\nkind = "directional"\nsegments = {around}\n',
         "segments-beyond": HEAD
@@ -60,11 +60,11 @@ def inputs(folder: Path) -> dict[str, list[str]]:
     }
     for name, text in tasks.items():
         (folder / f"{name}.toml").write_text(text)
-    (folder / "facets.stl").write_bytes(mesh(FACETS))
+    (folder / "facets.stl").write_bytes(mesh(LIMITS.facets))
     (folder / "beyond.stl").write_bytes(mesh(1_000_000))
     commands = {name: ["check", f"{name}.toml"] for name in tasks}
     far = ["--sample-seed", "0", "--starts", "1", "--set", "module.connector_distance=0.5"]
-    commands["modules"] = ["solve", "ten-wrenches", "--modules", str(MODULES), *far]
+    commands["modules"] = ["solve", "ten-wrenches", "--modules", str(LIMITS.modules), *far]
     commands["modules-beyond"] = ["check", "push", "--modules", "10000"]
     commands["solve-load-cases"] = ["solve", "load-cases.toml", "--topology", "a70010", "--starts", "1"]
     return commands

@@ -1,13 +1,22 @@
-"""`topo-search audit`: the exact audit of designs, from their files alone."""
+"""`topo-search audit`: the exact audit of designs, from their files alone: files, and folders of them."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import BAD_INPUT, explain_errors, note
+from topo_search.cli.errors import explain_errors, note
+from topo_search.limits import LIMITS
+from topo_search.supervisor import ExitStatus
+
+if TYPE_CHECKING:
+    from topo_search.model import Geometry
 
 
 @click.command(epilog="Example: topo-search audit runs/push-*/best.json --markdown audit.md")
@@ -27,7 +36,6 @@ def audit(
     2 a file cannot be read or is not a design (the others are still audited).
     """
     with explain_errors():
-        from topo_search.cli.design_files import Reading, design_files
         from topo_search.cli.tables import print_audit, print_tally
         from topo_search.compose import audits, available_cores
         from topo_search.engine import Failed
@@ -66,6 +74,98 @@ def audit(
         if summary is not None:
             write_atomically(summary, markdown(judged, [*failed, *reading.refused]))
         if reading.refused:
-            raise SystemExit(BAD_INPUT)
+            raise SystemExit(ExitStatus.BAD_INPUT)
         if failed or any(each.audit.verdict != Status.CLEAR for each in judged):
             raise SystemExit(1)
+
+
+AUDIT = "topo-search/audit"
+"""`format` of an audit's file."""
+
+
+@dataclass(frozen=True)
+class DesignFile:
+    """A file that is to hold a design."""
+
+    path: str
+    listed: bool = False
+    """True if it was found in a folder, where it may be an audit that a run keeps beside its designs."""
+    fault: str | None = None
+    """Fault that was found before it was opened."""
+
+    @property
+    def name(self) -> str:
+        """The path as it can be printed: Unicode without control characters."""
+        from topo_search.model.bad_input import to_printable
+
+        return to_printable(self.path)
+
+    def read(self) -> Geometry | None:
+        """Return the design, or its geometry; None for an audit in a folder.
+
+        Raises:
+            BadInput: it is no design; names every fault.
+        """
+        from topo_search.model import BadInput
+        from topo_search.model.files import load_json, stated_format, to_geometry
+
+        if self.fault is not None:
+            raise BadInput(self.name, self.fault)
+        data = load_json(self.path, most_bytes=LIMITS.design_bytes)
+        if self.listed and stated_format(data) == AUDIT:
+            return None
+        return to_geometry(data, self.name)
+
+
+class Reading:
+    """Designs as they are read from files, and what became of the other files."""
+
+    def __init__(self, files: Sequence[DesignFile], *, tell: Callable[[str], None]) -> None:
+        self.files = files
+        self.tell = tell
+        self.read: list[tuple[str, Geometry]] = []
+        """Every design with the name of its file, in order."""
+        self.refused: list[tuple[str, str]] = []
+        """Every other file, with its faults."""
+        self.passed_over = 0
+        """Number of audits that were found in folders."""
+
+    def designs(self) -> Iterator[Geometry]:
+        """Yield the designs as they are read, and tell the faults of the other files."""
+        from topo_search.model import BadInput
+
+        for file in self.files:
+            try:
+                design = file.read()
+            except BadInput as error:
+                self.refused.append((file.name, "; ".join(map(str, error.faults))))
+                self.tell("\n".join(f"{file.name}: {fault}" for fault in error.faults))
+                continue
+            if design is None:
+                self.passed_over += 1
+            else:
+                self.read.append((file.name, design))
+                yield design
+
+
+def design_files(words: Sequence[str]) -> list[DesignFile]:
+    """Return the files of a command line in its order; of a folder all `*.json` below it, sorted.
+
+    Links to folders are followed when they are given, not when they are met.
+    """
+    return [file for word in words for file in (_find_files(word) if Path(word).is_dir() else [DesignFile(word)])]
+
+
+def _find_files(folder: str) -> Iterator[DesignFile]:
+    unread: list[OSError] = []
+    empty = True
+    for parent, folders, files in os.walk(folder, onerror=unread.append):
+        folders.sort()
+        for name in sorted(files):
+            if name.endswith(".json"):
+                empty = False
+                yield DesignFile(str(Path(parent) / name), listed=True)
+    for error in unread:
+        yield DesignFile(str(error.filename), fault=f"cannot be read: {error.strerror}")
+    if empty and not unread:
+        yield DesignFile(folder, fault="must contain designs, but no file below it ends in .json")

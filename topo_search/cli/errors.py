@@ -13,13 +13,7 @@ from typing import NoReturn
 
 import click
 
-from topo_search.supervisor import INTERRUPTED, OUT_OF_MEMORY, SOFTWARE, Stop, is_out_of_memory
-
-BAD_INPUT = 2
-OPEN = 4
-"""A proof is not complete."""
-INPUT_OUTPUT = 74
-"""EX_IOERR of <sysexits.h>: the disk is full, or fails."""
+from topo_search.supervisor import ExitStatus, Stop, is_out_of_memory
 
 
 @contextmanager
@@ -60,27 +54,27 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as error:
-        _end(_explain_stop(error), INTERRUPTED)
+        _end(_explain_stop(error), ExitStatus.INTERRUPTED)
     except Exception as error:
         if isinstance(error, LedgerLost):
-            _end(str(error), INPUT_OUTPUT)
+            _end(str(error), ExitStatus.INPUT_OUTPUT)
         if stop.asked:  # whoever was interrupted made another error of it
-            _end(_explain_stop(error), INTERRUPTED)
+            _end(_explain_stop(error), ExitStatus.INTERRUPTED)
         if isinstance(error, BadInput):
-            _end(str(error), BAD_INPUT)
+            _end(str(error), ExitStatus.BAD_INPUT)
         if isinstance(error, WorkersLost):
-            _end(f"{error}{kept}", SOFTWARE)
+            _end(f"{error}{kept}", ExitStatus.SOFTWARE)
         if is_out_of_memory(error):
-            _end(f"out of memory{kept}", OUT_OF_MEMORY)
+            _end(f"out of memory{kept}", ExitStatus.OUT_OF_MEMORY)
         if isinstance(error, sqlite3.OperationalError):
             text = f"cannot write the ledger: {error}; its contents are safe; run the same command to continue"
-            _end(text, INPUT_OUTPUT)
+            _end(text, ExitStatus.INPUT_OUTPUT)
         if isinstance(error, BrokenProcessPool) and isinstance(error.__cause__, OSError):
             error = error.__cause__  # what kept a worker from starting
         # an error without a number is no file's; with EPIPE the reader of our output left
         if isinstance(error, OSError) and error.errno not in (None, errno.EPIPE):
             where = f" ({error.filename})" if error.filename else ""
-            _end(f"{os.strerror(error.errno)}{where}{kept}", INPUT_OUTPUT)
+            _end(f"{os.strerror(error.errno)}{where}{kept}", ExitStatus.INPUT_OUTPUT)
         raise
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)

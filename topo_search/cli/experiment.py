@@ -10,12 +10,10 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors
-from topo_search.limits import SECONDS
+from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     import pandas as pd
-
-NAMES = ("scaling", "ablation", "placement", "root", "body", "hinges")
 
 
 def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
@@ -36,7 +34,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 
 
 @click.command(epilog="Example: topo-search experiment ablation --sizes 10,20 --topologies 5 --out ablation")
-@click.argument("name", type=click.Choice(NAMES))
+@click.argument("name", type=click.Choice(["scaling", "ablation", "placement", "root", "body", "hinges"]))
 @click.option("--out", type=options.PATH, required=True, help="The experiment's folder.")
 @click.option("--small", is_flag=True, help="Use small settings that finish in seconds.")
 @click.option(
@@ -61,7 +59,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 @options.workers
 @click.option(
     "--time-limit",
-    type=options.Real(0, SECONDS, min_open=True),
+    type=options.Real(0, LIMITS.seconds, min_open=True),
     metavar="SECONDS",
     help="CPU time per topology after which no further start begins; scaling and ablation only (default: 600).",
 )

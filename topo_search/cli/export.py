@@ -283,7 +283,7 @@ def _write_table(source: str, kind: Any, out: Path) -> None:
     """Write the candidates of a run's folder, or the clearances of an audit or a design."""
     from topo_search.export.audits import clearances, csv, parquet
     from topo_search.model.files import write_atomically
-    from topo_search.study.frames import candidates
+    from topo_search.study.answer import candidates
 
     if kind == "assembly":
         write_atomically(out, _audit_of(source).assembly.csv())
@@ -294,7 +294,7 @@ def _write_table(source: str, kind: Any, out: Path) -> None:
 
 def _audit_of(source: str) -> Audit:
     """Return the audit that a file holds, or that of the design that it holds."""
-    from topo_search.cli.design_files import AUDIT
+    from topo_search.cli.audit import AUDIT
     from topo_search.compose import audits, read_completed
     from topo_search.engine import Failed
     from topo_search.model import Audit, BadInput

@@ -9,7 +9,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, note
-from topo_search.limits import PERCENT
+from topo_search.limits import LIMITS
 
 
 @click.command(epilog="Example: topo-search kit push wall-push --out kit")
@@ -18,7 +18,7 @@ from topo_search.limits import PERCENT
 @options.set_field
 @click.option(
     "--within",
-    type=options.Real(0, PERCENT),
+    type=options.Real(0, LIMITS.percent),
     default=2.0,
     show_default=True,
     metavar="PERCENT",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli.errors import needs_extras, note
-from topo_search.limits import KEYS_BYTES, LARGEST_INTEGER, SECONDS, STARTS, WORKERS
+from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     from topo_search.model import Design, Task
@@ -47,19 +47,19 @@ set_field = click.option(
 )
 seed = click.option(
     "--seed",
-    type=click.IntRange(0, LARGEST_INTEGER),
+    type=click.IntRange(0, LIMITS.largest_integer),
     default=0,
     show_default=True,
     help="Seed of all random numbers.",
 )
 time_limit = click.option(
     "--time-limit",
-    type=Real(0, SECONDS, min_open=True),
+    type=Real(0, LIMITS.seconds, min_open=True),
     metavar="SECONDS",
     help="Stop after this time with the best design so far, audited; every tree gets a few starts first.",
 )
 workers = click.option(
-    "--workers", type=click.IntRange(1, WORKERS), help="Worker processes (default: the cores available)."
+    "--workers", type=click.IntRange(1, LIMITS.workers), help="Worker processes (default: the cores available)."
 )
 connectors = click.option(
     "--connectors",
@@ -92,7 +92,7 @@ topologies = click.option(
 
 def starts(text: str) -> Callable[..., Any]:
     """Return the option for the number of starts; its default is not the same everywhere."""
-    return click.option("--starts", type=click.IntRange(1, STARTS), help=text)
+    return click.option("--starts", type=click.IntRange(1, LIMITS.starts), help=text)
 
 
 def out(option: str, name: str, text: str) -> Callable[..., Any]:
@@ -160,10 +160,10 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     Raises:
         BadInput: the task is wrong, or something else sets what `--paper` sets.
     """
-    from topo_search.compose.envelopes import enclose_speed
+    from topo_search.compose.binding import enclose_speed
     from topo_search.model import BadInput, Fault
     from topo_search.model.files import read_task
-    from topo_search.model.parsing import PAPER
+    from topo_search.model.text import PAPER
 
     changes = (*settings, *(f"{name.replace('__', '.')}={value}" for name, value in without_none(fields).items()))
     if not paper:
@@ -193,7 +193,7 @@ def read_topologies(file: str, task: Task) -> tuple[str, ...]:
     from topo_search.model.files import load_text
     from topo_search.topologies import own_candidates
 
-    lines = enumerate(load_text(file, most_bytes=KEYS_BYTES).splitlines(), start=1)
+    lines = enumerate(load_text(file, most_bytes=LIMITS.keys_bytes).splitlines(), start=1)
     keys = [(number, key) for number, line in lines if (key := line.strip())]
     places = {k: f"line {number}" for k, (number, _) in enumerate(keys)}
     return own_candidates([key for _, key in keys], task, source=file, places=places)
@@ -211,7 +211,7 @@ def warn(task: Task) -> tuple[TaskWarning, ...]:
 
 def _meets(setting: str, others: tuple[str, ...]) -> bool:
     """True if a setting sets a field that one of others sets too, or a table with it."""
-    from topo_search.model.parsing import field_of
+    from topo_search.model.text import field_of
 
     mine = field_of(setting)
     return bool(mine) and any(all(a == b for a, b in zip(mine, field_of(other), strict=False)) for other in others)

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from topo_search.study.progress import Observer, Phase, Plan, TimeLeft
     from topo_search.study.row import Row
 
-WIDTH = 24
-"""Width of the bar [characters]."""
-
 
 def _ignore(incumbent: Row | None) -> str:
     """Say nothing: the designs are not of one task."""
@@ -123,12 +120,12 @@ class Bar:
 
     def _bar(self) -> ProgressBar:
         """Return the share of the time that is over; it moves while a step takes long, and never back."""
-        now = time.monotonic()
+        now, width = time.monotonic(), 24  # [characters]
         if self._left is None or self._phase is None:
-            return ProgressBar(total=None, width=WIDTH, pulse=True, animation_time=now)
+            return ProgressBar(total=None, width=width, pulse=True, animation_time=now)
         taken = now - self._began
         self._share = max(self._share, taken / max(taken + self._left(now), 1e-9))
-        return ProgressBar(total=1.0, completed=self._share, width=WIDTH)
+        return ProgressBar(total=1.0, completed=self._share, width=width)
 
     def _time_text(self) -> Text:
         """Return the time left."""

@@ -9,15 +9,16 @@ from typing import Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import OPEN, explain_errors, needs_extras, note
-from topo_search.limits import GAPS, SECONDS
+from topo_search.cli.errors import explain_errors, needs_extras, note
+from topo_search.limits import LIMITS
+from topo_search.supervisor import ExitStatus
 
 
 @click.command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01")
 @click.argument("folder", metavar="RUN", type=options.PATH)
 @click.option(
     "--gap",
-    type=options.Real(*GAPS),
+    type=options.Real(*LIMITS.gaps),
     default=0.003,
     show_default=True,
     help="Gap at which a tree counts as settled: how far its bound may lie below its own best control effort.",
@@ -41,7 +42,7 @@ from topo_search.limits import GAPS, SECONDS
 )
 @click.option(
     "--time-limit",
-    type=options.Real(0, SECONDS, min_open=True),
+    type=options.Real(0, LIMITS.seconds, min_open=True),
     metavar="SECONDS",
     help="Stop after this time and keep what is proven by then.",
 )
@@ -89,7 +90,7 @@ def prove(
 
             answer = prove_run(folder, topology=topology, observer=observer, **options.without_none(asked))
         from topo_search.model.proven import lower_text
-        from topo_search.study.frames import candidates
+        from topo_search.study.answer import candidates
 
         table = candidates(folder)
         table = table if topology is None else table[table["key"] == topology]
@@ -109,7 +110,7 @@ def prove(
         if not settled or (topology is None and not answer.proven):
             resumable = any(topology in (None, key) for size in answer.sizes for key in size.proof_resumable)
             note("some trees are still open" + "; run the same command to continue" * resumable)
-            raise SystemExit(OPEN)
+            raise SystemExit(ExitStatus.OPEN)
 
 
 def _check(folder: Path, *, as_json: bool, **asked: Any) -> None:
@@ -135,4 +136,4 @@ def _check(folder: Path, *, as_json: bool, **asked: Any) -> None:
         raise SystemExit(1)
     if not result.settled:
         note("some trees are still open; run `topo-search prove` to continue")
-        raise SystemExit(OPEN)
+        raise SystemExit(ExitStatus.OPEN)

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import INPUT_OUTPUT, OPEN, explain_errors, needs_extras
-from topo_search.limits import GAPS, PERCENT, ROUND, TRIALS
+from topo_search.cli.errors import explain_errors, needs_extras
+from topo_search.limits import LIMITS
+from topo_search.supervisor import ExitStatus
 
 if TYPE_CHECKING:
     from topo_search.model.task_warnings import TaskWarning
@@ -44,13 +45,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--trials",
-    type=click.IntRange(1, TRIALS),
+    type=click.IntRange(1, LIMITS.trials),
     help="Number of candidates to propose (default: 512); if fewer exist, all are solved with all starts.",
 )
 @click.option(
     "--round",
     "round_size",
-    type=click.IntRange(1, ROUND),
+    type=click.IntRange(1, LIMITS.round),
     help="Proposals that may be unsolved at a time (default: 8). More keep more workers busy but learn later.",
 )
 @click.option(
@@ -60,13 +61,13 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--prove",
-    type=options.Real(*GAPS),
+    type=options.Real(*LIMITS.gaps),
     metavar="GAP",
     help="Then prove by branch and bound that no design is better by more than this share; see `prove`.",
 )
 @click.option(
     "--keep-within",
-    type=options.Real(0, PERCENT),
+    type=options.Real(0, LIMITS.percent),
     metavar="PERCENT",
     help="Keep every clear local optimum with at most so much more effort than the best in the folder `optima`.",
 )
@@ -136,7 +137,7 @@ def run(
 
             print_answer(answer)
         unproven = asked["prove"] is not None and answer.best is not None and not answer.proven
-        raise SystemExit(OPEN if unproven else answer.exit_status)
+        raise SystemExit(ExitStatus.OPEN if unproven else answer.exit_status)
 
 
 @contextmanager
@@ -151,7 +152,7 @@ def _print_if_lost(warnings: Sequence[TaskWarning], *, as_json: bool) -> Iterato
             if as_json:
                 design = None if lost.design is None else lost.design.model_dump(mode="json")
                 value = answer_as_json(lost.answer, warnings)
-                options.echo_json({**value, "exit_status": INPUT_OUTPUT, "design": design})
+                options.echo_json({**value, "exit_status": ExitStatus.INPUT_OUTPUT, "design": design})
             else:
                 from topo_search.cli.tables import print_found
                 from topo_search.model.files import to_json

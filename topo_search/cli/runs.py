@@ -13,7 +13,7 @@ from topo_search.cli.errors import explain_errors, note
 if TYPE_CHECKING:
     from topo_search.report.compare_page import Compared
 
-RUN = click.argument("run", type=click.Path(path_type=Path, exists=True, file_okay=False))
+run_folder = click.argument("run", type=click.Path(path_type=Path, exists=True, file_okay=False))
 
 
 @click.command("list", epilog="Example: topo-search list")
@@ -27,10 +27,10 @@ def list_runs(folder: Path, as_json: bool) -> None:
     with explain_errors():
         from topo_search.cli.tables import print_runs
         from topo_search.study import RunFolder, answer_of
-        from topo_search.study.folder import LEDGER
+        from topo_search.study.directory import RunFile
 
         runs = []
-        for ledger in sorted(folder.glob(f"*/{LEDGER}")):
+        for ledger in sorted(folder.glob(f"*/{RunFile.LEDGER}")):
             with RunFolder.load(ledger.parent) as opened:
                 runs.append((ledger.parent, answer_of(opened)))
         if as_json:
@@ -42,7 +42,7 @@ def list_runs(folder: Path, as_json: bool) -> None:
 
 
 @click.command(epilog="Example: topo-search show runs/push-*/")
-@RUN
+@run_folder
 @options.as_json
 def show(run: Path, as_json: bool) -> None:
     """Print the answer of a RUN again, as far as it has come.
@@ -66,7 +66,7 @@ def show(run: Path, as_json: bool) -> None:
 
 
 @click.command("open", epilog="Example: topo-search open runs/push-*/")
-@RUN
+@run_folder
 def open_page(run: Path) -> None:
     """Open the page of a RUN in the browser.
 

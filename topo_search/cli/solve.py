@@ -9,7 +9,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, note
-from topo_search.limits import LARGEST_INTEGER
+from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     from topo_search.model import Task, Topology
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--sample-seed",
-    type=click.IntRange(0, LARGEST_INTEGER),
+    type=click.IntRange(0, LIMITS.largest_integer),
     metavar="S",
     help="The tree of `topologies N --sample 1 --seed S`, with the root and the connectors of the task.",
 )

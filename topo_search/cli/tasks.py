@@ -1,10 +1,11 @@
-"""`topo-search init`, `examples` and `check`: task files, and what a task asks for, in words, with its warnings."""
+"""`topo-search init`, `examples`, `check` and `topologies`: tasks and what they ask for, trees of a size."""
 
 from __future__ import annotations
 
 import re
 import textwrap
 from collections.abc import Iterable
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors
+from topo_search.limits import LIMITS
 from topo_search.report.wording import figures, quantity
 
 if TYPE_CHECKING:
@@ -110,7 +112,7 @@ def _explain(task: Task) -> None:
     for group in (platform, *(facts(other)[0] for other in others), *groups):
         _group(*group)
     if any(asked.geometry for asked in first.exposure):
-        from topo_search.cli.airflow import speeds_on
+        from topo_search.cli.hardware import speeds_on
         from verify.air import envelope_air
 
         hover = first.module.mass * first.gravity
@@ -159,3 +161,53 @@ def _size(task: Task, n: int) -> dict[str, Any]:
         "lower_bound": lower_bound(resolved),
         "impossible": proof and proof.message,
     }
+
+
+@click.command(epilog="Example: topo-search topologies 8 --count")
+@click.argument("n", type=click.IntRange(1, LIMITS.listed_modules), metavar="N")
+@click.option("--count", "only_count", is_flag=True, help="Print only the number of topologies.")
+@click.option(
+    "--sample",
+    "size",
+    type=click.IntRange(1, LIMITS.drawn_trees),
+    metavar="M",
+    help="Print M topologies, drawn uniformly.",
+)
+@options.seed
+@click.option(
+    "--symmetry",
+    type=click.Choice(options.SYMMETRIES),
+    default="c2",
+    show_default=True,
+    help="Trees that count as one.",
+)
+@options.connectors
+@options.root
+@options.as_json
+def topologies(
+    n: int,
+    only_count: bool,
+    size: int | None,
+    seed: int,
+    symmetry: Any,
+    connectors: Any,
+    root: Any,
+    as_json: bool,
+) -> None:
+    """Print the keys of all topologies of N modules, one per line."""
+    with explain_errors():
+        from topo_search.topologies import candidates, count, draws
+
+        family = {"symmetry": symmetry, "connectors": connectors or "aligned", "root": root or "free"}
+        if only_count:
+            number = count(n, **family)
+            click.echo(number)
+            return
+        if size is None:
+            keys = (candidate.key for candidate in candidates(n, **family))
+        else:
+            keys = (topology.key for topology in islice(draws(n, seed, **family), size))
+        if as_json:
+            options.echo_json_list(keys)
+            return
+        options.echo_lines(keys)

@@ -1,21 +1,58 @@
-"""Solver, audit and bounds as the search takes them, with a user's own constraints bound in, and where they run."""
+"""From user input to what a run takes.
+
+Own code and designs are checked, an airflow envelope that a task states by an air speed becomes a cone-sphere, and
+solver, audit and bounds get the user's constraints and the processes that they run in.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import partial
-from typing import Unpack
+import pickle
+import sys
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from itertools import islice
+from pathlib import Path
+from typing import Unpack, get_args
+
+import cloudpickle
 
 import nlp
 import verify
 from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Workers, computing_versions
 from topo_search.engine.jobs import Given
-from topo_search.limits import WORKERS
-from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Infeasible, ResolvedTask, Status, Topology
-from topo_search.protocols import OwnConstraint
-from topo_search.study import Observer
+from topo_search.limits import LIMITS
+from topo_search.model import (
+    Audit,
+    BadInput,
+    Design,
+    Fault,
+    Geometry,
+    Infeasible,
+    Module,
+    ResolvedTask,
+    Status,
+    Task,
+    Topology,
+)
+from topo_search.model.audit import SpeedEnvelope
+from topo_search.model.module import RegionAirflow, Thrust
+from topo_search.model.proven import lower_text, upper_text
+from topo_search.protocols import (
+    ConstraintExpression,
+    Expression,
+    OwnConstraint,
+    OwnSampler,
+    SamplerFactory,
+    SymbolicPlatform,
+    TopologySampler,
+)
+from topo_search.study import Observer, Own, Sampler
+from topo_search.study.request import digest
+from topo_search.topologies import OwnTopology, own_candidates
+from verify.air import Unreached, enclose
 
 
 def solve_mounted(
@@ -121,4 +158,227 @@ def processes(workers: int) -> Workers | CallingProcess:
 def available_cores() -> int:
     """Return the number of cores that this process may use, at most the largest number of workers."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores, WORKERS)
+    return min(cores, LIMITS.workers)
+
+
+AnySampler = Sampler | OwnSampler | SamplerFactory | TopologySampler
+"""Samplers that `search` takes."""
+
+
+@dataclass(frozen=True)
+class Handed:
+    """Input that a user gave a search."""
+
+    own: Own
+    """As far as the run's folder keeps it."""
+    near: tuple[Design, ...]
+    sampler: Sampler
+    """The one that a name stands for."""
+    propose: SamplerFactory | None
+    """Factory of the user's own."""
+    constraints: tuple[OwnConstraint, ...]
+
+
+def collect_own(
+    task: Task,
+    *,
+    near: Iterable[Design],
+    constraints: Iterable[OwnConstraint],
+    topologies: Iterable[OwnTopology] | None,
+    sampler: AnySampler,
+    elsewhere: bool,
+) -> Handed:
+    """Return what a user handed in; arguments as of `search`.
+
+    Raises:
+        BadInput: something cannot be used; names it.
+        ValueError: an unknown sampler.
+    """
+    designs, own_sampler = starting_points(near), _own_sampler(sampler)
+    stated = own_constraints(constraints, elsewhere=elsewhere)
+    return Handed(
+        Own(
+            topologies=None if topologies is None else own_candidates(topologies, task),
+            near=tuple(digest(design.model_dump(mode="json", exclude={"solver"})) for design in designs),
+            constraints=tuple(one.stated for one in stated),
+            sampler=None if own_sampler is None else own_sampler.stated,
+        ),
+        designs,
+        sampler if isinstance(sampler, str) else "moves",
+        None if own_sampler is None else own_sampler.make,
+        stated,
+    )
+
+
+def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
+    """Return designs to start from; BadInput if they are none, or too many."""
+    if isinstance(near, Design | str) or not isinstance(near, Iterable):
+        raise BadInput("near", f"must be a list of designs, but got {_one(near)}")
+    designs = tuple(near)
+    faults = [
+        Fault(f"[{k}]", f"must be a Design, but got {type(design).__name__}")
+        for k, design in enumerate(designs)
+        if not isinstance(design, Design)
+    ]
+    if len(designs) > LIMITS.near:
+        faults = [Fault("", f"must be at most {LIMITS.near:,} designs, but got {len(designs):,}")]
+    if faults:
+        raise BadInput("near", faults)
+    return designs
+
+
+def own_constraints(constraints: Iterable[OwnConstraint], *, elsewhere: bool = False) -> tuple[OwnConstraint, ...]:
+    """Return own constraints as they can be sent to workers.
+
+    Args:
+        constraints: to be sent to other processes.
+        elsewhere: whether these are on other machines.
+
+    Raises:
+        BadInput: two have one name, one is no constraint or cannot be sent, or there are too many.
+    """
+    if isinstance(constraints, str) or not isinstance(constraints, Iterable):
+        raise BadInput("constraints", f"must be a list of OwnConstraint, but got {_one(constraints)}")
+    given = tuple(_sendable(one, elsewhere=elsewhere) for one in islice(constraints, LIMITS.own_constraints + 1))
+    if len(given) > LIMITS.own_constraints:
+        raise BadInput("constraints", f"must be at most {LIMITS.own_constraints:,}, but got more")
+    faults = list[Fault]()
+    for k, one in enumerate(given):
+        if not isinstance(one, OwnConstraint):
+            faults.append(Fault(f"[{k}]", f"must be an OwnConstraint, but got {type(one).__name__}"))
+        elif (reason := _reason_to_stay(one, elsewhere=elsewhere)) is not None:
+            faults.append(Fault(one.name, reason))
+    if not faults:
+        names = Counter(one.name for one in given)
+        faults = [Fault(name, "must be the name of one constraint") for name, times in names.items() if times > 1]
+    if faults:
+        raise BadInput("constraints", faults)
+    return given
+
+
+def _one(given: object) -> str:
+    """Return what to say of a single thing where a list is asked for."""
+    kind = type(given).__name__
+    return f"one {kind}: write it in brackets" if isinstance(given, Design | OwnConstraint) else kind
+
+
+@dataclass(frozen=True)
+class ByValue:
+    """An expression of a notebook, a prompt or inside a function, which no other process can import."""
+
+    content: bytes
+    """It and all that it refers to there, pickled."""
+
+    def __call__(self, platform: SymbolicPlatform, /) -> Expression:
+        """Return what it returns."""
+        return _expression(self.content)(platform)
+
+
+@cache
+def _expression(content: bytes) -> ConstraintExpression:
+    expression: ConstraintExpression = pickle.loads(content)
+    return expression
+
+
+def _sendable(one: OwnConstraint, *, elsewhere: bool) -> OwnConstraint:
+    """Return a constraint with its expression by value if workers cannot import it, and that is possible."""
+    if not isinstance(one, OwnConstraint) or _reason_to_stay(one, elsewhere=elsewhere) is None:
+        return one
+    try:
+        return replace(one, expression=ByValue(cloudpickle.dumps(one.expression)))
+    except (TypeError, pickle.PicklingError):  # it refers to a file, a lock, ...: refused with the reason
+        return one
+
+
+def _reason_to_stay(constraint: OwnConstraint, *, elsewhere: bool) -> str | None:
+    """Return why a constraint cannot be sent to workers; None if it can."""
+    if isinstance(constraint.expression, ByValue):
+        return None
+    how = "write it as a function at the top of a module, with `functools.partial` for its numbers"
+    try:
+        sent = pickle.dumps(constraint)
+    except (AttributeError, TypeError, pickle.PicklingError) as error:
+        return f"cannot be sent to worker processes ({error}); {how}"
+    if b"__main__" not in sent:
+        return None
+    if elsewhere:
+        return f"is defined in a script, which Dask workers cannot import; {how} that they have"
+    main = sys.modules["__main__"]
+    if getattr(main, "__spec__", None) is None and not Path(getattr(main, "__file__", None) or "").is_file():
+        return f"is defined in a notebook or a prompt, which worker processes cannot import; {how}"
+    return None
+
+
+def _own_sampler(sampler: AnySampler) -> OwnSampler | None:
+    """Return a user's own sampler with a name; None for one of ours."""
+    if isinstance(sampler, str):
+        return None
+    if isinstance(sampler, OwnSampler):
+        return sampler
+    if callable(sampler):
+        return OwnSampler(getattr(sampler, "__qualname__", type(sampler).__name__), sampler)
+    if isinstance(sampler, TopologySampler):
+        return OwnSampler(type(sampler).__name__, _Always(sampler))
+    known = ", ".join(get_args(Sampler))
+    rule = f"must be {known}, or make one for a seed, such as `lambda seed: {type(sampler).__name__}(seed=seed)`"
+    raise ValueError(f"sampler {rule}, but got {sampler!r}")
+
+
+@dataclass(frozen=True)
+class _Always:
+    """Makes the same sampler for every seed: one without a state."""
+
+    sampler: TopologySampler
+
+    def __call__(self, seed: int, /) -> TopologySampler:
+        """Return it."""
+        return self.sampler
+
+
+def enclose_speed(task: Task) -> Task:
+    """Return a task whose `module.airflow.speed` is replaced by its cone-sphere, in `module.airflow.regions`.
+
+    Raises:
+        BadInput: no air of one module is as fast, or the thrust at which it should be is beyond the rotors.
+    """
+    module, flow = task.module, task.module.airflow
+    if flow.speed is None:
+        return task
+    found = envelope_of_speed(module, task.air_density, task.gravity, flow.speed, flow.at, source=task.name)
+    regions = RegionAirflow(
+        start_radius=found.start_radius_m, spread_angle_deg=found.spread_angle_deg, reach=found.reach_m
+    )
+    airflow = flow.model_copy(update={"speed": None, "at": "hover", "regions": regions})
+    return task.model_copy(update={"module": module.model_copy(update={"airflow": airflow})})
+
+
+def envelope_of_speed(
+    module: Module, density: float, gravity: float, speed: float, at: Thrust, *, source: str
+) -> SpeedEnvelope:
+    """Return the cone-sphere of an air speed.
+
+    Args:
+        module: one module alone.
+        density: rho [kg/m^3].
+        gravity: g [m/s^2].
+        speed: [m/s].
+        at: the module's thrust.
+        source: name of what states them.
+
+    Raises:
+        BadInput: see `enclose_speed`.
+    """
+    ratio = module.thrust_over_weight(at)
+    if ratio > module.max_thrust_to_weight:
+        rule = f"must be at most {module.max_thrust_to_weight:g} times the module's weight, but got {ratio:g}"
+        raise BadInput(source, [Fault("module.airflow.at", rule)])
+    thrust = ratio * module.mass * gravity
+    where = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
+    try:
+        return enclose(module, density, thrust, speed)
+    except Unreached as error:
+        most = f"{lower_text(error.bound.found, 4)} m/s (proven: at most {upper_text(error.bound.at_most, 4)})"
+        rule = f"must be a speed that is reached; at {where}, that is up to {most}, but got {speed:g}"
+    except ArithmeticError as error:
+        rule = str(error)
+    raise BadInput(source, [Fault("module.airflow.speed", rule)])

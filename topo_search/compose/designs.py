@@ -10,14 +10,12 @@ from pathlib import Path
 
 import nlp
 import verify
-from topo_search.compose.binding import backends, processes
-from topo_search.compose.envelopes import enclose_speed
+from topo_search.compose.binding import backends, enclose_speed, own_constraints, processes, starting_points
 from topo_search.engine import Failed, Outcome, audit_deadline, audit_job
-from topo_search.limits import DESIGN_BYTES, MODULES, STARTS
+from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Status, Task
 from topo_search.model.files import load_json, read_task, to_geometry
 from topo_search.model.proven import lower_text
-from topo_search.own import own_constraints, starting_points
 from topo_search.protocols import OwnConstraint
 from topo_search.study import Solved, solve_single
 from topo_search.topologies import OwnTopology, own_topology
@@ -65,14 +63,14 @@ def solve(
         >>> len(solved.outcome.hinge_angles_rad), solved.audit.verdict.value
         (1, 'clear')
     """
-    if starts is not None and not 1 <= starts <= STARTS:
-        raise ValueError(f"`1 <= starts <= {STARTS:,}` must hold, but got {starts:,}")
+    if starts is not None and not 1 <= starts <= LIMITS.starts:
+        raise ValueError(f"`1 <= starts <= {LIMITS.starts:,}` must hold, but got {starts:,}")
     try:
         tree = own_topology(topology)
     except ValueError as error:
         raise BadInput("topology", [Fault("", str(error))]) from None
-    if tree.n > MODULES:
-        raise BadInput("topology", [Fault("", f"must have at most {MODULES} modules, but got {tree.n:,}")])
+    if tree.n > LIMITS.modules:
+        raise BadInput("topology", [Fault("", f"must have at most {LIMITS.modules} modules, but got {tree.n:,}")])
     asked = enclose_speed(task if isinstance(task, Task) else read_task(task))
     resolved = asked.resolve(tree.n)
     if resolved.search.connectors == "aligned" and not tree.aligned:
@@ -116,7 +114,7 @@ def read_design(path: str | Path) -> Design:
 
 def read_completed(path: str | Path) -> Design:
     """Return the design in a file; one without inputs gets the best found. Raises as `read_design`."""
-    return verify.complete(to_geometry(load_json(path, most_bytes=DESIGN_BYTES), str(path)))
+    return verify.complete(to_geometry(load_json(path, most_bytes=LIMITS.design_bytes), str(path)))
 
 
 def with_bound(design: Design, bound: float) -> Design:

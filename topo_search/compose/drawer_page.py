@@ -10,7 +10,7 @@ from topo_search.export.brackets import DIGITS
 from topo_search.export.sheet import STYLE
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Design
-from topo_search.model.tables import paragraph, table
+from topo_search.model.text import paragraph, table
 
 if TYPE_CHECKING:
     from topo_search.compose.drawer import Change, SharedKit

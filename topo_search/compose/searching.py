@@ -12,15 +12,13 @@ from typing import TypeVar
 
 import nlp
 import verify
-from topo_search.compose.binding import backends, open_engine
-from topo_search.compose.envelopes import enclose_speed
+from topo_search.compose.binding import AnySampler, backends, collect_own, enclose_speed, open_engine
 from topo_search.compose.pages import follow_live, write_page
 from topo_search.engine import Certificates, DaskWorkers, Workers
-from topo_search.limits import CANDIDATES, GAPS, PERCENT
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
 from topo_search.model.files import read_task
 from topo_search.model.proof import Problem
-from topo_search.own import AnySampler, collect_own
 from topo_search.protocols import OwnConstraint
 from topo_search.study import (
     DEFAULT_ROUND,
@@ -38,7 +36,7 @@ from topo_search.study import prove as prove_run
 from topo_search.study.proving import refuse_unprovable
 from topo_search.topologies import OwnTopology, Symmetry, improper_isometry
 
-T = TypeVar("T", Task, ResolvedTask)
+AnyTask = TypeVar("AnyTask", Task, ResolvedTask)
 
 DEFAULT_TRIALS = 512
 """Candidates that are proposed when not all are solved and nobody says otherwise."""
@@ -140,13 +138,13 @@ def search(
         propose=handed.propose,
     )
     _refuse_endless(request)
-    if keep_within is not None and (prune or not 0 <= keep_within <= PERCENT):
-        raise ValueError(f"`0 <= keep_within <= {PERCENT}` must hold without `prune`, but got {keep_within}")
+    if keep_within is not None and (prune or not 0 <= keep_within <= LIMITS.percent):
+        raise ValueError(f"`0 <= keep_within <= {LIMITS.percent}` must hold without `prune`, but got {keep_within}")
     if prove is not None:
         refuse_unprovable(request, asked.name)
         _refuse_gap("prove", prove)
     if handed.propose is not None:
-        from topo_search.engine.proposals.samplers import make_own
+        from topo_search.engine.proposals.study import make_own
 
         make_own(handed.propose, seed)
     for n in asked.sizes if handed.constraints else ():
@@ -259,7 +257,7 @@ def prove(
 
 def _refuse_gap(name: str, gap: float) -> None:
     """Refuse a gap that no proof can be asked for."""
-    least, most = GAPS
+    least, most = LIMITS.gaps
     if not least <= gap <= most:
         raise ValueError(f"`{least} <= {name} <= {most}` must hold, but got {gap}")
 
@@ -301,8 +299,8 @@ def check_proofs(
 
 
 def _compiling(
-    prepare: Callable[[T, Callable[[str], None]], None], engine: Workers | DaskWorkers, observer: Observer
-) -> Callable[[T], None]:
+    prepare: Callable[[AnyTask, Callable[[str], None]], None], engine: Workers | DaskWorkers, observer: Observer
+) -> Callable[[AnyTask], None]:
     """Return what compiles before jobs would, on this machine or on every machine of a cluster."""
     if isinstance(engine, DaskWorkers):
         return partial(engine.prepare, prepare)
@@ -322,9 +320,9 @@ def _refuse_endless(request: Request) -> None:
     if request.trials is not None:
         return
     for n in request.task.sizes:
-        if (count := request.space(n).count()) > CANDIDATES:
+        if (count := request.space(n).count()) > LIMITS.candidates:
             rule = (
-                f"an exhaustive search takes at most {CANDIDATES:,} candidates, but {n} modules have "
+                f"an exhaustive search takes at most {LIMITS.candidates:,} candidates, but {n} modules have "
                 f"{Decimal(count):.1e}; choose the strategy `optuna`"
             )
             raise BadInput(request.task.name, [Fault("modules", rule)])

@@ -20,6 +20,5 @@ from topo_search.engine.jobs import (
     solve_deadline,
     solve_job,
 )
-from topo_search.engine.space import Listed, Space
-from topo_search.engine.strategy import ExhaustiveSearch, Proposal, Scored, Strategy, may_beat
+from topo_search.engine.strategy import ExhaustiveSearch, Listed, Proposal, Scored, Space, Strategy, may_beat
 from topo_search.engine.workers import CallingProcess, Workers

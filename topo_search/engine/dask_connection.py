@@ -18,7 +18,7 @@ from topo_search.model import BadInput, Fault
 
 if TYPE_CHECKING:
     from distributed import Client, Security
-T = TypeVar("T")
+Reply = TypeVar("Reply")
 CONNECT = 60.0
 """Time limit for the scheduler to answer: it may only just be starting [s]."""
 
@@ -159,18 +159,20 @@ class Connection:
         """Return how many jobs each Dask worker runs at a time."""
         return self._reply(self.client().nthreads)
 
-    def run(self, function: Callable[[], T], workers: Iterable[str]) -> dict[str, T]:
+    def run(self, function: Callable[[], Reply], workers: Iterable[str]) -> dict[str, Reply]:
         """Return what a function returns in each of some Dask workers; those that are just leaving are left out."""
         client, addresses = self.client(), list(workers)
         return self._reply(lambda: client.run(function, workers=addresses, on_error="ignore")) if addresses else {}
 
-    def submit(self, function: Callable[[Any], T], argument: Any, *, worker: str | None = None) -> Future[T]:
+    def submit(
+        self, function: Callable[[Any], Reply], argument: Any, *, worker: str | None = None
+    ) -> Future[Reply]:
         """Hand a call to the scheduler, for one Dask worker or whichever is free.
 
         Not by Dask's own executor: of a worker that ends once its result has arrived, that one makes a TypeError.
         """
         sent = self.client().submit(function, argument, workers=worker, pure=False)
-        future: Future[T] = Future()
+        future: Future[Reply] = Future()
 
         def settle(_: object) -> None:
             if sent.cancelled():
@@ -192,7 +194,7 @@ class Connection:
         """Return the error that says that there is no scheduler any more."""
         return WorkersLost(f"the Dask scheduler at {self.address} is gone")
 
-    def _reply(self, ask: Callable[[], T]) -> T:
+    def _reply(self, ask: Callable[[], Reply]) -> Reply:
         """Return what the scheduler answers."""
         try:
             return _call_within(CONNECT, ask)
@@ -221,18 +223,18 @@ def _require_scheduler(address: str) -> None:
             raise ValueError("another program answers there")
 
 
-def _call_within(seconds: float, call: Callable[[], T]) -> T:
+def _call_within(seconds: float, call: Callable[[], Reply]) -> Reply:
     """Return what a call returns, which runs in a thread that is left to itself after a time.
 
     Raises:
         TimeoutError: the time is over.
     """
-    ended: Future[T] = Future()
+    ended: Future[Reply] = Future()
     threading.Thread(target=_settle, args=(ended, call), daemon=True).start()
     return ended.result(seconds)
 
 
-def _settle(future: Future[T], call: Callable[[], T]) -> None:
+def _settle(future: Future[Reply], call: Callable[[], Reply]) -> None:
     """Give a future what a call returns or raises."""
     try:
         future.set_result(call())

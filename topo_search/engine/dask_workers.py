@@ -21,12 +21,9 @@ from multiprocessing import current_process
 from typing import Any, Self
 
 from topo_search.engine.dask_connection import Certificates, Connection
-from topo_search.engine.jobs import Engine, Failed, J, R, WorkersLost
+from topo_search.engine.jobs import Engine, Failed, Item, Result, WorkersLost
 from topo_search.engine.workers import Workers
 from topo_search.supervisor import tell
-
-BATCH = 2.0
-"""Target duration of a batch of jobs [s]: long compared with a child's wait for the next one."""
 
 COMPUTING = (
     "topo-search",
@@ -41,9 +38,6 @@ COMPUTING = (
     "trimesh",
 )
 """Distributions that a job computes with, from the task to the audit; Python counts with them."""
-PYTHON = "Python"
-"""The name of its version among theirs."""
-
 TRIM = "MALLOC_TRIM_THRESHOLD_"
 """Dask sets it for its workers, which may hold much data: the C library then gives memory back to the system as
 soon as it is free. A solver needs it again at once, and takes a sixth longer: children do without."""
@@ -51,12 +45,23 @@ _first_child = threading.Lock()
 _thread = threading.local()
 """Keeps, for each thread of a Dask worker, which runs one task at a time, a child that ends with the Dask worker,
 and the versions that it was found to have: they must not be changed under it."""
-RETURN = 600.0
-"""Longest wait for Dask workers when all have left: a scheduler that was restarted may get none [s]."""
-LOOK = 1.0
-"""Poll period of the scheduler's list of workers [s]."""
-PREPARATION = 600.0
-"""Longest time for a Dask worker to compile before jobs are sent [s]."""
+
+
+@dataclass(frozen=True)
+class Durations:
+    """Durations in dealing with a Dask cluster [s]."""
+
+    batch: float = 2.0
+    """Target of a batch of jobs: long compared with a child's wait for the next one."""
+    away: float = 600.0
+    """Longest wait for Dask workers when all have left: a scheduler that was restarted may get none."""
+    poll: float = 1.0
+    """Period at which the scheduler's list of workers is looked at."""
+    preparation: float = 600.0
+    """Longest time for a Dask worker to compile before jobs are sent."""
+
+
+DURATIONS = Durations()
 
 
 @dataclass(frozen=True)
@@ -106,7 +111,7 @@ def run_guarded(batch: Batch) -> Ended:
     def calls() -> Iterator[tuple[int, bytes]]:
         """Yield calls with their places. Slow jobs after quick ones may be many: who is idle shall have them."""
         for place, call in enumerate(batch.calls):
-            if place == 0 or time.monotonic() - started_at < BATCH:
+            if place == 0 or time.monotonic() - started_at < DURATIONS.batch:
                 yield place, call
 
     ended = child.run(
@@ -132,7 +137,7 @@ def _call(call: tuple[int, bytes]) -> bytes | WorkersLost:
     return pickle.dumps(function(job))
 
 
-def _prepare(call: tuple[Callable[[J, Callable[[str], None]], object], J]) -> None:
+def _prepare(call: tuple[Callable[[Item, Callable[[str], None]], object], Item]) -> None:
     """Call what compiles for a task (in the child)."""
     function, task = call
     function(task, tell)
@@ -140,7 +145,7 @@ def _prepare(call: tuple[Callable[[J, Callable[[str], None]], object], J]) -> No
 
 def computing_versions() -> dict[str, str]:
     """Return the versions that every Dask worker must have: those of what computes here."""
-    return {PYTHON: platform.python_version(), **{name: metadata.version(name) for name in COMPUTING}}
+    return {"Python": platform.python_version(), **{name: metadata.version(name) for name in COMPUTING}}
 
 
 def find_fault(versions: Mapping[str, str]) -> Callable[[], str | None]:
@@ -213,7 +218,7 @@ class DaskWorkers(Engine):
     def __exit__(self, *raised: object) -> None:
         self._connection.close()
 
-    def prepare(self, function: Callable[[J, Callable[[str], None]], object], task: J) -> None:
+    def prepare(self, function: Callable[[Item, Callable[[str], None]], object], task: Item) -> None:
         """Compile on every Dask worker there is, before a time limit counts; messages go to its log.
 
         One that joins later, or takes over ten minutes, compiles with its first job.
@@ -221,25 +226,30 @@ class DaskWorkers(Engine):
         self._look()
         if self._known:
             self._note(f"preparing {len(self._known)} Dask worker{'s' * (len(self._known) > 1)}")
-        batch = Batch((pickle.dumps((_prepare, (function, task))),), (PREPARATION,), PREPARATION, self._versions)
+        batch = Batch(
+            (pickle.dumps((_prepare, (function, task))),),
+            (DURATIONS.preparation,),
+            DURATIONS.preparation,
+            self._versions,
+        )
         running = {self._connection.submit(run_guarded, batch, worker=address) for address in self._known}
         while running:
-            ended, running = wait(running, LOOK, FIRST_COMPLETED)
+            ended, running = wait(running, DURATIONS.poll, FIRST_COMPLETED)
             for future in ended:
                 self._result(future)
             self._look()
 
     def run(
         self,
-        function: Callable[[J], R],
-        jobs: Iterable[J | None],
+        function: Callable[[Item], Result],
+        jobs: Iterable[Item | None],
         *,
-        deadline: Callable[[J], float],
+        deadline: Callable[[Item], float],
         until: float = math.inf,
-    ) -> Generator[tuple[J, R | Failed], None, None]:
+    ) -> Generator[tuple[Item, Result | Failed], None, None]:
         """Yield (job, result) as batches end; about four batches a Dask thread are drawn from `jobs` ahead."""
         source = iter(jobs)
-        suspects: list[J] | None = None
+        suspects: list[Item] | None = None
         while suspects is None or suspects:
             suspects = []
             for batch, ended in self._batches(function, source, deadline, until):
@@ -253,21 +263,21 @@ class DaskWorkers(Engine):
 
     def _batches(
         self,
-        function: Callable[[J], R],
-        source: Iterator[J | None],
-        deadline: Callable[[J], float],
+        function: Callable[[Item], Result],
+        source: Iterator[Item | None],
+        deadline: Callable[[Item], float],
         until: float,
-    ) -> Iterator[tuple[list[J], Ended | Failed]]:
+    ) -> Iterator[tuple[list[Item], Ended | Failed]]:
         """Yield batches with what came back; Failed if the Dask workers that ran one ended again and again.
 
         Jobs that a batch had no time to begin are sent again, before new ones are drawn. It ends when none runs and
         the source has none, even if that has more once all are known.
         """
-        waiting: deque[J] = deque()
-        running: dict[Future[Ended], list[J]] = {}
+        waiting: deque[Item] = deque()
+        running: dict[Future[Ended], list[Item]] = {}
         size = 1
 
-        def draw() -> list[J]:
+        def draw() -> list[Item]:
             """Take a batch; when few jobs are left, all threads shall have some of them."""
             batches = 2 * max(1, self._threads)
             while len(waiting) < batches * size and (job := next(source, None)) is not None:
@@ -282,13 +292,13 @@ class DaskWorkers(Engine):
                 while batch and len(running) < 2 * self._threads:
                     running[self._send(function, batch, deadline, until)] = batch
                     batch = draw()
-                pause = min(LOOK, max(0.0, until - time.monotonic()))
+                pause = min(DURATIONS.poll, max(0.0, until - time.monotonic()))
                 if not running:
                     time.sleep(pause)  # for a first Dask worker
                 for future in wait(running, pause, FIRST_COMPLETED).done:
                     sent, ended = running.pop(future), self._result(future)
                     if isinstance(ended, Ended) and ended.results:
-                        fitting = int(BATCH * len(ended.results) / ended.seconds)
+                        fitting = int(DURATIONS.batch * len(ended.results) / ended.seconds)
                         size = min(max(1, fitting), 50)  # no more: they come back together
                         places = {place for place, _ in ended.results}
                         left = [job for place, job in enumerate(sent) if place not in places]
@@ -306,7 +316,7 @@ class DaskWorkers(Engine):
         Raises:
             WorkersLost: there is no scheduler, or a Dask worker that cannot be used, or none has returned.
         """
-        if time.monotonic() - self._looked < LOOK:
+        if time.monotonic() - self._looked < DURATIONS.poll:
             return
         first = not self._connection.made
         threads = self._connection.threads()
@@ -322,15 +332,20 @@ class DaskWorkers(Engine):
             self._note(f"the Dask scheduler at {self.address} has no workers; waiting for the first one")
         elif self._threads:
             self._left = self._looked
-            self._note(
-                f"all workers have left the Dask scheduler at {self.address}; waiting {RETURN:.0f} s for one"
+            patience = f"waiting {DURATIONS.away:.0f} s for one"
+            self._note(f"all workers have left the Dask scheduler at {self.address}; {patience}")
+        elif self._left is not None and self._looked - self._left > DURATIONS.away:
+            raise WorkersLost(
+                f"no worker has returned to the Dask scheduler at {self.address} in {DURATIONS.away:.0f} s"
             )
-        elif self._left is not None and self._looked - self._left > RETURN:
-            raise WorkersLost(f"no worker has returned to the Dask scheduler at {self.address} in {RETURN:.0f} s")
         self._threads = sum(threads.values())
 
     def _send(
-        self, function: Callable[[J], R], batch: list[J], deadline: Callable[[J], float], until: float
+        self,
+        function: Callable[[Item], Result],
+        batch: list[Item],
+        deadline: Callable[[Item], float],
+        until: float,
     ) -> Future[Ended]:
         """Hand a batch to the scheduler."""
         sent = Batch(
@@ -360,7 +375,7 @@ class DaskWorkers(Engine):
         return future.result()
 
 
-def _results(batch: list[J], ended: Ended) -> Iterator[tuple[J, Any]]:
+def _results(batch: list[Item], ended: Ended) -> Iterator[tuple[Item, Any]]:
     """Yield the jobs of a batch that were not dropped, with their results."""
     for place, result in ended.results:
         yield batch[place], result if isinstance(result, Failed) else pickle.loads(result)

@@ -14,8 +14,8 @@ from typing import Literal, NotRequired, Protocol, TypedDict, TypeVar, Unpack
 from topo_search.model import Audit, Design, Geometry, Infeasible, ResolvedTask, SolverRecord, Topology
 
 AuditDesign = Callable[[Geometry], Audit]
-J = TypeVar("J")
-R = TypeVar("R")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 class Given(TypedDict):
@@ -99,12 +99,12 @@ class Engine(Protocol):
 
     def run(
         self,
-        function: Callable[[J], R],
-        jobs: Iterable[J | None],
+        function: Callable[[Item], Result],
+        jobs: Iterable[Item | None],
         *,
-        deadline: Callable[[J], float],
+        deadline: Callable[[Item], float],
         until: float = math.inf,
-    ) -> Generator[tuple[J, R | Failed], None, None]:
+    ) -> Generator[tuple[Item, Result | Failed], None, None]:
         """Yield (job, result) as jobs end, in any order; `jobs` is drawn from only seconds ahead of the workers.
 
         A job that crashes its process or passes its deadline is tried twice, then comes back as Failed.
@@ -121,8 +121,8 @@ class Engine(Protocol):
         ...
 
     def run_one(
-        self, function: Callable[[J], R], job: J, *, deadline: float, until: float = math.inf
-    ) -> R | Failed:
+        self, function: Callable[[Item], Result], job: Item, *, deadline: float, until: float = math.inf
+    ) -> Result | Failed:
         """Return the result of a single job."""
         for _, result in self.run(function, [job], deadline=lambda _: deadline, until=until):
             return result

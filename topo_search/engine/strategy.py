@@ -1,4 +1,4 @@
-"""Search strategies: what they have in common, and the exhaustive one.
+"""Search strategies and their search space: what they have in common, and the exhaustive one.
 
 A strategy is asked for proposals and told their results in the order of its proposals, whichever job ended first.
 It knows neither workers nor files, and it is deterministic: with the same results it makes the same proposals. So a
@@ -17,14 +17,24 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from random import Random
+from typing import Any, NamedTuple
 
 from topo_search.engine.jobs import rounds
-from topo_search.engine.space import Space
-from topo_search.topologies import Candidate
-
-PRUNED_AFTER = 32
-"""Number of candidates proposed ahead of the results that may rule them out."""
+from topo_search.model import ResolvedTask, Topology
+from topo_search.topologies import (
+    Candidate,
+    Quotient,
+    Symmetry,
+    candidate_key,
+    candidate_of,
+    candidates,
+    count,
+    quotient_of,
+    sample,
+)
+from topo_search.topologies.rooted import Root
 
 Bound = Callable[[Candidate], float]
 """Lower bound on the objective of a candidate."""
@@ -155,9 +165,10 @@ class ExhaustiveSearch(Strategy):
     ) -> Generator[Proposal | None, None, list[Scored]]:
         """Add candidates in the order of their bounds, as long as they may beat the best; return their results."""
         scores = list[Scored]()
+        ahead = 32  # candidates proposed ahead of the results that may rule them out
         least = math.inf
         for candidate in sorted(self._space.candidates(), key=lambda candidate: (bound(candidate), candidate.key)):
-            if len(candidates) - len(scores) == PRUNED_AFTER:
+            if len(candidates) - len(scores) == ahead:
                 scores += yield from self.results(1)
                 least = min(least, _least(scores[-1:]))
             if not may_beat(least, bound(candidate)):
@@ -175,3 +186,122 @@ def may_beat(objective: float, bound: float) -> bool:
 
 def _least(scores: Iterable[Scored]) -> float:
     return min((score.objective for score in scores if score.objective is not None), default=math.inf)
+
+
+@dataclass(frozen=True)
+class Space:
+    """All candidates for a task."""
+
+    task: ResolvedTask
+    """It fixes the number of modules, the connectors and the root."""
+    symmetry: Symmetry
+    """Symmetry under which trees are one candidate."""
+    rooted: bool = False
+    """True if trees that differ in their root alone are candidates of their own, though the root is free."""
+
+    @property
+    def n(self) -> int:
+        """The number of modules."""
+        return self.task.n
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Yield every candidate, in ascending order of keys."""
+        return candidates(self.n, **self._family)
+
+    def count(self) -> int:
+        """Return the number of candidates, by closed form."""
+        return count(self.n, **self._family)
+
+    @property
+    def classes(self) -> int:
+        """The number of classes of the exact quotient, which the orbits of all candidates add up to."""
+        exact: Symmetry = "none" if self.symmetry == "none" or self._root == "paper" else "c2"
+        return count(self.n, symmetry=exact, connectors=self.task.search.connectors, root=self._root)
+
+    def candidate_of(self, topology: Topology) -> Candidate:
+        """Return the candidate that stands for a topology."""
+        return candidate_of(topology, **self._family)
+
+    def key_of(self, topology: Topology) -> str:
+        """Return the key of the candidate that stands for a topology, sooner than the candidate."""
+        return candidate_key(topology, quotient=self._quotient, connectors=self.task.search.connectors)
+
+    def twin_of(self, topology: Topology) -> Candidate:
+        """Return the candidate that differs in the sense of all rotors alone, which may be the topology's own.
+
+        Rotor drag torques are small, and so is what its optimum differs by. With the paper's root it stands
+        otherwise in the world, and there is only itself; nor is there without symmetry, where half turns are
+        candidates of their own.
+        """
+        turned = self._root != "paper" and self.symmetry != "none"
+        return self.candidate_of(with_spins_reversed(topology) if turned else topology)
+
+    def sample(self, m: int, seed: int) -> list[Topology]:
+        """Return m candidates, drawn independently and uniformly."""
+        return sample(self.n, m, seed, **self._family)
+
+    @property
+    def _root(self) -> Root:
+        """Kind of root that makes trees differ."""
+        return "paper" if self.rooted else self.task.search.root
+
+    @cached_property
+    def _quotient(self) -> Quotient:
+        """Quotient that makes trees one candidate; kept, as finding a task's symmetries takes as long as a key."""
+        return quotient_of(self.n, **self._family)
+
+    @property
+    def _family(self) -> dict[str, Any]:
+        """Arguments that define which trees are candidates, and which of them are one."""
+        search = self.task.search
+        return {
+            "symmetry": self.symmetry,
+            "connectors": search.connectors,
+            "root": self._root,
+            "task": self.task,
+        }
+
+
+def with_spins_reversed(topology: Topology) -> Topology:
+    """Return the tree whose rotors all turn the other way: every joint sits one port further on."""
+    first, *joints = topology.joints
+    return Topology((first, *((h, (a + 1) % 4, (b + 1) % 4) for h, a, b in joints)))
+
+
+@dataclass(frozen=True)
+class Listed(Space):
+    """Candidates that somebody listed: each is solved as it stands, and stands for itself."""
+
+    keys: tuple[str, ...] = ()
+    """In ascending order, all of trees of this size."""
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Yield every candidate, in ascending order of keys."""
+        return (Candidate(key, 1) for key in self.keys)
+
+    def count(self) -> int:
+        """Return the number of candidates."""
+        return len(self.keys)
+
+    @property
+    def classes(self) -> int:
+        """The number of candidates: none stands for another one."""
+        return len(self.keys)
+
+    def candidate_of(self, topology: Topology) -> Candidate:
+        """Return the candidate that a topology is; ValueError if it was not listed."""
+        if topology.key not in self.keys:
+            raise ValueError(f"{topology.key} is not one of the {len(self.keys)} given topologies")
+        return Candidate(topology.key, 1)
+
+    def key_of(self, topology: Topology) -> str:
+        """Return the key of a topology; ValueError as `candidate_of`."""
+        return self.candidate_of(topology).key
+
+    def twin_of(self, topology: Topology) -> Candidate:
+        """Return the topology's own candidate."""
+        return self.candidate_of(topology)
+
+    def sample(self, m: int, seed: int) -> list[Topology]:
+        """Return m candidates, drawn independently and uniformly."""
+        return [Topology.from_key(key) for key in Random(seed).choices(self.keys, k=m)]

@@ -27,10 +27,9 @@ from typing import Any, Generic, Self
 
 from pebble import ProcessExpired, ProcessPool
 
-from topo_search.child import ONE_THREAD, call_pickled, die_with_parent
-from topo_search.engine.jobs import Engine, Failed, J, R, WorkersLost
-from topo_search.limits import WORKERS
-from topo_search.supervisor import AGAIN, STOPS, is_out_of_memory
+from topo_search.engine.jobs import Engine, Failed, Item, Result, WorkersLost
+from topo_search.limits import LIMITS
+from topo_search.supervisor import AGAIN, ONE_THREAD, STOPS, call_pickled, die_with_parent, is_out_of_memory
 
 LOOK = 1.0
 """Poll period of the pool while jobs run [s]."""
@@ -71,8 +70,8 @@ class _KeepingContext(SpawnContext):
 
 
 @dataclass
-class _Try(Generic[J]):
-    job: J
+class _Try(Generic[Item]):
+    job: Item
     attempt: int = 1
     since: float = 0.0
     """time.monotonic() when it was handed to the pool."""
@@ -102,17 +101,17 @@ class CallingProcess(_OneThread):
 
     def run(
         self,
-        function: Callable[[J], R],
-        jobs: Iterable[J | None],
+        function: Callable[[Item], Result],
+        jobs: Iterable[Item | None],
         *,
-        deadline: Callable[[J], float],
+        deadline: Callable[[Item], float],
         until: float = math.inf,
-    ) -> Generator[tuple[J, R | Failed], None, None]:
+    ) -> Generator[tuple[Item, Result | Failed], None, None]:
         """Yield (job, result) in order."""
         for job in jobs:
             if job is None or time.monotonic() >= until:
                 return
-            result: R | Failed
+            result: Result | Failed
             try:
                 with _interrupts_repeated():
                     result = function(job)
@@ -129,8 +128,8 @@ class Workers(_OneThread):
     """
 
     def __init__(self, count: int) -> None:
-        if not 1 <= count <= WORKERS:
-            raise ValueError(f"`1 <= workers <= {WORKERS}` must hold, but got {count:,}")
+        if not 1 <= count <= LIMITS.workers:
+            raise ValueError(f"`1 <= workers <= {LIMITS.workers}` must hold, but got {count:,}")
         self.count = count
         self._pool: ProcessPool | None = None
         self._context = _KeepingContext()
@@ -152,15 +151,15 @@ class Workers(_OneThread):
 
     def run(
         self,
-        function: Callable[[J], R],
-        jobs: Iterable[J | None],
+        function: Callable[[Item], Result],
+        jobs: Iterable[Item | None],
         *,
-        deadline: Callable[[J], float],
+        deadline: Callable[[Item], float],
         until: float = math.inf,
-    ) -> Generator[tuple[J, R | Failed], None, None]:
+    ) -> Generator[tuple[Item, Result | Failed], None, None]:
         """Yield (job, result) as jobs end; at most two jobs a worker are drawn from `jobs` ahead."""
-        waiting: deque[_Try[J]] = deque()
-        running: dict[Future[Any], _Try[J]] = {}
+        waiting: deque[_Try[Item]] = deque()
+        running: dict[Future[Any], _Try[Item]] = {}
         source = iter(jobs)
         try:
             while time.monotonic() < until:
@@ -193,7 +192,7 @@ class Workers(_OneThread):
                     if early and isinstance(error, TimeoutError) and error.__cause__ is None:  # the pool's own
                         waiting.appendleft(trial)  # it reads the time of day, and that jumped
                         continue
-                    result: R | Failed = (
+                    result: Result | Failed = (
                         pickle.loads(future.result()) if error is None else _failure(error, deadline(trial.job))
                     )
                     if isinstance(result, Failed) and result.may_pass and trial.attempt == 1:
@@ -204,7 +203,7 @@ class Workers(_OneThread):
             if running:
                 self._stop()
 
-    def _submit(self, function: Callable[[J], R], job: J, deadline: float) -> Future[Any] | None:
+    def _submit(self, function: Callable[[Item], Result], job: Item, deadline: float) -> Future[Any] | None:
         """Hand a job to the pool; None if the pool has just broken."""
         if self._pool is None:
             self._pool = ProcessPool(

@@ -12,7 +12,7 @@ from topo_search.experiments.plan import Settings
 
 def experiment(name: str) -> Experiment:
     """Return an experiment: `scaling`, `ablation`, `placement`, `root`, `body` or `hinges`."""
-    from topo_search.experiments.comparisons import BODY, HINGES, PLACEMENT, ROOT
-    from topo_search.experiments.paper import ABLATION, SCALING
+    from topo_search.experiments.comparisons import COMPARISONS
+    from topo_search.experiments.paper import PAPER_STUDIES
 
-    return {one.name: one for one in (SCALING, ABLATION, PLACEMENT, ROOT, BODY, HINGES)}[name]
+    return {one.name: one for one in (*PAPER_STUDIES, *COMPARISONS)}[name]

@@ -37,7 +37,7 @@ from topo_search.experiments.plan import (
     plan,
     require_few,
 )
-from topo_search.export.palette import SERIES
+from topo_search.export import palette
 from topo_search.model import Topology
 from topo_search.model.proven import gap_percent
 from topo_search.topologies import candidate_of
@@ -153,7 +153,7 @@ def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
         shift = 0.8 * ((number - 0.5) / (len(names) - 1) - 0.5)
         points = [(position + shift, value) for position, values in enumerate(ratios) for value in values]
         x, y = [x for x, _ in points], [y for _, y in points]
-        effort.plot(x, y, "osD^"[number % 4], color=SERIES[number], alpha=0.5, label=name)
+        effort.plot(x, y, "osD^"[number % 4], color=palette.SERIES[number], alpha=0.5, label=name)
     effort.axhline(0.0, color="black", linewidth=1, label=names[0])
     effort.set(title="Effort of trees with a design under both", ylabel=f"effort J above {names[0]} [%]")
     width = 0.8 / len(names)
@@ -161,7 +161,7 @@ def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
         mine = table[table["variant"] == name]
         shares = 100 * mine["trees_solved"] / mine["trees"]
         left = positions[mine.index] + (number + 0.5) * width - 0.4
-        share.bar(left, shares, 0.9 * width, color=SERIES[number], label=name)
+        share.bar(left, shares, 0.9 * width, color=palette.SERIES[number], label=name)
     share.set(title="Trees with a design", ylabel="share of all trees [%]", ylim=(0, 105))
     labels = [f"{task}\n$n$ = {n}, {distance:.2f} m" for (task, distance, n), _ in problems]
     for axes in (effort, share):
@@ -183,56 +183,6 @@ def tree_of(key: str) -> str:
     """Return the key of a topology's tree, whichever module is its root."""
     return candidate_of(Topology.from_key(key)).key
 
-
-AT_COM = 'end_effector.position="com"'
-PLACEMENT = comparison(
-    name="placement",
-    question="What does an end-effector at the centre of mass cost, compared with an optimised position?",
-    full=Settings(
-        tasks=(("push", (5,)), ("push-local", (5,)), ("push-directional", (5,)), ("ten-wrenches", (10, 20))),
-        topologies=(50, 10),
-        starts=24,
-    ),
-    small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
-    variants=(
-        Variant("free"),
-        Variant("com", (AT_COM,)),
-        Variant("com, inside allowed", (AT_COM, "end_effector.exclusion=false")),
-    ),
-    title="What an end-effector at the centre of mass costs: each point a tree, compared with itself",
-)
-
-BODY = comparison(
-    name="body",
-    question="What does it cost to keep frames apart?",
-    full=Settings(
-        tasks=(
-            *((task, (5,)) for task in ("push", "push-local", "push-directional", "push-exterior-60")),
-            ("ten-wrenches", (10, 20)),
-        ),
-        topologies=(50, 10),
-        starts=24,
-    ),
-    small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
-    variants=(Variant("airflow only", (AIRFLOW_ALONE,)), Variant("body clearance")),
-    title="What body clearance costs: each point a tree, compared with itself",
-)
-
-HINGES = comparison(
-    name="hinges",
-    question="What do hinge angles from a set cost, compared with any angles?",
-    full=Settings(
-        tasks=(("push", (3, 4, 5, 6)), ("push-local", (3, 4, 5, 6)), ("wall-push", (3, 4, 5, 6))),
-        topologies=(50, 10),
-        starts=24,
-    ),
-    small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
-    variants=(
-        Variant("free"),
-        *(Variant(f"{step} deg", (f"search.hinge_step_deg={step}",)) for step in (5, 10, 15, 30, 45)),
-    ),
-    title="What hinge angles from a set cost: each point a tree, compared with itself",
-)
 
 PAPER_ROOT = Variant("paper root", ('search.root="paper"',))
 
@@ -264,14 +214,64 @@ def rootings(tree: Rooted, entered: int | None = None) -> list[Rooted]:
     return [tree, *(other for port in beyond for other in rootings(reroot(tree, port), (port + 2) % 4))]
 
 
-ROOT = replace(
+COMPARISONS = (
     comparison(
-        name="root",
-        question="What does the paper's root cost, compared with one that turns freely?",
-        full=Settings(tasks=(("push", (3, 4, 5)), ("push-exterior-60", (3, 4, 5))), topologies=(50, 10), starts=24),
+        name="placement",
+        question="What does an end-effector at the centre of mass cost, compared with an optimised position?",
+        full=Settings(
+            tasks=(("push", (5,)), ("push-local", (5,)), ("push-directional", (5,)), ("ten-wrenches", (10, 20))),
+            topologies=(50, 10),
+            starts=24,
+        ),
         small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
-        variants=(Variant("free root"), PAPER_ROOT),
-        title="What the paper's root costs: each point a tree, its best root compared with a free one",
+        variants=(
+            Variant("free"),
+            Variant("com", ('end_effector.position="com"',)),
+            Variant("com, inside allowed", ('end_effector.position="com"', "end_effector.exclusion=false")),
+        ),
+        title="What an end-effector at the centre of mass costs: each point a tree, compared with itself",
     ),
-    cells=root_cells,
+    comparison(
+        name="body",
+        question="What does it cost to keep frames apart?",
+        full=Settings(
+            tasks=(
+                *((task, (5,)) for task in ("push", "push-local", "push-directional", "push-exterior-60")),
+                ("ten-wrenches", (10, 20)),
+            ),
+            topologies=(50, 10),
+            starts=24,
+        ),
+        small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
+        variants=(Variant("airflow only", (AIRFLOW_ALONE,)), Variant("body clearance")),
+        title="What body clearance costs: each point a tree, compared with itself",
+    ),
+    comparison(
+        name="hinges",
+        question="What do hinge angles from a set cost, compared with any angles?",
+        full=Settings(
+            tasks=(("push", (3, 4, 5, 6)), ("push-local", (3, 4, 5, 6)), ("wall-push", (3, 4, 5, 6))),
+            topologies=(50, 10),
+            starts=24,
+        ),
+        small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
+        variants=(
+            Variant("free"),
+            *(Variant(f"{step} deg", (f"search.hinge_step_deg={step}",)) for step in (5, 10, 15, 30, 45)),
+        ),
+        title="What hinge angles from a set cost: each point a tree, compared with itself",
+    ),
+    replace(
+        comparison(
+            name="root",
+            question="What does the paper's root cost, compared with one that turns freely?",
+            full=Settings(
+                tasks=(("push", (3, 4, 5)), ("push-exterior-60", (3, 4, 5))), topologies=(50, 10), starts=24
+            ),
+            small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
+            variants=(Variant("free root"), PAPER_ROOT),
+            title="What the paper's root costs: each point a tree, its best root compared with a free one",
+        ),
+        cells=root_cells,
+    ),
 )

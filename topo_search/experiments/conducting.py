@@ -21,7 +21,6 @@ from topo_search.engine import (
     record_of,
     solve_deadline,
 )
-from topo_search.engine.usage import Clock, peak_mb
 from topo_search.experiments.folder import Measured, Results, identify, results
 from topo_search.experiments.plan import Cell, Settings
 from topo_search.export.poses import poses
@@ -29,14 +28,12 @@ from topo_search.model import Audit, Design, Infeasible, Status, Topology
 from topo_search.model.files import read_task
 from topo_search.study import Observer, Phase, Silent
 from topo_search.study.ledger_file import KEPT
+from topo_search.supervisor import Clock, peak_mb
 from topo_search.topologies import sample
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
-
-COMPILED = 8
-"""Number of modules for which the solver uses all of its compiled code."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +112,7 @@ def _deadline(cell: Cell) -> float:
 
 def measure(backends: Backends, cell: Cell) -> Measured:
     """Solve and audit one cell (in a worker)."""
-    _load(backends, cell.task, cell.distance_m, min(cell.n, COMPILED))
+    _load(backends, cell.task, cell.distance_m, min(cell.n, 8))  # with eight all of the compiled code is used
     task, topology = cell.resolve(), Topology.from_key(cell.key)
     clock, spent, iterations = Clock(), 0.0, 0
     best: Design | Infeasible | None = None

@@ -19,12 +19,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from topo_search.experiments.plan import IDENTITY, Cell
-from topo_search.limits import RESULT_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import show
 from topo_search.model.files import load_json
-from topo_search.model.parsing import NotReadable, read_regular
-from topo_search.model.tables import escape_formula
+from topo_search.model.text import NotReadable, escape_formula, read_regular
 from topo_search.study.directory import Directory, hold_lock
 from topo_search.study.ledger_file import LedgerLost
 from topo_search.study.request import installed_versions
@@ -219,7 +218,7 @@ def results(folder: str | Path) -> pd.DataFrame:
     kinds = {"key": "str", "task_seed": "Int64", "colliding_pairs": "Int64", "largest_cluster": "Int64"}
     kinds |= dict.fromkeys(("verdict", "depths_percent", "worst_constraint", "unit"), "str")
     try:
-        content = read_regular(path, most_bytes=RESULT_BYTES)
+        content = read_regular(path, most_bytes=LIMITS.result_bytes)
         frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
     except (NotReadable, UnicodeDecodeError, pd.errors.ParserError) as error:
         raise BadInput(str(path), [Fault("", str(error))]) from None
@@ -246,7 +245,7 @@ def _compare(folder: Path, held: Any, about: dict[str, Any]) -> None:
 def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
     """Return the bytes of a file that are whole rows, and what they answer; BadInput names a damaged row."""
     try:
-        content = read_regular(path, most_bytes=RESULT_BYTES)
+        content = read_regular(path, most_bytes=LIMITS.result_bytes)
         size = content.rfind(b"\n") + 1
         text = content[:size].decode("utf-8")
     except NotReadable as error:

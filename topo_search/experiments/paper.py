@@ -28,7 +28,7 @@ import pandas as pd
 from topo_search.experiments.conducting import Experiment
 from topo_search.experiments.folder import METHOD
 from topo_search.experiments.plan import AIRFLOW_ALONE, IDENTITY, Settings, Variant, plan
-from topo_search.export.palette import SERIES
+from topo_search.export import palette
 from topo_search.model.proven import gap_percent
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ EXPOSURES = ("ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional", "
 SIZES = tuple(range(10, 101, 10))
 GROUP = ["method", "distance_m", "task", "n"]
 """The columns that the scaling study is grouped by."""
+
+
 REACHED = 95.0
 """Percent of the deepest overlap from which it counts as nearly reached."""
 FULLY = 99.9
@@ -185,18 +187,6 @@ def _solved_rows(rows: pd.DataFrame) -> pd.DataFrame:
     return designs.assign(seconds=designs["solve_s"] + designs["build_s"].fillna(0.0))
 
 
-SCALING = Experiment(
-    name="scaling",
-    question="How do time, memory and success grow with the number of modules?",
-    full=Settings(tasks=tuple((task, SIZES) for task in EXPOSURES), topologies=(50, 10), starts=5),
-    small=Settings(tasks=tuple((task, (3, 5)) for task in EXPOSURES), topologies=(2, 2), starts=2),
-    cells=partial(plan, variants=(Variant("airflow", (AIRFLOW_ALONE,)),), first=True),
-    summary=scaling_summary,
-    findings=scaling_findings,
-    figure=scaling_figure,
-)
-
-
 def ablation_summary(rows: pd.DataFrame) -> pd.DataFrame:
     """Return one row per distance, task and size: the paper's three metrics over all designs."""
     group = ["distance_m", "task", "n"]
@@ -297,18 +287,6 @@ def _pairs(rows: pd.DataFrame) -> pd.DataFrame:
     return pairs.dropna(subset="depth_percent").astype({"depth_percent": "float64"})
 
 
-ABLATION = Experiment(
-    name="ablation",
-    question="How severely does airflow interfere when only a minimum distance keeps modules apart?",
-    full=Settings(tasks=(("ten-wrenches", SIZES),), topologies=(50, 10), starts=5),
-    small=Settings(tasks=(("ten-wrenches", (3, 5)),), topologies=(3, 3), starts=2),
-    cells=partial(plan, variants=(Variant("separation", ('search.interference="separation"',)),), first=True),
-    summary=ablation_summary,
-    findings=ablation_findings,
-    figure=ablation_figure,
-)
-
-
 def fit(n: pd.Series, y: pd.Series) -> tuple[float, float] | None:
     """Return p and y(100) of y = c n^p through points of positive y; None where they are all of one size.
 
@@ -323,7 +301,7 @@ def fit(n: pd.Series, y: pd.Series) -> tuple[float, float] | None:
 
 def style(number: int) -> dict[str, str]:
     """Return the colour and the marker of a series; with more markers than colours, so that no two are alike."""
-    return {"color": SERIES[number % len(SERIES)], "marker": "osD^v<>P"[number % 8]}
+    return {"color": palette.SERIES[number % len(palette.SERIES)], "marker": "osD^v<>P"[number % 8]}
 
 
 def draw(axes: Axes, series: Sequence[tuple[str, pd.DataFrame]], column: str, sizes: Sequence[int]) -> None:
@@ -358,3 +336,27 @@ def draw(axes: Axes, series: Sequence[tuple[str, pd.DataFrame]], column: str, si
     axes.set_xticks(range(len(sizes)), [str(n) for n in sizes])
     axes.set_xlabel("modules $n$")
     axes.grid(axis="y", alpha=0.3)
+
+
+PAPER_STUDIES = (
+    Experiment(
+        name="scaling",
+        question="How do time, memory and success grow with the number of modules?",
+        full=Settings(tasks=tuple((task, SIZES) for task in EXPOSURES), topologies=(50, 10), starts=5),
+        small=Settings(tasks=tuple((task, (3, 5)) for task in EXPOSURES), topologies=(2, 2), starts=2),
+        cells=partial(plan, variants=(Variant("airflow", (AIRFLOW_ALONE,)),), first=True),
+        summary=scaling_summary,
+        findings=scaling_findings,
+        figure=scaling_figure,
+    ),
+    Experiment(
+        name="ablation",
+        question="How severely does airflow interfere when only a minimum distance keeps modules apart?",
+        full=Settings(tasks=(("ten-wrenches", SIZES),), topologies=(50, 10), starts=5),
+        small=Settings(tasks=(("ten-wrenches", (3, 5)),), topologies=(3, 3), starts=2),
+        cells=partial(plan, variants=(Variant("separation", ('search.interference="separation"',)),), first=True),
+        summary=ablation_summary,
+        findings=ablation_findings,
+        figure=ablation_figure,
+    ),
+)

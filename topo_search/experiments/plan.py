@@ -9,13 +9,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Self
 
-from topo_search.limits import CELLS, LARGEST_INTEGER, MODULES, SECONDS, STARTS, TREES
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault, ResolvedTask
 from topo_search.model.bad_input import nearest, show
 from topo_search.model.files import examples, read_task
 from topo_search.topologies import candidates, count, sample
 
-LARGEST_SEED = LARGEST_INTEGER - TREES
+LARGEST_SEED = LIMITS.largest_integer - LIMITS.trees
 """Tree number k draws its wrenches with the seed + k."""
 FEW_ABOVE = 40
 """Number of modules above which the second number of `Settings.topologies` holds."""
@@ -50,11 +50,11 @@ class Settings:
             if name not in known
         ]
         numbers: dict[str, tuple[Sequence[float], float]] = {
-            "sizes": ([n for _, sizes in self.tasks for n in sizes], MODULES),
-            "topologies": (self.topologies, TREES),
-            "starts": ([self.starts], STARTS),
+            "sizes": ([n for _, sizes in self.tasks for n in sizes], LIMITS.modules),
+            "topologies": (self.topologies, LIMITS.trees),
+            "starts": ([self.starts], LIMITS.starts),
             "distances": (self.distances, math.inf),
-            "time-limit": ([self.time_limit], SECONDS),
+            "time-limit": ([self.time_limit], LIMITS.seconds),
         }
         for option, (values, most) in numbers.items():
             for value in dict.fromkeys(values):
@@ -169,7 +169,7 @@ def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> l
     all conditions, so that these can be compared tree by tree.
 
     Raises:
-        BadInput: there would be more than CELLS.
+        BadInput: there would be more than LIMITS.cells.
     """
     require_few(cell_count(settings, lambda _: len(variants)))
     tasks = {name: read_task(name) for name, _ in settings.tasks}
@@ -193,9 +193,11 @@ def cell_count(settings: Settings, cells_per_tree: Callable[[int], int]) -> int:
 
 
 def require_few(number: int) -> None:
-    """Refuse a plan of more than CELLS cells with BadInput."""
-    if number > CELLS:
-        rule = f"must have at most {CELLS:,} rows: task, size, tree, distance and variant, but has {number:,}"
+    """Refuse a plan of more than LIMITS.cells cells with BadInput."""
+    if number > LIMITS.cells:
+        rule = (
+            f"must have at most {LIMITS.cells:,} rows: task, size, tree, distance and variant, but has {number:,}"
+        )
         raise BadInput("experiment", [Fault("", rule)])
 
 

@@ -20,10 +20,6 @@ from verify.air.jets import speeds
 from verify.kinematics import platform
 from verify.requirements import Scene
 
-POINTS = 200_000
-"""Largest number of a grid's points."""
-SURFACE_POINTS = 100_000
-"""Number of points between which a surface is drawn."""
 AROUND, BELOW = 0.5, 2.0
 """Room around modules and end-effector, and along their jets [m]."""
 
@@ -48,7 +44,7 @@ class AirSurface(NamedTuple):
     """From the root's centre in the axes of the task, closed where its room ends [m]."""
 
 
-def air_field(design: Design, points: int = POINTS) -> AirField:
+def air_field(design: Design, points: int = 200_000) -> AirField:
     """Return the air of a design around its modules, its end-effector and its jets, at no more than some points.
 
     The speeds are those of `verify.air.jets`: time averages in free air.
@@ -63,7 +59,7 @@ def air_field(design: Design, points: int = POINTS) -> AirField:
     return AirField(low, step, {name: field.reshape(tuple(counts)) for name, field in fields.items()})
 
 
-def air_surface(design: Design, speed: float, load_case: int = 0, points: int = SURFACE_POINTS) -> AirSurface:
+def air_surface(design: Design, speed: float, load_case: int = 0, points: int = 100_000) -> AirSurface:
     """Return where the air of a load case has a speed [m/s], from the speeds at about so many points.
 
     Raises:

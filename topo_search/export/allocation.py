@@ -25,7 +25,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.layout import ROTOR_SPINS
 from topo_search.model.module import Module
-from topo_search.model.tables import csv_text
+from topo_search.model.text import csv_text
 from topo_search.model.value import Index, Number, Value, Vector
 from verify.flight.joints import inertia
 from verify.kinematics import platform

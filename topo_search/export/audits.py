@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from topo_search.model import Audit, Clearance, Flight, Geometry, Residual, RotorsOut, Status
 from topo_search.model.flight import direction
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.model.tables import escape_formula
+from topo_search.model.text import escape_formula
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,9 +11,8 @@ from topo_search.export.allocation import Allocation, allocation
 from topo_search.export.allocator_file import allocator_file
 from topo_search.export.brackets import brackets, mount, struts
 from topo_search.export.mjcf import mjcf
-from topo_search.export.parts import parts_csv, parts_list
 from topo_search.export.px4 import px4_parameters, px4_warnings, reason_against
-from topo_search.export.sheet import sheet
+from topo_search.export.sheet import parts_csv, parts_list, sheet
 from topo_search.export.simulator_xml import AS_SEARCHED, Physics
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design

@@ -1,31 +1,56 @@
 """A picture of a design without a display: the platform with its airflow, a close-up, and its tree.
 
-Drawn as the paper draws it, in the axes of the task frame W and in metres.
+Drawn as the paper draws it, in three dimensions on matplotlib axes, in the axes of the task frame W and in metres.
 """
 
 from __future__ import annotations
 
 import io
+import itertools
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib import patheffects
 from matplotlib.artist import Artist
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D, proj3d
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from topo_search.export import palette
 from topo_search.export.air_field import AirSurface
-from topo_search.export.poses import poses_to_draw
-from topo_search.export.regions import region_words
-from topo_search.export.scene import Scene, wrenches
+from topo_search.export.poses import (
+    ELEVATION_DEG,
+    ROTOR_ANGLES,
+    Poses,
+    azimuth_deg,
+    circle,
+    cone,
+    cone_slant,
+    cone_sphere_outline,
+    hull,
+    largest_wrench,
+    load_wrenches,
+    poses_to_draw,
+    region_words,
+    shapes,
+    towards_viewer,
+)
 from topo_search.export.tree_drawing import draw_tree
+from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
+from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.module import Module
 from topo_search.model.proven import gap_percent
-from topo_search.model.shape import Cone
+from topo_search.model.shape import Capsule, Cone, Polytope
 
 
 def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | None = None) -> None:
@@ -155,3 +180,279 @@ def content(figure: Figure, kind: str) -> bytes:
     with mpl.rc_context({"svg.hashsalt": "topo-search"}):
         figure.savefig(stream, format=kind, dpi=200, metadata={"Date": None} if kind == "svg" else None)
     return stream.getvalue()
+
+
+LIGHT = np.array([0.27, -0.18, 0.95])
+"""Towards the light, for the shading of faces."""
+MARGIN = np.array([1.3, 0.8])
+"""Left for the labels of the axes, in width and height [in]."""
+ASIDE = np.array(sorted(itertools.product(range(-6, 7), repeat=2), key=lambda step: math.hypot(*step)))
+"""Offsets by which a number may move, nearest first, in font sizes."""
+ARROW = 0.5
+"""Length of the arrow of the largest force, and of the largest torque, over the size of the platform."""
+HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
+"""Keeps a number readable over whatever lies behind it."""
+
+SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+CUBE = np.array(
+    [
+        np.insert(SQUARE if outwards else SQUARE[::-1], axis, side, axis=1)
+        for axis in range(3)
+        for side, outwards in ((-1.0, axis == 1), (1.0, axis != 1))
+    ]
+)
+"""Faces of the cube [-1, 1]^3."""
+
+
+class Scene:
+    """One drawing of a design in a part of a figure; all that is drawn sets the limits."""
+
+    def __init__(
+        self,
+        figure: Figure,
+        part: tuple[float, float, float, float],
+        design: Design,
+        at: Poses,
+        *,
+        azimuth: float | None = None,
+    ) -> None:
+        """Begin a drawing, seen from the clearest side or from an azimuth [deg]."""
+        left, bottom, width, height = part
+        inches_wide, inches_high = figure.get_size_inches()
+        self.size = np.array([width * inches_wide, height * inches_high])
+        """Size of the part [in]."""
+        side = self.size.max()  # the axes are a square around the part: what they hold is clipped at their edges
+        w, h = side / inches_wide, side / inches_high
+        square = (left + (width - w) / 2, bottom + (height - h) / 2, w, h)
+        axes: Axes3D = figure.add_axes(square, projection="3d")
+        self.axes = axes
+        self.design = design
+        self.at = at
+        azimuth = azimuth_deg(at) if azimuth is None else azimuth
+        axes.view_init(elev=ELEVATION_DEG, azim=azimuth)
+        axes.set_proj_type("ortho")
+        axes.computed_zorder = False
+        axes.patch.set_visible(False)
+        self.v = towards_viewer(azimuth)
+        """Unit vector towards the viewer."""
+        self._drawn: list[Array] = []
+
+    def airflow(self) -> None:
+        """Draw the envelope of every module: its outline, and the circle where its far ball is widest."""
+        envelope = self.design.task.module.envelope
+        ends = self.at.p - envelope.length * self.at.z
+        radii = envelope.start_radius, envelope.end_radius
+        self._volumes(
+            [
+                cone_sphere_outline(p, radii[0], end, radii[1], self.v)
+                for p, end in zip(self.at.p, ends, strict=True)
+            ],
+            palette.AIRFLOW,
+        )
+        rings = [circle(end, radii[1], z) for end, z in zip(ends, self.at.z, strict=True)]
+        self._lines(rings, palette.AIRFLOW, 0.5)
+
+    def air(self, surface: AirSurface) -> None:
+        """Draw a surface of equal speed."""
+        self._volumes(list(surface.mesh.triangles), palette.AIR, 0.08, edge=0.0)
+
+    def exposure(self) -> None:
+        """Draw every region that the airflow must not reach; of a cone, the surface that encloses all airflow."""
+        apex, up = self.at.end_effector, np.array([0.0, 0.0, 1.0])
+        for _, shape in shapes(self.design.task, self.at.p_E):
+            match shape:
+                case Capsule(radius=r):
+                    start, end = apex + shape.start, apex + shape.end
+                    self._volumes([cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
+                    self._lines([circle(end, r, up)], palette.EXPOSURE, 0.8)
+                case Polytope():
+                    corners, triangles, _, edges = hull(shape)
+                    self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
+                    self._lines(list(apex + corners[edges]), palette.EXPOSURE, 0.8)
+                case Cone():
+                    surface = apex + cone(shape, cone_slant(self.design, self.at))
+                    self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
+                    self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
+                    self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
+
+    def platform(self) -> None:
+        """Draw modules, joints and thrust axes, the centre of mass, the end-effector and the line between them."""
+        module, at = self.design.task.module, self.at
+        for h, i, a, _ in self.design.topology.edges():
+            joint = at.p[h] + module.connector_distance * at.R[h] @ PORT_DIRECTIONS[a]
+            self._lines([np.stack([at.p[h], joint, at.p[i]])], palette.CONNECTOR, 2.0)
+        frame, rotors = frame_faces(module), rotor_faces(module)
+        one = np.concatenate([frame, rotors])
+        faces = np.concatenate([one @ R.T + p for R, p in zip(at.R, at.p, strict=True)])
+        tints = [to_rgb(palette.MODULE)] * len(frame) + [to_rgb(palette.ROTOR)] * len(rotors)
+        self._solid(faces, np.tile(tints, (len(at.p), 1)))
+        self._arrows(at.p, 1.6 * module.arm_length * at.z)
+        self._lines([np.stack([at.p_com, at.end_effector])], palette.OFFSET, 2.5)
+        for place, colour in ((at.p_com, palette.CENTRE_OF_MASS), (at.end_effector, palette.END_EFFECTOR)):
+            self.axes.plot(*place[:, None], "o", color=colour, markeredgecolor="black", markersize=7, zorder=8)
+
+    def load_cases(self) -> None:
+        """Draw forces as arrows, and torques as dashed ones through a ring, in the colour of their load case."""
+        module = self.design.task.module
+        reach = float(np.ptp(np.vstack([self.at.p, self.at.end_effector]), axis=0).max()) + 2 * module.arm_length
+        for k, is_torque, place, share in wrenches(self.design, self.at):
+            arrow, colour = ARROW * reach * share, palette.CASES[k]
+            look = {"linewidth": 1.8, "linestyle": "dashed" if is_torque else "solid"}
+            self.axes.quiver(*place, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **look)
+            self._keep([place + arrow])
+            if is_torque:
+                ring = circle(place + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
+                self._lines([ring], colour, 1.4)
+
+    def finish(self) -> float:
+        """Set equal scales on all axes, as large as everything drawn allows, and return the zoom."""
+        points = np.concatenate(self._drawn)
+        low, high = points.min(axis=0), points.max(axis=0)
+        half = np.maximum(high - low, 0.6 * (high - low).max()) / 2
+        middle = (low + high) / 2
+        self.axes.set(
+            xlim=(middle[0] - half[0], middle[0] + half[0]),
+            ylim=(middle[1] - half[1], middle[1] + half[1]),
+            zlim=(middle[2] - half[2], middle[2] + half[2]),
+        )
+        self.axes.set_box_aspect(tuple(half))
+        corners = middle + half * np.array(list(itertools.product((-1, 1), repeat=3)))
+        zoom = (self.size - MARGIN) * 72 / np.ptp(self._on_paper(corners), axis=0)
+        self.axes.set_box_aspect(tuple(half), zoom=float(zoom.min()))
+        for name, share in zip("xyz", half / half.max(), strict=True):
+            axis = getattr(self.axes, f"{name}axis")
+            axis.set_major_locator(MaxNLocator(round(3 * share) + 2, steps=[1, 2, 5, 10], prune="both"))
+            axis.set_label_text(f"${name}$ [m]")
+            axis.set_tick_params(pad=5 if name == "z" else 2)
+            axis.labelpad = 10 if name == "z" else 6
+            axis.set_pane_color((1, 1, 1, 0))
+            axis._axinfo["grid"].update(color="0.9", linewidth=0.5)
+        return float(zoom.min())
+
+    def number_modules(self) -> None:
+        """Write every module's number beside it, clear of thrust axes, marks and other numbers; after `finish`."""
+        anchors = self.at.p
+        size = float(np.clip(40 / len(anchors), 5, 8))
+        along = np.linspace(0.0, 1.6, 5)[:, None, None] * self.design.task.module.arm_length * self.at.z
+        marks = np.stack([self.at.p_com, self.at.end_effector])
+        taken = list(self._on_paper(np.concatenate([(self.at.p + along).reshape(-1, 3), marks])))
+        for i, (on_axes, on_paper) in enumerate(zip(self._project(anchors), self._on_paper(anchors), strict=True)):
+            aside = next(
+                (step * size for step in ASIDE if not _overlap(on_paper + step * size, taken, size)),
+                size * ASIDE[-1],
+            )
+            taken.append(on_paper + aside)
+            self.axes.annotate(
+                str(i),
+                on_axes,
+                xytext=tuple(aside),
+                textcoords="offset points",
+                fontsize=size,
+                ha="center",
+                va="center",
+                path_effects=HALO,
+                arrowprops={
+                    "arrowstyle": "-",
+                    "linewidth": 0.7,
+                    "shrinkA": 0,
+                    "shrinkB": 0,
+                    "path_effects": [patheffects.withStroke(linewidth=1.8, foreground="white")],
+                },
+                zorder=9,
+            )
+
+    def _project(self, points: Array) -> Array:
+        x, y, _ = proj3d.proj_transform(*points.T, self.axes.get_proj())
+        return np.stack([x, y], axis=1)
+
+    def _on_paper(self, points: Array) -> Array:
+        """Return where points lie on paper, (m, 2) [pt]."""
+        pixels = self.axes.transData.transform(self._project(points))
+        return np.asarray(pixels * 72 / self.axes.figure.dpi)
+
+    def _volumes(self, polygons: list[Array], colour: str, alpha: float = 0.16, *, edge: float = 0.7) -> None:
+        collection = Poly3DCollection(
+            polygons,
+            facecolors=(*to_rgb(colour), alpha),
+            edgecolors=(*to_rgb(colour), 0.8),
+            linewidths=edge,
+        )
+        self.axes.add_collection3d(collection)
+        self._keep(polygons)
+
+    def _solid(self, faces: Array, tints: Array) -> None:
+        """Draw the faces that the viewer can see."""
+        self._keep([faces])
+        normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1])
+        seen = normals @ self.v > 0
+        faces, normals = faces[seen], normals[seen]
+        cosine = np.abs(normals @ LIGHT) / np.linalg.norm(normals, axis=1)
+        tints = tints[seen] * (0.7 + 0.3 * cosine[:, None])
+        self.axes.add_collection3d(
+            Poly3DCollection(faces, facecolors=tints, edgecolors=tints, linewidths=0.2, zorder=5)
+        )
+
+    def _lines(self, lines: list[Array], colour: str, width: float) -> None:
+        self.axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=width, zorder=4))
+        self._keep(lines)
+
+    def _arrows(self, tails: Array, vectors: Array) -> None:
+        self.axes.quiver(
+            *tails.T, *vectors.T, color=palette.THRUST_AXIS, linewidth=1.4, arrow_length_ratio=0.3, zorder=7
+        )
+        self._keep([tails + vectors])
+
+    def _keep(self, drawn: list[Array]) -> None:
+        self._drawn.extend(np.asarray(points).reshape(-1, 3) for points in drawn)
+
+
+def wrenches(design: Design, at: Poses) -> list[tuple[int, bool, Array, Array]]:
+    """Return number, whether it is a torque, place (3,) [m] and vector of what the first load cases exert.
+
+    Vectors are over the largest force, or the largest torque, of all load cases; of more load cases than there are
+    colours for, the others are left out.
+    """
+    largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
+    return [
+        (k, kind == "torque", point, v / largest[kind])
+        for k, kind, _, point, v in load_wrenches(design, at)
+        if v.any() and k < len(palette.CASES)
+    ]
+
+
+def _overlap(at: Array, taken: list[Array], size: float) -> bool:
+    """True if a number of a font size [pt] at a place on paper would touch one of those there already."""
+    gaps = np.abs(np.array(taken) - at)
+    return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
+
+
+def frame_faces(module: Module) -> Array:
+    """Return the faces of hub and arms, or of a frame of the module's own: triangles, their last corner twice."""
+    body, l_arm, w = module.body, module.arm_length, module.body.arm_width
+    if body.frame is not None:
+        own = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
+        seen = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 1]).any(axis=1)
+        return np.asarray(own[seen][:, [0, 1, 2, 2]])
+    arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
+    return np.concatenate([CUBE * np.array(body.hub) / 2, *(arm @ _turn(angle).T for angle in ROTOR_ANGLES)])
+
+
+def rotor_faces(module: Module) -> Array:
+    """Return the faces of the four rotor discs."""
+    disc = cylinder(module.body.rotor_radius, module.body.rotor_height)
+    return np.concatenate([disc + _turn(angle) @ np.array([module.arm_length, 0.0, 0.0]) for angle in ROTOR_ANGLES])
+
+
+def cylinder(radius: float, height: float, *, sides: int = 16) -> Array:
+    """Return the faces of a prism about z with an even number of sides; each end is cut into strips."""
+    angles = np.linspace(0, 2 * math.pi, sides, endpoint=False)
+    ring = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
+    top, bottom = ring + np.array([0, 0, height / 2]), ring - np.array([0, 0, height / 2])
+    around = np.stack([bottom, np.roll(bottom, -1, axis=0), np.roll(top, -1, axis=0), top], axis=1)
+    strips = [[k, k + 1, sides - 2 - k, sides - 1 - k] for k in range(sides // 2 - 1)]
+    return np.concatenate([around, top[strips], bottom[strips][:, ::-1]])
+
+
+def _turn(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,4 +1,9 @@
-"""The assembly sheet as a page that prints: the convention, the parts, one step a joint."""
+"""The assembly sheet as a page that prints: the convention, the parts, one step a joint, the whole platform.
+
+The parts list says what to buy, cut and print, with masses and their totals. The whole platform is drawn in two
+views with numbers; distances of a module's centre from three others, and from the tip, tell whether it is where it
+belongs.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +14,24 @@ from html import escape
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.brackets import DIGITS, MILLIMETRES, TURNS, Part, connector_turn, struts
-from topo_search.export.overview import overview
-from topo_search.export.parts import ABOUT_PARTS, COLUMNS, Row
-from topo_search.export.poses import ROTOR_ANGLES, poses, rod_of
+from topo_search.export.allocation import allocation
+from topo_search.export.brackets import (
+    DIGITS,
+    MILLIMETRES,
+    SLOT,
+    TURNS,
+    Part,
+    connector_turn,
+    grip_of,
+    has_clamp,
+    struts,
+)
+from topo_search.export.poses import ROTOR_ANGLES, Poses, poses, rod_of
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
-from topo_search.model.tables import paragraph, table
+from topo_search.model.text import csv_text, paragraph, table
 from topo_search.model.topology import PORT_NAMES
 
 STYLE = """
@@ -198,3 +212,167 @@ def _polygon(points: Array, colour: str) -> str:
 
 def _text(x: float, y: float, text: str, size: float) -> str:
     return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size}" text-anchor="middle">{text}</text>'
+
+
+def overview(design: Design) -> Iterator[str]:
+    """Yield the lines of the section."""
+    at = poses(design)
+    views = [_view(design, at, *axes) for axes in ((0, 1, "from above"), (0, 2, "from the side"))]
+    yield f'<section class="convention">{"".join(views)}</section>'
+    yield paragraph(
+        "Numbers are those of the modules, E is the tip, + the centre of mass; in the axes of the task x is to the "
+        "right and y (from above) or z (from the side) up. Distances between centres, to check with a rule:"
+    )
+    yield table(*_distances(at))
+    yield paragraph("How modules lie, from the centre of mass and in the axes of the task:")
+    yield table(
+        ("module", "x [mm]", "y [mm]", "z [mm]", "port 0 points to", "port 1 points to", "upper side points to"),
+        [
+            (i, *_millimetres(p - at.p_com), *(_direction(axis) for axis in R.T))
+            for i, (p, R) in enumerate(zip(at.p, at.R, strict=True))
+        ],
+    )
+    yield paragraph(_autopilot(at))
+    yield paragraph(
+        "Rotors from the centre of mass, in the axes of the task. Columns of the matrix, thrusts of allocator.py "
+        "and CA_ROTOR parameters of PX4 count from 0, its motors from 1. CCW: "
+        "counter-clockwise, seen against the thrust."
+    )
+    names = ("motor of PX4", "column", "module", "rotor", "turns", "x [mm]", "y [mm]", "z [mm]")
+    rows = [
+        (j + 1, j, one.module, one.rotor, "CCW" if one.spin > 0 else "CW", *_millimetres(one.position_m))
+        for j, one in enumerate(allocation(design).rotors)
+    ]
+    yield table(names, rows)
+
+
+def _distances(at: Poses) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of the table of distances."""
+    near = at.p[:3]
+    head = ["module", *(f"to module {k} [mm]" for k in range(len(near))), "to the tip [mm]"]
+    rows = [
+        [str(i), *_millimetres(np.linalg.norm(np.vstack([near, at.end_effector]) - p, axis=1))]
+        for i, p in enumerate(at.p)
+    ]
+    return head, rows
+
+
+def _autopilot(at: Poses) -> str:
+    """Say where the autopilot goes, in the axes of module 0, which can be seen."""
+    x, _, z = (_direction(axis) for axis in at.R[0])
+    com = ", ".join(_millimetres(at.R[0].T @ at.p_com))
+    return (
+        f"Autopilot: the centre of mass is at [{com}] mm from the centre of module 0, in the axes of that module "
+        f"(x towards port 0, y towards port 1, z up). Mount the autopilot there, its arrow along {x} and its "
+        f"upper side along {z} in these axes: that is x and z of the task. If it sits elsewhere set "
+        "EKF2_IMU_POS_*, if it is turned SENS_BOARD_ROT."
+    )
+
+
+def _view(design: Design, at: Poses, across: int, up: int, words: str) -> str:
+    """Return the platform projected on two axes of the task."""
+    module = design.task.module
+    ports = at.p[:, None] + module.connector_distance * np.einsum("nij,kj->nki", at.R, PORT_DIRECTIONS)
+    rotors = at.rotors + at.p_com
+    points = MILLIMETRES * np.vstack([ports.reshape(-1, 3), rotors.reshape(-1, 3), [at.end_effector]])
+    flat = points[:, [across, up]] * [1.0, -1.0]
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    size = float((high - low).max())
+    low = (low + high - size) / 2 - 0.1 * size
+    box = f"{low[0]:.6g} {low[1]:.6g} {1.2 * size:.6g} {1.2 * size:.6g}"
+    svg = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" role="img" aria-label="{words}">']
+
+    def place(p: Array) -> tuple[float, float]:
+        return float(MILLIMETRES * p[across]), float(-MILLIMETRES * p[up])
+
+    def write(p: Array, text: str) -> str:
+        x, y = place(p)
+        return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size / 18:.4g}" text-anchor="middle">{text}</text>'
+
+    radius, width = 0.02 * size, 0.006 * size
+    for i, p in enumerate(at.p):
+        x, y = place(p)
+        for end in ports[i]:
+            u, v = place(end)
+            line = f'x1="{x:.2f}" y1="{y:.2f}" x2="{u:.2f}" y2="{v:.2f}"'
+            svg.append(f'<line {line} stroke="{palette.CONNECTOR}" stroke-width="{width:.4g}"/>')
+        for end in rotors[i]:
+            u, v = place(end)
+            svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.ROTOR}"/>')
+    u, v = place(at.end_effector)
+    svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.END_EFFECTOR}"/>')
+    svg += [write(p, str(i)) for i, p in enumerate(at.p)]
+    svg += [write(at.end_effector, "E"), write(at.p_com, "+")]
+    return "".join([*svg, "</svg>"])
+
+
+def _millimetres(lengths: Sequence[float] | Array) -> list[str]:
+    return [f"{MILLIMETRES * float(x) + 0.0:.1f}" for x in lengths]
+
+
+def _direction(v: Array) -> str:
+    return f"[{', '.join(f'{float(x) + 0.0:.3f}' for x in v)}]"
+
+
+COLUMNS = ("part", "count", "size", "mass_kg", "total_kg", "file")
+Row = tuple[str, int | str, str, str, str, str]
+"""Cells in the order of `COLUMNS`."""
+PLASTIC, STEEL = 1240.0, 7850.0
+"""Densities of printed PLA and of bolts [kg/m^3]."""
+ABOUT_PARTS = (
+    "Printed parts weigh what solid PLA does, bolts with nuts what steel does. A bolt is long enough for a flange, "
+    "a face of the module as thick as that, and a nut. The last row is the mass that search and audit count with."
+)
+
+
+def parts_list(design: Design, joints: Sequence[Part], mount: Part | None, held: Sequence[Part] = ()) -> list[Row]:
+    """Return a row for every kind of part, then the total, and the mass of the model."""
+    task, bracket = design.task, design.task.module.bracket_sizes
+    rows = [_row("module", design.topology.n, "", task.module.mass)]
+    rows += [_part_row("bracket", part) for part in joints]
+    rows += [_part_row("strut", part) for part in held]
+    flanges = 2 * len(joints) + sum(part.count for part in held)
+    rod = rod_of(design, poses(design))
+    if mount is not None and rod is not None:
+        flanges += 1
+        rows.append(_part_row("rod mount", mount))
+        size = f"{MILLIMETRES * rod.length:.1f} mm long, {2 * MILLIMETRES * rod.radius:g} mm thick"
+        rows.append(_row("rod", 1, size, task.end_effector.rod_linear_density * rod.length))
+    rows.append(_row("end-effector", 1, "", task.end_effector.mass))
+    hole = bracket.bolt_diameter
+    if flanges:
+        rows.append(_bolt_row("bolt with nut", 4 * flanges, *bolt_of(hole, 2 * bracket.thickness)))
+    if mount is not None and rod is not None and has_clamp(bracket, grip_of(rod)):
+        rows.append(_bolt_row("clamp bolt with nut", 1, *bolt_of(hole, 2 * bracket.wall + SLOT)))
+    total = sum(float(row[4]) for row in rows)
+    rows.append(("all parts", "", "", "", f"{total:.4f}", ""))
+    rows.append(("model of the search", "", "", "", f"{task.total_mass(task.n):.4f}", ""))
+    return rows
+
+
+def parts_csv(rows: Sequence[Row]) -> str:
+    """Return the list as the text of a CSV file."""
+    return csv_text(COLUMNS, rows)
+
+
+def bolt_of(hole: float, grip: float) -> tuple[float, float]:
+    """Return diameter and length of a bolt [mm], for a hole and what it holds together [m]."""
+    threads = (1.6, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)  # diameters of metric bolts
+    lengths = (4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 35, 40, 45, 50, 60, 70, 80, 90, 100)
+    d = max((thread for thread in threads if thread <= MILLIMETRES * hole), default=MILLIMETRES * hole)
+    least = MILLIMETRES * grip + 0.8 * d + 1  # a nut is 0.8 d high, and a millimetre looks out of it
+    return d, next((length for length in lengths if length >= least), math.ceil(least))
+
+
+def _bolt_row(name: str, count: int, d: float, length: float) -> Row:
+    volume = math.pi / 4 * (d**2 * length + (1.8 * d) ** 2 * d + ((1.7 * d) ** 2 - d**2) * 0.8 * d)
+    return _row(name, count, f"M{d:g} x {length:g}", STEEL * volume / MILLIMETRES**3)
+
+
+def _part_row(name: str, part: Part) -> Row:
+    mass = PLASTIC * part.volume_cm3 / 100.0**3
+    return _row(name, part.count, f"{part.volume_cm3:.1f} cm^3", mass, f"brackets/{part.file}")
+
+
+def _row(name: str, count: int, size: str, mass: float, file: str = "") -> Row:
+    return name, count, size, f"{mass:.4g}", f"{count * mass:.4g}", file

@@ -28,8 +28,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import Poses, Rod, mass_of, rotation_to
-from topo_search.export.regions import hull
+from topo_search.export.poses import Poses, Rod, hull, mass_of, rotation_to
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.exposure import segment_of

@@ -28,8 +28,7 @@ from trimesh.visual.material import PBRMaterial
 
 from topo_search.export import palette
 from topo_search.export.air_field import AirSurface
-from topo_search.export.poses import ROTOR_ANGLES, Poses, poses, rod_of, rotation_to
-from topo_search.export.regions import cone, cone_slant, hull, shapes
+from topo_search.export.poses import ROTOR_ANGLES, Poses, cone, cone_slant, hull, poses, rod_of, rotation_to, shapes
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.module import Module

@@ -24,7 +24,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
 
 from topo_search.export import palette
-from topo_search.export.regions import circle, cone_sphere_outline, flat_hull, hull, region_words, shapes
+from topo_search.export.poses import circle, cone_sphere_outline, flat_hull, hull, region_words, shapes
 from topo_search.model import ResolvedTask, needs_offset
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Capsule, Cone, Polytope

@@ -27,24 +27,24 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 from topo_search.supervisor import tell
 
-F = TypeVar("F", bound=Callable[..., Any])
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 CACHE_DIR = "NUMBA_CACHE_DIR"
 """Environment variable of numba: the folder to keep compiled functions in."""
 
 
-def njit(*, cache: bool, **options: Any) -> Callable[[F], F]:
+def njit(*, cache: bool, **options: Any) -> Callable[[Function], Function]:
     """Return a decorator like `numba.njit`, whose files are checked when they are read and always have a folder.
 
     Raises:
         OSError: no folder can be written to.
     """
 
-    def compile_lazily(function: F) -> F:
+    def compile_lazily(function: Function) -> Function:
         dispatcher: Any = numba.njit(**options)(function)
         if cache:
             dispatcher._cache = _cache_of(function)
-        compiled: F = dispatcher
+        compiled: Function = dispatcher
         return compiled
 
     return compile_lazily

@@ -27,8 +27,8 @@ from pydantic import (
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.bad_input import show
 from topo_search.model.proven import at_least, gap_percent, lower_text, upper_text
-from topo_search.model.tables import heading, paragraph, table
 from topo_search.model.task import ResolvedTask, Task, before_requirement
+from topo_search.model.text import heading, paragraph, table
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
 from topo_search.model.value import OMIT_EMPTY, Broken, Flag, Index, Location, Number, Omitted, Value, Vector
 
@@ -388,10 +388,6 @@ class Relaxed(Value):
         return tuple(sentences)
 
 
-NAMED = 3
-"""Largest number of constraints that a message names beside the closest."""
-
-
 class Shortfall(Value):
     """A constraint that some starts missed by more than any other."""
 
@@ -451,11 +447,12 @@ class Infeasible(Value):
         missed = f"misses `{self.worst_constraint}` by {_amount(self.violation, 3, self.unit)}"
         if starts == 1:
             return f"the only start {missed}"
+        shown = 3  # of the constraints
         named = [
             f"{s.starts} `{s.constraint}` (by {_amount(at_least(s.violation, 2), 2, s.unit)} or more)"
-            for s in shortfalls[:NAMED]
+            for s in shortfalls[:shown]
         ]
-        others = sum(s.starts for s in shortfalls[NAMED:])
+        others = sum(s.starts for s in shortfalls[shown:])
         if others:
             named.append(f"{others} another constraint")
         return f"the closest of {starts} starts {missed}; what they miss most: {', '.join(named)}"

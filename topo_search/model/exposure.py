@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, Tag, ValidationInfo, model_validator
 
-from topo_search.limits import CORNERS, PIECES, SEGMENTS
+from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import show
 from topo_search.model.mesh_file import FARTHEST, convex_pieces, mesh_schema, take_mesh
@@ -65,7 +65,7 @@ def _check_thickness(box: Vector) -> Vector:
     return box
 
 
-Points = Annotated[tuple[Vector, ...], at_most(CORNERS, "corners"), AfterValidator(_check_volume)]
+Points = Annotated[tuple[Vector, ...], at_most(LIMITS.corners, "corners"), AfterValidator(_check_volume)]
 
 
 Solid = Annotated[Flag, OMIT_EMPTY]
@@ -124,9 +124,9 @@ class Local(Region):
     """Edges of a box centred at p_E, along x, y and z [m]."""
     vertices: Omitted[Points] = None
     """Points whose convex hull the region is, from p_E [m]."""
-    pieces: Omitted[Annotated[tuple[Points, ...], at_most(PIECES, "pieces"), NonEmpty]] = None
+    pieces: Omitted[Annotated[tuple[Points, ...], at_most(LIMITS.pieces, "pieces"), NonEmpty]] = None
     """Lists of points, each from p_E [m]: the region is the union of their convex hulls."""
-    mesh_excess: Omitted[Annotated[tuple[NonNegative, ...], at_most(PIECES)]] = None
+    mesh_excess: Omitted[Annotated[tuple[NonNegative, ...], at_most(LIMITS.pieces)]] = None
     """Upper bound on each piece's excess over its source mesh [m]; None if there is no excess."""
     solid: Solid = False
     """True if rigid parts must stay outside too, and the rod except its tip unless p_E is inside."""
@@ -183,7 +183,7 @@ def _path(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
     return points
 
 
-Path = Annotated[tuple[Vector, ...], at_most(SEGMENTS, "points"), AfterValidator(_path)]
+Path = Annotated[tuple[Vector, ...], at_most(LIMITS.segments, "points"), AfterValidator(_path)]
 
 
 class Directional(Region):
@@ -192,9 +192,9 @@ class Directional(Region):
     kind: Literal["directional"] = "directional"
     radius: Positive = 0.15
     """r_sph [m]."""
-    segments: Annotated[tuple[Direction, ...], at_most(SEGMENTS), NonEmpty] | None = None
+    segments: Annotated[tuple[Direction, ...], at_most(LIMITS.segments), NonEmpty] | None = None
     """The end of each straight path from the end-effector, from p_E [m]."""
-    polylines: Omitted[Annotated[tuple[Path, ...], at_most(SEGMENTS), NonEmpty]] = None
+    polylines: Omitted[Annotated[tuple[Path, ...], at_most(LIMITS.segments), NonEmpty]] = None
     """Instead of segments: bent paths, each a list of points from p_E [m]."""
     along: Literal["end_effector"] | None = None
     """Instead of segments: one path along p_E, away from the COM."""
@@ -250,7 +250,7 @@ class Allowed(UnboundedRegion):
     """Everything outside a convex polyhedron, which may be unbounded; all envelopes stay inside it."""
 
     kind: Literal["allowed"] = "allowed"
-    planes: Annotated[tuple[Plane, ...], at_most(SEGMENTS, "planes"), NonEmpty]
+    planes: Annotated[tuple[Plane, ...], at_most(LIMITS.segments, "planes"), NonEmpty]
     """Half-spaces whose intersection it is."""
     solid: Solid = False
     """True if rigid parts, and the rod except its tip, must stay inside too."""

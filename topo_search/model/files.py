@@ -12,12 +12,12 @@ from typing import Any, TypeVar
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from topo_search.limits import DESIGN_BYTES, RESULT_BYTES, TASK_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
 from topo_search.model.design import Design, Geometry
 from topo_search.model.mesh_file import Folder
-from topo_search.model.parsing import NotParsed, NotReadable, apply_settings, json_data, read_regular, toml_data
 from topo_search.model.task import Task
+from topo_search.model.text import NotParsed, NotReadable, apply_settings, json_data, read_regular, toml_data
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -63,7 +63,7 @@ def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
         text = (resources.files("topo_search") / "examples" / f"{name}.toml").read_text(encoding="utf-8")
     else:
         hint = f"no such file, nor a shipped example; {nearest(name, examples())}"
-        text = load_text(path, most_bytes=TASK_BYTES, if_missing=hint)
+        text = load_text(path, most_bytes=LIMITS.task_bytes, if_missing=hint)
     try:
         data = toml_data(text)
     except NotParsed as error:
@@ -95,7 +95,7 @@ def read_json(model: type[Model], path: str | Path) -> Model:
         >>> read_json(Audit, "hover-2/audits/a10.json").verdict.value
         'clear'
     """
-    most_bytes = DESIGN_BYTES if issubclass(model, Design) else RESULT_BYTES
+    most_bytes = LIMITS.design_bytes if issubclass(model, Design) else LIMITS.result_bytes
     return validate(model, load_json(path, most_bytes=most_bytes), str(path))
 
 
@@ -111,7 +111,7 @@ def stated_format(data: Any) -> str | None:
     return name if isinstance(name, str) else None
 
 
-def load_json(path: str | Path, *, most_bytes: int = RESULT_BYTES) -> Any:
+def load_json(path: str | Path, *, most_bytes: int = LIMITS.result_bytes) -> Any:
     """Return the data of a JSON file, in which no name is given twice.
 
     Args:

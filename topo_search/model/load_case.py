@@ -28,7 +28,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from topo_search.limits import LOAD_CASES
+from topo_search.limits import LIMITS
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import Direction
 from topo_search.model.value import (
@@ -43,31 +43,27 @@ from topo_search.model.value import (
     at_most,
 )
 
-SIDES = 8
-"""m: with eight the pyramid is 8 % wider than the cone at its edges."""
-WIDEST = 60.0
-"""Beyond, corners would be more than twice as far out as the cone's own forces [deg]."""
-
 
 class ForceCone(Value):
     """All forces up to a size within an angle of an axis."""
 
     axis: Direction
     """Axis of the cone, in the task frame."""
-    half_angle_deg: Annotated[float, Field(strict=True, gt=0, le=WIDEST)]
-    """theta [deg]."""
+    half_angle_deg: Annotated[float, Field(strict=True, gt=0, le=60.0)]
+    """theta [deg]; beyond, corners would be more than twice as far out as the cone's own forces."""
     force: Positive
     """F, the largest force, in the units of the load case."""
 
     @property
     def corners(self) -> tuple[Vector, ...]:
         """The corners that cover the cone, zero first, in the units of F."""
+        m = 8  # the pyramid is then 8 % wider than the cone at its edges
         a = np.array(self.axis) / math.hypot(*self.axis)
         across = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
         across /= np.linalg.norm(across)
-        angles = 2 * np.pi / SIDES * np.arange(SIDES)
+        angles = 2 * np.pi / m * np.arange(m)
         e = np.multiply.outer(np.cos(angles), across) + np.multiply.outer(np.sin(angles), np.cross(a, across))
-        out = math.tan(math.radians(self.half_angle_deg)) / math.cos(math.pi / SIDES)
+        out = math.tan(math.radians(self.half_angle_deg)) / math.cos(math.pi / m)
         rim = self.force * (a + out * e)
         return ((0.0, 0.0, 0.0), *((float(x), float(y), float(z)) for x, y, z in rim))
 
@@ -119,7 +115,7 @@ class LoadCase(Value):
 
     cone: Omitted[ForceCone] = None
     """Also required: every force in this cone instead of the force at the end-effector."""
-    vertices: Annotated[tuple[Wrench, ...], at_most(LOAD_CASES, "vertices"), OMIT_EMPTY] = ()
+    vertices: Annotated[tuple[Wrench, ...], at_most(LIMITS.load_cases, "vertices"), OMIT_EMPTY] = ()
     """Also required: every wrench in the convex hull of these and the one at the end-effector."""
 
     def _broken_rules(self) -> Broken:
@@ -200,8 +196,11 @@ def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: floa
         carried, also = (force_unit, f" and the weight, {force_unit:.4g} N") if case.carries_weight else (0.0, "")
         if not case.largest * factor + carried <= MOST:
             yield ("load_cases", k), f"must be at most {MOST:g} N and N m, but got {show(case.largest)}{of}{also}"
-    if (number := len(cases) + sum(len(case.corners) for case in cases)) > LOAD_CASES:
-        yield "load_cases", f"must have at most {LOAD_CASES} entries, corners of sets included, but got {number:,}"
+    if (number := len(cases) + sum(len(case.corners) for case in cases)) > LIMITS.load_cases:
+        yield (
+            "load_cases",
+            f"must have at most {LIMITS.load_cases} entries, corners of sets included, but got {number:,}",
+        )
     names = [case.name for case in cases]
     for k, name in enumerate(names):
         if name is not None and (first := names.index(name)) < k:

@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator
 
-from topo_search.limits import ALL_CORNERS, CORNERS, FACETS, FRAME_PIECES, FRAME_TRIANGLES, MESH_BYTES, PIECES
+from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import of_file, show, to_printable
-from topo_search.model.parsing import read_regular
 from topo_search.model.shape import has_volume, outer_hull
+from topo_search.model.text import read_regular
 from topo_search.model.value import Broken, Index, Positive, Value, Vector, at_most, refuse
 
 Triangles = NDArray[np.intp]
@@ -131,10 +131,10 @@ def surface(path: Path, scale: float = 1.0, offset: Vector = (0.0, 0.0, 0.0)) ->
     form = path.suffix.lower()
     if form not in (".stl", ".obj"):
         raise ValueError("must be an .stl or .obj file")
-    content = read_regular(path, most_bytes=MESH_BYTES).removeprefix(BOM_UTF8)
+    content = read_regular(path, most_bytes=LIMITS.mesh_bytes).removeprefix(BOM_UTF8)
     content, facets = _obj(content) if form == ".obj" else _stl(content)
-    if facets > FACETS:
-        raise ValueError(f"must have at most {FACETS:,} facets, but has {facets:,}")
+    if facets > LIMITS.facets:
+        raise ValueError(f"must have at most {LIMITS.facets:,} facets, but has {facets:,}")
     if not facets:
         raise ValueError(NO_VOLUME)
     import trimesh  # slow to import, and few tasks need it
@@ -180,10 +180,10 @@ def convex_pieces(mesh: Surface) -> tuple[list[Array], list[float]]:
         bodies = [Surface(*mesh[:2])]
     if not has_volume(bodies[0].vertices):
         raise ValueError(NO_VOLUME)
-    if len(bodies) > PIECES:
-        raise ValueError(f"must have at most {PIECES} bodies, but has {len(bodies):,}")
+    if len(bodies) > LIMITS.pieces:
+        raise ValueError(f"must have at most {LIMITS.pieces} bodies, but has {len(bodies):,}")
     bodies = _without_inner(bodies)
-    outer = [outer_hull(body.vertices, min(CORNERS, ALL_CORNERS // len(bodies))) for body in bodies]
+    outer = [outer_hull(body.vertices, min(LIMITS.corners, LIMITS.all_corners // len(bodies))) for body in bodies]
     return [corners for corners, _ in outer], [
         beyond + _concavity(body) for body, (_, beyond) in zip(bodies, outer, strict=True)
     ]
@@ -287,9 +287,9 @@ def _stl(content: bytes) -> tuple[bytes, int]:
     facets, ended, vertices = (
         len(re.findall(rb"(?im)^%b\b" % word, body)) for word in (b"facet", b"endfacet", b"vertex")
     )
-    if ended <= FACETS and (wrong := NOT_A_VERTEX.search(body)):
+    if ended <= LIMITS.facets and (wrong := NOT_A_VERTEX.search(body)):
         raise ValueError(f"must have three numbers per vertex, but got {show(_text(wrong[0]))}")
-    if ended <= FACETS and not vertices == 3 * facets == 3 * ended:
+    if ended <= LIMITS.facets and not vertices == 3 * facets == 3 * ended:
         counts = f"{facets:,} `facet`, {vertices:,} `vertex` and {ended:,} `endfacet`"
         raise ValueError(f"must be a whole ASCII STL, with three vertices per facet, but has {counts}")
     # without normals, which trimesh complains about where they are no numbers
@@ -330,14 +330,19 @@ def _obj(content: bytes) -> tuple[bytes, int]:
                 raise ValueError(f"must be an OBJ of vertices and facets, but has {show(_text(word))}")
         except ValueError as error:
             raise ValueError(f"{error} (line {number})") from None
-        if vertices > 3 * FACETS or facets > FACETS:
-            raise ValueError(f"must have at most {FACETS:,} facets and {3 * FACETS:,} vertices, but has more")
+        if vertices > 3 * LIMITS.facets or facets > LIMITS.facets:
+            raise ValueError(
+                f"must have at most {LIMITS.facets:,} facets and {3 * LIMITS.facets:,} vertices, but has more"
+            )
     return b"\n".join(lines), facets
 
 
 def _lines(content: bytes) -> Iterator[bytes]:
     """Yield the lines without comments; of those that a backslash continues the last, with all of them."""
-    most_lines, most_bytes = 10 * FACETS, 10_000  # vertices, texture coordinates, normals and facets; of a line
+    most_lines, most_bytes = (
+        10 * LIMITS.facets,
+        10_000,
+    )  # vertices, texture coordinates, normals and facets; of a line
     if content.count(b"\n") + content.count(b"\r") > most_lines:
         raise ValueError(f"must have at most {most_lines:,} lines, but has more")
     unfinished = b""
@@ -383,11 +388,11 @@ def _corners(value: tuple[int, ...]) -> tuple[int, int, int]:
 class ConvexPiece(Value):
     """A convex body by its surface: triangles that turn counter-clockwise seen from outside."""
 
-    vertices: Annotated[tuple[Vector, ...], at_most(FRAME_TRIANGLES, "vertices")]
+    vertices: Annotated[tuple[Vector, ...], at_most(LIMITS.frame_triangles, "vertices")]
     """Corners, in the module's frame [m]."""
     triangles: Annotated[
         tuple[Annotated[tuple[Index, Index, Index], AfterValidator(_corners)], ...],
-        at_most(FRAME_TRIANGLES, "triangles"),
+        at_most(LIMITS.frame_triangles, "triangles"),
     ]
     """Numbers of their corners."""
 
@@ -437,9 +442,9 @@ def frame_of(mesh: Surface) -> list[dict[str, Any]]:
     Raises:
         ValueError: there are too many.
     """
-    if len(mesh.triangles) > FRAME_TRIANGLES:
-        raise ValueError(f"must have at most {FRAME_TRIANGLES:,} triangles, but has {len(mesh.triangles):,}")
+    if len(mesh.triangles) > LIMITS.frame_triangles:
+        raise ValueError(f"must have at most {LIMITS.frame_triangles:,} triangles, but has {len(mesh.triangles):,}")
     parts = parts_of(mesh)
-    if len(parts) > FRAME_PIECES:
-        raise ValueError(f"must have at most {FRAME_PIECES} pieces, but has {len(parts):,}")
+    if len(parts) > LIMITS.frame_pieces:
+        raise ValueError(f"must have at most {LIMITS.frame_pieces} pieces, but has {len(parts):,}")
     return [{"vertices": part.vertices.tolist(), "triangles": part.triangles.tolist()} for part in parts]

@@ -69,7 +69,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BeforeValidator, ConfigDict, Field, Tag, ValidationInfo, model_validator
 
-from topo_search.limits import FRAME_PIECES, FRAME_TRIANGLES
+from topo_search.limits import LIMITS
 from topo_search.model.mesh_file import ConvexPiece, frame_of, mesh_schema, take_mesh
 from topo_search.model.value import (
     Broken,
@@ -302,7 +302,7 @@ class Body(Value):
     """Width and height of an arm [m]."""
     hub: PositiveVector = (0.08, 0.08, 0.04)
     """Edges of the hub along x, y, z [m]."""
-    frame: Omitted[Annotated[tuple[ConvexPiece, ...], at_most(FRAME_PIECES, "pieces"), NonEmpty]] = None
+    frame: Omitted[Annotated[tuple[ConvexPiece, ...], at_most(LIMITS.frame_pieces, "pieces"), NonEmpty]] = None
     """Convex pieces that replace hub and arms; a task file may name a `mesh` of them."""
     inertia: PositiveVector | None = None
     """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at uniform density."""
@@ -325,8 +325,8 @@ class Body(Value):
             refuse(("mesh", str(error)))
 
     def _broken_rules(self) -> Broken:
-        if (triangles := sum(len(piece.triangles) for piece in self.frame or ())) > FRAME_TRIANGLES:
-            yield "frame", f"must have at most {FRAME_TRIANGLES:,} triangles in all, but got {triangles:,}"
+        if (triangles := sum(len(piece.triangles) for piece in self.frame or ())) > LIMITS.frame_triangles:
+            yield "frame", f"must have at most {LIMITS.frame_triangles:,} triangles in all, but got {triangles:,}"
         if self.frame is not None and self.inertia is None:
             yield "inertia", "must be given with a `frame` or `mesh` of its own, but is missing"
         if self.inertia is not None and 2 * max(self.inertia) > sum(self.inertia) * (1 + 1e-12):

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, Tag
 
-from topo_search.limits import FAILURES, LOAD_CASES
+from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
 from topo_search.model.load_case import MOST, LoadCase, Wrench
 from topo_search.model.tolerances import TOLERANCE
@@ -197,12 +197,12 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
     around += 2 * sum(map(bool, flight.angular_acceleration))
     around *= 1 + cases * (flight.around == "all")
     around += len(_cover_cap(flight.tilt_deg)) * (flight.tilt_deg > 0)
-    if around and (number := cases + around) > LOAD_CASES:
-        text = f"must ask for at most {LOAD_CASES} wrenches with all load cases, but got up to {number:,}"
+    if around and (number := cases + around) > LIMITS.load_cases:
+        text = f"must ask for at most {LIMITS.load_cases} wrenches with all load cases, but got up to {number:,}"
         yield ("flight",), text
     failures = 4 * n * len(_circumscribe(disc=False)) * (1 + cases * (flight.rotor_out == "all"))
-    if flight.rotor_out != "none" and failures > FAILURES:
-        text = f"must ask for at most {FAILURES:,} wrenches with a rotor dead, but got up to {failures:,}"
+    if flight.rotor_out != "none" and failures > LIMITS.failures:
+        text = f"must ask for at most {LIMITS.failures:,} wrenches with a rotor dead, but got up to {failures:,}"
         yield ("flight", "rotor_out"), text
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 
 from pydantic import AfterValidator, Field, Tag
 
-from topo_search.limits import HINGE_ANGLES, LEVELS
+from topo_search.limits import LIMITS
 from topo_search.model.bad_input import show
 from topo_search.model.reserves import Failing
 from topo_search.model.value import (
@@ -45,7 +45,7 @@ def _check_apart(angles: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(angle + 0.0 for angle in angles)  # -0.0 becomes 0.0
 
 
-Angles = Annotated[tuple[Angle, ...], at_most(HINGE_ANGLES), NonEmpty, AfterValidator(_check_apart)]
+Angles = Annotated[tuple[Angle, ...], at_most(LIMITS.hinge_angles), NonEmpty, AfterValidator(_check_apart)]
 
 
 class Search(Value):
@@ -125,7 +125,7 @@ def _check_distinct(levels: Levels) -> Levels:
 
 
 Bound = TypeVar("Bound")
-AxisLevels = Annotated[tuple[Bound, ...], at_most(LEVELS), AfterValidator(_check_distinct)]
+AxisLevels = Annotated[tuple[Bound, ...], at_most(LIMITS.levels), AfterValidator(_check_distinct)]
 """Levels of one goal."""
 
 
@@ -184,8 +184,8 @@ class Goals(Value):
     """True if fewer modules are a goal; needs a range of sizes and wrenches in SI."""
 
     def _broken_rules(self) -> Broken:
-        if (number := math.prod(len(axis) for axis in self._axes)) > LEVELS:
-            yield (), f"must have at most {LEVELS:,} combinations of levels, but got {number:,}"
+        if (number := math.prod(len(axis) for axis in self._axes)) > LIMITS.levels:
+            yield (), f"must have at most {LIMITS.levels:,} combinations of levels, but got {number:,}"
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Tag, model_validator
 
-from topo_search.limits import ALL_CORNERS, LOAD_CASES, REQUIREMENTS, SEGMENTS, SIZES
+from topo_search.limits import LIMITS
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
 from topo_search.model.load_case import LoadCase, broken_rules, labels, ten_wrenches
@@ -73,7 +73,7 @@ Sizes = Annotated[
 ]
 LoadCases = Annotated[
     Annotated[Literal["ten-wrenches"], Tag("<ten-wrenches>")]
-    | Annotated[tuple[LoadCase, ...], at_most(LOAD_CASES), NonEmpty, Tag("<list>")],
+    | Annotated[tuple[LoadCase, ...], at_most(LIMITS.load_cases), NonEmpty, Tag("<list>")],
     one_of('must be a list of load cases or "ten-wrenches"'),
 ]
 
@@ -108,7 +108,7 @@ class Task(Value):
     """The rigid end-effector."""
     load_cases: LoadCases
     """The wrenches that the rotors must produce."""
-    exposure: Annotated[tuple[Exposure, ...], at_most(REQUIREMENTS)] = ()
+    exposure: Annotated[tuple[Exposure, ...], at_most(LIMITS.requirements)] = ()
     """Regions that must stay out of the airflow."""
     search: Search = Search()
     """Options of the search."""
@@ -146,16 +146,16 @@ class Task(Value):
     def _broken_rules(self) -> Broken:
         if not self.sizes:
             yield "modules", f"`fewest <= most` must hold, but got {show(self.modules)}"
-        if len(self.sizes) > SIZES:
-            yield "modules", f"must be at most {SIZES} sizes, but got {show(self.modules)}"
+        if len(self.sizes) > LIMITS.sizes:
+            yield "modules", f"must be at most {LIMITS.sizes} sizes, but got {show(self.modules)}"
         numbered = [region for region in self.exposure if segment_of(region, 0) is not None]
-        if (parts := sum(len(region.shapes) for region in numbered)) > SEGMENTS:
+        if (parts := sum(len(region.shapes) for region in numbered)) > LIMITS.segments:
             kinds = {region.kind for region in numbered}
             what = " and ".join(f"{name}s" for kind, name in PART_NAMES.items() if kind in kinds)
-            yield "exposure", f"must have at most {SEGMENTS} {what} in all, but got {parts:,}"
+            yield "exposure", f"must have at most {LIMITS.segments} {what} in all, but got {parts:,}"
         corners = sum(len(region.corners) for region in self.exposure if isinstance(region, Local))
-        if corners > ALL_CORNERS:
-            yield "exposure", f"must have at most {ALL_CORNERS:,} corners in all, but got {corners:,}"
+        if corners > LIMITS.all_corners:
+            yield "exposure", f"must have at most {LIMITS.all_corners:,} corners in all, but got {corners:,}"
         if self.load_cases != "ten-wrenches" and self.task_seed is not None:
             rule = 'must be left out unless load_cases = "ten-wrenches"'
             yield "task_seed", f"{rule}, but got {self.task_seed}"
@@ -444,7 +444,7 @@ class ResolvedTask(Task):
 
     modules: Count
     end_effector: ResolvedEndEffector = ResolvedEndEffector()
-    load_cases: Annotated[tuple[LoadCase, ...], at_most(LOAD_CASES), NonEmpty]
+    load_cases: Annotated[tuple[LoadCase, ...], at_most(LIMITS.load_cases), NonEmpty]
 
     def _broken_rules(self) -> Broken:
         yield from super()._broken_rules()

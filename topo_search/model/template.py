@@ -12,10 +12,6 @@ from pydantic import BaseModel
 
 from topo_search.model.task import Task
 
-COMMENT_AT = 36
-"""Column at which the words about a field begin."""
-WIDTH = 112
-
 HEAD = """\
 # A task for topo-search: what the platform's tool must do, and what its airflow must not reach.
 # `topo-search check THIS_FILE` explains it in words; `topo-search run THIS_FILE` searches the best platform for it.
@@ -133,6 +129,7 @@ def _tables(task: BaseModel, filled: BaseModel, above: str) -> Iterator[str]:
 
 def _fields(task: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[str]:
     """Yield a line for every field with a plain value by default, commented out, its meaning beside it."""
+    comment_at, width = 36, 112  # column at which the words about a field begin, and that of their end
     for field, known in type(filled).model_fields.items():
         value = getattr(filled, field)
         # designs alone have `grows`
@@ -142,12 +139,12 @@ def _fields(task: BaseModel, filled: BaseModel, without: set[str]) -> Iterator[s
             value = _round(value)
         advised = any(field in table for table in ADVISED.values())
         line = f"{'' if advised else '# '}{field} = {json.dumps(value)}"
-        words = textwrap.wrap(known.description or "", WIDTH - COMMENT_AT)
-        if len(line) > COMMENT_AT - 2:
+        words = textwrap.wrap(known.description or "", width - comment_at)
+        if len(line) > comment_at - 2:
             yield line
             line = "#"
         for words_of_line in words:
-            yield f"{line:{COMMENT_AT}}# {words_of_line}"
+            yield f"{line:{comment_at}}# {words_of_line}"
             line = "#"
 
 

@@ -25,7 +25,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
-from topo_search.limits import LARGEST_INTEGER, MODULES
+from topo_search.limits import LIMITS
 
 FIELDS = "\n\nFields:\n"
 """Between what a value is and what its fields are, for `help`."""
@@ -214,8 +214,8 @@ PositiveOrZero = Annotated[
 ]
 Angle = Annotated[float, Field(strict=True, ge=0, le=90)]
 """[deg]"""
-Index = Annotated[int, Field(strict=True, ge=0, le=LARGEST_INTEGER)]
-Count = Annotated[int, Field(strict=True, ge=1, le=MODULES)]
+Index = Annotated[int, Field(strict=True, ge=0, le=LIMITS.largest_integer)]
+Count = Annotated[int, Field(strict=True, ge=1, le=LIMITS.modules)]
 Flag = Annotated[bool, Field(strict=True)]
 Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_three)]
 PositiveVector = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_three)]

@@ -17,11 +17,11 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from topo_search.limits import TASK_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model.bad_input import BadInput
 from topo_search.model.files import load_text, validate
 from topo_search.model.flight import Flight, Size
-from topo_search.model.parsing import NotParsed, toml_data
+from topo_search.model.text import NotParsed, toml_data
 from topo_search.model.value import (
     Broken,
     Index,
@@ -108,7 +108,7 @@ def read_vehicle(path: str | Path) -> Vehicle:
     if path.suffix.lower() != ".toml":
         return validate(Vehicle, {"rotors": _rows(path)}, str(path))
     try:
-        data = toml_data(load_text(path, most_bytes=TASK_BYTES))
+        data = toml_data(load_text(path, most_bytes=LIMITS.task_bytes))
     except NotParsed as error:
         raise BadInput(str(path), str(error)) from None
     if isinstance(name := data.get("rotors"), str):
@@ -121,7 +121,7 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     of_a_kit = {"axis_x": "ax", "axis_y": "ay", "axis_z": "az", "thrust_coefficient_Ns2": "k_f"}
     of_a_kit |= {"torque_coefficient_Nms2": "k_tau", "largest_thrust_N": "thrust"}
     rows = []
-    for row in csv.DictReader(io.StringIO(load_text(path, most_bytes=TASK_BYTES))):
+    for row in csv.DictReader(io.StringIO(load_text(path, most_bytes=LIMITS.task_bytes))):
         given = {of_a_kit.get(name, name): _number(cell) for name, cell in row.items() if cell}
         if "thrust" in given and isinstance(given.get("k_f"), float):
             given = {name: given[name] for name in given if name in VehicleRotor.model_fields or name == "thrust"}

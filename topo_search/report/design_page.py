@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from topo_search.export import palette
-from topo_search.limits import RESULT_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Status, Task
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault, show
@@ -171,7 +171,7 @@ def _row(one: ScenarioResult) -> tuple[str, ...]:
 def _course(path: Path, names: set[str]) -> dict[str, Array]:
     """Return the rows of each flight, (T, 1 + 5)."""
     rows: dict[str, list[list[float]]] = {}
-    reader = csv.DictReader(io.StringIO(load_text(path, most_bytes=RESULT_BYTES)))
+    reader = csv.DictReader(io.StringIO(load_text(path, most_bytes=LIMITS.result_bytes)))
     for row in reader:
         name = row.get("scenario")
         if name not in names:

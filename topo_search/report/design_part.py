@@ -13,7 +13,7 @@ from topo_search.export.audits import flight_lines
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Assembly, Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
-from topo_search.model.air import AirSpeeds
+from topo_search.model.audit import AirSpeeds
 from topo_search.model.design import StatedCheck
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text

@@ -10,8 +10,15 @@ import trimesh
 from trimesh import Trimesh
 
 from topo_search.export import palette
-from topo_search.export.poses import Poses, azimuth_deg, rotation_to, towards_viewer
-from topo_search.export.regions import cone_slant, region_words, shapes
+from topo_search.export.poses import (
+    Poses,
+    azimuth_deg,
+    cone_slant,
+    region_words,
+    rotation_to,
+    shapes,
+    towards_viewer,
+)
 from topo_search.export.solids import airflow, frame, join, pose_matrix, region_mesh, rotor_discs
 from topo_search.model import Assembly, Audit, Clearance, Design
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS

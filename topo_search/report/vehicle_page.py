@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from topo_search.model.proven import lower_text
-from topo_search.model.tables import paragraph, table
+from topo_search.model.text import paragraph, table
 from topo_search.model.vehicle import Capability
 from topo_search.report.design_part import flight_part
 

@@ -6,10 +6,18 @@ from topo_search.study.folder import REPORT, RunFolder
 from topo_search.study.front import FrontPoint, front
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import LedgerLost
-from topo_search.study.margins import LARGER_MARGINS, larger_margin
 from topo_search.study.progress import Observer, Phase, Plan, Silent, TimeLeft
 from topo_search.study.proving import prove
-from topo_search.study.request import DEFAULT_ROUND, NOTHING, Own, Request, Sampler, StrategyName
+from topo_search.study.request import (
+    DEFAULT_ROUND,
+    LARGER_MARGINS,
+    NOTHING,
+    Own,
+    Request,
+    Sampler,
+    StrategyName,
+    larger_margin,
+)
 from topo_search.study.row import COLUMNS, Row, SolveEvent
 from topo_search.study.run import run
 from topo_search.study.single import Solved, solve_single

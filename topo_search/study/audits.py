@@ -16,9 +16,8 @@ from topo_search.engine import Failed, Job, audit_deadline, audit_job
 from topo_search.model import Audit, Topology
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Ledger
-from topo_search.study.margins import raise_margins
 from topo_search.study.progress import AUDITED, Phase, audit_phase, solving_seconds
-from topo_search.study.request import Context, Request
+from topo_search.study.request import Context, Request, raise_margins
 from topo_search.study.row import Row
 from topo_search.study.solving import Tools, record
 

@@ -15,8 +15,8 @@ from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proo
 from topo_search.model.bad_input import faults_of
 from topo_search.model.proof import Problem, chunk_count
 from topo_search.model.proven import improvement
-from topo_search.study.directory import CHANGED
-from topo_search.study.folder import PROOFS, RunFolder
+from topo_search.study.directory import CHANGED, RunFile
+from topo_search.study.folder import RunFolder
 from topo_search.study.progress import Observer
 from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, sizes_with_best, subject_of, weakest_problem
 from topo_search.study.row import Row
@@ -24,11 +24,6 @@ from topo_search.study.summary import check_designs
 
 CheckChunk = Callable[[ResolvedTask, Topology, int, float, Chunk, Problem], CheckedChunk]
 """Checks that no design of one chunk of a tree costs less than a cut [rad^4/s^4]: a pure function."""
-
-CHUNK_DEADLINE = 7200.0
-"""After which the check of a chunk counts as hung [s]."""
-EVERY = 10.0
-"""Least time between two lines about one tree [s]."""
 
 
 @dataclass
@@ -141,7 +136,7 @@ def check(
                 observer.note(_describe(checked_tree))
             checked.trees += trees.values()
             results.append((n, best, task, list(trees.values())))
-        with_trees = {f"{PROOFS}/{tree.key}" for tree in checked.trees}  # refused with their trees
+        with_trees = {f"{RunFile.PROOFS}/{tree.key}" for tree in checked.trees}  # refused with their trees
         checked.faults += [f"{name} {CHANGED}" for name in folder.changed_files() if name not in with_trees]
         if checked.refused:  # then nothing is claimed, whatever else holds
             for examined in checked.trees:
@@ -177,10 +172,10 @@ def _examine(folder: RunFolder, row: Row, task: ResolvedTask, space: Space) -> t
             return tree, None
         proof = Proof.model_validate_json(content)
     except BadInput as error:
-        tree.fault = f"{PROOFS}/{row.key} {error.faults[0].rule}"
+        tree.fault = f"{RunFile.PROOFS}/{row.key} {error.faults[0].rule}"
         return tree, None
     except ValidationError as error:
-        tree.fault = f"{PROOFS}/{row.key}: {faults_of(error, Proof)[0]}"
+        tree.fault = f"{RunFile.PROOFS}/{row.key}: {faults_of(error, Proof)[0]}"
         return tree, None
     tree.fault = _unfit(proof, row.key, task)
     if tree.fault is None and not proof.complete:
@@ -201,8 +196,9 @@ def _replay(
             if trees[job.topology.key].fault is None:
                 yield job
 
+    hung_after_s, note_period_s = 7200.0, 10.0  # of one chunk; between two lines about one tree
     noted_at = time.monotonic()
-    for job, result in engine.run(partial(_check, check_chunk), due_jobs(), deadline=lambda _: CHUNK_DEADLINE):
+    for job, result in engine.run(partial(_check, check_chunk), due_jobs(), deadline=lambda _: hung_after_s):
         tree = trees[job.topology.key]
         if tree.fault is not None:
             continue
@@ -214,7 +210,7 @@ def _replay(
             tree.chunks += 1
         if tree.fault is not None or tree.chunks == chunk_count(tree.modules):
             yield tree
-        elif time.monotonic() - noted_at > EVERY:
+        elif time.monotonic() - noted_at > note_period_s:
             noted_at = time.monotonic()
             observer.note(f"{tree.key}: {tree.chunks} of {chunk_count(tree.modules)} chunks, {tree.boxes:,} boxes")
 
@@ -241,12 +237,12 @@ def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine
 def _unfit(proof: Proof, key: str, task: ResolvedTask) -> str | None:
     """Say why a proof is none of this tree and task."""
     if proof.topology_key != key:
-        return f"{PROOFS}/{key} is the proof of another tree, {proof.topology_key}"
+        return f"{RunFile.PROOFS}/{key} is the proof of another tree, {proof.topology_key}"
     if proof.task != task:
-        return f"{PROOFS}/{key} is about another task"
+        return f"{RunFile.PROOFS}/{key} is about another task"
     numbers = [chunk.number for chunk in proof.chunks]
     if len(set(numbers)) < len(numbers):
-        return f"{PROOFS}/{key} has a chunk twice"
+        return f"{RunFile.PROOFS}/{key} has a chunk twice"
     return None
 
 

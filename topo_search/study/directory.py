@@ -29,15 +29,31 @@ from itertools import islice
 from pathlib import Path
 from typing import Self
 
-from topo_search.limits import RUN_BYTES
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault
 from topo_search.study.ledger_file import checksum
 
-LOCK = ".lock"
+
+class RunFile:
+    """Names of files and folders of a run."""
+
+    LOCK = ".lock"
+    PARTIAL = ".topo-search-partial"
+    """A file that is being written. There is one at a time, so that the next run removes what a killed one left."""
+    LEDGER = "ledger.sqlite"
+    TASK = "task.toml"
+    FRONT = "front.csv"
+    PROOFS = "proof"
+    """The folder of the proofs, one file per candidate that was looked at."""
+    OPTIMA = "optima"
+    """The folder of local optima."""
+    OPTIMA_RECORD = "optima.json"
+    RELAXED = "relaxed"
+    """The folder of what gives the closest trees a design, one file per size without any."""
+
+
 HOLDER = re.compile(rb"(\d+ on [^\n]*\n)?")
 """The content of the lock's file: who holds it, or held it last."""
-PARTIAL = ".topo-search-partial"
-"""A file that is being written. There is one at a time, so that the next run removes what a killed one left."""
 CHANGED = "is not the file that this run wrote"
 """Fault of a file that somebody else changed or put there."""
 _Entry = tuple[bytes | None, bytes | None, int]
@@ -90,7 +106,7 @@ def hold_lock(folder: Path) -> Iterator[None]:
 def _open_lock(folder: Path, itself: int) -> int:
     """Open the lock's file, or make it; it must be one that `hold_lock` made."""
     try:
-        handle = os.open(LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644, dir_fd=itself)
+        handle = os.open(RunFile.LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644, dir_fd=itself)
     except OSError as error:
         if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
             raise _not_ours(folder) from None
@@ -104,7 +120,7 @@ def _open_lock(folder: Path, itself: int) -> int:
 
 def _not_ours(folder: Path) -> BadInput:
     rule = "is not the lock file of a run, and is left unchanged: move it away, or choose another folder"
-    return BadInput(str(folder / LOCK), [Fault("", rule)])
+    return BadInput(str(folder / RunFile.LOCK), [Fault("", rule)])
 
 
 def is_within_folder(name: str) -> bool:
@@ -141,7 +157,7 @@ class Directory:
         """Return the names of all that is in the folder itself."""
         return sorted(os.listdir(self._handle))
 
-    def read(self, name: str, *, most_bytes: int = RUN_BYTES) -> bytes | None:
+    def read(self, name: str, *, most_bytes: int = LIMITS.run_bytes) -> bytes | None:
         """Return the content of a file; None if there is none of this name.
 
         Raises:
@@ -180,7 +196,10 @@ class Directory:
             with self._open_parent(name, make=True) as (folder, last):
                 self.tidy()
                 handle = os.open(
-                    PARTIAL, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o666, dir_fd=self._handle
+                    RunFile.PARTIAL,
+                    os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW,
+                    0o666,
+                    dir_fd=self._handle,
                 )
                 try:
                     with os.fdopen(handle, "wb", buffering=0) as stream:
@@ -189,10 +208,10 @@ class Directory:
                             rest = rest[os.write(handle, rest) :]
                         if lasting:
                             os.fsync(stream.fileno())
-                    os.rename(PARTIAL, last, src_dir_fd=self._handle, dst_dir_fd=folder)
+                    os.rename(RunFile.PARTIAL, last, src_dir_fd=self._handle, dst_dir_fd=folder)
                 except BaseException:
                     with suppress(OSError):
-                        os.unlink(PARTIAL, dir_fd=self._handle)
+                        os.unlink(RunFile.PARTIAL, dir_fd=self._handle)
                     raise
                 if lasting:
                     os.fsync(folder)
@@ -222,7 +241,7 @@ class Directory:
     def tidy(self) -> None:
         """Remove what a run that was killed left of a file that it was writing; only who holds the lock may."""
         with suppress(FileNotFoundError):
-            os.unlink(PARTIAL, dir_fd=self._handle)
+            os.unlink(RunFile.PARTIAL, dir_fd=self._handle)
 
     @contextmanager
     def _open_parent(self, name: str, *, make: bool = False) -> Iterator[tuple[int, str]]:

@@ -17,49 +17,43 @@ from typing import Any, Self, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from topo_search.limits import STARTS, TASK_BYTES, TRIALS
+from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Proof, ResolvedTask, Task
 from topo_search.model.bad_input import faults_of
 from topo_search.model.files import to_json, to_toml, validate
-from topo_search.model.parsing import NotParsed, toml_data
-from topo_search.model.tables import escape_formula
 from topo_search.model.task import before_requirement
-from topo_search.study.directory import HOLDER, LOCK, PARTIAL, Directory, ReadOnlyFolder, hold_lock
+from topo_search.model.text import NotParsed, escape_formula, toml_data
+from topo_search.study.directory import HOLDER, Directory, ReadOnlyFolder, RunFile, hold_lock
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import blank
 from topo_search.study.proofs import ProofState, bounded_alike, cells, proof_state
 from topo_search.study.request import NOTHING, Own, Request, installed_versions
 from topo_search.study.row import COLUMNS, Row
 
-LEDGER = "ledger.sqlite"
-TASK = "task.toml"
 REPORT = "report.html"
-FRONT = "front.csv"
-RESULTS = ("best.json", "candidates.csv", FRONT, REPORT, TASK)
+RESULTS = ("best.json", "candidates.csv", RunFile.FRONT, REPORT, RunFile.TASK)
 """Files that tell of a run; with a range of sizes there is a `best-nN.json` of each besides."""
 LEFT = "it is left unchanged"
 PARTS = ("designs", "audits")
 """Folders with a file per candidate."""
 Model = TypeVar("Model", bound=BaseModel)
-PROOFS = "proof"
-"""The folder of the proofs, one file per candidate that was looked at."""
 
 
 def holds_run(directory: Directory) -> bool:
     """Return whether a folder is that of a run; refuse one that has anything else in it, or lost its ledger."""
     names = directory.names()
-    if LEDGER in names:
+    if RunFile.LEDGER in names:
         return True
-    if LOCK in names and not HOLDER.fullmatch(directory.read(LOCK) or b""):
-        raise refusal(directory.path, f"has a {LOCK} of another program; {LEFT}")
-    others = [name for name in names if name not in (LOCK, PARTIAL)]
+    if RunFile.LOCK in names and not HOLDER.fullmatch(directory.read(RunFile.LOCK) or b""):
+        raise refusal(directory.path, f"has a {RunFile.LOCK} of another program; {LEFT}")
+    others = [name for name in names if name not in (RunFile.LOCK, RunFile.PARTIAL)]
     if not others:
         return False
     shown = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
-    if any(name in (*RESULTS, *PARTS) or name.startswith((LEDGER, "best-n")) for name in others):
+    if any(name in (*RESULTS, *PARTS) or name.startswith((RunFile.LEDGER, "best-n")) for name in others):
         raise refusal(
             directory.path,
-            f"has {shown} but no {LEDGER}: the ledger was removed, or this is not a run folder; {LEFT}",
+            f"has {shown} but no {RunFile.LEDGER}: the ledger was removed, or this is not a run folder; {LEFT}",
         )
     raise refusal(directory.path, f"is not a run folder, and not empty: it has {shown}; {LEFT}")
 
@@ -70,8 +64,10 @@ def last_request(path: Path, directory: Directory, ledger: Ledger) -> Request:
     starts, trials = ledger.last_request()
     if starts < 1 or (trials is not None and trials < 1):
         raise BadInput(str(path), [Fault("", "has no run yet")])
-    if starts > STARTS or (trials is not None and trials > TRIALS):
-        rule = f"must ask for at most {STARTS:,} starts and {TRIALS:,} trials, but holds a run with more"
+    if starts > LIMITS.starts or (trials is not None and trials > LIMITS.trials):
+        rule = (
+            f"must ask for at most {LIMITS.starts:,} starts and {LIMITS.trials:,} trials, but holds a run with more"
+        )
         raise BadInput(str(path), [Fault("", rule)])
     return Request(
         _read_task(path, directory),
@@ -113,7 +109,7 @@ def refusal(path: Path, what: str) -> BadInput:
 
 def _read_task(path: Path, directory: Directory) -> Task:
     """Return the task as the run wrote it: it names no other file."""
-    content, name = directory.read(TASK, most_bytes=TASK_BYTES), str(path / TASK)
+    content, name = directory.read(RunFile.TASK, most_bytes=LIMITS.task_bytes), str(path / RunFile.TASK)
     if content is None:
         raise BadInput(name, [Fault("", "no such file")])
     try:
@@ -165,14 +161,14 @@ class RunFolder:
         except OSError as error:
             raise refusal(path, f"cannot be made: {error.strerror}") from None
         with Directory.open(path) as directory:
-            if holds_run(directory) and not os.access(path / LEDGER, os.W_OK):
-                raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
+            if holds_run(directory) and not os.access(path / RunFile.LEDGER, os.W_OK):
+                raise ReadOnlyFolder(path, f"{RunFile.LEDGER} is read-only")
             with hold_lock(path):
                 resumed = holds_run(directory)
                 if not resumed:
                     directory.tidy()
-                    directory.write(LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
-                with Ledger.open(path / LEDGER) as ledger:
+                    directory.write(RunFile.LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
+                with Ledger.open(path / RunFile.LEDGER) as ledger:
                     if resumed:
                         require_versions(path, ledger)
                     folder = cls._of_ledger(path, request, ledger, directory)
@@ -180,7 +176,7 @@ class RunFolder:
                     sizes = [f"best-n{n}.json" for n in request.task.sizes]
                     folder._files.require((*RESULTS, *sizes))
                     ledger.ask(request.starts, request.trials)
-                    folder.keep(TASK, to_toml(request.task))
+                    folder.keep(RunFile.TASK, to_toml(request.task))
                     yield folder
 
     @classmethod
@@ -198,14 +194,14 @@ class RunFolder:
             BadInput: it is not a run folder, or another process works in it.
         """
         with Directory.open(path) as directory:
-            if LEDGER not in directory.names():
-                raise BadInput(str(path), [Fault("", f"is not a run folder: it has no {LEDGER}")])
-            if writes and not os.access(path / LEDGER, os.W_OK):
-                raise ReadOnlyFolder(path, f"{LEDGER} is read-only")
+            if RunFile.LEDGER not in directory.names():
+                raise BadInput(str(path), [Fault("", f"is not a run folder: it has no {RunFile.LEDGER}")])
+            if writes and not os.access(path / RunFile.LEDGER, os.W_OK):
+                raise ReadOnlyFolder(path, f"{RunFile.LEDGER} is read-only")
             with ExitStack() as stack:
                 if writes:
                     stack.enter_context(hold_lock(path))
-                ledger = stack.enter_context(Ledger.open(path / LEDGER, read_only=not writes))
+                ledger = stack.enter_context(Ledger.open(path / RunFile.LEDGER, read_only=not writes))
                 if writes:
                     directory.tidy()
                 if request is None:
@@ -319,7 +315,7 @@ class RunFolder:
 
     def keep_proof(self, proof: Proof) -> None:
         """Write the proof of one tree, or as much of it as there is."""
-        self.keep(f"{PROOFS}/{proof.topology_key}", to_json(proof))
+        self.keep(f"{RunFile.PROOFS}/{proof.topology_key}", to_json(proof))
 
     def proof_text(self, key: str) -> bytes | None:
         """Return the proof of one tree as the run wrote it; None if there is none.
@@ -327,7 +323,7 @@ class RunFolder:
         Raises:
             BadInput: the file has another content.
         """
-        return self._files.read(f"{self._level}{PROOFS}/{key}")
+        return self._files.read(f"{self._level}{RunFile.PROOFS}/{key}")
 
     def changed_files(self) -> list[str]:
         """Return the names of all files whose content is not what the run wrote."""
@@ -353,7 +349,7 @@ class RunFolder:
 
     def _sound_proofs(self, n: int) -> Iterator[Proof]:
         """Yield all proofs of the folder; none of n modules may exclude a design whose audit is clear."""
-        if not (proofs := self.read_within(PROOFS, Proof)):
+        if not (proofs := self.read_within(RunFile.PROOFS, Proof)):
             return
         clear = {row.key: row.objective for row in self.ledger.ranking(n) if row.clear}
         for name, proof in proofs.items():
@@ -363,7 +359,7 @@ class RunFolder:
                     f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: "
                     "remove it, and run `topo-search prove` again"
                 )
-                raise BadInput(str(self._directory.path / PROOFS / name), [Fault("", rule)])
+                raise BadInput(str(self._directory.path / RunFile.PROOFS / name), [Fault("", rule)])
             yield proof
 
     def read_within(self, part: str, model: type[Model]) -> dict[str, Model]:

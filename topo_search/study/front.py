@@ -25,7 +25,8 @@ from typing import Any, NamedTuple, get_args
 from topo_search.model import Audit, Design, Flight, ResolvedTask
 from topo_search.model.reserves import PLACES, Failing, centres_of
 from topo_search.model.search import FIELDS, Level
-from topo_search.study.folder import FRONT, RunFolder
+from topo_search.study.directory import RunFile
+from topo_search.study.folder import RunFolder
 from topo_search.study.row import Row, proven_cell
 
 
@@ -174,7 +175,7 @@ def _are_alike(efforts: list[float | None]) -> bool:
 def write_front(folder: RunFolder) -> None:
     """Write `front.csv`, and the design of least effort as `best.json`."""
     points = front_of(folder)
-    folder.keep_table(FRONT, FRONT_COLUMNS, (point.cells.values() for point in points))
+    folder.keep_table(RunFile.FRONT, FRONT_COLUMNS, (point.cells.values() for point in points))
     if points:
         point = points[0]
         folder.keep("best.json", folder.levels[point.number].text(point.row) or "")

@@ -27,11 +27,14 @@ from topo_search.study.ledger_file import BESIDE, LedgerLost, checked_text, dama
 from topo_search.study.request import Context, Identity, digest, installed_versions
 from topo_search.study.row import ROW_FIELDS, Row, SolveEvent, flight_of, score
 
-_SELECT = f"SELECT {', '.join(ROW_FIELDS)} FROM candidates"
-_RANKED = "context IN (SELECT value FROM json_each(?))"
-_STANDING = f"WHERE standing AND modules = ? AND {_RANKED}"
-_WRITTEN = (*ROW_FIELDS, "context", "standing", "result_checksum", "checksum")
-_PLACE = "context = ? AND key = ?"
+
+class _Sql:
+    """Parts of several queries."""
+
+    select = f"SELECT {', '.join(ROW_FIELDS)} FROM candidates"
+    ranked = "context IN (SELECT value FROM json_each(?))"
+    standing = f"WHERE standing AND modules = ? AND {ranked}"
+    place = "context = ? AND key = ?"
 
 
 class Ledger:
@@ -192,7 +195,9 @@ class Ledger:
 
     def row(self, context: Context, key: str) -> Row | None:
         """Return one candidate's row in a context."""
-        values = self._database.execute(f"{_SELECT} WHERE context = ? AND key = ?", (context.name, key)).fetchone()
+        values = self._database.execute(
+            f"{_Sql.select} WHERE context = ? AND key = ?", (context.name, key)
+        ).fetchone()
         return None if values is None else Row(*values)
 
     def result(self, context: Context, key: str) -> Design | Infeasible | None:
@@ -216,7 +221,7 @@ class Ledger:
         """Yield key, design and audit (as JSON texts) of every candidate of n modules that has a design."""
         query = (
             "SELECT key, result, result_checksum, texts.audit, audit_checksum "
-            f"FROM candidates LEFT JOIN texts USING (context, key) {_STANDING} AND status = 'feasible'"
+            f"FROM candidates LEFT JOIN texts USING (context, key) {_Sql.standing} AND status = 'feasible'"
         )
         for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n, self._ranked)):
             verdict = None if audit_checksum is None else checked_text(self.path, key, audit, audit_checksum)
@@ -226,7 +231,7 @@ class Ledger:
         """Yield key and audit (as JSON text) of every candidate of n modules that is audited."""
         query = (
             "SELECT key, texts.audit, audit_checksum "
-            f"FROM candidates JOIN texts USING (context, key) {_STANDING} AND audit_checksum IS NOT NULL"
+            f"FROM candidates JOIN texts USING (context, key) {_Sql.standing} AND audit_checksum IS NOT NULL"
         )
         for key, audit, audit_checksum in self._database.execute(query, (n, self._ranked)):
             yield key, checked_text(self.path, key, audit, audit_checksum)
@@ -239,10 +244,11 @@ class Ledger:
         The last row with a design speaks for its candidate; the first one does when there is none. An audit stays
         if `row` still has its verdict. `failed`: the last solve did, whatever the row has from earlier ones.
         """
-        step_down = f"UPDATE candidates SET standing = 0 WHERE key = ? AND {_RANKED}"
+        columns = (*ROW_FIELDS, "context", "standing", "result_checksum", "checksum")
+        step_down = f"UPDATE candidates SET standing = 0 WHERE key = ? AND {_Sql.ranked}"
         write_row = f"""
-        INSERT INTO candidates ({", ".join(_WRITTEN)}) VALUES ({", ".join("?" * (len(_WRITTEN) - 1))}, 0)
-        ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in _WRITTEN)},
+        INSERT INTO candidates ({", ".join(columns)}) VALUES ({", ".join("?" * (len(columns) - 1))}, 0)
+        ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in columns)},
         audit_checksum = CASE WHEN excluded.audit IS NULL THEN NULL ELSE audit_checksum END
         """
         write_result = """
@@ -271,9 +277,9 @@ class Ledger:
         place = context.name, key
         with self._transaction():
             changes = {"audit": str(audit.verdict), "audit_checksum": zlib.crc32(text), **flight_of(audit)}
-            verdict = f"UPDATE candidates SET {', '.join(f'{name} = ?' for name in changes)} WHERE {_PLACE}"
+            verdict = f"UPDATE candidates SET {', '.join(f'{name} = ?' for name in changes)} WHERE {_Sql.place}"
             self._database.execute(verdict, (*changes.values(), *place))
-            self._database.execute(f"UPDATE texts SET audit = ? WHERE {_PLACE}", (text, *place))
+            self._database.execute(f"UPDATE texts SET audit = ? WHERE {_Sql.place}", (text, *place))
 
     def forget_audit_failures(self, context: Context) -> None:
         """Let designs whose audits failed be audited again."""
@@ -285,7 +291,7 @@ class Ledger:
         """Write why a candidate's design has no audit."""
         place = context.name, key
         with self._transaction():
-            self._database.execute(f"UPDATE candidates SET audit_failure = ? WHERE {_PLACE}", (reason, *place))
+            self._database.execute(f"UPDATE candidates SET audit_failure = ? WHERE {_Sql.place}", (reason, *place))
 
     def files_in(self, directory: Directory) -> RunFiles:
         """Return the files that the run wrote into its directory."""
@@ -299,12 +305,12 @@ class Ledger:
 
     def ranking(self, n: int) -> Iterator[Row]:
         """Return the row that stands for each candidate of n modules: by objective, ties by key, then the rest."""
-        query = f"{_SELECT} {_STANDING} ORDER BY objective IS NULL, objective, key"
+        query = f"{_Sql.select} {_Sql.standing} ORDER BY objective IS NULL, objective, key"
         return starmap(Row, self._database.execute(query, (n, self._ranked)))
 
     def best_clear(self, n: int) -> Row | None:
         """Return the best row of n modules whose audit is clear."""
-        query = f"{_SELECT} {_STANDING} AND audit = 'clear' ORDER BY objective, key LIMIT 1"
+        query = f"{_Sql.select} {_Sql.standing} AND audit = 'clear' ORDER BY objective, key LIMIT 1"
         values = self._database.execute(query, (n, self._ranked)).fetchone()
         return None if values is None else Row(*values)
 
@@ -312,14 +318,16 @@ class Ledger:
         """Return the solves of n modules in the order in which they ended."""
         query = (
             "SELECT at, key, status, objective, margin FROM solves JOIN contexts USING (context) "
-            f"WHERE modules = ? AND {_RANKED} "
+            f"WHERE modules = ? AND {_Sql.ranked} "
             "AND status <> 'impossible' ORDER BY number"  # a proof is no solve
         )
         return starmap(SolveEvent, self._database.execute(query, (n, self._ranked)))
 
     def best_designs(self, context: Context, first: int, count: int) -> list[Row]:
         """Return a context's designs from place `first` on, by objective, ties by key."""
-        query = f"{_SELECT} WHERE context = ? AND objective IS NOT NULL ORDER BY objective, key LIMIT ? OFFSET ?"
+        query = (
+            f"{_Sql.select} WHERE context = ? AND objective IS NOT NULL ORDER BY objective, key LIMIT ? OFFSET ?"
+        )
         return [Row(*values) for values in self._database.execute(query, (context.name, count, first))]
 
     def _text(self, column: str, context: Context, key: str) -> str | None:

@@ -17,15 +17,13 @@ from topo_search.model.files import to_json
 from topo_search.model.proof import Text
 from topo_search.model.value import Index, Number, Value
 from topo_search.study.audits import audit_best
+from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.progress import Phase, solving_seconds
 from topo_search.study.request import Context
 from topo_search.study.row import Row, row_of
 from topo_search.study.solving import Tools
 
-OPTIMA = "optima"
-"""The folder of the designs."""
-RECORD = "optima.json"
 SAME_EFFORT = 1e-6
 """Relative difference of efforts that counts as none: the audit's tolerance."""
 
@@ -113,14 +111,14 @@ def keep_optima(folder: RunFolder, n: int, percent: float, tools: Tools) -> None
     trees = [record.trees[key] for key in rows if key in record.trees]
     kept, not_clear = sum(tree.kept for tree in trees), sum(tree.not_clear for tree in trees)
     tools.observer.note(
-        f"{n} modules: {kept} local optima of {len(trees)} trees within {percent:g} % of the best are in {OPTIMA}/"
-        + (f"; {not_clear} more have no clear audit" if not_clear else "")
+        f"{n} modules: {kept} local optima of {len(trees)} trees within {percent:g} % of the best are in "
+        f"{RunFile.OPTIMA}/" + (f"; {not_clear} more have no clear audit" if not_clear else "")
     )
 
 
 def read_record(folder: RunFolder) -> Optima:
     """Return what is known of the local optima of a run."""
-    return folder.read_own(RECORD, Optima) or Optima(trees={})
+    return folder.read_own(RunFile.OPTIMA_RECORD, Optima) or Optima(trees={})
 
 
 def clear_designs(folder: RunFolder, row: Row) -> list[Design]:
@@ -130,7 +128,7 @@ def clear_designs(folder: RunFolder, row: Row) -> list[Design]:
     designs = [design] if row.clear and isinstance(design, Design) else []
     if held is None or held.context != context.name:
         return designs
-    kept = (folder.read_own(f"{OPTIMA}/{row.key}-{k}.json", Design) for k in range(1, held.kept + 1))
+    kept = (folder.read_own(f"{RunFile.OPTIMA}/{row.key}-{k}.json", Design) for k in range(1, held.kept + 1))
     differ = (one for one in kept if one is not None and not any(map(partial(_cost_alike, one), designs)))
     return [*designs, *differ]
 
@@ -139,11 +137,11 @@ def _keep(folder: RunFolder, record: Optima, key: str, tree: TreeOptima, designs
     """Write the designs of a tree, then the record, and return it."""
     before = record.trees.get(key)
     for k, design in enumerate(designs, start=1):
-        folder.keep(f"{OPTIMA}/{key}-{k}.json", to_json(design))
+        folder.keep(f"{RunFile.OPTIMA}/{key}-{k}.json", to_json(design))
     for k in range(tree.kept + 1, (before.kept if before else 0) + 1):
-        folder.drop(f"{OPTIMA}/{key}-{k}.json")
+        folder.drop(f"{RunFile.OPTIMA}/{key}-{k}.json")
     record = record.model_copy(update={"trees": {**record.trees, key: tree}})
-    folder.keep(RECORD, to_json(record))
+    folder.keep(RunFile.OPTIMA_RECORD, to_json(record))
     return record
 
 

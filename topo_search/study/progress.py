@@ -38,14 +38,23 @@ PhaseName = Literal["proving", "searching", "polishing", "auditing", "relaxing",
 
 AUDITED = 10
 """Number of designs that are audited at a time, best first."""
-WAKING = 2.5
-"""Time until the first worker has loaded what it computes with [s]."""
-REDUCED_UP_TO = 20
-"""Modules up to which a start is a few cheap descents, and Ipopt takes up the best ends of all."""
-CHUNK_SECONDS = 0.4
-"""Processor time of a chunk of a proof by branch and bound, three and five modules [s]."""
-TRUSTED = 2.0
-"""T."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Expectations that are corrected by what steps took."""
+
+    waking_s: float = 2.5
+    """Time until the first worker has loaded what it computes with."""
+    reduced_modules: int = 20
+    """Modules up to which a start is a few cheap descents, and Ipopt takes up the best local minima of all."""
+    chunk_s: float = 0.4
+    """Processor time of a chunk of a proof by branch and bound, three and five modules."""
+    trusted_steps: float = 2.0
+    """T."""
+
+
+EXPECTED = Expected()
 
 
 @dataclass(frozen=True)
@@ -90,7 +99,7 @@ class Plan:
     @property
     def seconds(self) -> float:
         """About how long it takes [s]."""
-        waking = WAKING if any(not phase.alone for phase in self.phases) else 0.0
+        waking = EXPECTED.waking_s if any(not phase.alone for phase in self.phases) else 0.0
         solving, other = (
             sum(duration(phase, self.workers or 1) for phase in self.phases if bool(phase.starts) is solves)
             for solves in (True, False)
@@ -106,7 +115,7 @@ def duration(phase: Phase, workers: int) -> float:
 def solving_seconds(task: ResolvedTask, starts: int) -> float:
     """Return the expected processor time of one candidate from so many starts [s]."""
     cases = (1 + len(task.load_cases)) / 4
-    if task.n <= REDUCED_UP_TO:
+    if task.n <= EXPECTED.reduced_modules:
         candidate, start = 0.08, 0.012  # of twelve modules at most, and three load cases
         return cases * max(1.0, task.n / 12) * (candidate + starts * start)
     growth: float = (task.n / 12) ** 2
@@ -255,8 +264,9 @@ class TimeLeft:
         due = phase.steps - self._known
         step = correction(self._spent, phase.n) * duration(phase, self._workers) / phase.steps
         if self._waking:
-            return max(0.0, self._began + WAKING - now) + step * due
-        done, weight = self._done + self._half(due), TRUSTED if step else 0.0  # without expectation, what is seen
+            return max(0.0, self._began + EXPECTED.waking_s - now) + step * due
+        done = self._done + self._half(due)
+        weight = EXPECTED.trusted_steps if step else 0.0  # without expectation, what is seen
         return (now - self._began + weight * step) / (done + weight) * max(0.0, due - done)
 
     def _half(self, due: int) -> float:
@@ -297,12 +307,12 @@ def correction(spent: Mapping[int, Spent], n: int) -> float:
     steps = sum(weight for *_, weight in seen)
     if not steps:
         return 1.0
+    T = EXPECTED.trusted_steps
     points = [
-        (x, math.log((taken / expected * weight + TRUSTED) / (weight + TRUSTED)), weight)
-        for x, taken, expected, weight in seen
+        (x, math.log((taken / expected * weight + T) / (weight + T)), weight) for x, taken, expected, weight in seen
     ]
     middle = sum(weight * x for x, _, weight in points) / steps
     level = sum(weight * y for _, y, weight in points) / steps
     spread = sum(weight * (x - middle) ** 2 for x, _, weight in points)
-    slope = sum(weight * (x - middle) * (y - level) for x, y, weight in points) / (spread + TRUSTED)
+    slope = sum(weight * (x - middle) * (y - level) for x, y, weight in points) / (spread + T)
     return math.exp(level + slope * (math.log(n or 1) - middle) * bool(n))

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from topo_search.study.folder import RunFolder
 
 EXCLUDED, WITHIN, OPEN, IMPOSSIBLE = "excluded", "within", "open", "impossible"
-NO_ROD_MASS = 'must be "ignored" for a proof, which knows no rod whose mass a design decides, but got "included"'
 NO_GOALS = "has goals: a proof needs a single objective; run the task without goals"
 
 

@@ -16,8 +16,8 @@ from topo_search.model.proven import gap_percent
 from topo_search.study.answer import Answer
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger_file import KEPT
-from topo_search.study.progress import CHUNK_SECONDS, Observer, Phase
-from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, NO_ROD_MASS, sizes_with_best, target
+from topo_search.study.progress import EXPECTED, Observer, Phase
+from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, sizes_with_best, target
 from topo_search.study.request import Request
 from topo_search.study.row import Row
 from topo_search.study.summary import answer_of, refuse_lost
@@ -25,12 +25,20 @@ from topo_search.study.summary import answer_of, refuse_lost
 ProveChunk = Callable[[ResolvedTask, Topology, int, float, Problem], Chunk]
 """Searches one chunk of a tree for designs under a cut [rad^4/s^4]: a pure function."""
 
-CHUNK_DEADLINE = 7200.0
-"""After which a chunk counts as hung [s]: far above what one takes (n = 5: seconds)."""
-MOST_MODULES = 12
-"""The allowance for rounding holds for more (`nlp.bounds.branch.box`); nobody can wait for the boxes of so many."""
-LATEST = 1.0
-"""Least time between two writes of a proof that is not complete [s]."""
+
+@dataclass(frozen=True)
+class Patience:
+    """Limits of a proof that keep it from taking too long."""
+
+    chunk_s: float = 7200.0
+    """After which a chunk counts as hung: far above what one takes (n = 5: seconds)."""
+    modules: int = 12
+    """The allowance for rounding holds for more (`nlp.bounds.branch.box`); nobody can wait for so many boxes."""
+    write_period_s: float = 1.0
+    """Least time between two writes of a proof that is not complete."""
+
+
+PATIENCE = Patience()
 
 
 @dataclass(frozen=True)
@@ -78,7 +86,7 @@ class _Work:
         known_open = self.proofs[key].open_at is not None
         proof = self.proofs[key] = self.proofs[key].with_chunk(result)
         self.due.add(key)
-        if proof.complete or time.monotonic() - self.kept > LATEST:
+        if proof.complete or time.monotonic() - self.kept > PATIENCE.write_period_s:
             self.keep()
         if proof.complete:
             self.observer.note(f"{key}: {_words(proof, self.floor)}, {proof.boxes:,} boxes")
@@ -178,9 +186,9 @@ def prove(
                         started_at = time.monotonic()
                         prepare(task)
                         until += time.monotonic() - started_at
-                    observer.phase(Phase("proving", n, due, seconds=CHUNK_SECONDS))
+                    observer.phase(Phase("proving", n, due, seconds=EXPECTED.chunk_s))
                     ended = engine.run(
-                        partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: CHUNK_DEADLINE, until=until
+                        partial(_prove, prove_chunk), work.jobs(), deadline=lambda _: PATIENCE.chunk_s, until=until
                     )
                     try:
                         for job, result in ended:
@@ -207,9 +215,10 @@ def refuse_unprovable(request: Request, name: str) -> None:
     if request.task.goals.names:
         raise BadInput(name, [Fault("", NO_GOALS)])
     if request.task.end_effector.rod_mass == "included":
-        raise BadInput(name, [Fault("end_effector.rod_mass", NO_ROD_MASS)])
-    if (n := request.task.sizes[-1]) > MOST_MODULES:
-        raise BadInput(name, [Fault("modules", f"must be at most {MOST_MODULES} for a proof, but got {n}")])
+        rule = 'must be "ignored" for a proof, which knows no rod whose mass a design decides, but got "included"'
+        raise BadInput(name, [Fault("end_effector.rod_mass", rule)])
+    if (n := request.task.sizes[-1]) > PATIENCE.modules:
+        raise BadInput(name, [Fault("modules", f"must be at most {PATIENCE.modules} for a proof, but got {n}")])
 
 
 def _serves(held: Proof, cut: float, floor: float, gap: float, problem: Problem) -> bool:

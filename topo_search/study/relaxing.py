@@ -19,17 +19,14 @@ from topo_search.model import Audit, Infeasible, Relaxed, ResolvedTask, Task, To
 from topo_search.model.design import STARTS, Relaxation
 from topo_search.model.files import to_json
 from topo_search.model.relaxable import Relaxable, relaxable
+from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
-from topo_search.study.margins import LARGER_MARGINS, margins, raise_margins, with_margin
 from topo_search.study.progress import Phase, solving_seconds
+from topo_search.study.request import LARGER_MARGINS, margins, raise_margins, with_margin
 from topo_search.study.solving import Tools
 
 TREES = 2
 """The closest trees, for which limits are relaxed."""
-KEPT = 3
-"""Largest number of relaxations in an answer."""
-RELAXED = "relaxed"
-"""The folder of what gives the closest trees a design, one file per size without any."""
 
 
 @dataclass
@@ -135,7 +132,7 @@ def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: i
     return Relaxed(
         modules=n,
         starts=starts,
-        relaxations=tuple(helpful[:KEPT]),
+        relaxations=tuple(helpful[:3]),
         in_vain=tuple(sorted(words for limit, words in in_vain.items() if limit not in untried)),
         untried=tuple(sorted(untried.values())),
         topologies=tuple(tree.key for tree in trees),
@@ -195,7 +192,7 @@ def find_causes(folder: RunFolder, tools: Tools) -> None:
     request, ledger = folder.request, folder.ledger
     sizes = list(request.task.sizes)
     if any(row.feasible for n in sizes for row in ledger.ranking(n)):
-        folder.drop_within(RELAXED)
+        folder.drop_within(RunFile.RELAXED)
         return
     for n in sizes[-2:]:  # the largest alone
         context, kept = request.contexts(n)[0], causes(folder, n)
@@ -207,7 +204,7 @@ def find_causes(folder: RunFolder, tools: Tools) -> None:
             continue
         relaxed = relax(request.task, trees, tools, starts=request.starts, seed=request.seed)
         if relaxed is not None:
-            folder.keep(f"{RELAXED}/{_name(n)}", to_json(relaxed))
+            folder.keep(f"{RunFile.RELAXED}/{_name(n)}", to_json(relaxed))
 
 
 def causes(folder: RunFolder, n: int) -> Relaxed | None:
@@ -216,7 +213,7 @@ def causes(folder: RunFolder, n: int) -> Relaxed | None:
     Raises:
         BadInput: what was written of it is damaged.
     """
-    return folder.read_within(RELAXED, Relaxed).get(_name(n))
+    return folder.read_within(RunFile.RELAXED, Relaxed).get(_name(n))
 
 
 def _name(n: int) -> str:

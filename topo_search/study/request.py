@@ -1,9 +1,17 @@
-"""Request of a run: the request itself, the user's own input, and what fixes the value of each row."""
+"""Request of a run: the request itself, the user's own input, and what fixes the value of each row.
+
+A design is solved with one margin after another until its audit is clear. The margins that may be asked for follow
+from the task alone, so that rows of a run can be compared: its own, then each ten times the one before; where the
+clearances must survive the tolerances, rungs that are closer, and an audit says which of them is needed: the first
+that makes up for the clearance missing under the worst errors, or the last.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import metadata
@@ -12,13 +20,12 @@ from typing import Any, Literal, get_args
 from pydantic import Field
 
 from topo_search.engine import Listed, Space
-from topo_search.limits import ROUND, STARTS, TRIALS
-from topo_search.model import Design, ResolvedTask, Task
+from topo_search.limits import LIMITS
+from topo_search.model import Audit, Design, ResolvedTask, Task
 from topo_search.model.design import Stated, Versioned
 from topo_search.model.search import Level
 from topo_search.model.value import Value
 from topo_search.protocols import SamplerFactory
-from topo_search.study.margins import margins, with_margin
 from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 
 StrategyName = Literal["exhaustive", "optuna"]
@@ -127,7 +134,7 @@ class Identity(Value):
     """Pruning of an exhaustive search; None for any other."""
     sampler: Sampler | None = None
     """Sampler of a search that is not exhaustive."""
-    round_size: int = Field(DEFAULT_ROUND, ge=1, le=ROUND)
+    round_size: int = Field(DEFAULT_ROUND, ge=1, le=LIMITS.round)
     """Proposals whose results may be unknown when any other makes one."""
     proposals: Literal["by whole rounds", "ahead of results"] = "by whole rounds"
     """Order of proposals in any other; older folders are by whole rounds, which waited for their last job."""
@@ -171,9 +178,9 @@ class Request:
     def __post_init__(self) -> None:
         """Refuse what cannot be asked; ValueError names it."""
         for name, number, most in (
-            ("starts", self.starts, STARTS),
-            ("trials", self.trials, TRIALS),
-            ("round_size", self.round_size, ROUND),
+            ("starts", self.starts, LIMITS.starts),
+            ("trials", self.trials, LIMITS.trials),
+            ("round_size", self.round_size, LIMITS.round),
         ):
             if number is not None and not 1 <= number <= most:
                 raise ValueError(f"`1 <= {name} <= {most:,}` must hold, but got {number:,}")
@@ -283,3 +290,74 @@ def _lossy_resolution(resolution: Resolution, task: ResolvedTask, own: Own) -> R
     if broken is None or not resolution.exact:
         return resolution
     return Resolution(resolution.group, False, f"lossy: {broken!r} may tell trees apart that count as one")
+
+
+LARGER_MARGINS = 3
+"""Repairs of a design that fails its audit, each with a larger margin."""
+
+Judge = Callable[[int, Sequence[str]], Iterable[tuple[str, Audit]] | None]
+"""Solves designs with the margin of a step where need be, and returns the audits that are not clear; None: no time
+is left."""
+
+
+def larger_margin(margin: float) -> float:
+    """Return the margin to try after one that an audit did not pass [m]."""
+    return 10.0 * margin or 1.0e-4
+
+
+def margins(task: ResolvedTask) -> list[float]:
+    """Return the margins that designs of a task may be asked for [m], its own first, each larger than the last."""
+    ladder = [task.search.margin]
+    if not task.flight.tolerances:
+        for _ in range(LARGER_MARGINS):
+            ladder.append(larger_margin(ladder[-1]))
+        return ladder
+    errors, module, n = task.tolerances, task.module, task.n
+    delta, shift = math.radians(errors.hinge_angle_deg), 2 * errors.position + 2 * errors.envelope
+    # Of a platform stretched out: every hinge moves a far end of airflow by as much.
+    farthest = 2 * n * (module.connector_distance + module.arm_length) + module.reach
+    least = max(ladder[0], delta * module.arm_length + shift / 4)
+    most = 2 * (shift + delta * n * farthest)
+    rung = 1.25  # a margin over the one before
+    steps = max(LARGER_MARGINS, math.ceil(math.log(most / least, rung)))
+    return ladder + [least * rung**k for k in range(1, steps + 1)]
+
+
+def with_margin(task: ResolvedTask, margin: float) -> ResolvedTask:
+    """Return the same task with another margin [m]."""
+    return task.model_copy(update={"search": task.search.model_copy(update={"margin": margin})})
+
+
+def raise_margins(tasks: Sequence[ResolvedTask], names: Iterable[str], judge: Judge) -> None:
+    """Solve designs whose audits are not clear again, with larger margins, `LARGER_MARGINS` times at most.
+
+    What becomes of a design depends on itself alone.
+
+    Args:
+        tasks: the task with each of its `margins`, whose places are the steps.
+        names: of designs, for `judge`.
+        judge: is given a step and the designs that are due there.
+    """
+    due = dict.fromkeys(names, (0, 0))
+    for step in range(len(tasks)):
+        now = [name for name, (at, _) in due.items() if at == step]
+        failing = judge(step, now) if now else ()
+        if failing is None:
+            return
+        for name, audit in failing:
+            raised = due[name][1] + 1
+            if raised <= LARGER_MARGINS:
+                due[name] = _next_step(tasks, step, audit), raised
+
+
+def _next_step(tasks: Sequence[ResolvedTask], step: int, audit: Audit) -> int:
+    """Return the step after one whose audit is not clear; beyond the last: no margin is large enough."""
+    worst = None if audit.sensitivity is None else audit.sensitivity.tolerances
+    if not tasks[step].flight.tolerances or worst is None:
+        return step + 1
+    pair = (worst.kind, worst.a, worst.b, worst.segment)
+    kept = (one.analytic_m for one in audit.pairs if (one.kind, one.a, one.b, one.segment) == pair)
+    needed = next(kept, tasks[step].search.margin) - worst.lower_m  # what the errors take from that pair
+    return next(
+        (k for k in range(step + 1, len(tasks)) if tasks[k].search.margin >= needed), max(step + 1, len(tasks) - 1)
+    )

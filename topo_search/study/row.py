@@ -22,8 +22,6 @@ FLIGHT: dict[str, Callable[[Flight], float | int | None]] = {
 """Columns of an audited design: what its audit reports beyond the task."""
 AUDITED = ("power_W", "air_tip_m_s", "air_region_m_s", "force_reserve_com_N", "tilt_deg")
 """Columns of an audited design that are read from its audit, not from its row in the ledger."""
-PROVEN = ("proven_bound", "proven_gap", "proof", "proven_problem")
-"""Columns that branch and bound fills: read from the candidate's proof, not from its row in the ledger."""
 AT_MOST = (
     "air_tip_m_s",
     "air_region_m_s",
@@ -101,8 +99,16 @@ class Row:
 
 
 ROW_FIELDS = tuple(field.name for field in fields(Row))
-COLUMNS = (*ROW_FIELDS[: ROW_FIELDS.index("asked")], *FLIGHT, *AUDITED, *PROVEN)
-"""The columns of `candidates.csv`: the fields of a row before `asked`, then what audits and proofs say."""
+COLUMNS = (
+    *ROW_FIELDS[: ROW_FIELDS.index("asked")],
+    *FLIGHT,
+    *AUDITED,
+    "proven_bound",
+    "proven_gap",
+    "proof",
+    "proven_problem",
+)
+"""The columns of `candidates.csv`: fields of a row before `asked`, then what audits say, last what proofs do."""
 
 
 @dataclass(frozen=True)

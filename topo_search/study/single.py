@@ -19,14 +19,11 @@ from topo_search.engine import (
     scaled_violation,
 )
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Topology
-from topo_search.model.tables import paragraph
-from topo_search.study.margins import margins, raise_margins, with_margin
+from topo_search.model.text import paragraph
 from topo_search.study.progress import Silent
 from topo_search.study.relaxing import relax
+from topo_search.study.request import margins, raise_margins, with_margin
 from topo_search.study.solving import Tools
-
-GAIN = 1.0e-4
-"""Relative decrease of the objective (or of the violation) that counts as one."""
 
 
 @dataclass(frozen=True)
@@ -163,9 +160,10 @@ def solve_single(
 
 def _pays(before: Outcome, after: Design | Infeasible, task: ResolvedTask) -> bool:
     """True if a round of starts brought a gain."""
+    gain = 1.0e-4  # relative decrease of the objective, or of the violation, that counts as one
     if isinstance(before, Design) and isinstance(after, Design):
-        return before.objective - after.objective > GAIN * before.objective
+        return before.objective - after.objective > gain * before.objective
     if isinstance(before, Infeasible) and isinstance(after, Infeasible):
         least, now = (scaled_violation(result.violation, result.unit, task) for result in (before, after))
-        return least - now > GAIN * least
+        return least - now > gain * least
     return True

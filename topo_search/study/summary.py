@@ -37,7 +37,8 @@ from topo_search.study.answer import (
     statement,
 )
 from topo_search.study.audits import audits_left
-from topo_search.study.folder import LEDGER, RunFolder
+from topo_search.study.directory import RunFile
+from topo_search.study.folder import RunFolder
 from topo_search.study.front import front_of
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import LedgerLost, damage
@@ -146,7 +147,7 @@ def refuse_lost(folder: RunFolder) -> Iterator[None]:
 
 def finished_answer(path: Path, request: Request) -> Answer | None:
     """Return the answer of a run that has nothing left to do, from a folder that cannot be written to."""
-    if not os.access(path / LEDGER, os.R_OK):
+    if not os.access(path / RunFile.LEDGER, os.R_OK):
         return None
     with RunFolder.load(path, request) as folder:
         answer = answer_of(folder)

@@ -12,13 +12,12 @@ from itertools import islice, repeat
 from random import Random
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
-from topo_search.limits import MODULES, OWN_TOPOLOGIES
+from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
 from topo_search.model.bad_input import show
-from topo_search.topologies.quotient import Quotient
-from topo_search.topologies.rooted import Rooted, key_of, rooted_at, rooted_of, text_of
+from topo_search.topologies.rooted import Connectors, Root, Rooted, key_of, rooted_at, rooted_of, text_of
 from topo_search.topologies.sampling import classes, draw_tree
-from topo_search.topologies.symmetry import Connectors, Root, Symmetry, group_of
+from topo_search.topologies.symmetry import Quotient, Symmetry, group_of
 from topo_search.topologies.task_symmetry import improper_isometry
 
 if TYPE_CHECKING:
@@ -165,9 +164,6 @@ def _enumerate(n: int, quotient: Quotient, connectors: Connectors) -> Iterator[C
 OwnTopology: TypeAlias = "Topology | str | nx.Graph[Any]"
 """A tree, its key, or a graph with `ports = {module: port}` at every edge, as `Topology.graph` returns it."""
 
-SHOWN_FAULTS = 20
-"""Number of faults of a list that a message names one by one."""
-
 
 def own_candidates(
     topologies: Iterable[OwnTopology],
@@ -195,8 +191,8 @@ def own_candidates(
         raise BadInput(source, f"must be a list of topologies, but got {got}")
     faults, first = list[Fault](), dict[str, str]()
     for number, item in enumerate(topologies):
-        if number >= OWN_TOPOLOGIES:
-            raise BadInput(source, f"must list at most {OWN_TOPOLOGIES:,} topologies, but has more")
+        if number >= LIMITS.own_topologies:
+            raise BadInput(source, f"must list at most {LIMITS.own_topologies:,} topologies, but has more")
         position = f"[{number}]" if places is None else places[number]
         try:
             topology = own_topology(item)
@@ -216,8 +212,9 @@ def own_candidates(
             Fault("", f"must list a topology of each size of the task, but none has {missing[0]} modules")
         )
     if faults:
-        left = [Fault("", f"has {len(faults) - SHOWN_FAULTS:,} more faults")] if len(faults) > SHOWN_FAULTS else []
-        raise BadInput(source, [*faults[:SHOWN_FAULTS], *left])
+        shown = 20  # named one by one
+        left = [Fault("", f"has {len(faults) - shown:,} more faults")] if len(faults) > shown else []
+        raise BadInput(source, [*faults[:shown], *left])
     return tuple(sorted(first))
 
 
@@ -226,9 +223,9 @@ def own_topology(given: OwnTopology) -> Topology:
     if isinstance(given, Topology):
         return given
     if isinstance(given, str):
-        if len(given) > MODULES + 1:
+        if len(given) > LIMITS.modules + 1:
             raise ValueError(
-                f"must be a key of at most {MODULES} modules, but got a text of {len(given):,} characters"
+                f"must be a key of at most {LIMITS.modules} modules, but got a text of {len(given):,} characters"
             )
         return Topology.from_key(given)
     import networkx as nx

@@ -30,8 +30,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from functools import cache, lru_cache
 from operator import itemgetter
+from typing import Literal
 
-from topo_search.topologies.symmetry import Connectors, Root
+Connectors = Literal["aligned", "any"]
+Root = Literal["free", "paper"]
 
 DIGITS = "0123456789abcdef"
 CHILDREN = {digit: (mask & 7).bit_count() for mask, digit in enumerate(DIGITS)}

@@ -31,9 +31,8 @@ from functools import lru_cache
 from math import comb, factorial
 from random import Random
 
-from topo_search.topologies.quotient import Quotient
-from topo_search.topologies.rooted import Rooted, mirror_code, plant, turn
-from topo_search.topologies.symmetry import GROUPS, Connectors, Group, Root
+from topo_search.topologies.rooted import Connectors, Root, Rooted, mirror_code, plant, turn
+from topo_search.topologies.symmetry import GROUPS, Group, Quotient
 
 
 def forests(trees: int, modules: int) -> int:

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from topo_search.model import Design, Residual, Status
-from topo_search.model.air import AirSpeeds, CaseAir, RegionAir, RotorAir
+from topo_search.model.audit import AirSpeeds, CaseAir, RegionAir, RotorAir
 from topo_search.model.exposure import Exposure
 from verify.air.bound import SpeedBound, bound_speed
 from verify.air.jets import Jets, jets, speeds, wakes

@@ -1,4 +1,6 @@
-"""Trees as rows of whole numbers of fixed length: every row is a tree, and every tree is a row.
+"""Trials of trees: their encoding, what became of them, and the Optuna sampler that proposes whole trees.
+
+Trees are rows of whole numbers of fixed length: every row is a tree, and every tree is a row.
 
 | symbol | meaning | range |
 |---|---|---|
@@ -11,27 +13,53 @@ Nothing has to be repaired, for there are 2k + 2 free ports whatever was chosen 
 
 Starts follow promise: many candidates have few starts, the best of them more (successive halving). What became of
 the trials is kept in order as it comes, for a search of N trials asks for it N times.
+
+Each sampler proposes a whole tree, one that was proposed before only for more starts. A sampler learns of the
+trials through its arguments; the study keeps them for Optuna's own samplers and for the journal. A trial without a
+design has a constraint above zero there, so that Optuna ranks it behind all others.
 """
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from bisect import bisect_left, insort
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import islice
+from random import Random
+from typing import Any, NamedTuple
 
-from topo_search.engine.strategy import Scored
+from optuna import Study
+from optuna.distributions import BaseDistribution, CategoricalDistribution
+from optuna.samplers import BaseSampler
+from optuna.trial import FrozenTrial
+
+from topo_search.engine.strategy import Scored, Space
 from topo_search.model import Topology
 from topo_search.model.topology import ROOT, Joint
 from topo_search.topologies import Connectors
 
-FEW = 2
-"""Starts of a new candidate, if its sampler does not say otherwise."""
-SHARE = 4
-"""Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all, if its sampler promotes."""
-CERTAIN = 5
-"""So many of the best are given all starts in the end; all are if every candidate was proposed."""
+
+@dataclass(frozen=True)
+class Halving:
+    """Settings of successive halving."""
+
+    few: int = 2
+    """Starts of a new candidate, if its sampler does not say otherwise."""
+    share: int = 4
+    """Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all, if its sampler promotes."""
+    certain: int = 5
+    """So many of the best are given all starts in the end; all are if every candidate was proposed."""
+    draws: int = 64
+    """Known trees drawn in a row after which one is drawn uniformly from all that are left."""
+    fresh: int = 8
+    """Uniform draws that a search, or a population after a restart, begins with."""
+
+
+HALVING = Halving()
 IMPOSSIBLE = 1.0e6
 """Violation of a candidate that is proven impossible or failed, behind all for which no design was found."""
 Rank = tuple[float, float]
@@ -103,7 +131,7 @@ def goes_on(score: Scored, others: Sequence[Rank], step: int) -> bool:
         step: 1 after the first step.
     """
     own = rank(score)
-    return own[0] < IMPOSSIBLE and bisect_left(others, own) < len(others) // SHARE**step
+    return own[0] < IMPOSSIBLE and bisect_left(others, own) < len(others) // HALVING.share**step
 
 
 class Idea(NamedTuple):
@@ -190,3 +218,93 @@ def violation(score: Scored) -> float:
     if score.objective is not None:
         return 0.0
     return score.violation if score.status == "infeasible" and score.violation is not None else IMPOSSIBLE
+
+
+class Attribute(StrEnum):
+    """Optuna's user attributes of a trial."""
+
+    KEY = "key"
+    """Key of its candidate."""
+    NEAR = "near"
+    """Keys of the candidates whose designs are carried over to it."""
+    STARTS = "starts"
+    """Starts of its candidate so far, once it is over."""
+    STATUS = "status"
+    """What became of its candidate, once it is over."""
+
+
+class TreeSampler(BaseSampler):
+    """Draws the numbers of a tree's encoding together, in the form that its candidate's key has."""
+
+    few = HALVING.few
+    """Starts of a new candidate."""
+    promotes = True
+    """True if candidates that do well are given more starts at once."""
+
+    def __init__(self, space: Space, seed: int) -> None:
+        self.space = space
+        self.random = Random(seed)
+        self.connectors = space.task.search.connectors
+        self.trials = Trials()
+        self.drawn: dict[int, Idea] = {}
+        """Ideas drawn for trials, by trial number; the only tree of one module needs no draw."""
+        self.values = ranges(space.n, self.connectors)
+        """Number of values that each number that makes a tree can have."""
+        self.distributions: dict[str, BaseDistribution] = {
+            name: CategoricalDistribution(range(values)) for name, values in self.values.items()
+        }
+        """The numbers that make a tree, as Optuna's `ask` takes them."""
+
+    @abstractmethod
+    def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
+        """Yield candidates for a trial until there is no idea left; known ones are passed over, if not meant again.
+
+        Args:
+            study: what Optuna's own samplers take.
+            trial: the one to propose for.
+        """
+
+    def note_idea(self, number: int, idea: Idea) -> None:
+        """Take note of what is proposed in a trial."""
+        self.trials.ask(number, idea)
+
+    def note_score(self, number: int, score: Scored) -> None:
+        """Take note of what a trial of this sampler led to."""
+        self.trials.tell(number, score)
+
+    def uniform(self) -> Idea:
+        """Return a candidate drawn uniformly from all."""
+        (topology,) = self.space.sample(1, self.random.getrandbits(64))
+        return Idea(topology.key)
+
+    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+        """Return the numbers that make a tree."""
+        return self.distributions
+
+    def sample_relative(
+        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
+        """Return the numbers of a tree that is drawn."""
+        known = self.trials.proposed
+        for idea in islice(self.ideas(study, trial), HALVING.draws):
+            if idea.again or idea.key not in known:
+                break
+        else:
+            idea = self._draw_unknown(known)
+        self.drawn[trial.number] = idea
+        return dict(encode(Topology.from_key(idea.key), self.connectors))
+
+    def sample_independent(
+        self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
+    ) -> Any:
+        """Refuse to draw a number of its own."""
+        raise ValueError(f"only {', '.join(self.distributions)} can be drawn, but got {param_name!r}")
+
+    def _draw_unknown(self, known: Set[str]) -> Idea:
+        """Return a candidate drawn uniformly from those that are not known; they are listed if there are few."""
+        for _ in range(HALVING.draws):
+            idea = self.uniform()
+            if idea.key not in known:
+                return idea
+        left = [other.key for other in self.space.candidates() if other.key not in known]
+        return Idea(self.random.choice(left))

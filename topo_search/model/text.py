@@ -1,17 +1,24 @@
-"""Text that anybody may have written, as data: files of a limited size, TOML, JSON, `FIELD=VALUE` settings."""
+"""Text that anybody may have written, as data: files of a limited size, TOML, JSON, `FIELD=VALUE` settings.
+
+Tables as people see them are CSV files that they open in spreadsheets, and HTML in a notebook.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
 import re
 import stat
 import tomllib
 from collections import Counter
+from collections.abc import Iterable, Sequence
+from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from topo_search.limits import KEY_PARTS, LISTS
+from topo_search.limits import LIMITS
 from topo_search.model.bad_input import BadInput, Fault, show
 
 KINDS = {
@@ -69,7 +76,7 @@ def _require_regular(status: os.stat_result, most_bytes: int) -> None:
 
 
 PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
-DOTTED = re.compile(rf"""(?<![A-Za-z0-9_."'-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{KEY_PARTS}}}""")
+DOTTED = re.compile(rf"""(?<![A-Za-z0-9_."'-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{LIMITS.key_parts}}}""")
 """A key of too many parts. The parser would take hours for it: its time grows with the cube of their number."""
 
 
@@ -88,10 +95,12 @@ def toml_data(text: str) -> dict[str, Any]:
     Raises:
         NotParsed: it is none, or has very many lists, brackets within each other or parts of a key.
     """
-    if (lists := text.count("[")) > LISTS:
-        raise NotParsed(f"must have at most {LISTS:,} lists, but has {lists:,}", beyond=True)
+    if (lists := text.count("[")) > LIMITS.lists:
+        raise NotParsed(f"must have at most {LIMITS.lists:,} lists, but has {lists:,}", beyond=True)
     if (dotted := DOTTED.search(text)) is not None:
-        raise NotParsed(f"must have at most {KEY_PARTS} parts in a key, but got {show(dotted[0])}", beyond=True)
+        raise NotParsed(
+            f"must have at most {LIMITS.key_parts} parts in a key, but got {show(dotted[0])}", beyond=True
+        )
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -138,8 +147,6 @@ PAPER = (
 )
 """The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames, no rod, one
 envelope of airflow."""
-NAME = 64
-"""Largest number of characters of a name in a field."""
 
 
 def apply_settings(data: dict[str, Any], settings: tuple[str, ...]) -> None:
@@ -164,10 +171,10 @@ def _apply(data: dict[str, Any], setting: str) -> Fault | None:
     if match is None:
         return Fault("", f"must be FIELD=VALUE, but got {show(setting)}")
     names = [*field_of(setting)]
-    if len(names) > KEY_PARTS:
-        return Fault("", f"must have at most {KEY_PARTS} names in a field, but got {show(match[1])}")
-    if max(map(len, names)) > NAME:
-        return Fault("", f"must have names of at most {NAME} characters in a field, but got {show(match[1])}")
+    if len(names) > LIMITS.key_parts:
+        return Fault("", f"must have at most {LIMITS.key_parts} names in a field, but got {show(match[1])}")
+    if max(map(len, names)) > (most := 64):
+        return Fault("", f"must have names of at most {most} characters in a field, but got {show(match[1])}")
     try:
         value = _value(match[2])
     except NotParsed as error:
@@ -207,3 +214,54 @@ def _value(text: str) -> Any:
             raise
         return text.strip()
     return read["value"] if len(read) == 1 else text.strip()
+
+
+Cell = TypeVar("Cell")
+
+
+def escape_formula(cell: Cell) -> Cell | str:
+    """Return what to write for a cell: a text that would be a formula gets a quote before it, as in spreadsheets.
+
+    Numbers stay numbers, also those that are given as texts.
+    """
+    # a spreadsheet takes a text that begins like this for a formula, and runs it
+    if not isinstance(cell, str) or not cell.startswith(("=", "+", "-", "@", "\t", "\r")):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell
+
+
+def csv_text(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """Return a table as the text of a CSV file."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(head)
+    table.writerows([escape_formula(cell) for cell in row] for row in rows)
+    return text.getvalue()
+
+
+def heading(text: str) -> str:
+    """Return a line in bold."""
+    return f"<p><b>{escape(text)}</b></p>"
+
+
+def paragraph(text: str) -> str:
+    """Return a line."""
+    return f"<p>{escape(text)}</p>"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table; None is an empty cell, a number is written with six digits."""
+    lines = ["".join(f"<td>{escape(_cell(value))}</td>" for value in row) for row in rows]
+    names = "".join(f"<th>{escape(name)}</th>" for name in head)
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
+    return f"<table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
