@@ -10,6 +10,7 @@ ROW = Topology.from_key("a2444440")
 pytestmark = pytest.mark.usefixtures("benchmarks")
 
 
+@pytest.mark.slow
 def test_a_row_that_turns_one_way_is_proven_crowded_at_a_short_distance_and_placed_at_a_long_one() -> None:
     from crowded_parts import OPEN, PROVEN, can_be_placed, prove_crowded, task_of
 

@@ -109,9 +109,9 @@ def awkward_points(task, topology, rng):
 @pytest.mark.parametrize("name", FEATURES)
 def test_clearances_are_those_of_the_printed_problem(name):
     rng = np.random.default_rng(1)
-    task = push(4, **FEATURES[name])
-    for _ in range(3):
-        topology = random_tree(4, rng, aligned=True)
+    task = push(3, **FEATURES[name])
+    for _ in range(2):
+        topology = random_tree(3, rng, aligned=True)
         stated, listed = to_arrays(task, topology), list(rows(task, topology))
         gaps_of = printed_gaps(task, topology)
         for point in awkward_points(task, topology, rng):
@@ -123,7 +123,7 @@ def test_clearances_are_those_of_the_printed_problem(name):
             for limit, g in of_rods.items():
                 assert g == pytest.approx(exact[limit], abs=1e-9) or max(g, exact[limit]) < 0  # deep in a hull
                 if of_rods.keys() == {ROD}:
-                    largest = task.largest_reach(4) / task.module.arm_length
+                    largest = task.largest_reach(3) / task.module.arm_length
                     assert printed[ROD][0] == pytest.approx(g - g * g / (2 * largest), abs=1e-6)
                 if min(of_rods.values()) > 0.05:
                     assert min(printed[limit]) > 0
@@ -160,14 +160,14 @@ def test_derivatives_with_masses_of_joints_and_a_rod_are_those_of_the_values(pos
 
 @pytest.mark.parametrize("fields", [*FEATURES.values(), TURNING], ids=[*FEATURES, "accelerations"])
 def test_derivatives_are_those_of_the_values(fields):
-    assert_derivatives(to_corners(push(4, **fields)))
+    assert_derivatives(to_corners(push(3, **fields)))
 
 
 def assert_derivatives(task, topology=None):
     """At points of a topology, by default of random ones."""
     rng, h = np.random.default_rng(2), 1e-6
     for _ in range(3):
-        tree = topology or random_tree(4, rng, aligned=True)
+        tree = topology or random_tree(3, rng, aligned=True)
         x = unknowns(task, tree, random_point(task, tree, rng))
         here = evaluated(task, tree, x)
         for l in range(len(x)):

@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 from nlp_cases import FEATURES, push, random_point, random_tree
 
-from nlp.evaluation.violations import violations
-from nlp.problem import problem
 from nlp.reduced.arrays import rows
 from nlp.reduced.expressed import reason_against
 from nlp.requirements import clearances
@@ -18,9 +16,9 @@ SHARP = 1e8
 def test_the_smooth_form_has_the_sign_of_the_exact_value(name):
     """Away from contact: at a sharpness at which the log-sum-exp is the least of its candidates."""
     rng = np.random.default_rng(0)
-    task = push(4, **FEATURES[name])
-    topology = random_tree(4, rng, aligned=True)
-    samples = [random_point(task, topology, rng).vectors for _ in range(5)]
+    task = push(3, **FEATURES[name])
+    topology = random_tree(3, rng, aligned=True)
+    samples = [random_point(task, topology, rng).vectors for _ in range(8)]
     told = 0
     for requirement in clearances(task, topology):
         for part, formula in enumerate(requirement.formulas):
@@ -37,19 +35,6 @@ def test_the_smooth_form_has_the_sign_of_the_exact_value(name):
                         )
                         told += 1
     assert told > 20
-
-
-@pytest.mark.parametrize("name", FEATURES)
-def test_the_printed_problem_and_the_evaluation_have_the_same_constraints_in_the_same_order(name):
-    rng = np.random.default_rng(1)
-    task = push(4, **FEATURES[name])
-    topology = random_tree(4, rng, aligned=True)
-    stated = [constraint.name for constraint in problem(task, topology).constraints]
-    judged = [check.name for check in violations(random_point(task, topology, rng))]
-    assert judged[: len(stated)] == stated
-    assert stated[2 * len(task.load_cases) :] == [
-        row for requirement in clearances(task, topology) for row, *_ in requirement.rows()
-    ]
 
 
 @pytest.mark.parametrize("name", FEATURES)
