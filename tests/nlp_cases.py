@@ -92,11 +92,11 @@ BELOW: Table = {
 HALF_SPACE_DOWN: Table = {"kind": "exterior", "half_angle_deg": 90.0, "axis": [0.1, -0.2, -2.0]}
 PANE: Table = {
     "kind": "local",
-    "vertices": [[x, y, z] for x in (0.0, 0.02) for y in (-0.3, 0.2) for z in (-0.4, 0.3)],
+    "vertices": [[0.0, -0.4, -0.4], [0.0, 0.4, -0.4], [0.0, 0.0, 0.4], [0.05, 0.0, 0.0]],
 }
 PILLAR: Table = {
     "kind": "local",
-    "vertices": [[-0.3, -0.1, -0.5], [-0.2, -0.1, -0.5], [-0.25, 0.1, -0.5], [-0.25, 0.0, 0.4], [-0.2, 0.0, 0.4]],
+    "vertices": [[-0.3, -0.1, -0.5], [-0.2, -0.1, -0.5], [-0.25, 0.1, -0.5], [-0.25, 0.0, 0.4]],
 }
 
 WIDE_AT_REGIONS: Table = {"airflow": {"regions": {"start_radius": 0.2, "spread_angle_deg": 4.0, "reach": 1.9}}}
