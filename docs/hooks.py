@@ -8,6 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -121,6 +122,31 @@ def _all_of(name: str, result: FlightResult) -> str:
     return f"| {' | '.join(cells)} |"
 
 
+def _required() -> str:
+    """Return tables of what the best designs of flying tasks are certified to reach, and of what they hold."""
+    rows = pd.read_csv(KEPT / "flights.csv", dtype=str, keep_default_na=False).to_dict("records")
+    lines = ["| task, modules | required | effort | tip | centre of mass | tilt | turn |", f"|{'---|' * 7}"]
+    for row in rows:
+        cells = [_asked_of(row), row["effort"].replace("e+", "e") or "no design"]
+        for column in ("tip", "com", "tilt_deg", "angular_acceleration_rad_s2"):
+            pair = [row[f"{column}{suffix}"] for suffix in ("", "_pseudo_inverse")]
+            cells.append("; ".join(f"{float(x):.2g}" for x in pair if x))
+        lines.append(f"| {' | '.join(cells)} |")
+    lines += [
+        "",
+        "| task, modules | required | least squares: gusts, tilts | PX4's rule: gusts, tilts |",
+        "|---|---|---|---|",
+    ]
+    for row in rows:
+        cells = [f"{row[f'{rule}_gust']}, {row[f'{rule}_tilt']}" for rule in ("bounded", "px4") if row["tree"]]
+        lines.append(f"| {' | '.join([_asked_of(row), *(cells or ['', ''])])} |")
+    return "\n".join(lines)
+
+
+def _asked_of(row: dict[Any, Any]) -> str:
+    return f"`{row['task']}`, {row['modules']} | {REQUIREMENTS[row['required']]}"
+
+
 def _kept_flight(name: str) -> FlightResult:
     return FlightResult.model_validate_json((KEPT / f"flight-{name}.json").read_text(encoding="utf-8"))
 
@@ -136,7 +162,13 @@ def _scenario(one: ScenarioResult) -> str:
     return f"| {' | '.join((one.name, one.verdict, *cells, one.reason or ''))} |"
 
 
+REQUIREMENTS = {
+    "task": "as shipped",
+    "optimal": "for control",
+    "pseudo-inverse": "for control, by the pseudo-inverse",
+}
 GENERATED = {
+    "flights of requirements": _required,
     "benchmarks": _benchmarks,
     "task file": _task_file,
     "gallery": _gallery,

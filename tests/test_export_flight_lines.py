@@ -73,7 +73,7 @@ def test_the_lines_are_rounded_to_the_side_on_which_they_are_proven() -> None:
     [
         ({"possible": False}, {}, "cannot hover"),
         ({"possible": None}, {}, "leaves undecided whether it can hover"),
-        ({}, {"undecided": ((0, 1),)}, "hovers; survives 7 of 8 single rotor failures (1 undecided)"),
+        ({}, {"undecided": ((0, 1),)}, "hovers; survives 7 of 8 single rotor failures, once known (1 undecided)"),
     ],
 )
 def test_what_is_not_proven_is_not_claimed(hover: dict, out: dict, words: str) -> None:
@@ -97,9 +97,9 @@ def test_a_single_module_has_no_joints_to_tell_of() -> None:
 def test_many_rotors_are_counted() -> None:
     lost = tuple((i, q) for i in range(3) for q in range(4))
     line = next(line for line in flight_lines(told(rotors_out_hover=RotorsOut(survive=0, of=12, lost=lost))))
-    assert line.endswith("survives 0 of 12 single rotor failures")
+    assert line.endswith("survives 0 of 12 single rotor failures, once known")
     lines = list(flight_lines(told(rotors_out_hover=RotorsOut(survive=0, of=12, lost=lost))))
-    assert "hover with one rotor dead: survives 0 of 12" in lines
+    assert "hover with one rotor known to be dead: survives 0 of 12" in lines
     lines = list(flight_lines(told(rotors_out_hover=RotorsOut(survive=0, of=12, undecided=lost))))
     assert any(line.endswith("survives 0 of 12, undecided 12 rotors") for line in lines)
 

@@ -13,7 +13,7 @@ from topo_search.export.allocation import allocation
 from topo_search.export.brackets import brackets, mount, struts
 from topo_search.export.mjcf import mjcf
 from topo_search.export.poses import poses
-from topo_search.export.sheet import bolt_of, parts_csv, parts_list, sheet
+from topo_search.export.sheet import bolt_of, mass_note, parts_csv, parts_list, sheet
 from topo_search.export.urdf import urdf
 from topo_search.model import Design
 from topo_search.model.files import read_json
@@ -35,6 +35,9 @@ def test_the_parts_list_has_every_mass_and_the_total_beside_the_models() -> None
     struts_and_their_bolts = float(rows["strut"]["total_kg"]) + 20 * float(rows["bolt with nut"]["mass_kg"])
     assert total - struts_and_their_bolts - 0.768 == pytest.approx(0.1, abs=3e-3)  # 13 % of the model
     assert bolt_of(0.0055, 0.012) == (5.0, 20)
+    joined = total - float(rows["module"]["total_kg"]) - float(rows["rod"]["total_kg"]) - 0.048
+    mass = float(re.search("joint_mass=([0-9.]+)", mass_note(ROWS))[1])  # type: ignore[index]
+    assert mass == pytest.approx(joined / 2, abs=5e-4)
 
 
 def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:

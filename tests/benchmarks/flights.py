@@ -1,12 +1,14 @@
 """Requirements of flying tasks, certified reserves of their designs, and flights under two controllers.
 
-    python tests/benchmarks/flights.py [NAME ...] [--modules 3 ...] [--seeds 5] [--runs FOLDER]
+    python tests/benchmarks/flights.py [NAME ...] [--modules 3 ...] [--seeds 2] [--trees 3] [--runs FOLDER]
 
-Of every flying example and number of modules the best tree is searched with REQUIRED in place of the example's own
-reserves, all trees from STARTS starts each; finished runs in FOLDER are taken as they are. The audit certifies what
-the best inputs and the pseudo-inverse reach. Then the design is flown with masses and thrusts off by MODEL_ERROR: a
-gust of GUST from eight sides, and a tilt of TILT held about four axes, with the bounded least squares of `fly` and
-with PX4's rule. Prints a table.
+Of every flying example and number of modules the best tree is searched three times, from STARTS starts per tree: as
+the example is (`task`), and with REQUIRED in place of its own reserves, by the best inputs (`optimal`) and by the
+pseudo-inverse. With `--trees` these two search only so many trees, the best of the first search. Finished runs in
+FOLDER are taken as they are. The audit certifies what the best inputs and the pseudo-inverse reach. Then the design
+is flown with masses and thrusts off by MODEL_ERROR: a gust of GUST from eight sides, and a tilt of TILT held about
+four axes, with the bounded least squares of `fly` and with PX4's rule. A row goes to `flights.csv` of
+`notebooks/results` as soon as it is known, in place of the one before; the documentation shows that table.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 import verify
 from topo_search import search
@@ -27,6 +30,7 @@ from topo_search.simulation.fly import Options, fly, judge
 from topo_search.simulation.plant import Errors
 from topo_search.simulation.scenarios import TILT, Scenario, tilts
 
+KEPT = Path(__file__).parents[2] / "notebooks/results/flights.csv"
 NAMES = ("wall-push", "window-cleaning", "survives-a-rotor")
 SIZES = (3, 4, 5)
 REQUIRED = (
@@ -45,13 +49,16 @@ MODEL_ERROR = 0.02
 GUST = 1.0
 """[N], for a second at the centre of mass."""
 GUSTS = 8
-RULES = {"bounded": Allocator, "PX4": PseudoInverse}
-REACHED = ("tip [W]", "centre of mass [W]", "tilt [deg]", "acceleration [rad/s^2]")
-FIGURES = ("horizontal_reserve_N", "horizontal_reserve_com_N", "tilt_deg", "angular_acceleration_rad_s2")
-HEAD = (
-    *("task", "modules", "required by", "tree", "effort", *REACHED, *(f"pseudo-inverse: {one}" for one in REACHED)),
-    *(f"{rule}: {what}" for rule in RULES for what in ("gusts", "tilts")),
-)
+RULES = {"bounded": Allocator, "px4": PseudoInverse}
+FIGURES = {
+    "tip": "horizontal_reserve_N",
+    "com": "horizontal_reserve_com_N",
+    "tilt_deg": "tilt_deg",
+    "angular_acceleration_rad_s2": "angular_acceleration_rad_s2",
+}
+"""Columns, forces in weights, and the figures of hover that they show."""
+RULED = ("task", "optimal", "pseudo-inverse")
+KEY = ["task", "modules", "required"]
 
 
 def scenarios() -> Iterator[Scenario]:
@@ -63,7 +70,7 @@ def scenarios() -> Iterator[Scenario]:
     yield from tilts(TILT, counts=True)
 
 
-def held(design: Design, rule: type[Allocator], seeds: int) -> tuple[str, str]:
+def held(design: Design, rule: type[Allocator], seeds: int) -> dict[str, str]:
     """Return how many gusts and tilts are held."""
     counts = {"gust": [0, 0], "tilt": [0, 0]}
     for seed in range(seeds):
@@ -72,45 +79,73 @@ def held(design: Design, rule: type[Allocator], seeds: int) -> tuple[str, str]:
             count = counts[scenario.name[:4]]
             count[0] += judge(scenario, *fly(design, scenario, options)).verdict == "held"
             count[1] += 1
-    gusts, tilted = (f"{good}/{all_}" for good, all_ in counts.values())
-    return gusts, tilted
+    return {what: f"{good} of {all_}" for what, (good, all_) in counts.items()}
 
 
-def certified(design: Design) -> list[str]:
-    """Return the figures of hover by the best inputs, then by the pseudo-inverse."""
+def certified(design: Design) -> dict[str, float]:
+    """Return the figures of hover by the best inputs and by the pseudo-inverse."""
     flight, weight = verify.audit(design).flight, design.task.force_unit(design.topology.n)
     if flight is None:
         raise ValueError("the numbers of the design are too large to compute with")
-    cells = []
+    cells = {}
     for suffix in ("", "_pseudo_inverse"):
-        force, com, tilt, turn = (getattr(flight.hover, f"{figure}{suffix}") for figure in FIGURES)
-        cells += [f"{force / weight:.3f}", f"{com / weight:.3f}", f"{tilt:.1f}", f"{min(turn):.1f}"]
+        for column, figure in FIGURES.items():
+            least = float(np.min(getattr(flight.hover, f"{figure}{suffix}")))
+            cells[f"{column}{suffix}"] = round(least / weight if figure.endswith("_N") else least, 4)
     return cells
 
 
+def keep(row: dict[str, object]) -> None:
+    """Print a row, and put it into the table in place of the one with its key."""
+    print(row, flush=True)
+    before = pd.read_csv(KEPT, dtype=str) if KEPT.exists() else pd.DataFrame()
+    rows = pd.concat([before, pd.DataFrame([row]).astype(str)]).drop_duplicates(KEY, keep="last")
+    rows.sort_values(KEY, key=lambda column: column.map([*NAMES, *map(str, SIZES), *RULED].index)).to_csv(
+        KEPT, index=False, lineterminator="\n"
+    )
+
+
 def main() -> None:
-    """Print the table, a row as it is known."""
+    """Keep the rows, each as it is known."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", default=NAMES)
     parser.add_argument("--modules", type=int, nargs="*", default=SIZES)
     parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--allocators", nargs="*", default=["optimal", "pseudo-inverse"])
+    parser.add_argument("--required", nargs="*", choices=RULED, default=RULED)
+    parser.add_argument("--trees", type=int)
     parser.add_argument("--runs", type=Path, default=Path("runs"))
     given = parser.parse_args()
-    print(f"| {' | '.join(HEAD)} |", f"|{'---|' * len(HEAD)}", sep="\n")
+    options = f"--seeds {given.seeds}{'' if given.trees is None else f' --trees {given.trees}'}"
     for name in given.names:
         for n in given.modules:
-            for allocator in given.allocators:
-                task = read_task(name, (f"modules={n}", *REQUIRED, f'flight.allocator="{allocator}"'))
-                answer = search(task, out=given.runs / f"{name}-{n}-{allocator}", starts=STARTS, workers=1)
-                row = [name, str(n), allocator]
+            trees = None
+            for required in RULED:
+                if required not in given.required and (required != "task" or given.trees is None):
+                    continue
+                settings = () if required == "task" else (*REQUIRED, f'flight.allocator="{required}"')
+                answer = search(
+                    read_task(name, (f"modules={n}", *settings)),
+                    out=given.runs / f"{name}-{n}-{required}",
+                    starts=STARTS,
+                    workers=1,
+                    topologies=trees,
+                )
+                table = answer.candidates
+                if given.trees is not None and required == "task":
+                    trees = table[table.status == "feasible"].sort_values("objective").key.iloc[: given.trees]
+                if required not in given.required:
+                    continue
+                row = {"task": name, "modules": n, "required": required, "candidates": len(table)}
                 if (design := answer.design) is not None:
-                    row += [design.topology.key, f"{design.objective:.4g}", *certified(design)]
-                    row += [cell for rule in RULES.values() for cell in held(design, rule, given.seeds)]
-                else:
-                    cut_off = "failed" in {*answer.candidates["status"]}
-                    row.append("unknown: candidates failed" if cut_off else "no design")
-                print(f"| {' | '.join(row)} |", flush=True)
+                    row |= {"tree": design.topology.key, "effort": f"{design.objective:.4g}", **certified(design)}
+                    for rule, allocator in RULES.items():
+                        row |= {
+                            f"{rule}_{key}": count for key, count in held(design, allocator, given.seeds).items()
+                        }
+                elif "failed" in {*table["status"]}:
+                    continue
+                command = f"python tests/benchmarks/flights.py {name} --modules {n} {options}"
+                keep(row | {"command": command})
 
 
 if __name__ == "__main__":

@@ -186,8 +186,8 @@ def flight_lines(flight: Flight) -> Iterator[str]:
     if factors:
         factor, name = min(factors)
         yield f"load factor until a rotor saturates: {lower_text(factor, 4)}, in {name}"
-    yield f"hover with one rotor dead: {_rotors_out(flight.rotors_out_hover)}"
-    yield f"hover and all load cases with one rotor dead: {_rotors_out(flight.rotors_out_all)}"
+    yield f"hover with one rotor known to be dead: {_rotors_out(flight.rotors_out_hover)}"
+    yield f"hover and all load cases with one rotor known to be dead: {_rotors_out(flight.rotors_out_all)}"
     loads = [load for load in flight.joints if load.case != hover.name]
     if loads:
         worst = max(loads, key=lambda load: load.moment_Nm)

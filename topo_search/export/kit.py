@@ -9,10 +9,10 @@ from typing import Literal
 
 from topo_search.export.allocation import Allocation, allocation
 from topo_search.export.allocator_file import allocator_file
-from topo_search.export.brackets import brackets, mount, struts
+from topo_search.export.brackets import Part, brackets, mount, struts
 from topo_search.export.mjcf import mjcf
 from topo_search.export.px4 import px4_parameters, px4_warnings, reason_against
-from topo_search.export.sheet import parts_csv, parts_list, sheet
+from topo_search.export.sheet import Row, mass_note, parts_csv, parts_list, sheet
 from topo_search.export.simulator_xml import AS_SEARCHED, Physics
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
@@ -32,7 +32,7 @@ class Kit:
     files: tuple[str, ...]
     """Names in the folder, in the order of writing."""
     notes: tuple[str, ...]
-    """Files that were left out, with the reasons."""
+    """Files that were left out, with the reasons, what PX4 cannot do, and the mass of all parts."""
 
 
 def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: Physics = AS_SEARCHED) -> Kit:
@@ -52,8 +52,11 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
     require_kit_folder(folder)
     acts = allocation(design)
     left_out = reason_against(acts)
+    parts = brackets(design), mount(design), struts(design)
+    rows = parts_list(design, *parts)
     own = px4_warnings(acts) if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
-    contents = dict(_contents(design, acts, (*notes, *own), physics))
+    own = (*own, mass_note(rows))
+    contents = dict(_contents(design, acts, parts, rows, (*notes, *own), physics))
     for old in (*(folder / name for name in FILES), *(folder / BRACKETS).glob("*.stl")):
         old.unlink(missing_ok=True)
     for name, content in contents.items():
@@ -119,7 +122,12 @@ def _require_only(folder: Path, known: Callable[[Path], bool], what: str) -> Non
 
 
 def _contents(
-    design: Design, acts: Allocation, notes: Sequence[str], physics: Physics
+    design: Design,
+    acts: Allocation,
+    parts: tuple[Sequence[Part], Part | None, Sequence[Part]],
+    rows: Sequence[Row],
+    notes: Sequence[str],
+    physics: Physics,
 ) -> Iterator[tuple[str, str | bytes]]:
     yield ALLOCATION, to_json(acts)
     yield "allocation.csv", acts.csv()
@@ -127,10 +135,9 @@ def _contents(
     yield ALLOCATOR, allocator_file(design, acts)
     if reason_against(acts) is None:
         yield PARAMETERS, px4_parameters(acts)
-    joints, held, arms = brackets(design), mount(design), struts(design)
+    joints, held, arms = parts
     for part in (*joints, *([] if held is None else [held]), *arms):
         yield f"{BRACKETS}/{part.file}", part.stl()
-    rows = parts_list(design, joints, held, arms)
     yield PARTS, parts_csv(rows)
     yield SHEET, sheet(design, joints, held, rows, notes)
     yield "platform.xml", mjcf(design, physics)

@@ -350,6 +350,20 @@ def parts_list(design: Design, joints: Sequence[Part], mount: Part | None, held:
     return rows
 
 
+def mass_note(rows: Sequence[Row]) -> str:
+    """Return what all parts weigh beside the model, and the mass of a joint with which both agree."""
+    *parts, whole, model = rows
+    note = f"all parts weigh {whole[4]} kg, the model of the search {model[4]} kg"
+    joints = sum(int(row[1]) for row in parts if row[0] == "bracket")
+    if not joints:
+        return note
+    joined = sum(float(row[4]) for row in parts if row[0] not in ("module", "rod", "end-effector"))
+    return (
+        f"{note}; with module.joint_mass={joined / joints:.3g} and "
+        'end_effector.rod_mass="included" a search counts what joins the modules'
+    )
+
+
 def parts_csv(rows: Sequence[Row]) -> str:
     """Return the list as the text of a CSV file."""
     return csv_text(COLUMNS, rows)

@@ -204,7 +204,7 @@ class Flight(Value):
             towards = "" if hover.horizontal_weakest is None else f" towards {direction(hover.horizontal_weakest)}"
             told.append(f"weakest side force at the tip {lower_text(hover.horizontal_reserve_N, 3)} N{towards}")
         open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
-        told.append(f"survives {out.survive} of {out.of} single rotor failures{open_}")
+        told.append(f"survives {out.survive} of {out.of} single rotor failures, once known{open_}")
         return "; ".join(told)
 
 

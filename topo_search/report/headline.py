@@ -103,7 +103,11 @@ def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str
         yield Tile("Hinge tolerance", size, survived, "fragile" * (hinge < FRAGILE_DEG))
     out = flight.rotors_out_hover
     open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
-    yield Tile("Rotor failures", f"{out.survive} of {out.of}", f"single rotor failures survived in hover{open_}")
+    yield Tile(
+        "Rotor failures",
+        f"{out.survive} of {out.of}",
+        f"single rotor failures survived in hover, once known{open_}",
+    )
     if design.task.end_effector.rod != "none":
         yield _rod(flight, audit)
 
