@@ -42,7 +42,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def _mathml(formula: re.Match[str]) -> str:
     """Return a formula as browsers draw it, without a script."""
     if formula["block"] is not None:
-        return convert(" ".join(formula["block"].split()), display="block")
+        return f"\n\n<div>{convert(' '.join(formula['block'].split()), display='block')}</div>\n\n"
     return convert(formula["inline"])
 
 

@@ -53,7 +53,7 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
     (paths,) = said["must stay out of the airflow"].values()
     assert paths == "capsules of radius 15 cm along 2 paths from the end-effector to [1, 0, 0], [1, 1, −1] m"
     assert said["search of 5 modules"]["candidates"].startswith(
-        "49; trees that differ only by half turns of modules are merged"
+        "49; trees that differ only by turning modules by 180 deg are merged"
     )
     assert said["module"]["figure of merit"] == "0.165, with rotors of 5 cm radius"
     assert said["module"]["thrust coefficient C_T"].startswith("0.127, as of propellers")

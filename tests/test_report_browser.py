@@ -452,6 +452,26 @@ def test_a_page_is_as_tall_as_can_be_read(opened: Open, tmp_path: Path) -> None:
     assert page.locator("#ranking tbody tr").count() > 15
 
 
+def test_the_ranking_fits_and_shows_more_columns_on_demand(opened: Open, tmp_path: Path) -> None:
+    page = opened(toy_page(tmp_path / "run", modules=4, starts=4), width=1440)
+    beyond = "(shown => shown.scrollWidth - shown.clientWidth)(document.getElementById('ranking').parentElement)"
+    assert page.evaluate(beyond) <= 0
+    for width in (1440, 390):
+        page.set_viewport_size({"width": width, "height": 900})
+        assert page.get_by_role("columnheader", name="hits").is_hidden()
+        page.check("#every")
+        assert page.get_by_role("columnheader", name="hits").is_visible()
+        page.uncheck("#every")
+
+
+def test_the_first_screen_of_a_phone_has_answer_figures_and_platform(opened: Open, five: str) -> None:
+    page = opened(five, width=390)
+    for part in (".answer", ".pair > .tiles", "#view"):
+        box = page.locator(part).first.bounding_box()
+        assert box is not None
+        assert box["y"] + box["height"] <= 900, part
+
+
 def test_the_keys_of_the_best_open_their_designs_too(opened: Open, tmp_path: Path) -> None:
     page = opened(toy_page(tmp_path / "run", modules=4, starts=4))
     (best,) = page.locator("td[data-name=best] button").all_inner_texts()

@@ -56,7 +56,7 @@ def test_an_answer_shows_its_ranking_and_holds_its_best(tmp_path) -> None:
     assert [row[0] for row in rows] == [row.key for row in answer.sizes[1].top]
     assert [row[2] for row in rows] == [gap_percent(row.gap) for row in answer.sizes[1].top]
     assert "modules: 2" in words(answer)
-    assert "half turns" in words(answer)
+    assert "180 deg" in words(answer)
     assert str(tmp_path / "run") in words(answer)
     assert answer.design.topology.key == answer.best.key
     assert answer.audit.verdict == "clear"

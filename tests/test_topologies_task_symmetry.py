@@ -183,7 +183,7 @@ def test_orbits_of_any_improper_isometry_are_symmetric_and_torques_are_pseudovec
     assert np.linalg.det(found) == pytest.approx(-1)
     np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-12)
     assert maps_load_cases_onto_themselves(found, task)
-    words = {"reflection": "the reflection along", "rotary reflection": "with a turn of 90 deg"}.get(kind, kind)
+    words = {"reflection": "reflection along", "rotary reflection": "with a turn of 90 deg"}.get(kind, kind)
     assert words in resolve_symmetry(task).reason
     assert improper_isometry(task_of(*wrong)) is None
 
@@ -301,7 +301,7 @@ def test_what_is_lossy_says_so() -> None:
 
 @pytest.mark.parametrize("wrench", [([0, 0, 1], None), ([0, 0, 0], [0, 0, 1]), ([0, 0, 0], None)])
 def test_where_many_isometries_would_do_a_plain_reflection_is_named(wrench: tuple[Any, Any]) -> None:
-    assert "the reflection along" in resolve_symmetry(task_of(wrench)).reason
+    assert "reflection along" in resolve_symmetry(task_of(wrench)).reason
     assert "turn of" not in resolve_symmetry(task_of(wrench)).reason
 
 

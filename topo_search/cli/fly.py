@@ -146,7 +146,7 @@ def _fly(
 
 def _print(result: FlightResult) -> None:
     """Print the table."""
-    head = ("scenario", "verdict", "drift", "tilt", "force error", "at limit", "short", "largest")
+    head = ("scenario", "verdict", "drift", "tilt", "force error", "at limit", "demand unmet", "largest")
     rows = [head, *(_row(one) for one in result.scenarios)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     for row in rows:

@@ -148,7 +148,17 @@ def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, 
         "This is evidence from a simulation. It never changes the audit's verdict.",
     )
     caption = "Errors of position and attitude, and the largest input; a click on a name hides that flight"
-    columns = ("scenario", "verdict", "drift", "tilt", "force error", "at limit", "short", "largest input", "why")
+    columns = (
+        "scenario",
+        "verdict",
+        "drift",
+        "tilt",
+        "force error",
+        "at limit",
+        "demand unmet",
+        "largest input",
+        "why",
+    )
     scenarios = Table(columns, [_row(one) for one in result.scenarios], range(2, 8))
     chart = Chart("simulated-course", caption, _figure(course)) if course else None
     return {"verdict": result.verdict, "scenarios": scenarios, "course": chart, "sentences": sentences}

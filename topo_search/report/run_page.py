@@ -64,7 +64,11 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         "fragile": fragile(audit),
         "answer": _answer(answer, request.task.name, shown, size),
         "tiles": tiles,
-        "notes": (*_own(request.own), *(note for size in answer.sizes for note in _limits(size, shown))),
+        "notes": (
+            *_own(request.own),
+            *_merged(answer.sizes),
+            *(note for size in answer.sizes for note in _limits(size, shown)),
+        ),
         "bound": (*bound(size.lower_bound, shown.gap if shown else None, n), *_proof_lines(answer)),
         "task": task_part(request.task.resolve(n), request.task),
         "design": None if design is None else design_part(design, audit),
@@ -95,9 +99,19 @@ def _proof_lines(answer: Answer) -> Iterator[str]:
             yield f"{size.proven[0].upper()}{size.proven[1:]}."
 
 
+def _merged(sizes: Sequence[SizeAnswer]) -> Iterator[str]:
+    """Yield which trees are merged, sizes for which the same is true together."""
+    of_quotient: dict[str, list[str]] = {}
+    for size in sizes:
+        of_quotient.setdefault(size.quotient, []).append(str(size.modules))
+    for quotient, numbers in of_quotient.items():
+        named = f"{', '.join(numbers)} modules: {quotient}" if len(of_quotient) > 1 else quotient
+        yield f"{named[0].upper()}{named[1:]}."
+
+
 def _limits(size: SizeAnswer, shown: Row | None) -> list[str]:
     """Return what a reader of one size's answer has to know beyond the headline."""
-    found = [f"{modules(size.modules)}: {size.quotient}."]
+    found = []
     if size.statement is not None and size.best is not None and size.best != shown:
         found.append(f"{modules(size.modules)}: {size.best.key} is {size.statement}.")
     if size.relaxed is not None and size.relaxed.sentences:

@@ -208,8 +208,9 @@ def _sets(case: LoadCase) -> Iterator[str]:
 
 
 def vector(values: Vector | tuple[float, ...]) -> str:
-    """Return a vector with three significant digits per entry."""
-    return f"[{', '.join(figures(x + 0.0, 3) for x in values)}]"
+    """Return a vector with three significant digits per entry; rounding errors beside a larger entry are 0."""
+    least = 1e-9 * max(map(abs, values))
+    return f"[{', '.join(figures(x if abs(x) > least else 0.0, 3) for x in values)}]"
 
 
 def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:

@@ -14,7 +14,7 @@ A step of the present phase is taken to need (E + c T s) / (d + T) seconds: what
 expected. T counts steps, not seconds: where an expectation is wrong by a factor of hundreds, a few steps show it.
 Phases that are yet to come are expected to take c times what they were planned with. Between sizes, and beyond
 those seen, log c is a line over log n, so that large sizes that cost more than expected are foreseen from the small
-ones. How long workers load what they compute with is no step.
+ones. Until each worker has ended a step, time is not counted: the first one loads and compiles the solver.
 A time limit ends what is solved; audits come after it.
 `tests/benchmarks/time_left.py` measures the error over recorded runs.
 """
@@ -215,7 +215,7 @@ class TimeLeft:
         self._began = 0.0
         self._done = self._known = 0
         self._spent: dict[int, Spent] = {}
-        self._woken = False
+        self._waking_workers = 0
 
     def plan(self, plan: Plan, now: float) -> None:
         """Take up what is going to be done.
@@ -225,6 +225,7 @@ class TimeLeft:
             now: any clock [s]; so of the other methods.
         """
         self._planned, self._workers = list(plan.phases), plan.workers or 1
+        self._waking_workers = self._workers
         self._end = now + plan.time_limit
 
     def begin(self, phase: Phase, now: float) -> None:
@@ -238,7 +239,8 @@ class TimeLeft:
     def step(self, now: float, *, known: bool) -> None:
         """Count a step; one whose result was known took no time."""
         if self._waking and not known and self._phase is not None:
-            self._woken, self._began = True, max(self._began, now - self._phase.seconds)
+            self._began = max(self._began, now - self._phase.seconds)
+            self._waking_workers -= 1
         self._done += not known
         self._known += known
 
@@ -275,7 +277,7 @@ class TimeLeft:
 
     @property
     def _waking(self) -> bool:
-        return self._phase is not None and not self._phase.alone and not self._woken
+        return self._phase is not None and not self._phase.alone and self._waking_workers > 0
 
     def _spent_until(self, now: float) -> dict[int, Spent]:
         """Return what was spent on each size, the present phase included."""

@@ -289,7 +289,7 @@ def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolut
         return Resolution(group, True, "every tree is a candidate")
     if group in ("c4", "d4"):
         return Resolution(group, False, "lossy: a quarter turn reverses every rotor's spin")
-    turns = "half turns of modules" if connectors == "aligned" else "quarter turns of modules with the spin flip"
+    turns = "turning modules by " + ("180 deg" if connectors == "aligned" else "90 deg, with opposite spin,")
     merged = f"trees that differ only by {turns} are merged"
     if group == "c2":
         if symmetry != "task":
@@ -297,7 +297,7 @@ def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolut
         return Resolution(group, True, f"{merged}; the task has no mirror symmetry")
     if isometry is None:
         return Resolution(group, False, "lossy: the task has no mirror symmetry")
-    mirror = f"the task is symmetric under {describe(isometry)}, so mirror images are merged as well"
+    mirror = f"the task is symmetric under {describe(isometry)}, so mirror images are merged too"
     return Resolution(group, True, f"{merged}; {mirror}")
 
 
@@ -305,11 +305,11 @@ def describe(O: NDArray[np.float64]) -> str:
     """Return an improper isometry, shape (3, 3), in words."""
     turn = float(np.trace(O)) + 1.0  # twice the cosine of the turn about the normal
     if turn <= -2.0 + TOLERANCE:
-        return "the point reflection"
+        return "point reflection"
     _, _, rows = np.linalg.svd(O + np.eye(3))
     normal = rows[-1] / rows[-1][np.argmax(np.abs(rows[-1]))]
     text = ", ".join(f"{x:.4g}" for x in np.where(np.abs(normal) > TOLERANCE, normal, 0.0))
     if turn >= 2.0 - TOLERANCE:
-        return f"the reflection along [{text}]"
+        return f"reflection along [{text}]"
     degrees = np.degrees(np.arccos(turn / 2))
-    return f"the reflection along [{text}] with a turn of {degrees:.4g} deg about it"
+    return f"reflection along [{text}] with a turn of {degrees:.4g} deg about it"

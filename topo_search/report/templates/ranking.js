@@ -1,16 +1,13 @@
 // The ranking: sorted and filtered here, with as many rows in the document as are looked at.
 const FIRST = 15;
 const ON_A_PHONE = ["tree", "J / bound", "gap [%]", "audit"]; // what fits on its screen
+const LAST_ON_A_DESK = "air at the tip [m/s]"; // columns beyond are shown on demand
 
 const DECIMALS = { "J / bound": 4, "gap [%]": 2 }; // the same figures as everywhere
 
 function written(name, value) {
   if (DECIMALS[name]) return value.toFixed(DECIMALS[name]);
   return typeof value === "number" && value >= 1e6 ? value.toExponential(4) : value;
-}
-
-function rest(name) {
-  return ON_A_PHONE.includes(name) ? "" : " rest";
 }
 
 function ranking(table, beside, choice) {
@@ -21,6 +18,11 @@ function ranking(table, beside, choice) {
   const more = document.getElementById("more");
   const texts = rows.map((row) => row.join(" ").toLowerCase());
   const order = rows.map((_, i) => i);
+  order.sort((a, b) => (rows[a][place["J [rad⁴/s⁴]"]] === null) - (rows[b][place["J [rad⁴/s⁴]"]] === null)); // designs first
+  const rest = (name) => {
+    if (place[name] > place[LAST_ON_A_DESK]) return " rest detail";
+    return ON_A_PHONE.includes(name) ? "" : " rest";
+  };
   const used = columns.map((_, i) => rows.some((row) => row[i] !== null));
   let all = false;
 
@@ -127,6 +129,7 @@ function ranking(table, beside, choice) {
 
   words.addEventListener("input", show);
   for (const select of Object.values(choices)) select.addEventListener("change", show);
+  document.getElementById("every").addEventListener("change", ({ target }) => table.classList.toggle("every", target.checked));
   document.getElementById("filter").addEventListener("submit", (event) => event.preventDefault());
   more.addEventListener("click", () => {
     all = true;
