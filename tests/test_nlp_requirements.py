@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from nlp_cases import FEATURES, push, random_point, random_tree
 
-from nlp.evaluation.violations import violations
+from nlp.evaluation import violations
 from nlp.problem import problem
+from nlp.reduced import reason_against
 from nlp.reduced.arrays import rows
-from nlp.reduced.expressed import reason_against
 from nlp.requirements import clearances
 
 SHARP = 1e8
