@@ -5,7 +5,7 @@
 
 from nlp.bounds import lower_bound, prove_impossible, proven_bound
 from nlp.bounds.branch.arrays import centre as proof_root
-from nlp.prove import prepare_proof, prove_chunk
+from nlp.bounds.proofs import prepare_proof, prove_chunk
 from nlp.solve import default_starts, hold_rod, local_optima, prepare, solve
 from nlp.user_constraints import check_stated, refuse_unusable, refuse_wrong_claims
 

@@ -39,7 +39,7 @@ import numpy as np
 
 from nlp import names
 from nlp.numbers.point import Point
-from nlp.requirements.regions import hull_of
+from nlp.requirements.exposure import hull_of
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.layout import ROTOR_DIRECTIONS
@@ -49,12 +49,20 @@ AIMED_AT = 0.997
 """Share of a limit that rows state: what is faster between their points is within the limit."""
 ALLOWED = 0.998
 """Share of a limit up to which a design meets it: the audit's bound over the whole region is still under it."""
-ALONG_AXIS = np.concatenate([[0.0], np.geomspace(0.1, 60.0, 30)])
-"""Depths at which a search for the fastest air begins [l_arm]."""
-STEPS = 0.5 ** np.arange(1, 16)
-"""Steps of that search [l_arm]."""
-PULLS = 30
-"""Number of projections, in turns, that bring a point into a region and a ball."""
+
+
+class AirSearch(NamedTuple):
+    """The search for the fastest air over a region."""
+
+    depths: Array = np.concatenate([[0.0], np.geomspace(0.1, 60.0, 30)])
+    """Depths at which a search for the fastest air begins [l_arm]."""
+    steps: Array = np.asarray(0.5 ** np.arange(1, 16))
+    """Steps of that search [l_arm]."""
+    pulls: int = 30
+    """Number of projections, in turns, that bring a point into a region and a ball."""
+
+
+SEARCH = AirSearch()
 
 
 class SpeedPoint(NamedTuple):
@@ -103,7 +111,7 @@ def fastest(point: Point) -> Iterator[Fastest]:
     p = p / l_arm - tip
     rotors = p[:, None] + np.einsum("iab,qb->iqa", R, ROTOR_DIRECTIONS)
     origins = np.concatenate([p[:, None], rotors], axis=1)
-    begins = origins[:, :, None] - ALONG_AXIS[:, None] * R[:, None, None, :, 2]
+    begins = origins[:, :, None] - SEARCH.depths[:, None] * R[:, None, None, :, 2]
     jet = jet_of(task.module, task.air_density, task.gravity)
     induced = jet.induced * np.sqrt(point.u / task.module.hover_input(task.gravity))
     for number, asked in limited:
@@ -167,7 +175,7 @@ def _climb(inside: Callable[[Array], Array], air: Callable[[Array], Array], begi
 
     around = np.array(sorted(product((-1.0, 0.0, 1.0), repeat=3), key=lambda step: np.linalg.norm(step)))
     x = fastest_of(begins)
-    for step in STEPS:
+    for step in SEARCH.steps:
         moving = np.isfinite(x[:, 0])
         for _ in range(4):
             best = fastest_of(x[moving, None] + step * around)
@@ -183,7 +191,7 @@ def _pull_inside(shape: Shape, l_arm: float, within: float | None, x: Array) -> 
     x = _nearest(shape, x * l_arm)
     if within is None:
         return x / l_arm
-    for _ in range(PULLS):
+    for _ in range(SEARCH.pulls):
         x = _nearest(shape, x * np.minimum(1.0, within / np.maximum(np.linalg.norm(x, axis=1), within))[:, None])
     reached = np.linalg.norm(x, axis=1, keepdims=True) <= within * (1 + 1e-6)
     return np.where(reached, x / l_arm, np.nan)

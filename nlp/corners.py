@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Set
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from nlp.airspeed import fastest
-from nlp.evaluation.violations import worst
+from nlp.evaluation import worst
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
 from nlp.numbers.point import Point
@@ -23,12 +24,20 @@ from topo_search.model import ResolvedTask
 from topo_search.model.corners import CorneredTask
 
 SolveFrom = Callable[[Point, Limits | None], IpoptResult]
-NEAR_LIMIT = 0.6
-"""Share of its limit from which a load in a joint, or an air speed, is stated."""
-ROUNDS = 10
-"""Largest number of solves, each with more corners than the one before."""
-TAKEN = 8
-"""Largest number of corners taken in at once, no two of one set."""
+
+
+class TakingIn(NamedTuple):
+    """How corners, loads in joints and air speeds are taken in."""
+
+    near_limit: float = 0.6
+    """Share of its limit from which a load in a joint, or an air speed, is stated."""
+    rounds: int = 10
+    """Largest number of solves, each with more corners than the one before."""
+    at_once: int = 8
+    """Largest number of corners taken in at once, no two of one set."""
+
+
+TAKING_IN = TakingIn()
 
 
 def without_corners(task: ResolvedTask) -> ResolvedTask:
@@ -52,10 +61,10 @@ def take_in_corners(
         solve: solves the program of a point's own task from there, with limits of what joints bear if it has any.
         constraints: constraints of the user, to which the point is held as well.
     """
-    near_limits = [at for at in fastest(origin) if at.speed > NEAR_LIMIT * at.limit]
+    near_limits = [at for at in fastest(origin) if at.speed > TAKING_IN.near_limit * at.limit]
     first = tuple(sorted({point for at in near_limits for point in at.points}))
     point, iterations, limits = origin, 0, Limits(None, (), first) if first else None
-    for _ in range(ROUNDS):
+    for _ in range(TAKING_IN.rounds):
         result = solve(point, limits)
         iterations += result.iterations
         result = replace(result, iterations=iterations)
@@ -89,7 +98,7 @@ def _near(point: Point, before: Limits | None) -> Limits:
     task = point.task.declared
     listed = limited_loads(task, point.topology)
     sizes = zip(listed, loads(point).tolist(), strict=True)
-    near = tuple(load for load, size in sizes if size > NEAR_LIMIT * limit_of(task, load))
+    near = tuple(load for load, size in sizes if size > TAKING_IN.near_limit * limit_of(task, load))
     return Limits(None if either else holder(point), near, before.air if before else ())
 
 
@@ -111,7 +120,7 @@ def _most_missed(whole: Point, had: ResolvedTask) -> set[str]:
     missed = missed_wrenches(whole).max(axis=1)[declared:]
     missed[_places(had, task)[declared:] - declared] = 0.0
     for c in np.argsort(-missed, kind="stable").tolist():
-        if missed[c] <= WRENCH_TOLERANCE or len(taken) == TAKEN:
+        if missed[c] <= WRENCH_TOLERANCE or len(taken) == TAKING_IN.at_once:
             break
         taken.setdefault(task.groups[c], task.corners[c].label)
     return set(taken.values())

@@ -19,37 +19,46 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, combinations, islice, product
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from nlp.assembled import polish_with
 from nlp.corners import take_in_corners, with_some
-from nlp.evaluation.correction import correct
-from nlp.multistart import ACCEPTED, Polish, ReducedSearch
-from nlp.numbers.hinges import signs, turns
+from nlp.evaluation import correct
+from nlp.multistart import POLISHING, Polish, ReducedSearch
+from nlp.numbers.geometry import signs, turns
 from nlp.numbers.point import Point
-from nlp.reduced.expressed import reason_against
-from nlp.reduced.search import SAME_AFTER, LocalMinimum, local_minima
+from nlp.reduced import reason_against
+from nlp.reduced.search import SELECTION, LocalMinimum, local_minima
 from nlp.requirements.modules import module_clearances
 from nlp.start_result import StartResult
 from nlp.user_constraints import UserConstraints
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
-COMPLETE = 256
-"""Largest number of combinations tried near one optimum, and of moves from the best.
 
-If there are no more in all, each is tried; else as many hinges take either angle as make no more, those whose
-angles are farthest from the set, and the others take the nearest."""
-WIDEST = 3
-"""Largest number of angles on each side of a hinge's angle to seek clear combinations among."""
+class SetSearch(NamedTuple):
+    """The search for combinations of a set of hinge angles."""
+
+    complete_up_to: int = 256
+    """Largest number of combinations tried near one optimum, and of moves from the best.
+
+    If there are no more in all, each is tried; else as many hinges take either angle as make no more, those whose
+    angles are farthest from the set, and the others take the nearest."""
+    widest: int = 3
+    """Largest number of angles on each side of a hinge's angle to seek clear combinations among."""
+    most_missed: float = 0.1
+    """Largest violation of a free-angle end near which combinations are sought [l_arm, m_t g, l_arm m_t g, rad]."""
+    polish: Polish = Polish(enough=4, most=8)
+    """Number of the best combinations that Ipopt makes exact: their order may change slightly."""
+
+
+SEARCH = SetSearch()
+
+
 MOST_REDUCED, MOST_WHOLE = 4096, 48
 """Largest numbers of combinations solved for one tree, by the compiled search and by Ipopt."""
-MOST_MISSED = 0.1
-"""Largest violation of a free-angle end near which combinations are sought [l_arm, m_t g, l_arm m_t g, rad]."""
-POLISHED = Polish(enough=4, most=8)
-"""Number of the best combinations that Ipopt makes exact: their order may change slightly."""
 
 Places = tuple[int, ...]
 """Indices into the set of a combination's angles."""
@@ -92,13 +101,13 @@ class _Set:
         Else there is one angle on each side of a hinge's, or more where no combination of fewer is clear.
         """
         count = len(self._folds)
-        if count**self.hinges <= COMPLETE:
+        if count**self.hinges <= SEARCH.complete_up_to:
             return self._clear(product(range(count), repeat=self.hinges))
         phi = self._signs * alpha
         above, off = np.searchsorted(self._folds, phi), np.abs(self._folds[:, None] - phi)
         order = np.argsort(-off.min(axis=0), kind="stable")
-        for width in range(1, WIDEST + 1):
-            either = order[: int(math.log(COMPLETE, 2 * width))]
+        for width in range(1, SEARCH.widest + 1):
+            either = order[: int(math.log(SEARCH.complete_up_to, 2 * width))]
             sides = [[place] for place in np.argmin(off, axis=0).tolist()]
             for hinge in either.tolist():
                 sides[hinge] = list(range(max(0, above[hinge] - width), min(count, above[hinge] + width)))
@@ -118,7 +127,7 @@ class _Set:
     def moves(self, places: Places, at_once: int) -> Iterator[Places]:
         """Yield clear combinations with up to `at_once` hinges a step away, or more hinges where moves are few."""
         counts = accumulate(math.comb(self.hinges, k) * 2**k for k in range(1, self.hinges + 1))
-        most = max(at_once, sum(count <= COMPLETE for count in counts))
+        most = max(at_once, sum(count <= SEARCH.complete_up_to for count in counts))
         for moved in (each for k in range(1, most + 1) for each in combinations(range(self.hinges), k)):
             for steps in product((-1, 1), repeat=len(moved)):
                 other = np.array(places)
@@ -167,12 +176,12 @@ def _near_optima(
     most_effort: float | None = None,
 ) -> tuple[list[StartResult], dict[int, list[int]]]:
     """Return the best combinations near optima, or all up to an effort, and the starts that led to each optimum."""
-    near = [one for one in free if one.worst.scaled <= MOST_MISSED]
+    near = [one for one in free if one.worst.scaled <= SEARCH.most_missed]
     optima: dict[int, StartResult] = {}
     starts: dict[int, list[int]] = {}
     for one in sorted(near, key=lambda each: each.objective):
         last = next(reversed(optima.values()), None)
-        if last is None or one.objective - last.objective > SAME_AFTER * one.objective:
+        if last is None or one.objective - last.objective > SELECTION.same_after * one.objective:
             optima[one.start], starts[one.start] = one, []
         starts[next(reversed(optima))].append(one.start)
     solve = _solve_whole if reason_against(task) else _solve_reduced
@@ -247,10 +256,12 @@ def _solve_reduced(
             each[hinges] = angles.angles(places)
         ((end, *_), _) = local_minima(stated._replace(lower=lower, upper=upper), x[None])
         end = replace(end, starts=(start,))
-        return _Solved(start, places, (end.missing > ACCEPTED, search.effort_unit * end.merit), end.x, end)
+        return _Solved(
+            start, places, (end.missing > POLISHING.first_up_to, search.effort_unit * end.merit), end.x, end
+        )
 
     found = _search(angles, optima, solve, MOST_REDUCED, most_effort or 0.0)
-    return list(search.polish([each.end for each in found], POLISHED))
+    return list(search.polish([each.end for each in found], SEARCH.polish))
 
 
 def _solve_whole(

@@ -35,17 +35,12 @@ import casadi as ca
 import numpy as np
 
 from nlp.airspeed import SpeedPoint
-from nlp.numbers.geometry import Swept, clearance
+from nlp.numbers.geometry import Swept, clearance, torque_map
 from nlp.numbers.masses import masses
-from nlp.numbers.point import Point
-from nlp.numbers.rod import Connector, connectors, rod_path
-from nlp.numbers.rotors import torque_map
+from nlp.numbers.point import Connector, Point, connectors, rod_path
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
-from nlp.symbols.inertia import of_module, of_platform, of_rod, rod_vector
-from nlp.symbols.kinematics import poses
-from nlp.symbols.masses import tip_and_com
-from nlp.symbols.wrench import scale, thrust
+from nlp.symbols.platform import of_module, of_platform, of_rod, poses, rod_vector, scale, thrust, tip_and_com
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array

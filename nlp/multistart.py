@@ -21,9 +21,8 @@ from nlp.numbers.point import Point
 from nlp.reduced.arrays import ReducedProblem, to_arrays
 from nlp.reduced.search import (
     FIRST,
-    LEAST_KEPT,
-    SAME_AFTER,
     SECOND,
+    SELECTION,
     STIFF,
     LocalMinimum,
     Phase,
@@ -55,26 +54,32 @@ class Polish(NamedTuple):
     most: int
 
 
-PLAIN = Polish(enough=2, most=6)
-CORNERED = Polish(enough=8, most=8)
-"""For tasks with reserves or failures, of which all local minima of the first phase go on.
+class Polishing(NamedTuple):
+    """Which local minima become designs."""
 
-The merit of such a minimum says little about its design: on `survives-a-rotor` with three modules and no ball, rod
-or exclusion the seven best of 61 minima become designs 1.5 % worse than those of 31 others.
-"""
-CONSTRAINED = Polish(enough=8, most=16)
-"""For what the descents do not know, the user's constraints and air speeds over other regions than balls and paths:
-the best design may be far from the best minimum."""
-EVERY = Polish(enough=256, most=256)
-"""Where all local optima are sought that cost little enough."""
-MOST_MISSED = 0.02
-"""Largest violation at which a local minimum is polished, unless it is the best [l_arm, m_t g, l_arm m_t g].
+    plain: Polish = Polish(enough=2, most=6)
+    cornered: Polish = Polish(enough=8, most=8)
+    """For tasks with reserves or failures, of which all local minima of the first phase go on.
 
-On push, push-two-paths and push-exterior-60 with five and seven modules, minima that became designs missed 0.0063
-at most; for one that misses more Ipopt takes five times the iterations to end nowhere.
-"""
-ACCEPTED = 0.01
-"""Largest violation at which a local minimum is polished before worse ones [l_arm, m_t g, l_arm m_t g]."""
+    The merit of such a minimum says little about its design: on `survives-a-rotor` with three modules and no ball,
+    rod or exclusion the seven best of 61 minima become designs 1.5 % worse than those of 31 others.
+    """
+    constrained: Polish = Polish(enough=8, most=16)
+    """For what the descents do not know, the user's constraints and air speeds over other regions than balls and
+    paths: the best design may be far from the best minimum."""
+    every: Polish = Polish(enough=256, most=256)
+    """Where all local optima are sought that cost little enough."""
+    most_missed: float = 0.02
+    """Largest violation at which a local minimum is polished, unless it is the best [l_arm, m_t g, l_arm m_t g].
+
+    On push, push-two-paths and push-exterior-60 with five and seven modules, minima that became designs missed
+    0.0063 at most; for one that misses more Ipopt takes five times the iterations to end nowhere.
+    """
+    first_up_to: float = 0.01
+    """Largest violation at which a local minimum is polished before worse ones [l_arm, m_t g, l_arm m_t g]."""
+
+
+POLISHING = Polishing()
 
 
 class DeepSearch(NamedTuple):
@@ -166,13 +171,13 @@ class ReducedSearch:
     ) -> _Minima:
         numbers = [DRAWS * start + k for start in starts for k in range(DRAWS)]
         drawn = draws(self._task, self._topology, self.stated, numbers, seed, anyhow=anyhow)
-        least = CONSTRAINED.most if self._extra else LEAST_KEPT
+        least = POLISHING.constrained.most if self._extra else SELECTION.least_kept
         if (self._cornered and not anyhow) or self._most_merit is not None:
             least = len(drawn)
         best, others = local_minima(self.stated, drawn, phases, least=least)
         return _Minima(*([replace(each, starts=_starts(each, starts)) for each in side] for side in (best, others)))
 
-    def polish(self, minima: list[LocalMinimum], plain: Polish = PLAIN) -> Iterator[StartResult]:
+    def polish(self, minima: list[LocalMinimum], plain: Polish = POLISHING.plain) -> Iterator[StartResult]:
         """Yield the results of the best distinct minima, one for each of their starts.
 
         Args:
@@ -180,13 +185,13 @@ class ReducedSearch:
             plain: how many are polished where the descents know all that the task asks for.
         """
         tried, met = 0, False
-        enough, most = CONSTRAINED if self._extra else CORNERED if self._cornered else plain
+        enough, most = POLISHING.constrained if self._extra else POLISHING.cornered if self._cornered else plain
         if self._most_merit is not None:
-            minima, (enough, most) = [each for each in minima if each.merit <= self._most_merit], EVERY
+            minima, (enough, most) = [each for each in minima if each.merit <= self._most_merit], POLISHING.every
         for minimum in _one_of_each(minima)[:most]:
             if tried >= enough and met:
                 return
-            if tried and minimum.missing > MOST_MISSED:
+            if tried and minimum.missing > POLISHING.most_missed:
                 continue
             outcome = take_in_corners(
                 self._task,
@@ -273,7 +278,7 @@ def _starts(minimum: LocalMinimum, starts: Sequence[int]) -> tuple[int, ...]:
 
 
 def _rank(minimum: LocalMinimum) -> tuple[bool, float]:
-    return minimum.missing > ACCEPTED, minimum.merit  # those that miss little first
+    return minimum.missing > POLISHING.first_up_to, minimum.merit  # those that miss little first
 
 
 def _one_of_each(minima: list[LocalMinimum]) -> list[LocalMinimum]:
@@ -282,7 +287,7 @@ def _one_of_each(minima: list[LocalMinimum]) -> list[LocalMinimum]:
     for minimum in sorted(minima, key=lambda minimum: (*_rank(minimum), minimum.starts)):
         last = result[-1] if result else None
         alike = last is not None and _rank(last)[0] == _rank(minimum)[0]
-        if last is not None and alike and minimum.merit - last.merit <= SAME_AFTER * abs(minimum.merit):
+        if last is not None and alike and minimum.merit - last.merit <= SELECTION.same_after * abs(minimum.merit):
             result[-1] = replace(last, starts=tuple(dict.fromkeys(last.starts + minimum.starts)))
         else:
             result.append(minimum)

@@ -56,9 +56,7 @@ import casadi as ca
 
 from nlp.numbers.masses import masses
 from nlp.requirements import balances, clearances, variable_bounds
-from nlp.symbols.inertia import of_platform
-from nlp.symbols.kinematics import poses
-from nlp.symbols.masses import tip_and_com
+from nlp.symbols.platform import of_platform, poses, tip_and_com
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 

@@ -29,10 +29,10 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
+from nlp.numbers.geometry import torque_map
 from nlp.numbers.masses import masses
-from nlp.numbers.rotors import torque_map
 from nlp.requirements.balances import WRENCH_TOLERANCE
-from nlp.symbols.inertia import of_platform
+from nlp.symbols.platform import of_platform
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.arrays import Array

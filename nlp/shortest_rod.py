@@ -10,27 +10,34 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from nlp.assembled import polish_with
 from nlp.corners import take_in_corners, with_some
 from nlp.joints import rod_of
-from nlp.numbers.point import Point
-from nlp.numbers.rod import Connector, rod_path, weigh_rod, with_rod
+from nlp.numbers.point import Connector, Point, rod_path, weigh_rod, with_rod
 from nlp.start_result import StartResult
 from nlp.user_constraints import UserConstraints, correct_point
 from topo_search.model import ShorterRod
 from topo_search.model.corners import to_corners
 
-SAME_EFFORT = 1e-6
-"""Relative difference of efforts that counts as none: the audit's tolerance."""
-STEP = 0.9
-"""Length of a shorter rod relative to the present one, in the first step and in the last."""
-AGREED = 1e-5
-"""Difference of the rod's mass before and after a solve that no solve needs to make up [m_t]."""
-SOLVES = 8
-"""Largest number of solves until a design agrees with its rod's mass."""
+
+class RodSearch(NamedTuple):
+    """The search for the shortest rod of as good a design."""
+
+    same_effort: float = 1e-6
+    """Relative difference of efforts that counts as none: the audit's tolerance."""
+    step: float = 0.9
+    """Length of a shorter rod relative to the present one, in the first step and in the last."""
+    agreed_length: float = 1e-5
+    """Difference of the rod's mass before and after a solve that no solve needs to make up [m_t]."""
+    most_solves: int = 8
+    """Largest number of solves until a design agrees with its rod's mass."""
+
+
+SEARCH = RodSearch()
 
 
 def count_rods(
@@ -72,9 +79,9 @@ def count_rod(design: StartResult, constraints: UserConstraints, connector: Conn
 
 def _count_at(connector: Connector | None, design: StartResult, constraints: UserConstraints) -> StartResult:
     n = design.point.topology.n
-    for _ in range(SOLVES):
+    for _ in range(SEARCH.most_solves):
         before, weighed = design.point.task.total_mass(n), _weigh(design, constraints, connector)
-        agreed = abs(weighed.point.task.total_mass(n) - before) <= AGREED * before
+        agreed = abs(weighed.point.task.total_mass(n) - before) <= SEARCH.agreed_length * before
         if agreed and (weighed.worst.met or not design.worst.met):  # rotors at their limits make up for nothing
             return weighed
         origin = with_some(weighed.point, design.corners)
@@ -93,15 +100,15 @@ def shorten_rod(design: StartResult, constraints: UserConstraints) -> tuple[Star
 
     Rods up to the length of an arm are short enough: for them, nothing is said of shorter ones.
     """
-    shortest, step = design, STEP
+    shortest, step = design, SEARCH.step
     while (length := rod_length(shortest.point)) > design.point.task.module.arm_length:
         shorter = _solve_within(shortest, step * length, constraints)
         least = min(design.objective, shortest.objective)  # a shorter rod that counts is a lighter one
         cost = shorter.objective / least - 1 if shorter.worst.met else None
-        if cost is not None and cost <= SAME_EFFORT:
+        if cost is not None and cost <= SEARCH.same_effort:
             shortest, step = shorter, step**2
-        elif step < STEP:
-            step = STEP
+        elif step < SEARCH.step:
+            step = SEARCH.step
         else:
             return shortest, ShorterRod(length_m=step * length, cost=cost)
     return shortest, None

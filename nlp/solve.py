@@ -12,13 +12,12 @@ import numpy as np
 
 from nlp.bounds import bound_of, prove_impossible
 from nlp.corners import take_in_corners, with_all, without_corners
-from nlp.evaluation.correction import correct
+from nlp.evaluation import correct
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, rod_of
-from nlp.numbers.point import Point
-from nlp.numbers.rod import weigh_rod
+from nlp.numbers.point import Point, weigh_rod
 from nlp.pseudo_inverse import pseudo_inverse_constraints
-from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
+from nlp.reduced import REDUCED_UP_TO, reason_against
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import common_subtrees, warm_start

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nlp.evaluation.violations import Violation, worst
+from nlp.evaluation import Violation, worst
 from nlp.ipopt import IpoptResult
 from nlp.numbers.point import Point
 from nlp.user_constraints import UserConstraints, violations_of

@@ -18,8 +18,8 @@ from topo_search.model.audit import SpeedEnvelope
 from topo_search.model.files import read_task, to_toml
 from topo_search.model.proven import upper_text
 from verify.air import enclose, envelope_air
+from verify.air.envelope import volume
 from verify.air.jets import jets, speeds
-from verify.air.least import volume
 
 WEIGHT = 0.24 * 9.81
 ROTORS = 0.1 * np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) / math.sqrt(2)

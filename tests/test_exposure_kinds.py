@@ -26,7 +26,7 @@ from nlp_cases import (
     random_tree,
 )
 
-from nlp.evaluation.violations import violations
+from nlp.evaluation import violations
 from topo_search.export.poses import poses, shapes
 from topo_search.export.solids import region_mesh
 from topo_search.model import Design, Topology

@@ -12,7 +12,7 @@ from nlp_cases import as_design, push, random_point, random_tree
 from nlp import lower_bound, pseudo_inverse
 from nlp.joints import _vectors, limited_loads
 from nlp.numbers.masses import masses
-from nlp.numbers.rod import weigh_rod
+from nlp.numbers.point import weigh_rod
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.inputs import inertia as reduced_inertia
 from nlp.reduced.platform import motion
@@ -20,7 +20,7 @@ from nlp.reduced.platform import platform as reduced_platform
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
 from nlp.requirements.balances import inertia as point_inertia
 from nlp.units import Units
-from nlp.user_constraints.expressions import symbolic_platform
+from nlp.user_constraints.rows import symbolic_platform
 from topo_search.compose.binding import local_optima_mounted, solve_mounted
 from topo_search.export.allocation import allocation
 from topo_search.export.mjcf import mjcf

@@ -11,13 +11,13 @@ from verify_cases import design
 from wording import says
 
 from nlp import prove_impossible
-from nlp.numbers.hinges import FOLD, fold_excess
+from nlp.numbers.geometry import FOLD, fold_excess
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.untangling import untangle
 from topo_search.model import Module, Status, Topology
 from topo_search.model.room import clear_folds, in_words, nearest_fold
 from verify import audit
-from verify.compound_certificate import certify_compounds
+from verify.compounds import certify_compounds
 from verify.kinematics import platform
 from verify.parts import rigid_parts
 

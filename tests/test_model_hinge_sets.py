@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from nlp.numbers.hinges import fold_excess, nearest_angles, ranges, turns
+from nlp.numbers.geometry import fold_excess, nearest_angles, ranges, turns
 from topo_search.model import BadInput, Topology
 from topo_search.model.files import read_task, to_toml
 from topo_search.model.task_warnings import task_warnings

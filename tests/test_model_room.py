@@ -9,7 +9,7 @@ from verify_cases import design
 
 from topo_search.model import Module, Status, Task, Topology
 from topo_search.model.room import body_radius, largest_hinge_angle
-from verify.compound_certificate import certify_compounds
+from verify.compounds import certify_compounds
 from verify.kinematics import platform
 from verify.parts import module_parts, rigid_parts
 

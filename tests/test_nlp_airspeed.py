@@ -13,7 +13,7 @@ from nlp.assembled.air import SpeedRows
 from nlp.assembled.problem import AssembledProblem
 from nlp.ipopt import BETA
 from nlp.reduced.arrays import to_arrays
-from nlp.reduced.merit import Evaluated, evaluate
+from nlp.reduced.descent import Evaluated, evaluate
 from topo_search.model import Design, ResolvedTask, Status, Topology
 from verify import audit
 from verify.air import air, case_jets

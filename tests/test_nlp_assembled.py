@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from nlp_cases import FEATURES, HOVER, push, random_point, random_tree, with_masses
 
-from nlp.assembled import AssembledProgram
+from nlp.assembled import AssembledProgram, program
 from nlp.assembled.problem import AssembledProblem
-from nlp.evaluation.correction import correct
-from nlp.evaluation.violations import violations, worst
+from nlp.evaluation import correct, violations, worst
 from nlp.ipopt import BETA, OPTIONS
 from nlp.numbers.point import Point
 from nlp.problem import problem
@@ -109,7 +108,9 @@ def test_ipopt_reaches_what_it_reaches_on_the_printed_problem(name, monkeypatch)
     """With every row, one round without move limits and the same options, it takes the same steps on both."""
     for room, value in {"NEAR": np.inf, "BESIDE": np.inf}.items():
         monkeypatch.setattr(f"nlp.requirements.modules.{room}", value)
-    for name_, value in {"BOLD_LIMIT": np.inf, "ROUNDS": 1, "STAY": {}}.items():
+    limits = program.LIMITS._replace(bold=np.inf, rounds=1)
+    options = program.ROUND_OPTIONS._replace(stay={})
+    for name_, value in {"LIMITS": limits, "ROUND_OPTIONS": options}.items():
         monkeypatch.setattr(f"nlp.assembled.program.{name_}", value)
     topology = Topology.from_key("a11210")
     task = push(5, **FEATURES[name])

@@ -6,8 +6,7 @@ import pytest
 
 from nlp.assembled.kkt_candidates import smooth_least
 from nlp.ipopt import BETA
-from nlp.symbols.envelope import quadratic_candidates
-from nlp.symbols.smooth import log_sum_exp
+from nlp.symbols.clearance import log_sum_exp, quadratic_candidates
 
 A = 2.3
 M = 400

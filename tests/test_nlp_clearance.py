@@ -24,8 +24,7 @@ from verify_cases import FAMILIES, at_clearance, random_pair
 from nlp.ipopt import BETA
 from nlp.numbers.geometry import Swept, cone_clearance
 from nlp.numbers.geometry import clearance as solvers_clearance
-from nlp.symbols.envelope import Ball, ConeSphere, clearance
-from nlp.symbols.smooth import EPSILON
+from nlp.symbols.clearance import EPSILON, Ball, ConeSphere, clearance
 from topo_search.model import Module
 from verify import bodies
 from verify.clearance import clearances

@@ -8,12 +8,12 @@ import pytest
 from nlp_cases import push
 from test_nlp_untangling import least_clearance
 
-from nlp.evaluation.violations import violations
+from nlp.evaluation import violations
 from nlp.numbers.geometry import Swept, cone_reach, root_rotation, rotation
 from nlp.numbers.point import Point
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from nlp.starts import random_starts as starts
-from nlp.starts.random_starts import TURNS, draw, generator, root_of
+from nlp.starts.random_starts import DRAWING, draw, generator, root_of
 from nlp.starts.untangling import CLEAR, lever, shorten_lever, untangle
 from topo_search.model import Topology
 from topo_search.topologies import sample
@@ -117,8 +117,8 @@ def test_the_platform_is_turned_to_where_the_wrenches_cost_least(weights):
         return np.sum(u**2, axis=0) @ np.array(weights)
 
     efforts = []
-    for k in range(TURNS):
-        turn = rotation(force / np.linalg.norm(force), 2 * np.pi * k / TURNS)
+    for k in range(DRAWING.turns):
+        turn = rotation(force / np.linalg.norm(force), 2 * np.pi * k / DRAWING.turns)
         root = root_of(task, turn @ root_rotation(start.root))
         p_E = turn @ start.p_E  # the origin is the root's centre
         efforts.append(effort(Point(task, topology, root, start.alpha, p_E, start.u)))
@@ -142,7 +142,7 @@ def test_rounding_does_not_choose_among_turns_that_are_alike(monkeypatch):
     hover = [{"com": {"force": [0.0, 0.0, 1.0]}}]
     task, topology = conical(8, load_cases=hover), sample(8, 1, seed=0)[0]
     start = draw(task, topology, generator(task, topology, 0, 0))
-    calls = iter(range(TURNS))
+    calls = iter(range(DRAWING.turns))
     exact = starts._with_least_norm
 
     def rounded(point):

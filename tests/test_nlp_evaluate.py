@@ -10,7 +10,7 @@ import pytest
 from nlp_cases import FEATURES, HOVER, as_design, hover, push, random_point, random_tree
 
 from nlp import names
-from nlp.evaluation.violations import Violation, violations, worst
+from nlp.evaluation import Violation, violations, worst
 from nlp.ipopt import BETA
 from nlp.numbers.point import Point
 from nlp.problem import problem

@@ -10,7 +10,7 @@ from verify_cases import changed
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.corners import take_in_corners, with_all, without_corners
-from nlp.evaluation.correction import correct
+from nlp.evaluation import correct
 from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, missed_wrenches, wrench_matrix
 from nlp.requirements.bounds import running_rotors

@@ -7,7 +7,7 @@ import pytest
 from nlp_cases import FEATURES, GENTLE_PUSH, best_design, hover, push
 
 from nlp import lower_bound
-from nlp.numbers.hinges import largest_turn
+from nlp.numbers.geometry import largest_turn
 from topo_search.model import Design, Status, Topology
 from topo_search.model.files import examples, read_task, to_json
 from verify import audit

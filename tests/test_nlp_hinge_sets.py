@@ -37,7 +37,7 @@ def test_the_answer_is_of_the_set_and_clear_and_costs_more_than_any_angles(key, 
 @pytest.mark.parametrize("step", [15.0, 30.0])
 def test_what_is_found_near_the_local_optima_is_what_all_combinations_hold(step, monkeypatch):
     found = solved(best("a3200", hinge_step_deg=step))
-    monkeypatch.setattr(hinge_sets, "COMPLETE", 10**6)
+    monkeypatch.setattr(hinge_sets, "SEARCH", hinge_sets.SEARCH._replace(complete_up_to=10**6))
     every = solved(best("a3200", hinge_step_deg=step))
     assert every.objective == pytest.approx(found.objective, rel=1e-6)
 

@@ -10,11 +10,10 @@ from nlp_cases import HOVER, as_design, as_point, hover, push, random_point, ran
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.assembled import AssembledProgram
-from nlp.evaluation.violations import violations
+from nlp.evaluation import violations
 from nlp.ipopt import IpoptResult
 from nlp.multistart import solve_starts
-from nlp.numbers.geometry import Swept, clearance, poses
-from nlp.numbers.hinges import SPLAY
+from nlp.numbers.geometry import SPLAY, Swept, clearance, poses
 from nlp.numbers.point import Point
 from nlp.requirements.balances import wrench_matrix
 from topo_search.model import Design, Infeasible, Topology

@@ -12,7 +12,7 @@ from nlp_cases import random_tree, trees
 from nlp.numbers import geometry
 from nlp.numbers.geometry import root_angles, root_rotation
 from nlp.numbers.kinematics import chain
-from nlp.symbols import kinematics
+from nlp.symbols import platform
 from topo_search.model import Topology
 from verify import poses as audited_poses
 
@@ -22,7 +22,7 @@ L_C = 1.7
 def symbolic_poses(topology, root, alpha, l_c):
     """R and p of all modules from the symbols of the problem."""
     root_x, alpha_x = ca.SX.sym("root", 3), ca.SX.sym("alpha", topology.n - 1)
-    modules = kinematics.poses(topology, root_x, alpha_x, l_c)
+    modules = platform.poses(topology, root_x, alpha_x, l_c)
     f = ca.Function("poses", [root_x, alpha_x], [ca.horzcat(*(ca.horzcat(m.R, m.p) for m in modules))])
     blocks = np.array(f(root, alpha)).T.reshape(topology.n, 4, 3)
     return blocks[:, :3].transpose(0, 2, 1), blocks[:, 3]

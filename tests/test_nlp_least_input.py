@@ -9,8 +9,7 @@ from scipy.optimize import linprog, lsq_linear
 
 from nlp import lower_bound
 from nlp.assembled import AssembledProgram
-from nlp.evaluation.correction import correct
-from nlp.evaluation.violations import violations, worst
+from nlp.evaluation import correct, violations, worst
 from nlp.multistart import solve_starts
 from nlp.requirements.balances import wrench_matrix
 from nlp.starts.random_starts import draw, generator

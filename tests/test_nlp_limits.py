@@ -10,7 +10,7 @@ from nlp_cases import HOVER, as_design, best_design, hover, push, random_point, 
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.assembled.problem import AssembledProblem
-from nlp.evaluation.violations import violations
+from nlp.evaluation import violations
 from nlp.ipopt import BETA
 from nlp.problem import problem
 from nlp.requirements import clearances

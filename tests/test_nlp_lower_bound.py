@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from nlp_cases import HOVER, best_design, push, random_point, random_tree
 
 from nlp import lower_bound
-from nlp.bounds.duality import dual_value, multipliers
+from nlp.bounds.duality import directions, dual_value, greatest, multipliers
 from nlp.bounds.effort import closed_form
-from nlp.bounds.sphere import directions, greatest
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from topo_search.model import LoadCase, Topology, Wrench
 

@@ -9,8 +9,8 @@ from nlp_cases import BESIDE_A_DECK, LOCAL, PUSH, as_design, as_point, hover, pu
 
 from nlp import solve
 from nlp.bounds import prove_impossible
-from nlp.evaluation.violations import violations, worst
-from nlp.reduced.expressed import reason_against
+from nlp.evaluation import violations, worst
+from nlp.reduced import reason_against
 from topo_search.model import Design, Infeasible, Task, Topology
 from topo_search.model.files import read_task
 from verify import audit

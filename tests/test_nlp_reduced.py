@@ -14,10 +14,10 @@ from nlp.names import ROD
 from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.reduced.arrays import rows, to_arrays
-from nlp.reduced.gaps import hull_gap
-from nlp.reduced.merit import evaluate
+from nlp.reduced.clearance import hull_gap
+from nlp.reduced.descent import evaluate
 from nlp.requirements import clearances, exposure
-from nlp.requirements import kinds as s
+from nlp.requirements import statement as s
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from nlp.requirements.rod import BestRod
 from nlp.units import Units

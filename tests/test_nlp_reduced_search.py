@@ -7,10 +7,10 @@ import pytest
 from nlp_cases import GENTLE_PUSH, HOVER, placed, push
 
 from nlp import multistart, solve
-from nlp.evaluation.violations import violations, worst
+from nlp.evaluation import violations, worst
 from nlp.multistart import DEEP, solve_starts
+from nlp.reduced import REDUCED_UP_TO, reason_against
 from nlp.reduced.arrays import to_arrays
-from nlp.reduced.expressed import REDUCED_UP_TO, reason_against
 from nlp.reduced.search import local_minima, point_of
 from nlp.start_result import StartResult
 from nlp.starts.reduced_starts import draws

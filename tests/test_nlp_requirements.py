@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from nlp_cases import FEATURES, push, random_point, random_tree
 
+from nlp.reduced import reason_against
 from nlp.reduced.arrays import rows
-from nlp.reduced.expressed import reason_against
 from nlp.requirements import clearances
 
 SHARP = 1e8

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from nlp_cases import push, random_tree
 
-from nlp.numbers.geometry import Swept, poses
+from nlp.numbers.geometry import Swept, largest_turn, poses
 from nlp.numbers.geometry import clearance as vectorised
-from nlp.numbers.hinges import largest_turn
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.tabu_search import Rules, clearance
 from nlp.starts.untangling import CLEAR, untangle

@@ -7,8 +7,7 @@ from nlp_cases import BOX, WEDGE, best_design, push
 
 from nlp.ipopt import BETA
 from nlp.numbers.geometry import Swept, hull_clearance
-from nlp.symbols.envelope import ConeSphere
-from nlp.symbols.hull import hull_clearances
+from nlp.symbols.clearance import ConeSphere, hull_clearances
 from topo_search.model import Local, Status, Topology
 from topo_search.model.shape import Hull, convex_hull
 from verify import audit

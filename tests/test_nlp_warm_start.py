@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from nlp_cases import ROOT, as_design, as_point, best_design, push, random_point, random_tree, solved, trees
 
 from nlp import solve
-from nlp.evaluation.violations import violations, worst
+from nlp.evaluation import violations, worst
 from nlp.starts.random_starts import LEAST_INPUT, generator, with_inputs
 from nlp.starts.warm_start import common_subtrees, warm_start
 from topo_search.model import Infeasible, Topology

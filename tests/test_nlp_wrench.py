@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from nlp_cases import as_design, hover, push, random_point, random_tree, trees
 
 from nlp import names
-from nlp.evaluation.violations import violations
+from nlp.evaluation import violations
 from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.requirements.balances import asked_wrenches, wrench_matrix

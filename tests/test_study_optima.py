@@ -113,7 +113,7 @@ def test_local_optima_on_a_set_are_all_that_all_combinations_hold(monkeypatch):
     best = solved(solve(task, tree, starts=range(4), seed=0))
     options = {"starts": range(4), "seed": 0, "near": (best,), "most_effort": 1.1 * best.objective}
     found = local_optima(task, tree, **options)
-    monkeypatch.setattr(hinge_sets, "COMPLETE", 10**4)
+    monkeypatch.setattr(hinge_sets, "SEARCH", hinge_sets.SEARCH._replace(complete_up_to=10**4))
     every = local_optima(task, tree, **options)
     assert [design.objective for design in found] == pytest.approx([design.objective for design in every], rel=1e-6)
     assert len(found) > 4

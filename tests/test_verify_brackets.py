@@ -11,7 +11,7 @@ from topo_search.export.poses import poses
 from topo_search.model import Design, Status, Task, Topology
 from topo_search.model.layout import PORT_DIRECTIONS
 from verify import audit
-from verify.brackets import bracket_hulls
+from verify.contacts import bracket_hulls
 from verify.kinematics import platform
 from verify.parts import rigid_parts
 

@@ -7,13 +7,13 @@ import pytest
 from verify_cases import FAMILIES, GAPS, SCALES, at_clearance, brute_clearance, nearly_touching, random_pair, unit
 
 import verify.certificate
-import verify.cone_certificate
+import verify.cones
 import verify.evidence
 from topo_search.model import Status
 from verify.bodies import Cone, ConeSphere, ball
 from verify.certificate import FLOOR, Certificate, Solid, certify_pairs
 from verify.clearance import Nearest, clearances, cone_clearance
-from verify.cone_certificate import certify_inside
+from verify.cones import certify_inside
 from verify.evidence import evidence
 from verify.fcl_queries import FARTHEST, Shape
 
@@ -206,7 +206,7 @@ def test_a_wrong_cone_value_is_never_believed(monkeypatch):
             case = cone_cases(rng)
             d, worst = cone_clearance(case.body, case.cone)
             lie = d + shift, worst
-            monkeypatch.setattr(verify.cone_certificate, "cone_clearance", lambda *_, lie=lie: lie)
+            monkeypatch.setattr(verify.cones, "cone_clearance", lambda *_, lie=lie: lie)
             assert certify_inside(Solid(case.body), case.cone).status == Status.INCONSISTENT
 
 

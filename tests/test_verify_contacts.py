@@ -13,8 +13,7 @@ from verify_cases import design, unit
 from topo_search.model import Status, Topology
 from topo_search.model.layout import PORT_DIRECTIONS
 from verify import audit
-from verify.clipping import SLICE, clip
-from verify.convex import Polyhedron, box
+from verify.convex import CLIPPING, Polyhedron, box, clip
 from verify.kinematics import platform
 from verify.parts import rigid_parts
 
@@ -212,9 +211,9 @@ def test_what_a_plane_cuts_a_solid_into_is_all_of_it():
 def test_a_plane_beside_a_solid_leaves_all_or_nothing():
     cube = box("cube", np.zeros(3), np.eye(3))
     x = np.array([1.0, 0.0, 0.0])
-    for b in (1.0, 2.0, 1.0 - SLICE / 2):
+    for b in (1.0, 2.0, 1.0 - CLIPPING.thinnest / 2):
         assert clip(cube, x, b) is cube
-    for b in (-1.0, -2.0, -1.0 + SLICE / 2):
+    for b in (-1.0, -2.0, -1.0 + CLIPPING.thinnest / 2):
         assert clip(cube, x, b) is None
-    for b in (-1.0 + 2 * SLICE, 1.0 - 2 * SLICE):
+    for b in (-1.0 + 2 * CLIPPING.thinnest, 1.0 - 2 * CLIPPING.thinnest):
         assert volume(clip(cube, x, b)) == pytest.approx(4 * (b + 1), rel=1e-9)

@@ -10,8 +10,7 @@ from topo_search.model import Status
 from topo_search.model.shape import convex_hull
 from verify.bodies import ConeSphere
 from verify.certificate import FLOOR, Solid
-from verify.hull_certificate import certify_outside
-from verify.hulls import approach, hull
+from verify.hulls import approach, certify_outside, hull
 
 WALL = np.array([(x, y, z) for x in (-5.0, 5.0) for y in (-5.0, 5.0) for z in (-0.05, 0.05)])
 """1 m by 1 m by 10 mm, in arms of 0.1 m."""

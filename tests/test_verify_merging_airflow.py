@@ -8,8 +8,8 @@ from nlp_cases import as_design, push, random_point, random_tree
 from verify_cases import design, failing, fan
 
 from nlp import names
-from nlp.evaluation.violations import violations
-from nlp.numbers.hinges import ranges
+from nlp.evaluation import violations
+from nlp.numbers.geometry import ranges
 from topo_search.model import Status, Topology
 from verify import audit
 

@@ -7,7 +7,7 @@ import pytest
 from verify_cases import FAMILIES, random_pair, unit
 
 from verify.bodies import ConeSphere, ball
-from verify.cone_certificate import lathe
+from verify.cones import lathe
 from verify.meshes import ConvexMesh, box_below, encloses, icosphere, inner_mesh, lies_within, outer_mesh
 
 

@@ -12,8 +12,7 @@ from verify_cases import FAN, changed, design, fan, unit
 
 from topo_search.model import Module, Status, Topology
 from verify import audit, kinematics
-from verify.compound_certificate import certify_compounds
-from verify.compounds import Compound, proximities
+from verify.compounds import Compound, certify_compounds, proximities
 from verify.convex import Capsule, Cylinder, box, capsule, cylinder
 from verify.gjk import cores, nearest
 from verify.kinematics import platform

@@ -19,10 +19,10 @@ from topo_search.model.files import to_toml
 from topo_search.model.layout import PORT_DIRECTIONS
 from verify import audit, choose_mount
 from verify.bodies import Cone
+from verify.cones import certify_parts_inside, lowest_point
 from verify.convex import Cylinder, Polyhedron
 from verify.kinematics import platform
 from verify.parts import rigid_parts
-from verify.parts_in_cone import certify_parts_inside, lowest_point
 
 Array = NDArray[np.float64]
 TREE = Topology.from_key("a300")

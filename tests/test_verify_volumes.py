@@ -14,8 +14,7 @@ from verify import audit
 from verify.bodies import ConeSphere, ball
 from verify.certificate import Certificate, Solid
 from verify.evidence import evidence
-from verify.hull_certificate import certify_outside
-from verify.hulls import approach, hull
+from verify.hulls import approach, certify_outside, hull
 
 CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
 BOX = hull(CUBE * [1.0, 2.0, 3.0])
@@ -104,7 +103,7 @@ def test_verdicts_on_anything_are_those_of_the_closed_form() -> None:
 
 @pytest.mark.parametrize("wrong", [0.3, -0.3])
 def test_a_wrong_closed_form_is_found_out(monkeypatch: pytest.MonkeyPatch, wrong: float) -> None:
-    import verify.hull_certificate as under_test
+    import verify.hulls as under_test
 
     true = approach
     monkeypatch.setattr(under_test, "approach", lambda K, Q: true(K, Q)._replace(d=true(K, Q).d + wrong))

@@ -20,11 +20,9 @@ from verify_cases import GAPS, unit
 
 from verify.bodies import ConeSphere
 from verify.certificate import Certificate, Solid
-from verify.compound_certificate import certify_compounds
-from verify.compounds import Compound
+from verify.compounds import Compound, certify_compounds
 from verify.convex import cylinder
-from verify.hull_certificate import certify_outside
-from verify.hulls import Hull, approach, hull
+from verify.hulls import Hull, approach, certify_outside, hull
 
 Array = NDArray[np.float64]
 

@@ -20,6 +20,7 @@ from topo_search.model import (
 )
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.room import LARGE, packed_width
+from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.value import Vector
 from verify.bodies import Array
 from verify.kinematics import Platform, platform
@@ -28,14 +29,6 @@ from verify.requirements import Scene
 from verify.residuals import clamp, residual
 from verify.rod import free_connectors, straight_rod
 from verify.solid_regions import rod_keeps_out
-
-NO_ROD = "no straight rod reaches the end-effector: every free connector is blocked"
-IN_AIRFLOW = "no straight rod that reaches the end-effector is clear of all airflow"
-HEAVY = 0.05
-"""Share of the platform's mass above which that of a rod is reported that the model ignores."""
-REACHED = 1e-6
-"""Tolerance of the rod's length beyond the largest reach, the same as for all residuals [l_arm]."""
-LOST = "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"
 
 
 def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:
@@ -121,7 +114,7 @@ def _reach(design: Design, parts: RigidParts, sheet: Assembly, reach: float) -> 
     excess = max(0.0, min(lengths) - reach) if lengths else 0.0
     name, length = "reach of the end-effector's rod", min(lengths, default=None)
     unknown = None if lengths else Status.UNDECIDED
-    return residual(name, excess, "m", l_arm, tolerance=REACHED, stated=reach, derived=length, status=unknown)
+    return residual(name, excess, "m", l_arm, tolerance=TOLERANCE, stated=reach, derived=length, status=unknown)
 
 
 def _rod(design: Design, parts: RigidParts, mount: Mount) -> Rod:
@@ -142,9 +135,9 @@ def _rod(design: Design, parts: RigidParts, mount: Mount) -> Rod:
 
 def _note(parts: RigidParts, mount: Mount | None, connectors: tuple[FreeConnector, ...]) -> str | None:
     if not parts.in_range:
-        return LOST
+        return "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"
     if mount is None:
-        return NO_ROD
+        return "no straight rod reaches the end-effector: every free connector is blocked"
     chosen = next(c for c in connectors if (c.module, c.port) == (mount.module, mount.port))
     obstacles = ", ".join(f"{obstacle.part} of module {obstacle.module}" for obstacle in chosen.blocked_by)
     if obstacles:
@@ -154,7 +147,7 @@ def _note(parts: RigidParts, mount: Mount | None, connectors: tuple[FreeConnecto
     through = f"the rod is in the airflow of module{'s' * (len(chosen.in_airflow_of) > 1)} "
     through += ", ".join(map(str, chosen.in_airflow_of))
     clear = any(not connector.blocked_by and not connector.in_airflow_of for connector in connectors)
-    return through if clear else f"{through}: {IN_AIRFLOW}"
+    return through if clear else f"{through}: no straight rod that reaches the end-effector is clear of all airflow"
 
 
 def _remark_length(design: Design, rod: Rod) -> str | None:
@@ -171,7 +164,7 @@ def _remark_mass(design: Design, rod: Rod, found: Platform) -> str | None:
     """Say what a heavy rod changes that the model ignores."""
     task = design.task
     share = rod.mass_kg / task.total_mass(task.n)
-    if share < HEAVY or task.end_effector.rod_mass == "included":
+    if share < 0.05 or task.end_effector.rod_mass == "included":  # less is as good as nothing
         return None
     middle = found.p_e - rod.length_m / 2 * np.array(rod.direction)
     weight = rod.mass_kg * task.gravity

@@ -38,8 +38,6 @@ from verify.gjk import Cores, cores, nearest
 from verify.meshes import ConvexMesh, Indices, encloses, inner_mesh, lies_within, outer_mesh
 from verify.parts import RigidParts
 
-BISECTIONS = 52
-"""Bisections of the axis, down to rounding."""
 ROTORS = 4
 LEVELS = 2 + len(TURNED_LEVELS)
 """0: a box around the whole module; 1: common meshes of the parts; then meshes turned towards the witness."""
@@ -252,7 +250,7 @@ def _where_least(part: Convex, K: Rows) -> Array:
     eta = np.where(rises(np.zeros(len(everyone)), everyone), 0.0, 1.0)
     rows = np.flatnonzero((eta == 1.0) & rises(np.ones(len(everyone)), everyone))
     low, high = np.zeros(len(rows)), np.ones(len(rows))
-    for _ in range(BISECTIONS if len(rows) else 0):
+    for _ in range(52 if len(rows) else 0):  # bisections of the axis, down to rounding
         middle = (low + high) / 2
         up = rises(middle, rows)
         low, high = np.where(up, low, middle), np.where(up, middle, high)

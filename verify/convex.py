@@ -9,6 +9,13 @@
 | h_C(u) | support for a unit vector u: max u.V + R |u - (u.a) a| + r | |
 
 One formula for all of them lets many pairs be treated at once. Lengths are in l_arm.
+
+The part of a convex polyhedron on one side of a plane.
+
+| symbol | meaning | unit |
+|---|---|---|
+| n, b | unit normal and offset of the plane; what is kept has n.x <= b | -, l_arm |
+| h | n.x - b of a vertex | l_arm |
 """
 
 from __future__ import annotations
@@ -17,7 +24,7 @@ import functools
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -25,12 +32,19 @@ from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis
 from verify.fcl_queries import Shape
 from verify.meshes import ROUNDING, ConvexMesh, Indices, box_corners, inner_mesh, outer_mesh
 
-SIDES = 16
-"""Sides of the prisms inside and around a cylinder: turned towards what matters, they lose nothing there."""
-SLIVER = 1e-9
-"""Area over size squared under which a triangle's direction is lost; its neighbours are faces enough."""
-CAPSULE_LEVEL = 2
-"""Icosphere level of the meshes of a capsule."""
+
+class SolidMeshes(NamedTuple):
+    """How solids become polytopes."""
+
+    sides: int = 16
+    """Sides of the prisms inside and around a cylinder: turned towards what matters, they lose nothing there."""
+    sliver: float = 1e-9
+    """Area over size squared under which a triangle's direction is lost; its neighbours are faces enough."""
+    capsule_level: int = 2
+    """Icosphere level of the meshes of a capsule."""
+
+
+MESHES = SolidMeshes()
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +134,7 @@ class Polyhedron(Convex):
         corners = self.vertices[self.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(normals, axis=1)
-        told = length > SLIVER * self.radius**2
+        told = length > MESHES.sliver * self.radius**2
         normals = normals[told] / length[told, None]
         return normals, np.einsum("fx,fx->f", normals, corners[told, 0])
 
@@ -182,7 +196,7 @@ class Cylinder(Convex):
 
     def outer(self, n: Array) -> ConvexMesh:
         """Return a prism around the cylinder, with a flat side towards n."""
-        radius = self.disc / math.cos(math.pi / SIDES)
+        radius = self.disc / math.cos(math.pi / MESHES.sides)
         return self._prism(n, (1 + ROUNDING) * radius, 0.5, 1 + ROUNDING)
 
     def inner(self, x: Array) -> ConvexMesh:
@@ -193,17 +207,17 @@ class Cylinder(Convex):
         across = towards - (towards @ self.axis) * self.axis
         length = np.linalg.norm(across)
         e_1 = across / length if length > ROUNDING else basis_across(self.axis)[0]
-        angles = (np.arange(SIDES) + phase) * (2 * math.pi / SIDES)
+        angles = (np.arange(MESHES.sides) + phase) * (2 * math.pi / MESHES.sides)
         ring = np.outer(np.cos(angles), e_1) + np.outer(np.sin(angles), np.cross(self.axis, e_1))
         low, high = self.centre + stretch * (self.vertices - self.centre)
-        k = np.arange(SIDES)
-        after = (k + 1) % SIDES
-        fan = np.stack([np.zeros(SIDES - 2, dtype=np.intp), k[1:-1], k[2:]], axis=1)
+        k = np.arange(MESHES.sides)
+        after = (k + 1) % MESHES.sides
+        fan = np.stack([np.zeros(MESHES.sides - 2, dtype=np.intp), k[1:-1], k[2:]], axis=1)
         triangles = [
-            np.stack([k, after, after + SIDES], axis=1),
-            np.stack([k, after + SIDES, k + SIDES], axis=1),
+            np.stack([k, after, after + MESHES.sides], axis=1),
+            np.stack([k, after + MESHES.sides, k + MESHES.sides], axis=1),
             fan[:, ::-1],
-            fan + SIDES,
+            fan + MESHES.sides,
         ]
         return ConvexMesh(np.concatenate([low + radius * ring, high + radius * ring]), np.concatenate(triangles))
 
@@ -238,14 +252,14 @@ class Capsule(Convex):
 
     def outer(self, n: Array) -> ConvexMesh:
         """Return a polytope around the capsule, with a face towards n."""
-        return outer_mesh(self.body, CAPSULE_LEVEL, n)
+        return outer_mesh(self.body, MESHES.capsule_level, n)
 
     def inner(self, x: Array) -> ConvexMesh:
         """Return a polytope inside the capsule, with vertices from its axis towards x."""
         body = self.body
         away = x - body.centre(float(nearest_on_axis(body.o - x, body.d, body.dr)))
         distance = np.linalg.norm(away)
-        return inner_mesh(body, CAPSULE_LEVEL, away / distance if distance > 0 else self.axis)
+        return inner_mesh(body, MESHES.capsule_level, away / distance if distance > 0 else self.axis)
 
     def place(self, R: Array, p: Array) -> Capsule:
         """Return the solid turned by R, then moved by p."""
@@ -260,3 +274,58 @@ class Capsule(Convex):
 def capsule(name: str, start: Array, end: Array, radius: float) -> Capsule:
     """Return the balls around a segment."""
     return Capsule(name, np.stack([start, end]), ball=radius)
+
+
+class Clipping(NamedTuple):
+    """How solids are cut by planes."""
+
+    on: float = 1e-9
+    """Vertices as near to the plane lie on it [l_arm]."""
+    thinnest: float = 1e-6
+    """Thinner slices are not told [l_arm]: far thinner than anybody places a plane."""
+
+
+CLIPPING = Clipping()
+
+
+def clip(solid: Polyhedron, n: Array, b: float) -> Polyhedron | None:
+    """Return the part of a solid with n.x <= b, under its name; None where that is no more than a slice."""
+    h = solid.vertices @ n - b
+    if h.min() >= -CLIPPING.thinnest:
+        return None
+    if h.max() <= CLIPPING.thinnest:
+        return solid
+    vertices = list(solid.vertices)
+    cuts: dict[tuple[int, int], int] = {}
+
+    def cut(i: int, j: int) -> int:
+        """Return the number of the point where the edge from i to j meets the plane."""
+        key = (min(i, j), max(i, j))
+        if key not in cuts:
+            low, high = key
+            t = h[low] / (h[low] - h[high])
+            cuts[key] = len(vertices)
+            vertices.append(vertices[low] + t * (vertices[high] - vertices[low]))
+        return cuts[key]
+
+    kept = (h <= CLIPPING.on)[solid.triangles]
+    triangles = solid.triangles[kept.all(axis=1)].tolist()
+    for corners in solid.triangles[kept.any(axis=1) & ~kept.all(axis=1)].tolist():
+        face = []
+        for i, j in zip(corners, [*corners[1:], corners[0]], strict=True):
+            if h[i] <= CLIPPING.on:
+                face.append(i)
+            if min(h[i], h[j]) < -CLIPPING.on and max(h[i], h[j]) > CLIPPING.on:
+                face.append(cut(i, j))
+        triangles += [(face[0], *face[k : k + 2]) for k in range(1, len(face) - 1)]
+    rim = _open_edges(triangles)
+    vertices.append(np.mean([vertices[i] for i, _ in rim], axis=0))
+    triangles += [(j, i, len(vertices) - 1) for i, j in rim]
+    used, numbers = np.unique(np.array(triangles, dtype=np.intp), return_inverse=True)
+    return Polyhedron(solid.name, np.array(vertices)[used], numbers.reshape(-1, 3).astype(np.intp))
+
+
+def _open_edges(triangles: list[tuple[int, ...]]) -> list[tuple[int, int]]:
+    """Return the edges of a surface that no triangle runs along the other way."""
+    there = {(t[k], t[(k + 1) % 3]) for t in triangles for k in range(3)}
+    return sorted((i, j) for i, j in there if (j, i) not in there)

@@ -2,6 +2,11 @@
 
 The verdict is the gravest status among the residuals and the requirements that count. Searching asks the solver for
 a margin; the audit's own threshold is zero.
+
+Severity of overlaps of a platform's airflow envelopes: the three metrics of the paper's ablation (Sec. IV).
+
+Two envelopes can overlap by 2 (r_air + dr_air) at most, the sum of their largest radii; depths are in percent of
+that. Envelopes that overlap, directly or through others, form a cluster.
 """
 
 from __future__ import annotations
@@ -10,13 +15,13 @@ import functools
 import itertools
 import platform as python_platform
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from importlib import metadata
 from typing import Any
 
 import numpy as np
 
-from topo_search.model import Audit, Clearance, Design, Geometry, Local, Module, Status, segment_of
+from topo_search.model import Audit, Clearance, Design, Geometry, Interference, Local, Module, Status, segment_of
 from topo_search.model.audit import MeshExcess
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
@@ -25,16 +30,21 @@ from verify.assembly import assembly, rod_residuals
 from verify.bare import complete
 from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
 from verify.bodies import Array
-from verify.brackets import beside_brackets, bracket_hulls, rotors_beside_brackets
 from verify.certificate import Certificate, Solid
-from verify.compound_certificate import compound_evidence
-from verify.contacts import RigidRequirement, allowed_contacts, keep_apart
+from verify.compounds import compound_evidence
+from verify.cones import cone_evidence
+from verify.contacts import (
+    RigidRequirement,
+    allowed_contacts,
+    beside_brackets,
+    bracket_hulls,
+    keep_apart,
+    rotors_beside_brackets,
+)
 from verify.evidence import evidence
 from verify.flight import failure_residuals, flight, load_residuals, reserve_residuals, tolerance_residuals
-from verify.interference import interference, percent_of_deepest
 from verify.kinematics import platform
 from verify.parts import RigidParts, rigid_parts
-from verify.parts_in_cone import cone_evidence
 from verify.power import power
 from verify.requirements import Requirement, Scene
 from verify.residuals import clamp, residuals
@@ -49,11 +59,30 @@ from verify.solid_regions import (
 )
 from verify.wrench_sets import corner_residuals
 
+
+def percent_of_deepest(clearance: float, module: Module) -> float:
+    """Return the clearance of two envelopes [m] in percent of the deepest overlap that they can have."""
+    return 100.0 * clearance / (2.0 * module.envelope.end_radius)
+
+
+def interference(pairs: Sequence[Clearance]) -> Interference:
+    """Return the metrics of the airflow rows of an audit; an overlap is one that is proven."""
+    colliding = [pair for pair in pairs if pair.kind == "airflow" and pair.status == Status.VIOLATED]
+    if not colliding:
+        return Interference(colliding_pairs=0, deepest_percent=0.0, clusters=())
+    import networkx as nx  # slow to load, and few designs need it
+
+    clusters = nx.connected_components(nx.Graph([(pair.a, pair.b) for pair in colliding]))
+    return Interference(
+        colliding_pairs=len(colliding),
+        deepest_percent=max((-pair.percent for pair in colliding if pair.percent is not None), default=0.0),
+        clusters=tuple(sorted((tuple(sorted(cluster)) for cluster in clusters), key=lambda c: (-len(c), c))),
+    )
+
+
 Asked = Requirement | RigidRequirement | BesideAirflow | InsideCone
 MOST_CLEARANCES = 1_000_000
 """Rows of an audit, of every kind: those of 380 modules and 50 paths; more would need gigabytes."""
-DISTANCES = ("separation", "exclusion")
-"""Kinds that ask for a least distance of two places: their bodies are balls around them."""
 
 
 def audit(design: Geometry) -> Audit:
@@ -140,7 +169,11 @@ def _closest_points(
     nowhere = np.full((2, 3), np.nan)
 
     def points(row: Asked, certificate: Certificate) -> Array:
-        if row.kind in DISTANCES and isinstance(row.body, Solid) and isinstance(row.against, Solid):
+        if (
+            row.kind in ("separation", "exclusion")
+            and isinstance(row.body, Solid)
+            and isinstance(row.against, Solid)
+        ):
             return np.stack([row.body.body.o, row.against.body.o])
         return nowhere if certificate.closest is None else certificate.closest
 

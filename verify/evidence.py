@@ -12,11 +12,8 @@ from collections.abc import Iterator
 from verify.bodies import Array, Cone, ConeSphere
 from verify.certificate import TURNED_LEVELS, Solid, inner_shapes, outer_meshes, plane_gap, witnesses
 from verify.clearance import cone_clearance
-from verify.cone_certificate import SIDES, keeps_off, least_s, reaches_beyond
-from verify.hull_certificate import inner_overlap, outer_gap, witness
-from verify.hulls import Hull
-
-ENDS = (0.0, 1.0)
+from verify.cones import MESHES, keeps_off, least_s, reaches_beyond
+from verify.hulls import Hull, inner_overlap, outer_gap, witness
 
 
 def evidence(body: Solid, against: Solid | Cone | Hull) -> tuple[str, ...]:
@@ -57,9 +54,9 @@ def _of_cone(solid: Solid, cone: Cone) -> Iterator[str]:
     yield f"cone: apex {_vector(cone.apex)}, axis {_vector(cone.axis)}, half-angle {cone.half_angle_deg!r} deg"
     yield f"closed form: clearance {d!r} at the {'last' if worst else 'first'} ball"
     yield f"its nearest point {_vector(x)}: depth in the body {float(body.depth(x))!r}, s {float(cone.s(x))!r}"
-    for sides in SIDES:
+    for sides in MESHES.sides:
         yield f"polytope of {sides} sides around the body: inside by {least_s(body, cone, sides)!r}"
-    for eta, name in zip(ENDS, ("first", "last"), strict=True):
+    for eta, name in zip((0.0, 1.0), ("first", "last"), strict=True):
         off, beyond = keeps_off(solid, cone, eta), reaches_beyond(body, cone, eta)
         yield f"plane at the {name} ball, FCL: outer mesh {'off it' if off else 'not off it'}"
         yield f"plane at the {name} ball, FCL: inner mesh {'reaches' if beyond else 'does not reach'} beyond it"

@@ -31,14 +31,29 @@ from verify.meshes import Indices
 
 Flags = NDArray[np.bool_]
 
-ACCURACY = 1e-10
-"""Bounds this near to each other end the iteration [l_arm]; more for what is far away."""
-STEPS = 200
-"""Largest number of iterations; polyhedra need about ten, the rims of cylinders a few dozen."""
-EDGES = np.array(list(combinations(range(4), 2)))
-TRIANGLES = np.array(list(combinations(range(4), 3)))
-OPPOSITE = 3 - np.arange(4)
-"""The vertex that is not in the triangle."""
+
+class Iteration(NamedTuple):
+    """When the iteration ends."""
+
+    accuracy: float = 1e-10
+    """Bounds this near to each other end the iteration [l_arm]; more for what is far away."""
+    most_steps: int = 200
+    """Largest number of iterations; polyhedra need about ten, the rims of cylinders a few dozen."""
+
+
+ITERATION = Iteration()
+
+
+class Tetrahedron(NamedTuple):
+    """Vertices of the features of a tetrahedron."""
+
+    edges: Indices = np.array(list(combinations(range(4), 2)))
+    triangles: Indices = np.array(list(combinations(range(4), 3)))
+    opposite: Indices = 3 - np.arange(4)
+    """The vertex that is not in the triangle."""
+
+
+TETRAHEDRON = Tetrahedron()
 
 
 class Cores(NamedTuple):
@@ -105,7 +120,7 @@ def nearest(A: Cores, B: Cores, towards: Array) -> Nearest:
     overlap = np.zeros(N, dtype=bool)
     scale = np.abs(v).max(axis=1) + np.abs(X_A[:, 0]).max(axis=1) + A.disc + B.disc
     active = np.arange(N)
-    for _ in range(STEPS):
+    for _ in range(ITERATION.most_steps):
         size = np.linalg.norm(v[active], axis=1)
         touching = ~(size > 1e-14 * (1 + scale[active]))  # also what is not a number
         overlap[active[touching]] = True
@@ -113,7 +128,7 @@ def nearest(A: Cores, B: Cores, towards: Array) -> Nearest:
         A_, B_, v_ = A.take(active), B.take(active), v[active]
         a, b = A_.support(-v_), B_.support(v_)
         gap = np.sum(v_ * (a - b), axis=1) / np.where(size > 0, size, 1.0)
-        goes_on = size - gap > ACCURACY * (1.0 + size)
+        goes_on = size - gap > ITERATION.accuracy * (1.0 + size)
         active, a, b, size = active[goes_on], a[goes_on], b[goes_on], size[goes_on]
         if not len(active):
             break
@@ -140,16 +155,16 @@ def _least_weights(Y: Array) -> tuple[Array, Flags]:
         Y: four points each, some of which may coincide, shape (N, 4, 3).
     """
     N = len(Y)
-    proposals = np.zeros((N, 4 + len(EDGES) + len(TRIANGLES), 4))
+    proposals = np.zeros((N, 4 + len(TETRAHEDRON.edges) + len(TETRAHEDRON.triangles), 4))
     proposals[:, :4] = np.eye(4)
-    i, j = EDGES.T
+    i, j = TETRAHEDRON.edges.T
     along = Y[:, j] - Y[:, i]
     length2 = np.sum(along * along, axis=-1)
     t = -np.sum(along * Y[:, i], axis=-1) / np.where(length2 > 0, length2, 1.0)
     t = np.clip(t, 0.0, 1.0)  # at an end it repeats a vertex
-    edge = np.arange(4, 4 + len(EDGES))
+    edge = np.arange(4, 4 + len(TETRAHEDRON.edges))
     proposals[:, edge, i], proposals[:, edge, j] = 1.0 - t, t
-    a, b, c = (Y[:, TRIANGLES[:, k]] for k in range(3))
+    a, b, c = (Y[:, TETRAHEDRON.triangles[:, k]] for k in range(3))
     normal = _cross(b - a, c - a)
     area2 = np.sum(normal * normal, axis=-1)
     area2 = np.where(area2 > 0, area2, 1.0)
@@ -158,19 +173,19 @@ def _least_weights(Y: Array) -> tuple[Array, Flags]:
     total = shares.sum(axis=-1)
     held = np.all(shares >= 0, axis=-1) & (total > 0.5)  # flat triangles leave it to their edges
     shares = np.where(held[..., None], shares / np.where(held, total, 1.0)[..., None], np.array([1.0, 0.0, 0.0]))
-    face = 4 + len(EDGES) + np.arange(len(TRIANGLES))
+    face = 4 + len(TETRAHEDRON.edges) + np.arange(len(TETRAHEDRON.triangles))
     for k in range(3):
-        proposals[:, face, TRIANGLES[:, k]] += shares[..., k]
+        proposals[:, face, TETRAHEDRON.triangles[:, k]] += shares[..., k]
     points = proposals @ Y
     best = np.argmin(np.sum(points * points, axis=-1), axis=1)
     weights = proposals[np.arange(N), best]
     # The origin is inside if it lies between every face and the vertex opposite; the ratio is that vertex' weight.
-    height = np.sum(normal * (Y[:, OPPOSITE] - a), axis=-1)
+    height = np.sum(normal * (Y[:, TETRAHEDRON.opposite] - a), axis=-1)
     solid = np.all(height != 0, axis=1)
     shares = -np.sum(normal * a, axis=-1) / np.where(solid[:, None], height, 1.0)
     inside = solid & np.all(shares > 0, axis=1)
     volume = np.empty_like(weights)
-    volume[:, OPPOSITE] = shares / np.where(inside, shares.sum(axis=1), 1.0)[:, None]
+    volume[:, TETRAHEDRON.opposite] = shares / np.where(inside, shares.sum(axis=1), 1.0)[:, None]
     # Four points in a plane have heights of rounding alone: the origin is inside only if these weights reach it.
     reached = np.linalg.norm(np.einsum("nj,njx->nx", volume, Y), axis=1)
     inside &= reached < 0.5 * np.linalg.norm(points[np.arange(N), best], axis=1)

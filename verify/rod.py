@@ -13,6 +13,7 @@ Lengths are in l_arm and positions relative to the mean of the module centres.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,10 +26,17 @@ from verify.compounds import Compound, proximities
 from verify.convex import capsule
 from verify.parts import RigidParts
 
-TIES = 9
-"""Lengths equal to as many decimals are equal: the first connector in order stands before its mirror images."""
-FITTING = 2.0
-"""Length over which a rod is fixed to its mount, in radii of the rod."""
+
+class RodFit(NamedTuple):
+    """Where rods of connectors fit."""
+
+    digits: int = 9
+    """Lengths equal to as many decimals are equal: the first connector in order stands before its mirror images."""
+    socket: float = 2.0
+    """Length over which a rod is fixed to its mount, in radii of the rod."""
+
+
+FIT = RodFit()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +58,7 @@ class StraightRod:
 
     def body_beside(self, module: int) -> Compound | None:
         """Return what must not touch a module: all of it, or what is beyond the fitting; None if nothing is."""
-        fitting = FITTING * self.radius if module == self.mount.module else 0.0
+        fitting = FIT.socket * self.radius if module == self.mount.module else 0.0
         if self.length < fitting or fitting == self.length > 0:
             return None
         skipped = fitting / self.length if fitting else 0.0
@@ -75,7 +83,9 @@ def free_connectors(design: Design, parts: RigidParts) -> tuple[FreeConnector, .
     if not parts.in_range:
         return ()
     mounts = [Mount(module=i, port=port) for i, port in design.topology.free_connectors]
-    rods = sorted((straight_rod(design, parts, mount) for mount in mounts), key=lambda rod: round(rod.length, TIES))
+    rods = sorted(
+        (straight_rod(design, parts, mount) for mount in mounts), key=lambda rod: round(rod.length, FIT.digits)
+    )
     near = [
         (rod, i, beside) for rod in rods for i in _near(rod, parts) if (beside := rod.body_beside(i)) is not None
     ]

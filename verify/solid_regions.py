@@ -18,16 +18,13 @@ from topo_search.model import Design, Mount, Status
 from topo_search.model.module import TIP
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import FLOOR, Certificate, Row, Solid, certify_pairs
-from verify.compound_certificate import certify_compounds
-from verify.compounds import Compound
-from verify.cone_certificate import certify_inside
+from verify.compounds import Compound, certify_compounds
+from verify.cones import certify_inside, certify_parts_inside
 from verify.contacts import RigidRequirement
 from verify.convex import Convex, Polyhedron, capsule
-from verify.hull_certificate import certify_outside
-from verify.hulls import Hull, approach
+from verify.hulls import Hull, approach, certify_outside
 from verify.kinematics import platform
 from verify.parts import RigidParts
-from verify.parts_in_cone import certify_parts_inside
 from verify.requirements import Requirement, Scene
 from verify.rod import straight_rod
 

@@ -19,10 +19,9 @@ import numpy as np
 
 from nlp.airspeed import AIMED_AT, SpeedPoint
 from nlp.assembled.balance import add_bends
-from nlp.assembled.chain_rule import add_gradients
-from nlp.assembled.local_vectors import Indices, differences
+from nlp.assembled.local_vectors import Indices, add_gradients, differences
 from nlp.assembled.problem import AssembledProblem
-from nlp.numbers.jets import DIFFERENCE, ROUNDED, Jet, by_inputs, curvature, jet_of, point_of_ball, speed
+from nlp.numbers.jets import JETS, ROUNDED, Jet, by_inputs, curvature, jet_of, point_of_ball, speed
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
@@ -163,15 +162,15 @@ def _add_curvature_of_point(numbers: Array, y: Array, slopes: Array, H: Array) -
     for c in range(6):
         of, axis = 4 + c // 3, c % 3
         middle = y[of, axis]
-        y[of, axis] = middle + DIFFERENCE
+        y[of, axis] = middle + JETS.difference
         point_of_ball(numbers[:3], numbers[6], numbers[3:6], y[4], y[5], x, above)
-        y[of, axis] = middle - DIFFERENCE
+        y[of, axis] = middle - JETS.difference
         point_of_ball(numbers[:3], numbers[6], numbers[3:6], y[4], y[5], x, below)
         y[of, axis] = middle
         for a in range(3):
             for b in range(3):
                 for other in range(6):
-                    bend = (above[b, other] - below[b, other]) / (2 * DIFFERENCE)
+                    bend = (above[b, other] - below[b, other]) / (2 * JETS.difference)
                     H[12 + c, 12 + other] += slopes[a] * y[1 + a, b] * bend
 
 

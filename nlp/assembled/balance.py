@@ -4,10 +4,10 @@ r"""The wrench balances (2) and (3) of `nlp.problem` with their derivatives alon
 |---|---|---|
 | A | wrench of every rotor at unit input about W's origin, over n | (n, 4, 6) |
 | u | inputs of every load case | (K, n, 4) |
-| f_E, f_C, tau | asked forces at the end-effector and the COM, and the sum of both torques, over n | (K, 3) each |
+| f_E, f_C, tau | required forces at the end-effector and the COM, the sum of both torques, over n | (K, 3) each |
 | mu | multipliers of the balances | (K, 6) |
-| omega, v | axes of the angles, and the velocities they give W's origin (`nlp.assembled.chain`) | (n+2, 3) |
-| g | number of geometric unknowns (`nlp.assembled.local_vectors`) | |
+| omega, v | axes of the angles, and the velocities that they give W's origin (`chain`) | (n+2, 3) |
+| g | number of geometric unknowns (`local_vectors`) | |
 
 A force with its torque, a = (f, m), that a module carries is moved by every angle inward of it:
 
@@ -21,8 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nlp.assembled.chain import add_cross, dot
-from nlp.assembled.local_vectors import Indices
+from nlp.assembled.local_vectors import Indices, add_cross, dot
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 

@@ -1,7 +1,8 @@
 r"""The least of f over the KKT candidates of two envelopes, smoothed, with its derivatives: compiled, by hand.
 
-The formulas are those of `nlp.symbols.envelope.quadratic_candidates`, with A = B and without F, and of
-`nlp.symbols.smooth`. Candidates with a negligible share in the log-sum-exp, the majority, cost no derivatives here.
+The formulas are those of `nlp.symbols.clearance.quadratic_candidates`, with A = B and without F, and of
+`nlp.symbols.clearance`. Candidates with a negligible share in the log-sum-exp, the majority, cost no derivatives
+here.
 
 | symbol | meaning | shape |
 |---|---|---|
@@ -23,7 +24,7 @@ import math
 
 import numpy as np
 
-from nlp.symbols.smooth import EPSILON
+from nlp.symbols.clearance import EPSILON
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 

@@ -1,4 +1,4 @@
-"""The vectors that clearances are functions of: differences of vectors of the platform.
+r"""The vectors that clearances are functions of: differences of vectors of the platform.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -6,21 +6,80 @@
 | V | platform vectors: p_0..p_{n-1}, p'_E, p_COM, the modules' axes z, x and y, and zero | (4n+3, 3) | l_arm, - |
 | dV | their derivatives by x | (4n+3, g, 3) | |
 | y | local vectors of a clearance, V[plus] - V[minus] each; s of them | (s, 3) | |
+
+Poses along the kinematic chain, and the axes that give their derivatives.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| theta | psi, alpha_0, alpha_1 of the root, then the hinge angles | (n+2,) | rad |
+| omega_j, c_j | axis that theta_j turns about, and a point on it | (3,) | -, l_arm |
+| v_j = c_j x omega_j | velocity of W's origin under the unit turn | (3,) | l_arm |
+
+Every angle turns all that lies outward of it as one rigid body:
+
+.. math::
+
+    \partial_j p = \omega_j \times p + v_j, \quad \partial_j z = \omega_j \times z
+
+and, with j inward of k or the same, \partial_j \partial_k p = \omega_j \times (\omega_k \times p + v_k), and so on.
+
+From derivatives of clearances by their local vectors to those by the geometric unknowns, compiled.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| x, V, dV, y | unknowns, vectors, their derivatives, local vectors; see `nlp.assembled.local_vectors` | | |
+| plus, minus | indices in V of a clearance's local vectors, y = V[plus] - V[minus] | (m, s) | |
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.assembled.chain import Links
+from nlp.numbers.kinematics import Tree, chain
 from nlp.numbers.masses import Masses
 from nlp.requirements.statement import LocalVector, PlatformVector
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
+
+
+class Links(NamedTuple):
+    """Poses at some angles, with the angles' axes."""
+
+    R: Array
+    p: Array
+    omega: Array
+    v: Array
+
+
+@njit(cache=True)
+def links_at(theta: Array, tree: Tree, l_c: float) -> Links:
+    """Return the poses at some angles, lengths in the unit of l_c."""
+    R, p, omega, c = chain(theta, tree.parent, tree.port, tree.kappa, l_c)
+    v = np.zeros_like(c)
+    for j in range(3, len(c)):
+        add_cross(c[j], omega[j], 1.0, v[j])
+    return Links(R, p, omega, v)
+
+
+@njit(cache=True)
+def dot(a: Array, b: Array) -> float:
+    """Return a . b, many times faster than NumPy on three numbers."""
+    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
+
+
+@njit(cache=True)
+def add_cross(a: Array, b: Array, factor: float, to: Array) -> None:
+    """Add factor a x b to a vector."""
+    to[0] += factor * (a[1] * b[2] - a[2] * b[1])
+    to[1] += factor * (a[2] * b[0] - a[0] * b[2])
+    to[2] += factor * (a[0] * b[1] - a[1] * b[0])
+
 
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
@@ -197,3 +256,82 @@ def _derivatives(
             dV[tip, angles + axis, axis] = 1.0
             dV[com, angles + axis, axis] = share
     return dV
+
+
+@njit(cache=True)
+def chain_rule(gradient: Array, plus: Indices, minus: Indices, dV: Array, rows: Indices, columns: Indices) -> Array:
+    """Return the derivatives of clearances by x where they are not zero: entry e is row rows[e], column columns[e].
+
+    Args:
+        gradient: by the local vectors, shape (m, s, 3).
+        plus: see the notation.
+        minus: see the notation.
+        dV: see the notation.
+        rows: of the entries.
+        columns: of the entries.
+    """
+    entries = np.zeros(len(rows))
+    for e in range(len(rows)):
+        r, j = rows[e], columns[e]
+        for part in range(plus.shape[1]):
+            a, b = plus[r, part], minus[r, part]
+            for axis in range(3):
+                entries[e] += gradient[r, part, axis] * (dV[a, j, axis] - dV[b, j, axis])
+    return entries
+
+
+@njit(cache=True)
+def add_curvature(
+    multipliers: Array,
+    hessian: Array,
+    plus: Indices,
+    minus: Indices,
+    dV: Array,
+    starts: Indices,
+    columns: Indices,
+    H: Array,
+) -> None:
+    """Add dy^T hessian dy of every clearance, times its multiplier, to H, shape (g, g), upper triangle.
+
+    Args:
+        multipliers: of the clearances, shape (m,).
+        hessian: by the local vectors, shape (m, 3 s, 3 s).
+        plus: see the notation.
+        minus: see the notation.
+        dV: see the notation.
+        starts: of each clearance's unknowns in `columns`, shape (m+1,).
+        columns: unknowns that move one of its vectors, in ascending order.
+        H: is added to.
+    """
+    size = hessian.shape[1]
+    dy, bent = np.empty((dV.shape[1], size)), np.empty(size)
+    for r in range(len(plus)):
+        first, last = starts[r], starts[r + 1]
+        for e in range(first, last):
+            j = columns[e]
+            for part in range(plus.shape[1]):
+                a, b = plus[r, part], minus[r, part]
+                for axis in range(3):
+                    dy[e - first, 3 * part + axis] = dV[a, j, axis] - dV[b, j, axis]
+        for e in range(first, last):
+            for one in range(size):
+                bent[one] = 0.0
+                for other in range(size):
+                    bent[one] += hessian[r, one, other] * dy[e - first, other]
+                bent[one] *= multipliers[r]
+            for later in range(e, last):
+                total = 0.0
+                for one in range(size):
+                    total += bent[one] * dy[later - first, one]
+                H[columns[e], columns[later]] += total
+
+
+@njit(cache=True)
+def add_gradients(multipliers: Array, gradient: Array, plus: Indices, minus: Indices, to: Array) -> None:
+    """Add gradients by local vectors, shape (m, s, 3), times multipliers, to those by V, shape (4n+3, 3)."""
+    for r in range(len(plus)):
+        for part in range(plus.shape[1]):
+            for axis in range(3):
+                push = multipliers[r] * gradient[r, part, axis]
+                to[plus[r, part], axis] += push
+                to[minus[r, part], axis] -= push

@@ -19,14 +19,19 @@ import casadi as ca
 import numpy as np
 
 from nlp.assembled.balance import add_bends, balances, by_inputs, by_point, rotors, slopes
-from nlp.assembled.chain import links_at
-from nlp.assembled.chain_rule import add_curvature, add_gradients, chain_rule
-from nlp.assembled.local_vectors import Indices, PlatformVectors, VectorLayout
-from nlp.assembled.terms import Term, derived_rows
-from nlp.assembled.turning import turning_terms
+from nlp.assembled.local_vectors import (
+    Indices,
+    PlatformVectors,
+    VectorLayout,
+    add_curvature,
+    add_gradients,
+    chain_rule,
+    links_at,
+)
+from nlp.assembled.terms import Term, derived_rows, turning_terms
+from nlp.numbers.geometry import torque_map
 from nlp.numbers.kinematics import tree_of
 from nlp.numbers.masses import masses
-from nlp.numbers.rotors import torque_map
 from nlp.requirements import Requirement
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology

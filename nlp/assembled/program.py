@@ -1,18 +1,21 @@
-"""The assembled program in Ipopt's hands: rounds with move limits, and the pairs of envelopes that are near."""
+"""The assembled program in Ipopt's hands: rounds with move limits, and the pairs of envelopes that are near.
+
+Functions of numbers handed to CasADi, without copying into its own arrays and back.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from nlp.assembled.air import SpeedRows
-from nlp.assembled.callbacks import Evaluated, Function
 from nlp.assembled.problem import AssembledProblem
-from nlp.evaluation.violations import worst
+from nlp.evaluation import worst
 from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
 from nlp.joints import LimitRows, Limits
 from nlp.numbers.point import Point
@@ -21,36 +24,118 @@ from nlp.requirements.modules import BETWEEN_MODULES
 from nlp.user_constraints import UserConstraints, correct_point, rows_of, violations_of
 from nlp.user_constraints.rows import Assembled, DerivedRows, JoinedProgram
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
 
-Options = dict[str, int | float | str]
+Function = Callable[..., Array | float]
+"""Takes all inputs, returns one output."""
 
-MOVE_LIMIT = 0.5
-"""Largest turn of a hinge in the first round [rad]."""
-BOLD_LIMIT, BOLD_UP_TO = 1.0, 15
-"""That of a round before it, on platforms of up to so many modules, which is taken back unless it ends in a design.
 
-With 10 and 15 modules as many starts then end in designs, in a tenth less time; with 20 no time is won.
-"""
-POLISH_LIMIT = 1.0
-"""Largest turn of a hinge in a polish [rad]."""
-GROWTH = 2.0
-"""Growth of the move limit after a round that ended in a design; one that lost it divides it by the square."""
-LEAST_MOVE_LIMIT = 0.04
-"""Move limit below which a lost design is not sought any more [rad]."""
-ROUNDS = 14
-"""Largest number of rounds; the evaluation judges what is reached by then."""
-GAIN = 1e-4
-"""Relative decrease of the effort without which there is no further round."""
-LEAST_DECREASE = 0.1
-"""Relative decrease of the worst violation without which a start is given up."""
-MUMPS: Options = {"ipopt.mumps_permuting_scaling": 0, "ipopt.mumps_pivot_order": 0}
-"""Approximate minimum degree without prior permutation: half the time of MUMPS's own choice at 40 modules."""
-STAY: Options = {"ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6, "ipopt.max_iter": 100, "ipopt.tol": 1e-6}
-"""Rounds are short and begin where the last one ended."""
-WARM: Options = {"ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-5}
-"""From a design on."""
-EXACT: Options = {"ipopt.tol": 1e-8}
-"""Options of a polish, whose result is final."""
+class Evaluated(ca.Callback):
+    """A CasADi function that a Python function evaluates: the nonzero entries in, the nonzero entries out."""
+
+    def __init__(
+        self,
+        name: str,
+        inputs: dict[str, ca.Sparsity],
+        outputs: dict[str, ca.Sparsity],
+        functions: Sequence[Function],
+    ) -> None:
+        """Name the inputs and outputs as CasADi's solvers expect them; a function for each output."""
+        super().__init__()
+        self._inputs, self._outputs, self._functions = inputs, outputs, functions
+        self.error: Exception | None = None
+        """Exception of the Python function, for the caller of the solver to re-raise."""
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        """Return the number of inputs."""
+        return len(self._inputs)
+
+    def get_n_out(self) -> int:
+        """Return the number of outputs."""
+        return len(self._outputs)
+
+    def get_name_in(self, index: int) -> str:
+        """Return an input's name."""
+        return list(self._inputs)[index]
+
+    def get_name_out(self, index: int) -> str:
+        """Return an output's name."""
+        return list(self._outputs)[index]
+
+    def get_sparsity_in(self, index: int) -> ca.Sparsity:
+        """Return an input's pattern."""
+        return list(self._inputs.values())[index]
+
+    def get_sparsity_out(self, index: int) -> ca.Sparsity:
+        """Return an output's pattern."""
+        return list(self._outputs.values())[index]
+
+    def has_eval_buffer(self) -> bool:
+        """Tell CasADi to pass its memory instead of matrices."""
+        return True
+
+    def eval_buffer(self, inputs: Sequence[Any], outputs: Sequence[Any]) -> int:
+        """Evaluate; CasADi owns the memory, and what is empty or not wanted is None."""
+        given = [None if memory is None else np.frombuffer(memory) for memory in inputs]
+        try:
+            for memory, function in zip(outputs, self._functions, strict=True):
+                if memory is not None:
+                    np.frombuffer(memory)[:] = function(*given)
+        except Exception as error:
+            self.error = error  # Ipopt takes an exception for a point that cannot be evaluated, and goes on
+            raise
+        return 0
+
+
+Options = Mapping[str, int | float | str]
+
+
+class MoveLimits(NamedTuple):
+    """The rounds of a solve and how far hinges turn in each."""
+
+    first: float = 0.5
+    """Largest turn of a hinge in the first round [rad]."""
+    bold: float = 1.0
+    """That of a round before it, on small platforms, which is taken back unless it ends in a design [rad].
+
+    With 10 and 15 modules as many starts then end in designs, in a tenth less time; with 20 no time is won.
+    """
+    bold_up_to: int = 15
+    """Modules of the largest platform with such a round."""
+    polish: float = 1.0
+    """Largest turn of a hinge in a polish [rad]."""
+    growth: float = 2.0
+    """Growth of the move limit after a round that ended in a design; one that lost it divides it by the square."""
+    least: float = 0.04
+    """Move limit below which a lost design is not sought any more [rad]."""
+    rounds: int = 14
+    """Largest number of rounds; the evaluation judges what is reached by then."""
+    least_gain: float = 1e-4
+    """Relative decrease of the effort without which there is no further round."""
+    least_decrease: float = 0.1
+    """Relative decrease of the worst violation without which a start is given up."""
+
+
+LIMITS = MoveLimits()
+
+
+class RoundOptions(NamedTuple):
+    """Options of Ipopt."""
+
+    mumps: Options = MappingProxyType({"ipopt.mumps_permuting_scaling": 0, "ipopt.mumps_pivot_order": 0})
+    """Approximate minimum degree without prior permutation: half the time of MUMPS's own choice at 40 modules."""
+    stay: Options = MappingProxyType(
+        {"ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6, "ipopt.max_iter": 100, "ipopt.tol": 1e-6}
+    )
+    """Rounds are short and begin where the last one ended."""
+    warm: Options = MappingProxyType({"ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-5})
+    """From a design on."""
+    exact: Options = MappingProxyType({"ipopt.tol": 1e-8})
+    """Options of a polish, whose result is final."""
+
+
+ROUND_OPTIONS = RoundOptions()
 
 
 class AssembledProgram:
@@ -79,18 +164,19 @@ class AssembledProgram:
         first one that finds none. Pairs that are not in the last round are judged with all others when the result
         is.
         """
-        limit = BOLD_LIMIT if self._topology.n <= BOLD_UP_TO else MOVE_LIMIT
+        limit = LIMITS.bold if self._topology.n <= LIMITS.bold_up_to else LIMITS.first
         point, merit, iterations, patience = start, self._merit(start), 0, 1
         status = "no round ended"
-        for _ in range(ROUNDS):
-            result = self._round(point, limit, {**STAY, **WARM} if merit.met else STAY)
+        for _ in range(LIMITS.rounds):
+            options = {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm} if merit.met else ROUND_OPTIONS.stay
+            result = self._round(point, limit, options)
             status, iterations = result.status, iterations + result.iterations
             if not result.finite:  # what was reached before stands
                 break
             reached = self._merit(result.point)
-            if not reached.met and (merit.met or limit > MOVE_LIMIT):
-                limit = limit / GROWTH**2 if merit.met else MOVE_LIMIT
-                if limit < LEAST_MOVE_LIMIT:
+            if not reached.met and (merit.met or limit > LIMITS.first):
+                limit = limit / LIMITS.growth**2 if merit.met else LIMITS.first
+                if limit < LIMITS.least:
                     break
                 continue
             turned = np.max(np.abs(result.point.alpha - point.alpha), initial=0.0)
@@ -99,22 +185,24 @@ class AssembledProgram:
             if found or gain > 0.0:
                 point, merit = result.point, reached
             if merit.met:
-                if turned < 0.98 * limit or (not found and gain < GAIN):
+                if turned < 0.98 * limit or (not found and gain < LIMITS.least_gain):
                     break  # a minimum inside the limit, or next to none
-                limit *= GROWTH
-            elif not gain >= LEAST_DECREASE:  # also where an own constraint has no finite value
+                limit *= LIMITS.growth
+            elif not gain >= LIMITS.least_decrease:  # also where an own constraint has no finite value
                 if not patience:
                     break
-                patience, limit = patience - 1, limit / GROWTH
+                patience, limit = patience - 1, limit / LIMITS.growth
         return IpoptResult(point, status, iterations)
 
     def polish(self, start: Point) -> IpoptResult:
         """Return where one round from a point next to a minimum ends: all envelopes are kept apart."""
-        return self._round(start, POLISH_LIMIT, {**STAY, **WARM, **EXACT})
+        return self._round(
+            start, LIMITS.polish, {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.exact}
+        )
 
     def approach(self, start: Point) -> IpoptResult:
         """Return where one round with long steps ends, whatever it does to what is not stated."""
-        return self._round(start, BOLD_LIMIT, STAY)
+        return self._round(start, LIMITS.bold, ROUND_OPTIONS.stay)
 
     def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
         stated = [requirement.restrict(start.vectors) for requirement in self._clearances]
@@ -188,5 +276,5 @@ def _ipopt(assembled: Assembled, options: Options) -> tuple[ca.Function, tuple[E
         [lambda x, _, lam_f, lam_g: assembled.hessian(x, lam_f[0], lam_g)],
     )
     derivatives: dict[str, Any] = {"grad_f": grad_f, "jac_g": jac_g, "hess_lag": hess_lag, "no_nlp_grad": True}
-    solver = ipopt("assembled", nlp, {**OPTIONS, **options, **MUMPS, **derivatives})
+    solver = ipopt("assembled", nlp, {**OPTIONS, **options, **ROUND_OPTIONS.mumps, **derivatives})
     return solver, (nlp, grad_f, jac_g, hess_lag)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,14 +16,21 @@ from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.module import CountedRod
 from topo_search.model.tolerances import TOLERANCE
 
-UNEVEN = 1e-3
-"""Least weight, in the largest, of a search with the weights as they are."""
-RAISED = (1e-4, 1e-2)
-"""To what share of the largest weight lesser ones are raised in other searches."""
-ROUNDING = 1e-9
-"""Share of the bound by which J must be under it to be an error."""
-FARTHEST = 100.0
-"""Largest multiplier of a dual search, in knees 2 lambda T of phi; only what cannot be done drives it there."""
+
+class EffortBound(NamedTuple):
+    """The searches for good multipliers, and what is left to rounding."""
+
+    least_weight: float = 1e-3
+    """Least weight, in the largest, of a search with the weights as they are."""
+    raised_weights: tuple[float, float] = (1e-4, 1e-2)
+    """To what share of the largest weight lesser ones are raised in other searches."""
+    largest_multiplier: float = 100.0
+    """Largest multiplier of a dual search, in knees 2 lambda T of phi; only what cannot be done drives it there."""
+    rounding: float = 1e-9
+    """Share of the bound by which J must be under it to be an error."""
+
+
+BOUND = EffortBound()
 
 
 class BoundBroken(RuntimeError):
@@ -71,7 +79,7 @@ def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
     """
     task = to_corners(task.declared.lightest, inner=True)
     idle = max(0.0, task.min_input - accuracy * task.module.max_input(task.gravity))
-    at_rest = float(_weights(task).sum()) * 4 * task.n * idle * idle * (1 - ROUNDING)
+    at_rest = float(_weights(task).sum()) * 4 * task.n * idle * idle * (1 - BOUND.rounding)
     return max(closed_form(task, accuracy), _dual_bound(task, accuracy), at_rest)
 
 
@@ -90,7 +98,7 @@ def bound_of(task: ResolvedTask, J: float) -> float:
     if bound <= J:
         return bound
     proven = proven_bound(task)
-    if proven * (1 - ROUNDING) > J:
+    if proven * (1 - BOUND.rounding) > J:
         raise BoundBroken(
             f"internal error: a design has the control effort {J!r} rad^4/s^4, which is below the lower bound "
             f"{proven!r} rad^4/s^4 proven for all designs: one of the two is wrong"
@@ -160,10 +168,14 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
     f, weights, T = f / size, weights / heaviest / mean, T / size
     thrust = size * unit.input
     in_si = 4 * task.n * thrust * thrust * mean * heaviest
-    largest = FARTHEST * 2 * float(weights.max()) * T
+    largest = BOUND.largest_multiplier * 2 * float(weights.max()) * T
     known = closed_form(task) / in_si if 0 < in_si < math.inf else 0.0
     evenness = float(weights.min() / weights.max())
-    least = [evenness] if evenness >= UNEVEN else [share for share in RAISED if share > evenness]
+    least = (
+        [evenness]
+        if evenness >= BOUND.least_weight
+        else [share for share in BOUND.raised_weights if share > evenness]
+    )
     raised = [np.maximum(weights, share * weights.max()) for share in least]
     found = [multipliers(f, w, T, largest=largest, known=known) for w in raised]
     best = max(found, key=lambda nu: dual_value(nu, f, weights, T))

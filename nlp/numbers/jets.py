@@ -30,14 +30,23 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 from topo_search.model.layout import ROTOR_DIRECTIONS
 
-MERGED_AT = 2.5
-"""Depth at which the jets of a module have merged [2 l_arm]."""
+
+class JetRounding(NamedTuple):
+    """Where the three parts of the air of a module give way to each other."""
+
+    merged_at: float = 2.5
+    """Depth at which the jets of a module have merged [2 l_arm]."""
+    idle: float = 1e-6
+    """Input added to all before they are derived, for the root of an input has no slope at 0 [u_hover]."""
+    difference: float = 1e-5
+    """Step of differences [l_arm, m/s]."""
+
+
+JETS = JetRounding()
+
+
 SHARP, ROUNDED = 1e-12, 0.02
 """epsilon of speeds that count, and of those that are derived."""
-IDLE = 1e-6
-"""Input added to all before they are derived, for the root of an input has no slope at 0 [u_hover]."""
-DIFFERENCE = 1e-5
-"""Step of differences [l_arm, m/s]."""
 DISCS = np.ascontiguousarray(ROTOR_DIRECTIONS[:, :2])
 """Places of the discs in the module's plane, shape (4, 2) [l_arm]."""
 
@@ -85,26 +94,26 @@ def speed(jet: Jet, q: Array, v: Array, epsilon: float, slopes: Array) -> float:
     R, z, s = jet.radius, -q[2], -q[2] / 2
     parts, by_part = np.empty(6), np.zeros((6, 7))  # merged jets, four slipstreams, flow towards the discs
 
-    begins, by_s = clip(s / MERGED_AT, epsilon)
-    S, deeper = larger(s, MERGED_AT, epsilon)
+    begins, by_s = clip(s / JETS.merged_at, epsilon)
+    S, deeper = larger(s, JETS.merged_at, epsilon)
     S += jet.origin
     squares = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3]
     curve = (math.sqrt(2) - 1) / (2 * jet.half_width * S) ** 2
     profile = 1 + curve * (q[0] * q[0] + q[1] * q[1])
     merged = jet.decay * math.sqrt(squares / 4) / S / profile**2
     parts[0] = begins * merged
-    by_s = by_s / MERGED_AT * merged + parts[0] * deeper / S * (4 * (profile - 1) / profile - 1)
+    by_s = by_s / JETS.merged_at * merged + parts[0] * deeper / S * (4 * (profile - 1) / profile - 1)
     for axis in range(2):
         by_part[0, axis] = -4 * parts[0] * curve / profile * q[axis]
     by_part[0, 2] = -by_s / 2
     for k in range(4):
         by_part[0, 3 + k] = parts[0] * v[k] / max(squares, 1e-300)
 
-    share, by_z = clip(s / MERGED_AT, epsilon)
-    below, below_z = 2 * MERGED_AT * share, by_z
+    share, by_z = clip(s / JETS.merged_at, epsilon)
+    below, below_z = 2 * JETS.merged_at * share, by_z
     root = math.sqrt(R * R + below * below)
     g, g_z = 1 + below / root, R * R / root**3 * below_z
-    ends, ends_s = clip((MERGED_AT - s) / 1.5, epsilon)
+    ends, ends_s = clip((JETS.merged_at - s) / 1.5, epsilon)
     starts, starts_z = clip(1 + z / epsilon, epsilon)
     fade, fade_z = ends * starts, ends * starts_z / epsilon - ends_s / 3 * starts
     width, edge = 0.2 * (below + R), R / math.sqrt(g)
@@ -152,7 +161,7 @@ def speed(jet: Jet, q: Array, v: Array, epsilon: float, slopes: Array) -> float:
 def by_inputs(jet: Jet, u: Array, v: Array) -> None:
     """Find v of a module's inputs."""
     for k in range(4):
-        v[k] = jet.induced * math.sqrt(u[k] + IDLE)
+        v[k] = jet.induced * math.sqrt(u[k] + JETS.idle)
 
 
 @njit(cache=True)
@@ -233,10 +242,10 @@ def curvature(jet: Jet, q: Array, v: Array, hessian: Array) -> None:
     for k in range(7):
         at, index = (q, k) if k < 3 else (v, k - 3)
         middle = at[index]
-        at[index] = middle + DIFFERENCE
+        at[index] = middle + JETS.difference
         speed(jet, q, v, ROUNDED, above)
-        at[index] = middle - DIFFERENCE
+        at[index] = middle - JETS.difference
         speed(jet, q, v, ROUNDED, below)
         at[index] = middle
         for other in range(7):
-            hessian[k, other] = (above[other] - below[other]) / (2 * DIFFERENCE)
+            hessian[k, other] = (above[other] - below[other]) / (2 * JETS.difference)

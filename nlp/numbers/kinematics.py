@@ -8,7 +8,7 @@ r"""Poses and the axes of all angles, compiled: for what follows a platform thro
 
 It is what searches and programs take. Others are there for a reason. `nlp.numbers.geometry.poses` draws starts and
 checks where a search ended: the check shares no code with what it checks, and commands that solve nothing load no
-compiler (rounded angles, claims of invariance). `nlp.bounds.branch.frames` and `nlp.bounds.paths` have the poses of
+compiler (rounded angles, claims of invariance). `nlp.bounds.branch.frames` and `nlp.bounds.reach` have the poses of
 many angles at once: of all corners of a box, and of modules in a row.
 """
 

@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlp.airspeed import AIMED_AT
+from nlp.numbers.geometry import torque_map
 from nlp.numbers.jets import Jet, jet_of
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
-from nlp.numbers.rotors import torque_map
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.balances import turns
-from nlp.requirements.kinds import WIDTH
+from nlp.requirements.statement import WIDTH
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -33,11 +33,6 @@ from topo_search.model.shape import Capsule, Hull
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-
-LEAST_WEIGHT = 1e-4
-"""Share of the largest weight that load cases which weigh less count with together, so that inputs are unique."""
-MOST_BINDING = 20
-"""Upper bound on how many load cases are active at a time."""
 
 
 class Rotors(NamedTuple):
@@ -193,7 +188,10 @@ def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
     f_C, tau_C = (np.array([getattr(w, name) for w in com]) for name in ("force", "torque"))
     weights = np.array([case.weight for case in cases])
     weights = weights / weights.max()
-    least = LEAST_WEIGHT / min(MOST_BINDING, max(1, int(np.count_nonzero(weights < LEAST_WEIGHT))))
+    # load cases that weigh less count with a share of the largest weight together, so that inputs are unique; of
+    # them at most 20 are taken to be active at a time
+    share = 1e-4
+    least = share / min(20, max(1, int(np.count_nonzero(weights < share))))
     effort = 2 * np.maximum(weights, least) / (4 * n * weights.sum())
     dead = np.array([-1 if rotor is None else rotor for rotor in task.dead_rotors], dtype=np.int64)
     group = np.full(len(cases), -1, dtype=np.int64)

@@ -12,18 +12,30 @@ r"""Exact clearances of the printed problem, closed form by cases, with what the
 | g | clearance: zero with f, exact for balls of one size, and as steep in deep overlap | l_arm |
 
 A row depends on seven vectors: p_i, z_i, p_j, z_j, the end-effector's p'_E and p_E, and small turns of module i.
+
+Exact clearances of single shapes in closed form by cases, and their gradients by the one shape's place.
+
+.. math::
+
+    g = \sqrt{f + R^2} - R
+
+| symbol | meaning | unit |
+|---|---|---|
+| P(eta) = o + eta d, r(eta) = r_0 + eta dr | axis and radius of a swept ball | l_arm |
+| f | least squared distance less the squared radii there | l_arm^2 |
+| R | sum of both end radii | l_arm |
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from nlp.reduced.arrays import ReducedProblem
-from nlp.reduced.gaps import FAR, LEAST_DISTANCE, Vector, face_excess, hull_gap, swept_gap
 from nlp.reduced.platform import Platform
-from nlp.requirements.kinds import (
+from nlp.requirements.statement import (
     AIR,
     ALONG,
     APART,
@@ -44,6 +56,161 @@ from nlp.requirements.kinds import (
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
+
+class GapLimits(NamedTuple):
+    """Limits of the closed forms of clearances."""
+
+    flat: float = 1e-9
+    """Share of its largest value under which a determinant or a coefficient of f counts as zero."""
+    least_distance: float = 1e-9
+    """Floor on distances that are divided by: the distance of coincident points has no direction [l_arm]."""
+    far: float = 8.0
+    """Envelopes at least so far apart are not looked at closer [l_arm]."""
+    rounding: float = 1e-12
+    """Tolerance of the flatness of a face [l_arm]."""
+
+
+GAPS = GapLimits()
+
+
+Vector = tuple[float, float, float]
+
+
+@njit(cache=True, forceinline=True)
+def swept_gap(
+    w: Vector, d_i: Vector, r_i: float, dr_i: float, d_j: Vector, r_j: float, dr_j: float
+) -> tuple[float, float, float, float, float, float]:
+    """Return g, eta and gamma of two swept balls, and the gradient of g by P_i (x, y, z).
+
+    f is least at its stationary point, if that is a minimum inside the square, or else on an edge; f may be
+    concave.
+
+    Args:
+        w: o_i - o_j.
+        d_i: axis of the one, with start radius r_i and growth dr_i.
+        r_i: see d_i.
+        dr_i: see d_i.
+        d_j: axis of the other, with r_j and dr_j.
+        r_j: see d_j.
+        dr_j: see d_j.
+    """
+    r = r_i + r_j
+    ii = d_i[0] * d_i[0] + d_i[1] * d_i[1] + d_i[2] * d_i[2]
+    jj = d_j[0] * d_j[0] + d_j[1] * d_j[1] + d_j[2] * d_j[2]
+    ij = d_i[0] * d_j[0] + d_i[1] * d_j[1] + d_i[2] * d_j[2]
+    A, B, C = ii - dr_i * dr_i, jj - dr_j * dr_j, -2 * (ij + dr_i * dr_j)
+    D = 2 * (d_i[0] * w[0] + d_i[1] * w[1] + d_i[2] * w[2] - r * dr_i)
+    E = -2 * (d_j[0] * w[0] + d_j[1] * w[1] + d_j[2] * w[2] + r * dr_j)
+    det, largest = 4 * A * B - C * C, ii + jj
+    least, eta, gamma, inside = math.inf, 0.0, 0.0, False
+    if A > 0.0 and B > 0.0 and det > GAPS.flat * 4 * A * B:
+        eta, gamma = (C * E - 2 * B * D) / det, (C * D - 2 * A * E) / det
+        inside = 0.0 <= eta <= 1.0 and 0.0 <= gamma <= 1.0
+    if not inside:
+        eta = gamma = 0.0
+        for k in range(2):
+            end = float(k)
+            for trial in range(2):
+                between = float(trial)
+                if GAPS.flat * largest < A:
+                    between = min(max(-(C * end + D) / (2 * A), 0.0), 1.0)
+                f = (A * between + C * end + D) * between + (B * end + E) * end
+                if f < least:
+                    least, eta, gamma = f, between, end
+                between = float(trial)
+                if GAPS.flat * largest < B:
+                    between = min(max(-(C * end + E) / (2 * B), 0.0), 1.0)
+                f = (A * end + C * between + D) * end + (B * between + E) * between
+                if f < least:
+                    least, eta, gamma = f, end, between
+    x, y, z = (
+        w[0] + eta * d_i[0] - gamma * d_j[0],
+        w[1] + eta * d_i[1] - gamma * d_j[1],
+        w[2] + eta * d_i[2] - gamma * d_j[2],
+    )
+    R, radii = r + dr_i + dr_j, r + eta * dr_i + gamma * dr_j
+    root = math.sqrt(x * x + y * y + z * z + (R - radii) * (R + radii))
+    safe = max(root, GAPS.least_distance)
+    return root - R, eta, gamma, x / safe, y / safe, z / safe
+
+
+@njit(cache=True)
+def hull_gap(
+    w: Vector, d: Vector, r_0: float, dr: float, planes: Array, edges: Array
+) -> tuple[float, float, float, float, float]:
+    """Return g and eta of a swept ball and a hull, and the gradient of g by P (x, y, z).
+
+    Outside the hull its nearest point is on an edge, or inside a face and then nearest to an end of the axis, for
+    the distance from a plane is linear. An axis that enters the hull counts by how far it must be moved until it is
+    beyond some face.
+
+    Args:
+        w: o from where the planes and edges are given from.
+        d: the axis, with start radius r_0 and growth dr.
+        r_0: see d.
+        dr: see d.
+        planes: see `Hulls`.
+        edges: see `Hulls`.
+    """
+    R, enters, leaves = r_0 + dr, 0.0, 1.0
+    apart, eta, x, y, z = -math.inf, 0.0, 0.0, 0.0, 0.0
+    first, last, at_first, at_last = -math.inf, -math.inf, 0, 0
+    for f in range(len(planes)):
+        n0, n1, n2 = planes[f, 0], planes[f, 1], planes[f, 2]
+        height = n0 * w[0] + n1 * w[1] + n2 * w[2] - planes[f, 3]
+        slope = n0 * d[0] + n1 * d[1] + n2 * d[2]
+        if height > first:
+            first, at_first = height, f
+        if height + slope > last:
+            last, at_last = height + slope, f
+        if height + min(slope, 0.0) > apart:
+            apart, eta, x, y, z = height + min(slope, 0.0), 1.0 if slope < 0.0 else 0.0, n0, n1, n2
+        if slope < 0.0:
+            enters = max(enters, -height / slope)
+        elif slope > 0.0:
+            leaves = min(leaves, -height / slope)
+        elif height > 0.0:
+            leaves = -math.inf
+    if enters <= leaves:
+        return apart - R, eta, x, y, z
+    if apart > R + GAPS.far:
+        return math.inf, eta, x, y, z
+    least = math.inf
+    for e in range(len(edges)):
+        from_start = (w[0] - edges[e, 0], w[1] - edges[e, 1], w[2] - edges[e, 2])
+        edge = (edges[e, 3], edges[e, 4], edges[e, 5])
+        g, at, _, s0, s1, s2 = swept_gap(from_start, d, r_0, dr, edge, 0.0, 0.0)
+        if g < least:
+            least, eta, x, y, z = g, at, s0, s1, s2
+    for k in range(2):
+        end, height, f = (1.0, last, at_last) if k else (0.0, first, at_first)
+        foot0 = w[0] + end * d[0] - height * planes[f, 0]
+        foot1 = w[1] + end * d[1] - height * planes[f, 1]
+        foot2 = w[2] + end * d[2] - height * planes[f, 2]
+        inside = height > 0.0
+        for m in range(len(planes)):
+            beyond = planes[m, 0] * foot0 + planes[m, 1] * foot1 + planes[m, 2] * foot2 - planes[m, 3]
+            inside = inside and beyond <= GAPS.rounding
+        radius = r_0 + end * dr
+        root = math.sqrt(height * height + (R - radius) * (R + radius))
+        if inside and root - R < least:
+            slope = height / max(root, GAPS.least_distance)
+            least, eta = root - R, end
+            x, y, z = slope * planes[f, 0], slope * planes[f, 1], slope * planes[f, 2]
+    return least, eta, x, y, z
+
+
+@njit(cache=True)
+def face_excess(q: Vector, planes: Array) -> tuple[float, float, float, float]:
+    """Return how far a point is beyond the face of a hull that it is beyond most, and that face's normal."""
+    most, found = -math.inf, 0
+    for f in range(len(planes)):
+        height = planes[f, 0] * q[0] + planes[f, 1] * q[1] + planes[f, 2] * q[2] - planes[f, 3]
+        if height > most:
+            most, found = height, f
+    return most, planes[found, 0], planes[found, 1], planes[found, 2]
+
+
 P_I, Z_I, P_J, Z_J, TIP, OFFSET_B, TURN_I = range(7)
 """The vectors that a row depends on: p_i, z_i, p_j, z_j, p'_E, p_E, and small turns of module i."""
 
@@ -57,7 +224,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
     Args:
         stated: the task and topology.
         at: the platform.
-        g: the clearances, shape (m,); an infinite one is more than FAR, or of a rod that is not the best,
+        g: the clearances, shape (m,); an infinite one is more than GAPS.far, or of a rod that is not the best,
             and its gradient means nothing.
         by: the gradients, shape (m, 7, 3).
     """
@@ -66,7 +233,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
     length, r_air, dr = stated.air
     ex, ey, ez = at.p_E[0], at.p_E[1], at.p_E[2]
     bx, by_, bz = ex - at.p_COM[0], ey - at.p_COM[1], ez - at.p_COM[2]
-    offset = max(LEAST_DISTANCE, math.sqrt(bx * bx + by_ * by_ + bz * bz))
+    offset = max(GAPS.least_distance, math.sqrt(bx * bx + by_ * by_ + bz * bz))
     reach = 0.0
     for b in range(len(parts)):
         x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
@@ -105,7 +272,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
                 else:
                     along = q0 * a0 + q1 * a1 + q2 * a2
                     r0, r1, r2 = q0 - along * a0, q1 - along * a1, q2 - along * a2
-                    across = max(LEAST_DISTANCE, math.sqrt(r0 * r0 + r1 * r1 + r2 * r2))
+                    across = max(GAPS.least_distance, math.sqrt(r0 * r0 + r1 * r1 + r2 * r2))
                     sine, cosine = data[r, 4], data[r, 5] / across
                     gap = along * sine - cosine * across * across - parts[b, 3]
                     x, y, zz = a0 * sine - cosine * r0, a1 * sine - cosine * r1, a2 * sine - cosine * r2
@@ -166,7 +333,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
             c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
             c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
             t0, t1, t2 = px + c0 - ex, py + c1 - ey, pz + c2 - ez
-            apart = max(LEAST_DISTANCE, math.sqrt(t0 * t0 + t1 * t1 + t2 * t2))
+            apart = max(GAPS.least_distance, math.sqrt(t0 * t0 + t1 * t1 + t2 * t2))
             r_0, growth, skipped = data[r, 12], 0.0, data[r, 13] / apart
             lengths[rod] = apart
             if skipped >= 1.0:  # all of it is tip
@@ -198,7 +365,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
             along = a0 * q0 + a1 * q1 + a2 * q2
             n0, n1, n2 = q0 - along * a0, q1 - along * a1, q2 - along * a2
             rho = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-            safe = max(rho, LEAST_DISTANCE)
+            safe = max(rho, GAPS.least_distance)
             n0, n1, n2 = n0 / safe, n1 / safe, n2 / safe
             if kind == CONE_COM:  # along changes by q . dd, rho by -along n . dd; d turns across p_E alone
                 x, y = sine * q0 + cosine * along * n0, sine * q1 + cosine * along * n1
@@ -234,7 +401,7 @@ def _to(by: Array, r: int, vector: int, scale: float, x: float, y: float, z: flo
 @njit(cache=True, forceinline=True)
 def _distance(x: float, y: float, z: float, by: Array, r: int, plus: int, minus: int) -> float:
     length = math.sqrt(x * x + y * y + z * z)
-    safe = max(length, LEAST_DISTANCE)
+    safe = max(length, GAPS.least_distance)
     if minus != plus:
         _to(by, r, minus, -1.0 / safe, x, y, z)
     _to(by, r, plus, 1.0 / safe, x, y, z)
@@ -243,6 +410,6 @@ def _distance(x: float, y: float, z: float, by: Array, r: int, plus: int, minus:
 
 @njit(cache=True, forceinline=True)
 def _are_far(w: Vector, d_i: Vector, d_j: Vector, reach: float) -> bool:
-    """True if the middles of two axes are so far apart that the envelopes must be FAR apart."""
+    """True if the middles of two axes are so far apart that the envelopes must be GAPS.far apart."""
     x, y, z = w[0] + (d_i[0] - d_j[0]) / 2, w[1] + (d_i[1] - d_j[1]) / 2, w[2] + (d_i[2] - d_j[2]) / 2
-    return x * x + y * y + z * z >= (reach + FAR) ** 2
+    return x * x + y * y + z * z >= (reach + GAPS.far) ** 2

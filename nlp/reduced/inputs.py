@@ -22,6 +22,7 @@ Newton's method with an exact line search ends in finitely many steps.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,10 +33,17 @@ from nlp.reduced.platform import Moved, Platform
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
-STEPS = 60
-"""Largest number of Newton steps; a warm start takes one to four."""
-ACCURACY = 1e-11
-"""Largest gradient of the dual at its maximum, relative to 1 + |w|."""
+
+class DualAscent(NamedTuple):
+    """Newton's method on the dual of the inputs."""
+
+    steps: int = 60
+    """Largest number of Newton steps; a warm start takes one to four."""
+    accuracy: float = 1e-11
+    """Largest gradient of the dual at its maximum, relative to 1 + |w|."""
+
+
+ASCENT = DualAscent()
 
 
 @njit(cache=True)
@@ -274,7 +282,7 @@ def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, 
     scale = 1.0
     for a in range(6):
         scale += abs(w[a])
-    for _ in range(STEPS):
+    for _ in range(ASCENT.steps):
         for a in range(6):
             g[a] = w[a] - mu[a] / rho
             for b in range(a):
@@ -296,7 +304,7 @@ def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, 
         worst = 0.0
         for a in range(6):
             worst = max(worst, abs(g[a]))
-        if worst <= ACCURACY * scale:
+        if worst <= ASCENT.accuracy * scale:
             break
         for a in range(6):
             d[a] = g[a]

@@ -3,6 +3,11 @@
 All starts descend at low prices of residuals and of missing clearance; after a few steps the worse half is given up
 (a rung of successive halving: Jamieson and Talwalkar, AISTATS 2016). Minima of one merit are one; only the best of
 them descend on at high prices, with multipliers: what they reach is next to a minimum of the printed problem.
+
+Selection of corners: few of them bind, so a descent takes in only those that it finds missed.
+
+A corner is a load case that must be possible and costs nothing. With a rotor dead, or around a reserve, there are
+hundreds; those that inputs within their limits produce have next to no gradient.
 """
 
 from __future__ import annotations
@@ -15,24 +20,79 @@ import numpy as np
 
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
-from nlp.reduced.corners import MISSED, initial_cases, take_in
-from nlp.reduced.descent import descend
-from nlp.reduced.inputs import effort
-from nlp.reduced.merit import Evaluated, estimates, evaluate, merit
+from nlp.reduced.descent import Evaluated, descend, estimates, evaluate, merit
+from nlp.reduced.inputs import columns, effort, find_wrench, inputs
 from nlp.reduced.platform import motion, platform
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
-LEAST_CURVATURE = 0.1
-"""Initial curvature of the Lagrangian; more where the first slope is steep, so that a step is a radian."""
+
+class CornerRounds(NamedTuple):
+    """How corners are taken in, and where a descent begins."""
+
+    missed: float = 1e-6
+    """Residual from which a corner counts [m_t g, l_arm m_t g]."""
+    at_once: int = 8
+    """Largest number of corners taken in at once, no two of one set."""
+    rounds: int = 3
+    """Continuations of a round with corners that were missed at its end."""
+    most_missed: float = 0.2
+    """Largest violation, without corners, of a minimum that is evaluated with them [l_arm, m_t g, l_arm m_t g]."""
+    least_curvature: float = 0.1
+    """Initial curvature of the Lagrangian; more where the first slope is steep, so that a step is a radian."""
 
 
-TAKEN_IN = 3
-"""Continuations of a round with corners that were missed at its end."""
-MOST_MISSED = 0.2
-"""Largest violation, without corners, of a minimum that is evaluated with them [l_arm, m_t g, l_arm m_t g]."""
+CORNERS = CornerRounds()
+
+
+@njit(cache=True)
+def initial_cases(stated: ReducedProblem) -> Mask:
+    """Return which load cases count from the start, shape (K,)."""
+    counting: Mask = stated.cases.group < 0
+    return counting
+
+
+@njit(cache=True)
+def take_in(stated: ReducedProblem, at: Evaluated, rho: float) -> tuple[Mask, float]:
+    """Return the load cases that count with the corners that are missed most, and by how much those are at most.
+
+    Args:
+        stated: the task and topology.
+        at: where to look.
+        rho: price of residuals.
+    """
+    if at.counting.all():
+        return at.counting, 0.0
+    cases, there = stated.cases, platform(stated, at.x)
+    K, A = len(cases.effort), columns(stated, there)
+    counting, residuals = at.counting.copy(), np.zeros(K)
+    w, mu, u, last = np.empty(6), np.zeros(6), np.empty(len(A)), -1
+    for k in range(K):
+        if counting[k]:
+            continue
+        if cases.group[k] != last:  # corners of one set have much the same inputs
+            mu[:] = 0.0
+            last = cases.group[k]
+        find_wrench(stated, there, k, w)
+        inputs(stated, A, k, w, rho, mu, u)
+        for a in range(6):
+            residuals[k] = max(residuals[k], abs(mu[a]) * cases.effort[k] / (2 * rho))
+    worst, full = residuals.max(), np.zeros(cases.group.max() + 2, np.bool_)
+    for _ in range(CORNERS.at_once):
+        best = -1
+        for k in range(K):
+            if (
+                residuals[k] > CORNERS.missed
+                and not full[cases.group[k]]
+                and (best < 0 or residuals[k] > residuals[best])
+            ):
+                best = k
+        if best < 0:
+            break
+        counting[best] = full[cases.group[best]] = True
+    return counting, worst
 
 
 class Phase(NamedTuple):
@@ -55,26 +115,34 @@ SECOND = Phase(rho=1e4, sigma=100.0, rounds=4, steps=15, enough=1e-7)
 STIFF = FIRST._replace(sigma=3000.0), SECOND._replace(sigma=3000.0)
 """Both phases where clearance counts for more than any effort: low prices lead to where some cheap platform misses
 little, and may pull those back that miss nothing."""
-SAME = 1e-5
-"""Local minima of the first phase whose merits agree so far, relatively, are one."""
-SAME_AFTER = 1e-4
-"""Those of the second."""
-KEPT = 0.1
-"""Share of the starts whose minima go on, the best ones first.
 
-Of 24 trees of eight modules on push all 22 designs are within 0.1 % of the best known effort, of 40 of seven 36 of
-37, with 0.1 as with 0.2; with 0.06 one more of seven modules is not, by 2.7 %.
-"""
-LEAST_KEPT = 3
-"""Fewest distinct minima that go on."""
-HALVED_AFTER = 8
-"""Steps after which the worse half of the starts is given up."""
-LEAST_HALVED = 64
-"""Fewest starts that are left; so many or fewer all go on.
 
-On push with seven and eight modules 160 draws, halved, reach about as many of the best known efforts as 128 that
-all go on, in 0.9 of the CPU time.
-"""
+class Selection(NamedTuple):
+    """Which starts and minima go on."""
+
+    same: float = 1e-5
+    """Local minima of the first phase whose merits agree so far, relatively, are one."""
+    same_after: float = 1e-4
+    """Those of the second."""
+    kept: float = 0.1
+    """Share of the starts whose minima go on, the best ones first.
+
+    Of 24 trees of eight modules on push all 22 designs are within 0.1 % of the best known effort, of 40 of seven 36
+    of 37, with 0.1 as with 0.2; with 0.06 one more of seven modules is not, by 2.7 %.
+    """
+    least_kept: int = 3
+    """Fewest distinct minima that go on."""
+    halved_after: int = 8
+    """Steps after which the worse half of the starts is given up."""
+    least_halved: int = 64
+    """Fewest starts that are left; so many or fewer all go on.
+
+    On push with seven and eight modules 160 draws, halved, reach about as many of the best known efforts as 128
+    that all go on, in 0.9 of the CPU time.
+    """
+
+
+SELECTION = Selection()
 
 
 class Descents(NamedTuple):
@@ -116,7 +184,11 @@ class LocalMinimum:
 
 
 def local_minima(
-    stated: ReducedProblem, starts: Array, phases: tuple[Phase, Phase] = (FIRST, SECOND), *, least: int = LEAST_KEPT
+    stated: ReducedProblem,
+    starts: Array,
+    phases: tuple[Phase, Phase] = (FIRST, SECOND),
+    *,
+    least: int = SELECTION.least_kept,
 ) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
     """Return the best distinct local minima of starts, by merit, and those of the first phase that did not go on.
 
@@ -128,24 +200,24 @@ def local_minima(
     """
     begun = begin(starts, np.repeat(initial_cases(stated)[None], len(starts), axis=0))
     first, given_up = _halve(stated, begun, phases[0])
-    count = max(least, math.ceil(KEPT * len(starts)))
+    count = max(least, math.ceil(SELECTION.kept * len(starts)))
     kept = first[:count]
     again = begin(np.array([end.x for end in kept]), np.array([end.counting for end in kept]))
     second = descend_all(stated, again, phases[1])
-    return _one_of_each(second, [end.starts for end in kept], SAME_AFTER), first[count:] + given_up
+    return _one_of_each(second, [end.starts for end in kept], SELECTION.same_after), first[count:] + given_up
 
 
 def _halve(stated: ReducedProblem, begun: Descents, phase: Phase) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
     """Return the distinct minima of the better starts, and where the others were given up."""
     left, given_up = np.arange(len(begun.x)), list[LocalMinimum]()
-    if len(left) > LEAST_HALVED:
-        begun = descend_all(stated, begun, phase._replace(steps=HALVED_AFTER))
-        order, half = np.argsort(begun.merit, kind="stable"), max(LEAST_HALVED, len(left) // 2)
-        given_up = _one_of_each(begun.of(order[half:]), [(s,) for s in left[order[half:]].tolist()], SAME)
+    if len(left) > SELECTION.least_halved:
+        begun = descend_all(stated, begun, phase._replace(steps=SELECTION.halved_after))
+        order, half = np.argsort(begun.merit, kind="stable"), max(SELECTION.least_halved, len(left) // 2)
+        given_up = _one_of_each(begun.of(order[half:]), [(s,) for s in left[order[half:]].tolist()], SELECTION.same)
         begun, left = begun.of(order[:half]), left[order[:half]]
-        phase = phase._replace(steps=phase.steps - HALVED_AFTER)
+        phase = phase._replace(steps=phase.steps - SELECTION.halved_after)
     begun = descend_all(stated, begun, phase)
-    return _one_of_each(begun, [(s,) for s in left.tolist()], SAME), given_up
+    return _one_of_each(begun, [(s,) for s in left.tolist()], SELECTION.same), given_up
 
 
 def _one_of_each(found: Descents, starts: list[tuple[int, ...]], same: float) -> list[LocalMinimum]:
@@ -210,20 +282,20 @@ def descend_all(stated: ReducedProblem, begun: Descents, phase: Phase) -> Descen
         at, B = evaluate(stated, begun.x[s].copy(), begun.mu[s], begun.counting[s], phase.rho), curvature[s]
         multipliers = np.zeros(m)
         if B[0, 0] == 0.0:
-            B[:] = max(LEAST_CURVATURE, np.max(np.abs(at.dV))) * np.eye(N)
+            B[:] = max(CORNERS.least_curvature, np.max(np.abs(at.dV))) * np.eye(N)
         for k in range(phase.rounds):
             if k:
                 multipliers = estimates(stated, at, multipliers, phase.sigma)
             at = descend(stated, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
-            for _ in range(TAKEN_IN):
-                if violation(stated, at, phase.rho) > MOST_MISSED:
+            for _ in range(CORNERS.rounds):
+                if violation(stated, at, phase.rho) > CORNERS.most_missed:
                     break
                 wanted, missing[s] = take_in(stated, at, phase.rho)
-                if missing[s] <= MISSED:
+                if missing[s] <= CORNERS.missed:
                     break
                 at = evaluate(stated, at.x, at.mu, wanted, phase.rho)
                 at = descend(stated, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
-        if missing[s] > MISSED:
+        if missing[s] > CORNERS.missed:
             _, missing[s] = take_in(stated, at, phase.rho)
         x[s], counting[s], mu[s] = at.x, at.counting, at.mu
         merits[s] = merit(stated, at, multipliers, phase.sigma)

@@ -24,22 +24,30 @@ The inputs are those of the least effort, u = clip(A^T mu). With the free ones j
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from nlp.numbers.cholesky import solve_in_place
 from nlp.numbers.jets import ROUNDED, by_inputs, point_of_ball, speed
 from nlp.reduced.arrays import Mask, ReducedProblem
-from nlp.reduced.gaps import LEAST_DISTANCE, swept_gap
+from nlp.reduced.clearance import GAPS, swept_gap
 from nlp.reduced.inputs import add_gradient, add_wrench_gradient, columns, to_unknowns
 from nlp.reduced.platform import Moved, Platform
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
-FAR_DOWN = 60.0
-"""Length of a module's axis along which its nearest point to a path is sought [l_arm]."""
-SLOW = 0.5
-"""Rows farther from their limit, as a share of it, have no gradient."""
+
+class RowLimits(NamedTuple):
+    """Rows of air speeds."""
+
+    far_down: float = 60.0
+    """Length of a module's axis along which its nearest point to a path is sought [l_arm]."""
+    slow: float = 0.5
+    """Rows farther from their limit, as a share of it, have no gradient."""
+
+
+ROWS = RowLimits()
 
 
 @njit(cache=True)
@@ -76,14 +84,14 @@ def speed_rows(
     for r in range(len(air.case)):
         row, k, i, over = first + r, air.case[r], air.module[r], air.over[r]
         p_E = at.p_E - at.p_COM
-        offset = max(LEAST_DISTANCE, math.sqrt(p_E @ p_E))
+        offset = max(GAPS.least_distance, math.sqrt(p_E @ p_E))
         path[:] = air.path[r] + air.along[r] / offset * p_E
         p[:] = at.p[i] - at.p_E
         z[:] = at.z[i]
         share = 0.0
         if path.any():
             w, zero = p - air.start[r], 0.0
-            axis = (-FAR_DOWN * z[0], -FAR_DOWN * z[1], -FAR_DOWN * z[2])
+            axis = (-ROWS.far_down * z[0], -ROWS.far_down * z[1], -ROWS.far_down * z[2])
             _, _, share, _, _, _ = swept_gap(
                 (w[0], w[1], w[2]), axis, zero, zero, (path[0], path[1], path[2]), zero, zero
             )
@@ -108,7 +116,7 @@ def speed_rows(
             for c in range(4):
                 g_u[4 * j + c] = -over * slopes[3 + c] * jet.induced**2 / (2 * v[c])
         g[row] = 1.0 - total
-        near[row] = counting[k] and g[row] < SLOW
+        near[row] = counting[k] and g[row] < ROWS.slow
         if not near[row]:
             continue
         E = np.zeros(3)

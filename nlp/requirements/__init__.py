@@ -9,13 +9,13 @@
 | `bounds` | inputs, hinges, root, place of the end-effector | (10) |
 
 A statement has the constraint's name, the bodies, a smooth form for Ipopt, the exact value, margin and unit. The
-printed problem (`nlp.problem`), its exact evaluation (`nlp.evaluation.violations`), the assembled terms, the
+printed problem (`nlp.problem`), its exact evaluation (`nlp.evaluation`), the assembled terms, the
 untangling of starts, and the rows of the reduced search with the choice of what it expresses all go through these
 statements; none of them has cases of its own.
 
-To add a clearance, write a `Formula` (`statement`): its `local_vectors`, its smooth and exact forms, and
-its rows of the compiled search (`nlp.requirements.kinds`). Then yield a `Requirement` with it. What keeps out of a
-region at the end-effector is an `AtRegion` of one of the `bodies` and one of the `regions`.
+To add a clearance, write a `Formula` (`statement`): its `local_vectors`, its smooth and exact forms, and its rows
+of the compiled search. Then yield a `Requirement` with it. What keeps out of a
+region at the end-effector is an `AtRegion` (`exposure`) of one of the `bodies` and one region.
 `tests/test_nlp_requirements.py` holds its forms together.
 """
 

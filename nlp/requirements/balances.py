@@ -21,8 +21,7 @@ import numpy as np
 from nlp import names
 from nlp.numbers.masses import TINY, masses, spread
 from nlp.numbers.point import Point
-from nlp.symbols.kinematics import Pose
-from nlp.symbols.wrench import force_residual, torque_residual
+from nlp.symbols.platform import Pose, force_residual, torque_residual
 from nlp.units import Units
 from topo_search.model import LoadCase, Module, ResolvedTask
 from topo_search.model.arrays import Array

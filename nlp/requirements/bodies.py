@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlp.numbers.geometry import Swept
-from nlp.requirements.kinds import OF_PARTS, Kernel
-from nlp.requirements.statement import FROM_TIP, X_I, Y_I, Z_I, LocalVector
-from nlp.symbols.envelope import Ball, ConeSphere
+from nlp.requirements.statement import FROM_TIP, OF_PARTS, X_I, Y_I, Z_I, Kernel, LocalVector
+from nlp.symbols.clearance import Ball, ConeSphere
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array

@@ -9,13 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp import names
-from nlp.numbers import hinges
+from nlp.numbers.geometry import fold_excess, ranges
 from nlp.numbers.point import Point
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
-RIGHT = math.pi / 2
-PAPER_ROOT = {"psi": 0.0, "alpha_0": RIGHT, "alpha_1": RIGHT}
+PAPER_ROOT = {"psi": 0.0, "alpha_0": math.pi / 2, "alpha_1": math.pi / 2}
 """Largest root angles of the paper, either way [rad]; otherwise they are free."""
 PLACE_TOLERANCE = 1e-9
 """Largest error of a fixed end-effector's place [l_arm]."""
@@ -43,7 +42,7 @@ def variable_bounds(
     """
     free, paper = (-math.inf, math.inf), task.search.root == "paper"
     found = [(-limit, limit) for limit in PAPER_ROOT.values()] if paper else [free] * 3
-    found += zip(*hinges.ranges(task, topology, alpha), strict=True)
+    found += zip(*ranges(task, topology, alpha), strict=True)
     found += [free] * (3 if task.end_effector.fixed_position is None else 0)
     alive = running_rotors(task).ravel()
     found += zip(task.min_thrust_to_weight * alive, task.max_thrust_to_weight * alive, strict=True)
@@ -64,7 +63,7 @@ def bounds(point: Point) -> Iterator[Bound]:
     for label, over, under in zip(task.case_labels, above, below, strict=True):
         yield Bound(f"{label}, largest rotor input", over, "rad^2/s^2", task.max_input)
         yield Bound(f"{label}, smallest rotor input", under, "rad^2/s^2", task.max_input)
-    for i, excess in enumerate(hinges.fold_excess(task, point.topology, point.alpha).tolist(), start=1):
+    for i, excess in enumerate(fold_excess(task, point.topology, point.alpha).tolist(), start=1):
         yield Bound(f"hinge angle of module {i}", excess, "rad", 1.0)
     if task.search.root == "paper":
         for (name, limit), angle in zip(PAPER_ROOT.items(), point.root.tolist(), strict=True):

@@ -1,22 +1,260 @@
-"""Clearances at the end-effector: its exclusion, airflow beside it, exposure; (7) to (9) of the printed problem.
+r"""Clearances at the end-effector: its exclusion, airflow beside it, exposure; (7) to (9) of the printed problem.
 
 Those of its rod are in `nlp.requirements.rod`.
+
+Regions at the end-effector that a body keeps out of, or in (paper, Sec. III-B to III-D).
+
+| symbol | meaning | unit |
+|---|---|---|
+| q | p_i - p'_E, the module's centre from the end-effector | l_arm |
+| p_E | end-effector from the COM | l_arm |
+| r_sph | radius of a ball or capsule | l_arm |
+| d_con, theta | unit axis of an allowed cone, from p_E into it; half-angle | -, rad |
+| P, rho | P(eta) from the apex of the cone, and its part across that axis | l_arm |
+
+The paper asks two things of the cone: d_con . P >= r and s - r >= 0, s = d_con . P sin(theta) - ||rho|| cos(theta).
+The second implies the first for theta up to 90 deg (d_con . P >= r / sin(theta) >= r), so it stands alone here.
+It is concave along the axis, so that the two end balls are enough.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import partial
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from typing import Protocol
 
+import casadi as ca
 import numpy as np
 
 from nlp import names
-from nlp.requirements.bodies import Air, Body, PartBalls
-from nlp.requirements.kinds import EXCLUSION, OFFSET
-from nlp.requirements.regions import AtRegion, CapsuleRegion, to_formula
-from nlp.requirements.statement import FROM_COM, FROM_TIP, Distance, Requirement, Subjects
+from nlp.numbers.geometry import Swept, cone_clearance, hull_clearance
+from nlp.numbers.geometry import clearance as exact_clearance
+from nlp.requirements.bodies import Air, Body, PartBalls, divide
+from nlp.requirements.statement import (
+    ALONG,
+    BALL,
+    CAPSULE,
+    CONE,
+    CONE_COM,
+    EXCLUSION,
+    FROM_COM,
+    FROM_TIP,
+    HULL,
+    OFFSET,
+    Distance,
+    Kernel,
+    LocalVector,
+    Requirement,
+    Subjects,
+)
+from nlp.symbols.clearance import Ball, ConeSphere, clearance, clearance_of_all, hull_clearances
 from nlp.units import Units
 from topo_search.model import LEAST_OFFSET, AnyExposure, ResolvedTask, needs_offset, segment_of
+from topo_search.model.arrays import Array
+from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex_hull
+from topo_search.model.value import Vector
+
+ROUNDING = 1e-8
+"""Added to ||rho||^2 so that its root is smooth on the axis [l_arm^2]; asks for more clearance, never for less."""
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+@lru_cache(maxsize=64)
+def hull_of(corners: tuple[Vector, ...]) -> Hull:
+    """Return the hull of points; rows of the compiled search that share it have it once."""
+    return convex_hull(np.array(corners))
+
+
+class Region(Protocol):
+    """A region, its numbers in l_arm from p_E; hashable."""
+
+    @property
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """p_E where the region takes a direction from it, else none."""
+
+    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the rows of a body for Ipopt; `towards`: the region's local vectors."""
+
+    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
+        """Return the gap of one of a body's solids, with its exact sign."""
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return the rows of an envelope in the compiled search, but for its sizes."""
+
+
+@dataclass(frozen=True)
+class AtRegion:
+    """A body keeps out of a region, or in it."""
+
+    body: Body
+    region: Region
+    segment: int | None = None
+
+    @property
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """Those of the body and of the region."""
+        return (*self.body.local_vectors, *self.region.local_vectors)
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the region's rows."""
+        count = len(self.body.local_vectors)
+        return self.region.smooth(self.body.symbols(y[:count]), y[count:], beta)
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return the least gap of all that the body is made of."""
+        count = len(self.body.local_vectors)
+        gaps = [self.region.exact(swept, y[count:]) for swept in self.body.numbers(y[:count])]
+        return np.asarray(np.min(gaps, axis=0))
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return the body's rows."""
+        return self.body.rows(self.region.kernels())
+
+
+@dataclass(frozen=True)
+class CapsuleRegion:
+    """A capsule along a path near the end-effector, or from there away from the COM; without a path a ball."""
+
+    radius: float
+    start: Vector = ORIGIN
+    path: Vector = ORIGIN
+    """From there to the end."""
+    length: float | None = None
+    """Length of a path along p_E."""
+
+    @property
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """p_E where the path is along it."""
+        return () if self.length is None else (FROM_COM,)
+
+    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the paper's log-sum-exp over nine KKT candidates; of a ball over three, or distances of balls."""
+        start, path = ca.SX(ca.DM(self.start)), ca.SX(ca.DM(self.path))
+        if self.length is not None:
+            path = self.length * towards[0] / ca.norm_2(towards[0])
+        elif not any(self.path):
+            if isinstance(body, ConeSphere):
+                return clearance(body, Ball(start, self.radius), beta)
+            away, least = [ball.o - start for ball in body], [self.radius + ball.end_radius for ball in body]
+            return ca.vertcat(*((ca.dot(q, q) - d**2) / (2 * d) for q, d in zip(away, least, strict=True)))
+        capsule = ConeSphere(start, path, self.radius)
+        if isinstance(body, ConeSphere):
+            return clearance(body, capsule, beta)
+        return clearance_of_all(capsule, body, beta)
+
+    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
+        """Return the gap where f is least."""
+        path = np.array(self.path)
+        if self.length is not None:
+            path = self.length * towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
+        return exact_clearance(swept, Swept(np.array(self.start), path, self.radius))
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return one row."""
+        if self.length is not None:
+            return (Kernel(ALONG, (self.length, 0.0, 0.0), self.radius),)
+        return (Kernel(CAPSULE if any(self.path) else BALL, self.path, self.radius, start=self.start),)
+
+
+@dataclass(frozen=True)
+class HullRegion:
+    """The convex hull of points."""
+
+    corners: tuple[Vector, ...]
+    local_vectors = ()
+
+    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return two rows: the log-sum-exp, and how far the centre is outside (`nlp.symbols.clearance`)."""
+        assert isinstance(body, ConeSphere)
+        return hull_clearances(body, ca.SX.zeros(3), hull_of(self.corners), beta)
+
+    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
+        """Return the gap where f is least."""
+        return hull_clearance(swept, np.zeros(3), hull_of(self.corners))
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return one row."""
+        return (Kernel(HULL, hull=hull_of(self.corners)),)
+
+
+class HullFaces(HullRegion):
+    """The convex hull of points, beyond one face of which all balls keep: at edges that asks for a little more."""
+
+    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the log-sum-exp of the heights over all faces, for every ball."""
+        assert isinstance(body, list)
+        normals, offsets = hull_of(self.corners).normals, hull_of(self.corners).offsets
+        gaps = []
+        for ball in body:
+            heights = ca.DM(normals) @ ball.o - ca.DM(offsets)
+            gaps.append(ca.logsumexp(beta * heights) / beta - math.log(len(offsets)) / beta - ball.end_radius)
+        return ca.vertcat(*gaps)
+
+    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
+        """Return the largest height."""
+        normals, offsets = hull_of(self.corners).normals, hull_of(self.corners).offsets
+        return np.asarray((swept.o @ normals.T - offsets).max(axis=-1) - swept.r_0)
+
+
+@dataclass(frozen=True)
+class InfiniteCone:
+    """An infinite cone that must hold a body; at a right angle a half-space."""
+
+    half_angle: float
+    axis: Vector | None
+    """d_con; None: towards the COM."""
+    apex: Vector = ORIGIN
+
+    @property
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """The COM where the axis points there."""
+        return () if self.axis is not None else (FROM_COM,)
+
+    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return s - r of every ball, of what is swept the end balls."""
+        d_con = ca.SX(ca.DM(self.axis)) if self.axis is not None else -towards[0] / ca.norm_2(towards[0])
+        if isinstance(body, ConeSphere):
+            body = [Ball(body.o + eta * body.d, body.r_0 + eta * body.dr) for eta in (0.0, 1.0)]
+        gaps = []
+        for ball in body:
+            P = ball.o - ca.DM(self.apex)
+            along = ca.dot(d_con, P)
+            rho = P - along * d_con
+            s = along * math.sin(self.half_angle)
+            s -= ca.sqrt(ca.dot(rho, rho) + ROUNDING) * math.cos(self.half_angle)
+            gaps.append(s - ball.end_radius)
+        return ca.vertcat(*gaps)
+
+    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
+        """Return the lesser s - r of both ends."""
+        axis = np.array(self.axis)
+        if self.axis is None:
+            axis = -towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
+        return cone_clearance(swept, np.array(self.apex), axis, self.half_angle)
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return a row for each end ball."""
+        kind, axis = (CONE_COM, ORIGIN) if self.axis is None else (CONE, self.axis)
+        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
+        return tuple(Kernel(kind, axis, eta, sine, cosine, self.apex) for eta in (0.0, 1.0))
+
+
+def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> AtRegion:
+    """Return the clearance of a body from one shape of a requirement; `unit`: l_arm [m]."""
+    region: Region
+    match shape:
+        case Capsule(radius=radius, length=float(length)):
+            region = CapsuleRegion(radius / unit, length=length / unit)
+        case Capsule(radius=radius, start=start, end=end):
+            region = CapsuleRegion(radius / unit, divide(start, unit), divide(np.subtract(end, start), unit))
+        case Polytope(corners=corners):
+            kind = HullFaces if isinstance(body, PartBalls) else HullRegion
+            region = kind(tuple(divide(corner, unit) for corner in corners))
+        case Cone(half_angle_deg=half_angle, axis=axis, apex=apex):
+            region = InfiniteCone(math.radians(half_angle), axis, divide(apex, unit))
+    return AtRegion(body, region, segment)
 
 
 def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:

@@ -12,10 +12,21 @@ import numpy as np
 from nlp import names
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.requirements.bodies import Air, PartBalls
-from nlp.requirements.kinds import AIR, PARTS, Kernel
-from nlp.requirements.kinds import APART as TWO_CENTRES
-from nlp.requirements.statement import APART, X_I, Y_I, Z_I, Z_J, Distance, Requirement, Subjects
-from nlp.symbols.envelope import clearance, clearance_of_all
+from nlp.requirements.statement import (
+    AIR,
+    APART,
+    FROM_J,
+    PARTS,
+    X_I,
+    Y_I,
+    Z_I,
+    Z_J,
+    Distance,
+    Kernel,
+    Requirement,
+    Subjects,
+)
+from nlp.symbols.clearance import clearance, clearance_of_all
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -37,7 +48,7 @@ class EnvelopePair:
     """Two airflow envelopes keep apart (paper, Sec. III-A)."""
 
     air: Air
-    local_vectors = (APART, Z_I, Z_J)
+    local_vectors = (FROM_J, Z_I, Z_J)
     segment = None
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
@@ -62,7 +73,7 @@ class PartsBeside:
 
     air: Air
     balls: PartBalls
-    local_vectors = (APART, X_I, Y_I, Z_I, Z_J)
+    local_vectors = (FROM_J, X_I, Y_I, Z_I, Z_J)
     segment = None
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
@@ -94,7 +105,7 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
     distance = task.separation if ablation else task.centre_distance
     if distance is not None:
         apart = [pair for pair in pairs if ablation or pair not in topology.bolted]
-        formula = Distance(APART, distance / unit, TWO_CENTRES)
+        formula = Distance(FROM_J, distance / unit, APART)
         yield Requirement(
             5, lambda i, j, _: f"separation of modules {i} and {j}", _pairs(apart), (formula,), margin
         )

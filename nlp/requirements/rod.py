@@ -27,15 +27,16 @@ import casadi as ca
 import numpy as np
 
 from nlp import names
-from nlp.numbers.rod import connectors
+from nlp.numbers.point import connectors
 from nlp.requirements.bodies import Rod, divide
-from nlp.requirements.kinds import REACH, Kernel
-from nlp.requirements.regions import AtRegion, HullRegion, hull_of, to_formula
+from nlp.requirements.exposure import AtRegion, HullRegion, hull_of, to_formula
 from nlp.requirements.statement import (
     FROM_COM,
     FROM_TIP,
+    REACH,
     X_I,
     Formula,
+    Kernel,
     LocalVector,
     PlatformVector,
     Requirement,

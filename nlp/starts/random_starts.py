@@ -14,11 +14,20 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from nlp.numbers.geometry import cone_reach, envelopes, poses, root_angles, rotation
-from nlp.numbers.hinges import largest_turn, nearest_angles, signs
+from nlp.numbers.geometry import (
+    cone_reach,
+    envelopes,
+    largest_turn,
+    nearest_angles,
+    poses,
+    root_angles,
+    rotation,
+    signs,
+)
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from nlp.requirements.bounds import running_rotors
@@ -26,20 +35,29 @@ from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Cone
 
-LARGEST_SPLAY = 0.8
-"""Largest hinge angle of a start [rad]."""
-UNTANGLED_FROM = 8
-"""Fewest modules that are untangled first; with fewer, Ipopt sorts them out as well."""
-LIFTED_FROM = 30
-"""Fewest modules for which they are also turned so that thrusts do not point apart."""
-LEVEL = 1e-9
-"""Planes whose normals add up to less leave no direction that leads out of them all."""
-CONE_SPREAD = 0.3
-"""Scatter of the end-effector's direction about the axis of an allowed cone."""
-TURNS = 24
-"""Ways round the mean force of which a start with such a cone takes the one that costs the least effort."""
-TIE = 1e-6
-"""Efforts so close together are the same: of turns that symmetry makes alike rounding must not choose."""
+
+class Drawing(NamedTuple):
+    """How a start is drawn."""
+
+    largest_splay: float = 0.8
+    """Largest hinge angle of a start [rad]."""
+    untangled_from: int = 8
+    """Fewest modules that are untangled first; with fewer, Ipopt sorts them out as well."""
+    lifted_from: int = 30
+    """Fewest modules for which they are also turned so that thrusts do not point apart."""
+    level: float = 1e-9
+    """Planes whose normals add up to less leave no direction that leads out of them all."""
+    cone_spread: float = 0.3
+    """Scatter of the end-effector's direction about the axis of an allowed cone."""
+    turns: int = 24
+    """Ways round the mean force of which a start with such a cone takes the one that costs the least effort."""
+    tie: float = 1e-6
+    """Efforts so close together are the same: of turns that symmetry makes alike rounding must not choose."""
+
+
+DRAWING = Drawing()
+
+
 LEAST_INPUT, LARGEST_INPUT = 0.05, 0.95
 """Range of the inputs of a start, in that of their bounds: strictly inside, as an interior-point method wants."""
 
@@ -65,7 +83,7 @@ def entropy(task: ResolvedTask, topology: Topology, seed: str) -> int:
 def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Point:
     """Return a random start."""
     alpha, cone = splay(task, topology, rng), None
-    if topology.n >= UNTANGLED_FROM:
+    if topology.n >= DRAWING.untangled_from:
         from nlp.starts.untangling import (  # compiled code, which small platforms need not load
             shorten_lever,
             untangle,
@@ -73,7 +91,7 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
 
         alpha, cone = untangle(task, topology, alpha, rng), _narrowest_cone(task)
         along = cone is not None and cone.axis is None  # else the apex is not where the thrusts pull
-        if along or topology.n >= LIFTED_FROM:
+        if along or topology.n >= DRAWING.lifted_from:
             half_angle = math.radians(cone.half_angle_deg) if cone is not None and along else None
             alpha = shorten_lever(task, topology, alpha, half_angle, rng)
 
@@ -90,15 +108,15 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
     if cone is None:
         start = start_at(turn)
         return with_inputs(replace(start, p_E=_end_effector(start, rng)))
-    turns = turn + 2 * np.pi / TURNS * np.arange(TURNS if task.search.root == "free" else 1)
+    turns = turn + 2 * np.pi / DRAWING.turns * np.arange(DRAWING.turns if task.search.root == "free" else 1)
     starts = [_with_least_norm(replace(start, p_E=_apex(start, cone))) for start in map(start_at, turns)]
-    cheap = min(start.objective for start in starts) * (1.0 + TIE)
+    cheap = min(start.objective for start in starts) * (1.0 + DRAWING.tie)
     return _clip_inputs(next(start for start in starts if start.objective <= cheap))
 
 
 def splay(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
     """Return random hinge angles at which airflows of neighbours lean away from each other, shape (n-1,)."""
-    phi = rng.uniform(0.0, min(LARGEST_SPLAY, largest_turn(task)), topology.n - 1)
+    phi = rng.uniform(0.0, min(DRAWING.largest_splay, largest_turn(task)), topology.n - 1)
     return nearest_angles(task, topology, signs(topology) * phi)
 
 
@@ -117,7 +135,7 @@ def _end_effector(start: Point, rng: np.random.Generator) -> Array:
         return fixed_end_effector(task, start.topology, start.root, start.alpha)
     upstream = upstream_of(task)
     if cones(task):
-        direction = upstream + CONE_SPREAD * direction
+        direction = upstream + DRAWING.cone_spread * direction
     elif task.exposure and direction @ upstream < 0:
         direction = -direction
     return np.asarray(start.poses[1].mean(axis=0) + distance * _unit(direction))
@@ -151,7 +169,7 @@ def upstream_of(task: ResolvedTask) -> Array:
     """Return where no airflow goes: out of the last region whose direction is fixed, else along the mean force."""
     for asked in reversed(task.exposure):
         axes = [shape.axis for shape in asked.shapes if isinstance(shape, Cone) and shape.axis is not None]
-        if axes and np.linalg.norm(inwards := np.sum(axes, axis=0)) > LEVEL:
+        if axes and np.linalg.norm(inwards := np.sum(axes, axis=0)) > DRAWING.level:
             return -_unit(inwards)
     return _upstream(task, None)
 

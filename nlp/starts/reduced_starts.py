@@ -12,10 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.numbers.hinges import largest_turn, signs
+from nlp.numbers.geometry import largest_turn, signs
 from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.platform import platform
-from nlp.starts.random_starts import CONE_SPREAD, LARGEST_SPLAY, cones, entropy, mean_force, upstream_of
+from nlp.starts.random_starts import DRAWING, cones, entropy, mean_force, upstream_of
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -46,7 +46,7 @@ def drawing(task: ResolvedTask, topology: Topology) -> Drawing:
     """Return what starts are drawn with."""
     force = mean_force(task)
     return Drawing(
-        signs(topology) * min(LARGEST_SPLAY, largest_turn(task)),
+        signs(topology) * min(DRAWING.largest_splay, largest_turn(task)),
         force / np.linalg.norm(force),
         upstream_of(task),
         CONE if cones(task) else UPSTREAM if task.exposure else ANYWHERE,
@@ -100,7 +100,7 @@ def _start(stated: ReducedProblem, drawn: Drawing, uniform: Array, direction: Ar
         return x
     at, d = platform(stated, x), direction.copy()
     if drawn.where == CONE:
-        d = drawn.upstream + CONE_SPREAD * direction
+        d = drawn.upstream + DRAWING.cone_spread * direction
     elif drawn.where == UPSTREAM and np.sum(direction * drawn.upstream) < 0:
         d = -direction
     d *= (distance + drawn.stand_off) / math.sqrt(np.sum(d * d))

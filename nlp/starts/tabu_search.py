@@ -32,25 +32,32 @@ from topo_search.model.compiled_code import njit
 
 Indices = NDArray[np.int64]
 
-HINGES = 6
-"""Hinges tried a turn."""
-ANGLES = 24
-"""Random angles tried a hinge: half of them anywhere, the rest about the present one."""
-SPREAD = 0.5
-"""Standard deviation of an angle about the present one [rad]."""
-OVERLAP = 1.0
-"""Fixed cost of any deficit, besides its depth [l_arm]. Of 20 trees of 40 modules at 0.22 m the first
-start untangles 8, and 9 with 0 here (`tests/benchmarks/untangling.py --sizes 40 --connector-distances 0.22
---starts 1`).
-"""
-STRAIGHT = 0.02
-"""Cost per radian of hinge angle, against that of a deficit [l_arm]: straight platforms lift best."""
-CONFLICT_WEIGHT = 0.1
-"""Increase in the weight of a pair's deficit for every turn that it lasts."""
-TENURE = (3, 10)
-"""Tabu tenure: turns for which a hinge rests."""
-FLAT = 1e-9
-"""Share of its largest value under which the determinant of a clearance's quadratic counts as zero."""
+
+class TabuSearch(NamedTuple):
+    """The search for hinge angles at which nothing overlaps."""
+
+    hinges: int = 6
+    """Hinges tried a turn."""
+    angles: int = 24
+    """Random angles tried a hinge: half of them anywhere, the rest about the present one."""
+    spread: float = 0.5
+    """Standard deviation of an angle about the present one [rad]."""
+    overlap: float = 1.0
+    """Fixed cost of any deficit, besides its depth [l_arm]. Of 20 trees of 40 modules at 0.22 m the first
+    start untangles 8, and 9 with 0 here (`tests/benchmarks/untangling.py --sizes 40 --connector-distances 0.22
+    --starts 1`).
+    """
+    straight: float = 0.02
+    """Cost per radian of hinge angle, against that of a deficit [l_arm]: straight platforms lift best."""
+    conflict_weight: float = 0.1
+    """Increase in the weight of a pair's deficit for every turn that it lasts."""
+    tenure: tuple[int, int] = (3, 10)
+    """Tabu tenure: turns for which a hinge rests."""
+    flat: float = 1e-9
+    """Share of its largest value under which the determinant of a clearance's quadratic counts as zero."""
+
+
+TABU = TabuSearch()
 
 
 class Tree(NamedTuple):
@@ -117,11 +124,11 @@ def tabu_search(tree: Tree, at: Poses, alpha: Array, rules: Rules, turns: int, r
             if change_h < change:
                 change, hinge, angle = change_h, h, angle_h
         _turn(tree, at, alpha, rules, deficit, hinge, angle)
-        rests_until[hinge] = turn + 1 + rng.integers(TENURE[0], TENURE[1])
+        rests_until[hinge] = turn + 1 + rng.integers(TABU.tenure[0], TABU.tenure[1])
         for i in range(n):
             for j in range(n):
                 if deficit[i, j] > 0.0:
-                    weight[i, j] += CONFLICT_WEIGHT
+                    weight[i, j] += TABU.conflict_weight
     for hinge in range(1, n):
         _turn(tree, at, alpha, rules, deficit, hinge, best[hinge])
     return least
@@ -157,7 +164,7 @@ def _cost(deficit: Array) -> float:
     for i in range(len(deficit)):
         for j in range(i):
             if deficit[i, j] > 0.0:
-                total += OVERLAP + deficit[i, j]
+                total += TABU.overlap + deficit[i, j]
     return total
 
 
@@ -193,7 +200,7 @@ def _hinges_between(
         length += 1
     choice = path[: rested if rested else length]
     rng.shuffle(choice)
-    return choice[:HINGES]
+    return choice[: TABU.hinges]
 
 
 @njit(cache=True)
@@ -214,23 +221,23 @@ def _best_turn(
     """
     end = tree.end[hinge]
     pairs = _pairs_met(at, rules, deficit, hinge, end)
-    before = STRAIGHT * abs(alpha)
+    before = TABU.straight * abs(alpha)
     for i, j in pairs:
         if deficit[i, j] > 0.0:
-            before += weight[i, j] * (OVERLAP + deficit[i, j])
+            before += weight[i, j] * (TABU.overlap + deficit[i, j])
     turned = Poses(np.empty_like(at.p), np.empty_like(at.p), np.empty_like(at.p), np.empty_like(at.p))
     least, best = to_beat, alpha
-    for trial in range(ANGLES):
-        angle = rng.uniform(-rules.turn, rules.turn) if 2 * trial < ANGLES else rng.normal(alpha, SPREAD)
+    for trial in range(TABU.angles):
+        angle = rng.uniform(-rules.turn, rules.turn) if 2 * trial < TABU.angles else rng.normal(alpha, TABU.spread)
         angle = _nearest_allowed(rules.folds, tree.sign[hinge], angle)
-        change = STRAIGHT * abs(angle) - before
+        change = TABU.straight * abs(angle) - before
         if change >= least:
             continue
         _rotate(at, hinge, end, angle - alpha, turned)
         for i, j in pairs:
             short = deficit_of(rules, tree, turned, i, at, j)
             if short > 0.0:
-                change += weight[i, j] * (OVERLAP + short)
+                change += weight[i, j] * (TABU.overlap + short)
                 if change >= least:
                     break
         if change < least:
@@ -386,7 +393,7 @@ def clearance(rules: Rules, w: tuple[float, float, float], z_i: Array, z_j: Arra
     E = 2 * (l * (z_j[0] * x + z_j[1] * y + z_j[2] * z) - r * dr)
     det = 4 * A**2 - C**2
     inside, eta, gamma = False, 0.0, 0.0
-    if det > FLAT * A**2:
+    if det > TABU.flat * A**2:
         eta, gamma = (C * E - 2 * A * D) / det, (C * D - 2 * A * E) / det
         inside = 0.0 <= eta <= 1.0 and 0.0 <= gamma <= 1.0
     least = (A * eta + C * gamma + D) * eta + (A * gamma + E) * gamma if inside else math.inf

@@ -22,8 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.numbers.geometry import cone_reach, envelopes, poses
-from nlp.numbers.hinges import largest_turn, nearest_angles, signs, turns
+from nlp.numbers.geometry import cone_reach, envelopes, largest_turn, nearest_angles, poses, signs, turns
 from nlp.requirements.bodies import Air
 from nlp.requirements.modules import module_clearances
 from nlp.requirements.statement import Distance

@@ -26,11 +26,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.evaluation.violations import violations, worst
-from nlp.numbers.geometry import poses, root_rotation, rotation
-from nlp.numbers.hinges import nearest_angles
+from nlp.evaluation import violations, worst
+from nlp.numbers.geometry import nearest_angles, poses, root_rotation, rotation
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.starts.random_starts import UNTANGLED_FROM, root_of, splay, with_inputs
+from nlp.starts.random_starts import DRAWING, root_of, splay, with_inputs
 from topo_search.model import Design, ResolvedTask, Topology
 
 
@@ -73,7 +72,7 @@ def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.r
             sine = H[0, 2] if a % 2 == 0 else H[2, 1]
             alpha[i - 1] = np.arctan2(sine, H[2, 2])
     alpha = nearest_angles(task, topology, alpha)
-    if len(parts[0]) < topology.n >= UNTANGLED_FROM:
+    if len(parts[0]) < topology.n >= DRAWING.untangled_from:
         from nlp.starts.untangling import untangle  # compiled code, which small platforms need not load
 
         alpha = untangle(task, topology, alpha, rng, leeway=False)

@@ -4,8 +4,7 @@ They are no part of the printed problem: the reduced search, lower bounds and pr
 and so does the evaluation that decides whether a point is a design.
 """
 
-from nlp.user_constraints.check import check_stated, refuse_unusable
-from nlp.user_constraints.invariance import refuse_wrong_claims
+from nlp.user_constraints.check import check_stated, refuse_unusable, refuse_wrong_claims
 from nlp.user_constraints.rows import UserConstraints, correct_point, rows_of, violations_of
 
 __all__ = [

@@ -11,8 +11,7 @@ from direct import Direct, random_start
 from stopwatch import Stopwatch
 
 from nlp.assembled import AssembledProgram
-from nlp.evaluation.correction import correct
-from nlp.evaluation.violations import violations, worst
+from nlp.evaluation import correct, violations, worst
 from nlp.numbers.point import Point
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import ResolvedTask, Topology

@@ -26,8 +26,7 @@ from random import Random
 
 import nlp
 from nlp.assembled import AssembledProgram
-from nlp.evaluation.correction import correct
-from nlp.evaluation.violations import violations, worst
+from nlp.evaluation import correct, violations, worst
 from nlp.starts.random_starts import draw, generator
 from topo_search.engine import Space
 from topo_search.model import ResolvedTask, Topology

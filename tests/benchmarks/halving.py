@@ -42,7 +42,10 @@ def main() -> None:
     parser.add_argument("--trees", type=int, default=60)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument(
-        "--ways", nargs="+", type=_way, default=[Way(16), Way(20, search.HALVED_AFTER, search.LEAST_HALVED)]
+        "--ways",
+        nargs="+",
+        type=_way,
+        default=[Way(16), Way(20, search.SELECTION.halved_after, search.SELECTION.least_halved)],
     )
     arguments = parser.parse_args()
     ways: list[Way] = arguments.ways
@@ -56,7 +59,9 @@ def main() -> None:
         for tree in trees:
             for way in ways:
                 began = time.process_time()
-                with patch.multiple(search, HALVED_AFTER=way.steps, LEAST_HALVED=way.least):
+                with patch.object(
+                    search, "SELECTION", search.SELECTION._replace(halved_after=way.steps, least_halved=way.least)
+                ):
                     found = nlp.solve(resolved, tree, starts=range(way.starts), seed=seed)
                 seconds[way] += time.process_time() - began
                 if isinstance(found, Design):

@@ -11,7 +11,7 @@ from part_share import kind_of
 from rows import Row, Rows
 
 import nlp
-from nlp.evaluation.violations import violations
+from nlp.evaluation import violations
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Topology
 from topo_search.supervisor import Clock, peak_mb

@@ -21,11 +21,10 @@ import numpy as np
 
 from nlp.assembled import AssembledProgram
 from nlp.bounds import prove_impossible
-from nlp.evaluation.correction import correct
-from nlp.evaluation.violations import violations, worst
-from nlp.numbers.hinges import nearest_angles
+from nlp.evaluation import correct, violations, worst
+from nlp.numbers.geometry import nearest_angles
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.starts.random_starts import UNTANGLED_FROM, draw, generator, with_inputs
+from nlp.starts.random_starts import DRAWING, draw, generator, with_inputs
 from nlp.starts.untangling import untangle
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task
@@ -104,7 +103,7 @@ def displaced(point: Point, by: float, rng: np.random.Generator) -> Point:
     right = np.pi / 2
     root = point.root + by * rng.normal(size=3)
     alpha = nearest_angles(task, topology, point.alpha + by * rng.normal(size=topology.n - 1))
-    if topology.n >= UNTANGLED_FROM:
+    if topology.n >= DRAWING.untangled_from:
         alpha = untangle(task, topology, alpha, rng)
     p_E = point.p_E + by * task.module.connector_distance * rng.normal(size=3)
     if task.search.root == "paper":

@@ -18,7 +18,7 @@ import time
 from typing import NamedTuple
 
 import nlp
-from nlp.reduced import expressed
+import nlp.reduced
 from nlp.solve import REDUCED_STARTS, UNTANGLED_STARTS
 from topo_search.engine import Space
 from topo_search.model import Design, ResolvedTask, Topology
@@ -56,7 +56,7 @@ def main() -> None:
     n, settings = arguments.modules, (f"modules={arguments.modules}", *arguments.settings)
     task = read_task(arguments.example, settings)
     space = Space(task.resolve(n), "task")
-    ways = [Way("as a run does", expressed.REDUCED_UP_TO, nlp.default_starts(task))]
+    ways = [Way("as a run does", nlp.reduced.REDUCED_UP_TO, nlp.default_starts(task))]
     if arguments.both:
         ways = [Way("reduced", n, max(REDUCED_STARTS.values())), Way("untangled", 0, UNTANGLED_STARTS)]
     found: dict[Way, list[Solved]] = {way: [] for way in ways}
@@ -88,7 +88,7 @@ def main() -> None:
 
 def solved(task: ResolvedTask, tree: Topology, way: Way) -> Solved:
     """Solve a tree in one way."""
-    expressed.REDUCED_UP_TO = way.reduced_up_to
+    nlp.reduced.REDUCED_UP_TO = way.reduced_up_to
     began = time.process_time()
     outcome = nlp.solve(task, tree, starts=range(way.starts), seed=0)
     seconds = time.process_time() - began

@@ -17,8 +17,7 @@ from direct import random_start
 
 from nlp.assembled import AssembledProgram
 from nlp.bounds import lower_bound
-from nlp.evaluation.correction import correct
-from nlp.evaluation.violations import violations, worst
+from nlp.evaluation import correct, violations, worst
 from nlp.numbers.point import Point
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import ResolvedTask, Topology

@@ -21,8 +21,7 @@ import numpy as np
 
 import nlp
 from nlp.assembled import AssembledProgram
-from nlp.evaluation.correction import correct
-from nlp.evaluation.violations import violations, worst
+from nlp.evaluation import correct, violations, worst
 from nlp.numbers.point import Point
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.warm_start import warm_start

@@ -160,7 +160,7 @@ def round_angles(design: Design, step_deg: float) -> Rounded:
         BadInput: with these angles the rotors can no longer produce a load case.
         RuntimeError: an audit failed; the message gives the reason.
     """
-    from nlp.evaluation.refit import NotPossible, refit
+    from nlp.evaluation import NotPossible, refit
 
     angles = [math.radians(step_deg * round(math.degrees(alpha) / step_deg)) for alpha in design.hinge_angles_rad]
     try:

@@ -243,7 +243,7 @@ def share_brackets(choices: Sequence[Choices], tolerance_deg: float, within: flo
     Sizes of angles are shared in groups no wider than the tolerance, from the least on; the root's orientation and
     the end-effector stay, the inputs are found again.
     """
-    from nlp.evaluation.refit import NotPossible, refit  # loads CasADi
+    from nlp.evaluation import NotPossible, refit  # loads CasADi
 
     sizes = sorted({size for each in choices for design in each.designs for size in count_kinds(design)})
     shared, group = dict[float, float](), list[float]()

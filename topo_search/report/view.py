@@ -22,7 +22,7 @@ from topo_search.report.parts import Part, ball, triangles_of
 from topo_search.report.scene import NUMBERED, closest, closest_words, meshes, scene, sides
 from topo_search.report.thumbnail import thumbnail
 from topo_search.report.wording import clearance, figures, length, modules
-from verify.air.jets import DIAMETER, FADES_OVER, MERGED_AT, SHEAR, jets
+from verify.air.jets import MODEL, jets
 
 
 def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
@@ -80,10 +80,10 @@ def _air(design: Design) -> dict[str, Any]:
         "full": float(full.induced[0, 0]),
         "rotors": (module.arm_length * ROTOR_DIRECTIONS[:, :2]).round(6).tolist(),
         "radius": module.body.rotor_radius,
-        "diameter": DIAMETER * module.arm_length,
-        "merged": MERGED_AT,
-        "fades": FADES_OVER,
-        "shear": SHEAR,
+        "diameter": MODEL.diameter * module.arm_length,
+        "merged": MODEL.merged_at,
+        "fades": MODEL.fades_over,
+        "shear": MODEL.shear,
         "jet": module.airflow.jet.model_dump(),
     }
 

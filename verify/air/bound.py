@@ -1,9 +1,9 @@
 """Certified upper bounds of the air speed over whole regions: the sum of all modules' speeds.
 
 A cube about the region is cut into eight again and again. In the ball around a cube every module's speed is bounded
-(`verify.air.jets`). A cube outside the region is dropped, and one whose bound is under ENOUGH times the largest
+(`verify.air.jets`). A cube outside the region is dropped, and one whose bound is under `enough` times the largest
 speed that was found at a point of the region; what is dropped is remembered. So the result is at least every speed
-in the region, and at most ENOUGH times one of them unless cubes run out. Points alone prove nothing.
+in the region, and at most `enough` times one of them unless cubes run out. Points alone prove nothing.
 
 Of a region without end all that is farther than D is dropped where the jets' decay bounds it.
 """
@@ -15,27 +15,36 @@ from typing import NamedTuple
 
 import numpy as np
 
-from verify.air.jets import DIAMETER, MERGED_AT, Jets, speeds
+from verify.air.jets import MODEL, Jets, speeds
 from verify.bodies import Array, Cone, ConeSphere, nearest_on_axis
 from verify.certificate import Solid
 from verify.hulls import Hull
 
-ENOUGH = 1.02
-"""Bound over the largest speed found at which a cube needs no more cutting."""
-MOST_CUBES = 300_000
-"""Cubes of one region, of one module; with more modules fewer."""
-CHUNK = 50_000
-"""Cubes times modules that are evaluated at once."""
-ROUNDING = 1e-9
-"""Relative excess of a bound over what rounding may take from it."""
-INSIDE = 1e-12
-"""Relative distance of points from the surface of their region, inside it."""
-PULLS = 6
-"""Number of projections onto faces that bring a point near a polytope."""
-STEEP = 0.95
-"""Cosine of the angle to a jet's axis within which its far field is bounded by its speed on the axis."""
-NOT_LESS = 1e-6
-"""Least speed that matters [m/s]."""
+
+class SpeedSearch(NamedTuple):
+    """The branch and bound on the air speed over a region."""
+
+    enough: float = 1.02
+    """Bound over the largest speed found at which a cube needs no more cutting."""
+    most_cubes: int = 300_000
+    """Cubes of one region, of one module; with more modules fewer."""
+    chunk: int = 50_000
+    """Cubes times modules that are evaluated at once."""
+    rounding: float = 1e-9
+    """Relative excess of a bound over what rounding may take from it."""
+    inside: float = 1e-12
+    """Relative distance of points from the surface of their region, inside it."""
+    pulls: int = 6
+    """Number of projections onto faces that bring a point near a polytope."""
+    steep: float = 0.95
+    """Cosine of the angle to a jet's axis within which its far field is bounded by its speed on the axis."""
+    not_less: float = 1e-6
+    """Least speed that matters [m/s]."""
+
+
+SEARCH = SpeedSearch()
+
+
 EIGHT = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
 """From the centre of a cube to those of its eighths, in their half edges."""
 
@@ -65,28 +74,30 @@ def bound_speed(
     found, best, dropped = 0.0, np.full(3, np.nan), 0.0
     cubes, half = _first_cubes(air, region) if within is None else (within.o[None], within.r)
     if within is None and isinstance(region, Cone):
-        dropped = bound_beyond(air, region.apex, half) * (1 + ROUNDING)
-    left = MOST_CUBES / len(air.centres)
+        dropped = bound_beyond(air, region.apex, half) * (1 + SEARCH.rounding)
+    left = SEARCH.most_cubes / len(air.centres)
     while len(cubes):
         cubes = cubes[_reaches(region, cubes, math.sqrt(3) * half)]
         if within is not None:
             cubes = cubes[_reaches(Solid(within), cubes, math.sqrt(3) * half)]
         bounds = np.zeros(len(cubes))
-        for chunk in np.array_split(np.arange(len(cubes)), math.ceil(len(cubes) * len(air.centres) / CHUNK) or 1):
+        for chunk in np.array_split(
+            np.arange(len(cubes)), math.ceil(len(cubes) * len(air.centres) / SEARCH.chunk) or 1
+        ):
             points = _points_in(region, cubes[chunk])
             if within is not None:
                 points = points[np.linalg.norm(points - within.o, axis=1) < within.r]
             sums = speeds(air, points).sum(axis=1)
             if (most := float(sums.max(initial=-1.0))) >= found:
                 found, best = most, points[int(np.argmax(sums))]
-            bounds[chunk] = speeds(air, cubes[chunk], math.sqrt(3) * half).sum(axis=1) * (1 + ROUNDING)
+            bounds[chunk] = speeds(air, cubes[chunk], math.sqrt(3) * half).sum(axis=1) * (1 + SEARCH.rounding)
         left -= len(cubes)
-        enough = limit if found <= limit < ENOUGH * found else max(ENOUGH * found, NOT_LESS)
+        enough = limit if found <= limit < SEARCH.enough * found else max(SEARCH.enough * found, SEARCH.not_less)
         settled = (bounds <= enough) | (left < 0)
         dropped = max(dropped, float(bounds[settled].max(initial=0.0)))
         half /= 2
         cubes = (cubes[~settled][:, None] + half * EIGHT).reshape(-1, 3)
-    return SpeedBound(found, max(dropped, found * (1 + ROUNDING)), best)
+    return SpeedBound(found, max(dropped, found * (1 + SEARCH.rounding)), best)
 
 
 def _first_cubes(air: Jets, region: Solid | Cone | Hull) -> tuple[Array, float]:
@@ -103,10 +114,12 @@ def _first_cubes(air: Jets, region: Solid | Cone | Hull) -> tuple[Array, float]:
 
 def _reach(air: Jets, region: Cone) -> float:
     """Return a distance from the apex beyond which no speed is more than one that is found nearer by."""
-    distance = 4 * float(np.linalg.norm(air.centres - region.apex, axis=1).max()) + 4 * MERGED_AT * DIAMETER
+    distance = (
+        4 * float(np.linalg.norm(air.centres - region.apex, axis=1).max()) + 4 * MODEL.merged_at * MODEL.diameter
+    )
     grid = region.apex + distance * np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3), axis=-1).reshape(-1, 3)
     points = _points_in(region, np.concatenate([grid, air.centres, air.rotors.reshape(-1, 3)]))
-    found = max(float(speeds(air, points).sum(axis=1).max()), NOT_LESS)
+    found = max(float(speeds(air, points).sum(axis=1).max()), SEARCH.not_less)
     while bound_beyond(air, region.apex, distance) > found:
         distance *= 2
     return distance
@@ -115,16 +128,16 @@ def _reach(air: Jets, region: Cone) -> float:
 def bound_beyond(air: Jets, x: Array, distance: float) -> float:
     """Return a bound of the sum of speeds wherever that is farther from x than a distance.
 
-    Such a point is at least D away from a module. Either it is deeper than STEEP D, or it is at least
-    sqrt(1 - STEEP^2) D beside the axis, where speeds are below U_c (a r^2 / r_half^2)^-2, which grows with depth.
+    Such a point is at least D away from a module. Either it is deeper than `steep` D, or it is at least
+    sqrt(1 - `steep`^2) D beside the axis, where speeds are below U_c (a r^2 / r_half^2)^-2, which grows with depth.
     The slipstreams of single rotors have ended.
     """
     D = distance - np.linalg.norm(air.centres - x, axis=1)
-    if D.min() < 2 * (MERGED_AT * DIAMETER + 1 + 2 * air.radius):
+    if D.min() < 2 * (MODEL.merged_at * MODEL.diameter + 1 + 2 * air.radius):
         return math.inf
-    s = STEEP * D / DIAMETER + air.origin
+    s = SEARCH.steep * D / MODEL.diameter + air.origin
     steep = air.decay * air.merged / s
-    beside = math.sqrt(1 - STEEP**2) * D / (air.half_width * s * DIAMETER)
+    beside = math.sqrt(1 - SEARCH.steep**2) * D / (air.half_width * s * MODEL.diameter)
     flat = steep / ((math.sqrt(2) - 1) * beside**2) ** 2
     from_disc = D - 1 - air.radius
     inflow = air.induced.sum(axis=1) / (1 + math.sqrt(2) * from_disc / air.radius) ** 2
@@ -133,7 +146,7 @@ def bound_beyond(air: Jets, x: Array, distance: float) -> float:
 
 def _reaches(region: Solid | Cone | Hull, x: Array, h: float) -> Array:
     """Return which balls of radius h about x, (m, 3), may meet the region; those that do not are not in it."""
-    slack = h + ROUNDING * (h + float(np.abs(x).max(initial=0.0)))
+    slack = h + SEARCH.rounding * (h + float(np.abs(x).max(initial=0.0)))
     if isinstance(region, Cone):
         return np.asarray(region.s(x) <= slack)
     if isinstance(region, Hull):
@@ -144,10 +157,10 @@ def _reaches(region: Solid | Cone | Hull, x: Array, h: float) -> Array:
 def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
     """Return points of the region near points x, (m, 3): x itself where that is in it."""
     if isinstance(region, Cone):
-        depth = np.maximum(region.s(x) + INSIDE * (1 + np.abs(x - region.apex).max(axis=1)), 0.0)
+        depth = np.maximum(region.s(x) + SEARCH.inside * (1 + np.abs(x - region.apex).max(axis=1)), 0.0)
         return np.asarray(x - depth[:, None] * region.inward_normal(x))
     if isinstance(region, Hull):
-        for _ in range(PULLS):
+        for _ in range(SEARCH.pulls):
             beyond = x @ region.normals.T - region.offsets
             face = np.argmax(beyond, axis=1)
             x = x - np.maximum(beyond[np.arange(len(x)), face], 0.0)[:, None] * region.normals[face]
@@ -156,10 +169,10 @@ def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
         room = region.offsets - region.normals @ region.centre
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(rate > 0, room / rate, np.inf).min(axis=1)
-        return np.asarray(region.centre + np.minimum(share, 1.0)[:, None] * (1 - INSIDE) * away)
+        return np.asarray(region.centre + np.minimum(share, 1.0)[:, None] * (1 - SEARCH.inside) * away)
     body = region.body
     eta = nearest_on_axis(body.o - x, np.broadcast_to(body.d, x.shape), body.dr)
     nearest, radius = body.o + eta[:, None] * body.d, body.r + eta * body.dr
     away = x - nearest
-    share = radius / np.maximum(np.linalg.norm(away, axis=1), radius) * (1 - INSIDE)
+    share = radius / np.maximum(np.linalg.norm(away, axis=1), radius) * (1 - SEARCH.inside)
     return np.asarray(nearest + share[:, None] * away)

@@ -43,14 +43,21 @@ import numpy as np
 from topo_search.model import Module
 from verify.bodies import Array
 
-MERGED_AT = 2.5
-"""s_F [L]."""
-FADES_OVER = 1.5
-"""Depths before s_F over which the rotors' slipstreams give way to the merged jet [L]."""
-SHEAR = 0.1
-"""Growth of the shear layer's half width."""
-DIAMETER = 2.0
-"""L [l_arm]."""
+
+class JetModel(NamedTuple):
+    """Numbers of the air below a module."""
+
+    merged_at: float = 2.5
+    """s_F [L]."""
+    fades_over: float = 1.5
+    """Depths before s_F over which the rotors' slipstreams give way to the merged jet [L]."""
+    shear: float = 0.1
+    """Growth of the shear layer's half width."""
+    diameter: float = 2.0
+    """L [l_arm]."""
+
+
+MODEL = JetModel()
 
 
 class Jets(NamedTuple):
@@ -177,20 +184,20 @@ def _wakes(air: Jets, about: _Balls) -> Array:
 def far_field(air: Jets, shallow: Array, deep: Array, beside: Array) -> Array:
     """Return a bound of the merged jets between two depths, no nearer to the axis than `beside`, (m, n)."""
     origin = air.origin
-    least, most = (np.maximum(depth / DIAMETER, MERGED_AT) for depth in (shallow, deep))
-    onset = np.clip(deep / DIAMETER / MERGED_AT, 0.0, 1.0)
-    half_width = air.half_width * (most + origin) * DIAMETER
+    least, most = (np.maximum(depth / MODEL.diameter, MODEL.merged_at) for depth in (shallow, deep))
+    onset = np.clip(deep / MODEL.diameter / MODEL.merged_at, 0.0, 1.0)
+    half_width = air.half_width * (most + origin) * MODEL.diameter
     profile = 1 + (math.sqrt(2) - 1) * (beside / half_width) ** 2
     return np.asarray(onset * air.decay * air.merged / (least + origin) / profile**2)
 
 
 def _slipstreams(air: Jets, shallow: Array, deep: Array, beside: Array) -> Array:
     """Return a bound of each rotor's slipstream between two depths, (m, n, 4)."""
-    R, end = air.radius, MERGED_AT * DIAMETER
+    R, end = air.radius, MODEL.merged_at * MODEL.diameter
     upper, lower = (np.clip(depth, 0.0, end)[..., None] for depth in (shallow, deep))
     growth_above, growth_below = (1 + z / np.hypot(R, z) for z in (upper, lower))
     inside = R / np.sqrt(growth_above) - beside
-    width = 2 * SHEAR * (np.where(inside > 0, upper, lower) + R)
-    fade = np.clip((end - upper) / (FADES_OVER * DIAMETER), 0.0, 1.0)
+    width = 2 * MODEL.shear * (np.where(inside > 0, upper, lower) + R)
+    fade = np.clip((end - upper) / (MODEL.fades_over * MODEL.diameter), 0.0, 1.0)
     profile = np.clip(0.5 + inside / width, 0.0, 1.0)
     return np.where(deep[..., None] >= 0, air.induced * growth_below * fade * profile, 0.0)

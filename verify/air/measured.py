@@ -25,8 +25,7 @@ from verify.residuals import clamp
 
 LOSS = 0.05
 """Share of its thrust that a rotor loses per m/s of wake along its axis [s/m]."""
-SIXTHS = np.arange(6) * math.pi / 3
-DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *zip(np.cos(SIXTHS), np.sin(SIXTHS), strict=True)])
+DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a in np.arange(6) * math.pi / 3)])
 """Points of the unit disc, shape (7, 2)."""
 WEIGHTS = np.array([2.0, *[1.0] * 6]) / 8
 """Their weights in its average, shape (7,)."""

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nlp.numbers.geometry import torque_map
 from nlp.numbers.masses import Masses, masses
-from nlp.numbers.rotors import torque_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -328,7 +328,7 @@ def _slack(
     """Return what deviations within an audit's tolerance and rounding take from a dual value.
 
     With e = TOLERANCE m_t g a force may be off by e, a torque about the COM and about the end-effector by l_arm e
-    each, hence about B by (1 + 2 m_E / (m_t - m_E)) l_arm e (`nlp.bounds.torques`), and about the origin of W by
+    each, hence about B by (1 + 2 m_E / (m_t - m_E)) l_arm e (`nlp.bounds.wrenches`), and about the origin of W by
     the distance of B times e more. Every input may be d = TOLERANCE U beyond its limits: of
     those below zero a rotor's psi gains d |a_j . y| at most. A fixed end-effector may be TOLERANCE l_arm off.
     """

@@ -1,18 +1,21 @@
 """Proofs that no topology of a size, or no design of one topology, can do a task.
 
 Every rule leaves out all that it does not name, so what it refuses cannot be done with the rest either.
+
+The branch and bound of one tree is loaded when it is used: it is compiled, and other commands need not load it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from nlp.bounds.air import windy
-from nlp.bounds.forces import all_forces, axes, failures, one_force
-from nlp.bounds.paths import crowded_path
-from nlp.bounds.reach import out_of_reach, rotors_overlap, stand_off
+from nlp.bounds.reach import crowded_path, out_of_reach, rotors_overlap, stand_off
 from nlp.bounds.refutation import Refutation, modules
-from nlp.bounds.torques import torque_reach
-from topo_search.model import Infeasible, ResolvedTask, Topology
+from nlp.bounds.wrenches import all_forces, axes, failures, one_force, torque_reach
+from topo_search.model import Chunk, Infeasible, ResolvedTask, Topology
 from topo_search.model.corners import to_corners
+from topo_search.model.proof import Problem
 
 
 def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> Infeasible | None:
@@ -58,3 +61,38 @@ def _reserve_at_fault(task: ResolvedTask, topology: Topology | None) -> str:
 def _shape(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
     """Return what the shape of one tree rules out at any hinge angles; without one, that of every tree."""
     return torque_reach(task, topology) or crowded_path(task, topology) or stand_off(task, topology)
+
+
+def prove_chunk(
+    task: ResolvedTask,
+    topology: Topology,
+    number: int,
+    cut: float,
+    problem: Problem = "task",
+    *,
+    most_boxes: int | None = None,
+) -> Chunk:
+    """Search one chunk of a tree's angles for designs that cost less than a cut.
+
+    Args:
+        task: the task.
+        topology: the tree.
+        number: of the chunk.
+        cut: effort [rad^4/s^4].
+        problem: which designs it is about (`topo_search.model.proof`).
+        most_boxes: after which the chunk is left open; default: `nlp.bounds.branch.proof.MOST_BOXES`.
+
+    Raises:
+        ValueError: there is no such chunk.
+    """
+    from nlp.bounds.branch import proof
+
+    most = proof.MOST_BOXES if most_boxes is None else most_boxes
+    return proof.prove_chunk(task, topology, number, cut, problem, most_boxes=most)
+
+
+def prepare_proof(task: ResolvedTask, tell: Callable[[str], None]) -> None:
+    """Compile what a proof takes, so that no worker has to; `tell` is told if that takes a while."""
+    from nlp.bounds.branch import proof
+
+    proof.prepare(task, tell)

@@ -1,4 +1,4 @@
-"""Forces that no thrusts of a platform make, whatever its angles, and failures of a rotor that none survives.
+"""Forces and torques that no platform makes, whatever its angles, and failures of a rotor that none survives.
 
 What is asked counts as produced to within the audit's tolerance.
 
@@ -12,38 +12,79 @@ What is asked counts as produced to within the audit's tolerance.
 | W | weight of the platform | | N |
 | s_q | share of rotor q in the thrust of one module | | |
 | k | drag torque of a rotor over its thrust and the arm, k_tau / (k_f l_arm) | | |
+
+Torques beyond the reach of all rotors.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| c | centre of mass of modules and joints | (3,) | m |
+| q | end-effector position from c | (3,) | m |
+| M | mass of modules and joints, m_t - m_E | | kg |
+| tau_k | torque that load case k asks for, at the end-effector and at the COM | (3,) | N m |
+| f_E, f_C | its forces at the end-effector and at the COM | (3,) | N |
+| g_k | force that q has as its lever, f_E + (m_E / m_t) f_C | (3,) | N |
+| d_ij | joints between the modules i and j | | |
+
+About c the rotors must produce tau_k + q x g_k, since the COM is at (m_E / m_t) q. Whatever q is, its part along
+g_k is that of tau_k.
+
+The distance of module i from the modules' centroid is (2 l_c / n) sum_j d_ij at most, that of its rotors l_arm
+more; joints shift c from the centroid a little. A rotor at o with
+thrust f has the torque f o x z about c, and its drag (k_tau / k_f) f along z.
+
+The reach is far from tight: no platform has all its modules at the longest levers, all thrusts across them and
+turning the same way. So a torque that is not refused here need not be possible.
+
+The residuals of a torque about the COM and about the end-effector, both at most e, differ by the force's residual
+with the lever from one to the other, (M / m_t) q; c is (m_E / m_t) q beside the COM, on the same line. So about c
+the residual is e (1 + 2 m_E / M) at most, wherever the end-effector is.
 """
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from nlp import names
-from nlp.bounds.duality import multipliers
+from nlp.bounds.duality import greatest, multipliers
 from nlp.bounds.effort import growth, least_sizes, total_forces
-from nlp.bounds.refutation import Refutation, largest_thrust, modules, tolerated_force, unseen_thrust
-from nlp.bounds.sphere import greatest
+from nlp.bounds.refutation import (
+    Refutation,
+    bodies_mass,
+    largest_thrust,
+    modules,
+    off_centre,
+    tolerated_force,
+    unseen_thrust,
+)
 from nlp.units import Units
-from topo_search.model import ResolvedTask, Topology
+from topo_search.model import LoadCase, ResolvedTask, Topology
 from topo_search.model.proven import excess_texts, lower_text
 from topo_search.model.tolerances import TOLERANCE
 
-ROUNDING = 1e-12
-"""Share of the forces that is left to rounding."""
-SOFTENED = 0.01
-"""Knee of phi in the search for a proof, in its largest multiplier: nearly that of a thrust without cost."""
-WEAKEST_DRAG = 1e-3
-"""Least k with which the argument about one module is made: its shares are then known to a hundredth."""
+
+class ForceProof(NamedTuple):
+    """Settings of the proofs about forces."""
+
+    rounding: float = 1e-12
+    """Share of the forces that is left to rounding."""
+    softened: float = 0.01
+    """Knee of phi in the search for a proof, in its largest multiplier: nearly that of a thrust without cost."""
+    weakest_drag: float = 1e-3
+    """Least k with which the argument about one module is made: its shares are then known to a hundredth."""
+
+
+FORCES = ForceProof()
 
 
 def one_force(task: ResolvedTask) -> Refutation | None:
     """All rotors together pull with 4 n k_f rho u_max at most, whatever the angles."""
     asked = least_sizes(task)
     k, most = int(np.argmax(asked)), largest_thrust(task)
-    if asked[k] * (1 - ROUNDING) - tolerated_force(task) <= most + unseen_thrust(task):
+    if asked[k] * (1 - FORCES.rounding) - tolerated_force(task) <= most + unseen_thrust(task):
         return None
     case, (needed, given) = task.case_labels[k], excess_texts(float(asked[k]), most)
     return Refutation(
@@ -70,7 +111,7 @@ def axes(task: ResolvedTask, topology: Topology | None = None) -> Refutation | N
     F = total_forces(task)
     apart = float(np.sqrt(np.sum(np.linalg.svd(F, compute_uv=False)[d:] ** 2)) - np.linalg.norm(growth(task)))
     missed = max(0.0, apart) / math.sqrt(len(F))
-    if missed <= tolerated_force(task) + ROUNDING * float(np.linalg.norm(F)):
+    if missed <= tolerated_force(task) + FORCES.rounding * float(np.linalg.norm(F)):
         return None
     return Refutation(
         "load cases, forces",
@@ -92,7 +133,7 @@ def all_forces(task: ResolvedTask) -> Refutation | None:
     if len(F) == 1:
         return None
     f = F / (task.n * Units.of(task).force)
-    nu = multipliers(f / T, np.full(len(f), SOFTENED / 2), 1.0, largest=1.0)
+    nu = multipliers(f / T, np.full(len(f), FORCES.softened / 2), 1.0, largest=1.0)
     lengths = np.linalg.norm(nu, axis=1)
     if not lengths.max() > 0:
         return None
@@ -101,10 +142,10 @@ def all_forces(task: ResolvedTask) -> Refutation | None:
     most = largest_thrust(task) * greatest(lambda z: np.sum(np.maximum(z @ nu.T, 0.0), axis=-1))
     # inputs a little below zero pull the other way, along every nu_k at once
     unseen = tolerated_force(task) * lengths.sum() + unseen_thrust(task) * (1 + lengths.sum()) * len(F)
-    if asked - unseen - ROUNDING * float(np.sum(np.abs(nu) * np.abs(F))) <= most:
+    if asked - unseen - FORCES.rounding * float(np.sum(np.abs(nu) * np.abs(F))) <= most:
         return None
     needed, given = excess_texts(asked, most)
-    serving = np.flatnonzero(lengths > SOFTENED)
+    serving = np.flatnonzero(lengths > FORCES.softened)
     cases = ", ".join(task.case_labels[k].removeprefix("load case ") for k in serving)
     return Refutation(
         f"load cases {cases}, forces",
@@ -146,7 +187,7 @@ def failures(task: ResolvedTask) -> Refutation | None:
             f"flight.rotor_out: {modules(task)} cannot hover with a rotor dead: all others at their limit pull "
             f"with {pull} N at most, the weight is {weight} N",
         )
-    if n == 1 and module.torque_coefficient >= WEAKEST_DRAG * module.thrust_coefficient * module.arm_length:
+    if n == 1 and module.torque_coefficient >= FORCES.weakest_drag * module.thrust_coefficient * module.arm_length:
         return Refutation(
             name,
             1.0,
@@ -155,3 +196,69 @@ def failures(task: ResolvedTask) -> Refutation | None:
             "to be half an arm away from its middle, towards the rotor across from the dead one, whichever it is",
         )
     return None
+
+
+class TorqueProof(NamedTuple):
+    """Settings of the proofs about torques."""
+
+    rounding: float = 1e-9
+    """Share of a torque that is left to rounding."""
+    least_force: float = 1e-6
+    """Size of g_k under which its direction is not trusted, in m_t g and in the forces that it is the sum of."""
+
+
+TORQUES = TorqueProof()
+
+
+def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
+    """All rotors at their limit, each at its longest lever, against the torque of every load case.
+
+    Of all trees a straight chain has the largest sum of distances, sum_ij d_ij = n (n^2 - 1) / 3.
+    """
+    if task.heaviest_rod:  # whose weight turns a platform about any point, by a lever that is not known
+        return None
+    import networkx as nx
+
+    n, module = task.n, task.module
+    distances = n * (n**2 - 1) // 3 if topology is None else 2 * nx.wiener_index(topology.graph())
+    lever = 2 * module.connector_distance * distances / n**2 + off_centre(task) + module.arm_length
+    most = largest_thrust(task) * (lever + module.torque_coefficient / module.thrust_coefficient)
+    asked = [_least_torque(task, case) for case in task.load_cases]
+    k = int(np.argmax(asked))
+    share = 1 + unseen_thrust(task) / largest_thrust(task)
+    if asked[k] * (1 - TORQUES.rounding) - _torque_tolerance(task, task.load_cases[k]) <= most * share:
+        return None
+    case, (needed, given) = task.case_labels[k], excess_texts(asked[k], most)
+    return Refutation(
+        names.torque(case),
+        asked[k] - most,
+        "N m",
+        f"{case} needs a torque of at least {needed} N m about the centre of {modules(task)}: "
+        f"all rotors at full thrust, as far out as they can be, give {given} N m at most",
+    )
+
+
+def _torque_tolerance(task: ResolvedTask, case: LoadCase) -> float:
+    """Return by how much the torque about c may miss what is asked without the audit's saying so [N m]."""
+    n, own = task.n, bodies_mass(task)
+    unseen = TOLERANCE * task.torque_unit(n) * (1 + 2 * task.end_effector.mass / own)
+    if task.end_effector.fixed_position is None:
+        return unseen
+    tip, com = np.array(case.at_end_effector.force), np.array(case.at_com.force)
+    g = float(np.linalg.norm(tip + task.end_effector.mass / task.total_mass(n) * com))
+    return unseen + TOLERANCE * task.module.arm_length * task.total_mass(n) / own * g
+
+
+def _least_torque(task: ResolvedTask, case: LoadCase) -> float:
+    """Return the least torque about c that a load case can ask for [N m]."""
+    n, tip, com = task.n, case.at_end_effector, case.at_com
+    tau = np.add(tip.torque, com.torque)
+    g = np.add(tip.force, np.multiply(task.end_effector.mass / task.total_mass(n), com.force))
+    position, size = task.end_effector.fixed_position, float(np.linalg.norm(g))
+    if position is not None:
+        q = np.multiply(task.total_mass(n) / bodies_mass(task), position)
+        return float(np.linalg.norm(tau + np.cross(q, g)))
+    if size == 0:
+        return float(np.linalg.norm(tau))
+    forces = float(np.linalg.norm(tip.force) + np.linalg.norm(com.force))
+    return abs(float(tau @ g)) / size if size > TORQUES.least_force * max(task.force_unit(n), forces) else 0.0

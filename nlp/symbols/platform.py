@@ -1,0 +1,198 @@
+r"""Poses, wrenches, masses and inertia of a platform as symbols (paper, Sec. II).
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| psi, alpha_0, alpha_1 | root orientation | scalars | rad |
+| alpha_i | hinge angle of the joint of module i > 0 with its parent | scalar | rad |
+| R_i, p_i | orientation and position of module i in W | (3,3), (3,) | -, l_arm |
+| e_a | direction of port a in the module frame: +x, +y, -x, -y | (3,) | |
+
+.. math::
+
+    R_{root} = R_z(\psi) R_x(\alpha_0) R_y(\alpha_1), \qquad p_{root} = 0
+
+    R_i = R_h H_a(\alpha_i) R_z(\kappa \pi/2), \qquad p_i = p_h + l_c R_h e_a + l_c R_h H_a(\alpha_i) e_a
+
+with H_a = Ry for ports on the x axis and Rx for ports on the y axis, kappa = (a + 2 - b) mod 4.
+
+The wrench that the rotors produce against the wrench that a load case asks for (paper, Sec. II).
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| u_iq | squared speed of rotor q = 1..4 of module i | scalar | u_hover |
+| s_i | thrust of module i, sum_q u_iq / 4 | scalar | m g |
+| m_i | torque of module i about its centre, in its own frame | (3,) | l_arm m g |
+| delta_q | rotor position in the module frame | (3,) | l_arm |
+
+F = sum_i s_i z_i and, about the origin of W, tau_W = sum_i p_i x s_i z_i + R_i m_i with
+m_i = sum_q (u_iq / 4) (delta_q x e_z + (-1)^q k_tau / (k_f l_arm) e_z).
+
+The end-effector and the centre of mass as symbols; the notation is that of `nlp.numbers.masses`.
+
+The platform's inertia as symbols, dimensionless; masses are those of `nlp.numbers.masses`.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| o_i, R_i | centre of module i from the COM, its orientation | (3,), (3, 3) | l_arm, - |
+| q | end-effector from the COM, a point of mass M_E | (3,) | l_arm |
+| d | from the foot of the rod that counts to the end-effector | (3,) | l_arm |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from nlp.numbers.geometry import torque_map
+from nlp.numbers.masses import TINY, Body, Masses, RodMass, masses
+from nlp.units import Units
+from topo_search.model import EndEffector, LoadCase, Module, Topology
+from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.value import Vector
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Pose of a module: R (3x3) and p (3)."""
+
+    R: ca.SX
+    p: ca.SX
+
+    @property
+    def z(self) -> ca.SX:
+        """The thrust axis R e_z."""
+        return self.R[:, 2]
+
+
+def Rx(angle: ca.SX) -> ca.SX:
+    """Return the rotation about x."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    return ca.blockcat([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+def Ry(angle: ca.SX) -> ca.SX:
+    """Return the rotation about y."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    return ca.blockcat([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def Rz(angle: ca.SX) -> ca.SX:
+    """Return the rotation about z."""
+    c, s = ca.cos(angle), ca.sin(angle)
+    return ca.blockcat([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def quarter_turns(kappa: int) -> ca.SX:
+    """Return Rz(kappa pi/2) with exact zeros and ones."""
+    c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[kappa % 4]
+    return ca.SX(ca.DM([[c, -s, 0], [s, c, 0], [0, 0, 1]]))
+
+
+def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: float) -> list[Pose]:
+    """Return the poses of all modules, in module order.
+
+    Args:
+        topology: the tree.
+        root: psi, alpha_0, alpha_1 [rad].
+        alpha: hinge angles of the modules 1..n-1 [rad].
+        l_c: module centre to connector, in the unit of length of the result.
+    """
+    psi, alpha_0, alpha_1 = root[0], root[1], root[2]
+    result = [Pose(R=Rz(psi) @ Rx(alpha_0) @ Ry(alpha_1), p=ca.SX.zeros(3))]
+    for (h, i, a, _), kappa in zip(topology.edges(), topology.kappas[1:], strict=True):
+        parent, e_a = result[h], ca.DM(PORT_DIRECTIONS[a])
+        hinge = Ry(alpha[i - 1]) if a % 2 == 0 else Rx(alpha[i - 1])
+        R_hinge = parent.R @ hinge
+        p_i = parent.p + l_c * (parent.R @ e_a) + l_c * (R_hinge @ e_a)
+        result.append(Pose(R=R_hinge @ quarter_turns(kappa), p=p_i))
+    return result
+
+
+def thrust(u_i: ca.SX) -> ca.SX:
+    """Return s_i, from the four inputs of module i."""
+    return ca.sum1(u_i) / 4
+
+
+def force_residual(case: LoadCase, modules: list[Pose], u: ca.SX, unit: Units) -> ca.SX:
+    """Return what the rotors' force exceeds the asked force by [m g], equation (2)."""
+    produced = ca.SX.zeros(3)
+    for i, pose in enumerate(modules):
+        produced += thrust(u[4 * i : 4 * i + 4]) * pose.z
+    asked = scale(case.at_end_effector.force, unit.force) + scale(case.at_com.force, unit.force)
+    return produced - asked
+
+
+def torque_residual(
+    case: LoadCase, modules: list[Pose], u: ca.SX, unit: Units, *, p_E: ca.SX, p_COM: ca.SX, module: Module
+) -> ca.SX:
+    """Return what the rotors' torque about W's origin exceeds the asked torque by [l_arm m g], equation (3)."""
+    own_torque = ca.DM(torque_map(module))
+    produced = ca.SX.zeros(3)
+    for i, pose in enumerate(modules):
+        u_i = u[4 * i : 4 * i + 4]
+        produced += ca.cross(pose.p, thrust(u_i) * pose.z) + pose.R @ (own_torque @ u_i)
+    tip, com = case.at_end_effector, case.at_com
+    asked = scale(tip.torque, unit.torque) + ca.cross(p_E, scale(tip.force, unit.force))
+    asked += scale(com.torque, unit.torque) + ca.cross(p_COM, scale(com.force, unit.force))
+    return produced - asked
+
+
+def scale(vector: Vector, unit: float) -> ca.SX:
+    """Return an SI vector in a dimensionless unit."""
+    return ca.SX(ca.DM(vector)) / unit
+
+
+def tip_and_com(
+    module: Module, end_effector: EndEffector, topology: Topology, modules: list[Pose], tip: ca.SX
+) -> tuple[ca.SX, ca.SX]:
+    """Return p'_E and p_COM [l_arm]; `tip` is p'_E where the task leaves it free."""
+    carried, position = masses(module, end_effector, topology), end_effector.fixed_position
+    B = ca.SX.zeros(3)
+    for pose, M, d in zip(modules, carried.modules, carried.centres, strict=True):
+        B += M * (pose.p + pose.R[:, :2] @ ca.DM(d))
+    B /= carried.bodies
+    p_E = tip if position is None else B + carried.lever * (ca.SX(ca.DM(position)) / module.arm_length)
+    return p_E, (carried.tip * p_E + carried.bodies * B) / carried.total
+
+
+def spread(at: ca.SX) -> ca.SX:
+    """Return the inertia of a unit mass somewhere about the COM."""
+    return ca.dot(at, at) * ca.DM.eye(3) - at @ at.T
+
+
+def of_module(R: ca.SX, module: Module) -> ca.SX:
+    """Return the inertia of a module alone about its centre."""
+    return R @ (ca.diag(ca.DM(module.inertia)) / (module.mass * module.arm_length**2)) @ R.T
+
+
+def of_body(o: ca.SX, R: ca.SX, body: Body) -> ca.SX:
+    """Return the inertia of M_i about the COM."""
+    at = o + R[:, :2] @ ca.DM(body.centre)
+    return body.mass * spread(at) + R @ ca.DM(body.inertia) @ R.T
+
+
+def of_rod(d: ca.SX, rod: RodMass) -> ca.SX:
+    """Return the inertia of the rod that counts about its middle."""
+    around = rod.radius**2 / ca.fmax(ca.dot(d, d), TINY)
+    return rod.mass * (spread(d) / 12 + around * d @ d.T)
+
+
+def beside_halves(d: ca.SX, rod: RodMass) -> ca.SX:
+    """Return what the rod's inertia is beside that of its halves at its ends."""
+    return of_rod(d, rod) - rod.mass / 4 * spread(d)
+
+
+def rod_vector(centres: Sequence[ca.SX], orientations: Sequence[ca.SX], q: ca.SX, rod: RodMass) -> ca.SX:
+    """Return d."""
+    return q - centres[rod.module] - orientations[rod.module] @ ca.DM(rod.foot)
+
+
+def of_platform(centres: Sequence[ca.SX], orientations: Sequence[ca.SX], q: ca.SX, carried: Masses) -> ca.SX:
+    """Return the inertia about the COM."""
+    bodies = [of_body(o, R, carried.body(i)) for i, (o, R) in enumerate(zip(centres, orientations, strict=True))]
+    J = sum(bodies, start=carried.tip * spread(q))
+    if carried.rod.mass:
+        J += beside_halves(rod_vector(centres, orientations, q, carried.rod), carried.rod)
+    return J

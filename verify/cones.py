@@ -1,0 +1,285 @@
+"""Proven verdicts on cone-spheres and rigid parts inside an infinite cone (the exterior requirement).
+
+A cone-sphere:
+
+| symbol | meaning |
+|---|---|
+| s(x), m | signed distance to the cone's surface; inward normal of a supporting half-space m.(x - apex) >= 0 |
+| d | exact clearance, the least s - r over both end balls |
+| lower | least s over the vertices of a polytope around the body: the cone is convex, so d >= lower |
+| upper | s at a point proven in the body |
+
+`clear` when every vertex has s > 0, `violated` when the point has s < 0. FCL is shown what lies beyond the
+supporting planes nearest to the end balls, as large boxes: the body's outer mesh must keep off both, or its inner
+mesh must reach into the violated one. At 90 degrees the cone is the half-space itself.
+
+A mesh that is fine in one direction is not enough: a ball centred on the cone's axis comes near the cone all the
+way round. So the polytope of the vertex test is one of revolution about the cone's axis, with as many sides as it
+takes.
+
+Rigid parts, where all outside of the cone is solid:
+
+| symbol | meaning |
+|---|---|
+| s(x), m | signed distance to the cone's surface; inward normal of a supporting half-space m.(x - apex) >= 0 |
+| d | clearance, the least s over all parts: negative where one reaches beyond |
+| lower | least s over the corners of polytopes around all parts: s is concave, so d >= lower |
+| upper | s at a point proven in a part |
+
+A concave function is least at corners, and on a cylinder on the circles around its ends: there points side by side
+are looked at, then points on both sides of the least. Around those circles the polytopes have as many
+sides as it takes; at 90 degrees, where the cone is a half-space, one corner where the support is.
+
+`clear` when every corner has s > 0, `violated` when the point has s < 0. FCL is shown what lies beyond the
+supporting plane nearest to a part, as a large box: polytopes around the parts must keep off, or one inside the
+part must reach into it.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from topo_search.model import Status
+from verify.bodies import Array, Cone, ConeSphere, basis_across
+from verify.certificate import COMMON_LEVEL, ROUNDING, Certificate, Solid, judge
+from verify.clearance import cone_clearance
+from verify.compounds import Compound
+from verify.convex import Convex, Cylinder
+from verify.fcl_queries import FARTHEST, Shape
+from verify.meshes import ROUNDING as MESH_ROUNDING
+from verify.meshes import box_below, encloses, inner_mesh, lies_within, outer_mesh
+
+
+class ConeMeshes(NamedTuple):
+    """How finely a body is enclosed that must be inside a cone."""
+
+    sides: tuple[int, int, int, int] = (64, 512, 4096, 32768)
+    """Sides of the polytope of revolution, level by level: its gap is r (pi / sides)^2 / 2."""
+    latitudes: int = 9
+    """Circles of contact between the poles of the polytope of revolution."""
+    part_sides: tuple[int, int, int, int] = (64, 1024, 16384, 262144)
+    """Sides of the polygons around circles, level by level: their gap is R (pi / sides)^2 / 2."""
+    points: int = 720
+    """Places on a circle that are looked at side by side."""
+    zooms: int = 5
+    """Refinements on both sides of the least."""
+
+
+MESHES = ConeMeshes()
+
+
+def certify_inside(solid: Solid, cone: Cone) -> Certificate:
+    """Return the certificate that a cone-sphere lies inside an infinite cone."""
+    body = solid.body
+    d, worst = cone_clearance(body, cone)
+    if not (solid.in_range and np.all(np.abs(cone.apex) < FARTHEST / 16)):
+        return Certificate(Status.UNDECIDED, None, None, d, 0)
+    m = cone.inward_normal(body.centre(worst))
+    x = body.centre(worst) - body.radius(worst) * m
+    upper = float(cone.s(x))
+    proven = body.depth(x) > -ROUNDING and (d > 0 or upper < -ROUNDING)
+    proof = (
+        functools.partial(_depth_inside, solid, cone)
+        if d > 0
+        else functools.partial(_reach_outside, body, cone, worst)
+    )
+    return judge(d, upper if proven else None, np.stack([x, x - upper * m]), proof, levels=len(MESHES.sides))
+
+
+def _depth_inside(solid: Solid, cone: Cone, level: int) -> float | None:
+    """Return the least s over a mesh of a level, if it is positive and FCL sees the body inside too."""
+    least = least_s(solid.body, cone, MESHES.sides[level])
+    return least if least > ROUNDING and all(keeps_off(solid, cone, eta) for eta in (0.0, 1.0)) else None
+
+
+def _reach_outside(body: ConeSphere, cone: Cone, worst: float, level: int) -> float | None:
+    """Return the least s over a mesh of a level, if FCL sees the body reach beyond the cone at its worst end."""
+    return least_s(body, cone, MESHES.sides[level]) if reaches_beyond(body, cone, worst) else None
+
+
+def least_s(body: ConeSphere, cone: Cone, sides: int) -> float:
+    """Return the least s over the vertices of polytopes of revolution around both end balls: around the body."""
+    sin, cos = cone.sin_cos
+    radial, axial, azimuth = lathe(math.atan2(sin, cos), sides)
+    least = math.inf
+    for eta in (0.0, 1.0):
+        centre = body.centre(eta)
+        e_1 = cone.direction_across(centre)
+        e_2 = np.cross(cone.axis, e_1)
+        unit = np.outer(radial * np.cos(azimuth), e_1) + np.outer(radial * np.sin(azimuth), e_2)
+        unit += np.outer(axial, cone.axis)
+        least = min(least, float(cone.s(centre + body.radius(eta) * unit).min()))
+    return least
+
+
+def keeps_off(solid: Solid, cone: Cone, eta: float) -> bool:
+    """True if FCL sees an outer mesh of the body apart from the half-space beyond the cone nearest to an end ball.
+
+    One that is turned towards the half-space is made only where the common one does not do.
+    """
+    m, x, beyond = _half_space(solid.body, cone, eta)
+    if solid.outer is not None and not solid.outer[1].overlaps(beyond.place(np.eye(3), x)):
+        return True
+    near = solid.body.move(-x)
+    mesh = outer_mesh(near, COMMON_LEVEL, -m)
+    return encloses(mesh, near) and not Shape(mesh).overlaps(beyond)
+
+
+def reaches_beyond(body: ConeSphere, cone: Cone, eta: float) -> bool:
+    """True if FCL sees the body's inner mesh reach into the half-space beyond the cone nearest to an end ball."""
+    m, x, beyond = _half_space(body, cone, eta)
+    near = body.move(-x)
+    mesh = inner_mesh(near, COMMON_LEVEL, -m)
+    return lies_within(mesh, near) and Shape(mesh).overlaps(beyond)
+
+
+def _half_space(body: ConeSphere, cone: Cone, eta: float) -> tuple[Array, Array, Shape]:
+    """Return the supporting half-space nearest to an end ball: its normal, the ball's point next to it, and a box.
+
+    The box is what lies beyond: on the plane, with that point as origin, and large enough that the body cannot pass
+    it by or through: no point of the body is farther from the origin than twice its extent.
+    """
+    centre = body.centre(eta)
+    m = cone.inward_normal(centre)
+    x = centre - body.radius(eta) * m
+    height = float(m @ (x - cone.apex))
+    return m, x, Shape(box_below(-height * m, m, 4 * body.extent + abs(height)))
+
+
+def lathe(theta: float, sides: int) -> tuple[Array, Array, Array]:
+    """Return the vertices of a polytope of revolution around the unit ball, as (radial, axial, azimuth) columns.
+
+    Its profile, a polygon around the half disc, touches the ball at the latitude -theta, where a ball in a cone of
+    half-angle theta about the same axis touches that cone; round the axis it is a regular polygon around a circle,
+    with a flat side at azimuth 0. So each of its faces is tangent to the ball or beyond it.
+
+    Args:
+        theta: half-angle [rad].
+        sides: number of flat sides round the axis, at least 3.
+    """
+    latitudes = np.unique(np.append(np.linspace(-np.pi / 2, np.pi / 2, MESHES.latitudes), -theta))
+    middle, half = (latitudes[1:] + latitudes[:-1]) / 2, np.diff(latitudes) / 2
+    stretch = (1 + MESH_ROUNDING) / np.cos(half)
+    radial = stretch * np.cos(middle) / np.cos(np.pi / sides)
+    azimuth = (np.arange(sides) + 0.5) * (2 * np.pi / sides)
+    shape = len(middle), sides
+    return (
+        np.broadcast_to(radial[:, None], shape).ravel(),
+        np.broadcast_to((stretch * np.sin(middle))[:, None], shape).ravel(),
+        np.broadcast_to(azimuth, shape).ravel(),
+    )
+
+
+def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:
+    """Return the certificate that all parts of a module are inside a cone."""
+    if not (module.in_range and np.all(np.abs(cone.apex) < FARTHEST / 16)):
+        return Certificate(Status.UNDECIDED, None, None, 0.0, 0)
+    lowest = [lowest_point(part, cone) for part in module.parts]
+    heights = [float(cone.s(x)) for x in lowest]
+    k = int(np.argmin(heights))
+    d, x = heights[k], lowest[k]
+    within = module.parts[k].depth(x) > -ROUNDING and (d > 0 or d < -ROUNDING)
+    inwards, beyond = (
+        functools.partial(_parts_inside, module, cone, lowest),
+        functools.partial(_part_reaches_outside, module, cone, x, k),
+    )
+    closest = np.stack([x, x - d * cone.inward_normal(x)])
+    return judge(d, d if within else None, closest, inwards if d > 0 else beyond, levels=len(MESHES.part_sides))
+
+
+def cone_evidence(module: Compound, cone: Cone) -> tuple[str, ...]:
+    """Return what to look at when points, corners and FCL disagree; one finding a line [l_arm]."""
+    found = [(part, lowest_point(part, cone)) for part in module.parts]
+    part, x = min(found, key=lambda each: float(cone.s(each[1])))
+    return (
+        f"{part.name}: {part!r}",
+        f"cone: {cone!r}",
+        f"lowest point {x.tolist()}, s {float(cone.s(x))!r}, depth in the part {part.depth(x)!r}",
+        *(
+            f"least s of corners, {sides} sides: {_least_corner([part], cone, sides)!r}"
+            for sides in MESHES.part_sides
+        ),
+        f"FCL, polytope around it: {'apart' if _keeps_off(part, cone, x) else 'overlaps'} beyond the cone",
+        f"FCL, polytope inside it: {'overlaps' if _reaches_beyond(part, cone, x) else 'apart'} beyond the cone",
+    )
+
+
+def lowest_point(part: Convex, cone: Cone) -> Array:
+    """Return the point of a part with the least s, shape (3,)."""
+    if not isinstance(part, Cylinder):
+        return np.asarray(part.vertices[np.argmin(cone.s(part.vertices))])
+    if cone.sin_cos[1] == 0.0:
+        across = (cone.axis @ part.axis) * part.axis - cone.axis
+        length = np.linalg.norm(across)
+        rim = part.vertices + (part.disc / length * across if length > ROUNDING else 0.0)
+        return np.asarray(rim[np.argmin(cone.s(rim))])
+    middle, half = np.zeros(2), math.pi
+    for _ in range(MESHES.zooms):
+        angles = middle[:, None] + half * np.linspace(-1, 1, MESHES.points)
+        s = cone.s(_rings(part, angles, part.disc))
+        middle = angles[[0, 1], s.argmin(axis=1)]
+        half *= 2 / (MESHES.points - 1)
+    ends = _rings(part, middle[:, None], part.disc)[:, 0]
+    return np.asarray(ends[np.argmin(cone.s(ends))])
+
+
+def _rings(part: Cylinder, angles: Array, radius: float) -> Array:
+    """Return points around both ends of a cylinder's axis, for angles of shape (2, k): shape (2, k, 3)."""
+    e_1, e_2 = basis_across(part.axis)
+    ring = np.cos(angles)[..., None] * e_1 + np.sin(angles)[..., None] * e_2
+    return np.asarray(part.vertices[:, None] + radius * ring)
+
+
+def _least_corner(parts: list[Convex], cone: Cone, sides: int) -> float:
+    """Return the least s over corners of polytopes around parts."""
+    least = math.inf
+    for part in parts:
+        if not isinstance(part, Cylinder):
+            corners = part.vertices
+        elif cone.sin_cos[1] == 0.0:
+            corners = lowest_point(part, cone)
+        else:
+            angles = np.tile((np.arange(sides) + 0.5) * (2 * np.pi / sides), (2, 1))
+            corners = _rings(part, angles, (1 + MESH_ROUNDING) * part.disc / math.cos(math.pi / sides))
+        least = min(least, float(cone.s(corners).min()))
+    return least
+
+
+def _parts_inside(module: Compound, cone: Cone, lowest: list[Array], level: int) -> float | None:
+    """Return the least s over the corners of a level, if it is positive and FCL sees all parts inside too."""
+    least = _least_corner(list(module.parts), cone, MESHES.part_sides[level])
+    apart = (_keeps_off(part, cone, x) for part, x in zip(module.parts, lowest, strict=True))
+    return least if least > ROUNDING and all(apart) else None
+
+
+def _part_reaches_outside(module: Compound, cone: Cone, x: Array, k: int, level: int) -> float | None:
+    """Return the least s over the corners of a level, if FCL sees the deepest part reach beyond the cone."""
+    return (
+        _least_corner(list(module.parts), cone, MESHES.part_sides[level])
+        if _reaches_beyond(module.parts[k], cone, x)
+        else None
+    )
+
+
+def _keeps_off(part: Convex, cone: Cone, x: Array) -> bool:
+    m, beyond = _half_space_beyond(part, cone, x)
+    return not Shape(part.place(np.eye(3), -x).outer(-m)).overlaps(beyond)
+
+
+def _reaches_beyond(part: Convex, cone: Cone, x: Array) -> bool:
+    _, beyond = _half_space_beyond(part, cone, x)
+    return Shape(part.place(np.eye(3), -x).inner(np.zeros(3))).overlaps(beyond)
+
+
+def _half_space_beyond(part: Convex, cone: Cone, x: Array) -> tuple[Array, Shape]:
+    """Return the normal of the supporting half-space nearest to a point of a part, and a box of what lies beyond.
+
+    The box has the point as origin, and is so large that the part cannot pass it by or through.
+    """
+    m = cone.inward_normal(x)
+    height = float(m @ (x - cone.apex))
+    return m, Shape(box_below(-height * m, m, 8 * part.radius + abs(height)))
