@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+NAMES = ("scaling", "ablation", "placement", "root", "body", "hinges")
+
+
 def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
     """Return what reads `A,B,...` as numbers of a kind."""
 
@@ -34,7 +37,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 
 
 @click.command(epilog="Example: topo-search experiment ablation --sizes 10,20 --topologies 5 --out ablation")
-@click.argument("name", type=click.Choice(["scaling", "ablation", "placement", "root", "body", "hinges"]))
+@click.argument("name", type=click.Choice(NAMES))
 @click.option("--out", type=options.PATH, required=True, help="The experiment's folder.")
 @click.option("--small", is_flag=True, help="Use small settings that finish in seconds.")
 @click.option(

@@ -36,6 +36,9 @@ from topo_search.topologies import (
 )
 from topo_search.topologies.rooted import Root
 
+PRUNED_AFTER = 32
+"""Number of candidates proposed ahead of the results that may rule them out."""
+
 Bound = Callable[[Candidate], float]
 """Lower bound on the objective of a candidate."""
 
@@ -165,10 +168,9 @@ class ExhaustiveSearch(Strategy):
     ) -> Generator[Proposal | None, None, list[Scored]]:
         """Add candidates in the order of their bounds, as long as they may beat the best; return their results."""
         scores = list[Scored]()
-        ahead = 32  # candidates proposed ahead of the results that may rule them out
         least = math.inf
         for candidate in sorted(self._space.candidates(), key=lambda candidate: (bound(candidate), candidate.key)):
-            if len(candidates) - len(scores) == ahead:
+            if len(candidates) - len(scores) == PRUNED_AFTER:
                 scores += yield from self.results(1)
                 least = min(least, _least(scores[-1:]))
             if not may_beat(least, bound(candidate)):
