@@ -5,11 +5,9 @@ Every constraint of a point evaluated again in numpy, exactly: no smoothing, no 
 A point is a design when nothing here is violated by more than the tolerances; else the worst violation is the
 reason that a user reads.
 
-From the point that Ipopt reached to one that a file can hold: angles wrapped, inputs exact.
-
-Where a load case weighs nothing, Ipopt leaves any inputs that produce it; a file gets the least ones.
-
-The least inputs of a platform whose angles are given: one small convex problem a load case.
+Correction takes the point that Ipopt reached to one that a file can hold: angles wrapped, inputs exact. Where a
+load case has no weight, Ipopt leaves any inputs that produce it; a file gets the least ones, from one small convex
+problem per load case:
 
 .. math:: \min_{v_{min} \le v \le 1} \tfrac12 \|v\|^2 \quad \text{subject to} \quad A v = b_k
 

@@ -19,7 +19,7 @@ maximum of g_ij, the shortest way out.
 [1] C. J. Ong, E. G. Gilbert, "Growth distances: new measures for object separation and penetration", IEEE Trans.
 Robotics and Automation 12 (1996) 888-903.
 
-Proven verdicts on pairs of rigid bodies.
+Verdicts are proven:
 
 | symbol | meaning |
 |---|---|

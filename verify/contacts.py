@@ -13,7 +13,7 @@ where it is near the connector of both; so what each has beyond, cut off by plan
 Frames that end at their connectors, no more than INWARDS l_c above and below the hinge's axis, do so at all hinge
 angles: folded by 90 degrees, one reaches as far into the other as it is high over the axis.
 
-The brackets that hold bolted modules, against airflow and rotors, where a task states `[module.bracket]`.
+Where a task has `[module.bracket]`, the brackets keep clear of airflow and rotors.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

@@ -10,7 +10,7 @@
 
 One formula for all of them lets many pairs be treated at once. Lengths are in l_arm.
 
-The part of a convex polyhedron on one side of a plane.
+A plane cuts a polyhedron:
 
 | symbol | meaning | unit |
 |---|---|---|

@@ -3,10 +3,9 @@
 The verdict is the gravest status among the residuals and the requirements that count. Searching asks the solver for
 a margin; the audit's own threshold is zero.
 
-Severity of overlaps of a platform's airflow envelopes: the three metrics of the paper's ablation (Sec. IV).
-
-Two envelopes can overlap by 2 (r_air + dr_air) at most, the sum of their largest radii; depths are in percent of
-that. Envelopes that overlap, directly or through others, form a cluster.
+How severely envelopes overlap is measured by the three metrics of the paper's ablation (Sec. IV): two can overlap
+by 2 (r_air + dr_air) at most, the sum of their largest radii; depths are in percent of that. Envelopes that
+overlap, directly or through others, form a cluster.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ requirement, q = X - apex, w its part across the axis, m the inward normal and u
 
 and a turn of the axis by a chord kappa changes s(q) by \|q\| kappa at most. Nothing is linearised.
 
-Bounds on how far hinge angle errors can move what the modules carry.
+Errors of hinge angles move what the modules carry:
 
 | symbol | meaning | shape |
 |---|---|---|

@@ -1,6 +1,6 @@
 """The assembled program in Ipopt's hands: rounds with move limits, and the pairs of envelopes that are near.
 
-Functions of numbers handed to CasADi, without copying into its own arrays and back.
+CasADi calls functions of NumPy arrays without copying.
 """
 
 from __future__ import annotations

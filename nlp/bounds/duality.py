@@ -20,11 +20,9 @@ cancellation for any weights, zero included. Each phi_k is convex, not negative 
 the maximum by proof, and no step of the search for good multipliers has to be believed. The dual problem is
 concave; its constraints, one for every z, are added where they are violated.
 
-The greatest value of a convex function on the unit sphere, bounded from above by proof.
-
-The sphere is covered by the cones of triangles with unit corners a, b, c. A point z of such a cone's part of the
-sphere is y / ||y|| for a point y of the flat triangle, and ||y|| >= d, the distance of its plane from the origin. A
-convex h >= 0 with h(0) = 0 grows along every ray and is largest at a corner, so
+`greatest` covers the sphere by the cones of triangles with unit corners a, b, c. A point z of such a cone's part
+of the sphere is y / ||y|| for a point y of the flat triangle, and ||y|| >= d, the distance of its plane from the
+origin. A convex h >= 0 with h(0) = 0 grows along every ray and is largest at a corner, so
 
     h(z) <= h(y / d) <= max(h(a / d), h(b / d), h(c / d)),
 

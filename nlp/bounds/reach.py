@@ -14,12 +14,11 @@ from the centroid at most, so a connector is no nearer to a fixed p_E than q - n
 The least squared distance of p_E from a centre is at most their mean, |q|^2 + (1 / n^2) sum_{i<j} |p_i - p_j|^2,
 and two centres are at most 2 l_c d_ij apart.
 
-Paths of few modules that get into each other's way at every combination of their hinge angles.
-
-The angles of a path, a box of +-pi/2 each and what the audit lets pass beyond, are halved again and again. In a box
-with half widths h about its middle, with one module between i and j held still, every hinge t between it and j
-moves the points of j by h_t times their distance from the hinge at most, and so for i. Where i and j are too close
-by more than all of that at the middle, no angle of the box is any good. The path is impossible when no box is left.
+A path of few modules may get into its own way at every combination of its hinge angles. These angles, a box of
++-pi/2 each and what the audit lets pass beyond, are halved again and again. In a box with half widths h about its
+middle, with one module between i and j held still, every hinge t between it and j moves the points of j by h_t
+times their distance from the hinge at most, and so for i. Where i and j are too close by more than all of that at
+the middle, no angle of the box is any good. The path is impossible when no box is left.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

@@ -7,9 +7,8 @@ Nothing here shares code with the symbols of the problem. Lengths in metres.
 | R, p | orientations and positions of all modules in W | (n,3,3), (n,3) | -, m |
 | P(eta) = o + eta d, r_0 + eta dr | axis and radius of a swept ball | (...,3), scalars | m |
 
-Hinge ranges: the clear folds of a task as angles of a topology's hinges.
-
-A fold has the sign that its hinge's angle has at the parent's port (`topo_search.model.room`).
+Hinge ranges are the clear folds of a task. A fold has the sign that its hinge's angle has at the parent's port
+(`topo_search.model.room`).
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -19,7 +18,7 @@ A fold has the sign that its hinge's angle has at the parent's port (`topo_searc
 Where a task has a set of angles, each that is in a clear fold counts as a fold of its own, of no width. A set has
 both signs of each angle, so it is the same for hinges and folds.
 
-Torque of a module's rotors, in the solver's numbers.
+Torque of a module's rotors:
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

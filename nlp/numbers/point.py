@@ -1,7 +1,4 @@
-"""A point of the problem as numbers in SI: where Ipopt starts and where it ends.
-
-The rod that a design counts, with the mass that follows from its length.
-"""
+"""A point of the problem as numbers in SI, where Ipopt starts and ends, and the rod that a design counts."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ r"""Poses, wrenches, masses and inertia of a platform as symbols (paper, Sec. II
 
 with H_a = Ry for ports on the x axis and Rx for ports on the y axis, kappa = (a + 2 - b) mod 4.
 
-The wrench that the rotors produce against the wrench that a load case asks for (paper, Sec. II).
+Wrenches: what the rotors produce, and what a load case requires.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -27,9 +27,7 @@ The wrench that the rotors produce against the wrench that a load case asks for 
 F = sum_i s_i z_i and, about the origin of W, tau_W = sum_i p_i x s_i z_i + R_i m_i with
 m_i = sum_q (u_iq / 4) (delta_q x e_z + (-1)^q k_tau / (k_f l_arm) e_z).
 
-The end-effector and the centre of mass as symbols; the notation is that of `nlp.numbers.masses`.
-
-The platform's inertia as symbols, dimensionless; masses are those of `nlp.numbers.masses`.
+Centre of mass, end-effector and inertia, dimensionless, in the notation of `nlp.numbers.masses`:
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

@@ -1,9 +1,8 @@
-r"""Own constraints checked: on a final design by their own expressions, and before a search by trying them.
+r"""Users' constraints checked: on a final design, and before a search on platforms listed in several ways.
 
-Own constraints tried on one platform listed in several ways, which they may say they do not tell apart.
-
-A platform is drawn at random, then listed from another module, with modules turned by half, or mirrored. What is
-found equal here need not be equal everywhere: this refuses claims, and proves none.
+A constraint may claim not to tell these listings apart. A platform is drawn at random, then listed from another
+module, with modules turned by half, or mirrored. What is found equal here need not be equal everywhere: this
+refuses claims, and proves none.
 
 | symbol | meaning | shape |
 |---|---|---|

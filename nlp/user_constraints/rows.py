@@ -5,7 +5,7 @@
 | x | unknowns in the order of `nlp.problem.Variables` | (N,) |
 | g | own expressions over their scales | (m,) |
 
-An own constraint as an expression: of a platform of symbols or of numbers.
+The platform that a constraint gets consists of symbols or of numbers.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ are cut until their bound is below the speed, which proves that the cone-sphere 
 found that is as fast. Such points are what the cone-sphere of least volume must hold (`verify.air.envelope`): it is
 computed, widened a little, and tried, until nothing is found outside. Lengths are in l_arm.
 
-The cone-sphere of least volume around given points, from a given centre along a given axis.
+The cone-sphere of least volume around points has a given centre and axis:
 
 | symbol | meaning |
 |---|---|
