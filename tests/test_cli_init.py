@@ -36,7 +36,7 @@ def test_the_file_is_a_task_in_which_all_but_the_load_cases_is_the_default(in_fo
     assert init("window.toml").exit_code == 0
     task = read_task("window.toml")
     advised = {
-        "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.03, **SLIPSTREAMS},
+        "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.085, **SLIPSTREAMS},
         "end_effector": {"rod_mass": "included"},
         "flight": {"at": "both"},
     }

@@ -388,7 +388,7 @@ class Module(Value):
     joint_force: Omitted[Positive] = None
     """Rated force of a joint [N]."""
     joint_mass: Annotated[NonNegative, omit_if(0.0)] = 0.0
-    """Mass of a joint, bracket and bolts, at its connector [kg]."""
+    """Mass of a joint, bracket, struts and bolts, at its connector [kg]."""
     min_input: Annotated[float, Field(strict=True, ge=0, lt=1, exclude_if=lambda given: given == 0.0)] = 0.0
     """Least squared speed of a running rotor, as a share of the largest; a failed rotor is exempt."""
     battery_Wh: Omitted[Positive] = None

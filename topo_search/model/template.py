@@ -86,7 +86,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
 }
 """Values of fields that have no default."""
 ADVISED: dict[str, dict[str, Any]] = {
-    "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.03, "airflow": {"regions": {}}},
+    "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.085, "airflow": {"regions": {}}},
     "end_effector": {"rod_mass": "included"},
     "flight": {"at": "both"},
 }
