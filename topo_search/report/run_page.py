@@ -66,7 +66,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         "tiles": tiles,
         "notes": (
             *_own(request.own),
-            *_merged(answer.sizes),
+            *_merge_note(answer.sizes),
             *(note for size in answer.sizes for note in _limits(size, shown)),
         ),
         "bound": (*bound(size.lower_bound, shown.gap if shown else None, n), *_proof_lines(answer)),
@@ -99,7 +99,7 @@ def _proof_lines(answer: Answer) -> Iterator[str]:
             yield f"{size.proven[0].upper()}{size.proven[1:]}."
 
 
-def _merged(sizes: Sequence[SizeAnswer]) -> Iterator[str]:
+def _merge_note(sizes: Sequence[SizeAnswer]) -> Iterator[str]:
     """Yield which trees are merged, sizes for which the same is true together."""
     of_quotient: dict[str, list[str]] = {}
     for size in sizes:
