@@ -156,11 +156,12 @@ def search_from_start(
     _look(stated, vertices, rho, into)
     y, sigma = into.y, into.sigma
     y[:], sigma[:] = first, PRESSED * cut
+    _correct(
+        stated, stated.loads.project, y, sigma, True
+    )  # steps that a barrier shortens keep a condition that is met
     T, m, s = SOFT * cut, PRESSED * cut, KINK * cut / (4 * n * stated.u_max)
-    for stage in range(STAGES):
+    for _ in range(STAGES):
         best, least = _value(stated, roots, vertices, into, y, sigma, T, m, s)
-        if stage == 0:
-            best = -math.inf  # the first step meets the condition
         for _ in range(STEPS):
             _newton(stated, roots, vertices, work, into, T, m, s)
             share, better = 1.0, False
@@ -437,18 +438,18 @@ def _solve(
 @njit(cache=True)
 def meet(stated: BranchProblem, project: Array, y: Array, sigma: Array) -> None:
     """Meet the condition by the least change of torques' multipliers that are not zero, or else without walls."""
-    _correct(stated, project, y, sigma)
+    _correct(stated, project, y, sigma, False)
     a, b, c = imbalance(stated, y, sigma)
     if not math.sqrt(a * a + b * b + c * c) <= CANNOT * sigma.sum():
         sigma[:] = 0.0
-        _correct(stated, project, y, sigma)
+        _correct(stated, project, y, sigma, False)
 
 
 @njit(cache=True)
-def _correct(stated: BranchProblem, project: Array, y: Array, sigma: Array) -> None:
+def _correct(stated: BranchProblem, project: Array, y: Array, sigma: Array, every: bool) -> None:
     q = project @ np.array(imbalance(stated, y, sigma))
     for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
-        if np.any(y[k] != 0.0):
+        if every or np.any(y[k] != 0.0):
             y[k, 3:] -= np.cross(q, stated.loads.g[k])
 
 
