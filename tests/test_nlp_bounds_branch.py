@@ -11,7 +11,7 @@ from nlp_cases import HOVER, as_design, push, random_tree
 from test_nlp_bounds_attack import random_task
 
 from nlp import solve
-from nlp.bounds.branch import box, frames, interior, multipliers, search, slopes
+from nlp.bounds.branch import box, frames, multipliers, search, slopes, worst_vertex
 from nlp.bounds.branch.arrays import centre, effort_unit, hang, to_arrays, whole_box
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from nlp.bounds.branch.proof import chunk_box, prove_chunk
@@ -101,7 +101,7 @@ def half_spaces(task):
 def multipliers_for(stated, rng):
     y = rng.normal(size=(len(stated.loads.f), 6)) * 10 ** rng.uniform(-1, 1)
     sigma = np.maximum(0.0, rng.normal(size=len(stated.walls.normal)))
-    interior._meet(stated, stated.loads.project, y, sigma)
+    worst_vertex.meet(stated, stated.loads.project, y, sigma)
     return y, sigma
 
 
@@ -223,6 +223,33 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
         higher.append(last > first)
     assert len(higher) >= 20
     assert sum(higher) > 0.5 * len(higher)
+
+
+def lifted_bound(stated, lower, upper, share, cut):
+    """The bound of a box with multipliers that are searched for in a share of it, about its middle."""
+    middle, half, first = (lower + upper) / 2, share * (upper - lower) / 2, np.zeros((len(stated.loads.f), 6))
+    first[:, :3] = 8 * stated.loads.weight[:, None] * stated.loads.f / len(stated.tree.parent)
+    roots, at, _, vertices, rho = seen(stated, middle - half, middle + half)
+    work, lifted = multipliers.workspace(stated), worst_vertex.blank(stated)
+    multipliers.wrenches(stated, roots[0], at, work)
+    worst_vertex.search_from_start(stated, roots, vertices, rho, cut, first, work, lifted)
+    missed = multipliers.imbalance(stated, lifted.y, lifted.sigma)
+    assert missed == pytest.approx((0, 0, 0), abs=1e-8 * (np.abs(lifted.y).max() + lifted.sigma.sum()))
+    return bound_of(stated, lifted.y, lifted.sigma, lower, upper)
+
+
+def test_multipliers_of_the_worst_vertex_bound_boxes_better_than_those_at_the_middle():
+    """Those at the middle let D fall more steeply towards the vertices, where corners of reserves matter."""
+    rng, higher = np.random.default_rng(36), list[bool]()
+    for _ in range(60):
+        task = random_task(rng, flies=True)
+        tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
+        stated, (least, most) = to_arrays(task, hang(tree, centre(task, tree))), whole_box(task, task.n)
+        width = 10 ** rng.uniform(-1.5, -0.3)
+        lower = rng.uniform(least, most - width)
+        whole, at_middle = (lifted_bound(stated, lower, lower + width, share, 100.0) for share in (1.0, 1e-3))
+        higher.append(whole >= at_middle)
+    assert sum(higher) > 0.8 * len(higher)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.bounds.branch import box, frames, interior, multipliers, slopes
+from nlp.bounds.branch import box, frames, multipliers, slopes, worst_vertex
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from topo_search.model.arrays import Array
@@ -98,7 +98,7 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
     axes = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3)))
     at_box = BoxFrames(np.zeros((9, 3, 3)), middle, axes, vertices)
     work, flat, sums = multipliers.workspace(stated), slopes.blank(n, A), box.sums(stated)
-    inner = interior.blank(stated)
+    lifted = worst_vertex.blank(stated)
     gain, whole_rho, used = np.zeros(A), (upper[0] - lower[0]) / 2, np.zeros(K, np.bool_)
     record, boxes, left, y, sigma = np.empty(1024, np.uint8), 0, 1, np.zeros((K, 6)), np.zeros(W)
     while left > 0:
@@ -125,7 +125,7 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
         if bound_due:
             y[:], sigma[:] = guesses[left], pressed[left]
             _roots(lo[left], hi[left], at, at_box.roots)
-            if _is_excluded(stated, at_box, rho, cut, first, bounded[left], y, sigma, work, flat, inner, sums):
+            if _is_excluded(stated, at_box, rho, cut, first, bounded[left], y, sigma, work, flat, lifted, sums):
                 record[boxes - 1] = DUAL
                 for k in range(K):
                     used[k] |= np.any(y[k] != 0.0)
@@ -176,7 +176,7 @@ def _is_excluded(
     sigma: Array,
     work: multipliers.Workspace,
     flat: slopes.Slopes,
-    inner: interior.Interior,
+    lifted: worst_vertex.Vertices,
     sums: box.Sums,
 ) -> bool:
     """Return whether multipliers exclude a box; y and sigma, its parent's if inherited, become those tried last."""
@@ -185,9 +185,8 @@ def _is_excluded(
         return True
     multipliers.wrenches(stated, roots[0], middle, work)
     if len(sigma) > 0 or stated.loads.weight.min() == 0.0:
-        wall_ridge = interior.look(stated, roots[0], middle, rho, cut, inner)
-        interior.search_from_start(stated, work, inner, wall_ridge, first, ENOUGH * cut)
-        y[:], sigma[:] = inner.y, inner.sigma
+        worst_vertex.search_from_start(stated, roots, vertices, rho, cut, first, work, lifted)
+        y[:], sigma[:] = lifted.y, lifted.sigma
         return bool(box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut)
     ridge = RIDGE * len(middle.p) / 24 * max((rho**2).sum(), LEAST_SQUARE)
     work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
