@@ -92,7 +92,7 @@ def prove_chunk(
 
 
 def prepare_proof(task: ResolvedTask, tell: Callable[[str], None]) -> None:
-    """Compile what a proof takes, so that no worker has to; `tell` is told if that takes a while."""
+    """Compile the code of a proof before workers need it; `tell` gets a message if that takes a while."""
     from nlp.bounds.branch import proof
 
     proof.prepare(task, tell)

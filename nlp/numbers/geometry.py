@@ -231,7 +231,7 @@ def turns(task: ResolvedTask, margin: float = 0.0) -> Folds:
 
 
 def nearest_angles(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
-    """Return the nearest angles that the search turns hinges to; 0 where there are none."""
+    """Return the nearest allowed angle of each hinge; 0 where none is allowed."""
     sign = signs(topology)
     return sign * nearest_fold(turns(task, task.search.margin), sign * alpha)
 
@@ -252,7 +252,7 @@ def ranges(task: ResolvedTask, topology: Topology, alpha: Array | None = None) -
 
 
 def largest_turn(task: ResolvedTask) -> float:
-    """Return the largest angle that the search turns a hinge to, either way [rad]; 0 where there is none."""
+    """Return the largest allowed hinge angle of either sign [rad]; 0 where none is allowed."""
     return max((max(-low, high) for low, high in turns(task, task.search.margin)), default=0.0)
 
 

@@ -177,7 +177,7 @@ class _Listing:
         return cls(task, topology, R, p - p.mean(axis=0), rng.normal(size=3), u)
 
     def relist(self, root: int, turns: int) -> _Listing:
-        """Return the same platform listed from another module, whose axes are turned by so many quarters."""
+        """Return the platform listed from another module, with that module's axes turned by quarter turns."""
         import networkx as nx
 
         graph, order, joints = self.topology.graph(), [root], [(-1, -1, -1)]

@@ -4,7 +4,7 @@
 
 Of every flying example and number of modules the best tree is searched three times, from STARTS starts per tree: as
 the example is (`task`), and with REQUIRED in place of its own reserves, by the best inputs (`optimal`) and by the
-pseudo-inverse. With `--trees` these two search only so many trees, the best of the first search. Finished runs in
+pseudo-inverse. `--trees N` restricts these two to the N best trees of the first search. Finished runs in
 FOLDER are taken as they are. The audit certifies what the best inputs and the pseudo-inverse reach. Then the design
 is flown with masses and thrusts off by MODEL_ERROR: a gust of GUST from eight sides, and a tilt of TILT held about
 four axes, with the bounded least squares of `fly` and with PX4's rule. A row goes to `flights.csv` of

@@ -118,7 +118,7 @@ class DesignFile:
 
 
 class Reading:
-    """Designs as they are read from files, and what became of the other files."""
+    """Designs read from files, and the faults of the files that hold none."""
 
     def __init__(self, files: Sequence[DesignFile], *, tell: Callable[[str], None]) -> None:
         self.files = files

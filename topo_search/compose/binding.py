@@ -211,7 +211,7 @@ def collect_own(
 
 
 def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
-    """Return designs to start from; BadInput if they are none, or too many."""
+    """Return the designs to start from; BadInput for anything else, or too many."""
     if isinstance(near, Design | str) or not isinstance(near, Iterable):
         raise BadInput("near", f"must be a list of designs, but got {_one(near)}")
     designs = tuple(near)

@@ -34,44 +34,56 @@ from nlp.numbers.cholesky import factor, solve_factored, solve_in_place
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
-STAGES = 5
-"""Number of times that T, m and s fall."""
-STEPS = 3
-"""Largest number of Newton steps a stage."""
-HALVINGS = 6
-"""Shares of a step that are tried: 1, SHORTER, SHORTER^2, ..."""
-SHORTER = 0.3
-GAIN = 1e-3
-"""Share of the cut that another step should gain."""
-BOUNDARY = 0.95
-"""Share of the way to sigma = 0 that a step goes."""
-SOFT, SOFTER = 0.05, 0.6
-"""T at first, in the cut, and its share from stage to stage."""
-KINK, KINKED = 0.15, 0.35
-"""s at first, in the cut over 4 n U, and its share from stage to stage; m falls likewise."""
-PRESSED = 2e-3
-"""m, and sigma, at first, in the cut."""
-HOPELESS = 0.98
-"""Share of the cut under which the worst vertex ends the search."""
-ENOUGH = 1.1
-"""Share of the cut at which it ends."""
-LIGHT = 1e-3
-"""Least w_v that counts in a step."""
-MOST = 32
-"""Largest number of vertices that do."""
-RIDGE = 0.02
-"""Ridge of multipliers of force, over n / 24 sum_a rho_a^2: the remainders of the bound grow with them."""
-KINKED_RIDGE = 10.0
-"""That of corners over the root of sum_a rho_a^2, in it: their psi has a kink."""
-LARGEST_RIDGE = 100.0
-LEVERED = 10.0
-"""Ridge of multipliers of torque, in that of those of force: levers are longer than l_arm."""
-LEAST_SQUARE = 1e-6
-"""That sum_a rho_a^2 counts as [rad^2]."""
-IDLE = 1e-3
-"""Largest |a_j . y_k| of a corner that costs nothing, over 2 U."""
-CANNOT = 1e-9
-"""Share of the walls' multipliers that the condition may miss by rounding."""
+
+class VertexSearch(NamedTuple):
+    """Settings of the search."""
+
+    stages: int = 5
+    """Number of times that T, m and s fall."""
+    steps: int = 3
+    """Largest number of Newton steps per stage."""
+    halvings: int = 6
+    """Number of shares of a step that are tried: 1, shorter, shorter^2, ..."""
+    shorter: float = 0.3
+    gain: float = 1e-3
+    """Share of the cut that another step should gain."""
+    boundary: float = 0.95
+    """Share of the way to sigma = 0 that a step goes."""
+    soft: float = 0.05
+    """T in the first stage, in the cut."""
+    softer: float = 0.6
+    """T in the next stage, in that of this one."""
+    kink: float = 0.15
+    """s in the first stage, in the cut over 4 n U."""
+    kinked: float = 0.35
+    """s and m in the next stage, in those of this one."""
+    pressed: float = 2e-3
+    """m and sigma in the first stage, in the cut."""
+    hopeless: float = 0.98
+    """Share of the cut below which the worst vertex ends the search."""
+    enough: float = 1.1
+    """Share of the cut above which it does."""
+    light: float = 1e-3
+    """Least w_v that counts in a step."""
+    most: int = 32
+    """Largest number of vertices that count in a step."""
+    ridge: float = 0.02
+    """Ridge of multipliers of force, over n / 24 sum_a rho_a^2: the remainders of the bound grow with them."""
+    kinked_ridge: float = 10.0
+    """Ridge of corners over the root of sum_a rho_a^2, in `ridge`: their psi has a kink."""
+    largest_ridge: float = 100.0
+    """Least factor of the ridge of corners."""
+    levered: float = 10.0
+    """Ridge of multipliers of torque, in that of force: levers are longer than l_arm."""
+    least_square: float = 1e-6
+    """Least sum_a rho_a^2 in a ridge [rad^2]."""
+    idle: float = 1e-3
+    """Largest |a_j . y_k| of a corner that costs nothing, over 2 U."""
+    cannot: float = 1e-9
+    """Share of the walls' multipliers that the condition may miss by rounding."""
+
+
+SEARCH = VertexSearch()
 
 
 class Vertices(NamedTuple):
@@ -153,47 +165,46 @@ def search_from_start(
         into: arrays.
     """
     n = len(stated.tree.parent)
-    _look(stated, vertices, rho, into)
+    _fill_frames(stated, vertices, rho, into)
     y, sigma = into.y, into.sigma
-    y[:], sigma[:] = first, PRESSED * cut
-    _correct(
-        stated, stated.loads.project, y, sigma, True
-    )  # steps that a barrier shortens keep a condition that is met
-    T, m, s = SOFT * cut, PRESSED * cut, KINK * cut / (4 * n * stated.u_max)
-    for _ in range(STAGES):
+    y[:], sigma[:] = first, SEARCH.pressed * cut
+    # The condition holds from the start: steps that a barrier shortens keep it.
+    _correct(stated, stated.loads.project, y, sigma, True)
+    T, m, s = SEARCH.soft * cut, SEARCH.pressed * cut, SEARCH.kink * cut / (4 * n * stated.u_max)
+    for _ in range(SEARCH.stages):
         best, least = _value(stated, roots, vertices, into, y, sigma, T, m, s)
-        for _ in range(STEPS):
+        for _ in range(SEARCH.steps):
             _newton(stated, roots, vertices, work, into, T, m, s)
             share, better = 1.0, False
             for r in range(len(sigma)):
                 if into.wall_step[r] < 0.0:
-                    share = min(share, -BOUNDARY * sigma[r] / into.wall_step[r])
-            for _ in range(HALVINGS):
+                    share = min(share, -SEARCH.boundary * sigma[r] / into.wall_step[r])
+            for _ in range(SEARCH.halvings):
                 ahead, pressed = y + share * into.step, sigma + share * into.wall_step
                 found, worst = _value(stated, roots, vertices, into, ahead, pressed, T, m, s)
                 better = found > best
                 if better:
                     break
-                share *= SHORTER
+                share *= SEARCH.shorter
             if not better:
                 break
             y[:], sigma[:] = ahead, pressed
             gain, best, least = found - best, found, worst
-            if least > ENOUGH * cut:  # psi counts as less than it is
-                if _value(stated, roots, vertices, into, y, sigma, T, m, 0.0)[1] > ENOUGH * cut:
+            if least > SEARCH.enough * cut:  # psi counts as less than it is
+                if _value(stated, roots, vertices, into, y, sigma, T, m, 0.0)[1] > SEARCH.enough * cut:
                     _finish(stated, work, into)
                     return
                 _value(stated, roots, vertices, into, y, sigma, T, m, s)
-            if gain < GAIN * cut:
+            if gain < SEARCH.gain * cut:
                 break
-        if least < HOPELESS * cut:
+        if least < SEARCH.hopeless * cut:
             break
-        T, m, s = SOFTER * T, KINKED * m, KINKED * s
+        T, m, s = SEARCH.softer * T, SEARCH.kinked * m, SEARCH.kinked * s
     _finish(stated, work, into)
 
 
 @njit(cache=True)
-def _look(stated: BranchProblem, vertices: Frames, rho: Array, into: Vertices) -> None:
+def _fill_frames(stated: BranchProblem, vertices: Frames, rho: Array, into: Vertices) -> None:
     """Fill the wrenches and moments of all frames, and the ridges."""
     for v in range(len(into.module)):
         (px, py, pz), (zx, zy, zz) = vertices.p[v], vertices.z[v]
@@ -205,13 +216,13 @@ def _look(stated: BranchProblem, vertices: Frames, rho: Array, into: Vertices) -
                 own = x * vertices.x[v, l] + y * vertices.y[v, l] + z * vertices.z[v, l]
                 into.a[v, q, 3 + l] = (about[l] + own) / 4
         into.moment[v] = moment(vertices, v, stated.bodies[into.module[v]])
-    square = max((rho**2).sum(), LEAST_SQUARE)
-    ridge = RIDGE * len(stated.tree.parent) / 24 * square
+    square = max((rho**2).sum(), SEARCH.least_square)
+    ridge = SEARCH.ridge * len(stated.tree.parent) / 24 * square
     for k in range(len(into.ridge)):
         into.ridge[k, :3] = ridge
         if stated.loads.weight[k] == 0.0:
-            into.ridge[k, :3] = ridge * max(KINKED_RIDGE / math.sqrt(square), LARGEST_RIDGE)
-        into.ridge[k, 3:] = LEVERED * into.ridge[k, 0]
+            into.ridge[k, :3] = ridge * max(SEARCH.kinked_ridge / math.sqrt(square), SEARCH.largest_ridge)
+        into.ridge[k, 3:] = SEARCH.levered * into.ridge[k, 0]
 
 
 @njit(cache=True)
@@ -297,8 +308,8 @@ def _newton(
     """Fill the step from y and sigma, of which `_value` has filled D, to the maximum of a quadratic model of F."""
     walls, y, sigma, K, C = stated.walls, into.y, into.sigma, len(into.y), len(into.frame)
     share = np.exp((into.D.min() - into.D) / T)
-    order = np.argsort(-share)[:MOST]
-    order = order[share[order] > LIGHT * share.sum()]
+    order = np.argsort(-share)[: SEARCH.most]
+    order = order[share[order] > SEARCH.light * share.sum()]
     share = share[order] / share[order].sum()
     V = len(order)
     slot, of_frame, count = np.full((8, len(into.module)), -1), np.zeros((8, len(into.module))), 0
@@ -440,7 +451,7 @@ def meet(stated: BranchProblem, project: Array, y: Array, sigma: Array) -> None:
     """Meet the condition by the least change of torques' multipliers that are not zero, or else without walls."""
     _correct(stated, project, y, sigma, False)
     a, b, c = imbalance(stated, y, sigma)
-    if not math.sqrt(a * a + b * b + c * c) <= CANNOT * sigma.sum():
+    if not math.sqrt(a * a + b * b + c * c) <= SEARCH.cannot * sigma.sum():
         sigma[:] = 0.0
         _correct(stated, project, y, sigma, False)
 
@@ -458,7 +469,7 @@ def _finish(stated: BranchProblem, work: Workspace, into: Vertices) -> None:
     """Meet the condition, without multipliers of corners that cost nothing: each loses something to rounding."""
     y, crosses = into.y, np.zeros((3, 3))
     for k in range(len(y)):
-        if stated.loads.weight[k] == 0.0 and np.abs(work.a @ y[k]).max() < IDLE * 2 * stated.u_max:
+        if stated.loads.weight[k] == 0.0 and np.abs(work.a @ y[k]).max() < SEARCH.idle * 2 * stated.u_max:
             y[k] = 0.0
         else:
             rows = work.rows[k, :3, 3:].copy()

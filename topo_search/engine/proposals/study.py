@@ -296,7 +296,7 @@ class OwnOptunas(Optunas):
     def after_trial(
         self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None
     ) -> None:
-        """Tell the sampler what became of a trial, if it is its own."""
+        """Report the result of one of its own trials to the sampler."""
         if FIXED in trial.system_attrs:
             return
         with _naming(self._sampler, "after_trial"):
