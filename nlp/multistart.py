@@ -224,7 +224,7 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         tell: is told if it takes a while.
     """
     if not is_kept(descend_all):
-        tell("compiling the solver (once per installation, about a minute)")
+        tell("compiling the solver (once per installation, about two minutes)")
     tree = straight_chain(task.n)
     stated = to_arrays(task, tree)
     best, _ = local_minima(stated, draws(task, tree, stated, range(1), "compile"))
