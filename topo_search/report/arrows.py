@@ -32,7 +32,7 @@ from topo_search.export.poses import Poses, largest_wrench, load_wrenches, rotat
 from topo_search.export.solids import join, pose_matrix
 from topo_search.model import Design, LoadCase
 from topo_search.model.arrays import Array
-from topo_search.report.parts import Part, ring, straight_arrow
+from topo_search.report.scene import Part, ring, straight_arrow
 from topo_search.report.task_facts import vector as vector_text
 from topo_search.report.wording import figures
 from verify.flight.programs import Box
