@@ -13,9 +13,8 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
-from topo_search.model.files import examples, read_task
+from topo_search.model.files import examples, read_task, task_template
 from topo_search.model.proven import gap_percent
-from topo_search.model.template import task_template
 from topo_search.simulation.result import FlightResult, ScenarioResult
 
 PICTURES = Path(__file__).parents[1] / "notebooks/pictures"

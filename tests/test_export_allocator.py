@@ -10,8 +10,7 @@ import pytest
 from export_cases import random_design
 from scipy.optimize import linprog, lsq_linear
 
-from topo_search.export.allocation import Allocation, allocation
-from topo_search.export.allocator_file import allocator_file
+from topo_search.export.allocation import Allocation, allocation, allocator_file
 from topo_search.export.kit import write_kit
 from topo_search.model import Design, Topology
 from topo_search.model.files import read_json

@@ -14,10 +14,11 @@ from matplotlib.text import Text
 from report_cases import grown
 
 from topo_search.export.picture import Scene, draw, figure_of, frame_faces, rotor_faces, title, wrenches
-from topo_search.export.poses import cone_sphere_outline, cone_triangles, poses
+from topo_search.export.poses import cone, cone_sphere_outline, poses
 from topo_search.export.tree_drawing import flat_layout, layered_layout
 from topo_search.model import BadInput, Design, Module, Topology
 from topo_search.model.files import examples, read_task
+from topo_search.model.shape import Cone
 
 
 def design(topology: Topology, name: str = "push", *settings: str, **given: Any) -> Design:
@@ -170,9 +171,9 @@ def test_the_outline_is_the_edge_of_all_balls(r_1: float, length: float) -> None
 
 
 def test_a_cone_has_its_half_angle() -> None:
-    apex, d = np.array([1.0, 2.0, 3.0]), np.array([0.6, 0.0, -0.8])
-    for degrees in (30, 60, 90):
-        triangles = cone_triangles(apex, d, math.radians(degrees), 2.0)
+    apex, d = (1.0, 2.0, 3.0), (0.6, 0.0, -0.8)
+    for degrees in (30.0, 60.0, 90.0):
+        triangles = cone(Cone(degrees, d, apex), 2.0)
         np.testing.assert_allclose(triangles[:, 0], np.broadcast_to(apex, (48, 3)))
         rim = triangles[:, 1] - apex
         np.testing.assert_allclose(np.linalg.norm(rim, axis=1), 2.0)

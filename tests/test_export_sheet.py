@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from topo_search.export.allocation import allocation
-from topo_search.export.brackets import brackets, mount, struts
+from topo_search.export.brackets import printed_parts
 from topo_search.export.mjcf import mjcf
 from topo_search.export.poses import poses
 from topo_search.export.sheet import bolt_of, mass_note, parts_csv, parts_list, sheet
@@ -20,7 +20,8 @@ from topo_search.model.files import read_json
 
 DESIGN = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
 SVG = "{http://www.w3.org/2000/svg}"
-ROWS = parts_list(DESIGN, brackets(DESIGN), mount(DESIGN), struts(DESIGN))
+SOLIDS = printed_parts(DESIGN)
+ROWS = parts_list(DESIGN, SOLIDS)
 
 
 def test_the_parts_list_has_every_mass_and_the_total_beside_the_models() -> None:
@@ -41,7 +42,7 @@ def test_the_parts_list_has_every_mass_and_the_total_beside_the_models() -> None
 
 
 def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:
-    page = ElementTree.fromstring(sheet(DESIGN, brackets(DESIGN), mount(DESIGN), ROWS, ()).split("\n", 1)[1])
+    page = ElementTree.fromstring(sheet(DESIGN, SOLIDS, ()).split("\n", 1)[1])
     text = " ".join("".join(page.itertext()).split())
     at = poses(DESIGN)
     tables = [[[cell.text or "" for cell in row] for row in table.iter("tr")] for table in page.iter("table")]

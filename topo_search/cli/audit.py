@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -46,13 +46,14 @@ def audit(
         for option, out in (("--csv", table), ("--markdown", summary)):
             options.require_writable(out, option)
         files = design_files(designs)
-        reading = Reading(files, tell=note)
+        read: list[tuple[str, Geometry]] = []
+        refused: list[tuple[str, str]] = []
         judged: list[Judged] = []
         failed: list[tuple[str, str]] = []
         apart = min(workers or available_cores(), len(files)) if len(files) > 1 else 0
-        results = audits(reading.designs(), workers=apart)
+        results = audits(_designs(files, read, refused), workers=apart)
         for number, result in enumerate(results):
-            name, design = reading.read[number]
+            name, design = read[number]
             if isinstance(result, Failed):
                 failed.append((name, f"the audit failed: {result.reason}"))
                 note(": ".join(failed[-1]))
@@ -66,14 +67,14 @@ def audit(
             options.echo_json(values[0] if alone else values)
         elif len(files) > 1:
             verdicts = [each.audit.verdict for each in judged]
-            print_tally(verdicts, len(failed), len(reading.refused), reading.passed_over)
+            print_tally(verdicts, len(failed), len(refused), len(files) - len(read) - len(refused))
         if table is not None:
             from topo_search.export.audits import clearances_of, csv
 
             write_atomically(table, csv(clearances_of([(each.name, each.audit) for each in judged])))
         if summary is not None:
-            write_atomically(summary, markdown(judged, [*failed, *reading.refused]))
-        if reading.refused:
+            write_atomically(summary, markdown(judged, [*failed, *refused]))
+        if refused:
             raise SystemExit(ExitStatus.BAD_INPUT)
         if failed or any(each.audit.verdict != Status.CLEAR for each in judged):
             raise SystemExit(1)
@@ -117,35 +118,28 @@ class DesignFile:
         return to_geometry(data, self.name)
 
 
-class Reading:
-    """Designs read from files, and the faults of the files that hold none."""
+def _designs(
+    files: Sequence[DesignFile], read: list[tuple[str, Geometry]], refused: list[tuple[str, str]]
+) -> Iterator[Geometry]:
+    """Yield the designs of files, in order, and tell the faults of files that hold none.
 
-    def __init__(self, files: Sequence[DesignFile], *, tell: Callable[[str], None]) -> None:
-        self.files = files
-        self.tell = tell
-        self.read: list[tuple[str, Geometry]] = []
-        """Every design with the name of its file, in order."""
-        self.refused: list[tuple[str, str]] = []
-        """Every other file, with its faults."""
-        self.passed_over = 0
-        """Number of audits that were found in folders."""
+    Args:
+        files: the files; audits in folders are passed over.
+        read: gets every design with the name of its file.
+        refused: gets every file that is wrong, with its faults.
+    """
+    from topo_search.model import BadInput
 
-    def designs(self) -> Iterator[Geometry]:
-        """Yield the designs as they are read, and tell the faults of the other files."""
-        from topo_search.model import BadInput
-
-        for file in self.files:
-            try:
-                design = file.read()
-            except BadInput as error:
-                self.refused.append((file.name, "; ".join(map(str, error.faults))))
-                self.tell("\n".join(f"{file.name}: {fault}" for fault in error.faults))
-                continue
-            if design is None:
-                self.passed_over += 1
-            else:
-                self.read.append((file.name, design))
-                yield design
+    for file in files:
+        try:
+            design = file.read()
+        except BadInput as error:
+            refused.append((file.name, "; ".join(map(str, error.faults))))
+            note("\n".join(f"{file.name}: {fault}" for fault in error.faults))
+            continue
+        if design is not None:
+            read.append((file.name, design))
+            yield design
 
 
 def design_files(words: Sequence[str]) -> list[DesignFile]:

@@ -139,10 +139,12 @@ def export(
     """  # noqa: D301 (\b is click's)
     with explain_errors():
         from topo_search.compose import audit, read_completed, read_design
+        from topo_search.export.formats import formats
         from topo_search.export.simulator_xml import Physics
         from topo_search.model import BadInput
 
-        form: Any = kind or SUFFIXES.get(out.suffix.lower()) or _of_packages(out)
+        form: Any = kind or SUFFIXES.get(suffix := out.suffix.lower())
+        form = form or next((one.name for one in formats().values() if suffix in one.suffixes), None)
         if kind not in ("kit", "brackets") and out.is_dir():
             raise BadInput("--out", f"must be a file unless --format is kit or brackets, but {out} is a directory")
         if form is None:
@@ -156,7 +158,7 @@ def export(
             raise BadInput("--load-case", "applies only with --air-speed")
         if angle_step is not None and form not in KIT:
             raise BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {form}")
-        if form == "air" and SUFFIXES.get(out.suffix.lower()) != "air":
+        if form == "air" and suffix != ".npz" and suffix != ".vti":
             raise BadInput("--out", f"must end in .npz or .vti, but got {out.name}")
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
         if physics != Physics() and form not in ("mjcf", "kit"):
@@ -188,13 +190,6 @@ def _warn_unless_clear(audit: Audit) -> None:
         broken += [one.name for one in audit.residuals if one.status != Status.CLEAR]
         shown = ", ".join(broken[:3]) + ", ..." * (len(broken) > 3)
         note(f"warning: the audit of this design is {audit.verdict}: {shown}")
-
-
-def _of_packages(out: Path) -> str | None:
-    """Return the format of an installed package that a name's end stands for."""
-    from topo_search.export.formats import formats
-
-    return next((form.name for form in formats().values() if out.suffix.lower() in form.suffixes), None)
 
 
 def _write(

@@ -13,7 +13,7 @@ from topo_search.cli.errors import explain_errors, needs_extras, note
 
 if TYPE_CHECKING:
     from topo_search.model import Design
-    from topo_search.simulation.result import FlightResult, ScenarioResult
+    from topo_search.simulation.result import FlightResult
 
 
 @click.command(epilog="Example: topo-search fly runs/push-*/best.json --out flight --video flight.gif")
@@ -147,7 +147,7 @@ def _fly(
 def _print(result: FlightResult) -> None:
     """Print the table."""
     head = ("scenario", "verdict", "drift", "tilt", "force error", "at limit", "demand unmet", "largest")
-    rows = [head, *(_row(one) for one in result.scenarios)]
+    rows = [head, *((one.name, one.verdict, *one.cells) for one in result.scenarios)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     for row in rows:
         click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
@@ -167,15 +167,3 @@ def _print(result: FlightResult) -> None:
         )
     click.echo("\n".join(result.notes))
     click.echo(f"in simulation: {result.verdict}")
-
-
-def _row(one: ScenarioResult) -> tuple[str, ...]:
-    def share(value: float | None) -> str:
-        return "" if value is None else f"{100 * value:.1f} %"
-
-    drift = "" if one.drift_m is None else f"{100 * one.drift_m:.2f} cm"
-    tilt = "" if one.tilt_deg is None else f"{one.tilt_deg:.2f} deg"
-    return (
-        *(one.name, one.verdict, drift, tilt, share(one.force_error_share), share(one.saturated_share)),
-        *(share(one.missed_share), share(one.largest_input)),
-    )

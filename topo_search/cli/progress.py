@@ -22,11 +22,6 @@ if TYPE_CHECKING:
     from topo_search.study.row import Row
 
 
-def _ignore(incumbent: Row | None) -> str:
-    """Say nothing: the designs are not of one task."""
-    return ""
-
-
 @contextmanager
 def shown_progress(*, incumbent: bool = True) -> Iterator[Observer]:
     """Show the progress of a command on stderr while the block runs, from its first moment on a terminal.
@@ -34,7 +29,7 @@ def shown_progress(*, incumbent: bool = True) -> Iterator[Observer]:
     Args:
         incumbent: whether there is a best design to speak of.
     """
-    words = None if incumbent else _ignore
+    words = None if incumbent else lambda _: ""
     if sys.stderr.isatty():
         with Bar.show(Console(stderr=True), words) as bar:
             yield bar

@@ -16,7 +16,7 @@ from topo_search.export.audits import flight_lines, power_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Status
 from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
-from topo_search.report.wording import length, modules, near_tie_cells, near_tie_columns, quantity
+from topo_search.report.wording import NEAR_TIES, length, modules, near_tie_cells, quantity
 from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
 from topo_search.study.row import proven_cell
 
@@ -127,7 +127,7 @@ def _print_near_ties(size: SizeAnswer) -> None:
     if size.best is None or len(size.near_ties) < 2:
         return
     click.echo(f"within {100 * NEAR:g} % of the least control effort, largest force reserve in hover first:")
-    _print_table(near_tie_columns(), [near_tie_cells(row, size.best) for row in size.near_ties])
+    _print_table(NEAR_TIES, [near_tie_cells(row, size.best) for row in size.near_ties])
     if size.near_ties_unaudited:
         click.echo(f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}")
 

@@ -32,8 +32,7 @@ def init(file: Path, force: bool) -> None:
     """
     with explain_errors():
         from topo_search.model import BadInput
-        from topo_search.model.files import write_atomically
-        from topo_search.model.template import task_template
+        from topo_search.model.files import task_template, write_atomically
 
         if file.exists() and not force:
             raise BadInput(str(file), "already exists; --force overwrites it")

@@ -124,8 +124,7 @@ def measure(backends: Backends, cell: Cell) -> Measured:
         iterations += 0 if record is None else record.iterations
         if isinstance(outcome, Design) or outcome.status == "impossible" or spent > cell.settings.time_limit:
             break
-    if best is None:
-        raise ValueError(f"`starts >= 1` must hold, but got {cell.settings.starts}")
+    assert best is not None  # as `Settings` has a start
     record = record_of(best)
     row = Measured(
         **cell.identity,

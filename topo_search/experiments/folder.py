@@ -221,7 +221,7 @@ def results(folder: str | Path) -> pd.DataFrame:
         content = read_regular(path, most_bytes=LIMITS.result_bytes)
         frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
     except (NotReadable, UnicodeDecodeError, pd.errors.ParserError) as error:
-        raise BadInput(str(path), [Fault("", str(error))]) from None
+        raise BadInput(str(path), str(error)) from None
     tried_again = frame["status"].eq("failed") & frame.duplicated(list(IDENTITY), keep="last")
     frame = frame[~tried_again]
     return frame.sort_values(["n", "distance_m", "task", "variant"], kind="stable", ignore_index=True)
@@ -249,10 +249,10 @@ def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
         size = content.rfind(b"\n") + 1
         text = content[:size].decode("utf-8")
     except NotReadable as error:
-        raise BadInput(str(path), [Fault("", str(error))]) from None
+        raise BadInput(str(path), str(error)) from None
     except UnicodeDecodeError as error:
         rule = f"must be UTF-8 text, but got the byte {content[error.start]:#04x} at offset {error.start}"
-        raise BadInput(str(path), [Fault("", rule)]) from None
+        raise BadInput(str(path), rule) from None
     lines = text.split("\n")[:-1]
     if not lines or tuple(lines[0].split(",")) != COLUMNS:
         raise _refusal(path.parent, f"has a {RESULTS} with other columns")
@@ -268,7 +268,7 @@ def _cells(path: Path, number: int, line: str) -> dict[str, str]:
         cells = []
     if len(cells) != len(COLUMNS):
         rule = f"must have {len(COLUMNS)} cells in each row, but has {len(cells)} in line {number}: it is damaged"
-        raise BadInput(str(path), [Fault("", rule)])
+        raise BadInput(str(path), rule)
     row = dict(zip(COLUMNS, cells, strict=True))
     readers: dict[str, Callable[[str], object]] = {"int": int, "float": float, "str": str}
     for name, kind in KINDS.items():
@@ -286,4 +286,4 @@ def _identity(values: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _refusal(path: Path, reason: str) -> BadInput:
-    return BadInput(str(path), [Fault("", f"{reason}; choose another folder with --out")])
+    return BadInput(str(path), f"{reason}; choose another folder with --out")

@@ -13,7 +13,7 @@ from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault, ResolvedTask
 from topo_search.model.bad_input import nearest, show
 from topo_search.model.files import examples, read_task
-from topo_search.topologies import candidates, count, sample
+from topo_search.topologies import candidates, count, draws
 
 LARGEST_SEED = LIMITS.largest_integer - LIMITS.trees
 """Tree number k draws its wrenches with the seed + k."""
@@ -198,15 +198,14 @@ def require_few(number: int) -> None:
         rule = (
             f"must have at most {LIMITS.cells:,} rows: task, size, tree, distance and variant, but has {number:,}"
         )
-        raise BadInput("experiment", [Fault("", rule)])
+        raise BadInput("experiment", rule)
 
 
 def trees(n: int, most: int, seed: int) -> list[str]:
     """Return the keys of all topologies of n modules, or of as many different ones, drawn uniformly."""
     if count(n) <= most:
         return [candidate.key for candidate in candidates(n)]
-    drawn, draws = dict[str, None](), most
-    while len(drawn) < most:
-        drawn = dict.fromkeys(topology.key for topology in sample(n, draws, seed))
-        draws *= 2
-    return list(drawn)[:most]
+    keys, drawn = dict[str, None](), draws(n, seed)
+    while len(keys) < most:
+        keys[next(drawn).key] = None
+    return list(keys)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class Palette:
+class Palette(NamedTuple):
     """Colours of the pictures: the set of Okabe and Ito, told apart with every kind of colour vision.
 
     M. Okabe, K. Ito, "Color Universal Design", 2008.
@@ -33,23 +32,19 @@ class Palette:
     CONTACT: str = "#56b4e9"
     BLOCKED_PORT: str = "#f0e442"
 
-    VERDICTS: Mapping[str, str] = field(
-        default_factory=lambda: {
-            "clear": "#009e73",
-            "undecided": "#e69f00",
-            "violated": "#d55e00",
-            "inconsistent": "#000000",
-        }
-    )
+    VERDICTS: Mapping[str, str] = {
+        "clear": "#009e73",
+        "undecided": "#e69f00",
+        "violated": "#d55e00",
+        "inconsistent": "#000000",
+    }
     """Colours of audit verdicts, always beside the word."""
-    STATUSES: Mapping[str, str] = field(
-        default_factory=lambda: {
-            "feasible": "#009e73",
-            "infeasible": "#e69f00",
-            "impossible": "#cc79a7",
-            "failed": "#000000",
-        }
-    )
+    STATUSES: Mapping[str, str] = {
+        "feasible": "#009e73",
+        "infeasible": "#e69f00",
+        "impossible": "#cc79a7",
+        "failed": "#000000",
+    }
     """Colours of candidates' statuses, always beside the word."""
     SERIES: tuple[str, ...] = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
     """Lines and points of one chart, told apart by their markers too."""

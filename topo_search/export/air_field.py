@@ -12,7 +12,7 @@ from manifold3d import Manifold
 from numpy.typing import NDArray
 from trimesh import Trimesh
 
-from topo_search.model import BadInput, Design, Fault
+from topo_search.model import BadInput, Design
 from topo_search.model.arrays import Array
 from topo_search.model.proven import upper_text
 from verify.air import case_jets
@@ -68,7 +68,7 @@ def air_surface(design: Design, speed: float, load_case: int = 0, points: int = 
     air = _Air(design)
     if load_case >= len(air.cases):
         rule = f"must be one of the load cases 0 to {len(air.cases) - 1}, but got {load_case}"
-        raise BadInput("--load-case", [Fault("", rule)])
+        raise BadInput("--load-case", rule)
     name, box = list(air.cases)[load_case], [*air.low.tolist(), *air.high.tolist()]
     edge = float((2 * np.prod(air.high - air.low) / points) ** (1 / 3))  # two points a cube
     grid: list[tuple[float, ...]] = []
@@ -81,7 +81,7 @@ def air_surface(design: Design, speed: float, load_case: int = 0, points: int = 
     found = air.speeds(name, np.array(grid))
     if found.max() <= speed:
         rule = f"must be less than {upper_text(found.max(), 3)} m/s, the fastest air in {name}, but got {speed:g}"
-        raise BadInput("--air-speed", [Fault("", rule)])
+        raise BadInput("--air-speed", rule)
     over = dict(zip(grid, (found - speed).tolist(), strict=True))
     mesh = Manifold.level_set(lambda *point: over[point], box, edge).to_mesh()
     return AirSurface(

@@ -16,10 +16,14 @@ r"""Data of a platform for a flight controller: forces and torques of its rotors
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+from pprint import pformat
 from typing import Literal
 
 import numpy as np
 
+from topo_search.export import allocator
 from topo_search.export.poses import Poses, poses
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
@@ -45,6 +49,8 @@ FRAME = (
     "Axes of the task (z up). Origin of forces, torques, rotor positions and inertia: the centre of mass. com_m is "
     "the centre of mass from the centre of module 0, in the same axes."
 )
+TORQUE_FIRST = 10.0
+"""Weight of a missing torque, per l_arm, beside that of a missing force: who turns away loses forces as well."""
 
 Row = tuple[Number, ...]
 
@@ -170,6 +176,33 @@ def thrust_matrix(module: Module, at: Poses) -> Array:
     o, z = at.rotors.reshape(-1, 3), np.repeat(at.z, 4, axis=0)
     drag = np.tile(ROTOR_SPINS, len(at.p)) * module.torque_coefficient / module.thrust_coefficient
     return np.concatenate([z, np.cross(o, z) + drag[:, None] * z], axis=1).T
+
+
+def allocator_file(design: Design, acts: Allocation) -> str:
+    """Return the text of a kit's `allocator.py`: the source of `export.allocator` with the data of a platform.
+
+    Args:
+        design: the design.
+        acts: how its rotors act on it.
+    """
+    module, weight = design.task.module, acts.mass_kg * design.task.gravity
+    data = {
+        "PLATFORM": f"{design.task.name}, {design.topology.key}",
+        "NAMES": tuple(rotor.name for rotor in acts.rotors),
+        "MATRIX": acts.thrust_matrix,
+        "LEAST": tuple(rotor.thrust_coefficient * acts.least_input for rotor in acts.rotors),
+        "LARGEST": tuple(rotor.largest_thrust_N for rotor in acts.rotors),
+        "SCALE": (1 / weight,) * 3 + (TORQUE_FIRST / (module.arm_length * weight),) * 3,
+        "FULL": module.thrust_coefficient * acts.largest_input,
+        "WEIGHT": weight,
+        "THRUST_COEFFICIENT": module.thrust_coefficient,
+    }
+
+    def value(line: re.Match[str]) -> str:
+        return f"{line[1]} = {pformat(data[line[2]], width=110, compact=True)}"
+
+    source = Path(allocator.__file__).read_text(encoding="utf-8")
+    return re.sub(rf"^(({'|'.join(data)}): [^=\n]+) = .*$", value, source, flags=re.MULTILINE)
 
 
 def _rows(matrix: Array) -> tuple[Row, ...]:

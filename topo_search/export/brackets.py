@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from manifold3d import Manifold, Mesh, OpType
@@ -71,6 +72,26 @@ class Part:
         return content
 
 
+class Printed(NamedTuple):
+    """All solids of a kit."""
+
+    joints: list[Part]
+    """The bracket of every joint, in the order of assembly."""
+    mount: Part | None
+    """The mount of the end-effector's rod."""
+    struts: list[Part]
+
+    @property
+    def parts(self) -> list[Part]:
+        """All of them."""
+        return [*self.joints, *([] if self.mount is None else [self.mount]), *self.struts]
+
+
+def printed_parts(design: Design) -> Printed:
+    """Return the solids of a design; BadInput if there is no room for brackets."""
+    return Printed(brackets(design), mount(design), struts(design))
+
+
 def brackets(design: Design) -> list[Part]:
     """Return the bracket of every joint, in the order of assembly.
 
@@ -94,7 +115,7 @@ def struts(design: Design) -> list[Part]:
     None where the frame is the user's own, or without room between rotors.
     """
     module, used = design.task.module, [port for h, i, a, b in design.topology.edges() for port in (a, b)]
-    if design.mount is not None and mount(design) is not None:
+    if design.mount is not None and rod_of(design, poses(design)) is not None:
         used.append(design.mount.port)
     sizes, outer = module.bracket_sizes, module.connector_distance - module.bracket_sizes.set_back
     beside = module.arm_length / math.sqrt(2) - module.body.rotor_radius - BESIDE_ROTOR

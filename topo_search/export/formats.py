@@ -10,7 +10,7 @@ from collections.abc import Callable
 from importlib import import_module, metadata
 from pathlib import Path
 
-from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.bad_input import BadInput
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
 from topo_search.protocols import DesignWriter, OwnFormat
@@ -67,7 +67,7 @@ def register_format(own: OwnFormat) -> None:
     for suffix in own.suffixes:
         if not re.fullmatch(r"\.[A-Za-z0-9]+", suffix):
             raise ValueError(f"a suffix must be a dot with letters or digits, but got {suffix!r}")
-        if (other := _of_suffix(suffix)) is not None:
+        if (other := of_suffix(suffix)) is not None:
             raise ValueError(f"a suffix must be new, but {suffix} is that of {other.name}")
     _registered[own.name] = own
 
@@ -86,14 +86,14 @@ def formats() -> dict[str, OwnFormat]:
             own = entry.load()
         except Exception as error:
             rule = f"cannot be loaded: {type(error).__name__}: {error}"
-            raise BadInput(source, [Fault("", rule)]) from error
+            raise BadInput(source, rule) from error
         if not isinstance(own, OwnFormat) or own.name != entry.name:
             rule = f"must be an OwnFormat of this name, but is {type(own).__name__}"
-            raise BadInput(source, [Fault("", rule)])
+            raise BadInput(source, rule)
         try:
             register_format(own)
         except ValueError as error:
-            raise BadInput(source, [Fault("", str(error))]) from None
+            raise BadInput(source, str(error)) from None
     return dict(_registered)
 
 
@@ -114,14 +114,14 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
         hover-2.urdf
     """
     if not isinstance(design, Design):
-        raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])
+        raise BadInput("design", f"must be a Design, but got {type(design).__name__}")
     path, known = Path(out), formats()
-    chosen = _of_suffix(path.suffix) if format is None else known.get(format)
+    chosen = of_suffix(path.suffix) if format is None else known.get(format)
     if chosen is None and format is None:
         suffixes = ", ".join(sorted(suffix for one in known.values() for suffix in one.suffixes))
-        raise BadInput(str(out), [Fault("", f"must end in {suffixes}, or a format be given")])
+        raise BadInput(str(out), f"must end in {suffixes}, or a format be given")
     if chosen is None:
-        raise BadInput("format", [Fault("", f"must be one of {', '.join(sorted(known))}, but got {format!r}")])
+        raise BadInput("format", f"must be one of {', '.join(sorted(known))}, but got {format!r}")
     write_atomically(path, content(design, chosen))
     return path
 
@@ -134,13 +134,14 @@ def content(design: Design, own: OwnFormat) -> bytes:
             raise ValueError(f"must write text or bytes, but wrote {type(made).__name__ if made else 'nothing'}")
         return made if isinstance(made, bytes) else made.encode()
     except ValueError as error:
-        raise BadInput(own.name, [Fault("", str(error))]) from error
+        raise BadInput(own.name, str(error)) from error
     except Exception as error:
         if own in OURS or is_out_of_memory(error):
             raise
         rule = f"cannot write {design.topology.key}: {type(error).__name__}: {error}"
-        raise BadInput(own.name, [Fault("", rule)]) from error
+        raise BadInput(own.name, rule) from error
 
 
-def _of_suffix(suffix: str) -> OwnFormat | None:
+def of_suffix(suffix: str) -> OwnFormat | None:
+    """Return the known format whose files end in it."""
     return next((one for one in _registered.values() if suffix.lower() in map(str.lower, one.suffixes)), None)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from topo_search.export.allocation import Allocation, allocation
-from topo_search.export.allocator_file import allocator_file
-from topo_search.export.brackets import Part, brackets, mount, struts
+from topo_search.export.allocation import allocation, allocator_file
+from topo_search.export.brackets import printed_parts
 from topo_search.export.mjcf import mjcf
 from topo_search.export.px4 import px4_parameters, px4_warnings, reason_against
-from topo_search.export.sheet import Row, mass_note, parts_csv, parts_list, sheet
+from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet
 from topo_search.export.simulator_xml import AS_SEARCHED, Physics
-from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.bad_input import BadInput
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 
@@ -50,13 +49,22 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
         BadInput: the folder holds something else, a number is beyond what PX4 takes, or brackets do not fit.
     """
     require_kit_folder(folder)
-    acts = allocation(design)
+    acts, solids = allocation(design), printed_parts(design)
     left_out = reason_against(acts)
-    parts = brackets(design), mount(design), struts(design)
-    rows = parts_list(design, *parts)
     own = px4_warnings(acts) if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
-    own = (*own, mass_note(rows))
-    contents = dict(_contents(design, acts, parts, rows, (*notes, *own), physics))
+    own = (*own, mass_note(parts_list(design, solids)))
+    contents: dict[str, str | bytes] = {
+        ALLOCATION: to_json(acts),
+        "allocation.csv": acts.csv(),
+        "rotors.csv": acts.rotor_csv(),
+        ALLOCATOR: allocator_file(design, acts),
+        **({} if left_out else {PARAMETERS: px4_parameters(acts)}),
+        **{f"{BRACKETS}/{part.file}": part.stl() for part in solids.parts},
+        PARTS: parts_csv(parts_list(design, solids)),
+        SHEET: sheet(design, solids, (*notes, *own)),
+        "platform.xml": mjcf(design, physics),
+        DESIGN: to_json(design),
+    }
     for old in (*(folder / name for name in FILES), *(folder / BRACKETS).glob("*.stl")):
         old.unlink(missing_ok=True)
     for name, content in contents.items():
@@ -71,8 +79,7 @@ def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
         BadInput: the folder holds something else, or brackets do not fit.
     """
     _require_only(folder, lambda path: path.suffix == ".stl", "a new or empty folder, or one of STL files")
-    held = mount(design)
-    parts = [*brackets(design), *([] if held is None else [held]), *struts(design)]
+    parts = printed_parts(design).parts
     for old in folder.glob("*.stl"):
         old.unlink()
     for part in parts:
@@ -93,18 +100,20 @@ def write_part(
     Raises:
         BadInput: there are more rotors than PX4 takes, a number is beyond its range, or brackets do not fit.
     """
-    warnings: tuple[str, ...] = ()
-    if kind in ("sheet", "parts"):
-        joints, held = brackets(design), mount(design)
-        rows = parts_list(design, joints, held, struts(design))
-        text = parts_csv(rows) if kind == "parts" else sheet(design, joints, held, rows, notes)
-    else:
-        acts = allocation(design)
-        table = px4_parameters if kind == "px4" else Allocation.rotor_csv if kind == "rotors" else Allocation.csv
-        text = to_json(acts) if kind == "allocation" and out.suffix.lower() == ".json" else table(acts)
-        warnings = px4_warnings(acts) if kind == "px4" else ()
+    acts = allocation(design)
+    match kind:
+        case "sheet":
+            text = sheet(design, printed_parts(design), notes)
+        case "parts":
+            text = parts_csv(parts_list(design, printed_parts(design)))
+        case "px4":
+            text = px4_parameters(acts)
+        case "rotors":
+            text = acts.rotor_csv()
+        case "allocation":
+            text = to_json(acts) if out.suffix.lower() == ".json" else acts.csv()
     write_atomically(out, text)
-    return warnings
+    return px4_warnings(acts) if kind == "px4" else ()
 
 
 def require_kit_folder(folder: Path) -> None:
@@ -116,29 +125,6 @@ def _require_only(folder: Path, known: Callable[[Path], bool], what: str) -> Non
     if not folder.exists():
         return
     if not folder.is_dir():
-        raise BadInput("--out", [Fault("", f"must be a folder for this format, but got the file {folder}")])
+        raise BadInput("--out", f"must be a folder for this format, but got the file {folder}")
     if others := sorted(path.name for path in folder.iterdir() if not known(path)):
-        raise BadInput("--out", [Fault("", f"must be {what}, but {folder} holds {others[0]}")])
-
-
-def _contents(
-    design: Design,
-    acts: Allocation,
-    parts: tuple[Sequence[Part], Part | None, Sequence[Part]],
-    rows: Sequence[Row],
-    notes: Sequence[str],
-    physics: Physics,
-) -> Iterator[tuple[str, str | bytes]]:
-    yield ALLOCATION, to_json(acts)
-    yield "allocation.csv", acts.csv()
-    yield "rotors.csv", acts.rotor_csv()
-    yield ALLOCATOR, allocator_file(design, acts)
-    if reason_against(acts) is None:
-        yield PARAMETERS, px4_parameters(acts)
-    joints, held, arms = parts
-    for part in (*joints, *([] if held is None else [held]), *arms):
-        yield f"{BRACKETS}/{part.file}", part.stl()
-    yield PARTS, parts_csv(rows)
-    yield SHEET, sheet(design, joints, held, rows, notes)
-    yield "platform.xml", mjcf(design, physics)
-    yield DESIGN, to_json(design)
+        raise BadInput("--out", f"must be {what}, but {folder} holds {others[0]}")

@@ -194,11 +194,11 @@ def hull(shape: Polytope) -> Hull:
     return convex_hull(np.array(shape.corners))
 
 
-def cone(shape: Cone, slant: float) -> Array:
+def cone(shape: Cone, slant: float, *, sides: int = 48) -> Array:
     """Return the triangles of a cone's surface out to a slant height, (sides, 3, 3); a disc for a half-space."""
-    assert shape.axis is not None  # as `Shape.at` leaves it
-    theta = math.radians(shape.half_angle_deg)
-    return cone_triangles(np.array(shape.apex), np.array(shape.axis), theta, slant)
+    theta, apex, d = math.radians(shape.half_angle_deg), np.array(shape.apex), np.array(shape.axis)
+    rim = circle(apex + slant * math.cos(theta) * d, slant * math.sin(theta), d, points=sides)
+    return np.stack([np.broadcast_to(apex, rim[1:].shape), rim[:-1], rim[1:]], axis=1)
 
 
 def cone_slant(design: Design, at: Poses) -> float:
@@ -212,36 +212,15 @@ def cone_sphere_outline(P_0: Array, r_0: float, P_1: Array, r_1: float, v: Array
     Seen along v the volume is the hull of two discs. The hull's point with the normal u belongs to the disc
     that reaches further along u.
     """
-    s, t = _plane(v)
+    s, t, _ = rotation_to(v).T
     angles = np.linspace(0, 2 * math.pi, points, endpoint=False)
     u = np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)
     second = (u @ P_1 + r_1 > u @ P_0 + r_0)[:, None]
     return np.asarray(np.where(second, P_1 + r_1 * u, P_0 + r_0 * u))
 
 
-def flat_hull(points: Array) -> Array:
-    """Return the outline of points on paper, (m, 2), as a closed polygon, (k, 2)."""
-    from scipy.spatial import ConvexHull  # slow to import, and few pictures need it
-
-    return np.asarray(points[ConvexHull(points).vertices])
-
-
 def circle(centre: Array, radius: float, axis: Array, *, points: int = 48) -> Array:
-    """Return a closed circle about an axis, (points + 1, 3) [m]."""
-    s, t = _plane(axis)
+    """Return a closed circle about an axis, a unit vector, (points + 1, 3) [m]."""
+    s, t, _ = rotation_to(axis).T
     angles = np.linspace(0, 2 * math.pi, points + 1)
     return np.asarray(centre + radius * (np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)))
-
-
-def cone_triangles(apex: Array, d: Array, theta: float, slant: float, *, sides: int = 48) -> Array:
-    """Return the triangles of a cone's surface out to a slant height, (sides, 3, 3) [m]; a disc at 90 deg."""
-    rim = circle(apex + slant * math.cos(theta) * d, slant * math.sin(theta), d, points=sides)
-    return np.stack([np.broadcast_to(apex, rim[1:].shape), rim[:-1], rim[1:]], axis=1)
-
-
-def _plane(normal: Array) -> tuple[Array, Array]:
-    """Return two unit vectors that span the plane across a normal."""
-    across = np.eye(3)[np.argmin(np.abs(normal))]
-    s = np.cross(normal, across)
-    s /= np.linalg.norm(s)
-    return s, np.cross(normal / np.linalg.norm(normal), s)

@@ -93,7 +93,7 @@ def px4_parameters(acts: Allocation) -> str:
         BadInput: there are too many rotors, or a number is beyond the range of its parameter.
     """
     if (rule := reason_against(acts)) is not None:
-        raise BadInput("--format px4", [Fault("", rule)])
+        raise BadInput("--format px4", rule)
     roll, pitch, yaw, x, y, z = set_points(acts)
     hover = acts.mass_kg * ONE_G / z if z > 0 else np.inf
     lines = [

@@ -21,10 +21,10 @@ from topo_search.export.brackets import (
     SLOT,
     TURNS,
     Part,
+    Printed,
     connector_turn,
     grip_of,
     has_clamp,
-    struts,
 )
 from topo_search.export.poses import ROTOR_ANGLES, Poses, poses, rod_of
 from topo_search.model.arrays import Array
@@ -51,16 +51,12 @@ its side: parent on the left, its upper side up. Each bracket has one mark hole 
 two on the child's: towards the upper side of either module."""
 
 
-def sheet(
-    design: Design, joints: Sequence[Part], mount: Part | None, rows: Sequence[Row], notes: Sequence[str]
-) -> str:
+def sheet(design: Design, solids: Printed, notes: Sequence[str]) -> str:
     """Return the sheet.
 
     Args:
         design: what is built.
-        joints: its brackets, in the order of assembly.
-        mount: the rod's.
-        rows: the parts list.
+        solids: what is printed of it.
         notes: further notes on the kit, one sentence each.
     """
     title = f"Assembly of {design.task.name}, {design.topology.key}"
@@ -73,13 +69,13 @@ def sheet(
         "<h2>Convention</h2>",
         f'<section class="convention">{ports()}{paragraph(CONVENTION)}</section>',
         paragraph(f"Angles are stated to {10**-DIGITS:g} deg. {_faces(design)}"),
-        *(f"<section>{strut_drawing(design, part)}{paragraph(_strut(part))}</section>" for part in struts(design)),
+        *(f"<section>{strut_drawing(design, part)}{paragraph(_strut(part))}</section>" for part in solids.struts),
         "<h2>Parts</h2>",
-        table(COLUMNS, rows),
+        table(COLUMNS, parts_list(design, solids)),
         paragraph(ABOUT_PARTS),
         "<h2>Steps</h2>",
-        *_steps(design, joints),
-        *_rod(design, len(joints) + 1, mount),
+        *_steps(design, solids.joints),
+        *_rod(design, len(solids.joints) + 1, solids.mount),
         "<h2>The whole platform</h2>",
         *overview(design),
         "</body></html>",
@@ -325,13 +321,14 @@ ABOUT_PARTS = (
 )
 
 
-def parts_list(design: Design, joints: Sequence[Part], mount: Part | None, held: Sequence[Part] = ()) -> list[Row]:
+def parts_list(design: Design, solids: Printed) -> list[Row]:
     """Return a row for every kind of part, then the total, and the mass of the model."""
     task, bracket = design.task, design.task.module.bracket_sizes
+    joints, mount, struts = solids
     rows = [_row("module", design.topology.n, "", task.module.mass)]
     rows += [_part_row("bracket", part) for part in joints]
-    rows += [_part_row("strut", part) for part in held]
-    flanges = 2 * len(joints) + sum(part.count for part in held)
+    rows += [_part_row("strut", part) for part in struts]
+    flanges = 2 * len(joints) + sum(part.count for part in struts)
     rod = rod_of(design, poses(design))
     if mount is not None and rod is not None:
         flanges += 1

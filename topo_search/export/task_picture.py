@@ -22,9 +22,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import FancyArrowPatch, Patch, Polygon
+from scipy.spatial import ConvexHull
 
 from topo_search.export import palette
-from topo_search.export.poses import circle, cone_sphere_outline, flat_hull, hull, region_words, shapes
+from topo_search.export.poses import circle, cone_sphere_outline, hull, region_words, shapes
 from topo_search.model import ResolvedTask, needs_offset
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Capsule, Cone, Polytope
@@ -112,7 +113,8 @@ def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[tup
                 d, apex = np.array(shape.axis), np.array(shape.apex)[axes]
                 outlined.append((True, apex + _wedge(d, math.radians(shape.half_angle_deg), view, 4 * size)))
             case Polytope():
-                outlined.append((False, flat_hull(hull(shape).corners[:, view])))
+                corners = hull(shape).corners[:, view]
+                outlined.append((False, corners[ConvexHull(corners).vertices]))
             case Capsule(radius=r):
                 ends = np.array(shape.start), np.array(shape.end)
                 outline = cone_sphere_outline(ends[0], r, ends[1], r, _towards_viewer(view))

@@ -87,6 +87,12 @@ def examples() -> list[str]:
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
+def task_template(name: str) -> str:
+    """Return the text of a commented task file to start from: every field, its default and what it means."""
+    text = (resources.files("topo_search.model") / "template.toml").read_text(encoding="utf-8")
+    return text.replace('name = "task"', f'name = "{name}"', 1)
+
+
 def read_json(model: type[Model], path: str | Path) -> Model:
     """Return the value that a JSON file holds; BadInput names every fault.
 

@@ -12,7 +12,7 @@ from typing import Annotated
 from pydantic import Field
 
 from topo_search.model.proven import lower_text
-from topo_search.model.value import Index, Number, Value, Vector
+from topo_search.model.value import Index, Number, Omitted, Value, Vector
 
 STRAIGHT = math.cos(math.radians(1.0))
 """Cosine of the angle from an axis up to which a direction is named after it."""
@@ -40,50 +40,40 @@ class CaseFlight(Value):
     """The same of horizontal forces alone [N]."""
     horizontal_reserve_at_most_N: Size | None = None
     horizontal_weakest: Vector | None = None
-    force_reserve_com_N: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    force_reserve_com_N: Omitted[Size] = None
     """Any force of this size can be added at the centre of mass [N]; None in older files."""
-    force_reserve_com_at_most_N: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    force_weakest_com: Annotated[Vector | None, Field(exclude_if=lambda given: given is None)] = None
-    horizontal_reserve_com_N: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    force_reserve_com_at_most_N: Omitted[Size] = None
+    force_weakest_com: Omitted[Vector] = None
+    horizontal_reserve_com_N: Omitted[Size] = None
     """The same of horizontal forces alone [N]."""
-    horizontal_reserve_com_at_most_N: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    horizontal_weakest_com: Annotated[Vector | None, Field(exclude_if=lambda given: given is None)] = None
+    horizontal_reserve_com_at_most_N: Omitted[Size] = None
+    horizontal_weakest_com: Omitted[Vector] = None
     torque_reserve_Nm: Size | None = None
     """Any torque of this size can be added [N m]."""
     torque_reserve_at_most_Nm: Size | None = None
     torque_weakest: Vector | None = None
-    com_error_m: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    com_error_m: Omitted[Size] = None
     """The centre of mass may be off by so much along each axis at once [m]; None where no force acts there."""
-    com_error_at_most_m: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    tilt_deg: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    com_error_at_most_m: Omitted[Size] = None
+    tilt_deg: Omitted[Size] = None
     """Hover can be held at any tilt up to this, to every side, without torque [deg]; None of load cases."""
-    tilt_at_most_deg: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    tilt_weakest: Annotated[Vector | None, Field(exclude_if=lambda given: given is None)] = None
+    tilt_at_most_deg: Omitted[Size] = None
+    tilt_weakest: Omitted[Vector] = None
     """Rotors lack force towards it, in the axes of the body, where more is asked for."""
-    angular_acceleration_rad_s2: Annotated[
-        tuple[Size, Size, Size] | None, Field(exclude_if=lambda given: given is None)
-    ] = None
+    angular_acceleration_rad_s2: Omitted[tuple[Size, Size, Size]] = None
     """About x, y and z of the body at the centre of mass, one at a time and either way: torque J e a can be added,
     with the platform's inertia J [rad/s^2]."""
-    angular_acceleration_at_most_rad_s2: Annotated[
-        tuple[Size, Size, Size] | None, Field(exclude_if=lambda given: given is None)
-    ] = None
-    force_reserve_N_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    angular_acceleration_at_most_rad_s2: Omitted[tuple[Size, Size, Size]] = None
+    force_reserve_N_pseudo_inverse: Omitted[Size] = None
     """The same by an allocator that only multiplies wrenches, the case's own included, by the pseudo-inverse of the
     map from inputs, and does not desaturate; likewise below."""
-    horizontal_reserve_N_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = (
-        None
-    )
-    force_reserve_com_N_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    horizontal_reserve_com_N_pseudo_inverse: Annotated[
-        Size | None, Field(exclude_if=lambda given: given is None)
-    ] = None
-    torque_reserve_Nm_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    com_error_m_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    tilt_deg_pseudo_inverse: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    angular_acceleration_rad_s2_pseudo_inverse: Annotated[
-        tuple[Size, Size, Size] | None, Field(exclude_if=lambda given: given is None)
-    ] = None
+    horizontal_reserve_N_pseudo_inverse: Omitted[Size] = None
+    force_reserve_com_N_pseudo_inverse: Omitted[Size] = None
+    horizontal_reserve_com_N_pseudo_inverse: Omitted[Size] = None
+    torque_reserve_Nm_pseudo_inverse: Omitted[Size] = None
+    com_error_m_pseudo_inverse: Omitted[Size] = None
+    tilt_deg_pseudo_inverse: Omitted[Size] = None
+    angular_acceleration_rad_s2_pseudo_inverse: Omitted[tuple[Size, Size, Size]] = None
     load_factor: Size | None = None
     """The load times this can be produced: what is left until a rotor saturates. The load is the whole wrench, or
     what is asked for besides where the weight is carried at the COM."""
@@ -104,10 +94,10 @@ class RotorsOut(Value):
     lost: tuple[tuple[Index, Index], ...] = ()
     """Module and rotor (0..3) of each whose failure is proven to make a wrench impossible."""
     undecided: tuple[tuple[Index, Index], ...] = ()
-    torque_reserve_Nm: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    torque_reserve_Nm: Omitted[Size] = None
     """Any torque of this size can be added with any one of the rotors dead [N m]; None if not asked for."""
-    torque_reserve_at_most_Nm: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    weakest: Annotated[tuple[Index, Index] | None, Field(exclude_if=lambda given: given is None)] = None
+    torque_reserve_at_most_Nm: Omitted[Size] = None
+    weakest: Omitted[tuple[Index, Index]] = None
     """Module and rotor whose failure leaves least."""
 
 
@@ -142,7 +132,7 @@ class CasePower(Value):
     """Drag torque times speed, summed over all rotors [W]; motors and wires take more."""
     figure_of_merit: Size
     """Ideal over shaft power."""
-    endurance_min: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
+    endurance_min: Omitted[Size] = None
     """Longest time that the batteries of all modules can last, where `module.battery_Wh` is given [min]."""
 
 
@@ -155,7 +145,7 @@ class Flight(Value):
     """With any one of these rotors dead the platform can still hover."""
     rotors_out_all: RotorsOut
     """And exert every load case."""
-    rotors_out_asked: Annotated[RotorsOut | None, Field(exclude_if=lambda given: given is None)] = None
+    rotors_out_asked: Omitted[RotorsOut] = None
     """In the cases for which the task asks for that; None where it does not."""
     joints: tuple[JointLoad, ...]
     """Joint by joint for hover, then for every load case."""

@@ -16,7 +16,7 @@ from pydantic import Field
 from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.task import ResolvedTask
 from topo_search.model.topology import Topology
-from topo_search.model.value import Index, Number, Value
+from topo_search.model.value import OMIT_EMPTY, Index, Number, Value
 
 CHUNK_SPLITS = 6
 """All hinges are halved in turn, so many times in all; chunk c is what the bits of c choose, the highest first."""
@@ -62,7 +62,7 @@ class Chunk(Value):
     """The record, compressed by zlib, in Base64; empty unless the chunk is closed."""
     stuck: tuple[tuple[Number, ...], tuple[Number, ...]] | None = None
     """The box that the search stopped at, from and to [rad]."""
-    corners: Annotated[tuple[Index, ...], Field(exclude_if=lambda given: not given)] = ()
+    corners: Annotated[tuple[Index, ...], OMIT_EMPTY] = ()
     """Wrenches without weight that its boxes are bounded with, by their numbers in `proof_task`: for a check a hint
     that saves time, for any of them will do."""
 

@@ -21,13 +21,26 @@ from itertools import product
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field, Tag
+from pydantic import Tag
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
 from topo_search.model.load_case import MOST, LoadCase, Wrench
+from topo_search.model.shape import NOWHERE
 from topo_search.model.tolerances import TOLERANCE
-from topo_search.model.value import Broken, Flag, NonNegative, Positive, Value, Vector, one_of
+from topo_search.model.value import (
+    OMIT_EMPTY,
+    Angle,
+    Broken,
+    Flag,
+    NonNegative,
+    Omitted,
+    Positive,
+    Value,
+    Vector,
+    omit_if,
+    one_of,
+)
 
 if TYPE_CHECKING:
     from topo_search.model.search import Level
@@ -43,13 +56,10 @@ UNSEEN = 5 * TOLERANCE
 LEFT = 0.01
 """Torque that can be added with a rotor dead when nobody says otherwise [l_arm m_t g]."""
 
-LargestLoad = (
-    Annotated[
-        Annotated[Positive, Tag("<number>")] | Annotated[Literal["rated"], Tag("<rated>")],
-        one_of('must be a number or "rated"'),
-    ]
-    | None
-)
+LargestLoad = Annotated[
+    Annotated[Positive, Tag("<number>")] | Annotated[Literal["rated"], Tag("<rated>")],
+    one_of('must be a number or "rated"'),
+]
 Failing = Literal["none", "hover", "all"]
 Place = Literal["", "_com"]
 PLACES: dict[str, tuple[Place, ...]] = {"tip": ("",), "com": ("_com",), "both": ("", "_com")}
@@ -81,39 +91,35 @@ class AskedFlight(Value):
     """Cases with required reserves: `hover`, or `all`: hover and every load case that carries the weight."""
     force_reserve: NonNegative = 0.0
     """Any force of this size can be added, with unchanged torque about where it acts."""
-    at: Annotated[Literal["tip", "com", "both"], Field(exclude_if=lambda given: given == "tip")] = "tip"
+    at: Annotated[Literal["tip", "com", "both"], omit_if("tip")] = "tip"
     """Point of action of the force reserve: the end-effector (`tip`), the centre of mass, where gusts and position
     control act (`com`), or either (`both`)."""
     directions: Literal["all", "horizontal"] = "all"
     """Directions of the force reserve: `all`, or `horizontal`: in the xy plane."""
     torque_reserve: NonNegative = 0.0
     """Any torque of this size can be added, with unchanged force."""
-    com_error: Annotated[NonNegative, Field(exclude_if=lambda given: given == 0)] = 0.0
+    com_error: Annotated[NonNegative, omit_if(0.0)] = 0.0
     """The centre of mass may be off by so much along each axis of the body: hover, and the reserves, tilt and
     accelerations required here with all rotors alive, remain possible [m]."""
-    tilt_deg: Annotated[float, Field(strict=True, ge=0, le=90, exclude_if=lambda given: given == 0)] = 0.0
+    tilt_deg: Annotated[Angle, omit_if(0.0)] = 0.0
     """Hover can be held at any tilt up to this, to every side [deg]."""
-    angular_acceleration: Annotated[
-        tuple[NonNegative, NonNegative, NonNegative], Field(exclude_if=lambda given: not any(given))
-    ] = (0.0, 0.0, 0.0)
+    angular_acceleration: Annotated[tuple[NonNegative, NonNegative, NonNegative], omit_if(NOWHERE)] = NOWHERE
     """About x, y and z of the body, one at a time and either way, with unchanged force [rad/s^2]."""
-    allocator: Annotated[
-        Literal["optimal", "pseudo-inverse"], Field(exclude_if=lambda given: given == "optimal")
-    ] = "optimal"
+    allocator: Annotated[Literal["optimal", "pseudo-inverse"], omit_if("optimal")] = "optimal"
     """Inputs for the reserves, tilt and accelerations above: `optimal`: the best; `pseudo-inverse`: those of
     autopilots before they desaturate. Both are measured."""
-    rotor_out: Annotated[Failing, Field(exclude_if=lambda given: given == "none")] = "none"
+    rotor_out: Annotated[Failing, omit_if("none")] = "none"
     """Required after any single rotor failure: `hover`, or `all`: also every load case that carries the weight."""
-    rotor_out_torque: Annotated[NonNegative | None, Field(exclude_if=lambda given: given is None)] = None
+    rotor_out_torque: Omitted[NonNegative] = None
     """Any torque of this size can be added then, for attitude control; default: 0.01 l_arm m_t g."""
-    joint_moment: Annotated[LargestLoad, Field(exclude_if=lambda given: given is None)] = None
+    joint_moment: Omitted[LargestLoad] = None
     """Largest moment in a joint, about its connector, in any load case [N m]; `rated`: module.joint_moment."""
-    joint_force: Annotated[LargestLoad, Field(exclude_if=lambda given: given is None)] = None
+    joint_force: Omitted[LargestLoad] = None
     """Largest force in a joint [N]; `rated`: module.joint_force."""
 
-    grows: Annotated[Flag, Field(exclude_if=lambda given: not given)] = False
+    grows: Annotated[Flag, OMIT_EMPTY] = False
     """True if reserves grow with the weight of the rod that a design counts. Designs have it, tasks do not."""
-    tolerances: Annotated[Flag | None, Field(exclude_if=lambda given: given is None)] = None
+    tolerances: Omitted[Flag] = None
     """True if clearances must provably survive all errors within [tolerances], which costs effort like a margin;
     false: they are only measured; default: required where a new task has tolerances, measured in older files."""
 

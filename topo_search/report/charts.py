@@ -152,7 +152,7 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> go.Figure:
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.62, 0.38], vertical_spacing=0.06)
     found = np.flatnonzero(np.isfinite(J))
     shown = _thin(found)
-    candidates = go.Scatter(
+    figure.add_scatter(
         x=number[shown],
         y=J[shown],
         name="candidate's best so far",
@@ -160,22 +160,21 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> go.Figure:
         marker={"color": palette.OFFSET, "size": 5, "symbol": "circle"},
         text=[solves[k].key for k in shown],
         hovertemplate="%{text}: %{y:.4f}<extra></extra>",
+        row=1,
+        col=1,
     )
-    figure.add_trace(candidates, row=1, col=1)
     steps = np.flatnonzero(np.diff(incumbent, prepend=np.inf) != 0)
     steps = np.append(steps[np.isfinite(incumbent[steps])], len(solves) - 1)
     line = {"color": palette.CONNECTOR, "width": 2.5, "shape": "hv"}
-    course = go.Scatter(x=number[steps], y=incumbent[steps], name="incumbent", mode="lines", line=line)
-    figure.add_trace(course, row=1, col=1)
+    course = {"x": number[steps], "y": incumbent[steps], "name": "incumbent", "mode": "lines", "line": line}
+    figure.add_scatter(**course, row=1, col=1)
     at = _thin(np.arange(len(solves)))
     dashes = ("solid", "dash", "dot", "dashdot")
     for (status, colour), dash in zip(palette.STATUSES.items(), dashes, strict=True):
         count = np.cumsum([solve.status == status for solve in solves])
         if count[-1]:
             line = {"color": colour, "width": 2, "dash": dash}
-            figure.add_trace(
-                go.Scatter(x=number[at], y=count[at], name=status, mode="lines", line=line), row=2, col=1
-            )
+            figure.add_scatter(x=number[at], y=count[at], name=status, mode="lines", line=line, row=2, col=1)
     top = np.nanpercentile(J, 90) if found.size else 1.0
     figure.update_yaxes(title={"text": "J / lower bound"}, row=1, col=1)
     if found.size:

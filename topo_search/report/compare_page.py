@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from topo_search.model import Audit, Design
 from topo_search.report.headline import card, headline
 from topo_search.report.page import Table, Tile
-from topo_search.report.view import shared_meshes
+from topo_search.report.scene import shared_meshes
 from topo_search.report.wording import EFFORT, figures
 
 LARGEST_SIDE = 10

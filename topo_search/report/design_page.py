@@ -25,8 +25,8 @@ from topo_search.report.charts import MOST_POINTS
 from topo_search.report.design_part import design_part
 from topo_search.report.headline import fragile, headline, tally
 from topo_search.report.page import Chart, Table
+from topo_search.report.scene import shared_meshes
 from topo_search.report.task_facts import facts, load_cases
-from topo_search.report.view import shared_meshes
 from topo_search.report.wording import EFFORT, figures, modules
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
 
@@ -49,7 +49,7 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         "checked": tally(audit),
         "fragile": fragile(audit),
         "answer": "This report covers one design, not a search.",
-        "tiles": headline(design, audit, gap, "a single design"),
+        "tiles": tuple(headline(design, audit, gap, "a single design")),
         "notes": () if audit.inputs_words is None else (audit.inputs_words,),
         "bound": bound(design.lower_bound, gap, task.n),
         "task": task_part(task, task),
@@ -165,17 +165,8 @@ def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, 
 
 
 def _row(one: ScenarioResult) -> tuple[str, ...]:
-    def share(value: float | None) -> str:
-        return "" if value is None else f"{100 * value:.1f}\u00a0%"
-
-    why = "" if one.reason is None else one.reason
-    return (
-        *(one.name, one.verdict if one.counts else f"{one.verdict} (informative)"),
-        "" if one.drift_m is None else f"{100 * one.drift_m:.2f}\u00a0cm",
-        "" if one.tilt_deg is None else f"{one.tilt_deg:.2f}°",
-        *(share(one.force_error_share), share(one.saturated_share), share(one.missed_share)),
-        *(share(one.largest_input), why),
-    )
+    cells = (cell.replace(" deg", "°").replace(" ", "\u00a0") for cell in one.cells)
+    return one.name, one.verdict if one.counts else f"{one.verdict} (informative)", *cells, one.reason or ""
 
 
 def _course(path: Path, names: set[str]) -> dict[str, Array]:
@@ -191,7 +182,7 @@ def _course(path: Path, names: set[str]) -> dict[str, Array]:
             numbers = [float(row[column]) for column in ("time_s", *COURSE)]
         except (KeyError, TypeError, ValueError):
             rule = f"line {reader.line_num}: must have a number in each of time_s, {', '.join(COURSE)}"
-            raise BadInput(str(path), [Fault("", rule)]) from None
+            raise BadInput(str(path), rule) from None
         rows.setdefault(str(name), []).append(numbers)
     return {name: np.array(values) for name, values in rows.items()}
 
@@ -205,7 +196,7 @@ def _figure(course: dict[str, Array]) -> go.Figure:
         shown_rows = rows[::every]
         error = 100 * np.linalg.norm(shown_rows[:, 1:4], axis=1)
         for place, values in enumerate((error, shown_rows[:, 4], shown_rows[:, 5]), start=1):
-            line = go.Scatter(
+            figure.add_scatter(
                 x=shown_rows[:, 0].astype(np.float32),
                 y=values.astype(np.float32),
                 name=name,
@@ -213,8 +204,9 @@ def _figure(course: dict[str, Array]) -> go.Figure:
                 showlegend=place == 1,
                 mode="lines",
                 line={"color": colour, "width": 1.5, "dash": dash},
+                row=place,
+                col=1,
             )
-            figure.add_trace(line, row=place, col=1)
     for place, title in enumerate(("error [cm]", "tilt [deg]", "input / limit"), start=1):
         figure.update_yaxes(title={"text": title}, rangemode="tozero", row=place, col=1)
     figure.add_hline(1.0, line={"color": "#000000", "width": 1, "dash": "dash"}, row=3, col=1)

@@ -23,7 +23,7 @@ from topo_search.report.charts import clearance_matrices, rotor_inputs
 from topo_search.report.page import Chart, Table
 from topo_search.report.task_facts import vector
 from topo_search.report.view import view
-from topo_search.report.wording import EFFORT, clearance, figures, length, modules, quantity
+from topo_search.report.wording import EFFORT, clearance, figures, length, modules, quantity, sentence
 
 NEAREST = 8
 """Number of clear pairs in the table of the nearest."""
@@ -116,8 +116,7 @@ def _findings(design: Design, audit: Audit) -> tuple[str, ...]:
             f"modules; the deepest by {figures(at_most(overlaps.deepest_percent, 3), 3)} % of the deepest possible."
         )
     shorter = design.shorter_rod if audit.verdict == "clear" else None
-    found += [f"{words[0].upper()}{words[1:]}." for words in (audit.tolerances_words, shorter) if words]
-    return tuple(found)
+    return *found, *(sentence(words) for words in (audit.tolerances_words, shorter) if words)
 
 
 def _errors(audit: Audit) -> Table | None:
@@ -190,7 +189,7 @@ def _loads(design: Design) -> Table:
 
 def flight_part(found: Flight) -> dict[str, Any]:
     """Return all that is shown of it."""
-    first, *others = (f"{line[0].upper()}{line[1:]}." for line in flight_lines(found))
+    first, *others = map(sentence, flight_lines(found))
     shown = {"cases": cases(found), "allocators": allocators(found), "joints": _joint_loads(found)}
     return {"summary": first, "sentences": others, **shown}
 

@@ -17,25 +17,9 @@ from topo_search.model.topology import PORT_NAMES
 from topo_search.report.design_part import nearest, reserves
 from topo_search.report.page import Tile, json_in_script
 from topo_search.report.scene import closest
-from topo_search.report.thumbnail import thumbnail
-from topo_search.report.view import view
+from topo_search.report.view import thumbnail, view
 from topo_search.report.wording import clearance, figures, length, modules
 from topo_search.study import Answer, Row
-
-
-def headline(
-    design: Design, audit: Audit | None, gap: float | None, compared: str, *, scoped: bool = False
-) -> tuple[Tile, ...]:
-    """Return the tiles of a design; without an audit only those that its own numbers tell.
-
-    Args:
-        design: the design.
-        audit: its audit.
-        gap: the share of its effort that another platform of its size can save at most, if that is known.
-        compared: what it was compared with, in a few words.
-        scoped: whether branch and bound proves the gap, within its scope; the lower bound holds without any.
-    """
-    return tuple(_tiles(design, audit, gap, compared, scoped))
 
 
 def tally(audit: Audit) -> str:
@@ -70,7 +54,18 @@ def _lower_bound(pair: Clearance) -> float:
     return pair.analytic_m if pair.lower_m is None else pair.lower_m
 
 
-def _tiles(design: Design, audit: Audit | None, gap: float | None, compared: str, scoped: bool) -> Iterator[Tile]:
+def headline(
+    design: Design, audit: Audit | None, gap: float | None, compared: str, *, scoped: bool = False
+) -> Iterator[Tile]:
+    """Yield the tiles of a design; without an audit only those that its own numbers tell.
+
+    Args:
+        design: the design.
+        audit: its audit.
+        gap: the share of its effort that another platform of its size can save at most, if that is known.
+        compared: what it was compared with, in a few words.
+        scoped: whether branch and bound proves the gap, within its scope; the lower bound holds without any.
+    """
     n = design.topology.n
     flight = None if audit is None else audit.flight
     if gap is not None:

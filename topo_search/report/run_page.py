@@ -17,8 +17,8 @@ from topo_search.report.front_part import front_part
 from topo_search.report.headline import cards, fragile, headline, rows_to_show, tally
 from topo_search.report.page import Chart, Table, Tile, render
 from topo_search.report.ranking import ranking
-from topo_search.report.view import shared_meshes
-from topo_search.report.wording import figures, modules, near_tie_cells, near_tie_columns, quantity
+from topo_search.report.scene import shared_meshes
+from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, sentence
 from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
 from topo_search.study.row import kind_of
 
@@ -36,10 +36,9 @@ def run_page(folder: RunFolder) -> dict[str, Any]:
     page = _page(folder.levels[answer.level], answer.at_level)
     words = answer.levels[answer.level].level.words
     note = f"Everything except the front refers to level {answer.level} of the goals: {words}."
-    idle = (f"{text[0].upper()}{text[1:]}." for text in answer.idle_goals)
     return {
         **page,
-        "notes": (note, *idle, *page["notes"]),
+        "notes": (note, *map(sentence, answer.idle_goals), *page["notes"]),
         "front": front_part(answer, goals.names),
         "reproduction": _reproduction(folder),
     }
@@ -55,7 +54,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
     tiles: tuple[Tile, ...] = ()
     if design is not None and shown is not None:
         compared = f"{quantity(sum(size.settled for size in answer.sizes), 'candidate')} solved"
-        tiles = headline(design, audit, size.gap_of(shown), compared, scoped=size.proven_gap is not None)
+        tiles = (*headline(design, audit, size.gap_of(shown), compared, scoped=size.proven_gap is not None),)
     return {
         "title": title(request.task.name, n),
         "key": shown.key if shown else None,
@@ -69,7 +68,10 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
             *_merge_note(answer.sizes),
             *(note for size in answer.sizes for note in _limits(size, shown)),
         ),
-        "bound": (*bound(size.lower_bound, shown.gap if shown else None, n), *_proof_lines(answer)),
+        "bound": (
+            *bound(size.lower_bound, shown.gap if shown else None, n),
+            *(sentence(proven) for size in answer.sizes if (proven := size.proven) is not None),
+        ),
         "task": task_part(request.task.resolve(n), request.task),
         "design": None if design is None else design_part(design, audit),
         "meshes": {} if design is None else shared_meshes(design),
@@ -92,21 +94,13 @@ def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> s
     return f"{smallest}{shown.key} is {size.statement}."
 
 
-def _proof_lines(answer: Answer) -> Iterator[str]:
-    """Yield what branch and bound has proven of each size, and of which problem."""
-    for size in answer.sizes:
-        if size.proven is not None:
-            yield f"{size.proven[0].upper()}{size.proven[1:]}."
-
-
 def _merge_note(sizes: Sequence[SizeAnswer]) -> Iterator[str]:
     """Yield which trees are merged, sizes for which the same is true together."""
     of_quotient: dict[str, list[str]] = {}
     for size in sizes:
         of_quotient.setdefault(size.quotient, []).append(str(size.modules))
     for quotient, numbers in of_quotient.items():
-        named = f"{', '.join(numbers)} modules: {quotient}" if len(of_quotient) > 1 else quotient
-        yield f"{named[0].upper()}{named[1:]}."
+        yield sentence(f"{', '.join(numbers)} modules: {quotient}" if len(of_quotient) > 1 else quotient)
 
 
 def _limits(size: SizeAnswer, shown: Row | None) -> list[str]:
@@ -197,9 +191,7 @@ def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
     told += "largest force reserve in hover first"
     if size.near_ties_unaudited:
         told += f"; {quantity(size.near_ties_unaudited, 'design')} as near were not audited"
-    columns = near_tie_columns()
-    rows = [near_tie_cells(row, best) for row in size.near_ties]
-    return told, Table(columns, rows, range(1, len(columns)))
+    return told, Table(NEAR_TIES, [near_tie_cells(row, best) for row in size.near_ties], range(1, len(NEAR_TIES)))
 
 
 def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:

@@ -1,8 +1,11 @@
-"""A design in 3-D: its parts, which the page and a figure of Plotly draw alike."""
+"""A design in 3-D: its parts and their shapes, which the page and a figure of Plotly draw alike."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
@@ -19,14 +22,18 @@ from topo_search.export.poses import (
     shapes,
     towards_viewer,
 )
-from topo_search.export.solids import airflow, frame, join, pose_matrix, region_mesh, rotor_discs
+from topo_search.export.solids import airflow, cone_sphere, frame, join, pose_matrix, region_mesh, rotor_discs
 from topo_search.model import Assembly, Audit, Clearance, Design
+from topo_search.model.arrays import Array
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.module import Module
 from topo_search.model.shape import Cone
-from topo_search.report.parts import Part, ball, ring, straight_arrow, tube
 from topo_search.report.wording import clearance
 
+TURN = math.radians(300)
+"""Angle of a ring that is drawn [rad]."""
+EDGE = math.radians(46)
+"""Faces that meet at a larger angle have an edge in between, as the sides of an octagon just have none [rad]."""
 NUMBERED = 30
 """Largest number of modules that carry their number in the picture; more are named where the pointer is."""
 AXIS = 1.3
@@ -34,6 +41,26 @@ AXIS = 1.3
 UP = np.array([0.0, 0.0, 1.0])
 SPINS = {-1.0: "counter-clockwise rotors", 1.0: "clockwise rotors"}
 """How rotors turn seen from above, by the sign of their drag torque: they turn the other way."""
+
+
+class Part(NamedTuple):
+    """Something of one colour, once in the axes of the task, or a copy in the frame of some modules."""
+
+    kind: str
+    name: str
+    """In the legend."""
+    colour: str
+    mesh: Trimesh | str
+    """Its surface; of copies the name of one of the meshes that all modules have."""
+    modules: Sequence[int] = ()
+    """Module of each copy."""
+    steps: Sequence[int] = (0,)
+    """Steps of the assembly from which on the copies are there."""
+    opacity: float = 1.0
+
+    def dump(self) -> dict[str, Any]:
+        """Return it as the page takes it."""
+        return {**self._asdict(), "mesh": self.mesh if isinstance(self.mesh, str) else triangles_of(self.mesh)}
 
 
 def scene(
@@ -133,6 +160,12 @@ def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
     return found
 
 
+def shared_meshes(design: Design) -> dict[str, Any]:
+    """Return what modules of a design have copies of, in their own frame."""
+    shared = meshes(design.task.module, sides=sides(design.topology.n))
+    return {name: triangles_of(mesh) for name, mesh in shared.items()}
+
+
 def sides(n: int) -> int:
     """Return the number of sides of a circle: fewer than in files for other programs, fewest for many modules."""
     return 24 if n <= NUMBERED else 12
@@ -199,3 +232,52 @@ def _end_effector(design: Design, at: Poses, assembly: Assembly | None) -> Itera
     yield Part("tip", "centre of mass", palette.CENTRE_OF_MASS, ball(at.p_com, r), steps=last)
     line = tube(at.p_com, tip, 0.2 * r)
     yield Part("offset", "p_E", palette.OFFSET, line, steps=last)
+
+
+def triangles_of(mesh: Trimesh) -> dict[str, list[float]]:
+    """Return a mesh as the page takes it, with corners apart at its edges."""
+    shaded = trimesh.graph.smooth_shade(mesh, angle=EDGE)
+    return {"corners": shaded.vertices.round(5).ravel().tolist(), "faces": shaded.faces.ravel().tolist()}
+
+
+def ball(centre: Array, radius: float) -> Trimesh:
+    """Return a ball."""
+    return cone_sphere(centre, radius, centre, radius, sides=16)
+
+
+def tube(start: Array, end: Array, radius: float) -> Trimesh:
+    """Return a tube with round ends."""
+    return cone_sphere(start, radius, end, radius, sides=12)
+
+
+def straight_arrow(start: Array, direction: Array, length: float, thick: float) -> tuple[Trimesh, Array]:
+    """Return an arrow and its point, (3,) [m].
+
+    Args:
+        start: where it begins, (3,) [m].
+        direction: unit vector, (3,).
+        length: of it [m].
+        thick: radius of its shaft [m].
+    """
+    head = min(5 * thick, length / 2)
+    shaft = trimesh.creation.cylinder(radius=thick, height=length - head, sections=10)
+    shaft.apply_translation((0, 0, (length - head) / 2))
+    cone = trimesh.creation.cone(radius=2.4 * thick, height=head, sections=10)
+    cone.apply_translation((0, 0, length - head))
+    mesh = join([shaft, cone]).apply_transform(pose_matrix(rotation_to(direction), start))
+    return mesh, start + length * direction
+
+
+def ring(centre: Array, axis: Array, radius: float, thick: float) -> tuple[Trimesh, Array]:
+    """Return an arrow that turns about an axis by the right-hand rule, and where it begins."""
+    angles = np.linspace(0.0, TURN, 25)
+    path = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
+    steps = [
+        trimesh.creation.cylinder(radius=thick, segment=[one, other], sections=8)
+        for one, other in itertools.pairwise(path)
+    ]
+    forward = np.array([-math.sin(TURN), math.cos(TURN), 0.0])
+    head = trimesh.creation.cone(radius=2.4 * thick, height=5 * thick, sections=10)
+    head.apply_transform(pose_matrix(rotation_to(forward), path[-1]))
+    mesh = join([*steps, head]).apply_transform(pose_matrix(rotation_to(axis), centre))
+    return mesh, centre + rotation_to(axis) @ path[0]

@@ -1,4 +1,4 @@
-"""The picture in 3-D of one design as the page takes it: parts, poses, throttles, load cases, steps of assembly.
+"""The picture of one design, small, or in 3-D as the page takes it: parts, throttles, load cases, assembly steps.
 
 What modules have copies of is written once, in the module's frame; the page's script places the copies.
 """
@@ -9,18 +9,18 @@ import math
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.poses import Poses, azimuth_deg, towards_viewer
 from topo_search.model import Assembly, Audit, Design
+from topo_search.model.arrays import Array
 from topo_search.model.layout import ROTOR_DIRECTIONS
 from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.arrows import arrows, force_polytope, metres_per_newton
-from topo_search.report.parts import Part, ball, triangles_of
-from topo_search.report.scene import NUMBERED, closest, closest_words, meshes, scene, sides
-from topo_search.report.thumbnail import thumbnail
+from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, scene
 from topo_search.report.wording import clearance, figures, length, modules
 from verify.air.jets import MODEL, jets
 
@@ -63,12 +63,6 @@ def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: b
         "listed": len(cases) > 12,  # so many are chosen from a list rather than by a button each
         "forces": value["forces"] is not None,
     }
-
-
-def shared_meshes(design: Design) -> dict[str, Any]:
-    """Return what modules of a design have copies of, in their own frame."""
-    shared = meshes(design.task.module, sides=sides(design.topology.n))
-    return {name: triangles_of(mesh) for name, mesh in shared.items()}
 
 
 def _air(design: Design) -> dict[str, Any]:
@@ -166,3 +160,40 @@ def _steps(design: Design, assembly: Assembly | None) -> list[str]:
 
 def _vector(values: np.ndarray[Any, Any]) -> str:
     return f"[{', '.join(f'{x:.3f}' for x in (values + 0.0).tolist())}]".replace("-", "−")
+
+
+def thumbnail(design: Design, at: Poses, side: int = 36) -> Markup:
+    """Return a small picture, which tells designs apart in a table: inline SVG, seen as in the page's view.
+
+    Args:
+        design: any design.
+        at: its poses.
+        side: edge of the picture [px].
+    """
+    sides = 10  # of a rotor's disc
+    towards = towards_viewer(azimuth_deg(at))
+    right = np.cross([0.0, 0.0, 1.0], towards)
+    right /= np.linalg.norm(right)
+    axes = np.stack([right, np.cross(right, towards)])  # right and down, as pixels count
+    angles = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
+    circle = design.task.module.body.rotor_radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    hubs = at.p_com + at.rotors
+    discs = hubs[:, :, None] + np.einsum("nij,cj->nci", at.R, circle)[:, None]
+    everything = np.concatenate([discs.reshape(-1, 3), at.end_effector[None]]) @ axes.T
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    tip = max(3, side // 40)
+    scale = (side - 2 * tip) / max(*(high - low), 1e-9)
+
+    def pixels(points: Array) -> str:
+        flat = side / 2 + scale * (points @ axes.T - (low + high) / 2)
+        return " ".join(f"{u:.0f},{v:.0f}" for u, v in flat)
+
+    back_first = np.argsort((hubs @ towards).ravel())
+    arms = "".join(f'<path d="M{pixels(hub[[0, 2]])}M{pixels(hub[[1, 3]])}"/>' for hub in hubs)
+    rotors = "".join(f'<polygon points="{pixels(discs.reshape(-1, sides, 3)[i])}"/>' for i in back_first)
+    x, y = pixels(at.end_effector[None]).split(",")
+    return Markup(
+        f'<svg class="thumbnail" width="{side}" height="{side}" viewBox="0 0 {side} {side}" aria-hidden="true">'
+        f'<g stroke="{palette.ARM}">{arms}</g><g fill="{palette.ROTOR}" stroke="{palette.MODULE}">{rotors}</g>'
+        f'<circle cx="{x}" cy="{y}" r="{tip}" fill="{palette.END_EFFECTOR}"/></svg>'
+    )

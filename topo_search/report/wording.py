@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from topo_search.study import Row
 
 EFFORT = "J = Σ_k λ_k ‖u_k‖²"
+NEAR_TIES = ("key", "J", "force", "torque", "rotors", "load factor", "joint moment", "hinge error", "rod")
+"""Headings of near ties."""
 
 
 def quantity(number: int, noun: str) -> str:
@@ -22,6 +24,11 @@ def quantity(number: int, noun: str) -> str:
 def modules(n: int) -> str:
     """Return a number of modules."""
     return quantity(n, "module")
+
+
+def sentence(words: str) -> str:
+    """Return words as a sentence."""
+    return f"{words[0].upper()}{words[1:]}."
 
 
 def figures(value: float, digits: int = 4) -> str:
@@ -53,11 +60,6 @@ def millimetres(pair: Clearance) -> str:
     from topo_search.model.proven import lower_text
 
     return lower_text(1000 * pair.analytic_m, 3).replace("-", "−")
-
-
-def near_tie_columns() -> tuple[str, ...]:
-    """Return the headings."""
-    return ("key", "J", "force", "torque", "rotors", "load factor", "joint moment", "hinge error", "rod")
 
 
 def near_tie_cells(row: Row, best: Row) -> tuple[str, ...]:

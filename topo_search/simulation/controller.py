@@ -28,7 +28,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from topo_search.export.allocator_file import TORQUE_FIRST
+from topo_search.export.allocation import TORQUE_FIRST
 from topo_search.model.arrays import Array
 from topo_search.simulation.plant import Nominal, cross
 

@@ -40,6 +40,16 @@ class ScenarioResult(Value):
     largest_input: Number | None = None
     """Largest thrust that was commanded, over the largest of a rotor."""
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Figures in the order of their fields, each with its unit; empty where there is none."""
+        shares = self.force_error_share, self.saturated_share, self.missed_share, self.largest_input
+        return (
+            "" if self.drift_m is None else f"{100 * self.drift_m:.2f} cm",
+            "" if self.tilt_deg is None else f"{self.tilt_deg:.2f} deg",
+            *("" if share is None else f"{100 * share:.1f} %" for share in shares),
+        )
+
 
 class FlightResult(Value):
     """The file `flight.json`."""

@@ -4,7 +4,8 @@
 |---|---|---|
 | v | inputs over the largest one of each rotor | (N,) |
 | F, T | forces and torques of the rotors at v = 1 | (3, N) |
-| Z | forces F v with T v = 0: a polytope | |
+| t | what the torques are to be, 0 of a vehicle without torque | (3,) |
+| Z | forces F v with T v = t: a polytope | |
 
 Each corner of Z is found by a linear program towards the normal of a facet of the hull of those that are known,
 until no facet moves: the hull is Z then.
@@ -54,10 +55,10 @@ def capability(vehicle: Vehicle, task: Task | None = None) -> Capability | None:
         return None
     F, T = measured.A[:3], measured.A[3:]
     ball = largest_balls(F, T, np.zeros((1, 3)), np.zeros((1, 3)), box)[0]
-    rows = measured.cases()
+    rows, hull = measured.cases(), force_hull(F, T, np.zeros(3), box)
     return Capability(
         rank=int(np.linalg.matrix_rank(measured.A, rtol=RANK)),
-        zero_torque_volume_N3=clamp(_volume(F, T, box) * weight**3),
+        zero_torque_volume_N3=0.0 if hull is None else clamp(hull.volume * weight**3),
         zero_torque_ball_N=clamp(ball.lower * weight),
         flight=Flight(
             cases=rows,
@@ -108,30 +109,37 @@ def _count_through(out: RotorsOut) -> RotorsOut:
     return out.model_copy(update={"lost": lost, "undecided": undecided})
 
 
-def _volume(F: Array, T: Array, box: Box) -> float:
-    """Return the volume of Z, in weights cubed; 0 if Z is flat."""
-    asked = np.concatenate([np.eye(3), -np.eye(3)])
+def force_hull(F: Array, T: Array, t: Array, box: Box, *, rounds: int = ROUNDS) -> ConvexHull | None:
+    """Return the hull of all forces F v with T v = t and v in the box; None if it has no volume.
+
+    Args:
+        F: shape (3, N).
+        T: shape (3, N).
+        t: shape (3,).
+        box: bounds of v.
+        rounds: number of refinements after which the hull may still be too small.
+    """
+    asked, hull = np.concatenate([np.eye(3), -np.eye(3)]), None
     points = np.empty((0, 3))
-    for _ in range(ROUNDS):
-        found = greatest(asked @ F, T, np.zeros((len(asked), 3)), box)
-        corners = found.v[np.isfinite(found.attained)] @ F.T
-        points = np.concatenate([points, corners])
+    for _ in range(rounds):
+        found = greatest(asked @ F, T, np.broadcast_to(t, (len(asked), 3)), box)
+        points = np.concatenate([points, found.v[np.isfinite(found.attained)] @ F.T])
         if len(points) < 4:
-            return 0.0
+            return None
         _, sizes, axes = np.linalg.svd(points - points.mean(axis=0))
         if sizes[-1] <= FOUND:
             if len(asked) == 2 and abs(float(asked[0] @ axes[-1])) > 1 - FOUND:
-                return 0.0
+                return None
             asked = np.stack([axes[-1], -axes[-1]])
             continue
         try:
             hull = ConvexHull(points)
         except QhullError:
-            return 0.0
+            return None
         facets = np.unique(np.round(hull.equations, 9), axis=0)
-        reach = greatest(facets[:, :3] @ F, T, np.zeros((len(facets), 3)), box)
+        reach = greatest(facets[:, :3] @ F, T, np.broadcast_to(t, (len(facets), 3)), box)
         beyond = reach.attained + facets[:, 3] > 10 * FOUND
         if not beyond.any():
-            return float(hull.volume)
+            break
         asked = facets[beyond, :3]
-    return float(hull.volume)
+    return hull
