@@ -13,10 +13,15 @@ from documented import PAGES, ROOT, TEXT, blocks
 from toy_problem import InProcess
 
 from topo_search import compose
-from topo_search.cli import main
 from topo_search.export.formats import GROUP
 from topo_search.model import Task
 from topo_search.model.files import read_task, to_toml
+
+CORE_PATH = (
+    *("tutorials/first-search.md", "tutorials/own-module.md", "how-to/load-cases.md"),
+    *("how-to/exposure.md", "how-to/infeasible.md", "tutorials/design-to-flight.md"),
+)
+"""What leads a newcomer from a fresh clone to a flight of a platform of their own."""
 
 
 def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
@@ -124,11 +129,6 @@ def test_overrides_are_those_of_a_task():
         assert to_toml(read_task("push", (setting,))) != to_toml(read_task("push")), setting
 
 
-def test_every_command_is_listed_and_every_listed_command_exists():
-    listed = re.findall(r"^\| `topo-search (\w+)", (PAGES / "reference/commands.md").read_text(), re.MULTILINE)
-    assert sorted(listed) == sorted(main.commands)
-
-
 def test_paths_exist():
     named = re.findall(r"`((?:topo_search|nlp|verify|tests|notebooks|docs)/[\w/.-]*)`", TEXT)
     run = re.findall(r"python (tests/\S+\.py)", TEXT)
@@ -142,8 +142,22 @@ def test_paths_exist():
     assert (ROOT / "notebooks/pictures/turning.webp").stat().st_size < 2_000_000
 
 
-def test_the_readme_is_short():
+def words(path: Path) -> int:
+    """Return how many words a page has, blocks of code left out."""
+    text = path.read_text(encoding="utf-8")
+    return len(re.sub(r"^ *```.*?^ *```", "", text, flags=re.MULTILINE | re.DOTALL).split())
+
+
+def test_the_documentation_is_short():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) < 950
+    assert sum(map(words, PAGES.rglob("*.md"))) <= 15_000
+    assert sum(len((PAGES / page).read_text(encoding="utf-8").split()) for page in CORE_PATH) <= 3_700
+
+
+def test_every_page_of_the_core_path_opens_with_a_picture():
+    for page in CORE_PATH:
+        opening = (PAGES / page).read_text(encoding="utf-8").partition("\n## ")[0].partition("```")[0]
+        assert "![" in opening, page
 
 
 def test_a_version_is_stated_once():
