@@ -1,4 +1,4 @@
-"""What the site takes from the product while it is built: pictures, gallery, task file, schemas, benchmarks."""
+"""What the site takes from the product while it is built: pictures, gallery, commands, tables, schemas."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from topo_search.cli import GROUPS
 from topo_search.model.files import examples, read_task, task_template
 from topo_search.model.proven import gap_percent
 from topo_search.simulation.result import FlightResult, ScenarioResult
@@ -42,6 +43,16 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
 
 def _benchmarks() -> str:
     return BENCHMARKS.read_text(encoding="utf-8").partition("\n")[2]
+
+
+def _commands() -> str:
+    """Return a table for each group of commands, in the order of work."""
+    tables = []
+    for title, commands in GROUPS.items():
+        summaries = {one.name: (one.help or "").partition("\n\n")[0] for one in commands}
+        rows = [f"| `topo-search {name}` | {summary} |" for name, summary in summaries.items()]
+        tables.append("\n".join([f"| {title} | |", "|---|---|", *rows]))
+    return "\n\n".join(tables)
 
 
 def _task_file() -> str:
@@ -169,6 +180,7 @@ REQUIREMENTS = {
 GENERATED = {
     "flights of requirements": _required,
     "benchmarks": _benchmarks,
+    "commands": _commands,
     "task file": _task_file,
     "gallery": _gallery,
     "flight of push": partial(_flight, "push-a70010"),

@@ -47,9 +47,9 @@ def test_compare_prints_and_draws_the_best_of_two_runs_or_designs(runs: Path, tm
     assert all(f'id="card-{name}"' in text for name in figures)
 
     printed = invoke("compare", runs / "three", runs / "four" / "best.json", "--out", page).stdout
-    rows = {line.split()[0]: line.split()[1:] for line in printed.splitlines() if len(line.split()) == 3}
+    rows = {line.split()[0]: line.split()[-2:] for line in printed.splitlines() if len(line.split()) in (3, 4)}
     assert rows["modules"] == ["3", "4"]
-    assert [float(value) for value in rows["objective"]] == pytest.approx([d["objective"] for d in best], rel=1e-5)
+    assert [float(value) for value in rows["J"]] == pytest.approx([d["objective"] for d in best], rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -1,22 +1,33 @@
 """What README and documentation show is true: files are read, code runs, commands, fields and paths exist."""
 
+import json
 import math
+import os
 import re
 import runpy
+import shlex
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from documented import PAGES, ROOT, TEXT, blocks
-from toy_problem import InProcess
+from click.testing import CliRunner
+from documented import PAGES, ROOT, TEXT, blocks, same
+from toy_problem import BACKENDS, InProcess
 
 from topo_search import compose
 from topo_search.cli import main
+from topo_search.compose import searching
 from topo_search.export.formats import GROUP
 from topo_search.model import Task
 from topo_search.model.files import read_task, to_toml
+
+CORE_PATH = (
+    *("tutorials/first-search.md", "tutorials/own-module.md", "how-to/load-cases.md"),
+    *("how-to/exposure.md", "how-to/infeasible.md", "tutorials/design-to-flight.md"),
+)
+"""What leads a newcomer from a fresh clone to a flight of a platform of their own."""
 
 
 def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
@@ -47,10 +58,46 @@ def test_the_tasks_of_the_readme_are_read():
     assert case.carries_weight
 
 
+def test_the_geometry_without_inputs_is_audited_as_shown(tmp_path, monkeypatch):
+    (tmp_path / "mine.json").write_text(*blocks("json", "how-to/reading-an-audit.md"))
+    monkeypatch.chdir(tmp_path)
+    (text,) = blocks("console", "how-to/reading-an-audit.md")
+    command, *shown, rest = text.splitlines()
+    assert rest == "..."
+    audited = CliRunner().invoke(main, shlex.split(command.removeprefix("$ topo-search ")))
+    assert audited.exit_code == 0
+    assert all(map(same, shown, audited.stdout.splitlines()))
+
+
 def test_the_task_under_a_bridge_is_read():
     (task,) = (Task.model_validate(tomllib.loads(block)) for block in blocks("toml", "how-to/bridge.md"))
     assert task.exposure[0].solid
     assert task.end_effector.stand_off == 0.4
+
+
+def test_the_recipes_of_the_command_line_run(tmp_path, monkeypatch):
+    """As a shell reads them, with designs that are made up."""
+    log, command = tmp_path / "log", tmp_path / "topo-search"
+    tell = "import json, sys; print(json.dumps(sys.argv[1:]))"
+    command.write_text(f"#!/bin/sh\n{sys.executable} -Ssc '{tell}' \"$@\" >>{log}\n")
+    command.chmod(0o755)
+    script = "\n".join(blocks("sh", "how-to/recipes.md"))
+    path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
+    subprocess.run(["bash", "-euc", script], cwd=tmp_path, env={**os.environ, "PATH": path}, check=True)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(searching, "backends", lambda _: BACKENDS)
+    monkeypatch.setattr(searching, "open_engine", lambda *_: InProcess(1))
+    monkeypatch.setattr(searching, "write_page", lambda _: None)
+    called = list(map(json.loads, log.read_text().splitlines()))
+    assert [words[0] for words in called] == ["run", "run", "run", "compare", "topologies", "run", "run"]
+    for words in called:
+        fewer = ["--modules", "3"] if "wall-push" in words else []
+        done = CliRunner().invoke(main, [*words, *fewer], catch_exceptions=False)
+        assert done.exit_code == 0, (words, done.output)
+        if words[0] == "topologies":
+            Path("some.txt").write_text(done.stdout)
+    assert len(Path("some/candidates.csv").read_text().splitlines()) == 1 + 50
 
 
 def test_the_recipe_draws_an_answer(tmp_path, monkeypatch, capsys):
@@ -124,11 +171,6 @@ def test_overrides_are_those_of_a_task():
         assert to_toml(read_task("push", (setting,))) != to_toml(read_task("push")), setting
 
 
-def test_every_command_is_listed_and_every_listed_command_exists():
-    listed = re.findall(r"^\| `topo-search (\w+)", (PAGES / "reference/commands.md").read_text(), re.MULTILINE)
-    assert sorted(listed) == sorted(main.commands)
-
-
 def test_paths_exist():
     named = re.findall(r"`((?:topo_search|nlp|verify|tests|notebooks|docs)/[\w/.-]*)`", TEXT)
     run = re.findall(r"python (tests/\S+\.py)", TEXT)
@@ -142,8 +184,22 @@ def test_paths_exist():
     assert (ROOT / "notebooks/pictures/turning.webp").stat().st_size < 2_000_000
 
 
-def test_the_readme_is_short():
+def words(path: Path) -> int:
+    """Return how many words a page has, blocks of code left out."""
+    text = path.read_text(encoding="utf-8")
+    return len(re.sub(r"^ *```.*?^ *```", "", text, flags=re.MULTILINE | re.DOTALL).split())
+
+
+def test_the_documentation_is_short():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").split()) < 950
+    assert sum(map(words, PAGES.rglob("*.md"))) <= 15_000
+    assert sum(len((PAGES / page).read_text(encoding="utf-8").split()) for page in CORE_PATH) <= 3_700
+
+
+def test_every_page_of_the_core_path_opens_with_a_picture():
+    for page in CORE_PATH:
+        opening = (PAGES / page).read_text(encoding="utf-8").partition("\n## ")[0].partition("```")[0]
+        assert "![" in opening, page
 
 
 def test_a_version_is_stated_once():

@@ -26,7 +26,7 @@ def test_every_drawing_is_shown_and_no_other_is_kept():
     assert kept == {*FIGURES["DRAWN"]} == set(re.findall(r"figures/([\w-]+)\.svg\)", TEXT))
 
 
-def test_every_picture_is_described_in_words():
-    described = re.findall(r"!\[([^]]*)\]", TEXT)
-    assert len(described) >= 40
-    assert min(map(len, described)) > 20
+def test_forty_pictures_are_shown_and_each_is_described_in_words():
+    shown = re.findall(r"!\[([^]]*)\]\(([^)]*)\)", TEXT)
+    assert len({path.rpartition("/")[2] for _, path in shown}) >= 40
+    assert min(len(words) for words, _ in shown) > 20

@@ -1,8 +1,6 @@
 """The newcomer's path: every command of the first tutorial runs, in order, and prints what the page shows."""
 
-import math
 import os
-import re
 import shlex
 import subprocess
 import sys
@@ -10,12 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
-from documented import blocks
+from documented import blocks, same
 
 PAGE = "tutorials/first-search.md"
-NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
-NEAR = 0.02
-"""Relative difference up to which a printed number is the same: libraries round differently."""
 
 
 def sessions() -> list[tuple[str, list[str]]]:
@@ -26,15 +21,6 @@ def sessions() -> list[tuple[str, list[str]]]:
         assert command.startswith("$ topo-search ")
         found.append((command.removeprefix("$ "), shown))
     return found
-
-
-def same(shown: str, printed: str) -> bool:
-    """Whether two lines have the same words, and numbers that are nearly the same."""
-    words = [" ".join(NUMBER.sub("#", line).split()) for line in (shown, printed)]
-    if words[0] != words[1]:
-        return False
-    pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
-    return all(math.isclose(float(a), float(b), rel_tol=NEAR, abs_tol=0.011) for a, b in pairs)
 
 
 def test_lines_are_compared_by_words_and_numbers():

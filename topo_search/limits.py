@@ -1,4 +1,4 @@
-"""Upper limits of inputs; `docs/pages/reference/limits.md` has the same as a table.
+"""Upper limits of inputs; the documentation lists them under "Limits of input".
 
 What is within these limits is worked on to its end, in time and memory that are known. What is beyond them is
 refused by name before any work is done for it.
@@ -31,8 +31,9 @@ class Limits:
     listed_modules: int = 1_000
     """Modules of trees that are only counted, drawn or listed."""
     drawn_trees: int = 1_000_000
-    """Drawn at once."""
+    """Trees drawn at once."""
     load_cases: int = 200
+    """Load cases of a task."""
     failures: int = 20_000
     """Wrenches that must be possible with some rotor dead, over all rotors, load cases and corners."""
     requirements: int = 20
@@ -70,9 +71,9 @@ class Limits:
     round: int = 1_000
     """Proposals whose results may be unknown when another is made."""
     candidates: int = 2_000_000
-    """Candidates of one size in an exhaustive search: their table stays within RUN_BYTES."""
+    """Candidates of one size in an exhaustive search: their table stays within `run_bytes`."""
     own_topologies: int = 10_000
-    """That a user lists as the candidates of a run."""
+    """Trees that a user lists as the candidates of a run."""
     keys_bytes: int = 4 * 2**20
     """Size of a file of keys; one of as many topologies of 200 modules has about half as many bytes."""
     near: int = 100
@@ -82,7 +83,7 @@ class Limits:
     trees: int = 10_000
     """Trees of one size in an experiment."""
     cells: int = 20_000
-    """Cells of an experiment: its table stays within RESULT_BYTES."""
+    """Cells of an experiment: its table stays within `result_bytes`."""
     seconds: int = 1_000_000_000
     """Time limit: 31 years."""
     gaps: tuple[float, float] = (1e-4, 0.5)

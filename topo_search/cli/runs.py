@@ -17,7 +17,7 @@ run_folder = click.argument("run", type=click.Path(path_type=Path, exists=True, 
 
 
 @click.command("list", epilog="Example: topo-search list")
-@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False), default=Path("runs"))
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("runs"))
 @options.as_json
 def list_runs(folder: Path, as_json: bool) -> None:
     """List the runs in a folder (default: runs), with their best designs.
@@ -26,8 +26,12 @@ def list_runs(folder: Path, as_json: bool) -> None:
     """
     with explain_errors():
         from topo_search.cli.tables import print_runs
+        from topo_search.model import BadInput
         from topo_search.study import RunFolder, answer_of
         from topo_search.study.directory import RunFile
+
+        if not folder.is_dir():
+            raise BadInput(str(folder), "no such folder: `topo-search run push` makes a first run in ./runs")
 
         runs = []
         for ledger in sorted(folder.glob(f"*/{RunFile.LEDGER}")):

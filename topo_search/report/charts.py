@@ -53,7 +53,7 @@ def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.F
 
 def _requirement(pair: Clearance) -> str:
     """Name what a module is kept away from."""
-    if name := {"exclusion": "p_E", "rod": "rod", "rod-airflow": "rod, airflow"}.get(pair.kind):
+    if name := {"exclusion": "tip", "rod": "rod", "rod-airflow": "rod, airflow"}.get(pair.kind):
         return name
     solid = {"part-region": "solid ", "rod-region": "rod, solid "}.get(pair.kind, "")
     return f"{solid}exposure {pair.b}" + ("" if pair.segment is None else f", part {pair.segment}")

@@ -231,7 +231,7 @@ def _end_effector(design: Design, at: Poses, assembly: Assembly | None) -> Itera
     yield Part("tip", "end-effector", palette.END_EFFECTOR, ball(tip, r), steps=last)
     yield Part("tip", "centre of mass", palette.CENTRE_OF_MASS, ball(at.p_com, r), steps=last)
     line = tube(at.p_com, tip, 0.2 * r)
-    yield Part("offset", "p_E", palette.OFFSET, line, steps=last)
+    yield Part("offset", "centre of mass to tip", palette.OFFSET, line, steps=last)
 
 
 def triangles_of(mesh: Trimesh) -> dict[str, list[float]]:

@@ -37,7 +37,7 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
 def _platform(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     n = task.n
     yield "size", modules(n)
-    yield "mass m_t", f"{figures(task.total_mass(n))} kg, {_included_parts(task)} included"
+    yield "mass m_t", f"{figures(task.total_mass(n))} kg, with {_included_parts(task)}"
     yield "weight m_t g", f"{figures(task.force_unit(n))} N, at g = {figures(task.gravity)} m/s²"
     yield "unit of torque l_arm m_t g", f"{figures(task.torque_unit(n))} N m"
 
@@ -46,7 +46,7 @@ def _included_parts(task: ResolvedTask) -> str:
     """Return what weighs besides modules; the rod's mass is known of a design."""
     rod = "" if task.end_effector.rod_mass == "ignored" else " and the rod"
     if rod and task.end_effector.counted_rod is None:
-        rod = " without its rod, which a design adds,"
+        rod = "; a design adds its rod"
     return f"{'joints and ' * bool(task.module.joint_mass)}end-effector{rod}"
 
 

@@ -91,6 +91,6 @@ def digest_of(design: Design) -> str:
 
 
 NO_DOWNWASH = (
-    "The simulator has no downwash beyond the thrust that rotors lose to wakes by the audit's air model: what else "
-    "wakes do, the airflow envelopes of the audit stand for."
+    "The simulator models one effect of downwash, the thrust that rotors lose to wakes (by the audit's air model); "
+    "against all others it relies on the airflow envelopes of the audit."
 )

@@ -28,7 +28,7 @@ class Beside {
     const [key, against] = decodeURIComponent(location.hash).replace("#design=", "").split(",");
     if (this.has(against)) this.against.value = against;
     if (this.has(key)) this.show(key);
-    else if (this.element.dataset.open) this.show(this.element.dataset.open);
+    else if (this.element.dataset.open) this.show(this.element.dataset.open, false);
   }
 
   thumbnail(key) {
@@ -40,7 +40,7 @@ class Beside {
     this.show(this.keys[Math.max(0, Math.min(this.keys.length - 1, next))]);
   }
 
-  show(key) {
+  show(key, scroll = true) {
     for (const view of this.views) view.remove();
     this.views = [];
     this.key = key;
@@ -59,7 +59,7 @@ class Beside {
     if (this.views.length === 2) this.views[0].pair(this.views[1]);
     this.chosen(key);
     reachable();
-    if (key !== null) this.element.scrollIntoView({ block: "start" });
+    if (key !== null && scroll) this.element.scrollIntoView({ block: "start" });
   }
 
   // Marks the figures in which the two designs differ.
