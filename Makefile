@@ -21,7 +21,7 @@ test: lint  ## everything CI checks, but what needs a browser
 	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not browser"
 	$(MAKE) docs
 
-test-slow: lint  ## also the tests that take over ten seconds each
+test-slow: lint  ## also the slow tests: what takes over ten seconds, and all of many like cases
 	$(BIN)/pytest -n 2 --dist worksteal -m "not browser"
 
 figures: $(STAMP)  ## draw the figures of the documentation from the package's data

@@ -173,6 +173,31 @@ FEATURES: dict[str, Table] = {
 }
 """What a task can ask for: fields laid over the push task."""
 
+DISTINCT = (
+    "several pieces",
+    "two paths",
+    "60 degree cone with a fixed axis",
+    "bent paths",
+    "planes",
+    "several requirements",
+    "paper root",
+    "ablation",
+    "merging airflow, no body clearance",
+    "stand-off in place of exclusion",
+    "peak input",
+    "end-effector at the COM",
+    "least input",
+    "joint mass, fixed end-effector",
+    "any port",
+    "solid cone",
+    "solid path along the end-effector",
+    "several solid pieces",
+    "rod beside solid bent paths",
+    "rod in a solid cone within reach",
+    "thick rod in a solid ball",
+)
+"""Features of which each has rows, or an option, that no other one of these has: what the fast suite looks at."""
+
 
 def push(n: int = 5, **fields: Any) -> ResolvedTask:
     """The push task of the paper for n modules, with other fields beside or instead."""

@@ -25,7 +25,7 @@ def test_no_random_angles_place_what_is_proven_crowded() -> None:
     from untangling import overlaps
 
     task, rng = task_of(7, 0.22), np.random.default_rng(1)
-    assert all(overlaps(task, ROW, alpha) for alpha in rng.uniform(-np.pi / 2, np.pi / 2, (2000, 6)))
+    assert all(overlaps(task, ROW, alpha) for alpha in rng.uniform(-np.pi / 2, np.pi / 2, (400, 6)))
 
 
 def test_the_least_part_is_found_in_a_tree_that_holds_it() -> None:

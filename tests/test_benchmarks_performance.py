@@ -45,6 +45,7 @@ def test_every_benchmark_loads(benchmarks: Path) -> None:
         importlib.import_module(path.stem)
 
 
+@pytest.mark.slow
 def test_every_part_measures_once_and_prints_its_table(
     benchmarks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -139,16 +139,8 @@ def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, tol
         (["run", "toy.toml", "--set", "module.mas=1"], "module.mas: unknown field; did you mean `mass`?"),
         (["run", "toy.toml", "--modules", "6-4"], "`fewest <= most` must hold, but got [6, 4]"),
         (["run", "toy.toml", "--modules", "many"], "must be N or LO-HI, but got 'many'"),
-        (["run", "toy.toml", "--workers", "0"], "0 is not in the range"),
-        (["run", "toy.toml", "--starts", 10**20], "is not in the range"),
-        (["run", "toy.toml", "--strategy", "optuna", "--trials", 10**20], "is not in the range"),
         (["run", "toy.toml", "--strategy", "optuna", "--round", 1001], "is not in the range 1<=x<=1000"),
         (["run", "toy.toml", "--round", 8], "--round require --strategy optuna"),
-        (
-            ["run", "toy.toml", "--modules", "3-20"],
-            "at most 2,000,000 candidates, but 13 modules have 1.1e+7; choose the strategy `optuna`",
-        ),
-        (["run", "toy.toml", "--time-limit", "0"], "0.0 is not in the range"),
         (["run", "toy.toml", "--out", "toy.toml"], "is a file"),
         (["run", "toy.toml", "--out", "toy.toml/deeper"], "cannot be made"),
         (["solve", "toy.toml", "--topology", "b00"], "a topology key starts with `a` or `p`, but got 'b00'"),
@@ -160,7 +152,6 @@ def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, tol
         (["solve", "toy.toml"], "--topology or --sample-seed"),
         (["solve", "toy.toml", "--topology", "a10", "--sample-seed", "1"], "--topology or --sample-seed"),
         (["solve", "toy.toml", "--sample-seed", "1", "--modules", "3-4"], "needs one number of modules"),
-        (["topologies", "0"], "0 is not in the range"),
         (["topologies", "3", "--symmetry", "task"], "'task' is not one of"),
     ],
 )
@@ -171,13 +162,6 @@ def test_bad_input_is_status_two_and_leaves_nothing(command, tmp_path, words, sa
     assert said in " ".join(result.stderr.split())
     assert result.stdout == ""
     assert files(tmp_path) == before
-
-
-def test_another_run_s_folder_is_status_two(command):
-    assert command("run", "toy.toml", "--out", "out").exit_code == 0
-    result = command("run", "toy.toml", "--out", "out", "--seed", 1)
-    assert result.exit_code == 2
-    assert says(result.stderr, "out:", "seed 0, not 1", "--out")
 
 
 def test_options_stand_for_fields_of_the_task(command, tmp_path):
@@ -215,10 +199,8 @@ def test_the_papers_literal_problem_is_one_switch(command, tmp_path, words):
     ("words", "given"),
     [
         (["--root", "free"], "search.root=free"),
-        (["--root", "paper"], "search.root=paper"),
         (["--set", "search.margin=1e-3"], "search.margin=1e-3"),
         (["--set", " search . margin = 1"], None),
-        (["--set", "search.body_clearance=0.4"], "search.body_clearance=0.4"),
         (["--set", "search={}"], "search={}"),
     ],
 )

@@ -150,9 +150,7 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
     ("words", "said"),
     [
         (["half.json", "--out", "new.png"], "half.json: is not a JSON file, or only a part of one"),
-        (["half.json", "--out", "new.csv"], "half.json: is not a JSON file, or only a part of one"),
         (["none.json", "--out", "new.png"], "none.json: no such file"),
-        (["none.json", "--out", "new.csv"], "none.json: no such file"),
         ([".", "--out", "new.csv"], ".: is not a run folder"),
         ([".", "--out", "new.png"], ".: must be a regular file, but is a folder"),
         (
@@ -160,7 +158,6 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
             "--out: must end in .csv, .glb, .npz, .vti, .html, .mjcf, .xml, .parquet, .params, .png, .stl, .svg, "
             ".urdf, unless --format is given, but got new.pdf",
         ),
-        (["design.json", "--out", "new"], "but got new"),
         (
             ["design.json", "--out", "new.png", "--format", "pdf"],
             "must be one of air, allocation, assembly, brackets, csv, glb, kit, mjcf, parquet, parts, png, px4, "
@@ -171,7 +168,6 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
         (["design.json", "--out", ".", "--format", "kit"], "or that of a kit, but . holds half.json"),
         (["design.json", "--out", "half.json", "--format", "kit"], "must be a folder for this format"),
         (["design.json", "--out", ".", "--format", "brackets"], "or one of STL files, but . holds design.json"),
-        (["design.json", "--out", "new.png", "--angle-step", "1"], "applies only to a kit and its parts, but got"),
         (["design.json", "--out", "new", "--format", "kit", "--angle-step", "0"], "is not in the range 0<x<=45"),
         (["design.json"], "Missing option '--out'"),
     ],

@@ -33,8 +33,6 @@ def listed(values):
 
 BEYOND = {
     "ten thousand load cases": (HEAD + HOVER * 10_000, "load_cases: must have at most 200 entries, but got 10,000"),
-    "a load case too many": (HEAD + HOVER * 201, "load_cases: must have at most 200 entries, but got 201"),
-    "ten thousand modules": (HEAD.replace("5", "10000") + HOVER, "modules: must be at most 200, but got 10000"),
     "a wide range": (HEAD.replace("5", "[1, 21]") + HOVER, "modules: must be at most 20 sizes, but got [1, 21]"),
     "a hundred thousand segments": (
         HEAD + HOVER + '[[exposure]]\nkind = "directional"\nsegments = [' + "[1, 0, 0]," * 100_000 + "]",
@@ -56,7 +54,6 @@ BEYOND = {
         "goals: must have at most 1,000 combinations of levels, but got 1,000,000,000",
     ),
     "a dotted key": (HEAD + HOVER + "a" + ".a" * 100_000 + " = 1", "must have at most 30 parts in a key"),
-    "a spaced key": (HEAD + HOVER + "'a'" + ' . "a"' * 100_000 + " = 1", "must have at most 30 parts in a key"),
     "a long name": (HEAD + HOVER + "a" * 100_000 + " = 1", "unknown field"),
     "digits": (HEAD + HOVER + "gravity = " + "9" * 100_000, "is not a TOML file, or only a part of one"),
     "hexadecimal digits": (
@@ -88,12 +85,9 @@ def test_a_task_beyond_a_limit_is_refused_by_name(tmp_path, case):
         ("a" * 100_000 + "=1", "--set: must have names of at most 64 characters in a field, but got"),
         ("search={a" + ".a" * 50_000 + "=1}", "--set: search: must have at most 30 parts in a key"),
         ("task_seed=0x" + "f" * 100_000, "task: task_seed: must be at most"),
-        ("modules=" + "9" * 100_000, "task: modules: must be a whole number of modules"),
-        ("modules=10000", "task: modules: must be at most 200, but got 10000"),
         ("load_cases." + "1" * 60 + ".weight=1", "must be an index under 1"),
         ("load_cases.\u0663.weight=1", "must be an index under 1"),
         ("gravity=1\nmodules=3", "task: gravity: must be a number"),
-        ("gravity", '--set: must be FIELD=VALUE, but got "gravity"'),
     ],
 )
 def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
@@ -106,46 +100,29 @@ def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
     ("words", "rule"),
     [
         (["topologies", "1000000000"], "is not in the range 1<=x<=1000"),
-        (["topologies", "0"], "is not in the range"),
         (["topologies", "5", "--sample", "1000000000"], "is not in the range 1<=x<=1000000"),
-        (["topologies", "5", "--sample", "1", "--seed", "9" * 30], "is not in the range"),
         (["topologies", "9" * 5000], "is not"),
         (
             ["solve", "push", "--topology", "a" + "1" * 60_000 + "0"],
             "must have at most 200 modules, but got 60,001",
         ),
-        (["solve", "push", "--sample-seed", "9" * 30], "is not in the range"),
-        (["check", "push", "--modules", "9" * 5000], "must be a whole number of modules"),
         (["run", "push", "--workers", "257"], "'--workers': 257 is not in the range 1<=x<=256"),
-        (["audit", "design.json", "--workers", "257"], "'--workers': 257 is not in the range 1<=x<=256"),
         (["run", "push", "--starts", "10001"], "'--starts': 10001 is not in the range 1<=x<=10000"),
-        (["run", "push", "--seed", "9" * 30], "is not in the range 0<=x<=9223372036854775807"),
         (["run", "push", "--time-limit", "1e300"], "1e+300 is not in the range 0<x<=1000000000"),
         (
             ["run", "push", "--strategy", "optuna", "--trials", "100001"],
             "'--trials': 100001 is not in the range 1<=x<=100000",
         ),
         (["run", "push", "--modules", "13"], "at most 2,000,000 candidates, but 13 modules have 1.1e+7"),
-        ([*SCALING, "--workers", "1000000000"], "'--workers': 1000000000 is not in the range 1<=x<=256"),
-        ([*SCALING, "--starts", "10001"], "'--starts': 10001 is not in the range 1<=x<=10000"),
-        ([*SCALING, "--time-limit", "1e300"], "1e+300 is not in the range 0<x<=1000000000"),
         (
             [*SCALING, "--seed", str(LIMITS.largest_integer)],
             "--seed: must be from 0 to 9,223,372,036,854,765,807, but",
         ),
         ([*SCALING, "--topologies", "10001"], "--topologies: must be at most 10,000, but got 10001"),
-        ([*SCALING, "--topologies", "5,1000000000"], "--topologies: must be at most 10,000, but got 1000000000"),
-        ([*SCALING, "--topologies", "9" * 400], "--topologies: must be at most 10,000, but got 9"),
         ([*SCALING, "--topologies", "9" * 5000], "must be comma-separated numbers, but got '9"),
         ([*SCALING, "--sizes", "201"], "--sizes: must be at most 200, but got 201"),
-        ([*SCALING, "--sizes", "3,999999999"], "--sizes: must be at most 200, but got 999999999"),
         ([*SCALING, "--task", "push:99999999999999"], "--task: must be TASK:N,N,..., but got push:9"),
-        ([*SCALING, "--task", "push:999999999"], "--sizes: must be at most 200, but got 999999999"),
         ([*SCALING, "--sizes", "9,10,11,12,13,14", "--topologies", "10000"], "must have at most 20,000 rows: task"),
-        (
-            ["experiment", "root", "--out", "out", "--task", "push:150", "--topologies", "100"],
-            "must have at most 20,000 rows: task",
-        ),
         (
             ["experiment", "root", "--out", "out", "--task", "push:200", "--topologies", "10000"],
             "must have at most 20,000 rows: task, size, tree, distance and variant, but has 510,000",

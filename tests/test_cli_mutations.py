@@ -167,7 +167,7 @@ def campaign(
 
 
 @pytest.mark.parametrize(
-    ("make", "number", "allowed"), [(task, 60, {0, 2}), (design, 60, {0, 1, 2}), (mesh, 60, {0, 2})]
+    ("make", "number", "allowed"), [(task, 30, {0, 2}), (design, 30, {0, 1, 2}), (mesh, 30, {0, 2})]
 )
 def test_a_wrong_file_is_named_or_its_answer_valid(watch: Watch, folder: Path, make, number, allowed) -> None:
     ended = campaign(watch, make, number, seed=0)

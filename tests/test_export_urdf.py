@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pytransform3d.urdf import UrdfTransformManager
+from suites import few
 
 from topo_search.export.urdf import roll_pitch_yaw, urdf
 from topo_search.model import Design, Topology
@@ -35,7 +36,7 @@ def in_mujoco(design: Design) -> tuple[Any, Any]:
     return model, data
 
 
-@pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
+@pytest.mark.parametrize("topology", few(TREES, TREES[::4]), ids=lambda tree: tree.key)
 def test_frames_are_where_the_audit_has_them(topology: Topology) -> None:
     design = random_design(topology, 5)
     at = platform(design)
@@ -57,7 +58,7 @@ def test_frames_are_where_the_audit_has_them(topology: Topology) -> None:
     np.testing.assert_allclose(in_platform("module_0")[:3, :3], np.eye(3), atol=1e-13)
 
 
-@pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
+@pytest.mark.parametrize("topology", few(TREES, TREES[::4]), ids=lambda tree: tree.key)
 def test_mass_and_inertia_of_the_whole_are_those_of_its_parts(topology: Topology) -> None:
     module = {"body": {"inertia": [1e-3, 1.2e-3, 2e-3]}, "joint_mass": 0.03}
     design = random_design(topology, 6, {"module": module})
@@ -73,7 +74,7 @@ def test_mass_and_inertia_of_the_whole_are_those_of_its_parts(topology: Topology
 
 
 @pytest.mark.parametrize("inertia", [[1e-3, 1e-3, 2e-3], [1.3e-3, 0.9e-3, 2.2e-3], [0.7, 3.1, 3.8]])
-@pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
+@pytest.mark.parametrize("topology", few(TREES, TREES[::4]), ids=lambda tree: tree.key)
 def test_a_flat_body_loads_however_it_is_turned(topology: Topology, inertia: list[float]) -> None:
     """Its largest moment is the sum of the others, which MuJoCo checks without tolerance."""
     text = urdf(random_design(topology, 3, {"module": {"body": {"inertia": inertia}}}))
@@ -82,7 +83,7 @@ def test_a_flat_body_loads_however_it_is_turned(topology: Topology, inertia: lis
         assert not any(map(float, origin.attrib["rpy"].split()))  # some readers ignore the turn of a tensor
 
 
-@pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
+@pytest.mark.parametrize("topology", few(TREES, TREES[::4]), ids=lambda tree: tree.key)
 def test_thrust_applied_as_the_file_says_gives_the_wrench_of_the_audit(topology: Topology) -> None:
     design = random_design(topology, 7)
     text = urdf(design)
@@ -101,7 +102,7 @@ def test_thrust_applied_as_the_file_says_gives_the_wrench_of_the_audit(topology:
     np.testing.assert_allclose([*force, *about_com], expected, atol=1e-11)
 
 
-@pytest.mark.parametrize("topology", TREES, ids=lambda tree: tree.key)
+@pytest.mark.parametrize("topology", few(TREES, TREES[::4]), ids=lambda tree: tree.key)
 def test_the_rod_runs_from_its_connector_to_the_end_effector(topology: Topology) -> None:
     design = with_rod(random_design(topology, 8))
     frames = UrdfTransformManager()

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 from nlp_cases import as_design, push, random_point, random_tree
+from suites import few
 
 from nlp import lower_bound, pseudo_inverse
 from nlp.joints import _vectors, limited_loads
@@ -168,7 +169,7 @@ HEAVY: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize(("allocator", "about_x"), [("optimal", 20.0), ("pseudo-inverse", 14.0)])
+@pytest.mark.parametrize(("allocator", "about_x"), few([("optimal", 20.0), ("pseudo-inverse", 14.0)], 1))
 def test_a_heavy_platform_has_the_accelerations_and_reserves_that_are_asked_for(
     allocator: str, about_x: float
 ) -> None:

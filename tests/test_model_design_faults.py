@@ -71,12 +71,8 @@ def test_a_foreign_design_is_read() -> None:
         "text",
         "\ud800",
         3,
-        3.5,
-        True,
         float("nan"),
-        float("inf"),
         [],
-        [1],
         {},
         {"x": float("nan")},
         {"x": [{}]},
@@ -133,23 +129,18 @@ ROWS = "must be a list of [parent, parent_port, child_port] in whole numbers, bu
     ("path", "value", "expected"),
     [
         (("version",), 2, "version: must be 1, but got 2"),
-        (("version",), "1", 'version: must be 1, but got "1"'),
         (("format",), "x", 'format: must be "topo-search/design", but got "x"'),
         (("root_module",), 1, "root_module: must be 0, but got 1"),
         # topology
         (("topology",), "a120", f'topology: {ROWS} "a120"'),
         (("topology",), [], "topology: a topology must have at least one module, but got none"),
-        (("topology",), {"0": 1}, f'topology: {ROWS} {{"0": 1}}'),
         (("topology", 1), [0, 0], f"topology: {ROWS} [0, 0] for module 1"),
-        (("topology", 1), [0, 0.0, 2], f"topology: {ROWS} [0, 0.0, 2] for module 1"),
         (("topology", 1), [0, True, 2], f"topology: {ROWS} [0, true, 2] for module 1"),
         (("topology", 1), None, f"topology: {ROWS} null for module 1"),
         (("topology", 0), [0, 0, 2], "topology: joint 0 must be the root's [-1, -1, -1], but got [0, 0, 2]"),
         (("topology", 1), [1, 0, 2], "topology: `0 <= parent < 1` must hold in joint 1, but got parent 1"),
-        (("topology", 1), [2, 0, 2], "topology: `0 <= parent < 1` must hold in joint 1, but got parent 2"),
         (("topology", 2), [-1, -1, -1], "topology: `0 <= parent < 2` must hold in joint 2, but got parent -1"),
         (("topology", 2), [1, 4, 3], "topology: the parent port must be 0, 1, 2 or 3 in joint 2, but got 4"),
-        (("topology", 2), [1, 1, -1], "topology: the child port must be 0, 1, 2 or 3 in joint 2, but got -1"),
         (
             ("topology", 2),
             [0, 0, 2],
@@ -174,32 +165,18 @@ ROWS = "must be a list of [parent, parent_port, child_port] in whole numbers, bu
             [1.0] * 11,
             "rotor_speeds_squared[1]: must have four values per module, 12, but got 11",
         ),
-        (
-            ("root_orientation_rad",),
-            [0.0, 0.0],
-            "root_orientation_rad: must be a list of three numbers, but got [0.0, 0.0]",
-        ),
-        (("end_effector_m",), [0.0], "end_effector_m: must be a list of three numbers, but got [0.0]"),
-        # numbers
         (("hinge_angles_rad", 1), float("nan"), "hinge_angles_rad[1]: must be a finite number, but got NaN"),
         (
             ("rotor_speeds_squared", 0, 3),
             float("inf"),
             "rotor_speeds_squared[0][3]: must be a finite number, but got Infinity",
         ),
-        (("end_effector_m", 2), float("-inf"), "end_effector_m[2]: must be a finite number, but got -Infinity"),
         (("objective",), float("nan"), "objective: must be a finite number, but got NaN"),
-        (("objective",), "1", 'objective: must be a number, but got "1"'),
-        (("objective",), None, "objective: must be a number, but got null"),
         (("hinge_angles_rad", 0), "0.3", 'hinge_angles_rad[0]: must be a number, but got "0.3"'),
-        (("hinge_angles_rad", 0), True, "hinge_angles_rad[0]: must be a number, but got true"),
-        (("hinge_angles_rad",), 0.3, "hinge_angles_rad: must be a list, but got 0.3"),
         (("rotor_speeds_squared", 0), 0.3, "rotor_speeds_squared[0]: must be a list, but got 0.3"),
         # the task inside
         (("task",), 3, "task: must be a table of named fields, but got 3"),
         (("task", "gravty"), 3, "task.gravty: unknown field; did you mean `gravity`?"),
-        (("task", "module"), {"mass": -1}, "task.module.mass: must be greater than 0, but got -1"),
-        (("task", "load_cases"), [], "task.load_cases: must have at least one entry, but got []"),
         (
             ("task", "load_cases", 0, "com", "force", 1),
             None,
@@ -250,16 +227,12 @@ NOT_JSON = "is not a JSON file, or only a part of one: "
     ("content", "expected"),
     [
         (b"", NOT_JSON),
-        (b"   \n", NOT_JSON),
         (json.dumps(DATA).encode()[:200], NOT_JSON),
         (b"[" * 100_000, NOT_JSON),
         (b'{"objective": ' + b"9" * 10_000 + b"}", NOT_JSON),
         (b"\x89PNG\r\n\x1a\n", "must be UTF-8 text, but got the byte 0x89 at offset 0"),
-        (b"\x00\x01", NOT_JSON),
         (b"[]", "must be a table of named fields, but got []"),
         (json.dumps([DATA]).encode(), "must be a table of named fields, but got [{"),
-        (b"null", "must be a table of named fields, but got null"),
-        (b"3", "must be a table of named fields, but got 3"),
     ],
 )
 def test_a_file_that_is_no_design(tmp_path: Path, content: bytes, expected: str) -> None:
@@ -279,11 +252,6 @@ def test_nested_where_a_number_belongs(tmp_path: Path) -> None:
         deep = [deep]
     (message,) = messages({**DATA, "objective": deep})
     assert message.startswith("objective: must be a number, but got [[[")
-
-
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="no such file"):
-        read_json(Design, tmp_path / "none.json")
 
 
 leaves = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=3)

@@ -42,33 +42,18 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
     [
         # unknown names
         ("[search]\nmargn = 1", "search.margn: unknown field; did you mean `margin`?"),
-        ("[serch]\nmargin = 1", "serch: unknown field; did you mean `search`?"),
-        ("[module]\narm-length = 0.1", "module.arm-length: unknown field; did you mean `arm_length`?"),
-        ("[module.airflow]\nrech = 1.0", "module.airflow.rech: unknown field; did you mean `reach`?"),
         (
             "[module.airflow]\nxyz = 1.0",
             "module.airflow.xyz: unknown field; valid names are start_radius, spread_angle_deg, reach, jet, "
             "regions, speed, at",
         ),
-        ("[module.body]\nhubb = 1.0", "module.body.hubb: unknown field; did you mean `hub`?"),
-        ("[end_effector]\nmas = 0.1", "end_effector.mas: unknown field; did you mean `mass`?"),
         (
             "[[load_cases]]\nunit = 'SI'\ncom = { force = [0, 0, 1] }",
             "load_cases[1].unit: unknown field; did you mean `units`?",
         ),
-        (
-            "[[load_cases]]\ncom = { force = [0, 0, 1], torc = [0, 0, 0] }",
-            "load_cases[1].com.torc: unknown field; did you mean `torque`?",
-        ),
-        (CONE + "half_angel_deg = 60", "exposure[0].half_angel_deg: unknown field; did you mean `half_angle_deg`?"),
-        (
-            CAPSULE + "segment = [[1, 0, 0]]\nsegments = [[1, 0, 0]]",
-            "exposure[0].segment: unknown field; did you mean `segments`?",
-        ),
         ('[module]\n"mas s" = 1', 'module."mas s": unknown field; did you mean `mass`?'),
         # ranges
         ("[module]\nmass = -1", "module.mass: must be greater than 0, but got -1"),
-        ("[module]\nmass = 0.0", "module.mass: must be greater than 0, but got 0.0"),
         ("[module]\nmass = 1e16", "module.mass: must be between 1e-15 and 1e15, but got 1e+16"),
         (
             "[module]\nmax_thrust = 2.0\nmax_thrust_to_weight = 2.5",
@@ -80,13 +65,7 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "module.torque_to_thrust: must agree with torque_coefficient / thrust_coefficient, 0.02739 m, "
             "but got 0.03: leave one of them out",
         ),
-        ("[module]\nmax_thrust = 0", "module.max_thrust: must be greater than 0, but got 0"),
-        ("[module]\nmax_thrust = '2'", 'module.max_thrust: must be a number, but got "2"'),
-        ("[module]\nmax_thrust = true", "module.max_thrust: must be a number, but got true"),
-        ("[module]\ntorque_to_thrust = inf", "module.torque_to_thrust: must be a finite number, but got Infinity"),
         ("[module]\nmax_thrust = 1.0\nmass = -1", "module.mass: must be greater than 0, but got -1"),
-        ("[module]\nmin_input = 1.0", "module.min_input: must be less than 1, but got 1.0"),
-        ("[module]\nmin_input = -0.1", "module.min_input: must be at least 0, but got -0.1"),
         (
             "[module]\nmin_input = 0.5\n[search]\npeak_input = 0.5",
             "module.min_input: must be less than the largest share that rotors may use, 0.5, but got 0.5",
@@ -96,15 +75,6 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "module.min_input: must be less than the largest share that rotors may use, 0.4, but got 0.5",
         ),
         ("[module]\narm_length = nan", "module.arm_length: must be a finite number, but got NaN"),
-        ("[module]\narm_length = inf", "module.arm_length: must be a finite number, but got Infinity"),
-        (
-            "[module.airflow]\nspread_angle_deg = 91",
-            "module.airflow.spread_angle_deg: must be at most 90, but got 91",
-        ),
-        (
-            "[module.airflow]\nspread_angle_deg = -1",
-            "module.airflow.spread_angle_deg: must be at least 0, but got -1",
-        ),
         (
             "[module.airflow]\nreach = 0.05",
             "module.airflow: `reach > start_radius` must hold, but got reach = 0.05, start_radius = 0.1",
@@ -113,14 +83,8 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "[module.body]\ninertia = [1, 1, 3]",
             "module.body.inertia: no moment may exceed the sum of the other two, but got [1.0, 1.0, 3.0]",
         ),
-        ("[end_effector]\nmass = -0.1", "end_effector.mass: must be at least 0, but got -0.1"),
-        ("[search]\nmargin = -1e-3", "search.margin: must be at least 0, but got -0.001"),
-        ("[search]\nseparation = 0", "search.separation: must be greater than 0, but got 0"),
         ("[search]\nbody_clearance = -1", "search.body_clearance: must be greater than 0, but got -1"),
-        (CONE + "half_angle_deg = 0", "exposure[0].half_angle_deg: must be greater than 0, but got 0"),
-        (CONE + "half_angle_deg = 120", "exposure[0].half_angle_deg: must be at most 90, but got 120"),
         (CAPSULE + "segments = [[0, 0, 0]]", "exposure[0].segments[0]: must have a direction, but got [0, 0, 0]"),
-        (CONE + "axis = [0, 0, 0]", "exposure[0].axis: must have a direction, but got [0, 0, 0]"),
         (
             "[[load_cases]]\nweight = 1e-16\ncom = { force = [0, 0, 1] }",
             "load_cases[1].weight: must be between 1e-15 and 1e15, but got 1e-16",
@@ -134,33 +98,16 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "load_cases[1]: must be at most 1e+15 N and N m, but got 1e+308 weights",
         ),
         (
-            "[[load_cases]]\nunits = 'SI'\ncom = { torque = [0, 1e150, 1] }",
-            "load_cases[1]: must be at most 1e+15 N and N m, but got 1e+150",
-        ),
-        (
-            "[[load_cases]]\nweight = -1\ncom = { force = [0, 0, 1] }",
-            "load_cases[1].weight: must be at least 0, but got -1",
-        ),
-        (
             "[[load_cases]]\nname = ''\ncom = { force = [0, 0, 1] }",
             f'load_cases[1].name: {NAME}, but got ""',
-        ),
-        (
-            "[[load_cases]]\nname = 'a<b'\ncom = { force = [0, 0, 1] }",
-            f'load_cases[1].name: {NAME}, but got "a<b"',
         ),
         (
             "[[load_cases]]\nname = 'a\\nb'\ncom = { force = [0, 0, 1] }",
             f'load_cases[1].name: {NAME}, but got "a\\\\nb"',
         ),
-        ("[[load_cases]]\nname = 3\ncom = { force = [0, 0, 1] }", "load_cases[1].name: must be a text, but got 3"),
         (
             "[[load_cases]]\nname = 'push'\ncarries_weight = true\n" * 2,
             'load_cases[2].name: must differ from that of load_cases[1], but got "push"',
-        ),
-        (
-            "[[load_cases]]\ncarries_weight = 1",
-            "load_cases[1].carries_weight: must be true or false, but got 1",
         ),
         (
             "[[load_cases]]\ncarries_weight = false",
@@ -178,22 +125,8 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "exposure[0].segments[0]: must be between 1e-15 and 1e15 long, but got [1e-320, 0, 0]",
         ),
         (
-            CONE + "axis = [0, 1e300, 0]",
-            "exposure[0].axis: must be between 1e-15 and 1e15 long, but got [0, 1e+300, 0]",
-        ),
-        # lengths
-        (
             "[[load_cases]]\ncom = { force = [0, 1] }",
             "load_cases[1].com.force: must be a list of three numbers, but got [0, 1]",
-        ),
-        (
-            "[[load_cases]]\ncom = { force = 3 }",
-            "load_cases[1].com.force: must be a list of three numbers, but got 3",
-        ),
-        ("[module.body]\nhub = [1, 1]", "module.body.hub: must be a list of three numbers, but got [1, 1]"),
-        (
-            "[end_effector]\nposition = [1, 0]",
-            "end_effector.position: must be a list of three numbers, but got [1, 0]",
         ),
         (CAPSULE + "segments = []", "exposure[0].segments: must have at least one entry, but got []"),
         (
@@ -211,34 +144,21 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "[end_effector]\nrod = 'bent'",
             'end_effector.rod: must be "none" or "straight", but got "bent"',
         ),
-        ("[end_effector]\nexclusion = 1", "end_effector.exclusion: must be true or false, but got 1"),
         ("[end_effector]\nexclusion = 'no'", 'end_effector.exclusion: must be true or false, but got "no"'),
-        ("[end_effector]\nstand_off = -0.1", "end_effector.stand_off: must be at least 0, but got -0.1"),
-        ("[search]\npeak_input = 0.0", "search.peak_input: must be greater than 0, but got 0.0"),
-        ("[search]\npeak_input = 1.2", "search.peak_input: must be at most 1, but got 1.2"),
-        ("[search]\npeak_input = 80", "search.peak_input: must be at most 1, but got 80"),
         ("[search]\nbody_clearance = true", "search.body_clearance: must be a length or false, but got true"),
-        ("[search]\nbody_clearance = '0.3'", 'search.body_clearance: must be a length or false, but got "0.3"'),
-        ("[search]\nroot = 'paperr'", 'search.root: must be "free" or "paper", but got "paperr"'),
         ("[search]\nconnectors = 1", 'search.connectors: must be "aligned" or "any", but got 1'),
         (
             "[end_effector]\nposition = 'here'",
             'end_effector.position: must be "free", "com" or [x, y, z], but got "here"',
         ),
-        ("[end_effector]\nposition = 1", 'end_effector.position: must be "free", "com" or [x, y, z], but got 1'),
         (
             "[end_effector]\nposition = [1, 'a', 0]",
             'end_effector.position[1]: must be a number, but got "a"',
         ),
         (CONE + "axis = 'up'", 'exposure[0].axis: must be "com" or [x, y, z], but got "up"'),
         ("[[exposure]]\nkind = 'locl'", f'exposure[0].kind: {KIND} "locl"'),
-        ("[[exposure]]\nkind = 3", f"exposure[0].kind: {KIND} 3"),
         ("[[exposure]]\nradius = 0.1", "exposure[0].kind: is required, but missing"),
         ("[exposure]\nkind = 'local'", 'exposure: must be a list, but got {"kind": "local"}'),
-        (
-            "[[load_cases]]",
-            "load_cases[1]: must have at least one of `end_effector`, `com` and `carries_weight`, but got none",
-        ),
         (
             "[[load_cases]]\ncom = 3",
             "load_cases[1].com: must be a table of named fields, but got 3",
@@ -249,7 +169,6 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             CAPSULE + "segments = [[1, 0, 0]]\npolylines = [[[0, 0, 0], [1, 0, 0]]]",
             f"exposure[0]: {FORMS} segments and polylines",
         ),
-        (CAPSULE + "polylines = []", "exposure[0].polylines: must have at least one entry, but got []"),
         (
             CAPSULE + "polylines = [[[0, 0, 0]]]",
             "exposure[0].polylines[0]: must have at least two points, but got [[0.0, 0.0, 0.0]]",
@@ -259,18 +178,6 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "exposure[0].polylines[0]: must lead from each point to a different one, "
             "but got [[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]",
         ),
-        (PLANES, "exposure[0].planes: is required, but missing"),
-        (
-            PLANES + "planes = [{ normal = [0, 0, 0] }]",
-            "exposure[0].planes[0].normal: must have a direction, but got [0, 0, 0]",
-        ),
-        (
-            PLANES + "planes = [{ normal = [1, 0, 0], offset = inf }]",
-            "exposure[0].planes[0].offset: must be a finite number, but got Infinity",
-        ),
-        (CAPSULE + "along = 'end_effector'", f"exposure[0]: {FORMS} along"),
-        (CAPSULE + "length = 1", f"exposure[0]: {FORMS} length"),
-        (CAPSULE + "segments = [[1, 0, 0]]\nlength = 1", f"exposure[0]: {FORMS} segments and length"),
         (
             CAPSULE + "segments = [[1, 0, 0]]\nalong = 'end_effector'\nlength = 1",
             f"exposure[0]: {FORMS} segments and along and length",
@@ -304,12 +211,8 @@ def test_a_fault_gets_one_message(tmp_path: Path, more: str, expected: str | lis
     ("modules", "expected"),
     [
         ("0", "must be at least 1, but got 0"),
-        ("-3", "must be at least 1, but got -3"),
         ("10000", "must be at most 200, but got 10000"),
         ("2.0", "must be a whole number, but got 2.0"),
-        ("true", "must be a whole number of modules or [fewest, most], but got true"),
-        ("'5'", 'must be a whole number of modules or [fewest, most], but got "5"'),
-        ("[5]", "must be a whole number of modules or [fewest, most], but got [5]"),
         ("[4, 5, 6]", "must be a whole number of modules or [fewest, most], but got [4, 5, 6]"),
         ("[6, 4]", "`fewest <= most` must hold, but got [6, 4]"),
     ],
@@ -339,8 +242,6 @@ def test_missing_fields(tmp_path: Path) -> None:
     [
         ("[]", "must have at least one entry, but got []"),
         ('"ten"', 'must be a list of load cases or "ten-wrenches", but got "ten"'),
-        ("3", 'must be a list of load cases or "ten-wrenches", but got 3'),
-        ("{ weight = 1 }", 'must be a list of load cases or "ten-wrenches", but got {"weight": 1}'),
     ],
 )
 def test_wrong_load_cases(tmp_path: Path, load_cases: str, expected: str) -> None:
@@ -426,20 +327,12 @@ def test_a_byte_order_mark_and_windows_line_ends_are_no_fault(tmp_path: Path) ->
     [
         ("search.margn=1", "search.margn: unknown field; did you mean `margin`?"),
         ("serch.margin=1", "serch: unknown field; did you mean `search`?"),
-        ("gravty=1", "gravty: unknown field; did you mean `gravity`?"),
         ("modules", 'must be FIELD=VALUE, but got "modules"'),
-        ("=5", 'must be FIELD=VALUE, but got "=5"'),
         ("a..b=5", 'must be FIELD=VALUE, but got "a..b=5"'),
-        ("search.=5", 'must be FIELD=VALUE, but got "search.=5"'),
         ("load_cases.3.weight=2", "load_cases.3: must be an index under 3, but got 3"),
         ("load_cases.-1.weight=2", 'must be FIELD=VALUE, but got "load_cases.-1.weight=2"'),
-        ("load_cases.first.weight=2", "load_cases.first: must be an index under 3, but got first"),
-        ("load_cases.7=2", "load_cases.7: must be an index under 3, but got 7"),
         ("modules.0=2", "modules.0: `modules` must be a table or a list to have fields, but got 5"),
-        ("modules.0.x=2", "modules.0: `modules` must be a table or a list to have fields, but got 5"),
         ("module.mass=heavy", 'module.mass: must be a number, but got "heavy"'),
-        ("module.mass=-1", "module.mass: must be greater than 0, but got -1"),
-        ("load_cases=[]", "load_cases: must have at least one entry, but got []"),
         ("exposure.0.kind=local", 'exposure: must be a list, but got {"0": {"kind": "local"}}'),
         (
             "modules=5\nname='x'",

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nlp_cases import HOVER, as_design, push, random_tree
+from suites import few
 from test_nlp_bounds_attack import random_task
 
 from nlp import solve
@@ -110,7 +111,7 @@ def rows(stated, sigma):
 
 
 @pytest.mark.parametrize("flies", [False, True])
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", few(range(40), 8))
 def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed, flies):
     rng = np.random.default_rng([25, seed])
     task = random_task(rng, flies=flies)
@@ -131,7 +132,7 @@ def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed, flies):
 
 
 @pytest.mark.parametrize("flies", [False, True])
-@pytest.mark.parametrize("seed", range(15))
+@pytest.mark.parametrize("seed", few(range(15), 4))
 def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(seed, flies):
     rng = np.random.default_rng([26, seed])
     task = random_task(rng, flies=flies)
@@ -146,7 +147,7 @@ def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(
     assert 0 < true - proven < 1e-3 * lost
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", few(range(20), 5))
 def test_a_bound_ends_early_under_a_cut_alone(seed):
     rng = np.random.default_rng([33, seed])
     task = random_task(rng)
@@ -171,7 +172,7 @@ def looked_at(stated, theta, y, flat):
     return multipliers.value(stated, work, y), work
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", few(range(20), 5))
 def test_slopes_are_those_of_the_dual_function(seed):
     """By differences: of D in every angle, of the slopes in the multipliers."""
     rng = np.random.default_rng([34, seed])
@@ -202,7 +203,7 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
     rng, effort = np.random.default_rng(35), 100.0
     task, higher = push(4), list[bool]()
     least, most = whole_box(task, 4)
-    for _ in range(400):
+    for _ in range(120):
         tree = random_tree(4, rng, aligned=True)
         stated = to_arrays(task, hang(tree, centre(task, tree)))
         lower = rng.uniform(least, most - 0.4)
@@ -221,7 +222,7 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
         assert last >= first
         assert multipliers.residual(stated, y) == pytest.approx((0, 0, 0), abs=1e-9 * np.abs(y).max())
         higher.append(last > first)
-    assert len(higher) >= 20
+    assert len(higher) >= 6
     assert sum(higher) > 0.5 * len(higher)
 
 
@@ -234,7 +235,7 @@ def test_reserves_beside_a_wall_close_a_chunk_in_few_boxes():
 
 
 @pytest.mark.parametrize(
-    ("seed", "rule"), [*((s, "airflow") for s in range(40)), *((s, "parts") for s in range(10))]
+    ("seed", "rule"), [*few(((s, "airflow") for s in range(40)), 6), *few(((s, "parts") for s in range(10)), 1)]
 )
 def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed, rule):
     rng = np.random.default_rng([27, seed])
@@ -259,7 +260,7 @@ def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed, rule):
 
 
 @pytest.mark.parametrize("spread", [0.03, 0.3, 3.0])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", few(range(5), 2))
 def test_modules_that_are_too_close_at_a_point_are_found(seed, spread):
     """Axes next to parallel overlap at their ends, others where they are nearest."""
     rng = np.random.default_rng([31, seed])
@@ -335,7 +336,7 @@ def proven(task, tree, cut):
     )
 
 
-@pytest.fixture(scope="module", params=[2, 3])
+@pytest.fixture(scope="module", params=few([2, 3], 1))
 def best(request):
     """A task, a tree of two or three modules, and its best design by local solves."""
     task = push(request.param, load_cases=[{"end_effector": {"force": [0.25, 0.0, 0.75]}}, HOVER])

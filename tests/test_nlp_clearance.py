@@ -30,7 +30,7 @@ from verify import bodies
 from verify.clearance import clearances
 from verify.clearance import cone_clearance as audited_cone_clearance
 
-COUNT = 400
+COUNT = 120
 
 
 def _symbols():

@@ -8,7 +8,8 @@ import dataclasses
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import CONE, FEATURES, HALF_SPACE, LOCAL, TWO_PATHS, push, random_point
+from nlp_cases import CONE, DISTINCT, FEATURES, HALF_SPACE, LOCAL, TWO_PATHS, push, random_point
+from suites import few
 
 from nlp.ipopt import BETA
 from nlp.problem import problem
@@ -61,7 +62,7 @@ def assert_derivative(f, derivative, x, names):
     assert off.max() < 1e-7, f"{names[row]}: {off.max()}"
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", few(CASES, DISTINCT))
 def test_jacobian_and_hessian_match_finite_differences(name):
     task, topology, nlp = stated(*CASES[name])
     x = nlp.variables.vector()

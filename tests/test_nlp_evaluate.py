@@ -7,7 +7,8 @@ from functools import cache
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import FEATURES, HOVER, as_design, hover, push, random_point, random_tree
+from nlp_cases import DISTINCT, FEATURES, HOVER, as_design, hover, push, random_point, random_tree
+from suites import few
 
 from nlp import names
 from nlp.evaluation import Violation, violations, worst
@@ -47,7 +48,7 @@ def smooth_values(task, stated, points):
     return dict(zip((c.name for c in stated.constraints), least.T * Units.of(task).length, strict=True))
 
 
-@pytest.mark.parametrize("name", FEATURES)
+@pytest.mark.parametrize("name", few(FEATURES, DISTINCT))
 def test_every_stated_constraint_is_checked_with_its_sign_and_nothing_else(name):
     """A stated clearance may ask for log(9) / beta more; from 1e-4 m on it hides nothing (test_nlp_clearance)."""
     task, topology, points, found = cases(name)
@@ -75,7 +76,7 @@ def test_every_stated_constraint_is_checked_with_its_sign_and_nothing_else(name)
     assert compared >= len(points) * topology.n or name == "no exclusion"
 
 
-@pytest.mark.parametrize("name", FEATURES)
+@pytest.mark.parametrize("name", few(FEATURES, DISTINCT))
 def test_checked_clearances_are_the_audits(name):
     """Equal where both measure a distance; for two envelopes the check promises the sign alone.
 
@@ -184,7 +185,7 @@ def test_bounds_are_checked_in_their_units():
     assert not any(c.name.startswith("root") for c in violations(loose))
 
 
-@pytest.mark.parametrize("name", FEATURES)
+@pytest.mark.parametrize("name", few(FEATURES, DISTINCT))
 def test_solver_and_audit_use_the_same_words(name):
     task, _, (point, *_), (checks, *_) = cases(name)
     found = audit(as_design(point))
@@ -202,7 +203,7 @@ def test_solver_and_audit_use_the_same_words(name):
         assert of_rod == {pair.name for pair in found.pairs if pair.kind == "rod-region"}
 
 
-@pytest.mark.parametrize("name", [name for name in FEATURES if name.startswith("solid")])
+@pytest.mark.parametrize("name", few([name for name in FEATURES if name.startswith("solid")], DISTINCT))
 def test_balls_around_parts_are_never_farther_from_a_solid_region_than_the_parts(name):
     _, _, points, found = cases(name)
     for point, checks in zip(points[:3], found[:3], strict=True):

@@ -44,7 +44,7 @@ def balanced(point: Point) -> Point:
 def test_loads_are_those_of_the_audit_at_any_balanced_point(fields: Any, joint_mass: float) -> None:
     """The larger of both sides, where no rod reaches and where it is not sure from where the audit's rod comes."""
     rng, asked, known = np.random.default_rng(0), {"joint_moment": 1.0, "joint_force": 1.0}, list[bool]()
-    for n in (4, 5, 6) * 6:
+    for n in (4, 5, 6) * 3:
         module = {"joint_mass": joint_mass}
         task = push(n, load_cases=TWISTED, flight=asked, end_effector=fields, module=module)
         point = random_point(task, random_tree(n, rng), rng)
@@ -68,7 +68,7 @@ def test_loads_are_those_of_the_audit_at_any_balanced_point(fields: Any, joint_m
             if carrier == held:
                 assert own == pytest.approx(audited, rel=1e-6)
         known.append(held is not None)
-    assert len(known) > 12
+    assert len(known) > 5
     assert any(known)
     assert not all(known)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nlp_cases import BESIDE_A_DECK, LOCAL, PUSH, as_design, as_point, hover, push, random_point, random_tree
+from suites import few
 
 from nlp import solve
 from nlp.bounds import prove_impossible
@@ -90,7 +91,7 @@ def test_the_solver_keeps_within_reach(exposure):
     assert audit(short).verdict == "clear"
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", few(range(20), 5))
 def test_the_evaluation_measures_what_the_audit_does(seed):
     rng = np.random.default_rng(seed)
     topology = random_tree(int(rng.integers(1, 7)), rng)
@@ -125,7 +126,7 @@ def test_what_keeps_every_connector_away_is_proven_and_named():
         assert field in found.message
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", few(range(40), 8))
 def test_no_proof_stands_against_a_platform_within_its_reach(seed):
     """A platform drawn at random, and a task that asks for just so much."""
     rng = np.random.default_rng(seed)

@@ -3,7 +3,8 @@
 import casadi as ca
 import numpy as np
 import pytest
-from nlp_cases import FEATURES, push, random_point, random_tree
+from nlp_cases import DISTINCT, FEATURES, push, random_point, random_tree
+from suites import few
 
 from nlp.reduced import reason_against
 from nlp.reduced.arrays import rows
@@ -12,7 +13,7 @@ from nlp.requirements import clearances
 SHARP = 1e8
 
 
-@pytest.mark.parametrize("name", FEATURES)
+@pytest.mark.parametrize("name", few(FEATURES, DISTINCT))
 def test_the_smooth_form_has_the_sign_of_the_exact_value(name):
     """Away from contact: at a sharpness at which the log-sum-exp is the least of its candidates."""
     rng = np.random.default_rng(0)

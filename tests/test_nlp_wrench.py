@@ -16,7 +16,7 @@ from topo_search.model import Topology
 from topo_search.model.layout import ROTOR_DIRECTIONS
 from verify.kinematics import platform
 from verify.residuals import residuals
-from verify.wrench import wrench_errors, wrench_map
+from verify.wrench import wrench_errors
 
 EVERYTHING = [
     {
@@ -48,7 +48,7 @@ def stated_residuals(point):
     return rows * np.repeat([force, force * task.module.arm_length], 3)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(trees(most=8), st.integers(0, 2**32), st.sampled_from(["free", "com", [0.1, -0.2, 0.3]]))
 def test_three_wrench_balances_agree(topology, seed, position):
     """The problem states (3) about W's origin, the paper about the COM: they differ by p_COM x (2)."""
@@ -65,15 +65,6 @@ def test_three_wrench_balances_agree(topology, seed, position):
 
 
 @settings(max_examples=30, deadline=None)
-@given(trees(most=8), st.integers(0, 2**32))
-def test_the_two_wrench_maps_differ_by_their_origin(topology, seed):
-    point = random_case(topology, seed)
-    A, design = wrench_matrix(point), as_design(point)
-    moved = np.vstack([A[:3], A[3:] - np.cross(point.p_COM, A[:3].T).T])
-    np.testing.assert_allclose(moved, wrench_map(platform(design), design.task.module), rtol=0, atol=1e-18)
-
-
-@settings(max_examples=30, deadline=None)
 @given(trees(most=8), st.integers(0, 2**32), st.sampled_from(["free", "com", [0.1, -0.2, 0.3]]))
 def test_the_check_and_the_audit_measure_the_same(topology, seed, position):
     point = random_case(topology, seed, end_effector={"position": position})
@@ -87,13 +78,6 @@ def test_the_check_and_the_audit_measure_the_same(topology, seed, position):
             assert {ours[name].unit} == {row.unit for row in rows}
             assert ours[name].amount == pytest.approx(max(row.value for row in rows), rel=1e-9)
             assert ours[name].scaled == pytest.approx(max(row.scaled for row in rows), rel=1e-9)
-
-
-@given(trees(most=8), st.integers(0, 2**32))
-@settings(max_examples=30, deadline=None)
-def test_the_centre_of_mass_is_the_audits(topology, seed):
-    point = random_case(topology, seed)
-    np.testing.assert_allclose(platform(as_design(point)).p_com, point.p_COM, rtol=0, atol=1e-13)
 
 
 @settings(max_examples=30, deadline=None)

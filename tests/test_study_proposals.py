@@ -76,12 +76,11 @@ def test_where_all_candidates_are_proposed_it_ends_like_an_exhaustive_search(tmp
 
 
 def test_workers_change_nothing(tmp_path):
-    for workers in (1, 2, 3):
+    for workers in (1, 3):
         toy_run(tmp_path / str(workers), trials=80, workers=workers, **PROPOSED)
-    one, *others = (ranking(tmp_path / workers) for workers in "123")
-    assert others == [one, one]
-    one, *others = ([trial.user_attrs for trial in trials_of(tmp_path / workers)] for workers in "123")
-    assert others == [one, one]
+    assert ranking(tmp_path / "1") == ranking(tmp_path / "3")
+    one, other = ([trial.user_attrs for trial in trials_of(tmp_path / workers)] for workers in "13")
+    assert one == other
     assert len(one) > len({attributes["key"] for attributes in one}) == 80  # some trees are tried again
 
 

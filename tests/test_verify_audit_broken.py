@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from verify_cases import changed, design, failing, fan
 
 from topo_search.model import Design, Status, Topology
@@ -96,13 +97,14 @@ def test_a_cone_too_narrow_by_a_millionth_of_a_degree_is_caught_and_named():
     def of(half_angle_deg):
         return audit(fan({"exposure": [{"kind": "exterior", "half_angle_deg": half_angle_deg}]}))
 
-    low, high = 15.0, 60.0
-    assert (of(low).verdict, of(high).verdict) == (Status.VIOLATED, Status.CLEAR)
-    while high - low > 1e-6:
-        middle = (low + high) / 2
-        low, high = (low, middle) if of(middle).verdict == Status.CLEAR else (middle, high)
-    assert failing(of(low)) == {"exterior"}
-    assert max(pair.analytic_m for pair in of(low).pairs if pair.status != Status.CLEAR) > -1e-7
+    def least(half_angle_deg):
+        return min(pair.analytic_m for pair in of(half_angle_deg).pairs if pair.kind == "exterior")
+
+    edge = brentq(least, 15.0, 60.0, xtol=1e-10)
+    narrow = of(edge - 1e-6)
+    assert of(edge + 1e-6).verdict == Status.CLEAR
+    assert failing(narrow) == {"exterior"}
+    assert max(pair.analytic_m for pair in narrow.pairs if pair.status != Status.CLEAR) > -1e-7
 
 
 def test_an_exclusion_broken_by_a_tenth_of_a_micrometre_is_caught_and_named():

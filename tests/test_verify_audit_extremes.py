@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from suites import few
 from verify_cases import FREE_ABOVE, changed, design, fan
 
 from topo_search.model import Status, Topology
@@ -88,7 +89,7 @@ def test_a_flat_platform_overlaps_with_its_neighbours_only_at_the_far_end():
     assert (airflow[0, 1].status, airflow[1, 2].status) == (Status.VIOLATED, Status.CLEAR)
 
 
-@pytest.mark.parametrize("huge", [1e7, 1e100, 1e200, 1.7e308])
+@pytest.mark.parametrize("huge", few([1e7, 1.7e308, 1e100, 1e200], 2))
 @pytest.mark.parametrize("field", ["end_effector_m", "rotor_speeds_squared", "hinge_angles_rad", "objective"])
 def test_absurd_numbers_are_judged_and_written(field, huge):
     given = fan({"exposure": FREE_ABOVE})
