@@ -58,11 +58,13 @@ def printed_gaps(task, topology):
 
 def lengths_of(row, stated):
     """The least and the largest R, the length by which the printed problem divides a square."""
-    _, start, growth = stated.air if row.kind in (s.AIR, s.PARTS) else row.data[9:12]
-    end, size = start + growth, row.data[3]
-    if row.kind == s.PARTS:
+    kind = row.kernel.kind
+    _, start, growth = stated.air if kind in (s.AIR, s.PARTS) else row.kernel.envelope
+    end, radius = start + growth, row.kernel.path.radius
+    if kind == s.PARTS:
         return end + stated.parts[:, 3].min(), end + stated.parts[:, 3].max()
-    R = {s.AIR: 2 * end, s.BALL: end + size, s.CAPSULE: end + size, s.ALONG: end + size}.get(row.kind, size)
+    regions = dict.fromkeys((s.BALL, s.CAPSULE, s.ALONG), end + radius)
+    R = {s.AIR: 2 * end, **regions}.get(kind, row.kernel.distance)
     return R, R
 
 
@@ -83,10 +85,10 @@ def of_best_rod(listed, found):
     """The least finite gap of each limit of rods, all of one rod."""
     least, numbers = {}, set()
     for row, g in zip(listed, found, strict=True):
-        if row.data[-1] >= 0 and math.isfinite(g):
+        if row.kernel.rod.number >= 0 and math.isfinite(g):
             least[row.name] = min(g, least.get(row.name, math.inf))
-            numbers.add(row.data[-1])
-    assert len(numbers) == any(row.data[-1] >= 0 for row in listed)
+            numbers.add(row.kernel.rod.number)
+    assert len(numbers) == any(row.kernel.rod.number >= 0 for row in listed)
     return least
 
 
@@ -130,19 +132,19 @@ def test_clearances_are_those_of_the_printed_problem(name):
                     assert min(printed[limit]) > 0
             for row, g in zip(listed, found, strict=True):
                 values = printed[row.name]
-                if row.data[-1] >= 0:  # of a rod
+                if row.kernel.rod.number >= 0:  # of a rod
                     continue
-                if s.PARTS_CONE <= row.kind <= s.PARTS_HULL:
+                if s.PARTS_CONE <= row.kernel.kind <= s.PARTS_HULL:
                     assert g == pytest.approx(exact[row.name], abs=1e-6)
                     assert (min(values) > 0) == (g > 0) or abs(g) < 0.05
                     continue
-                if row.kind == s.HULL:
+                if row.kernel.kind == s.HULL:
                     assert (g > 0) == (exact[row.name] > 0) or abs(g) < 1e-6
                     assert g < 0 or values[1] > 0.0  # the centre is outside
                     assert (g > 0) == (min(values) > 0) or abs(g) < 0.05
                     continue
-                if row.kind in (s.CONE, s.CONE_COM):
-                    assert g == pytest.approx(values[int(row.data[3])], abs=1e-4)
+                if row.kernel.kind in (s.CONE, s.CONE_COM):
+                    assert g == pytest.approx(values[int(row.kernel.cone.end)], abs=1e-4)
                     continue
                 least, most = sorted(as_length(values[0], R) for R in lengths_of(row, stated))
                 assert least - 3e-5 <= g

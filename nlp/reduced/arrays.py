@@ -24,12 +24,12 @@ from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.balances import turns
-from nlp.requirements.statement import WIDTH
+from nlp.requirements.statement import COLUMNS, Kernel
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask
-from topo_search.model.shape import Capsule, Hull
+from topo_search.model.shape import Capsule
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -82,7 +82,7 @@ class Rows(NamedTuple):
     j: Indices
     """The other module; unused where there is none."""
     data: Array
-    """See `Kernel.data`; shape (m, WIDTH)."""
+    """Numbers of each row in the columns `COLUMNS`, shape (m, 28)."""
     least: Array
     """Smallest allowed value of every row, shape (m,)."""
     rods: int
@@ -139,13 +139,10 @@ class Row(NamedTuple):
     """One clearance with its constraint's name."""
 
     name: str
-    kind: int
     i: int
     j: int
-    data: tuple[float, ...]
-    """See `Kernel.data`."""
     least: float
-    hull: Hull | None = None
+    kernel: Kernel
 
 
 def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
@@ -206,28 +203,28 @@ def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:
     for requirement in clearances(task, topology):
         for name, subject, formula in requirement.rows():
             for kernel in formula.kernels():
-                yield Row(
-                    name, kernel.kind, subject[kernel.of], subject[1], kernel.data, requirement.margin, kernel.hull
-                )
+                yield Row(name, subject[kernel.of], subject[1], requirement.margin, kernel)
 
 
 def _columns(listed: list[Row], speeds: int) -> tuple[Rows, Hulls]:
-    kind, i, j = (np.array([row[k] for row in listed], dtype=np.int64) for k in (1, 2, 3))
-    data = np.array([row.data for row in listed]).reshape(-1, WIDTH)
+    kind = np.array([row.kernel.kind for row in listed], dtype=np.int64)
+    i, j = (np.array([row[k] for row in listed], dtype=np.int64) for k in (1, 2))
+    data = np.array([row.kernel.numbers() for row in listed]).reshape(len(listed), -1)
     planes, edges, places = [np.empty((0, 4))], [np.empty((0, 6))], dict[int, list[int]]()
     faced = edged = 0
     for row, numbers in zip(listed, data, strict=True):
-        if row.hull is None:
+        hull = row.kernel.hull
+        if hull is None:
             continue
-        if id(row.hull) not in places:  # the modules share it
-            a, b = row.hull.corners[row.hull.edges].transpose(1, 0, 2)
-            planes.append(row.hull.planes)
+        if id(hull) not in places:  # the modules share it
+            a, b = hull.corners[hull.edges].transpose(1, 0, 2)
+            planes.append(hull.planes)
             edges.append(np.column_stack([a, b - a]))
-            places[id(row.hull)] = [faced, faced + len(planes[-1]), edged, edged + len(edges[-1])]
-            _, faced, _, edged = places[id(row.hull)]
-        numbers[:4] = places[id(row.hull)]
+            places[id(hull)] = [faced, faced + len(planes[-1]), edged, edged + len(edges[-1])]
+            _, faced, _, edged = places[id(hull)]
+        numbers[COLUMNS.planes : COLUMNS.planes + 4] = places[id(hull)]
     tables = Hulls(np.concatenate(planes), np.concatenate(edges))
-    rods = int(data[:, -1].max(initial=-1.0)) + 1
+    rods = max((row.kernel.rod.number for row in listed), default=-1) + 1
     least = np.array([row.least for row in listed] + [1 - AIMED_AT] * speeds)
     return Rows(kind, i, j, data, least, rods), tables
 

@@ -1,4 +1,4 @@
-r"""Exact clearances of the printed problem, closed form by cases, with what they change by.
+r"""Exact clearances of the printed problem, closed form by cases, and their gradients.
 
 .. math::
 
@@ -10,20 +10,12 @@ r"""Exact clearances of the printed problem, closed form by cases, with what the
 | P(eta) = o + eta d, r(eta) = r_0 + eta dr | axis and radius of a swept ball | l_arm |
 | R | sum of both end radii | l_arm |
 | g | clearance: zero with f, exact for balls of one size, and as steep in deep overlap | l_arm |
+| b | p_E: end-effector from the centre of mass | l_arm |
 
-A row depends on seven vectors: p_i, z_i, p_j, z_j, the end-effector's p'_E and p_E, and small turns of module i.
-
-Exact clearances of single shapes in closed form by cases, and their gradients by the one shape's place.
-
-.. math::
-
-    g = \sqrt{f + R^2} - R
-
-| symbol | meaning | unit |
-|---|---|---|
-| P(eta) = o + eta d, r(eta) = r_0 + eta dr | axis and radius of a swept ball | l_arm |
-| f | least squared distance less the squared radii there | l_arm^2 |
-| R | sum of both end radii | l_arm |
+`clearances` knows what a row of each kind is about: two points, two envelopes, parts and an envelope, parts and a
+region at the end-effector, or an envelope or rod and such a region. A row depends on seven vectors: p_i, z_i, p_j,
+z_j, p'_E, p_E, and small turns of module i. All is read by single numbers: every array that a call or a slice hands
+on costs more than a clearance.
 """
 
 from __future__ import annotations
@@ -41,6 +33,8 @@ from nlp.requirements.statement import (
     APART,
     BALL,
     CAPSULE,
+    COLUMNS,
+    CONE,
     CONE_COM,
     EXCLUSION,
     HULL,
@@ -211,15 +205,13 @@ def face_excess(q: Vector, planes: Array) -> tuple[float, float, float, float]:
     return most, planes[found, 0], planes[found, 1], planes[found, 2]
 
 
-P_I, Z_I, P_J, Z_J, TIP, OFFSET_B, TURN_I = range(7)
+P_I, Z_I, P_J, Z_J, P_TIP, P_OFFSET, TURN_I = range(7)
 """The vectors that a row depends on: p_i, z_i, p_j, z_j, p'_E, p_E, and small turns of module i."""
 
 
 @njit(cache=True)
 def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> None:
     """Find the clearances of all rows, and their gradients by the vectors that they depend on.
-
-    All is read by single numbers: every array that a call or a slice hands on costs more than a clearance.
 
     Args:
         stated: the task and topology.
@@ -229,168 +221,188 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
         by: the gradients, shape (m, 7, 3).
     """
     kinds, one, other, data = stated.rows.kind, stated.rows.i, stated.rows.j, stated.rows.data
-    parts, p, z, R = stated.parts, at.p, at.z, at.R
-    length, r_air, dr = stated.air
-    ex, ey, ez = at.p_E[0], at.p_E[1], at.p_E[2]
-    bx, by_, bz = ex - at.p_COM[0], ey - at.p_COM[1], ez - at.p_COM[2]
-    offset = max(GAPS.least_distance, math.sqrt(bx * bx + by_ * by_ + bz * bz))
+    parts, p, z, R, still = stated.parts, at.p, at.z, at.R, (0.0, 0.0, 0.0)
+    length, r_air, dr_air = stated.air
+    e0, e1, e2 = at.p_E[0], at.p_E[1], at.p_E[2]
+    b = (e0 - at.p_COM[0], e1 - at.p_COM[1], e2 - at.p_COM[2])
+    offset = max(GAPS.least_distance, math.sqrt(b[0] * b[0] + b[1] * b[1] + b[2] * b[2]))
     reach = 0.0
-    for b in range(len(parts)):
-        x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
-        reach = max(reach, math.sqrt(x * x + y * y + zz * zz) + parts[b, 3])
+    for k in range(len(parts)):
+        x, y, zz = parts[k, 0], parts[k, 1], parts[k, 2]
+        reach = max(reach, math.sqrt(x * x + y * y + zz * zz) + parts[k, 3])
     by[:] = 0.0
     lacking, lengths = np.zeros(stated.rows.rods), np.empty(stated.rows.rods)
     for r in range(len(kinds)):
-        kind, i, j, size = kinds[r], one[r], other[r], data[r, 3]
+        kind, i, j = kinds[r], one[r], other[r]
         if kind == OFFSET:
-            g[r] = _distance(bx, by_, bz, by, r, OFFSET_B, OFFSET_B) - size
+            g[r] = _distance(b[0], b[1], b[2], by, r, P_OFFSET, P_OFFSET) - data[r, COLUMNS.distance]
             continue
-        px, py, pz = p[i, 0], p[i, 1], p[i, 2]
+        p0, p1, p2 = p[i, 0], p[i, 1], p[i, 2]
         if kind == EXCLUSION:
-            g[r] = _distance(px - ex, py - ey, pz - ez, by, r, P_I, TIP) - size
+            g[r] = _distance(p0 - e0, p1 - e1, p2 - e2, by, r, P_I, P_TIP) - data[r, COLUMNS.distance]
             continue
-        if PARTS_CONE <= kind <= PARTS_HULL:
-            g[r], w = math.inf, (px - ex - data[r, 6], py - ey - data[r, 7], pz - ez - data[r, 8])
-            a0, a1, a2, still, turns = data[r, 0], data[r, 1], data[r, 2], (0.0, 0.0, 0.0), 0.0
-            if kind in (PARTS_CONE_COM, PARTS_ALONG):  # what of the gradient lies across p_E turns axis and path
-                turns = -1.0 if kind == PARTS_CONE_COM else data[r, 0]
-                a0, a1, a2 = turns * bx / offset, turns * by_ / offset, turns * bz / offset
-            for b in range(len(parts)):
-                x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
-                c0 = R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * zz
-                c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
-                c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
-                q0, q1, q2 = w[0] + c0, w[1] + c1, w[2] + c2
-                u0, u1, u2 = 0.0, 0.0, 0.0  # what moves by the turn of axis or path
-                if kind == PARTS_HULL:
-                    gap, x, y, zz = face_excess((q0, q1, q2), stated.hulls.planes[int(a0) : int(a1)])
-                    gap -= parts[b, 3]
-                elif kind in (PARTS_CAPSULE, PARTS_ALONG):
-                    ball = (q0, q1, q2)
-                    gap, _, gamma, x, y, zz = swept_gap(ball, still, parts[b, 3], 0.0, (a0, a1, a2), size, 0.0)
-                    u0, u1, u2 = -gamma * x, -gamma * y, -gamma * zz
-                else:
-                    along = q0 * a0 + q1 * a1 + q2 * a2
-                    r0, r1, r2 = q0 - along * a0, q1 - along * a1, q2 - along * a2
-                    across = max(GAPS.least_distance, math.sqrt(r0 * r0 + r1 * r1 + r2 * r2))
-                    sine, cosine = data[r, 4], data[r, 5] / across
-                    gap = along * sine - cosine * across * across - parts[b, 3]
-                    x, y, zz = a0 * sine - cosine * r0, a1 * sine - cosine * r1, a2 * sine - cosine * r2
-                    u0, u1 = sine * q0 + cosine * along * r0, sine * q1 + cosine * along * r1
-                    u2 = sine * q2 + cosine * along * r2
-                if gap < g[r]:
-                    g[r] = gap
-                    _to(by, r, P_I, 1.0, x, y, zz)
-                    _to(by, r, TIP, -1.0, x, y, zz)
-                    _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
-                    if turns != 0.0:
-                        along = (u0 * bx + u1 * by_ + u2 * bz) / offset**2
-                        _to(by, r, OFFSET_B, turns / offset, u0 - along * bx, u1 - along * by_, u2 - along * bz)
-            continue
-        zx, zy, zz = z[i, 0], z[i, 1], z[i, 2]
         if kind in (APART, AIR, PARTS):
-            d_i = (-length * zx, -length * zy, -length * zz)
-            w = (px - p[j, 0], py - p[j, 1], pz - p[j, 2])
-            if kind == APART:
-                g[r] = _distance(w[0], w[1], w[2], by, r, P_I, P_J) - size
-                continue
+            w = (p0 - p[j, 0], p1 - p[j, 1], p2 - p[j, 2])
             d_j = (-length * z[j, 0], -length * z[j, 1], -length * z[j, 2])
+            if kind == APART:
+                g[r] = _distance(w[0], w[1], w[2], by, r, P_I, P_J) - data[r, COLUMNS.distance]
+                continue
+            g[r] = math.inf
             if kind == AIR:
-                if _are_far(w, d_i, d_j, length + 2 * (r_air + dr)):
-                    g[r] = math.inf
+                d_i = (-length * z[i, 0], -length * z[i, 1], -length * z[i, 2])
+                if _are_far(w, d_i, d_j, length + 2 * (r_air + dr_air)):
                     continue
-                g[r], eta, gamma, x, y, zz = swept_gap(w, d_i, r_air, dr, d_j, r_air, dr)
+                g[r], eta, gamma, x, y, zz = swept_gap(w, d_i, r_air, dr_air, d_j, r_air, dr_air)
                 _to(by, r, P_I, 1.0, x, y, zz)
                 _to(by, r, Z_I, -length * eta, x, y, zz)
                 _to(by, r, P_J, -1.0, x, y, zz)
                 _to(by, r, Z_J, length * gamma, x, y, zz)
                 continue
-            g[r], still = math.inf, (0.0, 0.0, 0.0)
-            if _are_far(w, still, d_j, length / 2 + r_air + dr + reach):
+            if _are_far(w, still, d_j, length / 2 + r_air + dr_air + reach):
                 continue
-            for b in range(len(parts)):
-                x, y, zz = parts[b, 0], parts[b, 1], parts[b, 2]
-                c0 = R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * zz
-                c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
-                c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
-                ball = (w[0] + c0, w[1] + c1, w[2] + c2)
-                gap, _, gamma, x, y, zz = swept_gap(ball, still, parts[b, 3], 0.0, d_j, r_air, dr)
+            for k in range(len(parts)):
+                c = _turned(R, i, parts[k, 0], parts[k, 1], parts[k, 2])
+                ball = (w[0] + c[0], w[1] + c[1], w[2] + c[2])
+                gap, _, gamma, x, y, zz = swept_gap(ball, still, parts[k, 3], 0.0, d_j, r_air, dr_air)
                 if gap < g[r]:
                     g[r] = gap
                     _to(by, r, P_I, 1.0, x, y, zz)
                     _to(by, r, P_J, -1.0, x, y, zz)
                     _to(by, r, Z_J, length * gamma, x, y, zz)
-                    _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
+                    _to_turn(by, r, c, x, y, zz)
             continue
-        # what is left: a body and a region, the body being the envelope or a rod from p_i + c
-        rod, skipped = int(data[r, 14]), 0.0
-        axis, r_0, growth = data[r, 9], data[r, 10], data[r, 11]
-        d_i = (-axis * zx, -axis * zy, -axis * zz)
-        c0, c1, c2, t0, t1, t2 = 0.0, 0.0, 0.0, px - ex, py - ey, pz - ez
+        # what is left is about a region at the end-effector, whose axis or path may turn with p_E
+        column = COLUMNS.axis if kind in (CONE, PARTS_CONE) else COLUMNS.along
+        d, turns = (data[r, column], data[r, column + 1], data[r, column + 2]), 0.0
+        if kind in (CONE_COM, PARTS_CONE_COM, ALONG, PARTS_ALONG):
+            turns = (-1.0 if kind in (CONE_COM, PARTS_CONE_COM) else data[r, COLUMNS.length]) / offset
+            d = (turns * b[0], turns * b[1], turns * b[2])
+        q0, q1, q2 = data[r, COLUMNS.origin], data[r, COLUMNS.origin + 1], data[r, COLUMNS.origin + 2]
+        if PARTS_CONE <= kind <= PARTS_HULL:
+            g[r], w = math.inf, (p0 - e0 - q0, p1 - e1 - q1, p2 - e2 - q2)
+            for k in range(len(parts)):
+                radius, u = parts[k, 3], still  # u: what of the gradient turns axis or path
+                c = _turned(R, i, parts[k, 0], parts[k, 1], parts[k, 2])
+                ball = (w[0] + c[0], w[1] + c[1], w[2] + c[2])
+                if kind == PARTS_HULL:
+                    first, past = int(data[r, COLUMNS.planes]), int(data[r, COLUMNS.planes + 1])
+                    gap, x, y, zz = face_excess(ball, stated.hulls.planes[first:past])
+                    gap -= radius
+                elif kind in (PARTS_CAPSULE, PARTS_ALONG):
+                    gap, _, gamma, x, y, zz = swept_gap(ball, still, radius, 0.0, d, data[r, COLUMNS.radius], 0.0)
+                    u = (-gamma * x, -gamma * y, -gamma * zz)
+                else:
+                    gap, x, y, zz, u = _cone_gap(ball, d, data[r, COLUMNS.sine], data[r, COLUMNS.cosine])
+                    gap -= radius
+                if gap < g[r]:
+                    g[r] = gap
+                    _to(by, r, P_I, 1.0, x, y, zz)
+                    _to(by, r, P_TIP, -1.0, x, y, zz)
+                    _to_turn(by, r, c, x, y, zz)
+                    if turns != 0.0:
+                        _to_offset(by, r, b, offset, turns, u)
+            continue
+        # the body beside the region is an envelope, or a rod from a connector at c from its module's centre
+        rod, skipped, apart, c, eta = int(data[r, COLUMNS.rod]), 0.0, 0.0, still, 0.0
+        axis, r_0, dr = data[r, COLUMNS.envelope], data[r, COLUMNS.envelope + 1], data[r, COLUMNS.envelope + 2]
+        d_i = (-axis * z[i, 0], -axis * z[i, 1], -axis * z[i, 2])
+        t = (p0 - e0, p1 - e1, p2 - e2)
         if rod >= 0:
-            x, y, zz = data[r, 9], data[r, 10], data[r, 11]
-            c0 = R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * zz
-            c1 = R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * zz
-            c2 = R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * zz
-            t0, t1, t2 = px + c0 - ex, py + c1 - ey, pz + c2 - ez
-            apart = max(GAPS.least_distance, math.sqrt(t0 * t0 + t1 * t1 + t2 * t2))
-            r_0, growth, skipped = data[r, 12], 0.0, data[r, 13] / apart
+            k = COLUMNS.connector
+            c = _turned(R, i, data[r, k], data[r, k + 1], data[r, k + 2])
+            t = (p0 + c[0] - e0, p1 + c[1] - e1, p2 + c[2] - e2)
+            apart = max(GAPS.least_distance, math.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]))
+            r_0, dr, skipped = data[r, COLUMNS.rod_radius], 0.0, data[r, COLUMNS.tip] / apart
             lengths[rod] = apart
             if skipped >= 1.0:  # all of it is tip
                 g[r] = math.inf
                 continue
-            d_i = ((skipped - 1.0) * t0, (skipped - 1.0) * t1, (skipped - 1.0) * t2)
-        w, eta = (t0 - data[r, 6], t1 - data[r, 7], t2 - data[r, 8]), 0.0
+            d_i = ((skipped - 1.0) * t[0], (skipped - 1.0) * t[1], (skipped - 1.0) * t[2])
+        w = (t[0] - q0, t[1] - q1, t[2] - q2)
         if kind == REACH:
-            g[r], x, y, zz = size - apart, -t0 / apart, -t1 / apart, -t2 / apart
+            g[r], x, y, zz = data[r, COLUMNS.distance] - apart, -t[0] / apart, -t[1] / apart, -t[2] / apart
         elif kind == HULL:
-            planes = stated.hulls.planes[int(data[r, 0]) : int(data[r, 1])]
-            edges = stated.hulls.edges[int(data[r, 2]) : int(data[r, 3])]
-            g[r], eta, x, y, zz = hull_gap(w, d_i, r_0, growth, planes, edges)
+            planes = stated.hulls.planes[int(data[r, COLUMNS.planes]) : int(data[r, COLUMNS.planes + 1])]
+            edges = stated.hulls.edges[int(data[r, COLUMNS.edges]) : int(data[r, COLUMNS.edges + 1])]
+            g[r], eta, x, y, zz = hull_gap(w, d_i, r_0, dr, planes, edges)
         elif kind in (BALL, CAPSULE, ALONG):
-            d_j, path = (data[r, 0], data[r, 1], data[r, 2]), data[r, 0]
-            if kind == ALONG:
-                d_j = (path * bx / offset, path * by_ / offset, path * bz / offset)
-            g[r], eta, gamma, x, y, zz = swept_gap(w, d_i, r_0, growth, d_j, size, 0.0)
-            if kind == ALONG:  # what of the gradient lies across p_E turns the path
-                along = (x * bx + y * by_ + zz * bz) / offset**2
-                scale = -gamma * path / offset
-                _to(by, r, OFFSET_B, scale, x - along * bx, y - along * by_, zz - along * bz)
-        else:  # an end ball inside a cone: s - r, s = d . q sin(theta) - |q - (d . q) d| cos(theta)
-            eta, sine, cosine = size, data[r, 4], data[r, 5]
-            q0, q1, q2 = w[0] + eta * d_i[0], w[1] + eta * d_i[1], w[2] + eta * d_i[2]
-            a0, a1, a2 = data[r, 0], data[r, 1], data[r, 2]
-            if kind == CONE_COM:
-                a0, a1, a2 = -bx / offset, -by_ / offset, -bz / offset
-            along = a0 * q0 + a1 * q1 + a2 * q2
-            n0, n1, n2 = q0 - along * a0, q1 - along * a1, q2 - along * a2
-            rho = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
-            safe = max(rho, GAPS.least_distance)
-            n0, n1, n2 = n0 / safe, n1 / safe, n2 / safe
-            if kind == CONE_COM:  # along changes by q . dd, rho by -along n . dd; d turns across p_E alone
-                x, y = sine * q0 + cosine * along * n0, sine * q1 + cosine * along * n1
-                zz = sine * q2 + cosine * along * n2
-                across = x * a0 + y * a1 + zz * a2
-                _to(by, r, OFFSET_B, -1.0 / offset, x - across * a0, y - across * a1, zz - across * a2)
-            x, y, zz = sine * a0 - cosine * n0, sine * a1 - cosine * n1, sine * a2 - cosine * n2
-            g[r] = sine * along - cosine * rho - r_0 - eta * growth
+            g[r], eta, gamma, x, y, zz = swept_gap(w, d_i, r_0, dr, d, data[r, COLUMNS.radius], 0.0)
+            if turns != 0.0:
+                _to_offset(by, r, b, offset, -gamma * turns, (x, y, zz))
+        else:  # an end ball in a cone
+            eta = data[r, COLUMNS.end]
+            end = (w[0] + eta * d_i[0], w[1] + eta * d_i[1], w[2] + eta * d_i[2])
+            gap, x, y, zz, u = _cone_gap(end, d, data[r, COLUMNS.sine], data[r, COLUMNS.cosine])
+            g[r] = gap - r_0 - eta * dr
+            if turns != 0.0:
+                _to_offset(by, r, b, offset, turns, u)
         if rod >= 0:  # at eta, (1 - eta) t + eta tip t / |t|
             lacking[rod] = max(lacking[rod], stated.rows.least[r] - g[r])
-            along = eta * skipped * (x * t0 + y * t1 + zz * t2) / apart**2
+            along = eta * skipped * (x * t[0] + y * t[1] + zz * t[2]) / apart**2
             scale = 1.0 - eta + eta * skipped
-            x, y, zz = scale * x - along * t0, scale * y - along * t1, scale * zz - along * t2
-            _to(by, r, TURN_I, 1.0, c1 * zz - c2 * y, c2 * x - c0 * zz, c0 * y - c1 * x)
+            x, y, zz = scale * x - along * t[0], scale * y - along * t[1], scale * zz - along * t[2]
+            _to_turn(by, r, c, x, y, zz)
         else:
             _to(by, r, Z_I, -axis * eta, x, y, zz)
         _to(by, r, P_I, 1.0, x, y, zz)
-        _to(by, r, TIP, -1.0, x, y, zz)
+        _to(by, r, P_TIP, -1.0, x, y, zz)
     best = 0
     for rod in range(1, len(lacking)):
         if lacking[rod] < lacking[best] or (lacking[rod] == lacking[best] and lengths[rod] < lengths[best]):
             best = rod
     for r in range(len(kinds)):
-        if data[r, 14] >= 0.0 and data[r, 14] != best:
+        if data[r, COLUMNS.rod] >= 0.0 and data[r, COLUMNS.rod] != best:
             g[r] = math.inf
+
+
+@njit(cache=True, forceinline=True)
+def _cone_gap(q: Vector, d: Vector, sine: float, cosine: float) -> tuple[float, float, float, float, Vector]:
+    """Return how far a point is inside a cone, the gradient by the point (x, y, z), and that by the axis.
+
+    s = d . q sin(theta) - |q - (d . q) d| cos(theta), which changes by q sin + n (d . q) cos with the axis.
+
+    Args:
+        q: the point, from the apex.
+        d: unit vector of the axis.
+        sine: of the half-angle theta.
+        cosine: of it.
+    """
+    along = d[0] * q[0] + d[1] * q[1] + d[2] * q[2]
+    n0, n1, n2 = q[0] - along * d[0], q[1] - along * d[1], q[2] - along * d[2]
+    rho = math.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    safe = max(rho, GAPS.least_distance)
+    n0, n1, n2 = n0 / safe, n1 / safe, n2 / safe
+    u = (sine * q[0] + cosine * along * n0, sine * q[1] + cosine * along * n1, sine * q[2] + cosine * along * n2)
+    return (
+        sine * along - cosine * rho,
+        sine * d[0] - cosine * n0,
+        sine * d[1] - cosine * n1,
+        sine * d[2] - cosine * n2,
+        u,
+    )
+
+
+@njit(cache=True, forceinline=True)
+def _turned(R: Array, i: int, x: float, y: float, z: float) -> Vector:
+    """Return a vector of module i's frame in W."""
+    return (
+        R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * z,
+        R[i, 1, 0] * x + R[i, 1, 1] * y + R[i, 1, 2] * z,
+        R[i, 2, 0] * x + R[i, 2, 1] * y + R[i, 2, 2] * z,
+    )
+
+
+@njit(cache=True, forceinline=True)
+def _to_turn(by: Array, r: int, c: Vector, x: float, y: float, z: float) -> None:
+    """Set the gradient by turns of module i, of one by the place of its point at c from its centre."""
+    _to(by, r, TURN_I, 1.0, c[1] * z - c[2] * y, c[2] * x - c[0] * z, c[0] * y - c[1] * x)
+
+
+@njit(cache=True, forceinline=True)
+def _to_offset(by: Array, r: int, b: Vector, offset: float, scale: float, u: Vector) -> None:
+    """Set the gradient by p_E = b, of length `offset`, of what turns with it: the part of a vector u across b."""
+    along = (u[0] * b[0] + u[1] * b[1] + u[2] * b[2]) / offset**2
+    _to(by, r, P_OFFSET, scale, u[0] - along * b[0], u[1] - along * b[1], u[2] - along * b[2])
 
 
 @njit(cache=True, forceinline=True)

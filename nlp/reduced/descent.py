@@ -39,7 +39,7 @@ import numpy as np
 
 from nlp.numbers.cholesky import solve_in_place
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
-from nlp.reduced.clearance import OFFSET_B, P_I, P_J, TIP, TURN_I, Z_I, Z_J, clearances
+from nlp.reduced.clearance import P_I, P_J, P_OFFSET, P_TIP, TURN_I, Z_I, Z_J, clearances
 from nlp.reduced.inputs import effort
 from nlp.reduced.platform import Moved, Platform, motion, platform
 from nlp.reduced.speeds import speed_rows
@@ -121,7 +121,7 @@ def _slopes(stated: ReducedProblem, at: Platform, moved: Moved, g: Array, by: Ar
                 continue
             for k in range(3):
                 if not between:
-                    slope += by[r, TIP, k] * dE[l, k] + by[r, OFFSET_B, k] * dB[l, k]
+                    slope += by[r, P_TIP, k] * dE[l, k] + by[r, P_OFFSET, k] * dB[l, k]
                     if mine:
                         slope += by[r, TURN_I, k] * omega[l, k]
                 elif not mine:

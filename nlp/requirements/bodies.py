@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlp.numbers.geometry import Swept
-from nlp.requirements.statement import FROM_TIP, OF_PARTS, X_I, Y_I, Z_I, Kernel, LocalVector
+from nlp.requirements.statement import FROM_TIP, OF_PARTS, X_I, Y_I, Z_I, Kernel, LocalVector, RodRow
 from nlp.symbols.clearance import Ball, ConeSphere
 from nlp.units import Units
 from topo_search.model import ResolvedTask
@@ -82,7 +82,7 @@ class Air(NamedTuple):
 
     def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
         """Return rows with these sizes."""
-        return tuple(row._replace(connector=(self.length, self.start_radius, self.growth)) for row in kernels)
+        return tuple(row._replace(envelope=(self.length, self.start_radius, self.growth)) for row in kernels)
 
 
 class Rod(NamedTuple):
@@ -113,7 +113,7 @@ class Rod(NamedTuple):
 
     def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
         """Return rows with these sizes."""
-        return tuple(row._replace(radius=self.radius, tip=self.tip) for row in kernels)
+        return tuple(row._replace(rod=RodRow(radius=self.radius, tip=self.tip)) for row in kernels)
 
 
 @dataclass(frozen=True)

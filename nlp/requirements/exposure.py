@@ -43,9 +43,12 @@ from nlp.requirements.statement import (
     FROM_TIP,
     HULL,
     OFFSET,
+    ORIGIN,
+    ConeRow,
     Distance,
     Kernel,
     LocalVector,
+    PathRow,
     Requirement,
     Subjects,
 )
@@ -58,7 +61,6 @@ from topo_search.model.value import Vector
 
 ROUNDING = 1e-8
 """Added to ||rho||^2 so that its root is smooth on the axis [l_arm^2]; asks for more clearance, never for less."""
-ORIGIN = (0.0, 0.0, 0.0)
 
 
 @lru_cache(maxsize=64)
@@ -154,8 +156,9 @@ class CapsuleRegion:
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
         if self.length is not None:
-            return (Kernel(ALONG, (self.length, 0.0, 0.0), self.radius),)
-        return (Kernel(CAPSULE if any(self.path) else BALL, self.path, self.radius, start=self.start),)
+            return (Kernel(ALONG, path=PathRow(self.radius, length=self.length)),)
+        kind = CAPSULE if any(self.path) else BALL
+        return (Kernel(kind, origin=self.start, path=PathRow(self.radius, self.path)),)
 
 
 @dataclass(frozen=True)
@@ -238,7 +241,7 @@ class InfiniteCone:
         """Return a row for each end ball."""
         kind, axis = (CONE_COM, ORIGIN) if self.axis is None else (CONE, self.axis)
         sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
-        return tuple(Kernel(kind, axis, eta, sine, cosine, self.apex) for eta in (0.0, 1.0))
+        return tuple(Kernel(kind, origin=self.apex, cone=ConeRow(sine, cosine, axis, end)) for end in (0.0, 1.0))
 
 
 def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> AtRegion:

@@ -77,7 +77,7 @@ class WithinReach:
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (Kernel(REACH, size=self.largest),)
+        return (Kernel(REACH, self.largest),)
 
 
 class RodBeside(AtRegion):
@@ -143,7 +143,10 @@ class LimitOfBestRod:
     def kernels(self) -> tuple[Kernel, ...]:
         """Return the rows of each connector, of which those of the best one count."""
         return tuple(
-            kernel._replace(of=i, connector=divide(self.l_c * PORT_DIRECTIONS[port], 1.0), number=number)
+            kernel._replace(
+                of=i,
+                rod=kernel.rod._replace(number=number, connector=divide(self.l_c * PORT_DIRECTIONS[port], 1.0)),
+            )
             for number, (i, port) in enumerate(self.free)
             for kernel in self.limits[self.segment].kernels()
         )

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Hull
+from topo_search.model.value import Vector
 
 AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, HULL, CONE, CONE_COM, OFFSET, PARTS = range(11)
 """Kinds of rows: two envelopes; two centres; p'_E and a centre; an envelope and a ball about p'_E, a capsule from
@@ -41,41 +42,94 @@ OF_PARTS = {
 }  # fmt: skip
 """From the kind of a row of an envelope and a region to that of a module's parts and the region."""
 
-WIDTH = 15
-"""Numbers of a row."""
+ORIGIN: Vector = (0.0, 0.0, 0.0)
+
+
+class PathRow(NamedTuple):
+    """All that is near a path [l_arm]; a ball is near a path without length."""
+
+    radius: float = 0.0
+    along: Vector = ORIGIN
+    """From start to end."""
+    length: float = 0.0
+    """Length of a path that has the direction of p_E instead."""
+
+
+class ConeRow(NamedTuple):
+    """Infinite cone around an end ball of an envelope, or around all balls of a module's parts."""
+
+    sine: float = 0.0
+    """Sine of the half-angle."""
+    cosine: float = 0.0
+    axis: Vector = ORIGIN
+    """Unit vector; unused where the axis points to the COM."""
+    end: float = 0.0
+    """Which end ball: eta, 0 or 1."""
+
+
+class RodRow(NamedTuple):
+    """Rod from a free connector that may carry the end-effector [l_arm]."""
+
+    number: int = -1
+    """Index among the free connectors; -1: no rod."""
+    connector: Vector = ORIGIN
+    """Start of the rod, in its module's frame."""
+    radius: float = 0.0
+    tip: float = 0.0
+    """Length at its end that does not count."""
 
 
 class Kernel(NamedTuple):
-    """A row of a clearance, dimensionless."""
+    """A row of the compiled search; its kind says which of its parts it has."""
 
     kind: int
-    vector: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """A path or an axis; a path along p_E has its length first."""
-    size: float = 0.0
-    """A radius or distance; of a cone, the end of the envelope that is to be inside: eta, 0 or 1."""
-    sine: float = 0.0
-    """Sine of a half-angle."""
-    cosine: float = 0.0
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Start of a path or apex of a cone, from p'_E."""
+    distance: float = 0.0
+    """Distance that two points keep, or may have at most [l_arm]."""
+    origin: Vector = ORIGIN
+    """Start of a path or apex of a cone, from p'_E [l_arm]."""
+    path: PathRow = PathRow()
+    cone: ConeRow = ConeRow()
     hull: Hull | None = None
-    """Its corners from p'_E; in the row stand its places in the tables of planes and edges (`Hulls`)."""
+    """Its corners from p'_E; a row has its place in the tables of planes and edges (`Hulls`)."""
+    envelope: Vector = ORIGIN
+    """Length, start radius and growth of an envelope beside a region [l_arm]."""
+    rod: RodRow = RodRow()
     of: int = 0
     """Index in the subject of the module it is about."""
-    connector: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Start of a rod, in its module's frame; or length, start radius and growth of an envelope and a region."""
-    radius: float = 0.0
-    """Radius of the rod."""
-    tip: float = 0.0
-    """Length at its end that does not count."""
-    number: int = -1
-    """Index of the candidate rod (one that may carry the end-effector) it is about; -1: none."""
 
-    @property
-    def data(self) -> tuple[float, ...]:
-        """Its numbers in a row, WIDTH of them."""
-        shape = (*self.vector, self.size, self.sine, self.cosine, *self.start)
-        return (*shape, *self.connector, self.radius, self.tip, self.number)
+    def numbers(self) -> list[float]:
+        """Return its numbers in the order of `COLUMNS`; the columns of a hull are 0."""
+        path, cone, rod = self.path, self.cone, self.rod
+        region = self.distance, *self.origin, path.radius, *path.along, path.length
+        held = cone.sine, cone.cosine, *cone.axis, cone.end, 0.0, 0.0, 0.0, 0.0
+        return [*region, *held, *self.envelope, rod.number, *rod.connector, rod.radius, rod.tip]
+
+
+class Columns(NamedTuple):
+    """First column of each number, pair or vector of a row; see `Kernel`."""
+
+    distance: int = 0
+    origin: int = 1
+    radius: int = 4
+    along: int = 5
+    length: int = 8
+    sine: int = 9
+    cosine: int = 10
+    axis: int = 11
+    end: int = 14
+    planes: int = 15
+    """Index of a hull's first plane, and one past its last."""
+    edges: int = 17
+    """Index of its first edge, and one past its last."""
+    envelope: int = 19
+    rod: int = 22
+    """Number of the rod."""
+    connector: int = 23
+    rod_radius: int = 26
+    tip: int = 27
+
+
+COLUMNS = Columns()
 
 
 Subjects = NDArray[np.intp]
@@ -179,7 +233,7 @@ class Distance:
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (Kernel(self.kind, size=self.least),)
+        return (Kernel(self.kind, self.least),)
 
 
 @dataclass(frozen=True, eq=False)
