@@ -143,7 +143,8 @@ def export(
         from topo_search.export.simulator_xml import Physics
         from topo_search.model import BadInput
 
-        form: Any = kind or SUFFIXES.get(suffix := out.suffix.lower())
+        suffix = out.suffix.lower()
+        form: Any = kind or SUFFIXES.get(suffix)
         form = form or next((one.name for one in formats().values() if suffix in one.suffixes), None)
         if kind not in ("kit", "brackets") and out.is_dir():
             raise BadInput("--out", f"must be a file unless --format is kit or brackets, but {out} is a directory")
@@ -158,7 +159,7 @@ def export(
             raise BadInput("--load-case", "applies only with --air-speed")
         if angle_step is not None and form not in KIT:
             raise BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {form}")
-        if form == "air" and suffix != ".npz" and suffix != ".vti":
+        if form == "air" and suffix not in (".npz", ".vti"):
             raise BadInput("--out", f"must end in .npz or .vti, but got {out.name}")
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
         if physics != Physics() and form not in ("mjcf", "kit"):
@@ -199,35 +200,29 @@ def _write(
 
     ModuleNotFoundError names a library that is missing.
     """
-    from topo_search.export.air_field import air_surface
+    from topo_search.export.air_field import air_field, air_surface, npz, vti
+    from topo_search.export.formats import export_design
+    from topo_search.export.mjcf import mjcf
+    from topo_search.export.solids import glb, stl
     from topo_search.model.files import write_atomically
 
     surface = drawn and air_surface(design, *drawn)
-    if kind == "glb":
-        from topo_search.export.solids import glb
+    match kind:
+        case "glb":
+            write_atomically(out, glb(design, parts or "all", surface))
+        case "stl":
+            write_atomically(out, stl(design, parts or "platform"))
+        case "png" | "svg":
+            from topo_search.export.picture import picture  # needs an extra
 
-        write_atomically(out, glb(design, parts or "all", surface))
-    elif kind == "stl":
-        from topo_search.export.solids import stl
-
-        write_atomically(out, stl(design, parts or "platform"))
-    elif kind in PICTURES:
-        from topo_search.export.picture import picture
-
-        write_atomically(out, picture(design, kind, surface))
-    elif kind == "air":
-        from topo_search.export.air_field import air_field, npz, vti
-
-        field = air_field(design)
-        write_atomically(out, vti(field) if out.suffix.lower() == ".vti" else npz(field))
-    elif kind == "mjcf":
-        from topo_search.export.mjcf import mjcf
-
-        write_atomically(out, mjcf(design, physics))
-    else:
-        from topo_search.export.formats import export_design
-
-        export_design(design, out, format=kind)
+            write_atomically(out, picture(design, kind, surface))
+        case "air":
+            field = air_field(design)
+            write_atomically(out, vti(field) if out.suffix.lower() == ".vti" else npz(field))
+        case "mjcf":
+            write_atomically(out, mjcf(design, physics))
+        case _:
+            export_design(design, out, format=kind)
 
 
 def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:

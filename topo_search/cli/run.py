@@ -130,12 +130,7 @@ def run(
             answer = search(
                 problem, near=designs, topologies=listed, observer=observer, **options.without_none(asked)
             )
-        if as_json:
-            options.echo_json(answer_as_json(answer, warnings))
-        else:
-            from topo_search.cli.tables import print_answer
-
-            print_answer(answer)
+        echo_answer(answer, warnings, as_json=as_json)
         unproven = asked["prove"] is not None and answer.best is not None and not answer.proven
         raise SystemExit(ExitStatus.OPEN if unproven else answer.exit_status)
 
@@ -163,6 +158,16 @@ def _print_if_lost(warnings: Sequence[TaskWarning], *, as_json: bool) -> Iterato
                         click.echo(f"best design so far, not audited: {lost.design.topology.key}")
                     click.echo(to_json(lost.design), nl=False)
         raise
+
+
+def echo_answer(answer: Answer, warnings: Sequence[TaskWarning] = (), *, as_json: bool) -> None:
+    """Print an answer, as JSON with the warnings about its task."""
+    from topo_search.cli.tables import print_answer
+
+    if as_json:
+        options.echo_json(answer_as_json(answer, warnings))
+    else:
+        print_answer(answer)
 
 
 def answer_as_json(answer: Answer, warnings: Sequence[TaskWarning]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, note
+from topo_search.cli.run import answer_as_json, echo_answer
 
 if TYPE_CHECKING:
     from topo_search.report.compare_page import Compared
@@ -38,8 +39,6 @@ def list_runs(folder: Path, as_json: bool) -> None:
             with RunFolder.load(ledger.parent) as opened:
                 runs.append((ledger.parent, answer_of(opened)))
         if as_json:
-            from topo_search.cli.run import answer_as_json
-
             options.echo_json([answer_as_json(answer, ()) for _, answer in runs])
         else:
             print_runs(runs)
@@ -58,14 +57,7 @@ def show(run: Path, as_json: bool) -> None:
 
         with RunFolder.load(run) as folder:
             answer = answer_of(folder)
-        if as_json:
-            from topo_search.cli.run import answer_as_json
-
-            options.echo_json(answer_as_json(answer, ()))
-        else:
-            from topo_search.cli.tables import print_answer
-
-            print_answer(answer)
+        echo_answer(answer, as_json=as_json)
         raise SystemExit(answer.exit_status)
 
 

@@ -101,7 +101,10 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
     if physics.contacts:
         add_tip(end_effector, design, rod, on_solid=met)
     SubElement(end_effector, "site", name="end_effector", rgba=rgba(palette.END_EFFECTOR))
-    _actuators(SubElement(model, "actuator"), design.topology.n)
+    actuator = SubElement(model, "actuator")
+    for i, q in itertools.product(range(design.topology.n), range(4)):  # module-major like the inputs
+        rotor = f"module_{i}_rotor_{q}"
+        SubElement(actuator, "general", {"class": SPIN_CLASSES[int(ROTOR_SPINS[q])], "name": rotor, "site": rotor})
     _keyframes(SubElement(model, "keyframe"), design, physics)
     return xml_text(model)
 
@@ -152,7 +155,8 @@ def _bar(body: Element, port: int, module: Module) -> None:
 def _module_body(parent: Element, i: int, place: dict[str, str], module: Module) -> Element:
     """Add module i with its mass, its parts and its rotors."""
     body = SubElement(parent, "body", {"name": f"module_{i}", **place})
-    inertia = numbers(*_as_mujoco_checks(module.inertia))
+    x, y, z = module.inertia
+    inertia = numbers(min(x, y + z), min(y, x + z), min(z, x + y))  # as MuJoCo checks them
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(module.mass), diaginertia=inertia)
     frame = module.body.frame
     if frame is None:
@@ -167,18 +171,6 @@ def _module_body(parent: Element, i: int, place: dict[str, str], module: Module)
         SubElement(body, "geom", {"class": "rotor", "pos": numbers(x, y, 0)})
         SubElement(body, "site", name=f"module_{i}_rotor_{q}", pos=numbers(x, y, 0))
     return body
-
-
-def _as_mujoco_checks(inertia: tuple[float, float, float]) -> tuple[float, float, float]:
-    x, y, z = inertia
-    return min(x, y + z), min(y, x + z), min(z, x + y)
-
-
-def _actuators(actuator: Element, n: int) -> None:
-    """Add one motor a rotor, module-major like the inputs."""
-    for i, q in itertools.product(range(n), range(4)):
-        name = f"module_{i}_rotor_{q}"
-        SubElement(actuator, "general", {"class": SPIN_CLASSES[int(ROTOR_SPINS[q])], "name": name, "site": name})
 
 
 def _keyframes(keyframe: Element, design: Design, physics: Physics) -> None:

@@ -212,7 +212,7 @@ def cone_sphere_outline(P_0: Array, r_0: float, P_1: Array, r_1: float, v: Array
     Seen along v the volume is the hull of two discs. The hull's point with the normal u belongs to the disc
     that reaches further along u.
     """
-    s, t, _ = rotation_to(v).T
+    s, t, _ = -rotation_to(v).T  # the sign keeps drawings as they are
     angles = np.linspace(0, 2 * math.pi, points, endpoint=False)
     u = np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)
     second = (u @ P_1 + r_1 > u @ P_0 + r_0)[:, None]
@@ -221,6 +221,6 @@ def cone_sphere_outline(P_0: Array, r_0: float, P_1: Array, r_1: float, v: Array
 
 def circle(centre: Array, radius: float, axis: Array, *, points: int = 48) -> Array:
     """Return a closed circle about an axis, a unit vector, (points + 1, 3) [m]."""
-    s, t, _ = rotation_to(axis).T
+    s, t, _ = -rotation_to(axis).T
     angles = np.linspace(0, 2 * math.pi, points + 1)
     return np.asarray(centre + radius * (np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)))

@@ -141,17 +141,19 @@ def rows_to_show(answer: Answer, shown: Row) -> list[Row]:
 
 
 def cards(
-    found: Iterable[tuple[Row, Design, Audit | None]], best: Row, *, scoped: Collection[int] = ()
+    found: Iterable[tuple[Row, Design | None, Audit | None]], best: Row, *, scoped: Collection[int] = ()
 ) -> Iterator[dict[str, Any]]:
     """Yield a card for each design that can be drawn, the winner's first, until they take too much.
 
     Args:
-        found: rows with their designs and audits, the winner first.
+        found: rows with their designs, where they are kept, and audits, the winner first.
         best: the winner.
         scoped: the sizes whose gaps branch and bound proves.
     """
     taken = 0
     for row, design, audit in found:
+        if design is None:
+            continue
         try:
             shown = card(row.key, design, audit, _effort(row, best), row.gap, scoped=row.modules in scoped)
         except BadInput:  # its end-effector is too far away to be drawn: the ranking still has its row

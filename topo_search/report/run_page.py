@@ -135,15 +135,10 @@ def _own(own: Own) -> Iterator[str]:
 def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[dict[str, Any]]:
     """Yield what is shown of the best designs beside the one that the page is about."""
     if shown is not None:
-        read = ((row, *folder.result_of(row)) for row in rows_to_show(answer, shown))
         of_size = {size.modules: size for size in answer.sizes}
-        told = (
-            (replace(row, gap=of_size[row.modules].gap_of(row)), design, audit)
-            for row, design, audit in read
-            if design is not None
-        )
+        rows = (replace(row, gap=of_size[row.modules].gap_of(row)) for row in rows_to_show(answer, shown))
         scoped = [size.modules for size in answer.sizes if size.proven_gap is not None]
-        yield from cards(told, shown, scoped=scoped)
+        yield from cards(((row, *folder.result_of(row)) for row in rows), shown, scoped=scoped)
 
 
 def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str, Any]:
