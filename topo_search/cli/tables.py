@@ -85,7 +85,7 @@ def _counts(size: SizeAnswer) -> str:
 
 
 def _print_front(answer: Answer) -> None:
-    """Print what became of each level of the goals, and the front."""
+    """Print the outcome of each level of the goals, and the front."""
     for outcome in answer.levels:
         click.echo(f"level {outcome.number}: {outcome.level.words}")
         for size in outcome.sizes:
@@ -184,7 +184,7 @@ def progress_line(outcome: Outcome) -> str:
 
 
 def print_solved(solved: Solved, out: Path | None) -> None:
-    """Print what became of one topology."""
+    """Print the outcome of one topology."""
     echo_lines(solved.notes)
     click.echo(progress_line(solved.outcome))
     if isinstance(solved.outcome, Infeasible) and solved.outcome.relaxed:

@@ -53,7 +53,7 @@ class CaseFlight(Value):
     torque_reserve_at_most_Nm: Size | None = None
     torque_weakest: Vector | None = None
     com_error_m: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
-    """The centre of mass may be off by so much along each axis at once [m]; None where no force acts there."""
+    """Largest offset of the centre of mass along each axis at once [m]; None where no force acts there."""
     com_error_at_most_m: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
     tilt_deg: Annotated[Size | None, Field(exclude_if=lambda given: given is None)] = None
     """Hover can be held at any tilt up to this, to every side, without torque [deg]; None of load cases."""
