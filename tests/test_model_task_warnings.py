@@ -236,11 +236,11 @@ def test_a_value_is_not_blamed_for_the_slip_of_another() -> None:
         ({"module": {"body": {"rotor_height": 2.0}}}, "module.body.rotor_height", "usual with arms of 0.1 m"),
         ({"module": {"body": {"hub": [8.0, 8.0, 4.0]}}}, "module.body.hub[2]", "4 m is outside"),
         ({"module": {"airflow": {"start_radius": 0.1, "reach": 140.0}}}, "module.airflow.reach", "140 m is"),
-        ({"module": {"airflow": {"spread_angle_deg": 0.1745}}}, "module.airflow.spread_angle_deg", "(10 deg if"),
+        ({"module": {"airflow": {"spread_angle_deg": 0.1745}}}, "module.airflow.spread_angle_deg", "(10 deg"),
         ({"end_effector": {"mass": 48.0}}, "end_effector.mass", "48 kg is more than all 3 modules, 0.72 kg"),
         ({"end_effector": {"rod_radius": 5.0}}, "end_effector.rod_radius", "5 m is outside"),
         ({"end_effector": {"rod_linear_density": 45.0}}, "end_effector.rod_linear_density", "5.73e+05 kg/m^3"),
-        ({"exposure": [{"kind": "exterior", "half_angle_deg": 1.0472}]}, "exposure[0].half_angle_deg", "(60 deg if"),
+        ({"exposure": [{"kind": "exterior", "half_angle_deg": 1.0472}]}, "exposure[0].half_angle_deg", "(60 deg"),
         (
             {
                 "load_cases": [
@@ -251,7 +251,7 @@ def test_a_value_is_not_blamed_for_the_slip_of_another() -> None:
             "load_cases[0].cone.half_angle_deg",
             "is it in degrees?",
         ),
-        ({"tolerances": {"hinge_angle_deg": 0.0087}}, "tolerances.hinge_angle_deg", "(0.498 deg if"),
+        ({"tolerances": {"hinge_angle_deg": 0.0087}}, "tolerances.hinge_angle_deg", "(0.498 deg"),
     ],
 )
 def test_a_slip_of_units_is_told_with_its_reason(fields: dict[str, Any], path: str, said: str | None) -> None:
