@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import json
 from functools import partial
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +17,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from topo_search.cli import GROUPS
+from topo_search.limits import LIMITS, Limits
 from topo_search.model.files import examples, read_task, task_template
 from topo_search.model.proven import gap_percent
 from topo_search.simulation.result import FlightResult, ScenarioResult
@@ -53,6 +57,18 @@ def _commands() -> str:
         rows = [f"| `topo-search {name}` | {summary} |" for name, summary in summaries.items()]
         tables.append("\n".join([f"| {title} | |", "|---|---|", *rows]))
     return "\n\n".join(tables)
+
+
+def _limits() -> str:
+    """Return a table of the limits with what stands below each in the code."""
+    (limits,) = (node for node in ast.parse(inspect.getsource(Limits)).body if isinstance(node, ast.ClassDef))
+    rows = ["| limit | at most | |", "|---|---|---|"]
+    for field, told in pairwise(limits.body):
+        if isinstance(field, ast.AnnAssign) and isinstance(told, ast.Expr):
+            name, values = ast.unparse(field.target), getattr(LIMITS, ast.unparse(field.target))
+            shown = ", ".join(f"{value:,}" for value in (values if isinstance(values, tuple) else [values]))
+            rows.append(f"| `{name}` | {shown} | {' '.join(ast.literal_eval(told.value).split())} |")
+    return "\n".join(rows)
 
 
 def _task_file() -> str:
@@ -181,6 +197,7 @@ GENERATED = {
     "flights of requirements": _required,
     "benchmarks": _benchmarks,
     "commands": _commands,
+    "limits": _limits,
     "task file": _task_file,
     "gallery": _gallery,
     "flight of push": partial(_flight, "push-a70010"),

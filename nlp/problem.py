@@ -35,7 +35,7 @@ bolted modules, which must not touch the other module (`topo_search.model.room`)
 must keep out of the other's airflow. Of several ranges a hinge keeps to the one that it starts in. Without body
 clearance the range is +-pi/2, as in the paper. In the paper's ablation (5) holds for all pairs, with the
 separation as d, in place of (4), and (6) and (8) are left out. d_E is the paper's l_c, or the task's stand-off
-where that is larger; L is the largest reach of the rod, which the paper does not limit; but for its tip the rod
+where that is larger; L is the largest reach of the rod, which the paper does not limit; except for its tip the rod
 from that connector keeps out of all regions that are solid (`nlp.requirements.rod`); rho is the share of u_max
 that the task allows, in the paper 1. Every clearance of (4) to (9) keeps the margin. u_min is the least input of
 the task, in the paper 0; where a load case must do with a rotor dead, both bounds of its input are 0.

@@ -26,6 +26,7 @@ def test_list_and_show_tell_what_the_runs_found(runs: Path, monkeypatch: pytest.
     monkeypatch.chdir(runs)
     listed = invoke("list", ".")
     assert listed.exit_code == 0
+    assert "J [rad^4/s^4]" in listed.stdout.splitlines()[0]
     answers = json.loads(invoke("list", ".", "--json").stdout)
     assert [Path(answer["folder"]).name for answer in answers] == ["four", "three"]
     for answer in answers:

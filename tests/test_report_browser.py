@@ -450,6 +450,10 @@ def test_a_page_is_as_tall_as_can_be_read(opened: Open, tmp_path: Path) -> None:
     assert page.locator("#ranking tbody tr").count() == 15
     page.click("#more")
     assert page.locator("#ranking tbody tr").count() > 15
+    several = opened(toy_page(tmp_path / "several", modules=(2, 4), starts=4), width=1440)
+    for width in (1440, 390):
+        several.set_viewport_size({"width": width, "height": 900})
+        assert several.evaluate("document.documentElement.scrollHeight") <= 7000
 
 
 def test_the_ranking_fits_and_shows_more_columns_on_demand(opened: Open, tmp_path: Path) -> None:

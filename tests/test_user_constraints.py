@@ -170,7 +170,7 @@ def test_a_wrong_claim_of_invariance_is_found(task, tmp_path, expression, invari
         ([OwnConstraint("c", own_code.infinite, lower=1.0)], "must have a finite value"),
         (
             [OwnConstraint("c", own_code.strange, upper=1.0)],
-            "must be made of the platform's symbols alone, but has mine",
+            "may use only the platform's symbols, but has mine",
         ),
     ],
 )

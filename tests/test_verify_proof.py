@@ -393,7 +393,7 @@ def test_a_box_that_is_dropped_or_added_is_refused(pair):
     for changed, why in (
         (record[:-1], "the record ends before it"),
         (b"", "box 1 of 0: the record ends before it"),
-        (record + b"\0", "the record goes on after the last box"),
+        (record + b"\0", "the record continues after the last box"),
         (record[:3] + record[4:], "box"),
         (bytes([2 + PAIR.n + 2]) + record[1:], "box 1 of .*: the record halves an unknown angle"),
         (b"\2" * 10_000, "the record halves it more often than a number can be"),

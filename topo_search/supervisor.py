@@ -174,7 +174,7 @@ def _wait(child: int, ends: int) -> int:
 
 
 def _explain_death(status: int) -> int:
-    """Say what a command died of, and return its exit status.
+    """Report why a command crashed, and return its exit status.
 
     Args:
         status: what a library ended the process with; -n: that it was ended by signal n.

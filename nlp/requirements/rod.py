@@ -81,7 +81,7 @@ class WithinReach:
 
 
 class RodBeside(AtRegion):
-    """A rod but for its tip keeps out of a solid region."""
+    """A rod, except its tip, keeps out of a solid region."""
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the gap; infinite for a rod that is nothing but tip."""

@@ -89,7 +89,7 @@ def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, to
             known = {symbol.element_hash() for symbol in ca.symvar(own.x)}
             foreign = [symbol.name() for symbol in ca.symvar(own.g) if symbol.element_hash() not in known]
             if foreign:
-                raise ValueError(f"must be made of the platform's symbols alone, but has {', '.join(foreign)}")
+                raise ValueError(f"may use only the platform's symbols, but has {', '.join(foreign)}")
             _ = own.bounds
             finite = np.zeros(own.g.shape, dtype=bool)
             for _ in range(DRAWS):

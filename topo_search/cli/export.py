@@ -29,7 +29,7 @@ SUFFIXES = {
     ".svg": "svg",
     ".urdf": "urdf",
 }
-"""The kind of file that a name's end stands for, besides those of installed packages."""
+"""Kind of file by the end of its name; installed packages add more."""
 PICTURES = ("png", "svg")
 SOLIDS = ("glb", "stl")
 TABLES = ("assembly", "csv", "parquet")

@@ -81,7 +81,7 @@ if TYPE_CHECKING:
 @options.time_limit
 @options.topologies
 @options.near
-@click.option("--live", is_flag=True, help="Serve the page while the search runs, to this machine alone.")
+@click.option("--live", is_flag=True, help="Serve the page while the search runs, to this machine only.")
 @options.as_json
 def run(
     task: str,

@@ -85,7 +85,7 @@ def _counts(size: SizeAnswer) -> str:
 
 
 def _print_front(answer: Answer) -> None:
-    """Print what became of each level of the goals, and the front."""
+    """Print the outcome of each level of the goals, and the front."""
     for outcome in answer.levels:
         click.echo(f"level {outcome.number}: {outcome.level.words}")
         for size in outcome.sizes:
@@ -160,9 +160,9 @@ def _print_table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
         table.add_column(name, justify="left" if name in ("", "key", "audit", "run") else "right")
     for row in rows:
         table.add_row(*row)
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False)  # units in brackets are no markup
     if not console.is_terminal:
-        console = Console(highlight=False, width=100)
+        console = Console(highlight=False, markup=False, width=100)
     console.print(table)
 
 
@@ -184,7 +184,7 @@ def progress_line(outcome: Outcome) -> str:
 
 
 def print_solved(solved: Solved, out: Path | None) -> None:
-    """Print what became of one topology."""
+    """Print the outcome of one topology."""
     echo_lines(solved.notes)
     click.echo(progress_line(solved.outcome))
     if isinstance(solved.outcome, Infeasible) and solved.outcome.relaxed:

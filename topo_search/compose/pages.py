@@ -32,7 +32,7 @@ def write_report(
         source: a run's folder or a design's file.
         out: the page; default: `report.html` in the folder, or the design's name with `.html`.
         flight: a folder that `fly --out` wrote for the design, whose flights are shown too.
-        note: is told of each file in a run's folder that differs from the ledger, which the page is made from.
+        note: receives each file in a run's folder that differs from the ledger, which the page is made from.
 
     Raises:
         BadInput: the source is neither, or the flights are not of it; or the page would go into a folder that a

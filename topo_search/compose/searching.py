@@ -39,7 +39,7 @@ from topo_search.topologies import OwnTopology, Symmetry, improper_isometry
 AnyTask = TypeVar("AnyTask", Task, ResolvedTask)
 
 DEFAULT_TRIALS = 512
-"""Candidates that are proposed when not all are solved and nobody says otherwise."""
+"""Candidates that are proposed by default when not all are solved."""
 
 DEFAULT_GAP = 0.003
 """To which a tree is proven that cannot be excluded."""
@@ -279,7 +279,7 @@ def check_proofs(
         workers: as of `search`.
         dask: as of `search`.
         dask_tls: as of `search`.
-        observer: is told of the progress.
+        observer: receives the progress.
 
     Raises:
         BadInput: it is not a run folder, or has no audited design or no such tree.

@@ -196,7 +196,7 @@ class DaskWorkers(Engine):
         Args:
             address: the scheduler's, such as tcp://10.0.0.1:8786.
             versions: of what can change a result; every worker must have the same.
-            note: is told what the user waits for.
+            note: receives what the user waits for.
             certificates: of an address that begins with tls://; None: as Dask's own configuration has them.
 
         Raises:

@@ -116,7 +116,7 @@ class Engine(Protocol):
             until: time.monotonic() at which to stop: what runs then is dropped and no more is begun.
 
         Raises:
-            WorkersLost: there is nobody to take a job.
+            WorkersLost: no worker can take a job.
         """
         ...
 

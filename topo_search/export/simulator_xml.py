@@ -64,7 +64,7 @@ class Physics:
         if self.rod_mass:
             lines.append("The rod has its mass, which the design leaves out: the centre of mass is not the origin.")
         if self.contacts:
-            lines.append("The geometry `tip` stands for the end of the rod in contacts.")
+            lines.append("The geometry `tip` represents the end of the rod in contacts.")
         if self.solid_regions:
             lines.append("Bodies `exposure_K` are the solid regions of the task, where the keyframes meet them.")
         return "".join(f"{line}\n" for line in lines)

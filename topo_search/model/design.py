@@ -46,7 +46,7 @@ class Versioned(Value):
 
     name: Named
     version: Named | None = None
-    """None: nobody can tell whether it is still the same function."""
+    """None: it may have changed."""
 
 
 class Stated(Versioned):
@@ -381,7 +381,7 @@ class Relaxed(Value):
             of = f" of {' or '.join(self.topologies)}" if self.topologies else ""
             tried = "; ".join(self.in_vain)
             sentences.append(
-                f"no single limit, relaxed alone, led to a design{of} with a clear audit {solved} ({tried})"
+                f"no single limit, relaxed on its own, led to a design{of} with a clear audit {solved} ({tried})"
             )
         if self.untried:
             sentences.append(f"could not be tried, so nothing is known: {'; '.join(self.untried)}")
@@ -435,7 +435,7 @@ class Infeasible(Value):
     solver: SolverRecord | None = None
     """Solver record of the closest start; None for a proof."""
     relaxed: Omitted[Relaxed] = None
-    """Limits that, relaxed alone, give the tree a design; None where it was not asked."""
+    """Limits that, each relaxed on its own, give the tree a design; None where it was not asked."""
 
     def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
         """Return the same closest start among these starts."""

@@ -53,7 +53,7 @@ class CaseFlight(Value):
     torque_reserve_at_most_Nm: Size | None = None
     torque_weakest: Vector | None = None
     com_error_m: Omitted[Size] = None
-    """The centre of mass may be off by so much along each axis at once [m]; None where no force acts there."""
+    """Largest offset of the centre of mass along each axis at once [m]; None where no force acts there."""
     com_error_at_most_m: Omitted[Size] = None
     tilt_deg: Omitted[Size] = None
     """Hover can be held at any tilt up to this, to every side, without torque [deg]; None of load cases."""

@@ -280,7 +280,7 @@ class Airflow(Value):
     regions: Annotated[Omitted[RegionAirflow], BeforeValidator(_none_if_false)] = None
     """The envelope against target regions; that between modules where the table is left out, or false."""
     speed: Omitted[Positive] = None
-    """Instead of `regions`: the smallest cone-sphere around all air of one module so fast or faster [m/s]."""
+    """Instead of `regions`: the smallest cone-sphere around all air of one module at this speed or more [m/s]."""
     at: Annotated[Thrust, omit_if("hover")] = "hover"
     """Thrust at which the air has that speed: `hover`, `full`, or a thrust over the module's weight."""
 

@@ -54,7 +54,7 @@ truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and 
 UNSEEN = 5 * TOLERANCE
 """Tolerance of a reserve, to either side, in an audit [m_t g, l_arm m_t g]."""
 LEFT = 0.01
-"""Torque that can be added with a rotor dead when nobody says otherwise [l_arm m_t g]."""
+"""Torque that can be added with a rotor dead, by default [l_arm m_t g]."""
 
 LargestLoad = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[Literal["rated"], Tag("<rated>")],
@@ -99,7 +99,7 @@ class AskedFlight(Value):
     torque_reserve: NonNegative = 0.0
     """Any torque of this size can be added, with unchanged force."""
     com_error: Annotated[NonNegative, omit_if(0.0)] = 0.0
-    """The centre of mass may be off by so much along each axis of the body: hover, and the reserves, tilt and
+    """Largest offset of the centre of mass along each axis of the body: hover, and the reserves, tilt and
     accelerations required here with all rotors alive, remain possible [m]."""
     tilt_deg: Annotated[Angle, omit_if(0.0)] = 0.0
     """Hover can be held at any tilt up to this, to every side [deg]."""

@@ -118,7 +118,7 @@ class Task(Value):
     """Build errors that a design must survive, unless `flight.tolerances = false`; omitted from files if there are
     none."""
     goals: Annotated[Goals, omit_if(Goals())] = Goals()
-    """Goals besides control effort; omitted from files if there are none."""
+    """Goals beside control effort; left out of files if empty."""
 
     @model_validator(mode="before")
     @classmethod

@@ -221,7 +221,7 @@ def _angles(task: Task) -> Doubts:
     )
     for path, angle, usual in angles:
         if 0 < angle < usual:
-            small = f"{angle:g} deg is small ({math.degrees(angle):.3g} deg, were it in radians)"
+            small = f"{angle:g} deg is small ({math.degrees(angle):.3g} deg if it were in radians)"
             yield path, f"{small}: is it in degrees?"
 
 
@@ -363,7 +363,7 @@ def _load_cases(task: Task, n: int) -> Doubts:
         if (first := cases.index(case)) < k:
             yield path, f"is the same as load_cases[{first}]"
     if not any(_hovers(case, weight) for case in cases):
-        yield "load_cases", "none is plain hover (carries_weight = true alone): a design need not be able to hover"
+        yield "load_cases", "none is plain hover (only carries_weight = true): a design need not be able to hover"
     weights = [case.weight for case in cases if case.weight]
     if max(weights) > 1000 * min(weights):  # effort then counts for the heavier load case alone
         yield "load_cases", f"weights differ by a factor of {max(weights) / min(weights):.3g}: {show(weights)}"

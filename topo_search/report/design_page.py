@@ -84,7 +84,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
         f"It holds for every platform of {modules(n)} of this kind, for any tree, hinge angles and end-effector "
         "position: it is what the forces of the load cases would cost rotors within their limits if every thrust "
         "axis could point wherever it is needed. Torques and geometry are neglected, so part of the gap may come "
-        "from the bound rather than from the design. It allows for all that the audit lets pass of forces and "
+        "from the bound rather than from the design. It allows for the audit's tolerances of forces and "
         "inputs, so no design whose audit is clear lies below it."
     )
     if gap is None:

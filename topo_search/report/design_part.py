@@ -69,7 +69,7 @@ def _joints(design: Design) -> Table:
         [str(i), f"{PORT_NAMES[b]} ({b})", str(h), f"{PORT_NAMES[a]} ({a})", f"{figures(math.degrees(alpha), 5)}°"]
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     ]
-    return Table(("module", "by its port", "to module", "at its port", "hinge angle"), rows, {0, 2, 4})
+    return Table(("module", "its port", "bolted to module", "port there", "hinge angle"), rows, {0, 2, 4})
 
 
 def _rod(assembly: Assembly) -> str | None:

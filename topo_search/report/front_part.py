@@ -1,4 +1,4 @@
-"""The front of a run with goals: effort against each goal, its designs, and what became of every level."""
+"""The front of a run with goals: effort against each goal, its designs, and the outcome of every level."""
 
 from __future__ import annotations
 

@@ -263,5 +263,5 @@ def relaxed_limits(size: SizeAnswer) -> tuple[str, Table] | None:
     ]
     rows += [[text, "not enough", "", "", ""] for text in found.in_vain]
     rows += [[text, "could not be tried", "", "", ""] for text in found.untried]
-    caption = f"{modules(size.modules)}: limits of the task, each relaxed alone and solved again; not a proof"
+    caption = f"{modules(size.modules)}: limits of the task, each relaxed on its own and solved again; not a proof"
     return caption, Table(("limit", "enough", "setting", "tree", "tried in vain"), rows)

@@ -25,7 +25,7 @@ from topo_search.simulation.scenarios import APPROACH, RAMP, TILT, Scenario
 EVERY = 5
 """Steps of the simulation a step of the controller: 200 Hz."""
 DETECTION = 0.1
-"""Time after which the controller knows that a rotor is dead, if nobody says otherwise [s]."""
+"""Time after which the controller knows that a rotor is dead, by default [s]."""
 TRIMS = 10
 """Corrections of the integrals before a flight; each leaves the model's error of what it corrects."""
 NOISE = (1e-3, 5e-3, math.radians(0.1), math.radians(0.5))
@@ -41,7 +41,7 @@ SPEED = 0.02
 """At which a platform approaches a wall [m/s]."""
 
 Watch = Callable[[Plant, float], None]
-"""Is told of every step of the controller: the plant and the time."""
+"""Called after every step of the controller with the plant and the time."""
 
 
 @dataclass(eq=False)

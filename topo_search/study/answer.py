@@ -133,7 +133,7 @@ class SizeAnswer:
     statement: str | None
     """Statement on the best design: of how many candidates it is the best, and what is proven of all others."""
     relaxed: Relaxed | None = None
-    """Limits that, relaxed alone, give the closest trees a design; None where that was not tried."""
+    """Limits that, each relaxed on its own, give the closest trees a design; None where that was not tried."""
     proven: str | None = None
     """Statement on what branch and bound proves of all candidates, and of which problem; None if not asked."""
     proven_gap: float | None = None

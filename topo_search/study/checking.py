@@ -105,7 +105,7 @@ def check(
         audit: audits a design.
         key: of the one tree to look at; None: all.
         engine: where chunks are checked.
-        observer: is told of the progress.
+        observer: receives the progress.
         prepare: is called before the first chunk of a task is checked, if any is.
 
     Raises:

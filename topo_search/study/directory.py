@@ -320,7 +320,7 @@ class RunFiles:
         """
         content = self._directory.read(name)
         if content is not None and self.is_changed(name, content):
-            rule = f"{CHANGED}: remove it, and run the same command again to make it anew"
+            rule = f"{CHANGED}: remove it, and run the same command again to make it again"
             raise BadInput(str(self._directory.path / name), [Fault("", rule)])
         return content
 

@@ -97,7 +97,7 @@ class ProofSummary(NamedTuple):
     """Summary of the proofs of one size."""
 
     sentence: str | None
-    """None while nobody asked for a proof."""
+    """None unless a proof was asked for."""
     gap: float | None
     """Largest share by which a design of this size can cost less than the best; None while trees are open."""
     resumable: tuple[str, ...] = ()

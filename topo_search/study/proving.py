@@ -129,7 +129,7 @@ def prove(
         gap: share of its own best effort to which a tree is proven that cannot be excluded.
         key: of the one tree to look at; None: all.
         engine: where chunks are searched; it changes nothing but the time it takes.
-        observer: is told of the progress.
+        observer: receives the progress.
         problem: which designs the proof is about; what is proven of the task's is not proven again of the solver's.
         lender: folder of another run, whose proofs are taken where they hold for this one and prove as much as the
             gap asks for.

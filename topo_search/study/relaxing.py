@@ -1,4 +1,4 @@
-"""Why there is no design: which limit of the task, relaxed alone, gives the closest trees one, and by how little.
+"""Why there is no design: which single limit, relaxed on its own, gives the closest trees one, and by how little.
 
 Every answer is measured: the task with the relaxed limit is solved again from the first starts of the run, so a
 user who writes the value into the task file gets the same design, and its audit is clear. The least share is sought

@@ -31,7 +31,7 @@ from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 StrategyName = Literal["exhaustive", "optuna"]
 Sampler = Literal["moves", "tpe", "nsga2", "random"]
 DEFAULT_ROUND = 8
-"""Proposals whose results may be unknown when another is made, when nobody says otherwise."""
+"""Proposals whose results may be unknown when another is made, by default."""
 
 
 class Own(Value):
@@ -46,7 +46,7 @@ class Own(Value):
 
     @property
     def unversioned(self) -> tuple[str, ...]:
-        """Names of functions of which nobody can tell whether they are still the same."""
+        """Names of functions without a version: they may have changed."""
         named: tuple[Versioned, ...] = (
             self.constraints if self.sampler is None else (*self.constraints, self.sampler)
         )

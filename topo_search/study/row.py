@@ -185,7 +185,7 @@ def figures_of(audit: Audit) -> dict[str, float | None]:
 
 
 def score(row: Row, task: ResolvedTask) -> Scored:
-    """Return what a strategy is told of a candidate."""
+    """Return what a strategy learns of a candidate."""
     violation = None if row.violation is None else scaled_violation(row.violation, row.unit or "", task)
     return Scored(row.key, row.asked, row.status, row.objective, violation)
 

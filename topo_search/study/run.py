@@ -51,7 +51,7 @@ def run(
         path: the run's folder; made if there is none, taken up again if there is.
         backends: solver, audit and bounds.
         engine: where jobs run; it changes nothing but the time it takes.
-        observer: is told of the progress.
+        observer: receives the progress.
         workers: how many jobs the engine runs at a time; None where that is not known.
         time_limit: seconds after which no more is solved, from the end of `prepare`; the best designs are audited
             all the same.

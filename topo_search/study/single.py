@@ -100,7 +100,7 @@ def solve_single(
         seed: draws the starts.
         time_limit: seconds after which no more is solved.
         engine: where it is solved and audited.
-        progress: is told the best outcome after each round.
+        progress: receives the best outcome after each round.
         near: designs to start from, besides the first round's starts.
     """
     until = math.inf if time_limit is None else time.monotonic() + time_limit

@@ -76,7 +76,7 @@ def strategy_of(folder: RunFolder, n: int, *, bound: float | None, timed: bool) 
 
 
 class Candidates:
-    """The candidates of one context that a strategy proposes: what is to be solved, and what became of it."""
+    """The candidates of one context that a strategy proposes: what is to be solved, and its outcome."""
 
     def __init__(
         self, strategy: Strategy, folder: RunFolder, n: int, lower_bound: float, observer: Observer
@@ -122,7 +122,7 @@ class Candidates:
                 self._tell()
 
     def record(self, job: Job, outcome: Outcome) -> None:
-        """Write what became of a job, and tell the strategy."""
+        """Write the outcome of a job, and tell the strategy."""
         row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
         self._scores[row.key].append(score(row, self._context.task))
         self._incumbent = _better_of(self._incumbent, row)
@@ -178,7 +178,7 @@ class Candidates:
 
 
 def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lower_bound: float) -> Row:
-    """Write what became of a job, and return the candidate's row.
+    """Write the outcome of a job, and return the candidate's row.
 
     More starts of a candidate extend its row. A failure leaves what the earlier ones found, and is tried again by
     the next call.

@@ -72,7 +72,7 @@ def check_rows(rows: Iterable[Row], space: Space, lower_bound: float, path: Path
             last = row.objective
         yield row
     if number == space.count() and orbits != classes:
-        raise damage(path, f"its {number} candidates stand for {orbits} trees, but there are {classes}")
+        raise damage(path, f"its {number} candidates represent {orbits} trees, but there are {classes}")
 
 
 def check_designs(ledger: Ledger, contexts: list[Context], space: Space, rows: Iterable[Row]) -> None:
@@ -93,7 +93,7 @@ def _differences(ledger: Ledger, contexts: list[Context], space: Space, row: Row
     context = contexts[row.step]
     design = ledger.result(context, row.key)
     if not isinstance(design, Design):
-        yield "design is none"
+        yield "design is missing"
         return
     try:
         candidate = space.candidate_of(Topology.from_key(row.key))

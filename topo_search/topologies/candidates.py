@@ -146,7 +146,7 @@ def _connectors(family: Family) -> Connectors:
 
 def _representative(topology: Topology, quotient: Quotient, connectors: Connectors) -> Rooted:
     if connectors == "aligned" and not topology.aligned:
-        raise ValueError(f"an aligned topology has even kappas alone, but got {list(topology.kappas)}")
+        raise ValueError(f"an aligned topology has only even kappas, but got {list(topology.kappas)}")
     return quotient.representative(rooted_of(topology.key))
 
 

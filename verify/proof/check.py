@@ -22,7 +22,7 @@ MOST_MODULES = 12
 """The allowances for rounding hold for so many (`verify.proof.dual`)."""
 REASONS = {
     ends.ENDS_EARLY: "the record ends before it",
-    ends.GOES_ON: "the record goes on after the last box",
+    ends.GOES_ON: "the record continues after the last box",
     ends.NO_SUCH_ANGLE: "the record halves an unknown angle, or one without width",
     ends.TOO_DEEP: "the record halves it more often than a number can be",
     ends.NOT_BOUNDED: "no bound excludes it",

@@ -192,7 +192,7 @@ def _trial_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna
 
 
 def _tell(study: optuna.Study, trial: optuna.Trial, score: Scored) -> FrozenTrial:
-    """Tell the study what became of a candidate; without a design it misses a constraint, at an infinite value."""
+    """Tell the study the outcome of a candidate; without a design it misses a constraint, at an infinite value."""
     trial.set_user_attr(Attribute.STATUS, score.status)
     trial.set_user_attr(Attribute.STARTS, score.starts)
     if score.status == "failed":

@@ -1,4 +1,4 @@
-"""Trials of trees: their encoding, what became of them, and the Optuna sampler that proposes whole trees.
+"""Trials of trees: their encoding, their outcomes, and the Optuna sampler that proposes whole trees.
 
 Trees are rows of whole numbers of fixed length: every row is a tree, and every tree is a row.
 
@@ -126,7 +126,7 @@ def goes_on(score: Scored, others: Sequence[Rank], step: int) -> bool:
     """True if a candidate is given more starts.
 
     Args:
-        score: what became of it after the first `step` steps.
+        score: its outcome after the first `step` steps.
         others: how all candidates stand, itself among them, in ascending order.
         step: 1 after the first step.
     """
@@ -230,7 +230,7 @@ class Attribute(StrEnum):
     STARTS = "starts"
     """Starts of its candidate so far, once it is over."""
     STATUS = "status"
-    """What became of its candidate, once it is over."""
+    """Outcome of its candidate, once it is over."""
 
 
 class TreeSampler(BaseSampler):
