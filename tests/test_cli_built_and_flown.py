@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from export_cases import OWN_FRAME, random_design
+from suites import few
 
 from topo_search.cli import main
 from topo_search.model import Design, Topology
@@ -33,7 +34,15 @@ def level(topology: Topology, **task) -> Design:
 
 @pytest.mark.parametrize(
     ("n", "connectors", "module"),
-    [(2, "aligned", {}), (2, "any", {"body": OWN_FRAME}), (12, "any", {}), (12, "aligned", {"body": OWN_FRAME})],
+    few(
+        [
+            (2, "any", {"body": OWN_FRAME}),
+            (12, "any", {}),
+            (2, "aligned", {}),
+            (12, "aligned", {"body": OWN_FRAME}),
+        ],
+        2,
+    ),
 )
 def test_any_platform_is_flown_and_has_its_matrix_and_brackets(command, tmp_path, n, connectors, module):
     (tree,) = sample(n, 1, 3, connectors=connectors)

@@ -1,13 +1,19 @@
 """The whole way with the real solver and the real audit, on platforms small enough for seconds."""
 
 import json
+import os
+import signal
 import subprocess
 import sys
+from unittest.mock import patch
 
 import pytest
-from processes import ranking
+from click.testing import CliRunner
+from processes import eventually, gone, ranking, recorded
+from toy_problem import InProcess
 
 import topo_search
+from topo_search.cli import main
 from topo_search.model import Design
 from topo_search.model.files import read_json, read_task
 from topo_search.study import COLUMNS
@@ -20,32 +26,67 @@ def platform(path):
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    """The four-module push task, searched with one worker."""
+    """The four-module push task, searched in this process."""
     path = tmp_path_factory.mktemp("push")
     task = read_task("push", ("modules=4",))
-    return task, topo_search.search(task, out=path, starts=2, workers=1)
+    with patch("topo_search.compose.binding.Workers", InProcess):
+        return task, topo_search.search(task, out=path, starts=2)
 
 
+@pytest.mark.usefixtures("in_process")
 def test_the_best_of_four_modules_is_audited_and_its_file_stands_alone(found):
     _, answer = found
     assert answer.exit_status == 0
     design = read_json(Design, answer.folder / "best.json")
     assert design.objective == answer.best.objective
     assert 0 < answer.best.gap < 0.1
-    assert topo_search.audit(design).verdict == "clear"
-    done = subprocess.run(
-        [sys.executable, "-m", "topo_search", "audit", str(answer.folder / "best.json"), "--json"],
-        capture_output=True,
-        text=True,
-    )
-    assert (done.returncode, json.loads(done.stdout)["verdict"]) == (0, "clear"), done.stderr
+    done = CliRunner().invoke(main, ["audit", str(answer.folder / "best.json"), "--json"])
+    assert (done.exit_code, json.loads(done.stdout)["verdict"]) == (0, "clear"), done.stderr
 
 
-def test_two_workers_find_the_same(found, tmp_path):
-    task, one = found
-    two = topo_search.search(task, out=tmp_path / "two", starts=2, workers=2)
-    assert ranking(two.folder) == ranking(one.folder)
-    assert platform(two.folder / "best.json") == platform(one.folder / "best.json")
+def children_of(pid):
+    with open(f"/proc/{pid}/task/{pid}/children") as listing:
+        return [int(child) for child in listing.read().split()]
+
+
+def tree_of(pid):
+    family = [pid]
+    for process in family:
+        family += children_of(process)
+    return family
+
+
+def test_two_workers_find_the_same_though_all_are_killed_and_then_one(found, tmp_path):
+    """Nothing stays behind, and the resumed run ends as if nothing was."""
+    _, whole = found
+    killed = tmp_path / "killed"
+
+    def start():
+        command = [sys.executable, "-m", "topo_search", "run", "push", "--modules", "4", "--starts", "2"]
+        return subprocess.Popen(
+            [*command, "--workers", "2", "--out", str(killed)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    process = start()
+    eventually(lambda: len(recorded(killed)) >= 2 and len(tree_of(process.pid)) > 1)
+    family = tree_of(process.pid)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    eventually(lambda: all(map(gone, family)))
+    acknowledged = len(recorded(killed))
+    assert 2 <= acknowledged < len(ranking(whole.folder))
+
+    resumed = start()
+    eventually(lambda: len(recorded(killed)) > acknowledged)
+    workers = [pid for pid in tree_of(resumed.pid)[1:] if not children_of(pid)]
+    os.kill(workers[-1], signal.SIGKILL)
+    family = tree_of(resumed.pid)
+    assert resumed.wait(timeout=300) == 0
+    eventually(lambda: all(map(gone, family)))
+    assert ranking(killed) == ranking(whole.folder)
+    assert platform(killed / "best.json") == platform(whole.folder / "best.json")
 
 
 @pytest.mark.usefixtures("in_process")
@@ -77,5 +118,5 @@ def test_what_no_platform_can_lift_is_said_in_words(tmp_path):
 
 def test_a_time_limit_still_ends_with_an_audited_design():
     task = read_task("push", ("modules=3",))
-    solved = topo_search.solve(task, topo_search.Topology.from_key("a300"), time_limit=30.0)
+    solved = topo_search.solve(task, topo_search.Topology.from_key("a300"), starts=4, time_limit=30.0)
     assert solved.exit_status == 0

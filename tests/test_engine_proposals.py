@@ -296,8 +296,10 @@ def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_plac
     assert repeats > 5
 
 
-@pytest.mark.parametrize("round_size", [ROUND, 70])
-def test_what_is_kept_of_trials_is_what_the_study_says(monkeypatch: pytest.MonkeyPatch, round_size: int) -> None:
+@pytest.mark.parametrize(("round_size", "trials"), few([(ROUND, 150), (70, 300)], 1))
+def test_what_is_kept_of_trials_is_what_the_study_says(
+    monkeypatch: pytest.MonkeyPatch, round_size: int, trials: int
+) -> None:
     """Proposals of `moves` depend on nothing but what is compared here with the study as it stands."""
     searched, ideas, compared = space(8), moves.Moves.ideas, list[tuple[int, ...]]()
 
@@ -329,7 +331,7 @@ def test_what_is_kept_of_trials_is_what_the_study_says(monkeypatch: pytest.Monke
         return Scored(key, starts, "failed", None, None) if fails else scored(key, starts)
 
     monkeypatch.setattr(moves.Moves, "ideas", watched)
-    strategy = study_of(searched, round_size=round_size, sampler="moves", trials=150, starts=STARTS, seed=0)
+    strategy = study_of(searched, round_size=round_size, sampler="moves", trials=trials, starts=STARTS, seed=0)
     replay(strategy, objective)
     for numbers, least in zip(zip(*compared, strict=True), (4, 2, 1), strict=True):
         assert max(numbers) >= least

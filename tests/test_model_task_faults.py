@@ -22,7 +22,6 @@ com = { force = [0.0, 0.0, 1.0] }
 TEN = 'name = "t"\nmodules = 5\ntask_seed = 0\nload_cases = "ten-wrenches"\n'
 CAPSULE = '[[exposure]]\nkind = "directional"\n'
 CONE = '[[exposure]]\nkind = "exterior"\n'
-PLANES = '[[exposure]]\nkind = "allowed"\n'
 KIND = 'must be one of "local", "directional", "exterior", "allowed", but got'
 NAME = "must be 1 to 40 letters, digits, spaces and any of . _ + -, a letter or digit first"
 FORMS = "must have either `segments`, or `polylines`, or `along` with `length`, but got"

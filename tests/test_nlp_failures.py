@@ -214,6 +214,7 @@ def test_a_program_that_takes_in_corners_ends_where_one_with_all_of_them_does() 
     assert len(found[0].corners) < len(found[1].corners) == 8
 
 
+@pytest.mark.slow
 def test_a_task_that_asks_for_less_finds_no_worse_design() -> None:
     """Without ball, rod and exclusion few of the best ends of the descents become good designs."""
     text = read_task("survives-a-rotor").model_dump(mode="json", exclude={"exposure"})

@@ -40,7 +40,7 @@ def effort_of_axes(task, Z):
     return np.where(missed, np.inf, effort)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 8), st.integers(1, 4))
 def test_no_thrust_axes_undercut_the_closed_form(seed, n, K):
     """60 tasks, 400 platforms each; half of them near the best axes of a hover."""
@@ -53,7 +53,7 @@ def test_no_thrust_axes_undercut_the_closed_form(seed, n, K):
     assert np.all(effort_of_axes(task, Z) >= closed_form(task) * (1 - 1e-9))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 6))
 def test_no_inputs_of_a_platform_undercut_the_closed_form(seed, n):
     """Least-norm inputs of random platforms, torques and all, signs free; what a platform cannot do costs more."""
@@ -114,17 +114,6 @@ def test_the_closed_form_is_attained_by_one_hovering_module():
     assert lower_bound(task) == closed_form(task)
 
 
-@given(st.floats(-3.0, 3.0), st.floats(0.1, 10.0))
-def test_the_closed_form_turns_with_the_forces_and_scales_with_their_square(angle, scale):
-    forces = np.array([[0.5, 0.0, 0.5], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]])
-    c, s = np.cos(angle), np.sin(angle)
-    turned = (
-        scale * forces @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
-    )
-    expected = scale**2 * closed_form(with_forces(4, forces, np.ones(3)))
-    assert closed_form(with_forces(4, turned, np.ones(3))) == pytest.approx(expected, rel=1e-9)
-
-
 def test_only_the_whole_force_of_a_load_case_counts():
     """Torques, and whether a force acts at the end-effector or at the COM, are dropped."""
     whole = push(3, load_cases=[{"com": {"force": [0.2, 0.0, 1.0]}}])
@@ -146,7 +135,7 @@ def random_forces(rng, K):
     return rng.normal(size=(K, 3)) * 10 ** rng.uniform(-1, 0, (K, 1)), 10 ** rng.uniform(-1, 1, K)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 5))
 def test_whatever_the_multipliers_no_thrusts_undercut_their_dual_value(seed, K):
     """40 multipliers, 2000 sets of axes and thrusts each: half of them the best for the multipliers at hand."""
@@ -167,7 +156,7 @@ def test_whatever_the_multipliers_no_thrusts_undercut_their_dual_value(seed, K):
     assert np.min(effort - dual) < 0.2 * np.max(np.abs(dual))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**32), st.integers(4, 8), st.integers(1, 4))
 def test_no_design_of_its_own_task_undercuts_it(seed, n, K):
     """A platform with any inputs does the task that asks for their wrenches; so with the least inputs that do."""
@@ -224,7 +213,7 @@ def test_the_dual_is_the_closed_form_where_no_sign_is_in_the_way(name):
         assert dual <= closed * (1 + 1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 6))
 def test_the_greatest_value_on_the_sphere_is_above_all_and_near(seed, K):
     rng = np.random.default_rng(seed)

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from nlp_cases import FEATURES, GENTLE_PUSH, PATH, best_design, push
+from suites import few
 
 from nlp import lower_bound
 from topo_search.model import Task, Topology
@@ -91,7 +92,7 @@ def test_turning_the_whole_task_about_the_vertical_changes_nothing(fields):
     assert best(other) == pytest.approx(best(task), rel=SAME)
 
 
-@pytest.mark.parametrize("key", ["a71000", "a11420"])
+@pytest.mark.parametrize("key", few(["a71000", "a11420"], 1))
 def test_the_root_of_a_tree_is_arbitrary(key):
     topology, task = Topology.from_key(key), push(5)
     efforts = [best(task, rerooted(topology, root)) for root in range(5)]
@@ -147,7 +148,7 @@ def test_scaling_all_lengths_changes_nothing(scale):
     assert best(Task.model_validate(data).resolve(5)) == pytest.approx(best(task), rel=SAME)
 
 
-@pytest.mark.parametrize("scale", [0.02, 30.0])
+@pytest.mark.parametrize("scale", few([0.02, 30.0], 1))
 def test_scaling_all_forces_changes_nothing(scale):
     """Heavier platforms, gravity on another planet, stronger rotors: efforts keep their ratio to the bound."""
     task = push(5)
@@ -160,10 +161,10 @@ def test_scaling_all_forces_changes_nothing(scale):
 
 def test_stronger_rotors_never_hurt():
     """A larger u_max only adds designs; where no input is at its limit it changes nothing."""
-    efforts = [best(push(5, module={"max_thrust_to_weight": ratio})) for ratio in (2.1, 2.3, 2.5, 3.0, 50.0)]
-    for weaker, stronger in itertools.pairwise(efforts[:4]):
+    efforts = [best(push(5, module={"max_thrust_to_weight": ratio})) for ratio in (2.1, 2.5, 3.0, 50.0)]
+    for weaker, stronger in itertools.pairwise(efforts[:3]):
         assert stronger < weaker * (1 - 1e-3)
-    assert efforts[4] == pytest.approx(efforts[3], rel=SAME)
+    assert efforts[3] == pytest.approx(efforts[2], rel=SAME)
 
 
 def test_weights_count_by_their_ratio():

@@ -20,7 +20,18 @@ NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 EXECUTED = NOTEBOOKS.parent / "docs/executed"
 BOOKS = sorted(NOTEBOOKS.glob("*.ipynb"))
 
-EVERY_FIGURE_IS_LABELLED = """
+BEFORE = """
+def search_in_this_process():
+    import sys
+
+    sys.path.append(TESTS)
+    from toy_problem import InProcess
+
+    from topo_search.compose import binding
+    from topo_search.experiments import conducting
+
+    binding.Workers = conducting.Workers = InProcess
+
 def check_figures():
     from matplotlib.backend_bases import FigureCanvasBase
 
@@ -38,8 +49,10 @@ def check_figures():
 
     FigureCanvasBase.print_figure = checked
 
+search_in_this_process()
 check_figures()
 """
+"""Runs first: each worker would load solver, audit and compiled code anew; every figure is to have its labels."""
 
 
 @pytest.fixture(params=BOOKS, ids=[book.stem for book in BOOKS])
@@ -74,7 +87,7 @@ def test_runs_from_a_fresh_kernel(book, tmp_path, monkeypatch):
             shutil.copytree(NOTEBOOKS / folder, tmp_path / folder)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
     content = nbformat.read(book, as_version=4)
-    content.cells.insert(0, nbformat.v4.new_code_cell(EVERY_FIGURE_IS_LABELLED))
+    content.cells.insert(0, nbformat.v4.new_code_cell(BEFORE.replace("TESTS", repr(str(Path(__file__).parent)))))
     NotebookClient(content, resources={"metadata": {"path": str(tmp_path)}}).execute()
 
     outputs = [output for cell in content.cells if cell.cell_type == "code" for output in cell.outputs]

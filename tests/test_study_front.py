@@ -79,7 +79,7 @@ points = st.lists(
 names = st.sets(st.sampled_from(["clearance", "stand_off", "peak_input", "modules"])).map(sorted)
 
 
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(points, names)
 def test_the_front_is_what_no_other_point_equals_or_betters(given_points, goals):
     """By the definition, on values that differ by much or not at all."""
@@ -107,7 +107,7 @@ def le(x, y):
     return x <= y
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(*[st.floats(0, 4)] * 4), max_size=30))
 def test_differences_of_less_than_a_step_are_none(drawn):
     """None of the front covers another within a step, and all that is left out is covered within two."""

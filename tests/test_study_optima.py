@@ -108,6 +108,7 @@ def test_local_optima_are_distinct_and_none_is_missed_that_solve_finds():
     assert efforts[-1] <= 1.05 * best.objective
 
 
+@pytest.mark.slow
 def test_local_optima_on_a_set_are_all_that_all_combinations_hold(monkeypatch):
     task, tree = push(4, search={"hinge_step_deg": 15.0}), Topology.from_key("a3200")
     best = solved(solve(task, tree, starts=range(4), seed=0))

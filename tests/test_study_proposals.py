@@ -106,7 +106,7 @@ class Shuffled(Engine):
 def test_the_order_in_which_jobs_end_changes_nothing(tmp_path, sampler):
     engines = [Shuffled(seed) for seed in range(2)]
     for number, engine in enumerate([None, *engines]):
-        toy_run(tmp_path / f"{number}", sampler=sampler, trials=80, round_size=20, engine=engine, **PROPOSED)
+        toy_run(tmp_path / f"{number}", sampler=sampler, trials=40, round_size=20, engine=engine, **PROPOSED)
     first, *others = (ranking(tmp_path / f"{number}") for number in range(3))
     assert others == [first, first]
     first, *others = ([one.user_attrs for one in trials_of(tmp_path / f"{number}")] for number in range(3))

@@ -5,6 +5,7 @@ import optuna
 import pytest
 from click.testing import CliRunner
 from own_code import MINE, Fewest, make_qmc, make_random
+from suites import few
 
 from topo_search import BadInput, OwnSampler, Topology, read_task, search, solve, to_json
 from topo_search.cli import main
@@ -172,7 +173,7 @@ def test_a_design_to_start_from_belongs_to_the_run(hover, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")  # what Optuna says of its own
-@pytest.mark.parametrize("sampler", [make_random, make_qmc, MINE, Fewest(), lambda seed: Fewest()])
+@pytest.mark.parametrize("sampler", few([MINE, Fewest(), make_random, make_qmc, lambda seed: Fewest()], 2))
 def test_any_sampler_proposes(hover, tmp_path, monkeypatch, sampler):
     monkeypatch.setattr("topo_search.compose.searching.write_page", lambda folder: None)
     given = {"strategy": "optuna", "trials": 2, "starts": 1, "workers": 1, "sampler": sampler}

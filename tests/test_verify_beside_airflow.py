@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from suites import few
 from verify_cases import design
 
 from topo_search.model import Status, Topology
@@ -88,7 +89,7 @@ def checked(certificate, d):
         assert abs(d) <= 1.01 * FLOOR
 
 
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 30.0])
+@pytest.mark.parametrize("scale", few([1.0, 1e-3, 30.0], 1))
 def test_verdicts_are_those_of_another_way(scale):
     """Random parts and envelopes, as drawn and moved along the normal to within a hair of touching."""
     rng = np.random.default_rng(7)

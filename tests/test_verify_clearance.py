@@ -44,7 +44,7 @@ def test_by_hand(A, B, expected):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_equals_golden_section(family):
     rng = np.random.default_rng(11)
-    pairs = [random_pair(family, rng) for _ in range(150)]
+    pairs = [random_pair(family, rng) for _ in range(50)]
     found, slow = clearances(pairs).d, brute_clearance(pairs)
     assert np.abs(found - slow).max() < 2e-9
     assert (found - slow).max() < 1e-13  # golden section can only stop too early
@@ -53,7 +53,7 @@ def test_equals_golden_section(family):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_plane_at_the_witness_proves_the_value(family):
     rng = np.random.default_rng(12)
-    pairs = [random_pair(family, rng) for _ in range(300)]
+    pairs = [random_pair(family, rng) for _ in range(100)]
     proven = 0
     for (A, B), d, eta, gamma in zip(pairs, *clearances(pairs), strict=True):
         w = B.centre(gamma) - A.centre(eta)

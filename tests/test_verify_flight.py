@@ -188,26 +188,6 @@ def test_hover_is_held_at_every_tilt_up_to_the_largest_and_not_just_beyond_it(se
     assert not producible(given, np.append(beyond, np.zeros(3)))
 
 
-@pytest.mark.parametrize("seed", few(THREE, 3))
-def test_the_tilt_is_where_the_first_arc_leaves_a_facet_of_all(seed: int) -> None:
-    """Along an arc a facet's n . f is R cos(s - phi): it is left at the first s at which that is h(n)."""
-    given = drawn(seed, 3)
-    task, at = given.task, platform(given)
-    A = wrench_map(at, task.module) * task.module.max_input(task.gravity) / task.force_unit(3)
-    normals = facets(A / np.repeat([1.0, 0.1], 3)[:, None]) / np.repeat([1.0, 0.1], 3)
-    normals = np.concatenate([normals, -normals])
-    h, first = np.maximum(normals @ A, 0).sum(axis=1), math.pi
-    for e in np.linspace(0.0, 2 * math.pi, 721):
-        x, z = normals[:, :2] @ [math.cos(e), math.sin(e)], normals[:, 2]
-        R = np.hypot(x, z)
-        left = (h < R) & (R > 1e-9)
-        s = np.arctan2(x[left], z[left]) - np.arccos(np.clip(h[left] / R[left], -1.0, 1.0))
-        first = min(first, float(s[s > -1e-6].min(initial=math.pi)))
-    tilt = flight(given).hover.tilt_deg
-    assert tilt is not None
-    assert -1e-4 <= math.degrees(max(first, 0.0)) - tilt <= 0.02
-
-
 def test_the_largest_tilt_does_not_imply_smaller_ones() -> None:
     """A facet cuts arcs between 4 and 6 degrees alone."""
     d, up = force_at(math.radians(5.0), np.array([1.0, 0.0])), np.array([0.0, 0.0, 1.0])
@@ -231,26 +211,6 @@ def test_accelerations_about_each_axis_can_be_had_either_way_and_no_more_one_way
             assert producible(given, b - 0.9999 * added)
             assert not (producible(given, b + 1.0001 * added) and producible(given, b - 1.0001 * added))
             assert a <= case.angular_acceleration_at_most_rad_s2[k] <= a * (1 + 1e-6)
-
-
-@pytest.mark.filterwarnings("ignore:Importing from numpy.matlib")
-@pytest.mark.parametrize("name", ["wall-push", "survives-a-rotor"])
-def test_reserves_are_distances_to_facets_that_pycapacity_enumerates(name: str) -> None:
-    from pycapacity.algorithms import hyper_plane_shift_method
-
-    given = read_json(Design, Path(__file__).parent / f"designs/{name}.json")
-    at, task = platform(given), given.task
-    unit = np.repeat([task.force_unit(3), task.torque_unit(3)], 3)
-    A = wrench_map(at, task.module) * task.module.max_input(task.gravity) / unit[:, None]
-    normals, offsets = map(np.array, hyper_plane_shift_method(A, np.zeros(12), np.ones(12)))
-    for case, b in zip(flight(given).cases, asked(given), strict=True):
-        rest = offsets.ravel() - normals @ (b / unit)
-        for what, reserve, _ in reserves(case):
-            columns = np.array(
-                [added(what, x, at.p_e) / unit for x in np.eye(3)[: 2 if "horizontal" in what else 3]]
-            )
-            sizes = np.linalg.norm(normals @ columns.T, axis=1)
-            assert reserve == pytest.approx((rest[sizes > 1e-9] / sizes[sizes > 1e-9]).min(), rel=1e-5)
 
 
 @pytest.mark.parametrize("seed", few(ABLE, 2))
@@ -441,78 +401,6 @@ def test_a_platform_that_cannot_hover_says_so() -> None:
     assert found.weakest_point == "cannot hover"
     assert found.cases[1].possible
     assert {load.case for load in found.joints} == {"load case 0"}
-
-
-def test_figures_scale_with_lengths_and_masses() -> None:
-    """Twice as long and three times as heavy: forces grow by 3, torques by 6, shares and angles stay."""
-    small = drawn(ABLE[0])
-    module = small.task.module
-    s, m = 2.0, 3.0
-    inertia = [m * s * s * x for x in module.inertia]
-    larger = {
-        "module": {
-            "max_thrust_to_weight": module.max_thrust_to_weight,
-            "mass": m * module.mass,
-            "arm_length": s * module.arm_length,
-            "connector_distance": s * module.connector_distance,
-            "torque_coefficient": s * module.torque_coefficient,
-            "body": {"rotor_radius": s * 0.05, "rotor_height": s * 0.02, "arm_width": s * 0.02, "inertia": inertia}
-            | {"hub": [s * 0.08, s * 0.08, s * 0.04]},
-        },
-        "end_effector": {"mass": m * 0.048, "rod_radius": s * 0.005, "rod_linear_density": 0.045 * m / s},
-        "load_cases": [PUSH],
-    }
-    x, y, z = small.end_effector_m
-    large = design(
-        small.topology,
-        larger,
-        hinges=small.hinge_angles_rad,
-        root=small.root_orientation_rad,
-        end_effector=(s * x, s * y, s * z),
-    )
-    one, other = flight(small), flight(large)
-    for a, b in zip(one.cases, other.cases, strict=True):
-        for name, factor in (("force_reserve_N", m), ("horizontal_reserve_N", m), ("torque_reserve_Nm", m * s)):
-            assert getattr(b, name) == pytest.approx(factor * getattr(a, name), rel=1e-6, abs=1e-6)
-        assert b.load_factor == pytest.approx(a.load_factor, rel=1e-6)
-        assert (b.largest_input, b.inputs_at_limit) == (pytest.approx(a.largest_input, rel=1e-6), a.inputs_at_limit)
-    for before, after in zip(one.joints, other.joints, strict=True):
-        assert after.force_N == pytest.approx(m * before.force_N, rel=1e-6)
-        assert after.moment_Nm == pytest.approx(m * s * before.moment_Nm, rel=1e-6)
-        assert after.about_hinge_Nm == pytest.approx(m * s * before.about_hinge_Nm, rel=1e-5, abs=1e-9)
-    assert other.rotors_out_hover == one.rotors_out_hover
-    for name, factor in (("span_m", s), ("rod_length_m", s), ("rod_mass_share", 1.0), ("hover_power_ratio", 1.0)):
-        mine, theirs = getattr(one, name), getattr(other, name)
-        assert theirs == (None if mine is None else pytest.approx(factor * mine, rel=1e-6))
-
-
-def test_a_task_in_newtons_has_the_figures_of_the_same_task_in_weights() -> None:
-    given = drawn(ABLE[1])
-    force = given.task.force_unit(5)
-    in_newtons = {
-        "units": "SI",
-        "end_effector": {"force": [0.01 * force, 0.005 * force, 0.0]},
-        "com": {"force": [0.0, 0.0, force]},
-    }
-    for a, b in zip(flight(given).cases, flight(drawn(ABLE[1], load_cases=[in_newtons])).cases, strict=True):
-        for (_, size, _), (_, same, _) in zip(reserves(a), reserves(b), strict=True):
-            assert same == pytest.approx(size, rel=1e-9)
-        assert b.load_factor == pytest.approx(a.load_factor, rel=1e-9)
-
-
-def test_a_half_turn_of_the_world_turns_the_weakest_directions() -> None:
-    given = drawn(ABLE[2])
-    psi, alpha_0, alpha_1 = given.root_orientation_rad
-    x, y, z = given.end_effector_m
-    turned = {"end_effector": {"force": [-0.01, -0.005, 0.0]}, "com": {"force": [0.0, 0.0, 1.0]}}
-    task = given.task.model_dump(mode="json") | {"load_cases": [turned]}
-    other = changed(
-        given, task=task, root_orientation_rad=(psi + math.pi, alpha_0, alpha_1), end_effector_m=(-x, -y, z)
-    )
-    for a, b in zip(flight(given).cases, flight(other).cases, strict=True):
-        for (name, size, v), (_, same, w) in zip(reserves(a), reserves(b), strict=True):
-            assert same == pytest.approx(size, abs=1e-6), name
-            assert np.allclose(w, [-v[0], -v[1], v[2]], atol=1e-5)
 
 
 @pytest.mark.parametrize(("seed", "n"), [(ABLE[0], 5), (ABLE[4], 5), (THREE[4], 3)])

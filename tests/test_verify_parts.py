@@ -72,7 +72,7 @@ def projected(solid, x):
 def test_distances_are_those_of_alternating_projections():
     """Von Neumann's projections between two convex sets converge to their nearest points, without any support."""
     rng = np.random.default_rng(0)
-    for _ in range(40):
+    for _ in range(15):
         A = random_solid(rng).place(rotation(rng), ORIGIN)
         B = random_solid(rng).place(rotation(rng), rng.uniform(2.0, 4.0) * unit(rng))
         found = certificate(A, B)

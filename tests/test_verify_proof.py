@@ -2,28 +2,27 @@
 
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from nlp_cases import HOVER, push, random_tree
 from suites import few
 from test_nlp_bounds_attack import random_task
-from test_nlp_bounds_branch import clearance_missed, half_spaces, seen
+from test_nlp_bounds_branch import clearance_missed, dual_value_in, seen
 
 from nlp import proof_root, prove_chunk, solve
 from nlp.bounds.branch.arrays import to_arrays
 from nlp.bounds.branch.crowded import ALL_OVER, crowding
 from topo_search.model import Chunk, Design, Topology
-from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import chunk_count, proof_task
 from verify import check_chunk
 from verify.bodies import ConeSphere
 from verify.clearance import clearances
-from verify.kinematics import Platform, poses
+from verify.kinematics import poses
 from verify.proof import arcs, ascent, dual, nearness
 from verify.proof.check import chunk_box
 from verify.proof.platform import all_angles, hang, numbers
-from verify.wrench import required_wrench, wrench_map
 
 PAIR = Topology(((-1, -1, -1), (0, 0, 2)))
 
@@ -49,39 +48,11 @@ def bound_of(stated, y, sigma, lower, upper):
 
 
 def dual_value(task, tree, theta, tip, y, walls, corners=()):
-    """The dual function with the audit's kinematics and wrenches, inputs within limits, in units of `dual`.
-
-    `walls`: module, distance down its airflow, normal and multiplier of every row.
-    """
-    module, n = task.module, tree.n
-    at = poses(tree, theta[:3], theta[3:], module.connector_distance)
-    mass, fixed = task.total_mass(n), task.end_effector.fixed_position
-    l_c = module.connector_distance
-    joints = np.array([at.p[h] + l_c * at.R[h] @ PORT_DIRECTIONS[a] for h, _, a, _ in tree.edges()]).reshape(-1, 3)
-    on_modules = module.mass * at.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
-    if fixed is None:
-        p_COM = (on_modules + task.end_effector.mass * tip) / mass
-    else:
-        p_COM = (on_modules + task.end_effector.mass * np.array(fixed)) / (mass - task.end_effector.mass)
-        tip = p_COM + np.array(fixed)
-    o = at.p - p_COM
-    rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * ROTOR_DIRECTIONS)
-    platform = Platform(at, p_COM, o, tip - p_COM, rotors, joints - p_COM)
-    F, most = module.thrust_coefficient * task.max_input, max(case.weight for case in task.load_cases)
-    A, total = wrench_map(platform, module) * task.max_input, 0.0
-    air, planes, cornered = module.region_envelope, list(half_spaces(task)), proof_task(task, "task")
-    for i, down, normal, sigma in walls:
-        e, radius = (at.p[i] - air.length * at.z[i], air.end_radius) if down else (at.p[i], air.start_radius)
-        offset = min(planes, key=lambda plane: np.abs(plane[0] - normal).max())[1]
-        total += sigma * (normal @ (e - tip) + radius - offset) / module.arm_length
-    cornered = cornered.with_corners(corners) if corners else task
-    for case, y_k in zip(cornered.load_cases, y, strict=True):
-        nu, mu = y_k[:3] / F, y_k[3:] / (F * module.arm_length)
-        about_com = np.concatenate([nu + np.cross(mu, p_COM), mu])
-        t, weight = about_com @ A, case.weight / most
-        u = np.clip(np.divide(t, 2 * weight), 0, 1) if weight > 1e-300 else (t > 0).astype(float)
-        total += about_com @ required_wrench(case, platform.p_e) - np.sum(u * (t - weight * u))
-    return total
+    """The dual function in units of `dual`: the largest input, its thrust, and arm lengths."""
+    F, l_arm = task.module.thrust_coefficient * task.max_input, task.module.arm_length
+    units = SimpleNamespace(input=task.max_input, force=F, torque=F * l_arm, length=l_arm)
+    cases = (proof_task(task, "task").with_corners(corners) if corners else task).load_cases
+    return dual_value_in(units, task, tree, theta, tip, y, walls, cases)
 
 
 def any_multipliers(stated, rng):
