@@ -259,8 +259,9 @@ def test_a_design_file_keeps_the_names(hover, tmp_path):
 
 
 @pytest.mark.usefixtures("in_process")
-def test_a_dask_cluster_solves_what_is_stated_in_a_module_that_it_has(cluster, hover, tmp_path):
-    stated = [span(0.55, version="1")]
+def test_a_dask_cluster_solves_what_is_stated_in_a_module_that_it_has_or_by_value(cluster, hover, tmp_path):
+    by_value = OwnConstraint("lambda", lambda platform: platform.axes[0][2], upper=2.0, version="1")
+    stated = [span(0.55, version="1"), by_value]
     options = {"constraints": stated, "starts": 1, "topologies": ["a500", "a300"]}
     here = search(hover, out=tmp_path / "here", **options)
     there = search(hover, out=tmp_path / "there", dask=cluster.address, **options)
