@@ -102,12 +102,6 @@ def _difference(ledger: Ledger, contexts: list[Context], space: Space, row: Row)
         return "key is not that of its tree"
     if design.task != context.task.with_rod(design.task.end_effector.counted_rod):
         return "task is not that of its design"
-    cost = sum(
-        case.weight * sum(u * u for u in inputs)
-        for case, inputs in zip(design.task.load_cases, design.rotor_speeds_squared, strict=True)
-    )
-    if abs(cost - design.objective) > 1.0e-6 * abs(design.objective):  # the audit's tolerance
-        return f"objective is {design.objective!r}, but its inputs cost {cost!r}"
     due = {
         "modules": design.topology.n,
         "number of symmetric copies": candidate.orbit,
@@ -118,10 +112,16 @@ def _difference(ledger: Ledger, contexts: list[Context], space: Space, row: Row)
         **(dict.fromkeys(FLIGHT) if audit is None else flight_of(audit)),
     }
     values = asdict(row) | {"number of symmetric copies": row.orbit}
+    if (name := next((name for name in due if values[name] != due[name]), None)) is not None:
+        return f"{name} is not that of its design"
+    cost = sum(
+        case.weight * sum(u * u for u in inputs)
+        for case, inputs in zip(design.task.load_cases, design.rotor_speeds_squared, strict=True)
+    )
+    if abs(cost - design.objective) > 1.0e-6 * abs(design.objective):  # the audit's tolerance
+        return f"objective is {design.objective!r}, but its inputs cost {cost!r}"
     efforts = () if audit is None else (one.stated for one in audit.residuals if one.name == "objective")
-    if any(J not in (None, design.objective) for J in efforts):
-        return "audit is of another objective"
-    return next((f"{name} is not that of its design" for name in due if values[name] != due[name]), None)
+    return "audit is of another objective" if any(J not in (None, design.objective) for J in efforts) else None
 
 
 @contextmanager
