@@ -39,14 +39,14 @@ def read(run):
 @pytest.mark.parametrize("table", ["run", "contexts", "candidates", "texts", "solves"])
 def test_a_table_that_was_dropped(run, use, table):
     damaged(run, f"DROP TABLE {table}")
-    with named(run, f"it has no table {table}"):
+    with named(run, f"its table {table} is not as this program makes it"):
         use(run)
 
 
 @pytest.mark.parametrize("use", [toy_run, read])
 def test_a_column_that_has_another_name(run, use):
     damaged(run, "ALTER TABLE candidates RENAME COLUMN standing TO stands")
-    with named(run, "its table candidates has no column standing"):
+    with named(run, "its table candidates is not as this program makes it"):
         use(run)
 
 

@@ -55,7 +55,7 @@ def test_a_folder_that_a_killed_run_had_only_begun_is_taken_up(tmp_path):
 
 def test_the_lock_of_another_program_is_left_alone(tmp_path):
     put(tmp_path, {".lock": "my precious"})
-    with pytest.raises(BadInput, match=r"has a \.lock of another program"):
+    with pytest.raises(BadInput, match="is not the lock file of a run, and is left unchanged"):
         toy_run(tmp_path)
     assert (tmp_path / ".lock").read_text() == "my precious"
 
@@ -371,7 +371,7 @@ FALSE = {
     "another orbit": ("orbit = orbit + 1", "symmetric cop"),
     "no design": ("result_checksum = NULL", "its design is missing"),
     "another verdict": ("audit = 'violated'", "audit is not that of its design"),
-    "no audit": ("audit_checksum = NULL", "its audit is gone"),
+    "no audit": ("audit_checksum = NULL", "audit is not that of its design"),
     "another status": ("status = 'proven'", "is 'proven'"),
     "infinite": ("objective = 9e999", r"under the bound|is not that of its design"),
 }

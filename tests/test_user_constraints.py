@@ -180,7 +180,8 @@ def test_what_cannot_be_used_is_refused_before_a_folder_is_made(task, tmp_path, 
     assert not (tmp_path / "run").exists()
 
 
-def test_a_constraint_of_a_prompt_or_a_notebook_goes_to_workers_by_value():
+@pytest.mark.parametrize("place", ["prompt", "script"])
+def test_a_constraint_that_no_worker_imports_goes_to_it_by_value(tmp_path, place):
     typed = """
 LEAST = 0.9
 def upright(platform):
@@ -191,8 +192,11 @@ solved = solve(task, "a10", starts=4, constraints=stated)
 print(*(one.status for one in solved.audit.stated) if solved.audit else solved)
 """
     text = f"from topo_search import OwnConstraint, read_task, solve\n{typed}"
+    script = tmp_path / "script.py"
+    script.write_text(text)
+    source = "-" if place == "prompt" else script
     done = subprocess.run(
-        [sys.executable, "-"], input=text, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, source], input=text, capture_output=True, text=True, timeout=300, check=False
     )
     assert (done.stdout.strip(), done.returncode) == ("met met", 0), done.stderr
 
@@ -257,8 +261,9 @@ def test_a_design_file_keeps_the_names(hover, tmp_path):
 
 
 @pytest.mark.usefixtures("in_process")
-def test_a_dask_cluster_solves_what_is_stated_in_a_module_that_it_has(cluster, hover, tmp_path):
-    stated = [span(0.55, version="1")]
+def test_a_dask_cluster_solves_what_is_stated_in_a_module_that_it_has_or_by_value(cluster, hover, tmp_path):
+    by_value = OwnConstraint("lambda", lambda platform: platform.axes[0][2], upper=2.0, version="1")
+    stated = [span(0.55, version="1"), by_value]
     options = {"constraints": stated, "starts": 1, "topologies": ["a500", "a300"]}
     here = search(hover, out=tmp_path / "here", **options)
     there = search(hover, out=tmp_path / "there", dask=cluster.address, **options)

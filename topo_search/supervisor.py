@@ -119,8 +119,6 @@ def tell(text: str) -> None:
 def supervise(command: Callable[[], object]) -> NoReturn:
     """Run a command in a child process, and end with its exit status."""
     _open_standard_streams()
-    for name, number in ONE_THREAD.items():
-        os.environ.setdefault(name, number)  # each thread would take memory, and threads change sums
     signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
     parent = os.getpid()
     try:
@@ -309,23 +307,8 @@ def die_with_parent(parent: int) -> None:
         os._exit(1)
 
 
-def call_pickled(call: bytes, script: dict[str, str]) -> bytes:
-    """Call a function with its job: what that loads, and takes to do so, is part of the job that may fail.
-
-    Args:
-        call: both, pickled.
-        script: names the script that defines some of it, as `multiprocessing` does; may be empty.
-    """
-    if script:
-        from multiprocessing import current_process  # a worker has loaded them, the supervisor never does
-        from multiprocessing.spawn import prepare
-
-        process: Any = current_process()
-        process._inheriting = True  # as in a process that starts: the script may not start more of them
-        try:
-            prepare(script)
-        finally:
-            del process._inheriting
+def call_pickled(call: bytes) -> bytes:
+    """Call a pickled function with its job: what that loads, and the time it takes, is part of the job."""
     function, job = pickle.loads(call)
     return pickle.dumps(function(job))
 

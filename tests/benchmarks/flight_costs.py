@@ -13,16 +13,15 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 from rows import Row, Rows
 
 import verify
 from nlp import default_starts, solve
-from topo_search.model import Audit, Design, ResolvedTask, Topology
+from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.files import read_task
-from topo_search.study.request import margins, raise_margins, with_margin
+from topo_search.study.request import Margins, margins, with_margin
 from topo_search.topologies import candidates
 
 PLAIN = "nothing"
@@ -42,20 +41,18 @@ SEED = 0
 def solved(task: ResolvedTask, tree: Topology, starts: int) -> Row:
     """Return what became of a tree: its last design and what the audit says of it, or why there is none."""
     row: Row = {"status": "", "objective": None}
-    tasks = [with_margin(task, margin) for margin in margins(task)]
-
-    def judge(step: int, names: Sequence[str]) -> list[tuple[str, Audit]]:
-        found = solve(tasks[step], tree, starts=range(starts), seed=SEED)
-        if not isinstance(found, Design):
-            if step == 0:
-                row.update(status=found.status, worst=found.worst_constraint)
-            return []
-        audit = verify.audit(found)
-        row.update(status=audit.verdict.value, objective=found.objective, margin=tasks[step].search.margin)
-        return [] if audit.verdict == "clear" else [(name, audit) for name in names]
-
+    raised = Margins([with_margin(task, margin) for margin in margins(task)])
     began = time.process_time()
-    raise_margins(tasks, [tree.key], judge)
+    while True:
+        outcome = solve(raised.task, tree, starts=range(starts), seed=SEED)
+        if not isinstance(outcome, Design):
+            if raised.step == 0:
+                row.update(status=outcome.status, worst=outcome.worst_constraint)
+            break
+        audit = verify.audit(outcome)
+        row.update(status=audit.verdict.value, objective=outcome.objective, margin=raised.task.search.margin)
+        if audit.verdict == "clear" or not raised.raise_after(audit):
+            break
     return {**row, "seconds": time.process_time() - began}
 
 

@@ -1,8 +1,4 @@
-"""Composition of solver, audit and search: the Python interface, which the command line calls too.
-
-Most of these functions start worker processes. These import the script that calls only if it defines a constraint
-of your own: then the calls belong under `if __name__ == "__main__":`.
-"""
+"""Composition of solver, audit and search: the Python interface, which the command line calls too."""
 
 from topo_search.compose.binding import BACKENDS, available_cores
 from topo_search.compose.designs import (

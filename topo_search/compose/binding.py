@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import os
 import pickle
-import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import islice
-from pathlib import Path
 from typing import Unpack, get_args
 
 import cloudpickle
@@ -49,9 +48,7 @@ from topo_search.protocols import (
     SymbolicPlatform,
     TopologySampler,
 )
-from topo_search.study import Observer, Own, Sampler
-from topo_search.study.request import digest
-from topo_search.topologies import OwnTopology, own_candidates
+from topo_search.study import Observer, Sampler
 from verify.air import Unreached, enclose
 
 
@@ -88,23 +85,20 @@ def local_optima_mounted(
     return [_mount(task, design, constraints) for design in found]
 
 
-def audit_exactly(design: Geometry) -> Audit:
-    """Audit a design; the audit and its libraries load with the first one."""
-    return verify.audit(design)
-
-
-def audit_stated(geometry: Geometry, *, constraints: Sequence[OwnConstraint]) -> Audit:
+def audit_with(geometry: Geometry, *, constraints: Sequence[OwnConstraint] = ()) -> Audit:
     """Audit a design, and evaluate own constraints at the poses that the audit derives."""
+    if not constraints:
+        return verify.audit(geometry)
     from verify.kinematics import platform
 
     design = verify.complete(geometry)
     audited, at = verify.audit(design), platform(design)
-    found = nlp.check_stated(constraints, design, orientations=at.poses.R, centres=at.o, end_effector=at.p_e)
-    here = {one.name for one in found}
-    missed = any(one.status == "missed" for one in found)
+    checks = nlp.check_stated(constraints, design, orientations=at.poses.R, centres=at.o, end_effector=at.p_e)
+    names = {one.name for one in checks}
+    missed = any(one.status == "missed" for one in checks)
     return audited.model_copy(
         update={
-            "stated": (*found, *(one for one in audited.stated if one.name not in here)),
+            "stated": (*checks, *(one for one in audited.stated if one.name not in names)),
             "verdict": Status.worst([audited.verdict, Status.VIOLATED if missed else Status.CLEAR]),
         }
     )
@@ -118,14 +112,14 @@ def backends(constraints: Sequence[OwnConstraint]) -> Backends:
     return replace(
         BACKENDS,
         solve=partial(solve_mounted, constraints=given),
-        audit=partial(audit_stated, constraints=given),
+        audit=partial(audit_with, constraints=given),
         local_optima=partial(local_optima_mounted, constraints=given),
     )
 
 
 BACKENDS = Backends(
     solve=solve_mounted,
-    audit=audit_exactly,
+    audit=audit_with,
     lower_bound=nlp.proven_bound,
     prove_impossible=nlp.prove_impossible,
     local_optima=local_optima_mounted,
@@ -142,10 +136,10 @@ def open_engine(
     """Return the workers; those of a scheduler must have the same versions of the libraries."""
     if dask is None:
         if certificates is not None:
-            raise BadInput("dask_tls", [Fault("", "certificates need the address of a Dask scheduler, in dask")])
+            raise BadInput("dask_tls", "certificates need the address of a Dask scheduler, in dask")
         return Workers(workers or available_cores())
     if workers is not None:
-        raise BadInput("workers", [Fault("", "cannot be chosen with dask: all workers of the scheduler are used")])
+        raise BadInput("workers", "cannot be chosen with dask: all workers of the scheduler are used")
     same = {**computing_versions(), **versions}
     return DaskWorkers(dask, same, note=observer.note, certificates=certificates)
 
@@ -165,51 +159,6 @@ AnySampler = Sampler | OwnSampler | SamplerFactory | TopologySampler
 """Samplers that `search` takes."""
 
 
-@dataclass(frozen=True)
-class Handed:
-    """Input that a user gave a search."""
-
-    own: Own
-    """As far as the run's folder keeps it."""
-    near: tuple[Design, ...]
-    sampler: Sampler
-    """The one that a name stands for."""
-    propose: SamplerFactory | None
-    """Factory of the user's own."""
-    constraints: tuple[OwnConstraint, ...]
-
-
-def collect_own(
-    task: Task,
-    *,
-    near: Iterable[Design],
-    constraints: Iterable[OwnConstraint],
-    topologies: Iterable[OwnTopology] | None,
-    sampler: AnySampler,
-    elsewhere: bool,
-) -> Handed:
-    """Return what a user handed in; arguments as of `search`.
-
-    Raises:
-        BadInput: something cannot be used; names it.
-        ValueError: an unknown sampler.
-    """
-    designs, own_sampler = starting_points(near), _own_sampler(sampler)
-    stated = own_constraints(constraints, elsewhere=elsewhere)
-    return Handed(
-        Own(
-            topologies=None if topologies is None else own_candidates(topologies, task),
-            near=tuple(digest(design.model_dump(mode="json", exclude={"solver"})) for design in designs),
-            constraints=tuple(one.stated for one in stated),
-            sampler=None if own_sampler is None else own_sampler.stated,
-        ),
-        designs,
-        sampler if isinstance(sampler, str) else "moves",
-        None if own_sampler is None else own_sampler.make,
-        stated,
-    )
-
-
 def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
     """Return the designs to start from; BadInput for anything else, or too many."""
     if isinstance(near, Design | str) or not isinstance(near, Iterable):
@@ -227,33 +176,33 @@ def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
     return designs
 
 
-def own_constraints(constraints: Iterable[OwnConstraint], *, elsewhere: bool = False) -> tuple[OwnConstraint, ...]:
+def own_constraints(constraints: Iterable[OwnConstraint]) -> tuple[OwnConstraint, ...]:
     """Return own constraints as they can be sent to workers.
-
-    Args:
-        constraints: to be sent to other processes.
-        elsewhere: whether these are on other machines.
 
     Raises:
         BadInput: two have one name, one is no constraint or cannot be sent, or there are too many.
     """
     if isinstance(constraints, str) or not isinstance(constraints, Iterable):
         raise BadInput("constraints", f"must be a list of OwnConstraint, but got {_one(constraints)}")
-    given = tuple(_sendable(one, elsewhere=elsewhere) for one in islice(constraints, LIMITS.own_constraints + 1))
+    given = list(islice(constraints, LIMITS.own_constraints + 1))
     if len(given) > LIMITS.own_constraints:
         raise BadInput("constraints", f"must be at most {LIMITS.own_constraints:,}, but got more")
     faults = list[Fault]()
     for k, one in enumerate(given):
         if not isinstance(one, OwnConstraint):
             faults.append(Fault(f"[{k}]", f"must be an OwnConstraint, but got {type(one).__name__}"))
-        elif (reason := _reason_to_stay(one, elsewhere=elsewhere)) is not None:
-            faults.append(Fault(one.name, reason))
+            continue
+        try:
+            given[k] = _sendable(one)
+        except (AttributeError, TypeError, pickle.PicklingError) as error:  # it refers to a file, a lock, ...
+            how = "write it as a function at the top of a module, with `functools.partial` for its numbers"
+            faults.append(Fault(one.name, f"cannot be sent to worker processes ({error}); {how}"))
     if not faults:
         names = Counter(one.name for one in given)
         faults = [Fault(name, "must be the name of one constraint") for name, times in names.items() if times > 1]
     if faults:
         raise BadInput("constraints", faults)
-    return given
+    return tuple(given)
 
 
 def _one(given: object) -> str:
@@ -264,7 +213,7 @@ def _one(given: object) -> str:
 
 @dataclass(frozen=True)
 class ByValue:
-    """An expression of a notebook, a prompt or inside a function, which no other process can import."""
+    """An expression of a script, a notebook, a prompt or inside a function, which no other process imports."""
 
     content: bytes
     """It and all that it refers to there, pickled."""
@@ -280,36 +229,15 @@ def _expression(content: bytes) -> ConstraintExpression:
     return expression
 
 
-def _sendable(one: OwnConstraint, *, elsewhere: bool) -> OwnConstraint:
-    """Return a constraint with its expression by value if workers cannot import it, and that is possible."""
-    if not isinstance(one, OwnConstraint) or _reason_to_stay(one, elsewhere=elsewhere) is None:
-        return one
-    try:
-        return replace(one, expression=ByValue(cloudpickle.dumps(one.expression)))
-    except (TypeError, pickle.PicklingError):  # it refers to a file, a lock, ...: refused with the reason
-        return one
+def _sendable(one: OwnConstraint) -> OwnConstraint:
+    """Return a constraint with its expression by value if workers cannot import it."""
+    with suppress(AttributeError, TypeError, pickle.PicklingError):
+        if b"__main__" not in pickle.dumps(one.expression):
+            return one
+    return replace(one, expression=ByValue(cloudpickle.dumps(one.expression)))
 
 
-def _reason_to_stay(constraint: OwnConstraint, *, elsewhere: bool) -> str | None:
-    """Return why a constraint cannot be sent to workers; None if it can."""
-    if isinstance(constraint.expression, ByValue):
-        return None
-    how = "write it as a function at the top of a module, with `functools.partial` for its numbers"
-    try:
-        sent = pickle.dumps(constraint)
-    except (AttributeError, TypeError, pickle.PicklingError) as error:
-        return f"cannot be sent to worker processes ({error}); {how}"
-    if b"__main__" not in sent:
-        return None
-    if elsewhere:
-        return f"is defined in a script, which Dask workers cannot import; {how} that they have"
-    main = sys.modules["__main__"]
-    if getattr(main, "__spec__", None) is None and not Path(getattr(main, "__file__", None) or "").is_file():
-        return f"is defined in a notebook or a prompt, which worker processes cannot import; {how}"
-    return None
-
-
-def _own_sampler(sampler: AnySampler) -> OwnSampler | None:
+def named_sampler(sampler: AnySampler) -> OwnSampler | None:
     """Return a user's own sampler with a name; None for one of ours."""
     if isinstance(sampler, str):
         return None
@@ -317,22 +245,11 @@ def _own_sampler(sampler: AnySampler) -> OwnSampler | None:
         return sampler
     if callable(sampler):
         return OwnSampler(getattr(sampler, "__qualname__", type(sampler).__name__), sampler)
-    if isinstance(sampler, TopologySampler):
-        return OwnSampler(type(sampler).__name__, _Always(sampler))
+    if isinstance(sampler, TopologySampler):  # one without a state: the same for every seed
+        return OwnSampler(type(sampler).__name__, lambda _: sampler)
     known = ", ".join(get_args(Sampler))
     rule = f"must be {known}, or make one for a seed, such as `lambda seed: {type(sampler).__name__}(seed=seed)`"
     raise ValueError(f"sampler {rule}, but got {sampler!r}")
-
-
-@dataclass(frozen=True)
-class _Always:
-    """Makes the same sampler for every seed: one without a state."""
-
-    sampler: TopologySampler
-
-    def __call__(self, seed: int, /) -> TopologySampler:
-        """Return it."""
-        return self.sampler
 
 
 def enclose_speed(task: Task) -> Task:

@@ -36,7 +36,7 @@ def solve(
     """Find the best design of one topology and audit it, both in the calling process.
 
     With a time limit, or with constraints of your own, which might crash or never end, both happen in a worker
-    process. It imports a script that defines such a constraint: call it under `if __name__ == "__main__":` there.
+    process.
 
     Without `starts` and `time_limit` it ends after three rounds of starts in a row without improvement.
 
@@ -68,9 +68,9 @@ def solve(
     try:
         tree = own_topology(topology)
     except ValueError as error:
-        raise BadInput("topology", [Fault("", str(error))]) from None
+        raise BadInput("topology", str(error)) from None
     if tree.n > LIMITS.modules:
-        raise BadInput("topology", [Fault("", f"must have at most {LIMITS.modules} modules, but got {tree.n:,}")])
+        raise BadInput("topology", f"must have at most {LIMITS.modules} modules, but got {tree.n:,}")
     asked = enclose_speed(task if isinstance(task, Task) else read_task(task))
     resolved = asked.resolve(tree.n)
     if resolved.search.connectors == "aligned" and not tree.aligned:
@@ -216,7 +216,7 @@ def audit(design: Geometry, *, constraints: Iterable[OwnConstraint] = ()) -> Aud
         ('clear', 'airflow of modules 0 and 1')
     """
     if not isinstance(design, Geometry):
-        raise BadInput("design", [Fault("", f"must be a Design or a Geometry, but got {type(design).__name__}")])
+        raise BadInput("design", f"must be a Design or a Geometry, but got {type(design).__name__}")
     stated = own_constraints(constraints)
     nlp.refuse_unusable(stated, design.task, design.topology)
     (result,) = audits([design], workers=int(bool(stated)), constraints=stated)

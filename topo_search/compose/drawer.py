@@ -216,7 +216,7 @@ def kit(
     """
     out = Path(out)
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise BadInput("--out", [Fault("", f"must be a new or empty folder, but got {out}")])
+        raise BadInput("--out", f"must be a new or empty folder, but got {out}")
     choices = [_read_choices(_run_of(task, within, workers, observer), within) for task in tasks]
     _require_same_module(choices)
     if tolerance_deg:
@@ -434,7 +434,7 @@ def _read_choices(run: Path, within: float) -> Choices:
         answer = answer_of(folder)
         if not answer.complete:
             rule = "must be a finished run, but something is left to do; continue it with the same command"
-            raise BadInput(str(run), [Fault("", rule)])
+            raise BadInput(str(run), rule)
         best = answer.best
         if best is None or best.objective is None:
             raise NoCommonKit(f"no common kit: {run} has no design with a clear audit")

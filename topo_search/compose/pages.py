@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import nlp
 from topo_search.compose.designs import audit, read_completed, with_bound
-from topo_search.model import Audit, BadInput, Design, Fault
+from topo_search.model import Audit, BadInput, Design
 from topo_search.model.files import write_atomically
 from topo_search.study import REPORT, Observer, RunFolder, answer_of
 from topo_search.study.directory import CHANGED
@@ -51,7 +51,7 @@ def write_report(
     source = Path(source)
     if source.is_dir() and flight is not None:
         rule = f"must come with the file of the design that was flown, but got the folder {source}"
-        raise BadInput("--flight", [Fault("", rule)])
+        raise BadInput("--flight", rule)
     if source.is_dir() and out is None:
         with RunFolder.load(source, writes=True) as folder:
             _name_changed(folder, note)
@@ -109,7 +109,7 @@ def plot_platform(design: Design, audited: Audit | None = None) -> Any:
     from topo_search.report.scene import closest, figure
 
     if not isinstance(design, Design):
-        raise BadInput("design", [Fault("", f"must be a Design, but got {type(design).__name__}")])
+        raise BadInput("design", f"must be a Design, but got {type(design).__name__}")
     return figure(design, poses_to_draw(design), closest(audited), None if audited is None else audited.assembly)
 
 
@@ -155,7 +155,7 @@ def _designs(source: Path) -> list[Compared]:
     with RunFolder.load(source) as folder:
         answer = answer_of(folder).at_level
         if answer.shown is None:
-            raise BadInput(str(source), [Fault("", "holds no design yet")])
+            raise BadInput(str(source), "holds no design yet")
         gaps = {size.modules: size.gap_of for size in answer.sizes}
         level = folder.levels[answer.level]
         read = ((row, *level.result_of(row)) for row in rows_to_show(answer, answer.shown))

@@ -8,11 +8,19 @@ from collections.abc import Callable, Iterable, Mapping
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import nlp
 import verify
-from topo_search.compose.binding import AnySampler, backends, collect_own, enclose_speed, open_engine
+from topo_search.compose.binding import (
+    AnySampler,
+    backends,
+    enclose_speed,
+    named_sampler,
+    open_engine,
+    own_constraints,
+    starting_points,
+)
 from topo_search.compose.pages import follow_live, write_page
 from topo_search.engine import Certificates, DaskWorkers, Workers
 from topo_search.limits import LIMITS
@@ -25,6 +33,7 @@ from topo_search.study import (
     Answer,
     Checked,
     Observer,
+    Own,
     Request,
     RunFolder,
     Silent,
@@ -34,7 +43,8 @@ from topo_search.study import (
 from topo_search.study import check as check_run
 from topo_search.study import prove as prove_run
 from topo_search.study.proving import refuse_unprovable
-from topo_search.topologies import OwnTopology, Symmetry, improper_isometry
+from topo_search.study.request import digest
+from topo_search.topologies import OwnTopology, Symmetry, improper_isometry, own_candidates
 
 AnyTask = TypeVar("AnyTask", Task, ResolvedTask)
 
@@ -114,64 +124,51 @@ def search(
         >>> answer.best.key, answer.best.modules, answer.audit.verdict.value
         ('a10', 2, 'clear')
     """
-    asked = enclose_speed(task if isinstance(task, Task) else read_task(task))
-    handed = collect_own(
-        asked,
-        near=near,
-        constraints=constraints,
-        topologies=topologies,
-        sampler=sampler,
-        elsewhere=dask is not None,
-    )
+    base_task = enclose_speed(task if isinstance(task, Task) else read_task(task))
+    designs, checked, own_sampler = starting_points(near), own_constraints(constraints), named_sampler(sampler)
     request = Request(
-        asked,
+        base_task,
         symmetry,
-        nlp.default_starts(asked) if starts is None else starts,
+        nlp.default_starts(base_task) if starts is None else starts,
         seed,
         strategy,
-        handed.sampler,
+        sampler if isinstance(sampler, str) else "moves",
         trials if strategy == "optuna" else None,
         prune and strategy == "exhaustive",
         round_size,
-        own=handed.own,
-        near=handed.near,
-        propose=handed.propose,
+        own=Own(
+            topologies=None if topologies is None else own_candidates(topologies, base_task),
+            near=tuple(digest(design.model_dump(mode="json", exclude={"solver"})) for design in designs),
+            constraints=tuple(one.stated for one in checked),
+            sampler=None if own_sampler is None else own_sampler.stated,
+        ),
+        near=designs,
+        propose=None if own_sampler is None else own_sampler.make,
     )
     _refuse_endless(request)
     if keep_within is not None and (prune or not 0 <= keep_within <= LIMITS.percent):
         raise ValueError(f"`0 <= keep_within <= {LIMITS.percent}` must hold without `prune`, but got {keep_within}")
     if prove is not None:
-        refuse_unprovable(request, asked.name)
+        refuse_unprovable(request, base_task.name)
         _refuse_gap("prove", prove)
-    if handed.propose is not None:
+    if own_sampler is not None:
         from topo_search.engine.proposals.study import make_own
 
-        make_own(handed.propose, seed)
-    for n in asked.sizes if handed.constraints else ():
-        resolved, topology = asked.resolve(n), next(request.space(n).candidates()).topology
-        nlp.refuse_unusable(handed.constraints, resolved, topology)
-        nlp.refuse_wrong_claims(handed.constraints, resolved, topology, mirror=improper_isometry(resolved))
+        make_own(own_sampler.make, seed)
+    for n in base_task.sizes if checked else ():
+        resolved, topology = base_task.resolve(n), next(request.space(n).candidates()).topology
+        nlp.refuse_unusable(checked, resolved, topology)
+        nlp.refuse_wrong_claims(checked, resolved, topology, mirror=improper_isometry(resolved))
     path = Path("runs") / request.folder_name if out is None else Path(out)
     observer, until = observer or Silent(), time.monotonic() + time_limit
 
     def prepare() -> None:
         nonlocal until
-        _compiling(nlp.prepare, engine, observer)(asked)
+        _compiling(nlp.prepare, engine, observer)(base_task)
         until = time.monotonic() + time_limit
 
     def prove_best(gap: float) -> Answer:
-        return prove_run(
-            path,
-            nlp.prove_chunk,
-            nlp.proof_root,
-            gap=gap,
-            key=None,
-            engine=engine,
-            observer=follower,
-            time_limit=until - time.monotonic(),
-            prepare=_compiling(nlp.prepare_proof, engine, observer),
-            report=write_page,
-        )
+        return _prove(path, engine, follower, gap=gap, time_limit=until - time.monotonic())
 
     with (
         open_engine(workers, dask, dask_tls, request.versions, observer) as engine,
@@ -180,7 +177,7 @@ def search(
         return run(
             request,
             path,
-            backends(handed.constraints),
+            backends(checked),
             engine=engine,
             observer=follower,
             workers=engine.count if isinstance(engine, Workers) else None,
@@ -239,20 +236,23 @@ def prove(
     _refuse_gap("gap", gap)
     observer = observer or Silent()
     with open_engine(workers, dask, dask_tls, _versions(folder), observer) as engine:
-        return prove_run(
+        return _prove(
             Path(folder),
-            nlp.prove_chunk,
-            nlp.proof_root,
+            engine,
+            observer,
             gap=gap,
             key=topology,
-            engine=engine,
-            observer=observer,
             problem=problem,
             lender=None if lender is None else Path(lender),
             time_limit=time_limit,
-            prepare=_compiling(nlp.prepare_proof, engine, observer),
-            report=write_page,
         )
+
+
+def _prove(path: Path, engine: Workers | DaskWorkers, observer: Observer, **options: Any) -> Answer:
+    """Prove with the solver's bounds; options as of `topo_search.study.prove`."""
+    prepare = _compiling(nlp.prepare_proof, engine, observer)
+    options |= {"engine": engine, "observer": observer, "prepare": prepare, "report": write_page}
+    return prove_run(path, nlp.prove_chunk, nlp.proof_root, **options)
 
 
 def _refuse_gap(name: str, gap: float) -> None:
@@ -310,7 +310,7 @@ def _compiling(
 def _versions(folder: str | Path) -> Mapping[str, str]:
     """Return the versions of the libraries that a run was computed with."""
     if not Path(folder).is_dir():
-        raise BadInput(str(folder), [Fault("", "is not a run folder: it does not exist")])
+        raise BadInput(str(folder), "is not a run folder: it does not exist")
     with RunFolder.load(Path(folder)) as found:
         return found.request.versions
 

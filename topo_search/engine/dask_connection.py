@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from topo_search.engine.jobs import WorkersLost
-from topo_search.model import BadInput, Fault
+from topo_search.model import BadInput
 
 if TYPE_CHECKING:
     from distributed import Client, Security
@@ -46,18 +46,18 @@ class Certificates:
                 with open(path, "rb"):
                     pass
             except OSError as error:
-                raise BadInput(f"dask-{field.name}", [Fault("", f"{path}: {error.strerror}")]) from None
+                raise BadInput(f"dask-{field.name}", f"{path}: {error.strerror}") from None
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
         try:
             context.load_verify_locations(cafile=self.ca)
         except ssl.SSLError as error:
             rule = f"must be a certificate in PEM format, but got {self.ca} ({error})"
-            raise BadInput("dask-ca", [Fault("", rule)]) from None
+            raise BadInput("dask-ca", rule) from None
         try:
             context.load_cert_chain(self.cert, self.key, password="")  # no passphrase is asked for
         except ssl.SSLError as error:
             rule = f"must be a certificate and its key in PEM format, but got {self.cert}, {self.key} ({error})"
-            raise BadInput("dask-cert, dask-key", [Fault("", rule)]) from None
+            raise BadInput("dask-cert, dask-key", rule) from None
 
 
 def security_of(address: str, certificates: Certificates | None) -> Security | None:
@@ -72,7 +72,7 @@ def security_of(address: str, certificates: Certificates | None) -> Security | N
             _require_configuration()
         return None
     if not encrypted:
-        raise BadInput("dask", [Fault("", f"must be tls://HOST:PORT for certificates, but got {address!r}")])
+        raise BadInput("dask", f"must be tls://HOST:PORT for certificates, but got {address!r}")
     from distributed import Security
 
     return Security(
@@ -98,7 +98,7 @@ def _require_configuration() -> None:
             "needs certificates with tls://HOST:PORT: give --dask-ca, --dask-cert and --dask-key (in Python: "
             f"dask_tls), or set {' and '.join(lacking)} in Dask's configuration"
         )
-        raise BadInput("dask", [Fault("", rule)])
+        raise BadInput("dask", rule)
 
 
 class Connection:
@@ -112,7 +112,7 @@ class Connection:
         """
         if re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", address) is None:
             rule = f"must be the address of a Dask scheduler, tcp://HOST:PORT, but got {address!r}"
-            raise BadInput("dask", [Fault("", rule)])
+            raise BadInput("dask", rule)
         self.address = address
         self._security = security_of(address, certificates)
         self._client: Client | None = None

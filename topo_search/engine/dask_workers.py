@@ -290,20 +290,22 @@ class DaskWorkers(Engine):
             while (batch or running) and time.monotonic() < until:
                 self._look()
                 while batch and len(running) < 2 * self._threads:
-                    running[self._send(function, batch, deadline, until)] = batch
+                    calls = tuple(pickle.dumps((function, job)) for job in batch)
+                    sent = Batch(calls, tuple(map(deadline, batch)), until - time.monotonic(), self._versions)
+                    running[self._connection.submit(run_guarded, sent)] = batch
                     batch = draw()
                 pause = min(DURATIONS.poll, max(0.0, until - time.monotonic()))
                 if not running:
                     time.sleep(pause)  # for a first Dask worker
                 for future in wait(running, pause, FIRST_COMPLETED).done:
-                    sent, ended = running.pop(future), self._result(future)
+                    jobs, ended = running.pop(future), self._result(future)
                     if isinstance(ended, Ended) and ended.results:
                         fitting = int(DURATIONS.batch * len(ended.results) / ended.seconds)
                         size = min(max(1, fitting), 50)  # no more: they come back together
                         places = {place for place, _ in ended.results}
-                        left = [job for place, job in enumerate(sent) if place not in places]
+                        left = [job for place, job in enumerate(jobs) if place not in places]
                         waiting.extendleft(reversed(left))
-                    yield sent, ended
+                    yield jobs, ended
                 batch = batch or draw()
         finally:
             if self._connection.stands:
@@ -339,22 +341,6 @@ class DaskWorkers(Engine):
                 f"no worker has returned to the Dask scheduler at {self.address} in {DURATIONS.away:.0f} s"
             )
         self._threads = sum(threads.values())
-
-    def _send(
-        self,
-        function: Callable[[Item], Result],
-        batch: list[Item],
-        deadline: Callable[[Item], float],
-        until: float,
-    ) -> Future[Ended]:
-        """Hand a batch to the scheduler."""
-        sent = Batch(
-            calls=tuple(pickle.dumps((function, job)) for job in batch),
-            deadlines=tuple(map(deadline, batch)),
-            seconds=until - time.monotonic(),
-            versions=self._versions,
-        )
-        return self._connection.submit(run_guarded, sent)
 
     def _result(self, future: Future[Ended]) -> Ended | Failed:
         """Return what came back of a batch."""

@@ -81,11 +81,6 @@ class Failed:
     reason: str
     """Cause in one line."""
 
-    @property
-    def may_pass(self) -> bool:
-        """True if a second attempt may end otherwise: a pure function raises again, but is not killed again."""
-        return self.kind != "error"
-
 
 Outcome = Design | Infeasible | Failed
 
@@ -120,13 +115,10 @@ class Engine(Protocol):
         """
         ...
 
-    def run_one(
-        self, function: Callable[[Item], Result], job: Item, *, deadline: float, until: float = math.inf
-    ) -> Result | Failed:
+    def run_one(self, function: Callable[[Item], Result], job: Item, *, deadline: float) -> Result | Failed:
         """Return the result of a single job."""
-        for _, result in self.run(function, [job], deadline=lambda _: deadline, until=until):
-            return result
-        return Failed("timeout", "time limit reached")
+        ((_, result),) = self.run(function, [job], deadline=lambda _: deadline)
+        return result
 
 
 def solve_deadline(n: int, starts: int) -> float:

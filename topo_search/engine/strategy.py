@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from random import Random
@@ -38,9 +38,6 @@ from topo_search.topologies.rooted import Root
 
 PRUNED_AFTER = 32
 """Number of candidates proposed ahead of the results that may rule them out."""
-
-Bound = Callable[[Candidate], float]
-"""Lower bound on the objective of a candidate."""
 
 
 @dataclass(frozen=True)
@@ -121,15 +118,14 @@ class Strategy(ABC):
 class ExhaustiveSearch(Strategy):
     """Solves every candidate."""
 
-    def __init__(self, space: Space, *, starts: int, timed: bool, bound: Bound | None = None) -> None:
+    def __init__(self, space: Space, *, starts: int, timed: bool, bound: float = -math.inf) -> None:
         """Begin a search.
 
         Args:
             space: the candidates.
             starts: number of starts of each candidate.
             timed: whether there is a time limit: then all are solved from one start first, then from more.
-            bound: with it candidates come in the order of their bounds, and one that can be no better than the best
-                design so far is not proposed, nor from more starts.
+            bound: lower bound on all objectives; a design that meets it ends the search.
         """
         super().__init__()
         self._space = space
@@ -140,45 +136,28 @@ class ExhaustiveSearch(Strategy):
         """Yield every candidate, then those that may still win from more starts."""
         bound, (first, *later) = self._bound, self._stops
         self.stage = Stage(self._space.count(), first)
-        candidates = list[Candidate]()
-        if bound is None:
-            for candidate in self._space.candidates():  # there may be millions: enumerated as they are solved
-                candidates.append(candidate)
-                yield Proposal(candidate, first)
-            scores = yield from self.results(len(candidates))
-        else:
-            scores = yield from self._solve_in_order_of_bounds(candidates, first, bound)
-        least = _least(scores)
+        candidates, scores, least = list[Candidate](), list[Scored](), math.inf
+        for candidate in self._space.candidates():  # there may be millions: enumerated as they are solved
+            if math.isfinite(bound) and len(candidates) - len(scores) == PRUNED_AFTER:
+                scores += yield from self.results(1)
+                least = min(least, _least(scores[-1:]))
+            if not may_beat(least, bound):
+                break
+            candidates.append(candidate)
+            yield Proposal(candidate, first)
+        scores += yield from self.results(len(candidates) - len(scores))
         for stop in later:
+            least = min(least, _least(scores))
             candidates = [
                 candidate
                 for candidate, score in zip(candidates, scores, strict=True)
-                if score.status in ("feasible", "infeasible")
-                and (bound is None or may_beat(least, bound(candidate)))
+                if score.status in ("feasible", "infeasible") and may_beat(least, bound)
             ]
             if candidates:
                 self.stage = Stage(len(candidates), stop, again=True)
             for candidate in candidates:
                 yield Proposal(candidate, stop)
             scores = yield from self.results(len(candidates))
-            least = min(least, _least(scores))
-
-    def _solve_in_order_of_bounds(
-        self, candidates: list[Candidate], starts: int, bound: Bound
-    ) -> Generator[Proposal | None, None, list[Scored]]:
-        """Add candidates in the order of their bounds, as long as they may beat the best; return their results."""
-        scores = list[Scored]()
-        least = math.inf
-        for candidate in sorted(self._space.candidates(), key=lambda candidate: (bound(candidate), candidate.key)):
-            if len(candidates) - len(scores) == PRUNED_AFTER:
-                scores += yield from self.results(1)
-                least = min(least, _least(scores[-1:]))
-            if not may_beat(least, bound(candidate)):
-                break
-            candidates.append(candidate)
-            yield Proposal(candidate, starts)
-        scores += yield from self.results(len(candidates) - len(scores))
-        return scores
 
 
 def may_beat(objective: float, bound: float) -> bool:
@@ -295,14 +274,6 @@ class Listed(Space):
         if topology.key not in self.keys:
             raise ValueError(f"{topology.key} is not one of the {len(self.keys)} given topologies")
         return Candidate(topology.key, 1)
-
-    def key_of(self, topology: Topology) -> str:
-        """Return the key of a topology; ValueError as `candidate_of`."""
-        return self.candidate_of(topology).key
-
-    def twin_of(self, topology: Topology) -> Candidate:
-        """Return the topology's own candidate."""
-        return self.candidate_of(topology)
 
     def sample(self, m: int, seed: int) -> list[Topology]:
         """Return m candidates, drawn independently and uniformly."""

@@ -16,12 +16,10 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.machinery import ModuleSpec
-from multiprocessing import current_process, popen_spawn_posix, resource_tracker
+from multiprocessing import popen_spawn_posix, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
-from multiprocessing.spawn import get_preparation_data
 from multiprocessing.synchronize import RLock
-from pathlib import Path
 from types import FrameType
 from typing import Any, Generic, Self
 
@@ -37,7 +35,7 @@ _LAUNCH = threading.Lock()
 
 
 class _Process(SpawnProcess):
-    """A process that does not import the script that starts it: `call_pickled` does, for a job that needs it."""
+    """A process that does not import the script that starts it."""
 
     @staticmethod
     def _Popen(process_obj: BaseProcess) -> popen_spawn_posix.Popen:
@@ -135,14 +133,6 @@ class Workers(_OneThread):
         self._context = _KeepingContext()
         self._breaks = 0
 
-    def __enter__(self) -> Self:
-        if getattr(current_process(), "_inheriting", False):  # a worker imports the script that started it
-            raise WorkersLost(
-                "worker processes import this script, for a function that it defines: call what starts them "
-                'under `if __name__ == "__main__":`'
-            )
-        return super().__enter__()
-
     def __exit__(self, *raised: object) -> None:
         self._stop()
         super().__exit__(*raised)
@@ -195,7 +185,8 @@ class Workers(_OneThread):
                     result: Result | Failed = (
                         pickle.loads(future.result()) if error is None else _failure(error, deadline(trial.job))
                     )
-                    if isinstance(result, Failed) and result.may_pass and trial.attempt == 1:
+                    killed = isinstance(result, Failed) and result.kind != "error"  # a pure function raises again
+                    if killed and trial.attempt == 1:
                         waiting.appendleft(_Try(trial.job, trial.attempt + 1))
                     else:
                         yield trial.job, result
@@ -215,13 +206,7 @@ class Workers(_OneThread):
                 raise WorkersLost("no worker process could be started")
         try:
             call = pickle.dumps((function, job))
-            script = get_preparation_data("") if b"__main__" in call else {}
-            script = {
-                key: value  # what a notebook or a prompt defines comes by value: there is no script
-                for key, value in script.items()
-                if key == "init_main_from_name" or (key == "init_main_from_path" and Path(value).is_file())
-            }
-            future: Future[Any] = self._pool.schedule(call_pickled, args=(call, script), timeout=deadline)
+            future: Future[Any] = self._pool.schedule(call_pickled, args=(call,), timeout=deadline)
         except RuntimeError:
             if self._pool.active:
                 raise

@@ -24,7 +24,7 @@ from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import show
 from topo_search.model.files import load_json
 from topo_search.model.text import NotReadable, escape_formula, read_regular
-from topo_search.study.directory import Directory, hold_lock
+from topo_search.study.directory import Directory
 from topo_search.study.ledger_file import LedgerLost
 from topo_search.study.request import installed_versions
 
@@ -136,7 +136,7 @@ class Results:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _refusal(folder, f"cannot be made: {error.strerror}") from None
-        with hold_lock(folder), Directory.open(folder) as directory:
+        with Directory.open(folder) as directory, directory.lock():
             directory.tidy()
             if (folder / ABOUT).exists():
                 _compare(folder, load_json(folder / ABOUT), about)

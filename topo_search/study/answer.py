@@ -297,18 +297,42 @@ class Answer:
 
     @property
     def shortfalls(self) -> pd.DataFrame:
-        """A row for every constraint that the starts of a candidate without a design missed."""
-        return shortfalls(self.folder)
+        """A row for every constraint that the starts of a candidate without a design missed.
+
+        A candidate's most frequent constraint is first, `starts` says how many; `violation` is the least of theirs,
+        in `unit`; `kind` is the constraint without module numbers. A candidate that is proven impossible was not
+        solved and has no row. With goals the last column has the number of the level.
+        """
+
+        def rows_of(level: RunFolder, n: int) -> Iterator[Sequence[object]]:
+            contexts = level.request.contexts(n)
+            for row in level.ledger.ranking(n):
+                result = None if row.feasible else level.ledger.result(contexts[row.step], row.key)
+                for one in result.shortfalls if isinstance(result, Infeasible) else ():
+                    yield row.key, n, one.constraint, one.starts, one.violation, one.unit, kind_of(one.constraint)
+
+        columns = ("key", "modules", "constraint", "starts", "violation", "unit", "kind")
+        return _frame(self.folder, columns, rows_of)
 
     @property
     def solves(self) -> pd.DataFrame:
-        """A row for every solve, in the order of completion."""
-        return solves(self.folder)
+        """A row for every solve, in the order of completion, with the fields of `SolveEvent`.
+
+        With goals the last column has the number of the level.
+        """
+        columns = [field.name for field in fields(SolveEvent)]
+        frame = _frame(self.folder, columns, lambda level, n: map(astuple, level.ledger.solves(n)))
+        return frame.astype({"objective": "float64"}).sort_values("at", kind="stable", ignore_index=True)
 
     @property
     def front(self) -> pd.DataFrame:
         """A row for every design of the front, with the columns of `front.csv`; none without goals."""
-        return front(self.points)
+        import pandas as pd  # slow to import
+
+        texts = {"key", "audit", "design", "rotor_out", "level_rotor_out"}
+        kinds = {name: "int64" if name in ("modules", "level") else "float64" for name in FRONT_COLUMNS}
+        frame = pd.DataFrame([point.cells for point in self.points], columns=list(FRONT_COLUMNS))
+        return frame.astype({name: kind for name, kind in kinds.items() if name not in texts})
 
     @property
     def proven(self) -> bool:
@@ -369,50 +393,6 @@ def candidates(path: Path) -> pd.DataFrame:
     frame = _frame(path, COLUMNS, RunFolder.cells)
     numbers = ("objective", "lower_bound", "gap", "violation", *FLIGHT, *AUDITED, "proven_bound", "proven_gap")
     return frame.astype(dict.fromkeys(numbers, "float64"))
-
-
-def front(points: Sequence[FrontPoint]) -> pd.DataFrame:
-    """Return a row for every point of a front, with the columns of `front.csv`."""
-    texts = {"key", "audit", "design", "rotor_out", "level_rotor_out"}
-    numbers = {name: "int64" if name in ("modules", "level") else "float64" for name in FRONT_COLUMNS}
-    import pandas as pd  # slow to import
-
-    frame = pd.DataFrame([point.cells for point in points], columns=list(FRONT_COLUMNS))
-    return frame.astype({name: kind for name, kind in numbers.items() if name not in texts})
-
-
-def shortfalls(path: Path) -> pd.DataFrame:
-    """Return a row for every constraint that the starts of a candidate without a design missed.
-
-    A candidate's most frequent constraint is first, `starts` says how many; `violation` is the least of theirs, in
-    `unit`; `kind` is the constraint without module numbers. A candidate that is proven impossible was not solved
-    and has no row. With goals the last column has the number of the level.
-
-    Raises:
-        BadInput: it is not a run folder.
-    """
-
-    def rows_of(level: RunFolder, n: int) -> Iterator[Sequence[object]]:
-        contexts = level.request.contexts(n)
-        for row in level.ledger.ranking(n):
-            result = None if row.feasible else level.ledger.result(contexts[row.step], row.key)
-            for one in result.shortfalls if isinstance(result, Infeasible) else ():
-                yield row.key, n, one.constraint, one.starts, one.violation, one.unit, kind_of(one.constraint)
-
-    return _frame(path, ("key", "modules", "constraint", "starts", "violation", "unit", "kind"), rows_of)
-
-
-def solves(path: Path) -> pd.DataFrame:
-    """Return a row for every solve of a run, in the order of their ends, with the fields of `SolveEvent`.
-
-    With goals the last column has the number of the level.
-
-    Raises:
-        BadInput: it is not a run folder.
-    """
-    columns = [field.name for field in fields(SolveEvent)]
-    frame = _frame(path, columns, lambda level, n: map(astuple, level.ledger.solves(n)))
-    return frame.astype({"objective": "float64"}).sort_values("at", kind="stable", ignore_index=True)
 
 
 def _frame(

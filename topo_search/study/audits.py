@@ -13,11 +13,11 @@ from functools import partial
 from itertools import count
 
 from topo_search.engine import Failed, Job, audit_deadline, audit_job
-from topo_search.model import Audit, Topology
+from topo_search.model import Topology
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Ledger
 from topo_search.study.progress import AUDITED, Phase, audit_phase, solving_seconds
-from topo_search.study.request import Context, Request, raise_margins
+from topo_search.study.request import Context, Margins, Request
 from topo_search.study.row import Row
 from topo_search.study.solving import Tools, record
 
@@ -33,30 +33,26 @@ def audit_best(folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> N
     """
     ledger, request = folder.ledger, folder.request
     contexts = request.contexts(n)
-
-    def judge(step: int, keys: Sequence[str]) -> list[tuple[str, Audit]] | None:
-        context, due = contexts[step], [rows[key] for key in keys]
-        if step:
-            jobs = _jobs(ledger, context, due, request)
-            if jobs and time.monotonic() >= tools.until:
-                return None
-            ledger.begin(context, lower_bound, None)
-            if jobs:
+    tasks = [context.task for context in contexts]
+    for batch in _batches(ledger, contexts[0]):
+        margins, best = {row.key: Margins(tasks) for row in batch}, ledger.best_clear(n) or batch[0]
+        for step, context in enumerate(contexts):
+            due = [row for row in batch if margins[row.key].step == step]
+            if step and (jobs := _jobs(ledger, context, due, request)):
+                if time.monotonic() >= tools.until:
+                    break
+                ledger.begin(context, lower_bound, None)
                 seconds = solving_seconds(context.task, request.starts)
                 tools.observer.phase(Phase("polishing", n, len(jobs), request.starts, seconds))
-            for job, outcome in tools.solve(jobs):
-                record(ledger, context, job, outcome, lower_bound=lower_bound)
-                tools.observer.settled(best)
-        _audit(ledger, context, _rows(ledger, context, due), tools)
-        failing = [row for row in _rows(ledger, context, due) if not row.clear and row.audit_failure is None]
-        for row in failing:
-            tools.observer.note(f"{row.key}: the audit of the design with margin {row.margin:g} m is {row.audit}")
-        audits = ((row.key, ledger.audit(context, row.key)) for row in failing)
-        return [(key, audit) for key, audit in audits if audit is not None]
-
-    for batch in _batches(ledger, contexts[0]):
-        rows, best = {row.key: row for row in batch}, ledger.best_clear(n) or batch[0]
-        raise_margins([context.task for context in contexts], rows, judge)
+                for job, outcome in tools.solve(jobs):
+                    record(ledger, context, job, outcome, lower_bound=lower_bound)
+                    tools.observer.settled(best)
+            _audit(ledger, context, _rows(ledger, context, due), tools)
+            for row in _rows(ledger, context, due):
+                if not row.clear and (audit := ledger.audit(context, row.key)) is not None:
+                    words = f"the audit of the design with margin {row.margin:g} m is {row.audit}"
+                    tools.observer.note(f"{row.key}: {words}")
+                    margins[row.key].raise_after(audit)
 
 
 def audits_left(ledger: Ledger, contexts: Sequence[Context], starts: int) -> bool:
@@ -82,22 +78,15 @@ def _batches(ledger: Ledger, context: Context) -> Iterator[list[Row]]:
 
 def _is_left(ledger: Ledger, contexts: Sequence[Context], key: str, starts: int) -> bool:
     """Return whether one candidate is not yet clear, nor passed over."""
-    left = False
-
-    def judge(step: int, keys: Sequence[str]) -> list[tuple[str, Audit]]:
-        nonlocal left
-        context = contexts[step]
+    margins = Margins([context.task for context in contexts])
+    while True:
+        context = contexts[margins.step]
         row = ledger.row(context, key)
-        if row is None or (step and row.asked < starts) or (row.feasible and not row.audit_ended):
-            left = True
-            return []
-        if not row.feasible or row.clear or row.audit_failure is not None:
-            return []
-        audit = ledger.audit(context, key)
-        return [] if audit is None else [(key, audit)]
-
-    raise_margins([context.task for context in contexts], [key], judge)
-    return left
+        if row is None or (margins.step and row.asked < starts) or (row.feasible and not row.audit_ended):
+            return True
+        audit = ledger.audit(context, key) if row.feasible and not row.clear else None
+        if audit is None or not margins.raise_after(audit):
+            return False
 
 
 def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], request: Request) -> list[Job]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from topo_search.engine import AuditDesign, Engine, Failed, Space, audit_deadline
-from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
+from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Proof, ResolvedTask, Topology
 from topo_search.model.bad_input import faults_of
 from topo_search.model.proof import Problem, chunk_count
 from topo_search.model.proven import improvement
@@ -115,7 +115,7 @@ def check(
     checked = Checked()
     with RunFolder.load(path) as folder:
         if folder.request.task.goals.names:
-            raise BadInput(str(path), [Fault("", NO_GOALS)])
+            raise BadInput(str(path), NO_GOALS)
         sizes, known = sizes_with_best(folder, key)
         results = list[tuple[int, Row, ResolvedTask, list[CheckedTree]]]()
         for n, best, rows in sizes:
@@ -149,9 +149,9 @@ def check(
                 subject = subject_of(folder.request, n)
                 checked.sentences.append(_sentence(of_size, best, task, count, subject, proven=not checked.refused))
     if not sizes:
-        raise BadInput(str(path), [Fault("", "holds no audited design that a proof could be against")])
+        raise BadInput(str(path), "holds no audited design that a proof could be against")
     if not known:
-        raise BadInput(str(path), [Fault("", f"has no candidate {key}")])
+        raise BadInput(str(path), f"has no candidate {key}")
     return checked
 
 

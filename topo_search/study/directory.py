@@ -24,7 +24,7 @@ import re
 import sqlite3
 import stat
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 from typing import Self
@@ -65,62 +65,7 @@ class ReadOnlyFolder(BadInput):
 
     def __init__(self, folder: Path, reason: str | None) -> None:
         rule = f"cannot be written to: {reason}; choose another folder with --out"
-        super().__init__(str(folder), [Fault("", rule)])
-
-
-@contextmanager
-def hold_lock(folder: Path) -> Iterator[None]:
-    """Hold the folder's lock; the system frees it when the process ends, however it ends.
-
-    The folder itself is locked too where its disk can do that, so that removing the file lets nobody in.
-
-    Raises:
-        ReadOnlyFolder: nothing can be written there, or its disk knows no locks.
-        BadInput: another process holds it, or the lock's file is none of ours.
-    """
-    try:
-        itself = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError as error:
-        raise ReadOnlyFolder(folder, error.strerror) from None
-    with ExitStack() as stack:
-        stack.callback(os.close, itself)
-        handle = _open_lock(folder, itself)
-        stack.callback(os.close, handle)
-        # what network disks say that cannot lock folders
-        no_locks_on_folders = (errno.EBADF, errno.ENOLCK, errno.EINVAL, errno.ENOTSUP, errno.EISDIR)
-        for each in (itself, handle):
-            try:
-                fcntl.flock(each, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                holder = os.pread(handle, 256, 0).decode(errors="replace").strip() or "unknown"
-                rule = f"another run is using this folder (process {holder})"
-                raise BadInput(str(folder), [Fault("", rule)]) from None
-            except OSError as error:
-                if each == handle or error.errno not in no_locks_on_folders:
-                    raise ReadOnlyFolder(folder, f"{error.strerror} on its disk") from None
-        os.ftruncate(handle, 0)
-        os.write(handle, f"{os.getpid()} on {platform.node()}\n".encode())
-        yield
-
-
-def _open_lock(folder: Path, itself: int) -> int:
-    """Open the lock's file, or make it; it must be one that `hold_lock` made."""
-    try:
-        handle = os.open(RunFile.LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644, dir_fd=itself)
-    except OSError as error:
-        if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
-            raise _not_ours(folder) from None
-        raise ReadOnlyFolder(folder, error.strerror) from None
-    status = os.fstat(handle)
-    if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1 or not HOLDER.fullmatch(os.pread(handle, 512, 0)):
-        os.close(handle)
-        raise _not_ours(folder)
-    return handle
-
-
-def _not_ours(folder: Path) -> BadInput:
-    rule = "is not the lock file of a run, and is left unchanged: move it away, or choose another folder"
-    return BadInput(str(folder / RunFile.LOCK), [Fault("", rule)])
+        super().__init__(str(folder), rule)
 
 
 def is_within_folder(name: str) -> bool:
@@ -147,11 +92,53 @@ class Directory:
         try:
             handle = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
         except NotADirectoryError:
-            raise BadInput(str(path), [Fault("", "is a file; choose another folder with --out")]) from None
+            raise BadInput(str(path), "is a file; choose another folder with --out") from None
         try:
             yield cls(path, handle)
         finally:
             os.close(handle)
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Hold the folder's lock; the system frees it when the process ends, however it ends.
+
+        The folder itself is locked too where its disk can do that, so that removing the file lets nobody in.
+
+        Raises:
+            ReadOnlyFolder: nothing can be written there, or its disk knows no locks.
+            BadInput: another process holds it, or the lock's file is none of ours.
+        """
+        flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+        try:
+            handle = os.open(RunFile.LOCK, flags, 0o644, dir_fd=self._handle)
+        except OSError as error:
+            if error.errno in (errno.ELOOP, errno.ENXIO, errno.EISDIR):
+                raise self._foreign_lock() from None
+            raise ReadOnlyFolder(self.path, error.strerror) from None
+        with os.fdopen(handle, "r+b", buffering=0):
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
+                raise self._foreign_lock()
+            if not HOLDER.fullmatch(holder := os.pread(handle, 512, 0)):
+                raise self._foreign_lock()
+            # what network disks say that cannot lock folders
+            no_locks_on_folders = (errno.EBADF, errno.ENOLCK, errno.EINVAL, errno.ENOTSUP, errno.EISDIR)
+            for each in (self._handle, handle):
+                try:
+                    fcntl.flock(each, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    name = holder.decode(errors="replace").strip() or "unknown"
+                    raise BadInput(str(self.path), f"another run is using this folder (process {name})") from None
+                except OSError as error:
+                    if each == handle or error.errno not in no_locks_on_folders:
+                        raise ReadOnlyFolder(self.path, f"{error.strerror} on its disk") from None
+            os.ftruncate(handle, 0)
+            os.write(handle, f"{os.getpid()} on {platform.node()}\n".encode())
+            yield
+
+    def _foreign_lock(self) -> BadInput:
+        rule = "is not the lock file of a run, and is left unchanged: move it away, or choose another folder"
+        return BadInput(str(self.path / RunFile.LOCK), rule)
 
     def names(self) -> list[str]:
         """Return the names of all that is in the folder itself."""
@@ -177,7 +164,7 @@ class Directory:
                 raise self._refusal(name, None)
             if status.st_size > most_bytes:
                 rule = f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}; it is left unchanged"
-                raise BadInput(str(self.path / name), [Fault("", rule)])
+                raise BadInput(str(self.path / name), rule)
             return stream.read(most_bytes)
 
     def write(self, name: str, content: bytes, *, lasting: bool = True) -> None:
@@ -265,7 +252,7 @@ class Directory:
     def _refusal(self, name: str, error: OSError | None) -> BadInput:
         why = "is no regular file" if error is None else f"cannot be used ({error.strerror})"
         rule = f"{why}: a run uses regular files only, no symbolic links; it is left unchanged"
-        return BadInput(str(self.path / name), [Fault("", rule)])
+        return BadInput(str(self.path / name), rule)
 
 
 def digest_of(content: bytes) -> bytes:
@@ -321,7 +308,7 @@ class RunFiles:
         content = self._directory.read(name)
         if content is not None and self.is_changed(name, content):
             rule = f"{CHANGED}: remove it, and run the same command again to make it again"
-            raise BadInput(str(self._directory.path / name), [Fault("", rule)])
+            raise BadInput(str(self._directory.path / name), rule)
         return content
 
     def is_changed(self, name: str, content: bytes) -> bool:
@@ -409,7 +396,7 @@ class RunFiles:
 
     def _damage(self, name: str) -> BadInput:
         rule = f"is damaged (its entry of the file {name} has changed since it was written)"
-        return BadInput(str(self._ledger), [Fault("", rule)])
+        return BadInput(str(self._ledger), rule)
 
 
 def _is_ours(entry: _Entry | None, content: bytes) -> bool:

@@ -18,12 +18,12 @@ from typing import Any, Self, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, BadInput, Design, Fault, Proof, ResolvedTask, Task
+from topo_search.model import Audit, BadInput, Design, Proof, ResolvedTask, Task
 from topo_search.model.bad_input import faults_of
 from topo_search.model.files import to_json, to_toml, validate
 from topo_search.model.task import before_requirement
 from topo_search.model.text import NotParsed, escape_formula, toml_data
-from topo_search.study.directory import HOLDER, Directory, ReadOnlyFolder, RunFile, hold_lock
+from topo_search.study.directory import Directory, ReadOnlyFolder, RunFile
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import blank
 from topo_search.study.proofs import ProofState, bounded_alike, cells, proof_state
@@ -44,8 +44,6 @@ def holds_run(directory: Directory) -> bool:
     names = directory.names()
     if RunFile.LEDGER in names:
         return True
-    if RunFile.LOCK in names and not HOLDER.fullmatch(directory.read(RunFile.LOCK) or b""):
-        raise refusal(directory.path, f"has a {RunFile.LOCK} of another program; {LEFT}")
     others = [name for name in names if name not in (RunFile.LOCK, RunFile.PARTIAL)]
     if not others:
         return False
@@ -62,26 +60,24 @@ def last_request(path: Path, directory: Directory, ledger: Ledger) -> Request:
     """Return the request that a ledger was last given."""
     held = ledger.identity()
     starts, trials = ledger.last_request()
-    if starts < 1 or (trials is not None and trials < 1):
-        raise BadInput(str(path), [Fault("", "has no run yet")])
-    if starts > LIMITS.starts or (trials is not None and trials > LIMITS.trials):
-        rule = (
-            f"must ask for at most {LIMITS.starts:,} starts and {LIMITS.trials:,} trials, but holds a run with more"
+    if starts < 1:
+        raise BadInput(str(path), "has no run yet")
+    try:
+        return Request(
+            _read_task(path, directory),
+            held.symmetry,
+            starts,
+            held.seed,
+            strategy=held.strategy,
+            sampler=held.sampler or "moves",
+            trials=trials,
+            round_size=held.round_size,
+            prune=bool(held.prune),
+            versions=ledger.versions() or installed_versions(),
+            own=held.own or NOTHING,
         )
-        raise BadInput(str(path), [Fault("", rule)])
-    return Request(
-        _read_task(path, directory),
-        held.symmetry,
-        starts,
-        held.seed,
-        strategy=held.strategy,
-        sampler=held.sampler or "moves",
-        trials=trials,
-        round_size=held.round_size,
-        prune=bool(held.prune),
-        versions=ledger.versions() or installed_versions(),
-        own=held.own or NOTHING,
-    )
+    except ValueError as error:
+        raise BadInput(str(path), f"holds a run that cannot be asked for: {error}") from None
 
 
 def require_same(path: Path, request: Request, ledger: Ledger) -> None:
@@ -104,21 +100,21 @@ def require_versions(path: Path, ledger: Ledger) -> None:
 
 def refusal(path: Path, what: str) -> BadInput:
     """Return what to raise for a folder that the run cannot have."""
-    return BadInput(str(path), [Fault("", f"{what}; choose another folder with --out")])
+    return BadInput(str(path), f"{what}; choose another folder with --out")
 
 
 def _read_task(path: Path, directory: Directory) -> Task:
     """Return the task as the run wrote it: it names no other file."""
     content, name = directory.read(RunFile.TASK, most_bytes=LIMITS.task_bytes), str(path / RunFile.TASK)
     if content is None:
-        raise BadInput(name, [Fault("", "no such file")])
+        raise BadInput(name, "no such file")
     try:
         data = toml_data(content.decode())
     except UnicodeDecodeError as error:
         rule = f"must be UTF-8 text, but got the byte {content[error.start]:#04x} at offset {error.start}"
-        raise BadInput(name, [Fault("", rule)]) from None
+        raise BadInput(name, rule) from None
     except NotParsed as error:
-        raise BadInput(name, [Fault("", str(error))]) from None
+        raise BadInput(name, str(error)) from None
     return validate(Task, before_requirement(data), name)
 
 
@@ -163,15 +159,15 @@ class RunFolder:
         with Directory.open(path) as directory:
             if holds_run(directory) and not os.access(path / RunFile.LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{RunFile.LEDGER} is read-only")
-            with hold_lock(path):
+            with directory.lock():
                 resumed = holds_run(directory)
                 if not resumed:
-                    directory.tidy()
                     directory.write(RunFile.LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
                 with Ledger.open(path / RunFile.LEDGER) as ledger:
                     if resumed:
                         require_versions(path, ledger)
-                    folder = cls._of_ledger(path, request, ledger, directory)
+                    require_same(path, request, ledger)
+                    folder = cls(path, request, ledger, directory)
                     directory.tidy()
                     sizes = [f"best-n{n}.json" for n in request.task.sizes]
                     folder._files.require((*RESULTS, *sizes))
@@ -195,25 +191,19 @@ class RunFolder:
         """
         with Directory.open(path) as directory:
             if RunFile.LEDGER not in directory.names():
-                raise BadInput(str(path), [Fault("", f"is not a run folder: it has no {RunFile.LEDGER}")])
+                raise BadInput(str(path), f"is not a run folder: it has no {RunFile.LEDGER}")
             if writes and not os.access(path / RunFile.LEDGER, os.W_OK):
                 raise ReadOnlyFolder(path, f"{RunFile.LEDGER} is read-only")
             with ExitStack() as stack:
                 if writes:
-                    stack.enter_context(hold_lock(path))
+                    stack.enter_context(directory.lock())
                 ledger = stack.enter_context(Ledger.open(path / RunFile.LEDGER, read_only=not writes))
-                if writes:
-                    directory.tidy()
                 if request is None:
                     request = last_request(path, directory, ledger)
                 else:
                     require_versions(path, ledger)
-                yield cls._of_ledger(path, request, ledger, directory)
-
-    @classmethod
-    def _of_ledger(cls, path: Path, request: Request, ledger: Ledger, directory: Directory) -> Self:
-        require_same(path, request, ledger)
-        return cls(path, request, ledger, directory)
+                require_same(path, request, ledger)
+                yield cls(path, request, ledger, directory)
 
     @cached_property
     def levels(self) -> tuple[RunFolder, ...]:
@@ -297,11 +287,10 @@ class RunFolder:
 
     def candidates(self, n: int) -> Iterator[tuple[Row, ProofState, Audit | None]]:
         """Yield every candidate of n modules, least control effort first, with its proof and its audit."""
-        proofs, best = self.proofs(n), self.ledger.best_clear(n)
-        audits = {key: Audit.model_validate_json(text) for key, text in self.ledger.audits(n)}
+        proofs, best, contexts = self.proofs(n), self.ledger.best_clear(n), self.request.contexts(n)
         for row in self.ledger.ranking(n):
             state = proof_state(row, proofs.get(row.key), None if best is None else best.objective)
-            yield row, state, audits.get(row.key)
+            yield row, state, self.ledger.audit(contexts[row.step], row.key) if row.audit else None
 
     def result_of(self, row: Row) -> tuple[Design | None, Audit | None]:
         """Return the design and the audit of a candidate, as far as it has them."""
@@ -359,7 +348,7 @@ class RunFolder:
                     f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: "
                     "remove it, and run `topo-search prove` again"
                 )
-                raise BadInput(str(self._directory.path / RunFile.PROOFS / name), [Fault("", rule)])
+                raise BadInput(str(self._directory.path / RunFile.PROOFS / name), rule)
             yield proof
 
     def read_within(self, part: str, model: type[Model]) -> dict[str, Model]:

@@ -227,15 +227,6 @@ class Ledger:
             verdict = None if audit_checksum is None else checked_text(self.path, key, audit, audit_checksum)
             yield key, checked_text(self.path, key, result, result_checksum), verdict
 
-    def audits(self, n: int) -> Iterator[tuple[str, str]]:
-        """Yield key and audit (as JSON text) of every candidate of n modules that is audited."""
-        query = (
-            "SELECT key, texts.audit, audit_checksum "
-            f"FROM candidates JOIN texts USING (context, key) {_Sql.standing} AND audit_checksum IS NOT NULL"
-        )
-        for key, audit, audit_checksum in self._database.execute(query, (n, self._ranked)):
-            yield key, checked_text(self.path, key, audit, audit_checksum)
-
     def record(
         self, context: Context, rows: Sequence[tuple[Row, Design | Infeasible | None]], *, failed: bool = False
     ) -> None:
@@ -283,15 +274,15 @@ class Ledger:
 
     def forget_audit_failures(self, context: Context) -> None:
         """Let designs whose audits failed be audited again."""
-        query = "SELECT key FROM candidates WHERE context = ? AND audit_failure IS NOT NULL"
-        for (key,) in self._database.execute(query, (context.name,)).fetchall():
-            self.record_audit_failure(context, key, None)
-
-    def record_audit_failure(self, context: Context, key: str, reason: str | None) -> None:
-        """Write why a candidate's design has no audit."""
-        place = context.name, key
+        failed = "WHERE context = ? AND audit_failure IS NOT NULL"
         with self._transaction():
-            self._database.execute(f"UPDATE candidates SET audit_failure = ? WHERE {_Sql.place}", (reason, *place))
+            self._database.execute(f"UPDATE candidates SET audit_failure = NULL {failed}", (context.name,))
+
+    def record_audit_failure(self, context: Context, key: str, reason: str) -> None:
+        """Write why a candidate's design has no audit."""
+        write = f"UPDATE candidates SET audit_failure = ? WHERE {_Sql.place}"
+        with self._transaction():
+            self._database.execute(write, (reason, context.name, key))
 
     def files_in(self, directory: Directory) -> RunFiles:
         """Return the files that the run wrote into its directory."""

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from topo_search.model import BadInput, Fault
+from topo_search.model import BadInput
 from topo_search.model.bad_input import faults_of
 
 if TYPE_CHECKING:
@@ -280,7 +280,7 @@ def _check(database: sqlite3.Connection, path: Path) -> None:
     if version != VERSION:
         raise refusal(path, f"has version {version}, but this program reads version {VERSION}")
     database.execute("BEGIN")  # all is read as of one moment, also beside a run that works
-    _check_tables(database, path)
+    _check_schema(database, path)
     # all but `texts`, which have their checksums; SQLite before 3.33 checks all
     for table in ("sqlite_schema", *PLACES, "tallies", "files"):
         if (report := database.execute(f"PRAGMA integrity_check({table})").fetchone()[0]) != "ok":
@@ -291,23 +291,14 @@ def _check(database: sqlite3.Connection, path: Path) -> None:
     database.execute("COMMIT")
 
 
-def _check_tables(database: sqlite3.Connection, path: Path) -> None:
+def _check_schema(database: sqlite3.Connection, path: Path) -> None:
     """Refuse a ledger that has lost a table or a column, or has anything that this program does not make."""
-    columns = (
-        "SELECT tables.name, columns.name FROM sqlite_schema AS tables, pragma_table_info(tables.name) AS columns "
-        "WHERE tables.type = 'table'"
-    )
-    schema = "SELECT type, name, tbl_name, sql FROM sqlite_schema ORDER BY name"
+    schema = "SELECT type, name, tbl_name, sql FROM sqlite_schema"
     with closing(sqlite3.connect(":memory:")) as pattern:
         pattern.executescript(SCHEMA)
-        held = set(database.execute(columns))
-        for table, column in sorted(set(pattern.execute(columns)) - held):
-            lost = (
-                f"its table {table} has no column {column}" if table in dict(held) else f"it has no table {table}"
-            )
-            raise damage(path, lost)
         if odd := set(database.execute(schema)) ^ set(pattern.execute(schema)):
-            raise damage(path, f"its {min(map(str, odd))[:200]} is not as this program makes it")
+            kind, name, *_ = max(odd, key=str)  # a table before its index
+            raise damage(path, f"its {kind} {str(name)[:100]} is not as this program makes it")
 
 
 def damage(path: Path, what: str) -> BadInput:
@@ -321,4 +312,4 @@ def refusal(path: Path, what: str) -> BadInput:
 
 
 def _fault(path: Path, text: str) -> BadInput:
-    return BadInput(str(path), [Fault("", text)])
+    return BadInput(str(path), text)

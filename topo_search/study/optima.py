@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from math import isclose
 from typing import Literal
 
 from topo_search.engine import AuditDesign, Failed, Job, LocalOptima, audit_deadline
@@ -129,7 +130,8 @@ def clear_designs(folder: RunFolder, row: Row) -> list[Design]:
     if held is None or held.context != context.name:
         return designs
     kept = (folder.read_own(f"{RunFile.OPTIMA}/{row.key}-{k}.json", Design) for k in range(1, held.kept + 1))
-    differ = (one for one in kept if one is not None and not any(map(partial(_cost_alike, one), designs)))
+    known = [design.objective for design in designs]
+    differ = (one for one in kept if one and not any(isclose(one.objective, J, rel_tol=SAME_EFFORT) for J in known))
     return [*designs, *differ]
 
 
@@ -143,10 +145,6 @@ def _keep(folder: RunFolder, record: Optima, key: str, tree: TreeOptima, designs
     record = record.model_copy(update={"trees": {**record.trees, key: tree}})
     folder.keep(RunFile.OPTIMA_RECORD, to_json(record))
     return record
-
-
-def _cost_alike(one: Design, other: Design) -> bool:
-    return abs(one.objective - other.objective) <= SAME_EFFORT * other.objective
 
 
 def _take_better(folder: RunFolder, row: Row, clear: list[Design]) -> bool:

@@ -211,7 +211,7 @@ class TimeLeft:
         self._planned: list[Phase] = []
         self._workers = 1
         self._end = math.inf
-        self._phase: Phase | None = None
+        self._phase = Phase("writing", 0, 0, alone=True)
         self._began = 0.0
         self._done = self._known = 0
         self._spent: dict[int, Spent] = {}
@@ -238,7 +238,7 @@ class TimeLeft:
 
     def step(self, now: float, *, known: bool) -> None:
         """Count a step; one whose result was known took no time."""
-        if self._waking and not known and self._phase is not None:
+        if self._waking and not known:
             self._began = max(self._began, now - self._phase.seconds)
             self._waking_workers -= 1
         self._done += not known
@@ -248,20 +248,18 @@ class TimeLeft:
         """Return how long it still takes [s]."""
         spent = self._spent_until(now)
         solving = other = 0.0
-        for phase in self._planned:
-            left = correction(spent, phase.n) * duration(phase, self._workers)
-            solving, other = (solving + left, other) if phase.starts else (solving, other + left)
-        present = self._present(now)
-        if self._phase is not None and self._phase.starts:
-            solving += present
-        else:
-            other += present
+        planned = [(phase, correction(spent, phase.n) * duration(phase, self._workers)) for phase in self._planned]
+        for phase, left in [*planned, (self._phase, self._present(now))]:
+            if phase.starts:
+                solving += left
+            else:
+                other += left
         return min(solving, max(0.0, self._end - now)) + other
 
     def _present(self, now: float) -> float:
         """Return how long the present phase still takes [s]."""
         phase = self._phase
-        if phase is None or not phase.steps:
+        if not phase.steps:
             return 0.0
         due = phase.steps - self._known
         step = correction(self._spent, phase.n) * duration(phase, self._workers) / phase.steps
@@ -272,17 +270,16 @@ class TimeLeft:
         return (now - self._began + weight * step) / (done + weight) * max(0.0, due - done)
 
     def _half(self, due: int) -> float:
-        alone = self._phase is not None and self._phase.alone
-        return 0.5 * max(0, min(1 if alone else self._workers, due - self._done))
+        return 0.5 * max(0, min(1 if self._phase.alone else self._workers, due - self._done))
 
     @property
     def _waking(self) -> bool:
-        return self._phase is not None and not self._phase.alone and self._waking_workers > 0
+        return not self._phase.alone and self._waking_workers > 0
 
     def _spent_until(self, now: float) -> dict[int, Spent]:
         """Return what was spent on each size, the present phase included."""
         phase = self._phase
-        if phase is None or phase.alone or not phase.steps or self._waking:
+        if phase.alone or not phase.steps or self._waking:
             return self._spent
         step, steps = (
             duration(phase, self._workers) / phase.steps,

@@ -111,7 +111,7 @@ def prove(
     centre: Callable[[ResolvedTask, Topology], int],
     *,
     gap: float,
-    key: str | None,
+    key: str | None = None,
     engine: Engine,
     observer: Observer,
     problem: Problem = "task",
@@ -213,7 +213,7 @@ def refuse_unprovable(request: Request, name: str) -> None:
         BadInput: the task has goals, or more modules than a proof can be of; `name` says whose it is.
     """
     if request.task.goals.names:
-        raise BadInput(name, [Fault("", NO_GOALS)])
+        raise BadInput(name, NO_GOALS)
     if request.task.end_effector.rod_mass == "included":
         rule = 'must be "ignored" for a proof, which knows no rod whose mass a design decides, but got "included"'
         raise BadInput(name, [Fault("end_effector.rod_mass", rule)])
@@ -237,7 +237,7 @@ def _lend(lender: Path | None, task: ResolvedTask) -> dict[str, Proof]:
         proofs = other.proofs_for(task)
     if not proofs:
         text = f"has no complete proof that holds for {task.name}, n = {task.n}: only name and exposure may differ"
-        raise BadInput(str(lender), [Fault("", text)])
+        raise BadInput(str(lender), text)
     return proofs
 
 
@@ -254,10 +254,10 @@ def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, Ro
     refuse_unprovable(folder.request, str(path))
     sizes, known = sizes_with_best(folder, key)
     if not known:
-        raise BadInput(str(path), [Fault("", f"has no candidate {key}")])
+        raise BadInput(str(path), f"has no candidate {key}")
     provable = [(n, best, best.objective, rows) for n, best, rows in sizes if best.objective]
     if not provable:
-        raise BadInput(str(path), [Fault("", "has no audited design to prove against")])
+        raise BadInput(str(path), "has no audited design to prove against")
     for *_, rows in provable:
         rows.sort(key=lambda row: row.status == IMPOSSIBLE)  # last: theirs is for the check alone
     return provable

@@ -15,14 +15,14 @@ from heapq import nsmallest
 from itertools import islice
 
 from topo_search.engine import Backends, Failed, Job, audit_deadline, scaled_violation
-from topo_search.model import Audit, Infeasible, Relaxed, ResolvedTask, Task, Topology
+from topo_search.model import Infeasible, Relaxed, ResolvedTask, Task, Topology
 from topo_search.model.design import STARTS, Relaxation
 from topo_search.model.files import to_json
 from topo_search.model.relaxable import Relaxable, relaxable
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.progress import Phase, solving_seconds
-from topo_search.study.request import LARGER_MARGINS, margins, raise_margins, with_margin
+from topo_search.study.request import LARGER_MARGINS, Margins, margins, with_margin
 from topo_search.study.solving import Tools
 
 TREES = 2
@@ -164,20 +164,16 @@ def _least(attempts: list[_Attempt]) -> list[Relaxation]:
 def _leads_to_a_design(backends: Backends, numbered: tuple[int, int, Job]) -> bool:
     """Return whether a job leads to a design whose audit is clear, with larger margins if need be (in a worker)."""
     job = numbered[2]
-    tasks = [with_margin(job.task, margin) for margin in margins(job.task)]
-    clear = False
-
-    def judge(step: int, names: Sequence[str]) -> list[tuple[str, Audit]]:
-        nonlocal clear
-        design = backends.solve(tasks[step], job.topology, starts=job.starts, seed=job.seed)
+    raised = Margins([with_margin(job.task, margin) for margin in margins(job.task)])
+    while True:
+        design = backends.solve(raised.task, job.topology, starts=job.starts, seed=job.seed)
         if isinstance(design, Infeasible):
-            return []
+            return False
         audit = backends.audit(design)
-        clear = audit.verdict == "clear"
-        return [] if clear else [(name, audit) for name in names]
-
-    raise_margins(tasks, [job.topology.key], judge)
-    return clear
+        if audit.verdict == "clear":
+            return True
+        if not raised.raise_after(audit):
+            return False
 
 
 def find_causes(folder: RunFolder, tools: Tools) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import metadata
@@ -297,10 +297,6 @@ LARGER_MARGINS = 3
 RUNG = 1.25
 """A margin over the one before where the clearances must survive the tolerances."""
 
-Judge = Callable[[int, Sequence[str]], Iterable[tuple[str, Audit]] | None]
-"""Solves designs with the margin of a step where need be, and returns the audits that are not clear; None: no time
-is left."""
-
 
 def larger_margin(margin: float) -> float:
     """Return the margin to try after one that an audit did not pass [m]."""
@@ -329,36 +325,40 @@ def with_margin(task: ResolvedTask, margin: float) -> ResolvedTask:
     return task.model_copy(update={"search": task.search.model_copy(update={"margin": margin})})
 
 
-def raise_margins(tasks: Sequence[ResolvedTask], names: Iterable[str], judge: Judge) -> None:
-    """Solve designs whose audits are not clear again, with larger margins, `LARGER_MARGINS` times at most.
+@dataclass
+class Margins:
+    """The margins that one design is solved with until its audit is clear, `LARGER_MARGINS` larger ones at most.
 
     What becomes of a design depends on itself alone.
-
-    Args:
-        tasks: the task with each of its `margins`, whose places are the steps.
-        names: of designs, for `judge`.
-        judge: is given a step and the designs that are due there.
     """
-    due = dict.fromkeys(names, (0, 0))
-    for step in range(len(tasks)):
-        now = [name for name, (at, _) in due.items() if at == step]
-        failing = judge(step, now) if now else ()
-        if failing is None:
-            return
-        for name, audit in failing:
-            raised = due[name][1] + 1
-            if raised <= LARGER_MARGINS:
-                due[name] = _next_step(tasks, step, audit), raised
 
+    tasks: Sequence[ResolvedTask]
+    """The task with each of its `margins`."""
+    step: int = 0
+    """Index of the present one."""
+    _raised: int = 0
 
-def _next_step(tasks: Sequence[ResolvedTask], step: int, audit: Audit) -> int:
-    """Return the step after one whose audit is not clear; beyond the last: no margin is large enough."""
-    worst = None if audit.sensitivity is None else audit.sensitivity.tolerances
-    if not tasks[step].flight.tolerances or worst is None:
-        return step + 1
-    pair = (worst.kind, worst.a, worst.b, worst.segment)
-    kept = (one.analytic_m for one in audit.pairs if (one.kind, one.a, one.b, one.segment) == pair)
-    needed = next(kept, tasks[step].search.margin) - worst.lower_m  # what the errors take from that pair
-    return next(
-        (k for k in range(step + 1, len(tasks)) if tasks[k].search.margin >= needed), max(step + 1, len(tasks) - 1)
-    )
+    @property
+    def task(self) -> ResolvedTask:
+        """The task with the present margin."""
+        return self.tasks[self.step]
+
+    def raise_after(self, audit: Audit) -> bool:
+        """Take the margin that an audit calls for; False if there is none, or it was raised often enough."""
+        step = self._next_step(audit)
+        if step == len(self.tasks) or self._raised == LARGER_MARGINS:
+            return False
+        self.step, self._raised = step, self._raised + 1
+        return True
+
+    def _next_step(self, audit: Audit) -> int:
+        """Return the step after one whose audit is not clear; beyond the last: no margin is large enough."""
+        after, last = self.step + 1, len(self.tasks) - 1
+        worst = None if audit.sensitivity is None else audit.sensitivity.tolerances
+        if not self.task.flight.tolerances or worst is None:
+            return after
+        pair = (worst.kind, worst.a, worst.b, worst.segment)
+        kept = (one.analytic_m for one in audit.pairs if (one.kind, one.a, one.b, one.segment) == pair)
+        needed = next(kept, self.task.search.margin) - worst.lower_m  # what the errors take from that pair
+        enough = (k for k in range(after, last) if self.tasks[k].search.margin >= needed)
+        return next(enough, max(after, last))

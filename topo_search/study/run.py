@@ -122,11 +122,11 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
         audit_best(folder, n, lower_bound, tools)
         return
     timed = math.isfinite(tools.until)
-    strategy = strategy_of(folder, n, bound=lower_bound if request.prune else None, timed=timed)
+    strategy = strategy_of(folder, n, bound=lower_bound if request.prune else -math.inf, timed=timed)
     ended = solve_proposals(strategy, folder, n, lower_bound, tools)
     audit_best(folder, n, lower_bound, tools)
     if ended and request.prune and not record_pruned(folder, n, lower_bound):
-        strategy = strategy_of(folder, n, bound=None, timed=timed)  # the design that ruled others out is not clear
+        strategy = strategy_of(folder, n, timed=timed)  # the design that ruled others out is not clear
         ended = solve_proposals(strategy, folder, n, lower_bound, tools)
         audit_best(folder, n, lower_bound, tools)
     if ended:

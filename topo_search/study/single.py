@@ -22,7 +22,7 @@ from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Top
 from topo_search.model.text import paragraph
 from topo_search.study.progress import Silent
 from topo_search.study.relaxing import relax
-from topo_search.study.request import margins, raise_margins, with_margin
+from topo_search.study.request import Margins, margins, with_margin
 from topo_search.study.solving import Tools
 
 
@@ -106,9 +106,8 @@ def solve_single(
     until = math.inf if time_limit is None else time.monotonic() + time_limit
     tools = Tools(backends, engine, Silent(), until)
     task = base_task.resolve(topology.n)
-    tasks = [with_margin(task, margin) for margin in margins(task)]
+    raised = Margins([with_margin(task, margin) for margin in margins(task)])
     notes: list[str] = []
-    results: list[tuple[Outcome, Audit | Failed | None]] = []
 
     def explain(outcome: Infeasible) -> Infeasible:
         relaxed = relax(base_task, [topology], tools, starts=round_size if starts is None else starts, seed=seed)
@@ -132,30 +131,21 @@ def solve_single(
                 return best
         return best
 
-    def judge(step: int, names: Sequence[str]) -> list[tuple[str, Audit]] | None:
-        if step and time.monotonic() >= until:
-            return None
-        outcome = best_of(tasks[step])
-        if not isinstance(outcome, Design):
-            if step == 0:
-                results.append((explain(outcome) if isinstance(outcome, Infeasible) else outcome, None))
-            return []
-        audit = engine.run_one(backends.audit, outcome, deadline=audit_deadline(topology.n))
-        results.append((outcome, audit))
-        if isinstance(audit, Failed):
-            notes.append(f"the audit failed: {audit.reason}")
-            return []
-        if audit.verdict == "clear":
-            return []
-        margin = tasks[step].search.margin
-        notes.append(f"the audit of the design with margin {margin:g} m is {audit.verdict}")
-        return [(name, audit) for name in names]
-
-    proof = backends.prove_impossible(task)
-    if proof is not None:
+    if (proof := backends.prove_impossible(task)) is not None:
         return Solved(explain(proof), None, ())
-    raise_margins(tasks, [topology.key], judge)
-    return Solved(*results[-1], tuple(notes))
+    solved: Solved | None = None
+    while True:
+        outcome = best_of(raised.task)
+        if not isinstance(outcome, Design):
+            return solved or Solved(explain(outcome) if isinstance(outcome, Infeasible) else outcome, None, ())
+        audit = engine.run_one(backends.audit, outcome, deadline=audit_deadline(topology.n))
+        if isinstance(audit, Failed):
+            return Solved(outcome, audit, (*notes, f"the audit failed: {audit.reason}"))
+        if audit.verdict != "clear":
+            notes.append(f"the audit of the design with margin {raised.task.search.margin:g} m is {audit.verdict}")
+        solved = Solved(outcome, audit, tuple(notes))
+        if audit.verdict == "clear" or not raised.raise_after(audit) or time.monotonic() >= until:
+            return solved
 
 
 def _pays(before: Outcome, after: Design | Infeasible, task: ResolvedTask) -> bool:

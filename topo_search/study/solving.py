@@ -48,19 +48,18 @@ class Tools:
         return self.engine.run(solve, jobs, deadline=lambda job: job.deadline, until=self.until)
 
 
-def strategy_of(folder: RunFolder, n: int, *, bound: float | None, timed: bool) -> Strategy:
+def strategy_of(folder: RunFolder, n: int, *, bound: float = -math.inf, timed: bool) -> Strategy:
     """Return what proposes the trees of n modules.
 
     Args:
         folder: of the run.
         n: number of modules.
-        bound: of every candidate's objective; None: nothing is pruned.
+        bound: of all objectives, with which candidates are pruned.
         timed: whether there is a time limit.
     """
     request, space = folder.request, folder.request.space(n)
     if request.strategy == "exhaustive":
-        least = None if bound is None else lambda _: bound
-        return ExhaustiveSearch(space, starts=request.starts, timed=timed, bound=least)
+        return ExhaustiveSearch(space, starts=request.starts, timed=timed, bound=bound)
     from topo_search.engine.proposals import OptunaSearch  # loads Optuna
 
     return OptunaSearch(
@@ -125,7 +124,8 @@ class Candidates:
         """Write the outcome of a job, and tell the strategy."""
         row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
         self._scores[row.key].append(score(row, self._context.task))
-        self._incumbent = _better_of(self._incumbent, row)
+        designs = [one for one in (self._incumbent, row) if one is not None and one.objective is not None]
+        self._incumbent = min(designs, key=lambda one: (one.objective, one.key), default=None)
         self._report(row.key)
         self._tell()
 
@@ -236,12 +236,3 @@ def _same_platform(earlier: Design | Infeasible | None, later: Design | Infeasib
     if not isinstance(earlier, Design) or not isinstance(later, Design):
         return False
     return earlier.model_copy(update={"solver": None}) == later.model_copy(update={"solver": None})
-
-
-def _better_of(incumbent: Row | None, row: Row) -> Row | None:
-    """Return the better of two rows, the first in a tie; one without a design is none."""
-    if row.objective is None:
-        return incumbent
-    if incumbent is None or incumbent.objective is None:
-        return row
-    return min(incumbent, row, key=lambda row: (row.objective, row.key))

@@ -18,7 +18,7 @@ import sqlite3
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import count
 from pathlib import Path
 
@@ -45,7 +45,7 @@ from topo_search.study.ledger_file import LedgerLost, damage
 from topo_search.study.proofs import ProofSummary, subject_of, summarize
 from topo_search.study.relaxing import causes
 from topo_search.study.request import Context, Request
-from topo_search.study.row import Row, flight_of
+from topo_search.study.row import FLIGHT, Row, flight_of
 
 
 def check_rows(rows: Iterable[Row], space: Space, lower_bound: float, path: Path) -> Iterator[Row]:
@@ -82,51 +82,46 @@ def check_designs(ledger: Ledger, contexts: list[Context], space: Space, rows: I
         BadInput: they do not; names the candidate.
     """
     for row in rows:
-        for difference in _differences(ledger, contexts, space, row):
+        if (difference := _difference(ledger, contexts, space, row)) is not None:
             raise damage(ledger.path, f"{row.key}: its {difference}")
 
 
-def _differences(ledger: Ledger, contexts: list[Context], space: Space, row: Row) -> Iterator[str]:
-    """Yield in what a row, its design, its audit and its tree differ; what follows may rely on what came before."""
+def _difference(ledger: Ledger, contexts: list[Context], space: Space, row: Row) -> str | None:
+    """Return the first thing in which a row, its design, its audit and its tree differ."""
     if not 0 <= row.step < len(contexts):
-        yield f"margin has place {row.step} of {len(contexts)}"
+        return f"margin has place {row.step} of {len(contexts)}"
     context = contexts[row.step]
-    design = ledger.result(context, row.key)
+    design, audit = ledger.result(context, row.key), ledger.audit(context, row.key)
     if not isinstance(design, Design):
-        yield "design is missing"
-        return
+        return "design is missing"
     try:
         candidate = space.candidate_of(Topology.from_key(row.key))
     except ValueError as error:
-        yield f"key names no tree: {error}"
-        return
-    keys = {row.key, design.topology_key or row.key, design.topology.key, candidate.key}
-    if len(keys) > 1 or design.topology.n != row.modules:
-        yield "key is not that of its tree"
-    if row.orbit != candidate.orbit:
-        yield f"tree has {candidate.orbit} symmetric copies, not {row.orbit}"
-    values = {
-        "objective": (row.objective, design.objective),
-        "margin": (row.margin, context.margin),
-        "task": (design.task, context.task.with_rod(design.task.end_effector.counted_rod)),
-        "gap": (row.gap, Design.gap_of(design.objective, row.lower_bound or 0.0)),
+        return f"key names no tree: {error}"
+    if {row.key, design.topology_key or row.key, design.topology.key} != {candidate.key}:
+        return "key is not that of its tree"
+    if design.task != context.task.with_rod(design.task.end_effector.counted_rod):
+        return "task is not that of its design"
+    due = {
+        "modules": design.topology.n,
+        "number of symmetric copies": candidate.orbit,
+        "objective": design.objective,
+        "gap": Design.gap_of(design.objective, row.lower_bound or 0.0),
+        "margin": context.margin,
+        "audit": None if audit is None else audit.verdict,
+        **(dict.fromkeys(FLIGHT) if audit is None else flight_of(audit)),
     }
-    yield from (f"{name} is not that of its design" for name, (held, due) in values.items() if held != due)
+    values = asdict(row) | {"number of symmetric copies": row.orbit}
+    if (name := next((name for name in due if values[name] != due[name]), None)) is not None:
+        return f"{name} is not that of its design"
     cost = sum(
         case.weight * sum(u * u for u in inputs)
         for case, inputs in zip(design.task.load_cases, design.rotor_speeds_squared, strict=True)
     )
     if abs(cost - design.objective) > 1.0e-6 * abs(design.objective):  # the audit's tolerance
-        yield f"objective is {design.objective!r}, but its inputs cost {cost!r}"
-    audit = ledger.audit(context, row.key)
-    if (audit is None) != (row.audit is None):
-        yield "audit is gone"
-    if audit is not None:
-        efforts = [one.stated for one in audit.residuals if one.name == "objective"]
-        if audit.verdict != row.audit or any(J not in (None, row.objective) for J in efforts):
-            yield "audit is not that of its design"
-        if any(getattr(row, name) != value for name, value in flight_of(audit).items()):
-            yield "figures are not those of its audit"
+        return f"objective is {design.objective!r}, but its inputs cost {cost!r}"
+    efforts = () if audit is None else (one.stated for one in audit.residuals if one.name == "objective")
+    return "audit is of another objective" if any(J not in (None, design.objective) for J in efforts) else None
 
 
 @contextmanager

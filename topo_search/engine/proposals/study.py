@@ -71,11 +71,6 @@ class _Drawn:
     near: tuple[str, ...]
     """Keys of the candidates whose designs are carried over to it."""
 
-    @property
-    def key(self) -> str:
-        """Key of the candidate."""
-        return self.candidate.key
-
 
 class OptunaSearch(Strategy):
     """Solves trees that an Optuna sampler draws until there are enough, or none is left."""
@@ -150,9 +145,9 @@ class OptunaSearch(Strategy):
         while left or again or unknown:
             while (left or again) and len(unknown) < self._round_size:
                 one = again.popleft() if again else _draw(self._study, proposer)
-                left -= one.key not in ranks
+                left -= one.candidate.key not in ranks
                 unknown.append(one)
-                next_starts = ladder[bisect_right(ladder, had.get(one.key, 0))]
+                next_starts = ladder[bisect_right(ladder, had.get(one.candidate.key, 0))]
                 yield Proposal(one.candidate, next_starts, one.near)
             scores = yield from self.results(min(learnt, len(unknown)))
             ranks |= {score.key: rank(score) for score in scores}
@@ -161,8 +156,8 @@ class OptunaSearch(Strategy):
             ended = []
             for score in scores:
                 one = unknown.popleft()
-                promoted = proposer.promotes and had[one.key] < starts
-                if promoted and goes_on(score, ranking, bisect_right(ladder, had[one.key])):
+                promoted = proposer.promotes and score.starts < starts
+                if promoted and goes_on(score, ranking, bisect_right(ladder, score.starts)):
                     again.append(replace(one, near=()))
                 else:
                     proposer.note_score(one.trial.number, score)
@@ -385,7 +380,7 @@ def make_own(factory: SamplerFactory, seed: int) -> BaseSampler | TopologySample
         return made
     got = f"the class {made.__name__} itself" if isinstance(made, type) else type(made).__name__
     rule = f"must make an Optuna sampler, or an object with `propose`, but made {got}"
-    raise BadInput("sampler", [Fault("", rule)])
+    raise BadInput("sampler", rule)
 
 
 @contextmanager
