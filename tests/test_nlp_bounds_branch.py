@@ -399,16 +399,19 @@ def test_the_chunk_of_a_design_has_a_bound_of_no_more_than_its_effort(best):
     assert prove_chunk(task, tree, mine[0], design.objective * 1.001).outcome != "closed"
 
 
-@pytest.mark.parametrize("problem", ["task", "solver"])
+@pytest.mark.parametrize(
+    ("folder", "problem", "closed"),
+    [("", "task", 0.97), ("", "solver", 0.995), ("flying", "task", 0.995), ("flying", "solver", 0.8)],
+)
 @pytest.mark.parametrize("name", ["wall-push", "window-cleaning", "survives-a-rotor"])
-def test_what_is_left_out_of_a_bound_costs_a_flying_design_nothing(name, problem):
+def test_what_is_left_out_of_a_bound_costs_a_flying_design_nothing(name, folder, problem, closed):
     """At its own angles, of which no multipliers may prove more than it costs; `task` asks for less."""
-    design = read_json(Design, Path(__file__).parent / "designs" / f"{name}.json")
+    design = read_json(Design, Path(__file__).parent / "designs" / folder / f"{name}.json")
     task, theta = design.task, np.array([*design.root_orientation_rad, *design.hinge_angles_rad])
     assert centre(task, design.topology) == 0
     lower, upper = theta - 1e-6, theta + 1e-6
     cost = design.objective / effort_unit(task)
-    cuts = cost * np.array([{"solver": 0.995, "task": 0.97}[problem], 1.0001])
+    cuts = cost * np.array([closed, 1.0001])
     found = [search.search(to_arrays(task, design.topology, problem), lower, upper, cut, 1) for cut in cuts]
     assert [one.how for one in found] == [search.CLOSED, search.OPEN]
 

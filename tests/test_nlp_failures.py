@@ -1,5 +1,6 @@
 """A rotor that may die: in model, solver, bounds, symmetries and audit."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -217,7 +218,9 @@ def test_a_program_that_takes_in_corners_ends_where_one_with_all_of_them_does() 
 @pytest.mark.slow
 def test_a_task_that_asks_for_less_finds_no_worse_design() -> None:
     """Without ball, rod and exclusion few of the best ends of the descents become good designs."""
-    text = read_task("survives-a-rotor").model_dump(mode="json", exclude={"exposure"})
+    text = read_task(Path(__file__).parent / "designs/survives-a-rotor.toml").model_dump(
+        mode="json", exclude={"exposure"}
+    )
     text["end_effector"].update(exclusion=False, rod="none", largest_reach=False)
     found = best_design(Task.model_validate(text).resolve(3), TREE, 8)
     assert found.objective < 8.63e13  # 8.784e13 where only the best ends go on

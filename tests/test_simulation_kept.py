@@ -11,13 +11,13 @@ from topo_search.simulation.fly import Options
 from topo_search.simulation.result import FlightResult, digest_of
 
 ROOT = Path(__file__).parents[1]
-HELD = ("wall-push", "window-cleaning", "survives-a-rotor")
+HELD = ("flying/wall-push", "flying/window-cleaning", "flying/survives-a-rotor")
 FAILING = ("push-a70010", "wall-push-without-reserves")
 
 
 def kept(name: str) -> tuple[Design, FlightResult]:
     design = read_json(Design, ROOT / f"tests/designs/{name}.json")
-    return design, read_json(FlightResult, ROOT / f"notebooks/results/flight-{name}.json")
+    return design, read_json(FlightResult, ROOT / f"notebooks/results/flight-{Path(name).name}.json")
 
 
 @pytest.mark.parametrize("name", [*HELD, *FAILING])

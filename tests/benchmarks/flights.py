@@ -2,13 +2,14 @@
 
     python tests/benchmarks/flights.py [NAME ...] [--modules 3 ...] [--seeds 2] [--trees 3] [--runs FOLDER]
 
-Of every flying example and number of modules the best tree is searched three times, from STARTS starts per tree: as
-the example is (`task`), and with REQUIRED in place of its own reserves, by the best inputs (`optimal`) and by the
-pseudo-inverse. `--trees N` restricts these two to the N best trees of the first search. Finished runs in
-FOLDER are taken as they are. The audit certifies what the best inputs and the pseudo-inverse reach. Then the design
-is flown with masses and thrusts off by MODEL_ERROR: a gust of GUST from eight sides, and a tilt of TILT held about
-four axes, with the bounded least squares of `fly` and with PX4's rule. A row goes to `flights.csv` of
-`notebooks/results` as soon as it is known, in place of the one before; the documentation shows that table.
+Of every flying example and number of modules the best tree is searched four times, from STARTS starts per tree:
+with reserves at the tip instead (`reserves`, `tests/designs/NAME.toml`), with the centre of mass where it should
+be (`centred`), as shipped (`task`), and as shipped by the pseudo-inverse. `--trees N` restricts the others to the
+N best trees of the first. Finished runs in FOLDER are taken as they are. The audit certifies what the best inputs
+and the pseudo-inverse reach, as shipped with the centre of mass at the worst corner. Then the design is flown with
+masses and thrusts off by MODEL_ERROR: a gust of GUST from eight sides, and a tilt of TILT held about four axes,
+with the bounded least squares of `fly` and with PX4's rule. A row goes to `flights.csv` of `notebooks/results` as
+soon as it is known, in place of the one before; the documentation shows that table.
 """
 
 from __future__ import annotations
@@ -30,20 +31,10 @@ from topo_search.simulation.fly import Options, fly, judge
 from topo_search.simulation.plant import Errors
 from topo_search.simulation.scenarios import TILT, Scenario, tilts
 
-KEPT = Path(__file__).parents[2] / "notebooks/results/flights.csv"
+ROOT = Path(__file__).parents[2]
+KEPT = ROOT / "notebooks/results/flights.csv"
 NAMES = ("wall-push", "window-cleaning", "survives-a-rotor")
 SIZES = (3, 4, 5)
-REQUIRED = (
-    "module.min_input=0.03",
-    'flight.units="weight"',
-    "flight.force_reserve=0.25",
-    'flight.at="com"',
-    "flight.torque_reserve=0.0",
-    "flight.tilt_deg=10.0",
-    "flight.angular_acceleration=[11.0, 11.0, 11.0]",
-    "tolerances.hinge_angle_deg=0.3",
-    "tolerances.position=0.001",
-)
 STARTS = 4
 MODEL_ERROR = 0.02
 GUST = 1.0
@@ -57,7 +48,13 @@ FIGURES = {
     "angular_acceleration_rad_s2": "angular_acceleration_rad_s2",
 }
 """Columns, forces in weights, and the figures of hover that they show."""
-RULED = ("task", "optimal", "pseudo-inverse")
+RULED: dict[str, tuple[str, ...]] = {
+    "reserves": (),
+    "centred": ("flight.com_error=0.0",),
+    "task": (),
+    "pseudo-inverse": ('flight.allocator="pseudo-inverse"',),
+}
+"""Settings of every search."""
 KEY = ["task", "modules", "required"]
 
 
@@ -119,19 +116,19 @@ def main() -> None:
     for name in given.names:
         for n in given.modules:
             trees = None
-            for required in RULED:
-                if required not in given.required and (required != "task" or given.trees is None):
+            for required, settings in RULED.items():
+                first = required == "reserves"
+                if required not in given.required and (not first or given.trees is None):
                     continue
-                settings = () if required == "task" else (*REQUIRED, f'flight.allocator="{required}"')
                 answer = search(
-                    read_task(name, (f"modules={n}", *settings)),
+                    read_task(ROOT / f"tests/designs/{name}.toml" if first else name, (f"modules={n}", *settings)),
                     out=given.runs / f"{name}-{n}-{required}",
                     starts=STARTS,
                     workers=1,
                     topologies=trees,
                 )
                 table = answer.candidates
-                if given.trees is not None and required == "task":
+                if given.trees is not None and first:
                     trees = table[table.status == "feasible"].sort_values("objective").key.iloc[: given.trees]
                 if required not in given.required:
                     continue

@@ -2,9 +2,9 @@
 
     MUJOCO_GL=egl python tests/benchmarks/keep_flights.py
 
-`tests/designs/NAME.json` has them: the winner of push and that of the example wall-push without its reserves, of
-the least effort and nothing else, and the winners of three examples that ask for more (`topo-search run NAME`). All
-are flown as `topo-search fly DESIGN --rotor-out` flies them. Answers go to `notebooks/results/flight-NAME.json`. Of
+`tests/designs` has them: the winner of push and that of the example wall-push without its reserves, of the least
+effort and nothing else, and in `flying` the winners of three examples that fly (`topo-search run NAME`). All are
+flown as `topo-search fly DESIGN --rotor-out` flies them. Answers go to `notebooks/results/flight-NAME.json`. Of
 those FILMED plots go to `notebooks/pictures/flight-NAME.png` and stills to `flight-stills.png` beside them. What
 the page of wall-push shows of its flights goes to `flight-page.png`. Needs Chromium and EGL.
 """
@@ -28,7 +28,13 @@ from topo_search.simulation.scenarios import Scenario
 ROOT = Path(__file__).parents[2]
 DESIGNS = ROOT / "tests/designs"
 PICTURES, RESULTS = ROOT / "notebooks/pictures", ROOT / "notebooks/results"
-NAMES = ("push-a70010", "wall-push-without-reserves", "wall-push", "window-cleaning", "survives-a-rotor")
+NAMES = (
+    "push-a70010",
+    "wall-push-without-reserves",
+    "flying/wall-push",
+    "flying/window-cleaning",
+    "flying/survives-a-rotor",
+)
 FILMED = {"push-a70010": "the winner of push", "wall-push": "wall-push"}
 STILLS = (0.0, 0.8, 1.6, 2.4, 4.0)
 """Of the return from +x [s]."""
@@ -39,8 +45,8 @@ WIDTH = 1000
 def main() -> None:
     """Fly all, and write what they show."""
     films, campaigns = {}, {}
-    for name in NAMES:
-        design = read_json(Design, DESIGNS / f"{name}.json")
+    for path in NAMES:
+        design, name = read_json(Design, DESIGNS / f"{path}.json"), Path(path).name
         film = films.setdefault(name, files.Film(files.radius(design))) if name in FILMED else None
 
         def watch(scenario: Scenario, film: files.Film | None = film) -> Watch | None:
@@ -53,7 +59,9 @@ def main() -> None:
     write_atomically(PICTURES / "flight-stills.png", _stills(films))
     with TemporaryDirectory() as folder:
         files.write_flight(campaigns["wall-push"], Path(folder))
-        page = compose.write_report(DESIGNS / "wall-push.json", out=Path(folder) / "page.html", flight=folder)
+        page = compose.write_report(
+            DESIGNS / "flying/wall-push.json", out=Path(folder) / "page.html", flight=folder
+        )
         write_atomically(PICTURES / "flight-page.png", _section(page))
 
 

@@ -2,8 +2,9 @@
 
     python tests/benchmarks/keep_gallery.py [EXAMPLE ...]
 
-Searches each task as `topo-search run EXAMPLE` does, large ones with `--strategy optuna --trials 48`. Its picture
-goes to `notebooks/pictures/gallery-EXAMPLE.png`, its answer with the CPU time of all processes to
+Searches each task as `topo-search run EXAMPLE` does, large ones with `--strategy optuna --trials 48`, those of
+several sizes with the fewest modules (`--modules 3`). Its picture goes to
+`notebooks/pictures/gallery-EXAMPLE.png`, its answer with the CPU time of all processes to
 `notebooks/results/gallery.json`; those of other tasks stay. The winner of `wall-push` is drawn from all sides,
 `notebooks/pictures/turning.webp`.
 """
@@ -16,6 +17,7 @@ import json
 import resource
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -46,17 +48,21 @@ def main() -> None:
     parser.add_argument("examples", nargs="*", default=examples())
     for name in parser.parse_args().examples:
         before = _cpu_seconds()
+        task = read_task(name)
+        how, options = dict[str, Any](), ""
+        if not isinstance(task.modules, int):
+            options = f" --modules {task.sizes[0]}"
+            task = read_task(name, (f"modules={task.sizes[0]}",))
+        elif task.modules > EXHAUSTIVE:
+            how, options = {"strategy": "optuna", "trials": TRIALS}, f" --strategy optuna --trials {TRIALS}"
         with tempfile.TemporaryDirectory() as folder:
-            task = read_task(name)
-            large = isinstance(task.modules, int) and task.modules > EXHAUSTIVE
-            how = {"strategy": "optuna", "trials": TRIALS} if large else {}
             answer = topo_search.search(task, out=Path(folder) / "run", **how)
             if answer.best is None:
                 raise SystemExit(f"{name}: no design to show; give it more trials")
             design = read_json(Design, Path(folder) / "run" / "best.json")
         kept = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
         kept[name] = {
-            "options": f" --strategy optuna --trials {TRIALS}" if large else "",
+            "options": options,
             "key": answer.best.key,
             "modules": answer.best.modules,
             "candidates": sum(size.candidates for size in answer.sizes),

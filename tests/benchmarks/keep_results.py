@@ -42,7 +42,7 @@ asked.figure(rows).savefig("ablation.png")
 Shares and efforts are those that these few starts reach: more trees may have a design, and a stricter problem can
 come out cheaper where its starts were luckier. Seconds are CPU seconds of one thread on a machine that did other
 work at the same time, which slows caches and memory; the documentation's page on benchmarks has times of a machine
-at rest.
+at rest. Rows of `wall-push` are of `tests/designs/wall-push.toml`, with reserves at the tip.
 """
 
 
