@@ -1,21 +1,22 @@
 r"""Multipliers for a box: whatever they are the bound holds, and the better they are the higher it is.
 
-At the middle of the box the dual function is concave in y. Over the box t = a_j . y changes by beta_aj . y times
-the change of angle a, and the bound loses about a quarter of the square of that over lambda. So what is
-maximised, by Newton's method, is the dual function at the middle less
+What is maximised, by Newton's method within the space of multipliers that p'_E drops out of, is the least dual
+function D of some points of the box, smoothed by a temperature T,
+
+.. math:: -T \log \sum_v e^{-D_v(y, \sigma) / T}
+
+less small squares of the multipliers. At one point, the middle, T says nothing. Over the box t = a_j . y changes by
+beta_aj . y times the change of angle a, and the bound loses about a quarter of the square of that over lambda. So
+there, with rho the half widths,
 
 .. math:: \frac{1}{4} \sum_{k} \frac{1}{\lambda_k} \sum_{a, j} \rho_a^2 (\beta_{aj} \cdot y_k)^2
 
-with rho the half widths, within the space of multipliers that p'_E drops out of. The multipliers of walls have a
-small square subtracted as well. Load cases without weight count with a little, as much as a box of that size blurs
-them; those that would cost nothing then have multipliers that bring nothing, and `leave` sets these to zero. Where
-that does not do, the slopes g_a of the dual function are taken into account as well: towards a corner it falls by
-rho_a |g_a| an angle, so that
+is subtracted as well. That does for most boxes. For the others the points are all vertices: where a reserve is out
+of reach, D at the middle rises without end with the multipliers, and falls the more steeply towards the vertices.
 
-.. math:: \sum_a \rho_a \left(\sqrt{g_a^2 + m^2} - m\right)
-
-is subtracted too, with a part of the above, which stood for the slopes as well. For a step the root is replaced by
-the parabola over it that touches it where g_a is.
+psi of a load case without weight, max(t, 0), has a kink, which Newton's method does not see. Here it counts as
+(t + root(t^2 + s^2) - s) / 2, and so does that of any weight under the width s. At the vertices T and s fall from
+stage to stage. Load cases that cost nothing then have multipliers that bring nothing: `leave` sets these to zero.
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ from verify.proof.dual import residual
 from verify.proof.platform import Numbers
 
 LIGHTEST = 1e-2
-"""Weight that a load case counts with here at least: the dual function of one without is not smooth."""
+"""s at the middle,"""
 BLURRED = 0.1
-"""Or this times the root of sum_a rho_a^2, if that is less."""
+"""or this times the root of sum_a rho_a^2, if that is less."""
 FREE = 6.0
-"""A load case whose |a_j . y_k| are all less, in the weight that it counts with, costs nothing."""
+"""A load case whose |a_j . y_k| are all less, in s, costs nothing."""
 UNMET = 1e-9
 """Share of the walls' multipliers by which p'_E may fail to drop out, for rounding."""
 CHANGES = 3
@@ -48,39 +49,48 @@ SHORTEST = 1e-3
 """Share of a Newton step under which it is given up."""
 PAYS = 1e-4
 """Share of the value that a step must gain for another."""
-FLAT = 0.02
-"""m, as a share of the cut."""
-CURVED = 0.3
-"""Part of what is subtracted for beta beside the slopes."""
 ENOUGH = 1.1
-"""Times the cut at which the search ends: where no balance is possible it has no end."""
+"""Times the cut at which the search at vertices ends."""
+HOPELESS = 0.98
+"""Times the cut under which it ends once no other multipliers can bring D there; s makes D greater than it is."""
+TOO_MUCH = 2.0
+"""Times the cut at which a stage ends, for the same reason."""
+STAGES = 5
+STEPS = 3
+"""Newton steps of a stage."""
+SOFT, SOFTER = 0.05, 0.6
+"""T of the first stage, in the cut, and that of the next in it."""
+KINK, SHARPER = 0.15, 0.35
+"""s of the first stage, in the cut over 4 n, and that of the next in it."""
+SHARP = 1e-9
+"""s that tells what D is."""
+LIGHT = 1e-3
+"""Least share of a point that counts in a step."""
+MOST = 32
+"""Points that count in a step at most."""
+RIDGE = 1e-3
+"""Ridge of y at the middle."""
+RIDGE_OF_Y, RIDGE_OF_SIGMA = 1.0, 20.0
+"""Ridges of the first stage, which keep multipliers short where the best have no end; then SHARPER of them."""
+BESIDE = 1e-3
+"""Stiffness of a rotor that a step leaves out, in the ridge of y."""
 
 
-class Middle(NamedTuple):
-    """The middle of a box."""
+class Points(NamedTuple):
+    """Points of a box, V of them, and multipliers' surroundings."""
 
     a: Array
-    """Wrench of every rotor at the input 1 about the origin, in W, shape (4 n, 6)."""
+    """Wrench of every rotor at the input 1 about the origin, in W, shape (V, 4 n, 6)."""
     b: Array
-    """Wrenches that the load cases ask for, without p'_E, shape (K, 6)."""
-    curved: Array
-    """sum_{a, j} rho_a^2 beta_aj beta_aj^T / 2, shape (6, 6)."""
-    axes: Array
-    """Direction and point of every angle's axis in W, shape (A, 2, 3)."""
-    change: Array
-    """beta, shape (A, 4 n, 6)."""
-    moved: Array
-    """Derivatives of the sum of all c_i by the angles, shape (A, 3)."""
-    slope: Array
-    """g, shape (A,)."""
-    steep: Array
-    """Derivatives of g by y, shape (A, 6 K)."""
+    """Wrenches that the load cases ask for, without p'_E, shape (V, K, 6)."""
     wall: Array
-    """n_r . e_r + d_r, shape (W,)."""
-    shift: Array
-    """Its derivatives by the angles, shape (A, W)."""
+    """n_r . e_r + d_r, shape (V, W)."""
+    D: Array
+    """The dual function, shape (V,)."""
+    curved: Array
+    """sum_{a, j} rho_a^2 beta_aj beta_aj^T / 2 at the middle, 0 at vertices, shape (6, 6)."""
     weight: Array
-    """Weights that load cases count with, shape (K,)."""
+    """The weight, or s where that is greater, shape (K,)."""
     active: NDArray[np.bool_]
     """Load cases that have multipliers, shape (K,)."""
     project: Array
@@ -91,105 +101,125 @@ class Middle(NamedTuple):
     """Step of y, shape (K, 6)."""
     wall_step: Array
     """Step of sigma, shape (W,)."""
-    solved: Array
-    """A case's Hessian's inverse times its gradient and the tied rows, shape (K, 6, 4 + A)."""
     rows: Array
-    """Tied rows, shape (3 + A, 6 K): how p'_E's factor changes with y, then the slopes."""
+    """Tied rows: how p'_E's factor changes with y, then the points' gradients, shape (K, 3 + MOST, 6)."""
     wall_rows: Array
-    """Likewise with sigma, shape (3 + A, W)."""
+    """Likewise with sigma, shape (3 + MOST, W)."""
     ridge: Array
-    """Ridge of sigma's square, shape (1,)."""
+    """Ridges of y and sigma, shape (2,)."""
+
+
+class Turns(NamedTuple):
+    """What angles do at the middle of a box."""
+
+    axes: Array
+    """Direction and point of every angle's axis in W, shape (A, 2, 3)."""
+    change: Array
+    """beta, shape (A, 4 n, 6)."""
+    shift: Array
+    """Derivatives of n_r . e_r by the angles, shape (A, W)."""
 
 
 @njit(cache=True)
-def workspace(numbers: Numbers) -> Middle:
-    """Return arrays for one box."""
+def workspace(numbers: Numbers, count: int) -> Points:
+    """Return arrays for so many points."""
     n, K, W = len(numbers.parent), len(numbers.f), len(numbers.normal)
-    rows, wall_rows = np.zeros((n + 5, 6 * K)), np.zeros((n + 5, W))
+    rows, wall_rows = np.zeros((K, 3 + MOST, 6)), np.zeros((3 + MOST, W))
     for k in range(K):
         x, y, z = numbers.g[k]
-        rows[0, 6 * k + 4], rows[0, 6 * k + 5] = -z, y
-        rows[1, 6 * k + 3], rows[1, 6 * k + 5] = z, -x
-        rows[2, 6 * k + 3], rows[2, 6 * k + 4] = -y, x
+        rows[k, 0, 4], rows[k, 0, 5] = -z, y
+        rows[k, 1, 3], rows[k, 1, 5] = z, -x
+        rows[k, 2, 3], rows[k, 2, 4] = -y, x
     for r in range(W):
         wall_rows[:3, r] = -numbers.normal[r]
-    at = Middle(
-        np.zeros((4 * n, 6)),
-        np.zeros((K, 6)),
+    at = Points(
+        np.zeros((count, 4 * n, 6)),
+        np.zeros((count, K, 6)),
+        np.zeros((count, W)),
+        np.zeros(count),
         np.zeros((6, 6)),
-        np.zeros((n + 2, 2, 3)),
-        np.zeros((n + 2, 4 * n, 6)),
-        np.zeros((n + 2, 3)),
-        np.zeros(n + 2),
-        np.zeros((n + 2, 6 * K)),
-        np.zeros(W),
-        np.zeros((n + 2, W)),
         np.zeros(K),
         np.ones(K, np.bool_),
         np.zeros((3, 3)),
         np.zeros((3, 3)),
         np.zeros((K, 6)),
         np.zeros(W),
-        np.zeros((K, 6, n + 6)),
         rows,
         wall_rows,
-        np.ones(1),
+        np.ones(2),
     )
-    _fill_project(numbers, at)
+    _fill_project(at)
     return at
 
 
 @njit(cache=True)
-def look(numbers: Numbers, points: Array, frames: Frames, rho: Array, at: Middle) -> None:
-    """Fill what multipliers depend on; frames are those of the middle, one a module, points its pairs (c, s)."""
-    n, R = len(numbers.parent), at.R
-    root_turn(points[0, 0], points[1, 0], points[2, 0], R)
-    _fill_axes(numbers, points, frames, at)
-    at.curved[:], at.change[:], at.moved[:] = 0.0, 0.0, 0.0
-    total = np.zeros(3)
-    for i in range(n):
-        w, (a, b) = numbers.bodies[i, 0], numbers.bodies[i, 1:]
-        c = R @ (w * frames.p[i] + a * frames.R[i, :, 0] + b * frames.R[i, :, 1])
-        total += c
-        for q in range(4):
-            j = 4 * i + q
-            for row in range(3):
-                at.a[j, row] = at.a[j, 3 + row] = 0.0
-                for l in range(3):
-                    at.a[j, row] += R[row, l] * frames.R[i, l, 2]
-                    torque = frames.B[i, l, 2]
-                    for m in range(3):
-                        torque += frames.R[i, l, m] * numbers.own[q, m]
-                    at.a[j, 3 + row] += R[row, l] * torque
-            for angle in range(n + 2):
-                if turns(numbers, angle, i):
-                    _add_curve(at, j, angle, rho[angle])
-        for angle in range(n + 2):
-            if turns(numbers, angle, i):
-                at.moved[angle] += np.cross(at.axes[angle, 0], c - w * at.axes[angle, 1])
-    for r in range(len(at.wall)):
-        i = numbers.module[r]
-        e = R @ (frames.p[i] - numbers.down[r] * frames.R[i, :, 2])
-        at.wall[r] = (numbers.normal[r] * e).sum() + numbers.beyond[r]
-        for angle in range(n + 2):
-            if turns(numbers, angle, i):
-                moved = np.cross(at.axes[angle, 0], e - at.axes[angle, 1])
-                at.shift[angle, r] = (numbers.normal[r] * moved).sum()
-    for k in range(len(numbers.f)):
-        x, y, z = numbers.h[k]
-        at.b[k, :3], at.b[k, 3:] = numbers.f[k], numbers.t[k]
-        at.b[k, 3] += total[1] * z - total[2] * y
-        at.b[k, 4] += total[2] * x - total[0] * z
-        at.b[k, 5] += total[0] * y - total[1] * x
+def turn_arrays(numbers: Numbers) -> Turns:
+    """Return arrays for one box."""
+    n = len(numbers.parent)
+    return Turns(np.zeros((n + 2, 2, 3)), np.zeros((n + 2, 4 * n, 6)), np.zeros((n + 2, len(numbers.normal))))
 
 
 @njit(cache=True)
-def _fill_axes(numbers: Numbers, points: Array, frames: Frames, at: Middle) -> None:
+def look(numbers: Numbers, points: Array, frames: Frames, at: Points, v: int) -> None:
+    """Fill what D depends on at point v; frames are those there, one a module, points its pairs (c, s)."""
+    R, total = at.R, np.zeros(3)
+    root_turn(points[0, 0], points[1, 0], points[2, 0], R)
+    for i in range(len(numbers.parent)):
+        w, a, b = numbers.bodies[i]
+        total += R @ (w * frames.p[i] + a * frames.R[i, :, 0] + b * frames.R[i, :, 1])
+        for q in range(4):
+            into = at.a[v, 4 * i + q]
+            into[:] = 0.0
+            for l in range(3):
+                torque = frames.B[i, l, 2]
+                for m in range(3):
+                    torque += frames.R[i, l, m] * numbers.own[q, m]
+                for row in range(3):
+                    into[row] += R[row, l] * frames.R[i, l, 2]
+                    into[3 + row] += R[row, l] * torque
+    for r in range(at.wall.shape[1]):
+        at.wall[v, r] = (numbers.normal[r] * (R @ _end(numbers, frames, r))).sum() + numbers.beyond[r]
+    for k in range(len(numbers.f)):
+        x, y, z = numbers.h[k]
+        b = at.b[v, k]
+        b[:3], b[3:] = numbers.f[k], numbers.t[k]
+        b[3] += total[1] * z - total[2] * y
+        b[4] += total[2] * x - total[0] * z
+        b[5] += total[0] * y - total[1] * x
+
+
+@njit(cache=True)
+def _end(numbers: Numbers, frames: Frames, r: int) -> Array:
+    """Return the end of the envelope of row r of the walls, seen from the root."""
+    i = numbers.module[r]
+    return np.asarray(frames.p[i] - numbers.down[r] * frames.R[i, :, 2], np.float64)
+
+
+@njit(cache=True)
+def look_around(numbers: Numbers, points: Array, frames: Frames, rho: Array, at: Points, turning: Turns) -> None:
+    """Fill what angles do at the middle, the point of `at`, as `look` does."""
+    _fill_axes(numbers, points, frames, at, turning)
+    at.curved[:], turning.change[:], turning.shift[:] = 0.0, 0.0, 0.0
+    for angle in range(len(rho)):
+        direction, point = turning.axes[angle]
+        for j in range(at.a.shape[1]):
+            if turns(numbers, angle, j // 4):
+                change = turning.change[angle, j]
+                _fill_change(direction, point, at.a[0, j], change)
+                at.curved[:] += rho[angle] ** 2 / 2 * np.outer(change, change)
+        for r in range(len(numbers.normal)):
+            if turns(numbers, angle, numbers.module[r]):
+                moved = np.cross(direction, at.R @ _end(numbers, frames, r) - point)
+                turning.shift[angle, r] = (numbers.normal[r] * moved).sum()
+
+
+@njit(cache=True)
+def _fill_axes(numbers: Numbers, points: Array, frames: Frames, at: Points, turning: Turns) -> None:
     (c, s), (c0, s0) = points[0, 0], points[1, 0]
-    at.axes[:3] = 0.0
-    at.axes[0, 0, 2] = 1.0
-    at.axes[1, 0, 0], at.axes[1, 0, 1] = c, s
-    at.axes[2, 0, 0], at.axes[2, 0, 1], at.axes[2, 0, 2] = -s * c0, c * c0, s0
+    turning.axes[:3] = 0.0
+    turning.axes[0, 0, 2] = 1.0
+    turning.axes[1, 0, 0], turning.axes[1, 0, 1] = c, s
+    turning.axes[2, 0, 0], turning.axes[2, 0, 1], turning.axes[2, 0, 2] = -s * c0, c * c0, s0
     for i in range(1, len(numbers.parent)):
         h, port = numbers.parent[i], numbers.port[i]
         arm, across = (0, 1) if port % 2 == 0 else (1, 0)
@@ -199,7 +229,7 @@ def _fill_axes(numbers: Numbers, points: Array, frames: Frames, at: Middle) -> N
             for l in range(3):
                 direction += at.R[row, l] * frames.R[h, l, across]
                 point += at.R[row, l] * (frames.p[h, l] + step * frames.R[h, l, arm])
-            at.axes[i + 2, 0, row], at.axes[i + 2, 1, row] = direction, point
+            turning.axes[i + 2, 0, row], turning.axes[i + 2, 1, row] = direction, point
 
 
 @njit(cache=True)
@@ -211,21 +241,11 @@ def turns(numbers: Numbers, angle: int, i: int) -> bool:
 
 
 @njit(cache=True)
-def _add_curve(at: Middle, j: int, angle: int, rho: float) -> None:
-    """Add what one angle does to the wrench of one rotor."""
-    change = at.change[angle, j]
-    _fill_change(at, j, angle, change)
-    for row in range(6):
-        for column in range(6):
-            at.curved[row, column] += 0.5 * rho * rho * change[row] * change[column]
-
-
-@njit(cache=True)
-def _fill_change(at: Middle, j: int, angle: int, change: Array) -> None:
-    """Fill how the wrench of rotor j changes with an angle: omega x f, and likewise the torque about the axis."""
-    w0, w1, w2 = at.axes[angle, 0]
-    c0, c1, c2 = at.axes[angle, 1]
-    f0, f1, f2, t0, t1, t2 = at.a[j]
+def _fill_change(direction: Array, point: Array, wrench: Array, change: Array) -> None:
+    """Fill how a rotor's wrench changes with an angle: omega x f, and likewise the torque about the axis."""
+    w0, w1, w2 = direction
+    c0, c1, c2 = point
+    f0, f1, f2, t0, t1, t2 = wrench
     d0, d1, d2 = w1 * f2 - w2 * f1, w2 * f0 - w0 * f2, w0 * f1 - w1 * f0
     t0, t1, t2 = t0 - (c1 * f2 - c2 * f1), t1 - (c2 * f0 - c0 * f2), t2 - (c0 * f1 - c1 * f0)
     change[0], change[1], change[2] = d0, d1, d2
@@ -235,47 +255,53 @@ def _fill_change(at: Middle, j: int, angle: int, change: Array) -> None:
 
 
 @njit(cache=True)
-def blur(numbers: Numbers, at: Middle, rho: Array, cut: float) -> None:
-    """Take all load cases in, none lighter than a box of half widths rho blurs it."""
+def begin(numbers: Numbers, at: Points, rho: Array, cut: float) -> None:
+    """Take all load cases in, as a box of half widths rho blurs them."""
     square = (rho * rho).sum()
-    lightest, lever = min(LIGHTEST, BLURRED * math.sqrt(square)), 2 * numbers.l_c * numbers.depth.max() + 1
-    for k in range(len(at.weight)):
-        at.weight[k] = max(numbers.weight[k], lightest)
+    lever = 2 * numbers.l_c * numbers.depth.max() + 1
+    at.ridge[0], at.ridge[1] = RIDGE, max(square, 1e-4) * lever * lever / cut
+    blur(numbers, at, max(SHARP, min(LIGHTEST, BLURRED * math.sqrt(square))))
     if not np.all(at.active):
         at.active[:] = True
-        _fill_project(numbers, at)
-    at.ridge[0] = max(square, 1e-4) * lever * lever / cut
+        _fill_project(at)
 
 
 @njit(cache=True)
-def leave(numbers: Numbers, at: Middle, y: Array, sigma: Array) -> bool:
+def blur(numbers: Numbers, at: Points, s: float) -> None:
+    """Set the width of kinks."""
+    at.weight[:] = np.maximum(numbers.weight, s)
+
+
+@njit(cache=True)
+def leave(numbers: Numbers, at: Points, y: Array, sigma: Array) -> bool:
     """Leave out load cases that cost nothing, and return whether there are any."""
     left = False
     for k in range(len(y)):
         if numbers.weight[k] == 0.0 and at.active[k]:
-            at.active[k] = bool(np.abs(at.a @ y[k]).max() > FREE * at.weight[k])
-            left |= not at.active[k]
-            if not at.active[k]:
-                y[k] = 0.0
+            dearest = 0.0
+            for v in range(len(at.a)):
+                dearest = max(dearest, np.abs(at.a[v] @ y[k]).max())
+            if dearest <= FREE * at.weight[k]:
+                y[k], at.active[k], left = 0.0, False, True
     if left:
-        _fill_project(numbers, at)
+        _fill_project(at)
         balance(numbers, at, y, sigma)
     return left
 
 
 @njit(cache=True)
-def _fill_project(numbers: Numbers, at: Middle) -> None:
+def _fill_project(at: Points) -> None:
     """Fill what turns a miss into the change that meets the condition."""
     M = np.zeros((3, 3))
     for k in range(len(at.active)):
         if at.active[k]:
-            C = at.rows[:3, 6 * k + 3 : 6 * k + 6].copy()
+            C = at.rows[k, :3, 3:].copy()
             M += C @ C.T
     at.project[:] = np.linalg.pinv(M, 1e-10)
 
 
 @njit(cache=True)
-def balance(numbers: Numbers, at: Middle, y: Array, sigma: Array) -> None:
+def balance(numbers: Numbers, at: Points, y: Array, sigma: Array) -> None:
     """Change multipliers of torque so that p'_E drops out; if they cannot, without walls."""
     for _ in range(2):
         x, y_, z = residual(numbers, y, sigma)
@@ -290,31 +316,51 @@ def balance(numbers: Numbers, at: Middle, y: Array, sigma: Array) -> None:
 
 
 @njit(cache=True)
-def climb(numbers: Numbers, at: Middle, y: Array, sigma: Array, rho: Array, cut: float, steps: int) -> float:
+def lift(numbers: Numbers, at: Points, y: Array, sigma: Array, cut: float) -> None:
+    """Improve multipliers at the worst of all points, in place."""
+    T, s = SOFT * cut, KINK * cut / at.a.shape[1]
+    at.ridge[0], at.ridge[1] = RIDGE_OF_Y, RIDGE_OF_SIGMA
+    for _ in range(STAGES):
+        blur(numbers, at, s)
+        climb(numbers, at, y, sigma, T, TOO_MUCH * cut, STEPS)
+        if at.D.min() + T * math.log(len(at.D)) < HOPELESS * cut:
+            break
+        blur(numbers, at, SHARP)
+        value(numbers, at, y, sigma, T)
+        if at.D.min() > ENOUGH * cut:
+            break
+        T, s = SOFTER * T, SHARPER * s
+        at.ridge[:] *= SHARPER
+    blur(numbers, at, s)
+    leave(numbers, at, y, sigma)
+
+
+@njit(cache=True)
+def climb(numbers: Numbers, at: Points, y: Array, sigma: Array, T: float, enough: float, steps: int) -> float:
     """Improve multipliers that p'_E drops out of, in place, and return what is maximised.
 
     Args:
         numbers: the task and the tree.
-        at: the middle of a box.
+        at: points of a box.
         y: multipliers, shape (K, 6).
         sigma: those of walls, shape (W,).
-        rho: half widths for which slopes are taken into account; 0: they are not.
-        cut: beyond which there is nothing to gain.
+        T: temperature.
+        enough: beyond which there is nothing to gain; a shorter step does as well.
         steps: most of them.
     """
-    best = value(numbers, at, y, sigma, rho, cut)
+    best = value(numbers, at, y, sigma, T)
     for _ in range(steps):
-        if best > ENOUGH * cut:
+        if best > enough:
             break
-        _newton(numbers, at, y, sigma, rho, cut)
+        _newton(numbers, at, y, sigma, T)
         size = math.sqrt((y * y).sum() + (sigma * sigma).sum())
         long = math.sqrt((at.step * at.step).sum() + (at.wall_step * at.wall_step).sum())
         share = min(1.0, LONGEST * size / long) if long > 0.0 and size > 0.0 else 1.0
         smallest, found = SHORTEST * share, -math.inf
         while share > smallest:
             ahead, pressed = y + share * at.step, np.maximum(sigma + share * at.wall_step, 0.0)
-            found = value(numbers, at, ahead, pressed, rho, cut)
-            if found > best:
+            found = value(numbers, at, ahead, pressed, T)
+            if best < found < enough:
                 break
             share *= 0.3
         if not found > best:
@@ -328,140 +374,110 @@ def climb(numbers: Numbers, at: Middle, y: Array, sigma: Array, rho: Array, cut:
 
 
 @njit(cache=True)
-def value(numbers: Numbers, at: Middle, y: Array, sigma: Array, rho: Array, cut: float) -> float:
-    """Return what is maximised."""
-    total = float((sigma * (at.wall - at.ridge[0] / 2 * sigma)).sum())
+def value(numbers: Numbers, at: Points, y: Array, sigma: Array, T: float) -> float:
+    """Return what is maximised, and fill D."""
+    squares = at.ridge[0] / 2 * (y * y).sum() + at.ridge[1] / 2 * (sigma * sigma).sum()
     for k in range(len(y)):
-        if not at.active[k]:
-            continue
-        weight = at.weight[k]
-        for l in range(6):
-            total += at.b[k, l] * y[k, l]
-            for m in range(6):
-                total -= y[k, l] * at.curved[l, m] * y[k, m] / (2 * weight)
-        for j in range(len(at.a)):
-            t = 0.0
-            for l in range(6):
-                t += at.a[j, l] * y[k, l]
-            u = min(max(t / (2 * weight), 0.0), 1.0)
-            total -= u * (t - weight * u)
-    if rho.max() > 0.0:
-        _look_at_slopes(numbers, at, y, sigma)
-        for a in range(len(rho)):
-            total -= rho[a] * (math.hypot(at.slope[a], FLAT * cut) - FLAT * cut)
-    return total
-
-
-@njit(cache=True)
-def _look_at_slopes(numbers: Numbers, at: Middle, y: Array, sigma: Array) -> None:
-    """Fill the slopes, and how they change with y."""
-    at.steep[:] = 0.0
-    for a in range(len(at.slope)):
-        at.slope[a] = (at.shift[a] * sigma).sum()
-    for k in range(len(y)):
-        if not at.active[k]:
-            continue
-        weight, mu = at.weight[k], y[k, 3:]
-        for a in range(len(at.slope)):
-            (x, y_, z), (hx, hy, hz), steep = at.moved[a], numbers.h[k], at.steep[a, 6 * k : 6 * k + 6]
-            steep[3], steep[4], steep[5] = y_ * hz - z * hy, z * hx - x * hz, x * hy - y_ * hx
-            at.slope[a] += steep[3] * mu[0] + steep[4] * mu[1] + steep[5] * mu[2]
-        for j in range(len(at.a)):
-            t = 0.0
-            for l in range(6):
-                t += at.a[j, l] * y[k, l]
-            u = min(max(t / (2 * weight), 0.0), 1.0)
-            if u <= 0.0:
+        if at.active[k]:
+            squares += (y[k] * (at.curved @ y[k])).sum() / (2 * at.weight[k])
+    for v in range(len(at.D)):
+        total = (sigma * at.wall[v]).sum()
+        for k in range(len(y)):
+            if not at.active[k]:
                 continue
-            for a in range(len(at.slope)):
-                if not turns(numbers, a, j // 4):
-                    continue
-                changed, steep = 0.0, at.steep[a, 6 * k : 6 * k + 6]
-                for l in range(6):
-                    changed += at.change[a, j, l] * y[k, l]
-                at.slope[a] -= u * changed
-                more = changed / (2 * weight) if 0.0 < u < 1.0 else 0.0
-                for l in range(6):
-                    steep[l] -= u * at.change[a, j, l] + more * at.a[j, l]
+            weight, blurred, (y0, y1, y2, y3, y4, y5) = at.weight[k], numbers.weight[k] < at.weight[k], y[k]
+            b = at.b[v, k]
+            total += b[0] * y0 + b[1] * y1 + b[2] * y2 + b[3] * y3 + b[4] * y4 + b[5] * y5
+            for j in range(at.a.shape[1]):
+                a = at.a[v, j]
+                t = a[0] * y0 + a[1] * y1 + a[2] * y2 + a[3] * y3 + a[4] * y4 + a[5] * y5
+                if blurred:
+                    total -= (t + math.sqrt(t * t + weight * weight) - weight) / 2
+                elif t > 0.0:
+                    u = min(t / (2 * weight), 1.0)
+                    total -= u * (t - weight * u)
+        at.D[v] = total
+    least = at.D.min()
+    return float(least - T * math.log(np.exp((least - at.D) / T).sum()) - squares)
 
 
 @njit(cache=True)
-def _newton(numbers: Numbers, at: Middle, y: Array, sigma: Array, rho: Array, cut: float) -> None:
-    """Fill the step to the maximum of the quadratic model under which p'_E drops out.
+def _newton(numbers: Numbers, at: Points, y: Array, sigma: Array, T: float) -> None:
+    """Fill the step to the maximum of the quadratic model under which p'_E drops out, once D is filled.
 
-    A slope's part of the model is (g_a + row . step)^2 times its pull / 2: a tied row that gives way.
+    A point with the share w adds the square of root(w / T) (its gradient less the mean one) . step to the model: a
+    tied row that gives way.
     """
-    K, tied = len(y), 3
-    if rho.max() > 0.0:
-        _look_at_slopes(numbers, at, y, sigma)
-        tied += len(rho)
-        at.rows[3:], at.wall_rows[3:] = at.steep, at.shift
+    K, share = len(y), np.exp((at.D.min() - at.D) / T)
+    order = np.argsort(-share)[:MOST]
+    order = order[share[order] > LIGHT * share.sum()]
+    share = share[order] / share[order].sum()
+    tied = 3 + len(order) if len(order) > 1 else 3
     S, q = np.zeros((tied, tied)), np.zeros(tied)
     q[0], q[1], q[2] = residual(numbers, y, sigma)
-    for a in range(tied - 3):
-        S[3 + a, 3 + a] = math.hypot(at.slope[a], FLAT * cut) / max(rho[a], 1e-12)
-        q[3 + a] = at.slope[a]
-    right = np.zeros((6, 1 + tied))
+    pull = share @ at.wall[order]
+    for row in range(3, tied):
+        S[row, row] = 1.0
+        at.wall_rows[row] = math.sqrt(share[row - 3] / T) * (at.wall[order[row - 3]] - pull)
+    solved, gradient = np.zeros((K, 6, 1 + tied)), np.empty((len(order), 6))
     for k in range(K):
         if not at.active[k]:
             continue
-        weight, rows = at.weight[k], at.rows[:tied, 6 * k : 6 * k + 6]
-        H, trace = at.curved / weight, 0.0
-        for l in range(6):
-            right[l, 0] = at.b[k, l] - (H[l] * y[k]).sum()
-        for j in range(len(at.a)):
-            t = 0.0
-            for l in range(6):
-                t += at.a[j, l] * y[k, l]
-            u = min(max(t / (2 * weight), 0.0), 1.0)
-            for l in range(6):
-                right[l, 0] -= u * at.a[j, l]
-            if 0.0 < u < 1.0:
+        weight, blurred, rows = at.weight[k], numbers.weight[k] < at.weight[k], at.rows[k, :tied]
+        H = at.curved / weight + at.ridge[0] * np.eye(6)
+        squares = H @ y[k]
+        for point in range(len(order)):
+            v, g = order[point], gradient[point]
+            g[:] = at.b[v, k]
+            for j in range(at.a.shape[1]):
+                a, t = at.a[v, j], 0.0
                 for l in range(6):
-                    for m in range(6):
-                        H[l, m] += at.a[j, l] * at.a[j, m] / (2 * weight)
-        for l in range(6):
-            trace += H[l, l]
-        for l in range(6):
-            H[l, l] += 1e-9 * trace + 1e-300
-            for row in range(tied):
-                right[l, 1 + row] = rows[row, l]
-        solved = np.linalg.solve(H, right)
-        at.solved[k, :, : 1 + tied] = solved
-        for row in range(tied):
-            for l in range(6):
-                q[row] += rows[row, l] * solved[l, 0]
-                for column in range(tied):
-                    S[row, column] += rows[row, l] * solved[l, 1 + column]
+                    t += a[l] * y[k, l]
+                if blurred:
+                    length = math.sqrt(t * t + weight * weight)
+                    u, stiff = (1 + t / length) / 2, weight * weight / (2 * length**3)
+                else:
+                    u = min(max(t / (2 * weight), 0.0), 1.0)
+                    stiff = 1 / (2 * weight) if 0.0 < u < 1.0 else 0.0
+                stiff *= share[point]
+                for l in range(6):
+                    g[l] -= u * a[l]
+                if stiff > BESIDE * at.ridge[0]:
+                    for l in range(6):
+                        for m in range(6):
+                            H[l, m] += stiff * a[l] * a[m]
+        mean = share @ gradient
+        for row in range(3, tied):
+            rows[row] = math.sqrt(share[row - 3] / T) * (gradient[row - 3] - mean)
+        right = np.empty((6, 1 + tied))
+        right[:, 0], right[:, 1:] = mean - squares, rows.T
+        solved[k] = np.linalg.solve(H, right)
+        q += rows @ solved[k, :, 0].copy()
+        S += rows @ solved[k, :, 1:].copy()
     size = S[0, 0] + S[1, 1] + S[2, 2]
     for row in range(3):
         S[row, row] += 1e-9 * size if size > 0.0 else 1.0
-    x = _tie(at, sigma, S, q)
+    x = _tie(at, sigma, pull, S, q)
     for k in range(K):
-        for l in range(6):
-            at.step[k, l] = 0.0
-            if at.active[k]:
-                at.step[k, l] = at.solved[k, l, 0]
-                for row in range(tied):
-                    at.step[k, l] -= at.solved[k, l, 1 + row] * x[row]
+        at.step[k] = solved[k, :, 0] - solved[k, :, 1:].copy() @ x
 
 
 @njit(cache=True)
-def _tie(at: Middle, sigma: Array, S: Array, q: Array) -> Array:
+def _tie(at: Points, sigma: Array, uphill: Array, S: Array, q: Array) -> Array:
     """Return the multipliers of the tied rows, and fill the walls' step, which ends at 0 or above."""
-    ridge, rows = at.ridge[0], at.wall_rows
+    ridge, rows = at.ridge[1], at.wall_rows[: len(q)]
     presses = sigma > 0.0
     x = q
     for _ in range(CHANGES):
         M, right = S.copy(), q.copy()
         for r in range(len(sigma)):
-            right += rows[: len(q), r] * ((at.wall[r] / ridge if presses[r] else 0.0) - sigma[r])
+            right += rows[:, r] * ((uphill[r] / ridge if presses[r] else 0.0) - sigma[r])
             if presses[r]:
-                M[:] += np.outer(rows[: len(q), r], rows[: len(q), r]) / ridge
+                M[:] += np.outer(rows[:, r], rows[:, r]) / ridge
         x = np.asarray(np.linalg.solve(M, right), np.float64)
         before = presses.copy()
         for r in range(len(sigma)):
-            pull = (at.wall[r] - (rows[: len(q), r] * x).sum()) / ridge
+            pull = (uphill[r] - (rows[:, r] * x).sum()) / ridge
             presses[r] = pull > 0.0
             at.wall_step[r] = max(pull, 0.0) - sigma[r]
         if np.all(before == presses):

@@ -25,8 +25,8 @@ HELD, ENDS_EARLY, GOES_ON, NO_SUCH_ANGLE, TOO_DEEP, NOT_BOUNDED, NOT_NEAR = rang
 """Outcomes of a replay."""
 DEEPEST = 64
 """No angle is halved more often: doubles have no more digits."""
-STEPS, MANY_STEPS = 4, 40
-"""Newton steps from the multipliers of the box before, and from the start."""
+STEPS = 4
+"""Newton steps from the multipliers of the box before."""
 EXTRA = 4000
 """Boxes that one box of the record is cut into here at most."""
 
@@ -52,14 +52,14 @@ class Workspace(NamedTuple):
     """(c, s) of the middle, shape (A, 1, 2)."""
     frames: Frames
     at_middle: Frames
-    middle: ascent.Middle
+    middle: ascent.Points
+    turning: ascent.Turns
+    vertices: ascent.Points
     sums: dual.Sums
     y: Array
     """The multipliers of the box before."""
     sigma: Array
     """And those of walls."""
-    still: Array
-    """No half widths, shape (A,)."""
     start: Array
     """The multipliers of parallel thrust."""
     open_air: Array
@@ -129,11 +129,12 @@ def _workspace(numbers: Numbers) -> Workspace:
         np.zeros((A, 1, 2)),
         frames,
         at_middle,
-        ascent.workspace(numbers),
+        ascent.workspace(numbers, 1),
+        ascent.turn_arrays(numbers),
+        ascent.workspace(numbers, 2**A),
         dual.sums(numbers, len(frames.p)),
         start.copy(),
         open_air.copy(),
-        np.zeros(A),
         start,
         open_air,
         np.zeros(2, np.int64),
@@ -171,36 +172,29 @@ def _settle(
             return -1
         return _hinge_between(numbers, rho, work.pair[0], work.pair[1])
     arcs.fill_frames(numbers, work.corners, 3, work.frames)
-    middle, y, sigma = work.middle, work.y, work.sigma
-    ascent.look(numbers, work.points, work.at_middle, rho, middle)
-    ascent.blur(numbers, middle, rho, cut)
-    if not ascent.value(numbers, middle, y, sigma, work.still, cut) > ascent.value(
-        numbers, middle, work.start, work.open_air, work.still, cut
+    middle, vertices, y, sigma = work.middle, work.vertices, work.y, work.sigma
+    ascent.look(numbers, work.points, work.at_middle, middle, 0)
+    ascent.look_around(numbers, work.points, work.at_middle, rho, middle, work.turning)
+    ascent.begin(numbers, middle, rho, cut)
+    if not ascent.value(numbers, middle, y, sigma, cut) > ascent.value(
+        numbers, middle, work.start, work.open_air, cut
     ):
         y[:], sigma[:] = work.start, work.open_air
-    ascent.climb(numbers, middle, y, sigma, work.still, cut, STEPS)
+    ascent.climb(numbers, middle, y, sigma, cut, ascent.TOO_MUCH * cut, STEPS)
     if ascent.leave(numbers, middle, y, sigma):
-        ascent.climb(numbers, middle, y, sigma, work.still, cut, STEPS)
+        ascent.climb(numbers, middle, y, sigma, cut, ascent.TOO_MUCH * cut, STEPS)
     if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
         return -1
-    middle.curved[:] *= ascent.CURVED
-    ascent.climb(numbers, middle, y, sigma, rho, cut, STEPS)
-    if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
-        return -1
-    middle.curved[:] /= ascent.CURVED
-    ascent.blur(numbers, middle, rho, cut)
+    for v in range(len(vertices.D)):
+        for a in range(len(rho)):
+            work.points[a, 0] = work.corners[a, v >> a & 1]
+        arcs.fill_frames(numbers, work.points, 1, work.at_middle)
+        ascent.look(numbers, work.points, work.at_middle, vertices, v)
+    ascent.begin(numbers, vertices, rho, cut)
     y[:], sigma[:] = work.start, work.open_air
-    for _ in range(MANY_STEPS):  # where no balance is possible the best multipliers are too long for any box
-        before = ascent.value(numbers, middle, y, sigma, work.still, cut)
-        found = ascent.climb(numbers, middle, y, sigma, work.still, math.inf, 1)
-        if found > cut and dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
-            return -1
-        if not found > before:
-            break
-    if ascent.leave(numbers, middle, y, sigma):
-        ascent.climb(numbers, middle, y, sigma, work.still, cut, STEPS)
-        if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
-            return -1
+    ascent.lift(numbers, vertices, y, sigma, cut)
+    if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
+        return -1
     axis = _steepest(numbers, work, rho)
     y[:], sigma[:] = work.start, work.open_air
     return axis
@@ -222,20 +216,18 @@ def _hinge_between(numbers: Numbers, rho: Array, i: int, j: int) -> int:
 @njit(cache=True)
 def _steepest(numbers: Numbers, work: Workspace, rho: Array) -> int:
     """Return the angle that changes the bound the most."""
-    at, A = work.middle, len(rho)
+    at, turning, A = work.middle, work.turning, len(rho)
     slope, curve = np.zeros(A), np.zeros(A)
     for angle in range(A):
-        slope[angle] = (at.shift[angle] * work.sigma).sum()
+        slope[angle] = (turning.shift[angle] * work.sigma).sum()
     for k in range(len(work.y)):
-        if not at.active[k]:
-            continue
         weight = at.weight[k]
-        for j in range(len(at.a)):
-            t = (at.a[j] * work.y[k]).sum()
+        for j in range(at.a.shape[1]):
+            t = (at.a[0, j] * work.y[k]).sum()
             u = min(max(t / (2 * weight), 0.0), 1.0)
             for angle in range(A):
                 if ascent.turns(numbers, angle, j // 4):
-                    change = (at.change[angle, j] * work.y[k]).sum()
+                    change = (turning.change[angle, j] * work.y[k]).sum()
                     slope[angle] += u * change
                     curve[angle] += change * change / (4 * weight) + u * abs(t)
     axis, most = 0, -1.0
