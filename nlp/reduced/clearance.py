@@ -261,7 +261,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
             if _are_far(w, still, d_j, length / 2 + r_air + dr_air + reach):
                 continue
             for k in range(len(parts)):
-                c = _turned(R, i, parts[k, 0], parts[k, 1], parts[k, 2])
+                c = _rotate(R, i, parts[k, 0], parts[k, 1], parts[k, 2])
                 ball = (w[0] + c[0], w[1] + c[1], w[2] + c[2])
                 gap, _, gamma, x, y, zz = swept_gap(ball, still, parts[k, 3], 0.0, d_j, r_air, dr_air)
                 if gap < g[r]:
@@ -282,7 +282,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
             g[r], w = math.inf, (p0 - e0 - q0, p1 - e1 - q1, p2 - e2 - q2)
             for k in range(len(parts)):
                 radius, u = parts[k, 3], still  # u: what of the gradient turns axis or path
-                c = _turned(R, i, parts[k, 0], parts[k, 1], parts[k, 2])
+                c = _rotate(R, i, parts[k, 0], parts[k, 1], parts[k, 2])
                 ball = (w[0] + c[0], w[1] + c[1], w[2] + c[2])
                 if kind == PARTS_HULL:
                     first, past = int(data[r, COLUMNS.planes]), int(data[r, COLUMNS.planes + 1])
@@ -309,7 +309,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
         t = (p0 - e0, p1 - e1, p2 - e2)
         if rod >= 0:
             k = COLUMNS.connector
-            c = _turned(R, i, data[r, k], data[r, k + 1], data[r, k + 2])
+            c = _rotate(R, i, data[r, k], data[r, k + 1], data[r, k + 2])
             t = (p0 + c[0] - e0, p1 + c[1] - e1, p2 + c[2] - e2)
             apart = max(GAPS.least_distance, math.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2]))
             r_0, dr, skipped = data[r, COLUMNS.rod_radius], 0.0, data[r, COLUMNS.tip] / apart
@@ -383,7 +383,7 @@ def _cone_gap(q: Vector, d: Vector, sine: float, cosine: float) -> tuple[float, 
 
 
 @njit(cache=True, forceinline=True)
-def _turned(R: Array, i: int, x: float, y: float, z: float) -> Vector:
+def _rotate(R: Array, i: int, x: float, y: float, z: float) -> Vector:
     """Return a vector of module i's frame in W."""
     return (
         R[i, 0, 0] * x + R[i, 0, 1] * y + R[i, 0, 2] * z,
