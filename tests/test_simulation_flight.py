@@ -200,7 +200,7 @@ def test_files_and_answer_of_the_command(command, tmp_path) -> None:
     assert result.exit_code == 0
     assert result.stdout.splitlines()[1].split()[:4] == ["return", "from", "+x", "held"]
     assert result.stdout.endswith("in simulation: held\n")
-    assert "no downwash" in result.stdout
+    assert "one effect of downwash" in result.stdout
     assert result.stderr == "return from +x: held\n"
     read = FlightResult.model_validate_json((tmp_path / "flight/flight.json").read_text())
     assert (read.options["seed"], read.options["detection_time_s"], read.options["wake_loss_share"]) == (3, 0.2, 0)

@@ -167,5 +167,5 @@ def test_a_design_as_near_that_is_not_audited_is_counted(tmp_path, monkeypatch):
 def test_figures_that_are_not_those_of_the_audit_are_found(tmp_path):
     toy_run(tmp_path / "run", backends=BACKENDS)
     forged(tmp_path / "run", "UPDATE candidates SET force_reserve_N = 3.0 WHERE key = 'a500'")
-    with pytest.raises(BadInput, match="a500: its figures are not those of its audit"):
+    with pytest.raises(BadInput, match="a500: its force_reserve_N is not that of its design"):
         toy_run(tmp_path / "run", backends=BACKENDS)

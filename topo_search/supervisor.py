@@ -119,6 +119,8 @@ def tell(text: str) -> None:
 def supervise(command: Callable[[], object]) -> NoReturn:
     """Run a command in a child process, and end with its exit status."""
     _open_standard_streams()
+    for name, number in ONE_THREAD.items():
+        os.environ.setdefault(name, number)  # each thread would take memory, and threads change sums
     signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
     parent = os.getpid()
     try:

@@ -82,7 +82,7 @@ class Rows(NamedTuple):
     j: Indices
     """The other module; unused where there is none."""
     data: Array
-    """Numbers of each row in the columns `COLUMNS`, shape (m, 28)."""
+    """Numbers of each row in the columns `COLUMNS`, shape (m, width)."""
     least: Array
     """Smallest allowed value of every row, shape (m,)."""
     rods: int
@@ -209,7 +209,7 @@ def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:
 def _columns(listed: list[Row], speeds: int) -> tuple[Rows, Hulls]:
     kind = np.array([row.kernel.kind for row in listed], dtype=np.int64)
     i, j = (np.array([row[k] for row in listed], dtype=np.int64) for k in (1, 2))
-    data = np.array([row.kernel.numbers() for row in listed]).reshape(len(listed), -1)
+    data = np.array([row.kernel.numbers() for row in listed]).reshape(-1, COLUMNS.width)
     planes, edges, places = [np.empty((0, 4))], [np.empty((0, 6))], dict[int, list[int]]()
     faced = edged = 0
     for row, numbers in zip(listed, data, strict=True):

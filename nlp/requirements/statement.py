@@ -127,6 +127,8 @@ class Columns(NamedTuple):
     connector: int = 23
     rod_radius: int = 26
     tip: int = 27
+    width: int = 28
+    """Number of columns."""
 
 
 COLUMNS = Columns()
