@@ -1,4 +1,4 @@
-"""What the site takes from the product while it is built: pictures, gallery, commands, tables, schemas."""
+"""Parts of the site made from the product at build time: pictures, gallery, commands, tables, schemas."""
 
 from __future__ import annotations
 

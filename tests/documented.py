@@ -20,7 +20,7 @@ def blocks(language: str, page: str) -> list[str]:
 
 
 def same(shown: str, printed: str) -> bool:
-    """Whether two lines have the same words, and numbers that are nearly the same."""
+    """True if two lines have the same words, and nearly the same numbers."""
     words = [" ".join(NUMBER.sub("#", line).split()) for line in (shown, printed)]
     if words[0] != words[1]:
         return False

@@ -27,7 +27,7 @@ CORE_PATH = (
     *("tutorials/first-search.md", "tutorials/own-module.md", "how-to/load-cases.md"),
     *("how-to/exposure.md", "how-to/infeasible.md", "tutorials/design-to-flight.md"),
 )
-"""What leads a newcomer from a fresh clone to a flight of a platform of their own."""
+"""Pages from a fresh clone to a flight of one's own platform."""
 
 
 def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():

@@ -159,7 +159,7 @@ def export(
             raise BadInput("--load-case", "applies only with --air-speed")
         if angle_step is not None and form not in KIT:
             raise BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {form}")
-        if form == "air" and suffix not in (".npz", ".vti"):
+        if form == "air" and SUFFIXES.get(suffix) != "air":
             raise BadInput("--out", f"must end in .npz or .vti, but got {out.name}")
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
         if physics != Physics() and form not in ("mjcf", "kit"):
@@ -201,27 +201,32 @@ def _write(
     ModuleNotFoundError names a library that is missing.
     """
     from topo_search.export.air_field import air_field, air_surface, npz, vti
-    from topo_search.export.formats import export_design
-    from topo_search.export.mjcf import mjcf
-    from topo_search.export.solids import glb, stl
     from topo_search.model.files import write_atomically
 
     surface = drawn and air_surface(design, *drawn)
-    match kind:
+    match kind:  # a kind of file loads its own libraries alone
         case "glb":
+            from topo_search.export.solids import glb
+
             write_atomically(out, glb(design, parts or "all", surface))
         case "stl":
+            from topo_search.export.solids import stl
+
             write_atomically(out, stl(design, parts or "platform"))
         case "png" | "svg":
-            from topo_search.export.picture import picture  # needs an extra
+            from topo_search.export.picture import picture
 
             write_atomically(out, picture(design, kind, surface))
         case "air":
             field = air_field(design)
             write_atomically(out, vti(field) if out.suffix.lower() == ".vti" else npz(field))
         case "mjcf":
+            from topo_search.export.mjcf import mjcf
+
             write_atomically(out, mjcf(design, physics))
         case _:
+            from topo_search.export.formats import export_design
+
             export_design(design, out, format=kind)
 
 

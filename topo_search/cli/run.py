@@ -162,11 +162,11 @@ def _print_if_lost(warnings: Sequence[TaskWarning], *, as_json: bool) -> Iterato
 
 def echo_answer(answer: Answer, warnings: Sequence[TaskWarning] = (), *, as_json: bool) -> None:
     """Print an answer, as JSON with the warnings about its task."""
-    from topo_search.cli.tables import print_answer
-
     if as_json:
         options.echo_json(answer_as_json(answer, warnings))
     else:
+        from topo_search.cli.tables import print_answer
+
         print_answer(answer)
 
 

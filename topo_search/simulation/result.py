@@ -42,7 +42,7 @@ class ScenarioResult(Value):
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Figures in the order of their fields, each with its unit; empty where there is none."""
+        """Figures with their units, in the order of the fields; empty where one is missing."""
         shares = self.force_error_share, self.saturated_share, self.missed_share, self.largest_input
         return (
             "" if self.drift_m is None else f"{100 * self.drift_m:.2f} cm",

@@ -106,7 +106,7 @@ class Directory:
 
         Raises:
             ReadOnlyFolder: nothing can be written there, or its disk knows no locks.
-            BadInput: another process holds it, or the lock's file is none of ours.
+            BadInput: another process holds it, or the lock file is not ours.
         """
         flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
         try:

@@ -344,7 +344,7 @@ class Margins:
         return self.tasks[self.step]
 
     def raise_after(self, audit: Audit) -> bool:
-        """Take the margin that an audit calls for; False if there is none, or it was raised often enough."""
+        """Raise the margin as an audit requires; False if none is large enough, or it was raised often enough."""
         step = self._next_step(audit)
         if step == len(self.tasks) or self._raised == LARGER_MARGINS:
             return False

@@ -110,7 +110,7 @@ class Points(NamedTuple):
 
 
 class Turns(NamedTuple):
-    """What angles do at the middle of a box."""
+    """Changes with the angles at the middle of a box."""
 
     axes: Array
     """Direction and point of every angle's axis in W, shape (A, 2, 3)."""
@@ -122,7 +122,7 @@ class Turns(NamedTuple):
 
 @njit(cache=True)
 def workspace(numbers: Numbers, count: int) -> Points:
-    """Return arrays for so many points."""
+    """Return arrays for `count` points."""
     n, K, W = len(numbers.parent), len(numbers.f), len(numbers.normal)
     rows, wall_rows = np.zeros((K, 3 + MOST, 6)), np.zeros((3 + MOST, W))
     for k in range(K):
