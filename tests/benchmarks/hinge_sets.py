@@ -1,10 +1,11 @@
 """Cost of hinge angles from a set, and what the search of the set misses.
 
-    python tests/benchmarks/hinge_sets.py [--modules N ...] [--steps DEG ...] [--set FIELD=VALUE] [--all] [TASK ...]
+    python tests/benchmarks/hinge_sets.py [--modules N ...] [--trees N] [--steps DEG ...] [--set FIELD=VALUE] [--all]
+        [TASK ...]
 
-Searches every tree with any hinge angles, then with multiples of each step, and prints by how much the best effort
-of all trees grows, how many trees have a design, and the CPU time over that with any angles. `--all`: every
-combination is tried as well, from every local optimum, and by how much that is better.
+Searches every tree, or `--trees` drawn at random, with any hinge angles, then with multiples of each step. Prints by
+how much the best effort of these trees grows, how many have a design, and the CPU time over that with any angles.
+`--all`: every combination is tried as well, from every local optimum, and by how much that is better.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from nlp import hinge_sets, solve
 from nlp.solve import default_starts
 from topo_search.model import Design, Topology
 from topo_search.model.files import read_task
-from topo_search.topologies import candidates
+from topo_search.topologies import candidates, sample
 
 
 def main() -> None:
@@ -25,6 +26,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("examples", nargs="*", default=["push"], metavar="TASK")
     parser.add_argument("--modules", type=int, nargs="+", default=[3])
+    parser.add_argument("--trees", type=int)
     parser.add_argument("--steps", type=float, nargs="+", default=[5.0, 10.0, 15.0, 30.0, 45.0])
     parser.add_argument("--set", action="append", default=[], dest="settings")
     parser.add_argument("--all", action="store_true")
@@ -35,7 +37,10 @@ def main() -> None:
         for n in arguments.modules:
             settings = [f"modules={n}", *arguments.settings]
             task = read_task(example, settings).resolve(n)
-            trees = [each.topology for each in candidates(n, symmetry="task", task=task)]
+            if arguments.trees:
+                trees = list(sample(n, arguments.trees, seed=0))
+            else:
+                trees = [each.topology for each in candidates(n, symmetry="task", task=task)]
             search(example, n, settings, trees)  # code is loaded
             free, _, seconds = search(example, n, settings, trees)
             for step in arguments.steps:
