@@ -373,7 +373,7 @@ def build_pipeline(axes: Axes) -> None:
         ("fly", "MuJoCo, gusts,", "dead rotors"),
         ("hardware", "tethered first", ""),
     ]
-    boxes(axes, rows, back=("not held: ask for more reserve and search again", 3, 0))
+    boxes(axes, rows, back=("not recovered: ask for more reserve and search again", 3, 0))
 
 
 @drawing(7.0, 1.5)

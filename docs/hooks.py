@@ -20,7 +20,7 @@ from topo_search.cli import GROUPS
 from topo_search.limits import LIMITS, Limits
 from topo_search.model.files import examples, task_template
 from topo_search.model.proven import gap_percent
-from topo_search.simulation.result import FlightResult, ScenarioResult
+from topo_search.simulation.result import FlightResult, ScenarioResult, word
 
 PICTURES = Path(__file__).parents[1] / "notebooks/pictures"
 KEPT = Path(__file__).parents[1] / "notebooks/results"
@@ -101,7 +101,7 @@ def _shown(name: str, kept: dict[str, Any] | None) -> str:
 def _flight(name: str) -> str:
     """Return the table of a flight that was kept, its plot, and what rotors can do in hover."""
     result = _kept_flight(name)
-    names = ("scenario", "verdict", "error", "tilt", "force error", "at largest thrust", "why")
+    names = ("scenario", "outcome", "error", "tilt", "force error", "at largest thrust", "why")
     head = f"| {' | '.join(names)} |\n{'|---' * len(names)}|"
     rows = "\n".join(_scenario(one) for one in result.scenarios)
     summary = (
@@ -139,7 +139,7 @@ def _all_of(name: str, result: FlightResult) -> str:
         "never" if None in back else f"{max(s or 0.0 for s in back):.2g} s",
         f"{100 * (by_name['hover'].drift_m or 0.0):.2f} cm",
         f"{100 * max(off):.1f} %" if off else "not flown",
-        *(f"{100 * limit:.1f} % of the time", result.scenarios[-1].verdict, f"**{result.verdict}**"),
+        *(f"{100 * limit:.1f} % of the time", word(result.scenarios[-1]), f"**{word(result)}**"),
     )
     return f"| {' | '.join(cells)} |"
 
@@ -181,7 +181,7 @@ def _scenario(one: ScenarioResult) -> str:
         (one.saturated_share, 100.0, " %"),
     )
     cells = ["" if value is None else f"{scale * value:.2f}{unit}" for value, scale, unit in numbers]
-    return f"| {' | '.join((one.name, one.verdict, *cells, one.reason or ''))} |"
+    return f"| {' | '.join((one.name, word(one), *cells, one.reason or ''))} |"
 
 
 REQUIREMENTS = {

@@ -12,7 +12,7 @@ from topo_search.model import Design, Topology
 from topo_search.model.files import read_task, to_json
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
-from topo_search.simulation.result import FlightResult, ScenarioResult, digest_of
+from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
 from topo_search.study import RunFolder
 
 VOID = {"meta", "input", "link", "br", "img"}
@@ -97,14 +97,17 @@ COURSE_HEAD = "scenario,time_s,error_x_m,error_y_m,error_z_m,tilt_deg,largest_in
 
 def flown(made: Design, folder: Path, name: str = "load case 0, wall") -> Path:
     """Write what `fly` writes: one flight that failed, one case that was not flown."""
-    seen = {"drift_m": 0.0123, "tilt_deg": 3.25, "saturated_share": 0.06, "missed_share": 0.5}
+    seen = {"seconds": 8.0, "drift_m": 0.0123, "tilt_deg": 3.25, "saturated_share": 0.06, "missed_share": 0.5}
     scenarios = (
-        ScenarioResult(name=name, verdict="not held", reason="drifted", seconds=8.0, largest_input=1.0, **seen),
+        ScenarioResult(
+            name=name, verdict="not held", outcome="saturated", reason="drifted", largest_input=1.0, **seen
+        ),
         ScenarioResult(name="load case 1", verdict="not flown", reason="not a steady flight"),
     )
     result = FlightResult(
         design=digest_of(made),
         verdict="not held",
+        outcome="saturated",
         scenarios=scenarios,
         weakest_force_N=0.5,
         weakest_force_share=0.02,
@@ -115,6 +118,7 @@ def flown(made: Design, folder: Path, name: str = "load case 0, wall") -> Path:
         rod_mass_kg=0.001,
         options={"seed": 7, "noise": 1.0, "model_error": 0.02, "motor_lag_s": 0.05},
         versions={},
+        notes=(NO_DOWNWASH,),
     )
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "flight.json").write_text(to_json(result))

@@ -27,8 +27,8 @@ def test_the_section_has_verdicts_course_and_what_a_simulation_cannot_know(audit
     made, verdict = audited
     text = render(design_page(made, verdict, "mine.json", read_simulated(flown(made, tmp_path), made)))
     page = Reader(text)
-    assert "Flight in simulation: not held" in page.text
-    assert "load case 0, wall not held 1.23 cm 3.25° 6.0 % 50.0 % 100.0 % drifted" in page.text
+    assert "Flight in simulation: saturated" in page.text
+    assert "load case 0, wall saturated 1.23 cm 3.25° 6.0 % 50.0 % 100.0 % drifted" in page.text
     assert "load case 1 not flown not a steady flight" in page.text
     assert "0.5 N in the weakest direction (-y), 2 % of the weight; hover survives 3 of 4" in page.text
     assert "motor lag 50 ms, sensor noise × 1, model error 2 %, seed 7." in page.text
@@ -40,6 +40,17 @@ def test_the_section_has_verdicts_course_and_what_a_simulation_cannot_know(audit
     assert len(drawn) == 3
     assert all(link.startswith("#") for link in page.links)
     assert "simulated" in page.ids
+
+
+def test_flights_of_files_without_outcomes_are_shown_by_their_verdicts(audited, tmp_path):
+    made, verdict = audited
+    told = json.loads((flown(made, tmp_path) / "flight.json").read_text())
+    for one in (told, *told["scenarios"]):
+        del one["outcome"]
+    (tmp_path / "flight.json").write_text(json.dumps(told))
+    page = Reader(render(design_page(made, verdict, "mine.json", read_simulated(tmp_path, made))))
+    assert "Flight in simulation: not held" in page.text
+    assert "load case 0, wall not held 1.23 cm" in page.text
 
 
 def test_without_flights_there_is_no_section(audited):
@@ -69,7 +80,7 @@ def command(tmp_path, monkeypatch, audited):
 def test_the_command_reads_the_folder_of_fly(command, tmp_path):
     result = command("mine.json", "--flight", "flight")
     assert (result.exit_code, result.stdout) == (0, "the page is in mine.html\n")
-    assert "Flight in simulation: not held" in (tmp_path / "mine.html").read_text(encoding="utf-8")
+    assert "Flight in simulation: saturated" in (tmp_path / "mine.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

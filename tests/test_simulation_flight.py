@@ -22,7 +22,7 @@ from topo_search.simulation.authority import load_factor, tell_losses, wake_loss
 from topo_search.simulation.campaign import CORNERS, fly_all, plan
 from topo_search.simulation.fly import Options, fly
 from topo_search.simulation.plant import Errors, Plant, nominal
-from topo_search.simulation.result import FlightResult
+from topo_search.simulation.result import NO_DOWNWASH, FlightResult
 from topo_search.simulation.scenarios import Scenario, dead_rotor, imbalance
 from verify.kinematics import platform
 
@@ -43,7 +43,7 @@ def flown(wall_press: Design):
 
 def test_a_design_with_reserves_holds_everything(flown) -> None:
     result = flown.result
-    assert result.verdict == "held"
+    assert (result.verdict, result.outcome) == ("held", "recovered")
     by_name = {one.name: one for one in result.scenarios}
     assert by_name["hover"].drift_m < 0.01
     for side in ("+x", "+y", "-x", "-y"):
@@ -52,14 +52,14 @@ def test_a_design_with_reserves_holds_everything(flown) -> None:
     assert pressed.force_error_share < 0.05
     assert pressed.force_N == pytest.approx(0.2 * 9.81 * (5 * 0.24 + 0.048), rel=0.05)
     wall = by_name["load case 0, wall"]  # no region is solid: its rotors are where a wall would be
-    assert (wall.verdict, wall.counts) == ("not held", False)
+    assert (wall.verdict, wall.outcome, wall.counts) == ("not held", "lost", False)
     assert wall.reason.endswith(
         "struck the wall after 0.0 s: the task has no solid region that keeps parts out of it"
     )
     assert by_name["load case 1"].reason == "same as hover, flown above"
     assert "accelerate the platform by [2.94, 0.00, 0.00] m/s^2" in by_name["load case 2"].reason
     tilts = [one for one in result.scenarios if one.name.startswith("tilt about")]
-    assert [(one.verdict, one.counts) for one in tilts] == [("held", False)] * 2 + [("not held", False)] * 2
+    assert [(one.outcome, one.counts) for one in tilts] == [("recovered", False)] * 2 + [("saturated", False)] * 2
     assert all(one.tilt_deg < 0.5 for one in tilts)
     counting = [one for one in result.scenarios if one.counts]
     assert {one.verdict for one in counting} == {"held", "not flown"}
@@ -94,6 +94,12 @@ def test_the_winner_of_push_fails_and_the_reason_is_its_lack_of_force(solved_pus
     assert result.verdict == "not held"
     back = {one.name.removeprefix("return from "): one for one in result.scenarios[:4]}
     assert {one.verdict for one in back.values()} == {"not held"}
+    assert [back[side].outcome for side in ("+x", "+y", "-x", "-y")] == [
+        "lost",
+        "saturated",
+        "saturated",
+        "saturated",
+    ]
     assert all(one.saturated_share > 0.3 for one in back.values())
     assert "a rotor at its largest thrust for" in back["-y"].reason
     for side in ("+x", "+y"):  # it is pulled back, where rotors have nothing left
@@ -146,7 +152,7 @@ def test_wakes_take_thrust_unless_they_are_switched_off(wall_press: Design) -> N
     assert tell_losses(known, losses).endswith("less than the rotors can add.")
     assert tell_losses(known, (0.9,) * 20).endswith("more than the rotors can add.")
     off = fly_all(wall_press, Options(wake=False), only=("load case 1",)).result
-    assert (off.options["wake_loss_share"], len(off.notes)) == (0.0, 1)
+    assert (off.options["wake_loss_share"], off.notes) == (0.0, (NO_DOWNWASH,))
 
 
 def test_without_noise_a_hover_stands_still(wall_press: Design) -> None:
@@ -191,17 +197,17 @@ def test_one_module_hovers_but_cannot_hold_its_place_level() -> None:
         update={"root_orientation_rad": (0.0, 0.0, 0.0)}
     )
     result = fly_all(level, Options(), only=("return from +x",)).result
-    assert (result.verdict, result.weakest_force_N, result.rotors_out) == ("not held", 0.0, 0)
+    assert (result.outcome, result.weakest_force_N, result.rotors_out) == ("lost", 0.0, 0)
 
 
 def test_files_and_answer_of_the_command(command, tmp_path) -> None:
     words = ("wall.json", "--out", "flight", "--video", "film.gif", "--only", "return from +x", "--seed", "3")
     result = command(*words, "--detection-time", "0.2", "--no-wake")
     assert result.exit_code == 0
-    assert result.stdout.splitlines()[1].split()[:4] == ["return", "from", "+x", "held"]
-    assert result.stdout.endswith("in simulation: held\n")
-    assert "one effect of downwash" in result.stdout
-    assert result.stderr == "return from +x: held\n"
+    assert result.stdout.splitlines()[1].split()[:4] == ["return", "from", "+x", "recovered"]
+    assert result.stdout.endswith("in simulation: recovered\n")
+    assert NO_DOWNWASH in result.stdout
+    assert result.stderr == "return from +x: recovered\n"
     read = FlightResult.model_validate_json((tmp_path / "flight/flight.json").read_text())
     assert (read.options["seed"], read.options["detection_time_s"], read.options["wake_loss_share"]) == (3, 0.2, 0)
     assert "survives 20 of 20 single rotor failures, known after 0.2 s" in result.stdout

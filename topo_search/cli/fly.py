@@ -85,7 +85,7 @@ def fly(
     rotor failure. Load cases that are not a steady flight are reported as such. The simulation does not change the
     audit; `report DESIGN.json --flight DIR` shows its result on a page. Needs the extra `sim`.
 
-    Exit status: 0 all scenarios held; 1 some did not; 2 bad input, or the extra is missing.
+    Exit status: 0 all that counts recovered; 1 something did not; 2 bad input, or the extra is missing.
     """
     with explain_errors():
         from topo_search.compose import read_completed
@@ -126,6 +126,7 @@ def _fly(
     from topo_search.simulation.controller import Allocator, PseudoInverse
     from topo_search.simulation.fly import Options
     from topo_search.simulation.plant import Errors
+    from topo_search.simulation.result import word
 
     rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[allocator]
     film = None if video is None else files.film(video, files.radius(design))
@@ -134,7 +135,7 @@ def _fly(
         Options(Errors(model_error, noise, seed), detection=detection_time, allocator=rule, wake=wake),
         rotor_out=rotor_out,
         only=only,
-        tell=lambda one: note(f"{one.name}: {one.verdict}"),
+        tell=lambda one: note(f"{one.name}: {word(one)}"),
         watch=lambda scenario: None if film is None else film.watch(scenario.name),
     )
     if out is not None:
@@ -146,14 +147,16 @@ def _fly(
 
 def _print(result: FlightResult) -> None:
     """Print the table."""
-    head = ("scenario", "verdict", "drift", "tilt", "force error", "at limit", "demand unmet", "largest")
-    rows = [head, *((one.name, one.verdict, *one.cells) for one in result.scenarios)]
+    from topo_search.simulation.result import word
+
+    head = ("scenario", "outcome", "drift", "tilt", "force error", "at limit", "demand unmet", "largest")
+    rows = [head, *((one.name, word(one), *one.cells) for one in result.scenarios)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     for row in rows:
         click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
     for one in result.scenarios:
         if one.reason is not None:
-            click.echo(f"{one.name}: {one.verdict}{'' if one.counts else ' (informative)'}: {one.reason}")
+            click.echo(f"{one.name}: {word(one)}{'' if one.counts else ' (informative)'}: {one.reason}")
     x, y, _ = result.weakest_direction
     click.echo(
         f"side force in hover: {result.weakest_force_N:.3g} N in the weakest direction [{x:.2f}, {y:.2f}], "
@@ -166,4 +169,4 @@ def _print(result: FlightResult) -> None:
             f"simulated with the rod's mass of {1000 * result.rod_mass_kg:.3g} g, which the design model neglects"
         )
     click.echo("\n".join(result.notes))
-    click.echo(f"in simulation: {result.verdict}")
+    click.echo(f"in simulation: {word(result)}")

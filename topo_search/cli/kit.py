@@ -22,7 +22,7 @@ from topo_search.limits import LIMITS
     default=2.0,
     show_default=True,
     metavar="PERCENT",
-    help="Choose from designs with at most so much more effort than the best of their task.",
+    help="Largest extra effort over the best design of a task.",
 )
 @click.option(
     "--bracket-tolerance",
@@ -44,15 +44,14 @@ def kit(
     as_json: bool,
     **asked: Any,
 ) -> None:
-    """Choose a design for each of several tasks such that the same few brackets build them all.
+    """Choose one design per task so that a few brackets build them all.
 
-    TASK is a file or the name of a shipped example: `run TASK --keep-within` is done first, or goes on. RUN is the
-    folder of a finished run. Clear designs that are as large as the best one, and within --within of it, can be
-    chosen: such that the drawer has the fewest brackets, then that the fewest joints are undone and
-    bolted from task to task in the order given, then with the least effort. A kind is the size of a hinge angle,
-    rounded to a thousandth of a degree; the drawer has as many as the task that needs most of them. DIR gets
-    `kit.json`, the page `index.html`, a sheet for each change and a folder with the kit of each task, as of
-    `export --format kit`.
+    TASK is a file or the name of a shipped example, which `run TASK --keep-within` searches first; RUN is the
+    folder of a finished run. Candidates are clear designs with as many modules as the best one, within --within of
+    its effort. The drawer has the fewest brackets; among those choices the fewest joints change from task to task,
+    in the order given; then effort decides. A kind of bracket is the size of a hinge angle, to a thousandth of a
+    degree; the drawer holds as many as the task that needs most of them. DIR gets `kit.json`, the page
+    `index.html`, a sheet per change and a kit per task, as from `export --format kit`.
 
     Exit status: 0; 2 bad input; 3 no common kit, because a run has no clear design.
     """

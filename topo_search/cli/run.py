@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     "--keep-within",
     type=options.Real(0, LIMITS.percent),
     metavar="PERCENT",
-    help="Keep every clear local optimum with at most so much more effort than the best in the folder `optima`.",
+    help="Keep clear local optima with up to this much more effort than the best, in the folder `optima`.",
 )
 @options.starts("Starts per topology (default: by the number of modules).")
 @options.seed

@@ -28,7 +28,7 @@ from topo_search.report.page import Chart, Table
 from topo_search.report.scene import shared_meshes
 from topo_search.report.task_facts import facts, load_cases
 from topo_search.report.wording import EFFORT, figures, modules
-from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
+from topo_search.simulation.result import FlightResult, ScenarioResult, digest_of, word
 
 
 def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -144,13 +144,12 @@ def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, 
         f"hover survives {result.rotors_out} of {result.rotors} single rotor failures, each known after "
         f"{x.get('detection_time_s', 0.1):g} s.",
         *result.notes,
-        *(() if NO_DOWNWASH in result.notes else (NO_DOWNWASH,)),
         "This is evidence from a simulation. It never changes the audit's verdict.",
     )
     caption = "Errors of position and attitude, and the largest input; a click on a name hides that flight"
     columns = (
         "scenario",
-        "verdict",
+        "outcome",
         "drift",
         "tilt",
         "force error",
@@ -161,12 +160,12 @@ def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, 
     )
     scenarios = Table(columns, [_row(one) for one in result.scenarios], range(2, 8))
     chart = Chart("simulated-course", caption, _figure(course)) if course else None
-    return {"verdict": result.verdict, "scenarios": scenarios, "course": chart, "sentences": sentences}
+    return {"outcome": word(result), "scenarios": scenarios, "course": chart, "sentences": sentences}
 
 
 def _row(one: ScenarioResult) -> tuple[str, ...]:
     cells = (cell.replace(" deg", "°").replace(" ", "\u00a0") for cell in one.cells)
-    return one.name, one.verdict if one.counts else f"{one.verdict} (informative)", *cells, one.reason or ""
+    return one.name, word(one) if one.counts else f"{word(one)} (informative)", *cells, one.reason or ""
 
 
 def _course(path: Path, names: set[str]) -> dict[str, Array]:

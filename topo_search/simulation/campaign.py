@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from typing import get_args
 
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
@@ -20,7 +21,7 @@ from topo_search.simulation.authority import (
 )
 from topo_search.simulation.fly import Options, Track, Watch, fly, judge
 from topo_search.simulation.plant import Nominal, nominal
-from topo_search.simulation.result import NO_DOWNWASH, FlightResult, ScenarioResult, digest_of
+from topo_search.simulation.result import NO_DOWNWASH, ONLY_WAKES, FlightResult, Outcome, ScenarioResult, digest_of
 from topo_search.simulation.scenarios import (
     TILT,
     Scenario,
@@ -92,12 +93,14 @@ def fly_all(
     if not results:
         names = ", ".join(each.name for each in plan(design, rotor, rotor_out))
         raise BadInput("--only", [Fault("", f"must begin the name of a scenario, one of {names}; got {only[0]}")])
-    bad = any(one.counts and one.verdict == "not held" for one in results)
+    counting = (one.outcome for one in results if one.counts and one.outcome)
+    outcome: Outcome = min(counting, key=get_args(Outcome).index, default="not flown")
     rod = known.mass - design.task.total_mass(design.topology.n)
     return Campaign(
         FlightResult(
             design=digest_of(design),
-            verdict="not held" if bad else "held",
+            verdict="held" if outcome in ("recovered", "not flown") else "not held",
+            outcome=outcome,
             scenarios=tuple(results),
             weakest_force_N=force,
             weakest_force_share=force / known.weight,
@@ -117,7 +120,10 @@ def fly_all(
                 "attitude_bandwidth_rad_s": options.bandwidths.attitude,
             },
             versions={name: version(name) for name in ("mujoco", "casadi", "numpy")},
-            notes=(NO_DOWNWASH, *([tell_losses(known, losses)] if any(losses) else [])),
+            notes=(
+                ONLY_WAKES if options.wake else NO_DOWNWASH,
+                *([tell_losses(known, losses)] if any(losses) else []),
+            ),
         ),
         tuple(flown),
     )

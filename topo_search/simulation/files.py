@@ -19,7 +19,7 @@ from topo_search.model.text import csv_text
 from topo_search.simulation.campaign import Campaign, Flown
 from topo_search.simulation.fly import Watch
 from topo_search.simulation.plant import Plant
-from topo_search.simulation.result import FlightResult
+from topo_search.simulation.result import FlightResult, word
 
 ROWS_EVERY = 4
 """Steps of the controller a row of the table: 50 Hz."""
@@ -63,7 +63,7 @@ def plot(flown: Sequence[Flown], result: FlightResult) -> bytes:
     figure.suptitle("flight in simulation; grey: not judged; dashed: limit", fontsize=9)
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(flown), 3, squeeze=False, sharex="row")
-    verdicts = {one.name: one for one in result.scenarios}
+    results = {one.name: one for one in result.scenarios}
     for row, (scenario, track) in zip(axes, flown, strict=True):
         e = 100 * np.linalg.norm(track.error, axis=1)
         curves = (e, np.array(track.tilt), np.array([share.max() for share in track.shares]))
@@ -76,7 +76,7 @@ def plot(flown: Sequence[Flown], result: FlightResult) -> bytes:
             axis.set_ylabel(name, fontsize=8)
             axis.set_ylim(0, 1.05 * max(limit, float(curve.max())))
             axis.tick_params(labelsize=8)
-        row[0].set_title(f"{scenario.name}: {verdicts[scenario.name].verdict}", fontsize=9, loc="left")
+        row[0].set_title(f"{scenario.name}: {word(results[scenario.name])}", fontsize=9, loc="left")
         row[1].set_xlabel("time [s]", fontsize=8)
     text = io.BytesIO()
     figure.savefig(text, format="png", dpi=110, metadata={"Software": None})

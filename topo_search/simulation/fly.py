@@ -19,7 +19,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.simulation.controller import Allocator, Bandwidths, Controller, Reference
 from topo_search.simulation.plant import LAG, STEP, Errors, Nominal, Plant
-from topo_search.simulation.result import ScenarioResult
+from topo_search.simulation.result import Outcome, ScenarioResult
 from topo_search.simulation.scenarios import APPROACH, RAMP, TILT, Scenario
 
 EVERY = 5
@@ -165,9 +165,14 @@ def judge(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
             f"rotors could not produce what the controller asked for {100 * missed:.3g} % of the time, short of "
             f"{np.linalg.norm(short[:3]):.2g} of the weight on average"
         )
+    outcome: Outcome = "recovered"
+    if why:
+        limited = saturated > LARGEST_SATURATION or missed > 0
+        outcome = "lost" if lost is not None else "saturated" if limited else "off target"
     return ScenarioResult(
         name=scenario.name,
         verdict="not held" if why else "held",
+        outcome=outcome,
         reason="; ".join(why) or None,
         counts=scenario.counts,
         seconds=float(t[-1]),

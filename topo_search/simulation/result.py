@@ -10,6 +10,8 @@ from topo_search.model.value import Flag, Index, Number, Value, Vector
 from topo_search.study.request import digest
 
 Verdict = Literal["held", "not held", "not flown"]
+Outcome = Literal["lost", "saturated", "off target", "recovered", "not flown"]
+"""Worst first. `lost`: ended early; `saturated`: missed a limit with rotors at theirs; `off target`: without."""
 
 
 class ScenarioResult(Value):
@@ -17,8 +19,11 @@ class ScenarioResult(Value):
 
     name: str
     verdict: Verdict
+    outcome: Outcome | None = None
+    """`lost`: ended early; `saturated`: missed a limit with rotors at theirs; `off target`: missed one without;
+    None in files that do not say."""
     reason: str | None = None
-    """Why it was not held, or not flown."""
+    """Why it did not recover, or was not flown."""
     counts: Flag = True
     """True if the overall verdict depends on this scenario."""
     seconds: Number = 0.0
@@ -59,7 +64,9 @@ class FlightResult(Value):
     design: str | None = None
     """`digest_of` the design that was flown; None in files that do not say."""
     verdict: Literal["held", "not held"]
-    """`held` if every scenario that was flown and counts was held."""
+    """`held` if every scenario that was flown and counts recovered."""
+    outcome: Outcome | None = None
+    """The worst of the scenarios that count; None in files that do not say."""
     scenarios: tuple[ScenarioResult, ...]
     weakest_force_N: Number
     """The least force that rotors can add in hover, of horizontal directions in steps of 15 deg [N]."""
@@ -79,10 +86,18 @@ class FlightResult(Value):
 
     def _repr_html_(self) -> str:
         """Show a notebook the table."""
-        columns = ("scenario", "verdict", "drift [m]", "tilt [deg]", "force error", "saturated", "missed", "why")
-        shown = ("name", "verdict", "drift_m", "tilt_deg", "force_error_share", "saturated_share", "missed_share")
-        rows = [(*(getattr(one, name) for name in shown), one.reason) for one in self.scenarios]
-        return heading(f"flight in simulation: {self.verdict}") + table(columns, rows) + paragraph(NO_DOWNWASH)
+        columns = ("scenario", "outcome", "drift [m]", "tilt [deg]", "force error", "saturated", "missed", "why")
+        shown = ("drift_m", "tilt_deg", "force_error_share", "saturated_share", "missed_share")
+        rows = [
+            (one.name, word(one), *(getattr(one, name) for name in shown), one.reason) for one in self.scenarios
+        ]
+        notes = "".join(map(paragraph, self.notes))
+        return heading(f"flight in simulation: {word(self)}") + table(columns, rows) + notes
+
+
+def word(result: ScenarioResult | FlightResult) -> str:
+    """Return the outcome; of files that do not say, the verdict."""
+    return result.outcome or result.verdict
 
 
 def digest_of(design: Design) -> str:
@@ -91,6 +106,9 @@ def digest_of(design: Design) -> str:
 
 
 NO_DOWNWASH = (
+    "Flown without downwash (--no-wake): against it the simulation relies on the airflow envelopes of the audit."
+)
+ONLY_WAKES = (
     "The simulator models one effect of downwash, the thrust that rotors lose to wakes (by the audit's air model); "
     "against all others it relies on the airflow envelopes of the audit."
 )
