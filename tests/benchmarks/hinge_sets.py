@@ -1,11 +1,11 @@
 """Cost of hinge angles from a set, and what the search of the set misses.
 
-    python tests/benchmarks/hinge_sets.py [--modules N ...] [--trees N] [--steps DEG ...] [--set FIELD=VALUE] [--all]
-        [TASK ...]
+    python tests/benchmarks/hinge_sets.py [--modules N ...] [--trees N] [--steps DEG ...] [--set FIELD=VALUE]
+        [--all] [TASK ...]
 
-Searches every tree, or `--trees` drawn at random, with any hinge angles, then with multiples of each step. Prints by
-how much the best effort of these trees grows, how many have a design, and the CPU time over that with any angles.
-`--all`: every combination is tried as well, from every local optimum, and by how much that is better.
+Searches every tree, or `--trees` drawn at random, with any hinge angles, then with multiples of each step. Prints
+by how much the best effort of these trees grows, how many have a design, and the CPU time over that with any
+angles. `--all`: every combination is tried as well, from every local optimum, and by how much that is better.
 """
 
 from __future__ import annotations
