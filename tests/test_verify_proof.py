@@ -261,7 +261,7 @@ def flying_design(name):
 
 def settled(stated, lower, upper, cut):
     """The replay of a record that says that a bound excludes a box."""
-    return ends.replay(stated, lower, upper, cut, np.zeros(1, np.uint8))
+    return ends.replay(stated, lower, upper, cut, np.frombuffer(bytes(1), np.uint8))
 
 
 @pytest.mark.parametrize("name", ["wall-push", "window-cleaning", "survives-a-rotor"])
