@@ -143,7 +143,7 @@ def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors:
 
 
 @pytest.mark.parametrize("round_size", few([1, 20, 3, ROUND], 2))
-@pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.parametrize("sampler", few(SAMPLERS, 2))
 def test_no_more_than_a_round_is_unknown_and_few_results_are_learnt_at_a_time(
     sampler: str, round_size: int
 ) -> None:
@@ -260,7 +260,7 @@ def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
     assert all(s.starts == FIRST[sampler] for s in scores if s.status in ("failed", "impossible"))
 
 
-@pytest.mark.parametrize("round_size", few([5, 20, 1, ROUND], 2))
+@pytest.mark.parametrize("round_size", few([5, 20, 1, ROUND], 1))
 def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_place_of_new_starts(
     monkeypatch: pytest.MonkeyPatch, round_size: int
 ) -> None:

@@ -56,7 +56,7 @@ class Told(Silent):
         self.sizes[-1][-1] += 1
 
 
-@pytest.mark.parametrize("sampler", ["moves", "random"])
+@pytest.mark.parametrize("sampler", few(["random", "moves"], 1))
 def test_where_all_candidates_are_proposed_it_ends_like_an_exhaustive_search(tmp_path, sampler):
     observer = Told()
     answer = toy_run(tmp_path / "run", sampler=sampler, trials=1000, observer=observer, **PROPOSED)
