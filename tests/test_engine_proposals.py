@@ -124,7 +124,7 @@ def near_ahead(replayed: Replayed) -> list[list[Proposal]]:
     return [replayed.searched[known:place] for place, known in enumerate(replayed.known)]
 
 
-@pytest.mark.parametrize("connectors", ["aligned", "any"])
+@pytest.mark.parametrize("connectors", few(["any", "aligned"], 1))
 @pytest.mark.parametrize("sampler", SAMPLERS)
 def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors: str) -> None:
     def proposed() -> Replayed:
@@ -143,7 +143,7 @@ def test_no_start_is_proposed_twice_and_the_same_again(sampler: str, connectors:
 
 
 @pytest.mark.parametrize("round_size", few([1, 20, 3, ROUND], 2))
-@pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.parametrize("sampler", few(SAMPLERS, 2))
 def test_no_more_than_a_round_is_unknown_and_few_results_are_learnt_at_a_time(
     sampler: str, round_size: int
 ) -> None:
@@ -158,7 +158,7 @@ def test_no_more_than_a_round_is_unknown_and_few_results_are_learnt_at_a_time(
     assert len(replayed.new) == 50
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.parametrize("sampler", few(SAMPLERS, 2))
 def test_a_tree_is_not_proposed_again_before_its_result_is_told(sampler: str) -> None:
     replayed = replay(study_of(space(7), round_size=40, sampler=sampler, trials=200, starts=STARTS, seed=1))
     again = 0
@@ -237,7 +237,7 @@ def test_the_smallest_spaces(sampler: str, n: int) -> None:
     assert replayed.new == [candidate.key for candidate in space(n).candidates()]
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.parametrize("sampler", few(SAMPLERS, 2))
 def test_more_trials_go_on_with_the_same_ones(sampler: str) -> None:
     few, more, many = (
         replay(study_of(space(7), sampler=sampler, trials=trials, starts=4, seed=1)).new for trials in (37, 40, 64)
@@ -246,7 +246,7 @@ def test_more_trials_go_on_with_the_same_ones(sampler: str) -> None:
     assert many[:40] == more
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.parametrize("sampler", few(SAMPLERS, 2))
 def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
     replayed = replay(study_of(space(7), sampler=sampler, trials=160, starts=24, seed=2))
     reached = {p.candidate.key: p.starts for p in replayed.proposals}
@@ -260,7 +260,7 @@ def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
     assert all(s.starts == FIRST[sampler] for s in scores if s.status in ("failed", "impossible"))
 
 
-@pytest.mark.parametrize("round_size", few([5, 20, 1, ROUND], 2))
+@pytest.mark.parametrize("round_size", few([5, 20, 1, ROUND], 1))
 def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_place_of_new_starts(
     monkeypatch: pytest.MonkeyPatch, round_size: int
 ) -> None:
@@ -409,7 +409,7 @@ def test_more_starts_that_fail_are_not_asked_for_again_and_again(monkeypatch: py
     assert 100 < sum(times.values()) < 200
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
+@pytest.mark.parametrize("sampler", few(SAMPLERS, 1))
 def test_what_is_known_from_more_starts_than_asked_for_is_not_asked_for_again(sampler: str) -> None:
     """A folder that another version began may know more."""
 

@@ -117,12 +117,6 @@ def test_trees_with_wrenches_of_their_own_have_no_best():
     assert "%" not in inside
 
 
-def test_the_best_gap_is_that_of_the_best_design():
-    rows = frame(push("a300", "free root", 9.0, 0.2), push("a500", "free root", 10.0, 0.1))
-    (row,) = experiment("root").summary(rows).to_dict(orient="records")
-    assert row["best_gap"] == 0.2
-
-
 def test_a_study_under_way_says_what_its_rows_say():
     rows = frame(
         push("a300", "free", 10.0, 0.1),

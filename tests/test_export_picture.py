@@ -14,11 +14,10 @@ from matplotlib.text import Text
 from report_cases import grown
 
 from topo_search.export.picture import Scene, draw, figure_of, frame_faces, rotor_faces, title, wrenches
-from topo_search.export.poses import cone, cone_sphere_outline, poses
+from topo_search.export.poses import cone_sphere_outline, poses
 from topo_search.export.tree_drawing import flat_layout, layered_layout
 from topo_search.model import BadInput, Design, Module, Topology
 from topo_search.model.files import examples, read_task
-from topo_search.model.shape import Cone
 
 
 def design(topology: Topology, name: str = "push", *settings: str, **given: Any) -> Design:
@@ -44,13 +43,6 @@ def ink(path: Path) -> float:
     pixels = matplotlib.image.imread(path)[..., :3]
     assert pixels.shape[:2] == (1360, 2100)
     return float(np.mean(np.any(pixels < 0.99, axis=-1)))
-
-
-@pytest.mark.parametrize("name", ["push-two-paths", "push-exterior-60"])
-def test_every_kind_of_exposure_is_drawn(tmp_path: Path, name: str) -> None:
-    path = tmp_path / "deep" / "picture.png"
-    draw(design(CROSS, name), path)
-    assert 0.03 < ink(path) < 0.6
 
 
 @pytest.mark.parametrize("name", [name for name in examples() if name.startswith("push")])
@@ -119,14 +111,6 @@ def test_the_same_design_gives_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
-def test_the_format_is_given_or_told_by_the_name(tmp_path: Path) -> None:
-    draw(design(CROSS), tmp_path / "picture.dat", format="png")
-    assert (tmp_path / "picture.dat").read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(ValueError, match=r"must end in \.png or \.svg, but got picture\.pdf"):
-        draw(design(CROSS), tmp_path / "picture.pdf")
-    assert not (tmp_path / "picture.pdf").exists()
-
-
 def test_the_title_names_size_objective_and_gap() -> None:
     assert title(design(CROSS)) == r"push   $n$ = 5   $J$ = 1.234$\times$10$^{13}$ rad$^4$/s$^4$   gap 9.32 %"
     assert "gap" not in title(design(CROSS, gap=None))
@@ -168,16 +152,6 @@ def test_the_outline_is_the_edge_of_all_balls(r_1: float, length: float) -> None
     for point in outline:
         gaps = np.linalg.norm((point - centres) @ across, axis=1) - radii
         assert gaps.min() == pytest.approx(0, abs=1e-4)
-
-
-def test_a_cone_has_its_half_angle() -> None:
-    apex, d = (1.0, 2.0, 3.0), (0.6, 0.0, -0.8)
-    for degrees in (30.0, 60.0, 90.0):
-        triangles = cone(Cone(degrees, d, apex), 2.0)
-        np.testing.assert_allclose(triangles[:, 0], np.broadcast_to(apex, (48, 3)))
-        rim = triangles[:, 1] - apex
-        np.testing.assert_allclose(np.linalg.norm(rim, axis=1), 2.0)
-        np.testing.assert_allclose(rim @ d, 2.0 * math.cos(math.radians(degrees)), atol=1e-12)
 
 
 def volume(faces: np.ndarray) -> float:

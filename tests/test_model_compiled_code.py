@@ -13,7 +13,7 @@ import nlp.assembled
 import nlp.bounds.branch.proof
 import nlp.reduced.platform
 import verify.proof.check
-from topo_search.model.compiled_code import CACHE_DIR, is_kept, refresh
+from topo_search.model.compiled_code import CACHE_DIR, is_kept, njit, refresh
 
 ROOT = Path(__file__).parents[1]
 
@@ -102,6 +102,19 @@ def test_what_is_kept_serves_the_next_process(load):
     assert is_kept(again)
     assert again(21.0) == 42.0
     assert again.stats.cache_hits
+
+
+def test_a_function_is_compiled_once_for_all_numbers_that_callers_write_out():
+    @njit(cache=False, literals=False)
+    def shifted(x, by):
+        return x + by
+
+    @njit(cache=False)
+    def caller(x):
+        return shifted(x, 1) + shifted(x, 2)
+
+    assert caller(0) == 3
+    assert len(shifted.signatures) == 1
 
 
 def flip(position):

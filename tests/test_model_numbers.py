@@ -7,7 +7,6 @@ import pytest
 
 from topo_search.model import (
     Directional,
-    EndEffector,
     Exterior,
     LoadCase,
     Local,
@@ -15,7 +14,6 @@ from topo_search.model import (
     Status,
     Task,
     Wrench,
-    needs_offset,
     ten_wrenches,
 )
 from topo_search.model.files import read_task
@@ -51,11 +49,6 @@ def test_lengths_left_out_scale_with_the_arm() -> None:
     assert resolved.airflow.start_radius == 0.10
     assert resolved.airflow.reach == Module().reach
     assert resolved.envelope == Module().envelope
-
-
-def test_an_envelope_as_short_as_numbers_allow() -> None:
-    module = Module(airflow=Airflow(start_radius=0.1, reach=math.nextafter(0.1, 1)))
-    assert 0 < module.envelope.length < 1e-16
 
 
 def boxes_and_discs(module: Module, cells: int) -> tuple[float, np.ndarray]:
@@ -157,20 +150,6 @@ def test_sizes_of_a_task() -> None:
         _ = task.n
     assert [task.resolve(n).n for n in task.sizes] == [4, 5, 6]
     assert list(read_task("push").sizes) == [5]
-
-
-def test_fixed_positions() -> None:
-    assert EndEffector().fixed_position is None
-    assert EndEffector(position="com").fixed_position == (0.0, 0.0, 0.0)
-    assert EndEffector(position=(1.0, 0.0, 0.5)).fixed_position == (1.0, 0.0, 0.5)
-
-
-def test_which_requirements_need_an_offset() -> None:
-    assert not needs_offset(Local())
-    assert not needs_offset(Directional(segments=((1.0, 0.0, 0.0),)))
-    assert needs_offset(Directional(along="end_effector", length=1.0))
-    assert needs_offset(Exterior())
-    assert not needs_offset(Exterior(axis=(0.0, 0.0, 1.0)))
 
 
 @pytest.mark.parametrize("requirement", [Exterior(), Directional(along="end_effector", length=1.0)])

@@ -37,7 +37,7 @@ def dense(pattern, entries):
     return np.array(ca.DM(pattern, entries))
 
 
-@pytest.mark.parametrize("name", few(CASES, {*DISTINCT, "one module"}))
+@pytest.mark.parametrize("name", few(CASES, {*DISTINCT[::3], "one module"}))
 def test_values_and_derivatives_are_those_of_the_page(name):
     fields, key = CASES[name]
     topology = Topology.from_key(key)

@@ -44,7 +44,7 @@ def seen(stated, lower, upper):
 
 
 def bound_of(stated, y, sigma, lower, upper):
-    return box.bound(stated, y, sigma, *seen(stated, lower, upper), box.sums(stated))
+    return box.bound(stated, y, sigma, *seen(stated, lower, upper), box.sums(stated), math.inf)
 
 
 def dual_value(task, tree, theta, tip, y, walls):
@@ -151,7 +151,7 @@ def test_a_bound_ends_early_under_a_cut_alone(seed):
     lower = rng.uniform(least, most)
     upper = np.minimum(most, lower + 0.3)
     multiplied, looked_at = multipliers_for(stated, rng), (*seen(stated, lower, upper), box.sums(stated))
-    proven = box.bound(stated, *multiplied, *looked_at)
+    proven = box.bound(stated, *multiplied, *looked_at, math.inf)
     assert box.bound(stated, *multiplied, *looked_at, proven) == proven
     above = proven + 1e-6 * abs(proven)
     assert proven <= box.bound(stated, *multiplied, *looked_at, above) < above

@@ -119,14 +119,6 @@ def test_a_margin_costs_what_it_should():
     assert best(task, "a10").objective == pytest.approx(expected, rel=5e-5)
 
 
-@pytest.mark.parametrize("key", ["a10", "p18"])
-def test_without_airflow_two_modules_hover_in_one_plane(key):
-    task = hover(2, search={"interference": "separation", "connectors": "any"})
-    design = best(task, key)
-    assert design.hinge_angles_rad[0] == pytest.approx(0.0, abs=1e-4)
-    assert design.objective == pytest.approx(lower_bound(task), rel=1e-8)
-
-
 @pytest.mark.parametrize("distance", [0.16, 0.3])
 def test_a_fixed_end_effector_moves_the_module_off_the_com(distance):
     position = [0.0, 0.0, distance]

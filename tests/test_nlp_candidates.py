@@ -37,16 +37,6 @@ def test_values_and_derivatives_are_those_of_the_printed_problem(det, rounding):
         np.testing.assert_allclose(hessian[r], bend, atol=rounding * max(1.0, np.abs(bend).max()))
 
 
-def test_lower_orders_are_the_same_without_what_was_not_asked_for():
-    c = coefficients(0.3, np.random.default_rng(4))
-    psi, gradient, hessian = smooth_least(c, A, BETA, 2)
-    for order in (0, 1):
-        lower = smooth_least(c, A, BETA, order)
-        np.testing.assert_array_equal(lower[0], psi)
-        np.testing.assert_array_equal(lower[1], gradient if order else np.zeros_like(gradient))
-        np.testing.assert_array_equal(lower[2], np.zeros_like(hessian))
-
-
 def test_exactly_parallel_envelopes_have_finite_derivatives():
     """The stationary point is a whole line then, and the printed problem's epsilon keeps it from blowing up."""
     c = np.array([[-2 * A, 0.3, -0.3], [2 * A, -1.0, -1.0], [-2 * A, 3.0, 3.0]])

@@ -138,7 +138,7 @@ def test_a_cone_asks_for_both_conditions_of_the_paper(axis):
     (requirement,) = task.exposure
     assert isinstance(requirement, Exterior)
     topology, air, inside = random_tree(3, rng, aligned=True), task.module.envelope, 0
-    for _ in range(300):
+    for _ in range(100):
         point = random_point(task, topology, rng)
         offset = point.p_E - point.p_COM
         d = -offset / np.linalg.norm(offset) if axis == "com" else np.array(axis)
@@ -149,7 +149,7 @@ def test_a_cone_asks_for_both_conditions_of_the_paper(axis):
                 for eta in (0.0, 1.0):
                     q = p[i] - eta * air.length * R[i, :, 2] - point.p_E
                     assert d @ q >= air.start_radius + eta * air.growth
-    assert inside > 10
+    assert inside > 3
 
 
 def test_bounds_are_checked_in_their_units():
@@ -185,7 +185,7 @@ def test_bounds_are_checked_in_their_units():
     assert not any(c.name.startswith("root") for c in violations(loose))
 
 
-@pytest.mark.parametrize("name", few(FEATURES, DISTINCT))
+@pytest.mark.parametrize("name", few(FEATURES, DISTINCT[::2]))
 def test_solver_and_audit_use_the_same_words(name):
     task, _, (point, *_), (checks, *_) = cases(name)
     found = audit(as_design(point))
@@ -203,7 +203,7 @@ def test_solver_and_audit_use_the_same_words(name):
         assert of_rod == {pair.name for pair in found.pairs if pair.kind == "rod-region"}
 
 
-@pytest.mark.parametrize("name", few([name for name in FEATURES if name.startswith("solid")], DISTINCT))
+@pytest.mark.parametrize("name", few([name for name in FEATURES if name.startswith("solid")], DISTINCT[-5:]))
 def test_balls_around_parts_are_never_farther_from_a_solid_region_than_the_parts(name):
     _, _, points, found = cases(name)
     for point, checks in zip(points[:3], found[:3], strict=True):

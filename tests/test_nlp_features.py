@@ -51,7 +51,7 @@ def test_a_shipped_example_is_solved_and_audited(name, key):
     assert_audited(best_design(task, topology, 6), task, topology)
 
 
-@pytest.mark.parametrize("name", few(FEATURES, DISTINCT[::2]))
+@pytest.mark.parametrize("name", few(FEATURES, DISTINCT[::3]))
 def test_a_feature_is_solved_and_audited(name):
     topology = Topology.from_key("p11290" if name == "any port" else "a11210")
     task = push(5, **FEATURES[name])
@@ -61,9 +61,9 @@ def test_a_feature_is_solved_and_audited(name):
 @pytest.mark.parametrize(
     ("key", "module"),
     [
-        ("a62020", {"arm_length": 0.135}),
-        ("a62020", {"body": {"rotor_radius": 0.075}}),
         ("a11210", {"body": {"rotor_height": 0.1}}),
+        pytest.param("a62020", {"arm_length": 0.135}, marks=pytest.mark.slow),
+        pytest.param("a62020", {"body": {"rotor_radius": 0.075}}, marks=pytest.mark.slow),
     ],
 )
 def test_modules_whose_rotors_could_touch_are_kept_from_it(key, module):

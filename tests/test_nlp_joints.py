@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 from nlp_cases import GENTLE_PUSH, HOVER, as_design, best_design, push, random_point, random_tree, solved
+from suites import few
 
 from nlp import joints, solve
 from nlp.assembled.problem import AssembledProblem
@@ -39,7 +40,7 @@ def balanced(point: Point) -> Point:
     return replace(point, u=u.reshape(point.u.shape))
 
 
-@pytest.mark.parametrize("joint_mass", [0.0, 0.04])
+@pytest.mark.parametrize("joint_mass", few([0.04, 0.0], 1))
 @pytest.mark.parametrize("fields", [{}, {"position": [0.1, 0.1, 0.3]}, {"rod_radius": 0.005}])
 def test_loads_are_those_of_the_audit_at_any_balanced_point(fields: Any, joint_mass: float) -> None:
     """The larger of both sides, where no rod reaches and where it is not sure from where the audit's rod comes."""
@@ -73,7 +74,7 @@ def test_loads_are_those_of_the_audit_at_any_balanced_point(fields: Any, joint_m
     assert not all(known)
 
 
-@pytest.mark.parametrize("held", [0, None])
+@pytest.mark.parametrize("held", few([None, 0], 1))
 def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both(
     held: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from nlp_cases import HOVER, best_design, push, random_point, random_tree
+from nlp_cases import HOVER, push, random_point, random_tree
 
 from nlp import lower_bound
-from nlp.bounds.duality import directions, dual_value, greatest, multipliers
+from nlp.bounds.duality import directions, dual_value, greatest
 from nlp.bounds.effort import closed_form
-from nlp.requirements.balances import asked_wrenches, wrench_matrix
-from topo_search.model import LoadCase, Topology, Wrench
+from nlp.requirements.balances import wrench_matrix
+from topo_search.model import LoadCase, Wrench
 
 QUIET = {
     "print_time": False,
@@ -53,20 +53,6 @@ def test_no_thrust_axes_undercut_the_closed_form(seed, n, K):
     assert np.all(effort_of_axes(task, Z) >= closed_form(task) * (1 - 1e-9))
 
 
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 2**32), st.integers(1, 6))
-def test_no_inputs_of_a_platform_undercut_the_closed_form(seed, n):
-    """Least-norm inputs of random platforms, torques and all, signs free; what a platform cannot do costs more."""
-    rng = np.random.default_rng(seed)
-    task = push(n)
-    for _ in range(20):
-        point = random_point(task, random_tree(n, rng, aligned=True), rng)
-        A, b = wrench_matrix(point), asked_wrenches(point).T
-        u = np.linalg.lstsq(A, b)[0]
-        if np.linalg.norm(A @ u - b) < 1e-9 * np.linalg.norm(b):
-            assert np.sum(u**2) >= closed_form(task) * (1 - 1e-9)
-
-
 FORCES = {
     "one force": (np.array([[0.2, -0.1, 1.0]]), np.ones(1)),
     "two forces": (np.array([[0.5, 0.0, 0.5], [0.0, 0.0, 1.0]]), np.array([1.0, 3.0])),
@@ -98,22 +84,6 @@ def test_the_closed_form_is_the_least_of_a_direct_minimisation(name):
     assert in_si == pytest.approx(closed_form(task), rel=1e-6)
 
 
-def test_the_closed_form_is_that_of_one_and_of_two_forces():
-    """One force: F^2 / (4 n k_f^2); two at right angles, weights a, b: (sqrt(a) F + sqrt(b) G)^2 / (4 n k_f^2)."""
-    k_f = push(3).module.thrust_coefficient
-    one = with_forces(3, np.array([[0.0, 0.0, 1.0]]), [2.0])
-    assert closed_form(one) == pytest.approx(2 * one.force_unit(3) ** 2 / (12 * k_f**2), rel=1e-12)
-    two = with_forces(3, np.array([[0.3, 0.0, 0.0], [0.0, 0.0, 1.0]]), [4.0, 1.0])
-    assert closed_form(two) == pytest.approx(((2 * 0.3 + 1.0) * two.force_unit(3)) ** 2 / (12 * k_f**2), rel=1e-12)
-
-
-def test_the_closed_form_is_attained_by_one_hovering_module():
-    task = push(1, load_cases=[HOVER])
-    design = best_design(task, Topology.from_key("a0"), 4)
-    assert design.objective == pytest.approx(closed_form(task), rel=1e-9)
-    assert lower_bound(task) == closed_form(task)
-
-
 def test_only_the_whole_force_of_a_load_case_counts():
     """Torques, and whether a force acts at the end-effector or at the COM, are dropped."""
     whole = push(3, load_cases=[{"com": {"force": [0.2, 0.0, 1.0]}}])
@@ -135,25 +105,32 @@ def random_forces(rng, K):
     return rng.normal(size=(K, 3)) * 10 ** rng.uniform(-1, 0, (K, 1)), 10 ** rng.uniform(-1, 1, K)
 
 
+@pytest.mark.parametrize("weightless", [False, True])
 @settings(max_examples=12, deadline=None)
-@given(st.integers(0, 2**32), st.integers(1, 5))
-def test_whatever_the_multipliers_no_thrusts_undercut_their_dual_value(seed, K):
-    """40 multipliers, 2000 sets of axes and thrusts each: half of them the best for the multipliers at hand."""
+@given(seed=st.integers(0, 2**32), K=st.integers(2, 5))
+def test_whatever_the_multipliers_no_thrusts_undercut_their_dual_value(weightless, seed, K):
+    """2000 sets of axes and thrusts for each: half of them the best for the multipliers at hand."""
     rng = np.random.default_rng(seed)
     n, T = 4, rng.uniform(0.3, 3.0)
     nu, weights = random_forces(rng, K)
+    if weightless:
+        weights[rng.integers(1, K) :] = 0.0
     z = rng.normal(size=(2000, n, 3))
     peaks = directions(4)
-    peaks = peaks[np.argsort(-np.sum(np.maximum(peaks @ nu.T, 0.0) ** 2 / weights, axis=1))[:20]]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        worth = np.where(weights > 0, np.maximum(peaks @ nu.T, 0.0) ** 2 / weights, np.maximum(peaks @ nu.T, 0.0))
+    peaks = peaks[np.argsort(-worth.sum(axis=1))[:20]]
     z[1000:] = peaks[rng.integers(len(peaks), size=(1000, n))] + 0.02 * z[1000:]
     z /= np.linalg.norm(z, axis=2, keepdims=True)
-    s = rng.uniform(0.0, T, (2000, n, K))
-    s[1000:] = np.clip(z[1000:] @ nu.T / (2 * weights), 0.0, T)
+    t, s = z @ nu.T, rng.uniform(0.0, T, (2000, n, K))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        best = np.where(weights > 0, np.clip(t / (2 * weights), 0.0, T), np.where(t > 0, T, 0.0))
+    s[1000:] = best[1000:]
     f = np.einsum("mik,mia->mka", s, z) / n
     effort = np.sum(weights * np.mean(s**2, axis=1), axis=1)
     dual = dual_value(nu, f[0], weights, T) + np.sum(nu * (f - f[0]), axis=(1, 2))  # it is affine in f
     assert np.all(effort >= dual - 1e-9 * np.abs(dual))
-    assert np.min(effort - dual) < 0.2 * np.max(np.abs(dual))
+    assert weightless or np.min(effort - dual) < 0.2 * np.max(np.abs(dual))
 
 
 @settings(max_examples=8, deadline=None)
@@ -176,13 +153,6 @@ def test_no_design_of_its_own_task_undercuts_it(seed, n, K):
     assert closed_form(task) <= bound <= np.sum(u**2) * (1 + 1e-7)
 
 
-def test_pulling_both_ways_costs_twice_the_closed_form():
-    """Half the modules pull each way, where thrusts of any sign would let all of them pull both ways."""
-    for n in (2, 5, 40):
-        task = with_forces(n, np.array([[0.4, 0.0, 0.0], [-0.4, 0.0, 0.0]]), [1.0, 1.0])
-        assert lower_bound(task) == pytest.approx(2 * closed_form(task), rel=6e-4)
-
-
 @pytest.mark.parametrize("weight", [0.2, 1.0, 30.0])
 @pytest.mark.parametrize("largest", [0.95, 1.2, 2.4])
 def test_two_opposite_forces_share_the_modules_by_the_closed_form(weight, largest):
@@ -199,20 +169,6 @@ def test_two_opposite_forces_share_the_modules_by_the_closed_form(weight, larges
     assert lower_bound(task) <= in_si * (1 + 1e-12)
 
 
-@pytest.mark.parametrize("name", FORCES)
-def test_the_dual_is_the_closed_form_where_no_sign_is_in_the_way(name):
-    forces, weights = FORCES[name]
-    nu = multipliers(forces, weights, 2.5, largest=500.0)
-    eigenvalues = np.linalg.eigvalsh((forces.T * weights) @ forces)
-    closed = np.sqrt(np.clip(eigenvalues, 0.0, None)).sum() ** 2
-    dual = dual_value(nu, forces, weights, 2.5)
-    if name == "opposite forces":
-        assert dual > 1.18 * closed
-    else:
-        assert dual == pytest.approx(closed, rel=6e-4)
-        assert dual <= closed * (1 + 1e-9)
-
-
 @settings(max_examples=6, deadline=None)
 @given(st.integers(0, 2**32), st.integers(1, 6))
 def test_the_greatest_value_on_the_sphere_is_above_all_and_near(seed, K):
@@ -222,11 +178,6 @@ def test_the_greatest_value_on_the_sphere_is_above_all_and_near(seed, K):
     z = rng.normal(size=(200_000, 3))
     values = np.sum(np.maximum(z / np.linalg.norm(z, axis=1, keepdims=True) @ nu.T, 0.0) ** power, axis=-1)
     assert values.max() <= bound <= 1.003 * values.max()
-
-
-def test_the_greatest_value_of_a_square_is_its_eigenvalue():
-    bound = greatest(lambda z: np.sum((z @ np.diag([3.0, 2.0, 1.0])) ** 2, axis=-1))
-    assert 9.0 <= bound <= 9.0 * 1.0003
 
 
 @settings(max_examples=2, deadline=None)

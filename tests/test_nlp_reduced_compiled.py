@@ -47,6 +47,17 @@ def test_nothing_is_compiled_for_a_task_that_the_reduced_search_does_not_express
     assert list(kept.iterdir()) == []
 
 
+@pytest.mark.compiles
+def test_the_solver_is_compiled_before_its_first_job():
+    task = push(3)
+    nlp.prepare(task, print)
+    before = multistart.descend_all.signatures
+    nlp.solve(task, straight_chain(3), starts=range(1), seed=0)
+    assert len(before) > 0
+    assert multistart.descend_all.signatures == before
+
+
+@pytest.mark.compiles
 @pytest.mark.parametrize(("module", "prepare"), [(proof, nlp.prepare_proof), (check, check.prepare_check)])
 def test_proofs_and_their_check_tell_that_they_are_compiled(module, prepare, monkeypatch):
     found: list[str] = []

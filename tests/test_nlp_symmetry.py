@@ -10,8 +10,6 @@ import math
 import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from nlp_cases import FEATURES, GENTLE_PUSH, PATH, best_design, push
 from suites import few
 
@@ -78,12 +76,11 @@ def turned(task, angle):
 @pytest.mark.parametrize(
     "fields",
     [
-        {},
         FEATURES["one path"],
-        FEATURES["half-space with a fixed axis"],
+        pytest.param(FEATURES["half-space with a fixed axis"], marks=pytest.mark.slow),
         {"end_effector": {"position": [0.0, 0.2, 0.4]}, "load_cases": GENTLE_PUSH},
     ],
-    ids=["push", "one path", "half-space with a fixed axis", "fixed end-effector"],
+    ids=["one path", "half-space with a fixed axis", "fixed end-effector"],
 )
 def test_turning_the_whole_task_about_the_vertical_changes_nothing(fields):
     task = push(5, **fields)
@@ -122,7 +119,7 @@ def test_a_mirror_pair_has_one_optimum_on_push_and_two_on_a_path():
     assert best(along_y, other) == pytest.approx(best(along_x), rel=SAME)
 
 
-@pytest.mark.parametrize("scale", [0.3, 4.0])
+@pytest.mark.parametrize("scale", few([0.3, 4.0], 1))
 def test_scaling_all_lengths_changes_nothing(scale):
     """Drag torque over lift torque, k_tau / (k_f l_arm), is kept too."""
     task = push(5, exposure=[PATH])
@@ -171,14 +168,3 @@ def test_weights_count_by_their_ratio():
     cases = [{**case, "weight": weight} for case, weight in zip(GENTLE_PUSH, (1.0, 2.0, 5.0), strict=True)]
     scaled = [{**case, "weight": 1e4 * case["weight"]} for case in cases]
     assert best(push(5, load_cases=scaled)) == pytest.approx(best(push(5, load_cases=cases)), rel=SAME)
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 2**32))
-def test_rerooting_and_relabelling_keep_the_tree(seed):
-    """The helpers above: n - 1 joints between the same modules, and back again."""
-    root = seed % 5
-    moved = rerooted(TREE, root)
-    assert sorted(d for _, d in moved.graph().degree()) == sorted(d for _, d in TREE.graph().degree())
-    assert TREE.key in {rerooted(moved, back).key for back in range(5)}
-    assert mirrored(mirrored(TREE)) == TREE

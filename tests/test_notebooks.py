@@ -27,10 +27,11 @@ def search_in_this_process():
     sys.path.append(TESTS)
     from toy_problem import InProcess
 
-    from topo_search.compose import binding
+    from topo_search.compose import binding, searching
     from topo_search.experiments import conducting
 
     binding.Workers = conducting.Workers = InProcess
+    searching.write_page = lambda folder: None
 
 def check_figures():
     from matplotlib.backend_bases import FigureCanvasBase
@@ -52,7 +53,8 @@ def check_figures():
 search_in_this_process()
 check_figures()
 """
-"""Runs first: each worker would load solver, audit and compiled code anew; every figure is to have its labels."""
+"""Runs first: each worker would load solver, audit and compiled code anew, and no notebook shows the page of a run;
+every figure is to have its labels."""
 
 
 @pytest.fixture(params=BOOKS, ids=[book.stem for book in BOOKS])

@@ -19,6 +19,7 @@ from collections import Counter
 import failing_disk
 import pytest
 from processes import eventually, ranking, recorded
+from suites import few
 from test_study_interruptions import Coordinator, processes_with
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
@@ -116,8 +117,8 @@ ACTS = {
 @pytest.mark.parametrize("act", ACTS)
 def test_a_fault_at_every_write_of_a_small_run(tmp_path, monkeypatch, act):
     what, once = ACTS[act]
-    ends = check_every_write(tmp_path, monkeypatch, what, modules=1, once=once, step=8)
-    assert ends.total() > 5
+    ends = check_every_write(tmp_path, monkeypatch, what, modules=1, once=once, step=16)
+    assert ends.total() > 2
 
 
 @pytest.mark.slow
@@ -169,8 +170,8 @@ def damage(tmp_path, number, seed):
 
 
 def test_a_flipped_bit_or_a_lost_end_is_named_or_harmless(tmp_path):
-    ends = damage(tmp_path, 60, seed=1)
-    assert sum(number for end, number in ends.items() if "named" in end) > 12
+    ends = damage(tmp_path, 30, seed=1)
+    assert sum(number for end, number in ends.items() if "named" in end) > 6
 
 
 @pytest.mark.slow
@@ -258,7 +259,7 @@ def test_a_hundred_kills_at_random_moments(tmp_path):
     print(f"\n{dict(kill_campaign(tmp_path, 110, seed=3))}")
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", few(range(3), 1))
 def test_clocks_that_jump_change_nothing(tmp_path, monkeypatch, seed):
     generator, real = random.Random(seed), time.time
     toy_run(tmp_path / "whole", modules=4)

@@ -10,6 +10,7 @@ import pytest
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from processes import eventually, recorded
+from suites import few
 from test_study_interruptions import Coordinator, processes_with, ranking
 from toy_problem import solved_keys, toy_run
 
@@ -55,7 +56,7 @@ class Told(Silent):
         self.sizes[-1][-1] += 1
 
 
-@pytest.mark.parametrize("sampler", ["moves", "random"])
+@pytest.mark.parametrize("sampler", few(["random", "moves"], 1))
 def test_where_all_candidates_are_proposed_it_ends_like_an_exhaustive_search(tmp_path, sampler):
     observer = Told()
     answer = toy_run(tmp_path / "run", sampler=sampler, trials=1000, observer=observer, **PROPOSED)
@@ -102,7 +103,7 @@ class Shuffled(Engine):
             yield job, function(job)
 
 
-@pytest.mark.parametrize("sampler", ["moves", "tpe", "nsga2", "random"])
+@pytest.mark.parametrize("sampler", few(["moves", "tpe", "nsga2", "random"], 2))
 def test_the_order_in_which_jobs_end_changes_nothing(tmp_path, sampler):
     engines = [Shuffled(seed) for seed in range(2)]
     for number, engine in enumerate([None, *engines]):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from suites import few
 
 from topo_search.model import Topology
 from topo_search.model.files import read_task
@@ -113,7 +114,7 @@ def random_platform(topology: Topology, rng: np.random.Generator) -> Platform:
     return build(topology, rng.uniform(-1.4, 1.4, topology.n - 1), random_rotation(rng))
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4])
+@pytest.mark.parametrize("n", few([1, 2, 3, 4], 3))
 def test_half_turn_classes_are_the_different_aligned_platforms(n: int) -> None:
     rng = np.random.default_rng(n)
     listed = list(candidates(n))
@@ -123,7 +124,7 @@ def test_half_turn_classes_are_the_different_aligned_platforms(n: int) -> None:
         assert building == [candidate_of(rooted.topology).key]
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4])
+@pytest.mark.parametrize("n", few([1, 2, 3, 4], 3))
 def test_quarter_turns_with_spin_flip_are_the_different_platforms_of_any_port(n: int) -> None:
     rng = np.random.default_rng(n)
     listed = list(candidates(n, connectors="any"))
@@ -144,7 +145,7 @@ def test_without_symmetry_the_root_alone_is_left_out(n: int) -> None:
 
 
 @pytest.mark.parametrize("connectors", ["aligned", "any"])
-@pytest.mark.parametrize("n", [1, 2, 3, 4])
+@pytest.mark.parametrize("n", few([1, 2, 3, 4], 3))
 def test_mirror_classes_are_the_platforms_up_to_an_improper_isometry(n: int, connectors: Connectors) -> None:
     rng = np.random.default_rng(n)
     task = read_task("push").resolve(n)

@@ -9,6 +9,9 @@ from verify_cases import changed, design, failing, fan
 
 from topo_search.model import Design, Status, Topology
 from verify import audit
+from verify.kinematics import platform
+from verify.requirements import Scene
+from verify.sensitivity import clearance_of
 
 
 def _rows(given: Design) -> list[list[float]]:
@@ -94,15 +97,16 @@ def test_a_requirement_broken_by_a_tenth_of_a_micrometre_is_caught_and_named(nam
 
 
 def test_a_cone_too_narrow_by_a_millionth_of_a_degree_is_caught_and_named():
-    def of(half_angle_deg):
-        return audit(fan({"exposure": [{"kind": "exterior", "half_angle_deg": half_angle_deg}]}))
+    def held(half_angle_deg):
+        return fan({"exposure": [{"kind": "exterior", "half_angle_deg": half_angle_deg}]})
 
     def least(half_angle_deg):
-        return min(pair.analytic_m for pair in of(half_angle_deg).pairs if pair.kind == "exterior")
+        given = held(half_angle_deg)
+        return min(clearance_of(r) for r in Scene(given, platform(given)).requirements() if r.kind == "exterior")
 
     edge = brentq(least, 15.0, 60.0, xtol=1e-10)
-    narrow = of(edge - 1e-6)
-    assert of(edge + 1e-6).verdict == Status.CLEAR
+    narrow = audit(held(edge - 1e-6))
+    assert audit(held(edge + 1e-6)).verdict == Status.CLEAR
     assert failing(narrow) == {"exterior"}
     assert max(pair.analytic_m for pair in narrow.pairs if pair.status != Status.CLEAR) > -1e-7
 

@@ -124,7 +124,7 @@ def test_all_within_a_reserve_can_be_produced_and_nothing_just_beyond_it_at_its_
             assert not producible(given, carried + 1.0001 * case.load_factor * (b - carried))
 
 
-@pytest.mark.parametrize("seed", few([*ABLE, 2, 3], [0, 1, 2]))
+@pytest.mark.parametrize("seed", few([*ABLE, 2, 3], 1))
 def test_the_rotors_that_may_fail_are_those_without_which_all_can_be_produced(seed: int) -> None:
     given = drawn(seed, 3)
     found, wrenches = flight(given), asked(given)
@@ -140,7 +140,7 @@ def facets(A: Array) -> Array:
     return np.asarray(axes[sizes[:, 4] > 1e-9, 5])
 
 
-@pytest.mark.parametrize("seed", few(THREE, 3))
+@pytest.mark.parametrize("seed", few(THREE, 2))
 def test_reserves_are_the_distances_of_the_nearest_facets_of_all(seed: int) -> None:
     """All facets of the set of wrenches, without a linear program: along a line f they are h(n) / |n . f| away."""
     given = drawn(seed, 3)
@@ -439,7 +439,7 @@ def test_a_mirrored_platform_has_mirrored_figures(seed: int, n: int) -> None:
     assert one.rotors_out_hover.survive > 0
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", few(range(5), 2))
 @pytest.mark.parametrize("connectors", ["aligned", "any"])
 def test_joints_bear_what_mujoco_measures(seed: int, connectors: Any) -> None:
     rng = np.random.default_rng(seed)

@@ -261,7 +261,7 @@ def flying_design(name):
 
 def settled(stated, lower, upper, cut):
     """The replay of a record that says that a bound excludes a box."""
-    return ends.replay(stated, lower, upper, cut, np.zeros(1, np.uint8))
+    return ends.replay(stated, lower, upper, cut, np.frombuffer(bytes(1), np.uint8))
 
 
 @pytest.mark.parametrize("name", ["wall-push", "window-cleaning", "survives-a-rotor"])
@@ -322,7 +322,7 @@ def test_a_proof_where_airflow_may_merge_is_checked(problem):
 
 @pytest.fixture(scope="module")
 def flying():
-    """Two modules with a reserve of torque before a wall, a design, and some chunks of a proof, its own too."""
+    """Two modules with a reserve of torque before a wall, a design, and some chunks of a proof, its own first."""
     wall = {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}]}
     loads = [{"end_effector": {"force": [0.25, 0.0, 0.75]}}, HOVER]
     task = push(2, load_cases=loads, exposure=[wall], flight={"torque_reserve": 0.2})
@@ -330,7 +330,8 @@ def flying():
     cut, theta = 0.9 * design.objective, (*design.root_orientation_rad, *design.hinge_angles_rad)
     boxes = [chunk_box(task, 2, number) for number in range(chunk_count(2))]
     home = next(k for k, (lower, upper) in enumerate(boxes) if np.all(lower <= theta) and np.all(theta <= upper))
-    return task, design, cut, [prove_chunk(task, PAIR, number, cut) for number in {home, *range(0, 64, 7)}]
+    numbers = dict.fromkeys((home, *range(0, 64, 7)))
+    return task, design, cut, [prove_chunk(task, PAIR, number, cut) for number in numbers]
 
 
 def refused(task, cut, chunks):
@@ -346,7 +347,7 @@ def test_a_proof_with_a_wall_and_a_reserve_is_checked(flying):
 
 def test_a_cut_above_the_best_with_a_wall_and_a_reserve_is_refused(flying):
     task, design, _, chunks = flying
-    assert refused(task, 1.002 * design.objective, chunks)
+    assert refused(task, 1.002 * design.objective, chunks[:1])
 
 
 @pytest.mark.parametrize("directions", ["all", "horizontal"])

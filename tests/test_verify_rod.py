@@ -73,7 +73,7 @@ def test_what_blocks_a_rod_is_what_its_points_lie_in():
 def test_clear_rods_are_clear_by_their_rows_and_blocked_ones_are_violated():
     rng = np.random.default_rng(2)
     seen = {True: 0, False: 0}
-    for _ in range(5):
+    for _ in range(3):
         given = random_platform(rng)
         for connector in connectors(given)[::2]:
             mount = Mount(module=connector.module, port=connector.port)
@@ -91,7 +91,7 @@ def test_clear_rods_are_clear_by_their_rows_and_blocked_ones_are_violated():
             assert set(chosen.in_airflow_of) == through
             assert sheet.clear_rod == (not violated and not through)
             seen[not violated] += 1
-    assert min(seen.values()) >= 4
+    assert min(seen.values()) >= 2
 
 
 def test_a_rod_straight_above_a_module_is_as_long_as_pythagoras_says():

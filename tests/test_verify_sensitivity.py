@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from nlp_cases import as_design, push, random_point, random_tree
 from suites import few
@@ -201,6 +201,7 @@ def test_the_module_that_the_rod_is_bolted_to_holds_the_end_effector() -> None:
         assert bounds.weakest(Errors(delta=1.001 * tolerated)).bound < 1e-9
 
 
+@settings(max_examples=25)
 @given(st.floats(1e-4, 0.2), st.floats(1.0, 3.0))
 def test_larger_errors_never_leave_more(delta: float, factor: float) -> None:
     bounds = tolerance(fan({"exposure": EVERYTHING[:4]}))
@@ -208,7 +209,7 @@ def test_larger_errors_never_leave_more(delta: float, factor: float) -> None:
     assert bounds.weakest(errors.times(factor)).bound <= bounds.weakest(errors).bound + 1e-12
 
 
-@pytest.mark.parametrize("scale", [1e-2, 1.0, 1e3])
+@pytest.mark.parametrize("scale", few([1e3, 1e-2], 1))
 def test_angles_do_not_depend_on_the_unit_of_length_and_lengths_scale_with_it(scale: float) -> None:
     def scaled(by: float) -> Design:
         body = {"rotor_radius": 0.05 * by}
@@ -240,7 +241,7 @@ def test_what_is_tolerated_is_clear_and_what_violates_is_violated() -> None:
         assert all(pair.status == Status.CLEAR for pair in audit(turned).pairs)
 
 
-@pytest.mark.parametrize("seed", [28, 39, 83])
+@pytest.mark.parametrize("seed", few([28, 39, 83], 1))
 def test_the_pair_that_is_named_breaks_first_of_all_that_hinges_can_break(seed: int) -> None:
     """The pair with the weakest bound may be broken by larger errors than another one: all signs are tried."""
     rng = np.random.default_rng(seed)

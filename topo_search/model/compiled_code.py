@@ -19,11 +19,13 @@ import stat
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.types import unliteral
 
 from topo_search.supervisor import tell
 
@@ -33,8 +35,13 @@ CACHE_DIR = "NUMBA_CACHE_DIR"
 """Environment variable of numba: the folder to keep compiled functions in."""
 
 
-def njit(*, cache: bool, **options: Any) -> Callable[[Function], Function]:
+def njit(*, cache: bool, literals: bool = True, **options: Any) -> Callable[[Function], Function]:
     """Return a decorator like `numba.njit`, whose files are checked when they are read and always have a folder.
+
+    Args:
+        cache: whether it is kept.
+        literals: whether compiled callers that pass different numbers or flags as literals get a copy each.
+        options: those of numba.
 
     Raises:
         OSError: no folder can be written to.
@@ -44,10 +51,17 @@ def njit(*, cache: bool, **options: Any) -> Callable[[Function], Function]:
         dispatcher: Any = numba.njit(**options)(function)
         if cache:
             dispatcher._cache = _cache_of(function)
+        if not literals:
+            dispatcher.get_call_template = partial(_call_without_literals, dispatcher.get_call_template)
         compiled: Function = dispatcher
         return compiled
 
     return compile_lazily
+
+
+def _call_without_literals(call: Callable[..., Any], types: tuple[Any, ...], named: dict[str, Any]) -> Any:
+    """Resolve a call by the types of its arguments, whatever their values."""
+    return call(tuple(map(unliteral, types)), {name: unliteral(one) for name, one in named.items()})
 
 
 class _CheckedFiles(IndexDataCacheFile):

@@ -46,7 +46,7 @@ class Frames(NamedTuple):
     """Shape (frames, 3)."""
 
 
-@njit(cache=True)
+@njit(cache=True, literals=False)
 def frame_arrays(numbers: Numbers, each: int) -> Frames:
     """Return arrays for frames, with so many points to choose from for every angle."""
     n = len(numbers.parent)
@@ -89,7 +89,7 @@ def root_turn(psi: Array, alpha_0: Array, alpha_1: Array, R: Array) -> None:
     turn_columns(R, 1, alpha_1[0], alpha_1[1], R)
 
 
-@njit(cache=True)
+@njit(cache=True, literals=False)
 def fill_frames(numbers: Numbers, points: Array, each: int, into: Frames) -> None:
     """Fill the frames of all modules for each choice of so many points (c, s) an angle, shape (A, each, 2)."""
     first, R, B, p = into

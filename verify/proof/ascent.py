@@ -120,7 +120,7 @@ class Turns(NamedTuple):
     """Derivatives of n_r . e_r by the angles, shape (A, W)."""
 
 
-@njit(cache=True)
+@njit(cache=True, literals=False)
 def workspace(numbers: Numbers, count: int) -> Points:
     """Return arrays for `count` points."""
     n, K, W = len(numbers.parent), len(numbers.f), len(numbers.normal)
@@ -159,7 +159,7 @@ def turn_arrays(numbers: Numbers) -> Turns:
     return Turns(np.zeros((n + 2, 2, 3)), np.zeros((n + 2, 4 * n, 6)), np.zeros((n + 2, len(numbers.normal))))
 
 
-@njit(cache=True)
+@njit(cache=True, literals=False)
 def look(numbers: Numbers, points: Array, frames: Frames, at: Points, v: int) -> None:
     """Fill what D depends on at point v; frames are those there, one a module, points its pairs (c, s)."""
     R, total = at.R, np.zeros(3)
@@ -335,7 +335,7 @@ def lift(numbers: Numbers, at: Points, y: Array, sigma: Array, cut: float) -> No
     leave(numbers, at, y, sigma)
 
 
-@njit(cache=True)
+@njit(cache=True, literals=False)
 def climb(numbers: Numbers, at: Points, y: Array, sigma: Array, T: float, enough: float, steps: int) -> float:
     """Improve multipliers that p'_E drops out of, in place, and return what is maximised.
 

@@ -117,7 +117,7 @@ def replay(numbers: Numbers, lower: Array, upper: Array, cut: float, record: NDA
     return Replayed(HELD, len(record), extra, lower, upper)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _workspace(numbers: Numbers) -> Workspace:
     A, K = len(numbers.parent) + 2, len(numbers.f)
     frames, at_middle = arcs.frame_arrays(numbers, 3), arcs.frame_arrays(numbers, 1)
@@ -151,7 +151,7 @@ def _halve(numbers: Numbers, lo: Array, hi: Array, at: int, a: int) -> None:
     lo[at, a], hi[at + 1, a] = beyond, below
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _settle(
     numbers: Numbers, what: int, lower: Array, upper: Array, rho: Array, cut: float, work: Workspace
 ) -> int:

@@ -118,7 +118,7 @@ def bound(
     vertices: Frames,
     rho: Array,
     work: Sums,
-    cut: float = math.inf,
+    cut: float,
 ) -> float:
     """Return the lower bound of a box with multipliers y, in effort units, or if it is under the cut, a value so.
 

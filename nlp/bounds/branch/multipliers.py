@@ -132,7 +132,7 @@ def value(stated: BranchProblem, work: Workspace, y: Array) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, literals=False)
 def improve(stated: BranchProblem, work: Workspace, y: Array, steps: int, enough: float) -> float:
     """Improve multipliers in place by so many Newton steps at most, until D(y) is enough; return it."""
     meet(stated, y)

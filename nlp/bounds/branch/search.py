@@ -164,7 +164,7 @@ def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
     return angles[after - 1], angles[after]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _is_excluded(
     stated: BranchProblem,
     at_box: BoxFrames,

@@ -80,7 +80,7 @@ def fill(stated: BranchProblem, R: Array, middle: Frames, axes: Axes, work: Work
                 beta[5] = w[0] * y - w[1] * x + c[0] * q - c[1] * p
 
 
-@njit(cache=True)
+@njit(cache=True, literals=False)
 def flatten(
     stated: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, steps: int, enough: float
 ) -> None:
