@@ -29,11 +29,10 @@ end-effector.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -42,27 +41,23 @@ from nlp.numbers.point import Point
 from nlp.requirements.exposure import hull_of
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.layout import ROTOR_DIRECTIONS
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape
+
+if TYPE_CHECKING:
+    from nlp.numbers.jets import Region
 
 AIMED_AT = 0.997
 """Share of a limit that rows state: what is faster between their points is within the limit."""
 ALLOWED = 0.998
 """Share of a limit up to which a design meets it: the audit's bound over the whole region is still under it."""
+DEPTHS = np.concatenate([[0.0], np.geomspace(0.1, 60.0, 30)])
+"""Depths at which a search for the fastest air begins [l_arm]."""
+AROUND = np.array(sorted(set(product((-1.0, 0.0, 1.0), repeat=3)) - {(0.0, 0.0, 0.0)}, key=np.linalg.norm))
+"""Directions of its steps, in the module's frame."""
 
 
-class AirSearch(NamedTuple):
-    """The search for the fastest air over a region."""
-
-    depths: Array = np.concatenate([[0.0], np.geomspace(0.1, 60.0, 30)])
-    """Depths at which a search for the fastest air begins [l_arm]."""
-    steps: Array = np.asarray(0.5 ** np.arange(1, 16))
-    """Steps of that search [l_arm]."""
-    pulls: int = 30
-    """Number of projections, in turns, that bring a point into a region and a ball."""
-
-
-SEARCH = AirSearch()
+TOWARDS_MODULE = 0.0, 0.0, 0.0
+"""`SpeedPoint.direction` of the point of a ball that is near the module's axis and, of those, near the module."""
 
 
 class SpeedPoint(NamedTuple):
@@ -76,7 +71,7 @@ class SpeedPoint(NamedTuple):
     """Instead of that point: one of a ball around it that moves with this module."""
     radius: float = 0.0
     """Radius of the ball [l_arm]."""
-    direction: tuple[float, float, float] = (1.0, 0.0, 0.0)
+    direction: tuple[float, float, float] = TOWARDS_MODULE
     """Direction of the point from there: along the shortest way to the module's axis, across both, along it."""
 
 
@@ -105,37 +100,38 @@ def fastest(point: Point) -> Iterator[Fastest]:
     limited = [(number, asked) for number, asked in enumerate(task.exposure) if asked.speed is not None]
     if not limited:
         return
-    from nlp.numbers.jets import jet_of, total_speeds  # compiled code, which other commands need not load
+    from nlp.numbers.jets import climb, jet_of  # compiled code, which other commands need not load
 
     (R, p), tip = point.poses, point.p_E / l_arm
     p = p / l_arm - tip
-    rotors = p[:, None] + np.einsum("iab,qb->iqa", R, ROTOR_DIRECTIONS)
-    origins = np.concatenate([p[:, None], rotors], axis=1)
-    begins = origins[:, :, None] - SEARCH.depths[:, None] * R[:, None, None, :, 2]
     jet = jet_of(task.module, task.air_density, task.gravity)
     induced = jet.induced * np.sqrt(point.u / task.module.hover_input(task.gravity))
     for number, asked in limited:
-        shapes = [shape.at(point.p_E - point.p_COM) for shape in asked.shapes]
+        regions = [_region(shape.at(point.p_E - point.p_COM), l_arm, asked.speed_reach) for shape in asked.shapes]
         for case in range(len(task.declared.load_cases)):
-            air = partial(total_speeds, jet, R, p, induced[case])
-            found, points = dict[SpeedPoint, Array](), set[SpeedPoint]()
-            for shape in shapes:
-                inside = partial(_pull_inside, shape, l_arm, asked.speed_reach)
-                tops = _climb(inside, air, begins.reshape(len(p), -1, 3))
-                if isinstance(shape, Capsule):
-                    radius = shape.radius / l_arm
-                    for i, on_path in enumerate(_nearest_of_path(shape, tops * l_arm) / l_arm):
-                        points.add(_point(case, number, on_path, i, radius))
-                        direction = _direction(on_path, radius, R[i, :, 2], p[i], tops[i])
-                        moving = () if direction is None else (i, radius, direction)
-                        found[_point(case, number, tops[i] if direction is None else on_path, *moving)] = tops[i]
-                else:
-                    found |= {_point(case, number, x): x for x in tops if np.isfinite(x).all()}
-            if not found:
+            speeds, points = dict[SpeedPoint, float](), set[SpeedPoint]()
+            for region in regions:
+                for i, (*x, speed) in enumerate(climb(jet, R, p, induced[case], region, DEPTHS, AROUND).tolist()):
+                    if speed < 0.0:
+                        continue
+                    if not region.radius:
+                        speeds[_point(case, number, np.array(x))] = speed
+                        continue
+                    on_path = _nearest_of_path(region, np.array(x))
+                    points.add(_point(case, number, on_path, i, region.radius))
+                    direction = _direction(on_path, region.radius, R[i, :, 2], p[i], np.array(x))
+                    at = (np.array(x),) if direction is None else (on_path, i, region.radius, direction)
+                    speeds[_point(case, number, *at)] = speed
+            if not speeds:
                 continue
-            sums = air(np.array(list(found.values())))
-            points.update(point for point, sum_ in zip(found, sums, strict=True) if sum_ > 0.9 * sums.max())
-            yield Fastest(case, number, asked.speed or math.inf, float(sums.max()), tuple(sorted(points)))
+            most = max(speeds.values())
+            points.update(point for point, speed in speeds.items() if speed > 0.9 * most)
+            yield Fastest(case, number, asked.speed or math.inf, most, tuple(sorted(points)))
+
+
+def _nearest_of_path(region: Region, x: Array) -> Array:
+    along = (x - region.start) @ region.axis / max(float(region.axis @ region.axis), 1e-300)
+    return np.asarray(region.start + np.clip(along, 0.0, 1.0) * region.axis)
 
 
 def _point(case: int, exposure: int, from_tip: Array, *of_ball: Any) -> SpeedPoint:
@@ -154,75 +150,17 @@ def _direction(centre: Array, radius: float, z: Array, p: Array, x: Array) -> tu
     return tuple((frame @ (x - centre) / radius).round(6).tolist())
 
 
-def _climb(inside: Callable[[Array], Array], air: Callable[[Array], Array], begins: Array) -> Array:
-    """Return where searches for faster air among neighbours end, in a region.
+def _region(shape: Shape, l_arm: float, within: float | None) -> Region:
+    from nlp.numbers.jets import Region  # compiled code, which other commands need not load
 
-    Args:
-        inside: pulls points into the region; those that it cannot are no numbers.
-        air: the speed at points.
-        begins: of each search some points, (k, m, 3), of which the fastest is where it begins.
-
-    Returns:
-        Shape (k, 3); no numbers where none of the points comes into the region.
-    """
-
-    def fastest_of(tried: Array) -> Array:
-        tried = inside(tried.reshape(-1, 3)).reshape(tried.shape)
-        speed = np.where(
-            np.isnan(tried[..., 0]), -1.0, air(np.nan_to_num(tried).reshape(-1, 3)).reshape(tried.shape[:2])
-        )
-        return np.asarray(tried[np.arange(len(tried)), speed.argmax(axis=1)])
-
-    around = np.array(sorted(product((-1.0, 0.0, 1.0), repeat=3), key=lambda step: np.linalg.norm(step)))
-    x = fastest_of(begins)
-    for step in SEARCH.steps:
-        moving = np.isfinite(x[:, 0])
-        for _ in range(4):
-            best = fastest_of(x[moving, None] + step * around)
-            moving[moving] = changed = (best != x[moving]).any(axis=1)
-            x[moving] = best[changed]
-            if not moving.any():
-                break
-    return x
-
-
-def _pull_inside(shape: Shape, l_arm: float, within: float | None, x: Array) -> Array:
-    """Return points of a region near points, (m, 3), from p'_E [l_arm]; no numbers where it is beyond `within`."""
-    x = _nearest(shape, x * l_arm)
-    if within is None:
-        return x / l_arm
-    for _ in range(SEARCH.pulls):
-        x = _nearest(shape, x * np.minimum(1.0, within / np.maximum(np.linalg.norm(x, axis=1), within))[:, None])
-    reached = np.linalg.norm(x, axis=1, keepdims=True) <= within * (1 + 1e-6)
-    return np.where(reached, x / l_arm, np.nan)
-
-
-def _nearest(shape: Shape, x: Array) -> Array:
-    """Return points of a region near points, (m, 3) [m]; those inside stay."""
+    start, axis, radius, half_angle, planes = np.zeros(3), np.zeros(3), 0.0, 0.0, np.zeros((0, 3))
     match shape:
-        case Capsule(radius=radius):
-            axis = _nearest_of_path(shape, x)
-            away = np.linalg.norm(x - axis, axis=1, keepdims=True)
-            return np.asarray(axis + (x - axis) * (radius / np.maximum(away, radius)))
+        case Capsule():
+            start, axis, radius = np.array(shape.start), np.subtract(shape.end, shape.start) / l_arm, shape.radius
         case Polytope(corners=corners):
             hull = hull_of(corners)
-            middle = hull.corners.mean(axis=0)
-            room = hull.offsets - hull.normals @ middle
-            beyond = np.max((x - middle) @ hull.normals.T / room, axis=1, keepdims=True)
-            return np.asarray(middle + (x - middle) / np.maximum(beyond, 1.0))
-        case Cone(half_angle_deg=half_angle, axis=axis, apex=apex):
-            d, angle = np.array(axis), math.radians(half_angle)
-            along = (x - apex) @ d
-            beside = x - apex - along[:, None] * d
-            r = np.linalg.norm(beside, axis=1)
-            depth = np.maximum(along * math.sin(angle) - r * math.cos(angle), 0.0)
-            some = np.cross(d, np.eye(3)[np.argmin(np.abs(d))])
-            out = np.where(r[:, None] > 0, beside / np.maximum(r, 1e-300)[:, None], some / np.linalg.norm(some))
-            return np.asarray(x - depth[:, None] * (math.sin(angle) * d - math.cos(angle) * out))
-
-
-def _nearest_of_path(capsule: Capsule, x: Array) -> Array:
-    """Return the points of a capsule's path nearest to points, (m, 3) [m]."""
-    path = np.subtract(capsule.end, capsule.start)
-    along = np.clip((x - capsule.start) @ path / max(path @ path, 1e-300), 0.0, 1.0)
-    return np.asarray(capsule.start + along[:, None] * path)
+            start = hull.corners.mean(axis=0)
+            planes = hull.normals * (l_arm / (hull.offsets - hull.normals @ start))[:, None]
+        case Cone():
+            start, axis, half_angle = np.array(shape.apex), np.array(shape.axis), math.radians(shape.half_angle_deg)
+    return Region(start / l_arm, axis, radius / l_arm, half_angle, planes, (within or math.inf) / l_arm)

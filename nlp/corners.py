@@ -30,7 +30,9 @@ class TakingIn(NamedTuple):
     """How corners, loads in joints and air speeds are taken in."""
 
     near_limit: float = 0.6
-    """Share of its limit from which a load in a joint, or an air speed, is stated."""
+    """Share of its limit from which a load in a joint is stated."""
+    near_speed: float = 0.9
+    """Share of its limit from which an air speed is stated from the start."""
     rounds: int = 10
     """Largest number of solves, each with more corners than the one before."""
     at_once: int = 8
@@ -61,7 +63,7 @@ def take_in_corners(
         solve: solves the program of a point's own task from there, with limits of what joints bear if it has any.
         constraints: constraints of the user, to which the point is held as well.
     """
-    near_limits = [at for at in fastest(origin) if at.speed > TAKING_IN.near_limit * at.limit]
+    near_limits = [at for at in fastest(origin) if at.speed > TAKING_IN.near_speed * at.limit]
     first = tuple(sorted({point for at in near_limits for point in at.points}))
     point, iterations, limits = origin, 0, Limits(None, (), first) if first else None
     for _ in range(TAKING_IN.rounds):

@@ -15,6 +15,7 @@ from nlp.assembled.problem import AssembledProblem
 from nlp.ipopt import BETA
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.descent import Evaluated, evaluate
+from nlp.reduced.search import LocalMinimum, point_of
 from topo_search.model import Design, ResolvedTask, Status, Topology
 from verify import audit
 from verify.air import air, case_jets
@@ -110,6 +111,18 @@ def test_derivatives_of_rows_of_the_reduced_search_are_differences(tip: str | li
     by_differences = np.array([(rows(x + s).g - rows(x - s).g) / (2 * step) for s in step * np.eye(len(x))]).T
     near = np.flatnonzero(at.near[-air:]) + len(at.g) - air
     assert at.J[near] == pytest.approx(by_differences[near], rel=1e-4, abs=1e-5)
+
+
+@pytest.mark.parametrize("height", [-0.6, 0.2, 0.5])
+def test_a_row_of_the_reduced_search_is_at_the_near_side_of_a_ball_that_an_axis_meets(height: float) -> None:
+    region = {"kind": "local", "radius": 0.15, "speed": 2.0}
+    below = {"position": [0.0, 0.0, height], "rod": "none", "largest_reach": False}
+    task, topology = push(1, load_cases=[HOVER], exposure=[region], end_effector=below), Topology.from_key("a0")
+    reduced, counting = to_arrays(task, topology), np.ones(1, bool)
+    x = np.zeros(len(reduced.lower))
+    row = evaluate(reduced, x, np.zeros((1, 6)), counting, 1e4).g[-1]
+    (at,) = fastest(point_of(task, topology, reduced, LocalMinimum(x, 0.0, 0.0, (0,), counting)))
+    assert 1 - row == pytest.approx(at.speed / 2.0, rel=0.05)
 
 
 @pytest.mark.parametrize("geometry", [True, False])

@@ -202,7 +202,7 @@ class AssembledProgram:
 
     def approach(self, start: Point) -> IpoptResult:
         """Return where one round with long steps ends, whatever it does to what is not stated."""
-        return self._round(start, LIMITS.bold, ROUND_OPTIONS.stay)
+        return self._round(start, LIMITS.bold, {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm})
 
     def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
         stated = [requirement.restrict(start.vectors) for requirement in self._clearances]

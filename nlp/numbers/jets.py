@@ -1,4 +1,4 @@
-r"""Air of one module, compiled: its speed at a point, with derivatives.
+r"""Air of one module, compiled: its speed at a point, with derivatives; the fastest air of all over a region.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -45,6 +45,30 @@ class JetRounding(NamedTuple):
 JETS = JetRounding()
 
 
+class Climb(NamedTuple):
+    """Searches for the fastest air over a region."""
+
+    step: float = 0.5
+    """First step, which is halved again and again [l_arm]."""
+    least_step: float = 1e-4
+    """Step below which they end [l_arm]."""
+    moves: int = 8
+    """Largest number of steps of a size."""
+    gain: float = 1e-7
+    """Least relative gain of a step."""
+    coarse: float = 0.1
+    """Step up to which also slow searches go on [l_arm]."""
+    slow_at_first: float = 0.2
+    """Share of the fastest air's speed below which a search does not go on with such steps."""
+    slow: float = 0.9
+    """The same with smaller ones."""
+    same: float = 0.1
+    """Distance between two searches that are one [steps]."""
+    pulls: int = 30
+    """Number of projections, in turns, that bring a point into a region and a ball."""
+
+
+CLIMB = Climb()
 SHARP, ROUNDED = 1e-12, 0.02
 """epsilon of speeds that count, and of those that are derived."""
 DISCS = np.ascontiguousarray(ROTOR_DIRECTIONS[:, :2])
@@ -90,70 +114,98 @@ def clip(t: float, epsilon: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def speed(jet: Jet, q: Array, v: Array, epsilon: float, slopes: Array) -> float:
-    """Return U, and find its gradient by q and v, shape (7,); at SHARP it is that of the largest part alone."""
-    R, z, s = jet.radius, -q[2], -q[2] / 2
-    parts, by_part = np.empty(6), np.zeros((6, 7))  # merged jets, four slipstreams, flow towards the discs
+    """Return U, and find its gradient by q and v, shape (7,), or empty where only U counts."""
+    C, dC = np.empty(9), np.empty((9 if len(slopes) else 0, 3))
+    find_parts(jet, q, epsilon, C, dC)
+    return join_parts(C, dC, v, epsilon, slopes)
 
-    begins, by_s = clip(s / JETS.merged_at, epsilon)
+
+@njit(cache=True)
+def find_parts(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
+    """Find merged jets over U_H; slipstreams and flow towards the discs, four each, over their v.
+
+    Args:
+        jet: of the module.
+        q: shape (3,).
+        epsilon: see the module.
+        C: shape (9,).
+        dC: its derivatives by q, shape (9, 3), or empty where they do not count.
+    """
+    R, z, s = jet.radius, -q[2], -q[2] / 2
+    begins, begins_t = clip(s / JETS.merged_at, epsilon)
     S, deeper = larger(s, JETS.merged_at, epsilon)
     S += jet.origin
-    squares = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3]
     curve = (math.sqrt(2) - 1) / (2 * jet.half_width * S) ** 2
     profile = 1 + curve * (q[0] * q[0] + q[1] * q[1])
-    merged = jet.decay * math.sqrt(squares / 4) / S / profile**2
-    parts[0] = begins * merged
-    by_s = by_s / JETS.merged_at * merged + parts[0] * deeper / S * (4 * (profile - 1) / profile - 1)
-    for axis in range(2):
-        by_part[0, axis] = -4 * parts[0] * curve / profile * q[axis]
-    by_part[0, 2] = -by_s / 2
-    for k in range(4):
-        by_part[0, 3 + k] = parts[0] * v[k] / max(squares, 1e-300)
+    merged = jet.decay / S / profile**2
+    C[0] = begins * merged
+    if len(dC):
+        dC[0, 0], dC[0, 1] = -4 * C[0] * curve / profile * q[0], -4 * C[0] * curve / profile * q[1]
+        by_s = begins_t / JETS.merged_at * merged + C[0] * deeper / S * (4 * (profile - 1) / profile - 1)
+        dC[0, 2] = -by_s / 2
 
-    share, by_z = clip(s / JETS.merged_at, epsilon)
-    below, below_z = 2 * JETS.merged_at * share, by_z
+    below = 2 * JETS.merged_at * begins
     root = math.sqrt(R * R + below * below)
-    g, g_z = 1 + below / root, R * R / root**3 * below_z
+    g, g_z = 1 + below / root, R * R / root**3 * begins_t
     ends, ends_s = clip((JETS.merged_at - s) / 1.5, epsilon)
     starts, starts_z = clip(1 + z / epsilon, epsilon)
     fade, fade_z = ends * starts, ends * starts_z / epsilon - ends_s / 3 * starts
     width, edge = 0.2 * (below + R), R / math.sqrt(g)
-    parts[5] = 0.0
     for k in range(4):
         x, y = q[0] - DISCS[k, 0], q[1] - DISCS[k, 1]
         r = math.sqrt(x * x + y * y + 1e-12)
         t = 0.5 + (edge - r) / width
         inside, by_t = clip(t, epsilon)
-        t_z = -edge * g_z / (2 * g * width) - (t - 0.5) * below_z / (below + R)
-        parts[1 + k] = v[k] * g * fade * inside
-        by_r = -v[k] * g * fade * by_t / width
-        by_part[1 + k, 0], by_part[1 + k, 1] = by_r * x / r, by_r * y / r
-        by_part[1 + k, 2] = -v[k] * (g_z * fade * inside + g * fade_z * inside + g * fade * by_t * t_z)
-        by_part[1 + k, 3 + k] = g * fade * inside
+        C[1 + k] = g * fade * inside
         beyond, beyond_r = larger(r - R, 0.0, epsilon)
         d = math.sqrt(beyond * beyond + z * z + 1e-12)
-        share = 1 / (1 + math.sqrt(2) * d / R) ** 2
-        parts[5] += v[k] * share
-        by_d = -2 * math.sqrt(2) / R * v[k] * share / (1 + math.sqrt(2) * d / R)
-        by_r = by_d * beyond * beyond_r / d
-        by_part[5, 0] += by_r * x / r
-        by_part[5, 1] += by_r * y / r
-        by_part[5, 2] -= by_d * z / d
-        by_part[5, 3 + k] = share
+        C[5 + k] = 1 / (1 + math.sqrt(2) * d / R) ** 2
+        if len(dC):
+            t_z = -edge * g_z / (2 * g * width) - (t - 0.5) * begins_t / (below + R)
+            by_r = -g * fade * by_t / width
+            dC[1 + k, 0], dC[1 + k, 1] = by_r * x / r, by_r * y / r
+            dC[1 + k, 2] = -(g_z * fade * inside + g * fade_z * inside + g * fade * by_t * t_z)
+            by_d = -2 * math.sqrt(2) / R * C[5 + k] / (1 + math.sqrt(2) * d / R)
+            by_r = by_d * beyond * beyond_r / d
+            dC[5 + k, 0], dC[5 + k, 1], dC[5 + k, 2] = by_r * x / r, by_r * y / r, -by_d * z / d
 
+
+@njit(cache=True)
+def join_parts(C: Array, dC: Array, v: Array, epsilon: float, slopes: Array) -> float:
+    """Return U, and find its gradient; at SHARP it is that of the largest part alone.
+
+    Args:
+        C: as of `find_parts`.
+        dC: the same.
+        v: shape (4,).
+        epsilon: see the module.
+        slopes: the gradient by q and v, shape (7,), or empty where only U counts.
+    """
+    parts, total = np.empty(6), 0.0
+    squares = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3]
+    mean = math.sqrt(squares / 4)
+    parts[0], parts[5] = C[0] * mean, 0.0
+    for k in range(4):
+        parts[1 + k] = C[1 + k] * v[k]
+        parts[5] += C[5 + k] * v[k]
     largest = int(np.argmax(parts))
     U: float = parts[largest]
-    if epsilon == SHARP or U <= 0.0:
-        slopes[:] = by_part[largest]
+    sharp = epsilon == SHARP or U <= 0.0
+    if not sharp:
+        for part in parts:
+            total += (part / U) ** 8
+        U *= math.sqrt(math.sqrt(math.sqrt(total)))
+    if len(slopes) == 0:
         return U
-    total = 0.0
-    for part in parts:
-        total += (part / U) ** 8
-    U *= math.sqrt(math.sqrt(math.sqrt(total)))
-    slopes[:] = 0.0
-    for k in range(6):
-        weight = (parts[k] / U) ** 7
-        for axis in range(7):
-            slopes[axis] += weight * by_part[k, axis]
+    for k in range(6):  # from here on the weights of the parts in the gradient
+        parts[k] = (1.0 if k == largest else 0.0) if sharp else (parts[k] / U) ** 7
+    for axis in range(3):
+        slopes[axis] = parts[0] * mean * dC[0, axis]
+        for k in range(4):
+            slopes[axis] += v[k] * (parts[1 + k] * dC[1 + k, axis] + parts[5] * dC[5 + k, axis])
+    for k in range(4):
+        by_mean = parts[0] * C[0] * mean * v[k] / max(squares, 1e-300)
+        slopes[3 + k] = by_mean + parts[1 + k] * C[1 + k] + parts[5] * C[5 + k]
     return U
 
 
@@ -164,25 +216,156 @@ def by_inputs(jet: Jet, u: Array, v: Array) -> None:
         v[k] = jet.induced * math.sqrt(u[k] + JETS.idle)
 
 
+class Region(NamedTuple):
+    """A region of the air, from p'_E [l_arm]; one of its sizes is not zero."""
+
+    start: Array
+    """Start of a path, a point inside a hull, or the apex of a cone, shape (3,)."""
+    axis: Array
+    """From there to the path's end, or the cone's axis, shape (3,)."""
+    radius: float
+    """Radius about a path."""
+    half_angle: float
+    """That of a cone whose outside it is [rad]."""
+    planes: Array
+    """Normals of a hull's faces over their distances from the point inside, shape (f, 3)."""
+    within: float
+    """Largest distance of its points from p'_E."""
+
+
 @njit(cache=True)
-def total_speeds(jet: Jet, R: Array, p: Array, v: Array, x: Array) -> Array:
-    """Return the sum of all modules' speeds at points, shape (m,).
+def pull_inside(region: Region, x: Array) -> bool:
+    """Move x to a point of the region that is near, and return whether there is one."""
+    _pull_into_shape(region, x)
+    if region.within == math.inf:
+        return True
+    for _ in range(CLIMB.pulls):
+        x *= min(1.0, region.within / max(math.sqrt(_dot(x, x)), 1e-300))
+        _pull_into_shape(region, x)
+    return math.sqrt(_dot(x, x)) <= region.within * (1 + 1e-6)
+
+
+@njit(cache=True)
+def _dot(a: Array, b: Array) -> float:
+    product: float = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
+
+
+@njit(cache=True)
+def _pull_into_shape(region: Region, x: Array) -> None:
+    d = x - region.start
+    if len(region.planes):
+        beyond = 1.0
+        for face in range(len(region.planes)):
+            beyond = max(beyond, _dot(region.planes[face], d))
+        x[:] = region.start + d / beyond
+        return
+    along = _dot(d, region.axis)
+    if region.half_angle == 0.0:
+        d -= min(max(along / max(_dot(region.axis, region.axis), 1e-300), 0.0), 1.0) * region.axis
+        x += d * (min(1.0, region.radius / max(math.sqrt(_dot(d, d)), 1e-300)) - 1.0)
+        return
+    d -= along * region.axis
+    r, sine, cosine = math.sqrt(_dot(d, d)), math.sin(region.half_angle), math.cos(region.half_angle)
+    depth = max(along * sine - r * cosine, 0.0)
+    if r < 1e-9:  # on the axis, any way out is as short
+        d[:] = 0.0
+        d[np.argmin(np.abs(region.axis))] = 1.0
+        d = np.cross(region.axis, d)
+        r = math.sqrt(_dot(d, d))
+    x -= depth * (sine * region.axis - cosine / r * d)
+
+
+@njit(cache=True)
+def total_speed(jet: Jet, R: Array, p: Array, v: Array, x: Array) -> float:
+    """Return the sum of all modules' speeds at a point.
 
     Args:
         jet: of the modules.
         R: their orientations, shape (n, 3, 3).
         p: their places, shape (n, 3) [l_arm].
         v: shape (n, 4).
-        x: the points, shape (m, 3) [l_arm].
+        x: the point, shape (3,) [l_arm].
     """
-    total, q, slopes = np.zeros(len(x)), np.empty(3), np.empty(7)
-    for m in range(len(x)):
-        for i in range(len(p)):
-            a, b, c = x[m, 0] - p[i, 0], x[m, 1] - p[i, 1], x[m, 2] - p[i, 2]
-            for k in range(3):
-                q[k] = R[i, 0, k] * a + R[i, 1, k] * b + R[i, 2, k] * c
-            total[m] += speed(jet, q, v[i], SHARP, slopes)
+    total = 0.0
+    for i in range(len(p)):
+        total += _speed_of(jet, R[i], p[i], v[i], x)
     return total
+
+
+@njit(cache=True)
+def _speed_of(jet: Jet, R: Array, p: Array, v: Array, x: Array) -> float:
+    q, no_slopes = np.empty(3), np.empty(0)
+    for k in range(3):
+        q[k] = R[0, k] * (x[0] - p[0]) + R[1, k] * (x[1] - p[1]) + R[2, k] * (x[2] - p[2])
+    return speed(jet, q, v, SHARP, no_slopes)
+
+
+@njit(cache=True)
+def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array, around: Array) -> Array:
+    """Return where searches for faster air among neighbours stop, one for each module, shape (n, 4).
+
+    A search begins below its module or one of its discs. One that meets another goes on as that.
+
+    Args:
+        jet: as of `total_speed`.
+        R: the same.
+        p: the same.
+        v: the same.
+        region: where to search.
+        depths: where a search may begin, shape (d,) [l_arm].
+        around: the neighbours, shape (k, 3).
+
+    Returns:
+        Points and speeds; -1 where a search could not begin in the region.
+    """
+    n = len(p)
+    tops, x, best = np.full((n, 4), -1.0), np.empty(3), np.empty(3)
+    for i in range(n):
+        for disc in range(5):
+            alone = 0.0
+            for depth in depths:
+                for a in range(3):
+                    x[a] = p[i, a] - depth * R[i, a, 2]
+                    if disc < 4:
+                        x[a] += DISCS[disc, 0] * R[i, a, 0] + DISCS[disc, 1] * R[i, a, 1]
+                if pull_inside(region, x):
+                    blown = _speed_of(jet, R[i], p[i], v[i], x)
+                    if blown > alone:
+                        alone, best[:] = blown, x
+            if alone > 0.0:
+                total = total_speed(jet, R, p, v, best)
+                if total > tops[i, 3]:
+                    tops[i, :3], tops[i, 3] = best, total
+    goes_as, last, step = np.arange(n), np.zeros(n, np.int64), CLIMB.step
+    while step > CLIMB.least_step:
+        slow = tops[:, 3].max() * (CLIMB.slow if step < CLIMB.coarse else CLIMB.slow_at_first)
+        for i in range(n):
+            for _ in range(CLIMB.moves if goes_as[i] == i and tops[i, 3] >= slow else 0):
+                moved = False
+                for tried in range(len(around)):
+                    k = (last[i] + tried) % len(around)
+                    for a in range(3):
+                        x[a] = tops[i, a]
+                        for b in range(3):
+                            x[a] += step * R[i, a, b] * around[k, b]
+                    if not pull_inside(region, x):
+                        continue
+                    total = total_speed(jet, R, p, v, x)
+                    if total > tops[i, 3] * (1 + CLIMB.gain):
+                        tops[i, :3], tops[i, 3], last[i], moved = x, total, k, True
+                        break
+                if not moved:
+                    break
+        for i in range(n):
+            for j in range(i):
+                apart = np.abs(tops[i, :3] - tops[j, :3]).max()
+                if goes_as[i] == i and goes_as[j] == j and apart < CLIMB.same * step:
+                    goes_as[i] = j
+        step /= 2
+    for i in range(n):
+        tops[i] = tops[goes_as[i]]
+    return tops
 
 
 @njit(cache=True)
@@ -192,11 +375,12 @@ def point_of_ball(
     """Find a point x of a ball that moves with a module, and its derivatives by p and z, shape (3, 6).
 
     With w from the ball's centre to the module's axis, the direction is in the frame w / |w|, z x w / |w|, z.
+    Without one, x is towards the point of the axis that is nearest to the module within a radius of w's end.
 
     Args:
         from_tip: centre of the ball from p'_E.
         radius: of the ball; 0: the point is its centre.
-        direction: shape (3,); (1, 0, 0): x is the point that is nearest to the axis.
+        direction: shape (3,); zeros: none.
         p: place of the module from p'_E.
         z: its axis.
         x: from p'_E, shape (3,).
@@ -206,32 +390,41 @@ def point_of_ball(
     slopes[:] = 0.0
     if radius == 0.0:
         return
-    along, squares, w, to, dw, dz = 0.0, 0.0, np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
+    along, w, to, dw, dto, dz = 0.0, np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
     for a in range(3):
         along += z[a] * (from_tip[a] - p[a])
     for a in range(3):
         w[a] = p[a] + along * z[a] - from_tip[a]
-        squares += w[a] * w[a]
-    length = math.sqrt(squares + 1e-12)
-    reach, by_length = larger(length, radius, ROUNDED)
-    share = radius / reach
+    length = math.sqrt(_dot(w, w) + 1e-12)
+    by_w, up, by_along = direction[0], 0.0, 0.0
+    if not direction.any():
+        reach, by_reach = larger(abs(along), radius, ROUNDED)
+        by_w, up = 1.0, -along * radius / reach
+        by_along = -radius / reach * (1 - abs(along) * by_reach / reach)
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
-        to[a] = direction[0] * w[a] + direction[1] * (z[b] * w[c] - z[c] * w[b]) + direction[2] * length * z[a]
+        to[a] = by_w * w[a] + direction[1] * (z[b] * w[c] - z[c] * w[b]) + (direction[2] * length + up) * z[a]
+    size = math.sqrt(_dot(to, to) + 1e-12)
+    reach, by_size = larger(size, radius, ROUNDED)
+    share = radius / reach
+    for a in range(3):
         x[a] += share * to[a]
     for column in range(6):
-        k, change = column % 3, 0.0
+        k = column % 3
         dz[k] = 0.0 if column < 3 else 1.0
+        d_along = from_tip[k] - p[k] if column > 2 else -z[k]
         for a in range(3):
-            dw[a] = along * dz[a] + z[a] * ((from_tip[k] - p[k]) if column > 2 else -z[k])
+            dw[a] = along * dz[a] + z[a] * d_along
             if column == a:
                 dw[a] += 1.0
-            change += w[a] * dw[a] / length
+        d_up = direction[2] * _dot(w, dw) / length + by_along * d_along
         for a in range(3):
             b, c = (a + 1) % 3, (a + 2) % 3
             turned = dz[b] * w[c] - dz[c] * w[b] + z[b] * dw[c] - z[c] * dw[b]
-            moved = direction[0] * dw[a] + direction[1] * turned + direction[2] * (change * z[a] + length * dz[a])
-            slopes[a, column] = share * moved - share / reach * by_length * change * to[a]
+            dto[a] = by_w * dw[a] + direction[1] * turned + d_up * z[a] + (direction[2] * length + up) * dz[a]
+        d_size = _dot(to, dto) / size
+        for a in range(3):
+            slopes[a, column] = share * dto[a] - share / reach * by_size * d_size * to[a]
         dz[k] = 0.0
 
 

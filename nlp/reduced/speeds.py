@@ -1,7 +1,7 @@
 r"""Air speeds over regions as rows of the reduced problem.
 
-For each module, region and load case a row has the sum of all speeds at the region's point that is nearest to the
-module's axis:
+For each module, region and load case a row has the sum of all speeds at the region's point that is near the
+module's axis and, of those, near the module:
 
 .. math::
 
@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.numbers.cholesky import solve_in_place
-from nlp.numbers.jets import ROUNDED, by_inputs, point_of_ball, speed
+from nlp.numbers.jets import ROUNDED, by_inputs, find_parts, join_parts, point_of_ball
 from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.clearance import GAPS, swept_gap
 from nlp.reduced.inputs import add_gradient, add_wrench_gradient, columns, to_unknowns
@@ -43,7 +43,7 @@ class RowLimits(NamedTuple):
 
     far_down: float = 60.0
     """Length of a module's axis along which its nearest point to a path is sought [l_arm]."""
-    slow: float = 0.5
+    slow: float = 0.2
     """Rows farther from their limit, as a share of it, have no gradient."""
 
 
@@ -78,60 +78,72 @@ def speed_rows(
         near: which rows have a gradient, shape (m,).
     """
     air, n, first = stated.speeds, len(at.p), len(g) - len(stated.speeds.case)
-    jet, A, towards_axis = air.jet, columns(stated, at), np.array([1.0, 0.0, 0.0])
-    x, path, p, z, d, q = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    by_ball, v, slopes, g_u = np.empty((3, 6)), np.empty(4), np.empty(7), np.empty(4 * n)
-    for r in range(len(air.case)):
-        row, k, i, over = first + r, air.case[r], air.module[r], air.over[r]
-        p_E = at.p_E - at.p_COM
-        offset = max(GAPS.least_distance, math.sqrt(p_E @ p_E))
-        path[:] = air.path[r] + air.along[r] / offset * p_E
+    jet, A, x, path, p, z = air.jet, columns(stated, at), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    d, q, v, g_u = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 4)), np.empty(4 * n)
+    C, dC, no_dC, by_ball = np.empty((n, 9)), np.empty((n, 9, 3)), np.empty((0, 3)), np.empty((3, 6))
+    F, T, X, E, by_axis = np.empty((n, 3)), np.empty((n, 3)), np.empty(3), np.empty(3), np.empty(6)
+    slopes, no_slopes, no_direction = np.empty(7), np.empty(0), np.zeros(3)
+    points = len(air.case) // (air.case[-1] + 1)
+    p_E = at.p_E - at.p_COM
+    offset = max(GAPS.least_distance, math.sqrt(p_E @ p_E))
+    for point in range(points):  # of a region and module, the same in all load cases
+        i = air.module[point]
+        path[:] = air.path[point] + air.along[point] / offset * p_E
         p[:] = at.p[i] - at.p_E
         z[:] = at.z[i]
         share = 0.0
         if path.any():
-            w, zero = p - air.start[r], 0.0
+            w, zero = p - air.start[point], 0.0
             axis = (-ROWS.far_down * z[0], -ROWS.far_down * z[1], -ROWS.far_down * z[2])
             _, _, share, _, _, _ = swept_gap(
                 (w[0], w[1], w[2]), axis, zero, zero, (path[0], path[1], path[2]), zero, zero
             )
-        point_of_ball(air.start[r] + share * path, air.radius[r], towards_axis, p, z, x, by_ball)
-        F, T, X, total = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(3), 0.0
+        point_of_ball(air.start[point] + share * path, air.radius[point], no_direction, p, z, x, by_ball)
         for j in range(n):
             for a in range(3):
-                d[a] = x[a] + at.p_E[a] - at.p[j, a]
+                d[j, a] = x[a] + at.p_E[a] - at.p[j, a]
             for a in range(3):
-                q[a] = at.R[j, 0, a] * d[0] + at.R[j, 1, a] * d[1] + at.R[j, 2, a] * d[2]
-            by_inputs(jet, u[k, 4 * j : 4 * j + 4], v)
-            total += over * speed(jet, q, v, ROUNDED, slopes)
+                q[j, a] = at.R[j, 0, a] * d[j, 0] + at.R[j, 1, a] * d[j, 1] + at.R[j, 2, a] * d[j, 2]
+            find_parts(jet, q[j], ROUNDED, C[j], no_dC)
+        derived = False
+        for r in range(point, len(air.case), points):
+            row, k, over, total = first + r, air.case[r], air.over[r], 0.0
+            for j in range(n):
+                by_inputs(jet, u[k, 4 * j : 4 * j + 4], v[j])
+                total += over * join_parts(C[j], no_dC, v[j], ROUNDED, no_slopes)
+            g[row] = 1.0 - total
+            near[row] = counting[k] and g[row] < ROWS.slow
+            if not near[row]:
+                continue
+            for j in range(0 if derived else n):
+                find_parts(jet, q[j], ROUNDED, C[j], dC[j])
+            derived, X[:] = True, 0.0
+            for j in range(n):
+                join_parts(C[j], dC[j], v[j], ROUNDED, slopes)
+                for a in range(3):
+                    pull = 0.0
+                    for b in range(3):
+                        pull += at.R[j, a, b] * slopes[b]
+                    F[j, a] = over * pull
+                    X[a] -= F[j, a]
+                for a in range(3):
+                    b, c = (a + 1) % 3, (a + 2) % 3
+                    T[j, a] = d[j, b] * F[j, c] - d[j, c] * F[j, b]
+                for c in range(4):
+                    g_u[4 * j + c] = -over * slopes[3 + c] * jet.induced**2 / (2 * v[j, c])
+            for b in range(6):
+                by_axis[b] = X[0] * by_ball[0, b] + X[1] * by_ball[1, b] + X[2] * by_ball[2, b]
+            by_p, by_z = by_axis[:3], by_axis[3:]
             for a in range(3):
-                pull = 0.0
-                for b in range(3):
-                    pull += at.R[j, a, b] * slopes[b]
-                F[j, a] = over * pull
-            T[j, 0] = d[1] * F[j, 2] - d[2] * F[j, 1]
-            T[j, 1] = d[2] * F[j, 0] - d[0] * F[j, 2]
-            T[j, 2] = d[0] * F[j, 1] - d[1] * F[j, 0]
-            X -= F[j]
-            for c in range(4):
-                g_u[4 * j + c] = -over * slopes[3 + c] * jet.induced**2 / (2 * v[c])
-        g[row] = 1.0 - total
-        near[row] = counting[k] and g[row] < ROWS.slow
-        if not near[row]:
-            continue
-        E = np.zeros(3)
-        for j in range(n):
-            E -= F[j]
-        by_axis = X @ by_ball
-        by_p = by_axis[:3]
-        F[i] += by_p
-        E -= by_p
-        T[i] += np.cross(z, by_axis[3:])
-        if air.along[r] != 0.0:
-            by_path = share * air.along[r] / offset * (X - by_p)
-            E += by_path - (by_path @ p_E) / offset**2 * p_E
-        _add_inputs(stated, at, A, k, rho, mu[k], u[k], g_u, F, T, E)
-        to_unknowns(stated, at, moved, F, T, E, J[row])
+                b, c = (a + 1) % 3, (a + 2) % 3
+                F[i, a] += by_p[a]
+                T[i, a] += z[b] * by_z[c] - z[c] * by_z[b]
+                E[a] = X[a] - by_p[a]
+            if air.along[r] != 0.0:
+                by_path = share * air.along[r] / offset * (X - by_p)
+                E += by_path - (by_path @ p_E) / offset**2 * p_E
+            _add_inputs(stated, at, A, k, rho, mu[k], u[k], g_u, F, T, E)
+            to_unknowns(stated, at, moved, F, T, E, J[row])
 
 
 @njit(cache=True)
