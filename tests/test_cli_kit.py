@@ -189,9 +189,17 @@ def test_two_runs_end_in_a_drawer_a_change_and_two_kits(tmp_path):
         "from": "push", "to": "wall", "undo": undo, "bolt": undo,
     }  # fmt: skip
     check_steps(change, *designs)
+    printed = {path.name for path in (tmp_path / "kit/brackets").iterdir()}
+    assert printed == {f"bracket_{kind['angle_deg']:.3f}deg.stl" for kind in told["brackets"]}
+    for task in told["tasks"]:  # the drawer holds what the kit of each task prints
+        folder = (tmp_path / "kit" / task["design"]).parent / "brackets"
+        assert all((tmp_path / "kit/brackets" / path.name).read_bytes() == path.read_bytes()
+                   for path in folder.glob("bracket_*"))  # fmt: skip
     page = (tmp_path / "kit/index.html").read_text()
     sheet = (tmp_path / "kit/change-1-push-wall.html").read_text()
     assert page.count("<svg") == 4
+    for each in (page, sheet):
+        assert "where the last step of the assembly sheet of wall says" in " ".join(each.split())
     assert sheet.count(palette.END_EFFECTOR) == 2 * (2 - undo)
     for task, design in zip(told["tasks"], designs, strict=True):
         best = read_json(Design, tmp_path / ("one" if task["task"] == "push" else "two") / "best.json")

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 
 import networkx as nx
 import numpy as np
@@ -10,7 +11,17 @@ import trimesh
 from export_cases import random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 
-from topo_search.export.brackets import Part, bracket, brackets, mount, struts
+from topo_search.export.brackets import (
+    Part,
+    bracket,
+    bracket_file,
+    bracket_turns,
+    brackets,
+    mount,
+    printed_parts,
+    struts,
+)
+from topo_search.export.sheet import parts_list, sheet
 from topo_search.model import BadInput, Design, Task, Topology
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
@@ -76,16 +87,22 @@ def module_behind(face: tuple[Array, Array, Array], port: int, distance: float) 
 
 @pytest.mark.parametrize("tree", TREES, ids=lambda tree: tree.key)
 def test_brackets_put_together_are_the_platform(tree: Topology) -> None:
-    design = random_design(tree, 11)
+    drawn = random_design(tree, 11)
+    angles = (math.radians(round(math.degrees(alpha), 3)) for alpha in drawn.hinge_angles_rad)  # as in names
+    design = drawn.model_copy(update={"hinge_angles_rad": tuple(angles)})
     at, module = platform(design), design.task.module
     distance, bolt = module.connector_distance - module.bracket_sizes.set_back, module.bracket_sizes.bolt_diameter
     root = np.eye(4)
     root[:3, :3] = at.poses.R[0]
     poses = [root]
-    for part, (h, _, a, b) in zip(brackets(design), tree.edges(), strict=True):
-        mesh = read(part)
-        parent = module_behind(mating_face(mesh, 1, bolt), a, distance)
-        child = module_behind(mating_face(mesh, 2, bolt), b, distance)
+    meshes = {part.file: read(part) for part in brackets(design)}
+    for (h, _, a, b), phi in zip(tree.edges(), bracket_turns(design), strict=True):
+        faces = (mating_face(meshes[bracket_file(abs(phi))], marks, bolt) for marks in (1, 2))
+        marks_up = -1 if phi < 0 else 1  # upside down, mark holes are towards the modules' lower sides
+        parent, child = (
+            module_behind((centre, normal, marks_up * up), port, distance)
+            for (centre, normal, up), port in zip(faces, (a, b), strict=True)
+        )
         poses.append(poses[h] @ np.linalg.inv(parent) @ child)
     for i, pose in enumerate(poses):
         np.testing.assert_allclose(pose[:3, 3], at.poses.p[i], atol=1e-4)
@@ -103,14 +120,27 @@ def test_any_fold_is_a_closed_solid_that_keeps_off_both_modules(degrees: float, 
     assert 0.8 * flanges < mesh.volume < 8 * flanges
 
 
-def test_names_tell_joint_and_angle() -> None:
-    design = random_design(Topology.from_key("a300"), 3).model_copy(
-        update={"hinge_angles_rad": (math.radians(12.3456), math.radians(-84.5))}
-    )
-    assert [part.file for part in brackets(design)] == [
-        "bracket_01_module0-port0_module1-port2_+12.346deg.stl",
-        "bracket_02_module0-port1_module2-port3_-84.500deg.stl",
+def test_there_is_a_file_for_each_kind_of_bracket_and_it_is_counted() -> None:
+    angles = tuple(map(math.radians, (84.5, -12.3456, -0.0, 12.3462)))
+    design = random_design(Topology.from_key("a70010"), 3).model_copy(update={"hinge_angles_rad": angles})
+    assert [(part.file, part.count) for part in brackets(design)] == [
+        ("bracket_0.000deg.stl", 1),
+        ("bracket_12.346deg.stl", 2),
+        ("bracket_84.500deg.stl", 1),
     ]
+    page = sheet(design, printed_parts(design), ())
+    steps = re.findall("with (bracket_[0-9.]+deg.stl), mark holes (up|down)", page)
+    assert steps == [
+        ("bracket_84.500deg.stl", "up"),
+        ("bracket_12.346deg.stl", "up"),
+        ("bracket_0.000deg.stl", "up"),
+        ("bracket_12.346deg.stl", "down"),
+    ]
+    rows = [row for row in parts_list(design, printed_parts(design)) if row[0] == "bracket"]
+    assert [row[1] for row in rows] == [1, 2, 1]
+    bolts = next(row[1] for row in parts_list(design, printed_parts(design)) if row[0] == "bolt with nut")
+    flanges = 8 + sum(part.count for part in struts(design)) + (mount(design) is not None)
+    assert bolts == 4 * flanges
 
 
 @pytest.mark.parametrize("tree", TREES, ids=lambda tree: tree.key)

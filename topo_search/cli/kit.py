@@ -51,7 +51,8 @@ def kit(
     its effort. The drawer has the fewest brackets; among those choices the fewest joints change from task to task,
     in the order given; then effort decides. A kind of bracket is the size of a hinge angle, to a thousandth of a
     degree; the drawer holds as many as the task that needs most of them. DIR gets `kit.json`, the page
-    `index.html`, a sheet per change and a kit per task, as from `export --format kit`.
+    `index.html`, the drawer's `brackets` to print, a sheet per change and a kit per task, as from
+    `export --format kit`.
 
     Exit status: 0; 2 bad input; 3 no common kit, because a run has no clear design.
     """

@@ -33,8 +33,8 @@ from pydantic import ConfigDict, Field
 from topo_search.compose.designs import audits, brackets_note
 from topo_search.compose.drawer_page import change_page, drawer_page
 from topo_search.compose.searching import search
-from topo_search.export.brackets import DIGITS, TURNS
-from topo_search.export.kit import write_kit
+from topo_search.export.brackets import DIGITS, Part, bracket, bracket_file, bracket_turns
+from topo_search.export.kit import BRACKETS, write_kit
 from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
 from topo_search.model.arrays import Array
 from topo_search.model.files import to_json, write_atomically
@@ -71,6 +71,11 @@ class Brackets(Value):
     """Size of the hinge angle [deg]."""
     count: Index
     """As many as the task that needs most of them."""
+
+    @property
+    def file(self) -> str:
+        """What to print, in the folder of the kit."""
+        return f"{BRACKETS}/{bracket_file(self.angle_deg)}"
 
 
 class Step(Value):
@@ -201,8 +206,8 @@ def kit(
         tasks: tasks, files, names of examples, or folders of finished runs. What is no folder is searched first,
             in its default folder of `search`, with every local optimum kept; each gives its clear designs as large
             as its best.
-        out: a new or empty folder, which gets `kit.json`, a page, a sheet a change and a folder with the kit of
-            each task.
+        out: a new or empty folder, which gets `kit.json`, a page, a sheet a change, the brackets of the drawer to
+            print, a file a kind, and a folder with the kit of each task.
         within: largest effort of a design over the least of its task [%].
         tolerance_deg: range of angles that one bracket may serve: designs with such angles replaced by the middle
             of the range are choices as well, if they are clear [deg].
@@ -230,6 +235,9 @@ def kit(
         written = write_kit(design, (out / told.design).parent, (*before, beside))
         for text in written.notes:
             note(f"{told.task}: {text}")
+    for kind in shared.brackets:
+        solid = bracket(chosen[0].task.module.bracket_sizes, math.radians(kind.angle_deg))
+        write_atomically(out / kind.file, Part(kind.file, solid).stl())
     for name, change, (one, other) in zip(shared.pages, shared.changes, pairwise(chosen), strict=True):
         write_atomically(out / name, change_page(change, one, other))
     write_atomically(out / PAGE, drawer_page(shared, chosen))
@@ -365,7 +373,7 @@ def _without_copies(designs: Sequence[Design]) -> list[int]:
 
 def count_kinds(design: Design) -> Counter[float]:
     """Return the number of brackets of each kind, by the size of the angle [deg]."""
-    return Counter(abs(angle) for *_, angle in _joints(design))
+    return Counter(map(abs, bracket_turns(design)))
 
 
 def shared_part(one: Design, other: Design) -> dict[int, int]:
@@ -396,9 +404,8 @@ def shared_part(one: Design, other: Design) -> dict[int, int]:
 
 
 def _joints(design: Design) -> list[tuple[int, int, int, int, float]]:
-    """Return (h, i, a, b, phi) of every joint: phi, rounded, is the child's turn as of `export.brackets` [deg]."""
-    edges = zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
-    return [(*edge, round(TURNS[edge[2]] * math.degrees(alpha), DIGITS)) for edge, alpha in edges]
+    """Return (h, i, a, b, phi) of every joint: phi is the child's turn as of `export.brackets` [deg]."""
+    return [(*edge, phi) for edge, phi in zip(design.topology.edges(), bracket_turns(design), strict=True)]
 
 
 def _ports(design: Design) -> dict[int, dict[int, tuple[int, int, float]]]:

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 def drawer_page(shared: SharedKit, designs: Sequence[Design]) -> str:
     """Return the page of a drawer: what is in it, the design of each task, and every change."""
     lines = [paragraph(text) for text in shared.lines[:2]]
-    brackets = [(f"{kind.angle_deg:.{DIGITS}f}", kind.count) for kind in shared.brackets]
-    lines += ["<h2>Drawer</h2>", table(("hinge angle [deg]", "brackets"), brackets), "<h2>Tasks</h2>"]
+    brackets = [(f"{kind.angle_deg:.{DIGITS}f}", kind.count, kind.file) for kind in shared.brackets]
+    lines += ["<h2>Drawer</h2>", table(("hinge angle [deg]", "brackets", "to print"), brackets), "<h2>Tasks</h2>"]
     captions = [
         f'<a href="{escape(task.design.replace("design.json", "assembly.html"))}">{escape(task.task)}</a>'
         for task in shared.tasks
@@ -47,6 +47,10 @@ def change_lines(change: Change, before: Design, after: Design) -> Iterator[str]
         "Joints that stay are green. Every module comes off the end of a piece, and is added to one piece."
     )
     yield from (paragraph(text) for text in change.instructions)
+    yield paragraph(
+        f"Then rod and end-effector go where the last step of the assembly sheet of {escape(change.after)} says, "
+        "and the autopilot gets the allocation of that kit."
+    )
 
 
 def _side_by_side(drawings: Iterable[tuple[str, str]]) -> str:

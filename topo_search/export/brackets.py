@@ -8,14 +8,16 @@ r"""Brackets and the rod's mount as solids to print, in millimetres, each in a f
 | r, d, t, w | half width and set-back of a flange, its thickness, wall (`model.bracket`) | | m |
 | v | direction of the rod in the frame of the connector that holds it | (3,) | |
 
-R_h H_a(alpha) = R_h R_z(a pi/2) R_y(phi) R_z(-a pi/2), so the same solid fits all four ports. The outer face of the
-parent's flange is the plane x = -d, that of the child's x = d after the turn. Towards z, a flange has one mark hole
-(the parent's) or two (the child's): where both modules have their upper sides.
+R_h H_a(alpha) = R_h R_z(a pi/2) R_y(phi) R_z(-a pi/2), so the same solid fits all four ports, and upside down it is
+that of -phi. The outer face of the parent's flange is the plane x = -d, that of the child's x = d after the turn.
+Towards z, a flange has one mark hole (the parent's) or two (the child's): where both modules have their upper
+sides, or upside down their lower ones.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -75,8 +77,8 @@ class Part:
 class Printed(NamedTuple):
     """All solids of a kit."""
 
-    joints: list[Part]
-    """The bracket of every joint, in the order of assembly."""
+    brackets: list[Part]
+    """A kind for each size of hinge angle, with its count."""
     mount: Part | None
     """The mount of the end-effector's rod."""
     struts: list[Part]
@@ -84,7 +86,7 @@ class Printed(NamedTuple):
     @property
     def parts(self) -> list[Part]:
         """All of them."""
-        return [*self.joints, *([] if self.mount is None else [self.mount]), *self.struts]
+        return [*self.brackets, *([] if self.mount is None else [self.mount]), *self.struts]
 
 
 def printed_parts(design: Design) -> Printed:
@@ -93,20 +95,29 @@ def printed_parts(design: Design) -> Printed:
 
 
 def brackets(design: Design) -> list[Part]:
-    """Return the bracket of every joint, in the order of assembly.
+    """Return the brackets: a kind for each size of hinge angle, with its count.
 
     Raises:
         BadInput: there is no room for them between a connector and the modules' centres.
     """
     module = design.task.module
     require_room(module)
-    parts = []
+    kinds = Counter(map(abs, bracket_turns(design)))
+    return [
+        Part(bracket_file(size), bracket(module.bracket_sizes, math.radians(size)), count)
+        for size, count in sorted(kinds.items())
+    ]
+
+
+def bracket_turns(design: Design) -> list[float]:
+    """Return phi of every joint, rounded as in names [deg]; where it is negative the bracket is upside down."""
     edges = zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
-    for step, ((h, i, a, b), alpha) in enumerate(edges, start=1):
-        angle = f"{math.degrees(alpha):+.{DIGITS}f}deg"
-        name = f"bracket_{step:02d}_module{h}-port{a}_module{i}-port{b}_{angle}.stl"
-        parts.append(Part(name, bracket(module.bracket_sizes, TURNS[a] * alpha)))
-    return parts
+    return [round(TURNS[a] * math.degrees(alpha), DIGITS) for (_, _, a, _), alpha in edges]
+
+
+def bracket_file(size: float) -> str:
+    """Return the name of the file of a bracket, by the size of its angle [deg]."""
+    return f"bracket_{size:.{DIGITS}f}deg.stl"
 
 
 def struts(design: Design) -> list[Part]:

@@ -22,6 +22,8 @@ from topo_search.export.brackets import (
     TURNS,
     Part,
     Printed,
+    bracket_file,
+    bracket_turns,
     connector_turn,
     grip_of,
     has_clamp,
@@ -48,7 +50,7 @@ up is z. A hinge angle turns the child about the parent's y axis at ports 0 and 
 1 and 3, by the right-hand rule; at zero parent and child lie in one plane. So a positive angle takes the
 child's far end down at ports 0 and 3, and up at ports 1 and 2. The drawing of a step shows the joint from
 its side: parent on the left, its upper side up. Each bracket has one mark hole on the parent's flange and
-two on the child's: towards the upper side of either module."""
+two on the child's: towards the upper side of either module, or the lower one where a step says mark holes down."""
 
 
 def sheet(design: Design, solids: Printed, notes: Sequence[str]) -> str:
@@ -74,8 +76,8 @@ def sheet(design: Design, solids: Printed, notes: Sequence[str]) -> str:
         table(COLUMNS, parts_list(design, solids)),
         paragraph(ABOUT_PARTS),
         "<h2>Steps</h2>",
-        *_steps(design, solids.joints),
-        *_rod(design, len(solids.joints) + 1, solids.mount),
+        *_steps(design),
+        *_rod(design, design.topology.n, solids.mount),
         "<h2>The whole platform</h2>",
         *overview(design),
         "</body></html>",
@@ -114,12 +116,13 @@ def strut_drawing(design: Design, part: Part) -> str:
     return "\n".join([*svg, "</svg>"])
 
 
-def _steps(design: Design, joints: Sequence[Part]) -> Iterator[str]:
-    edges = zip(joints, design.topology.edges(), design.hinge_angles_rad, strict=True)
-    for step, (part, (h, i, a, b), alpha) in enumerate(edges, start=1):
+def _steps(design: Design) -> Iterator[str]:
+    edges = zip(design.topology.edges(), design.hinge_angles_rad, bracket_turns(design), strict=True)
+    for step, ((h, i, a, b), alpha, phi) in enumerate(edges, start=1):
         text = (
             f"Step {step}. Bolt port {b} ({PORT_NAMES[b]}) of module {i} to port {a} ({PORT_NAMES[a]}) of module "
-            f"{h}, at {math.degrees(alpha):+.{DIGITS}f} deg, with {part.file}. Module {i} {slope(a, alpha)}."
+            f"{h}, at {math.degrees(alpha):+.{DIGITS}f} deg, with {bracket_file(abs(phi))}, mark holes "
+            f"{'down' if phi < 0 else 'up'}. Module {i} {slope(a, alpha)}."
         )
         yield f"<section>{joint(design.task.module.bracket_sizes, a, alpha)}{paragraph(text)}</section>"
 
@@ -324,11 +327,11 @@ ABOUT_PARTS = (
 def parts_list(design: Design, solids: Printed) -> list[Row]:
     """Return a row for every kind of part, then the total, and the mass of the model."""
     task, bracket = design.task, design.task.module.bracket_sizes
-    joints, mount, struts = solids
+    brackets, mount, struts = solids
     rows = [_row("module", design.topology.n, "", task.module.mass)]
-    rows += [_part_row("bracket", part) for part in joints]
+    rows += [_part_row("bracket", part) for part in brackets]
     rows += [_part_row("strut", part) for part in struts]
-    flanges = 2 * len(joints) + sum(part.count for part in struts)
+    flanges = 2 * (design.topology.n - 1) + sum(part.count for part in struts)
     rod = rod_of(design, poses(design))
     if mount is not None and rod is not None:
         flanges += 1
