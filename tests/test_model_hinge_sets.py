@@ -8,6 +8,7 @@ import pytest
 from nlp.numbers.geometry import fold_excess, nearest_angles, ranges, turns
 from topo_search.model import BadInput, Topology
 from topo_search.model.files import read_task, to_toml
+from topo_search.model.relaxable import relaxable
 from topo_search.model.task_warnings import task_warnings
 
 TREE = Topology.from_key("a300")
@@ -68,6 +69,15 @@ def test_a_task_without_a_set_is_written_as_before():
     assert "hinge" not in read_task("push").resolve(3).model_dump_json()
     assert "hinge_step_deg = 15" in to_toml(of("hinge_step_deg=15"))
     assert of("hinge_step_deg=15").search.any_angle == read_task("push").search
+
+
+def test_a_task_without_a_design_is_told_to_leave_the_set_out():
+    for setting in ("hinge_step_deg=15", "hinge_angles_deg=[0]"):
+        limits = {each.limit: each for each in relaxable(of(setting), 3)}
+        freed = limits["set of hinge angles"]
+        assert freed.field == f"search.{setting.partition('=')[0]} left out"
+        assert freed.relaxed(freed.most) == read_task("push", ("modules=3",))
+    assert "set of hinge angles" not in {each.limit for each in relaxable(read_task("push"), 3)}
 
 
 def test_the_solver_holds_hinges_to_the_nearest_angle_bit_by_bit():

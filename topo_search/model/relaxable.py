@@ -82,9 +82,15 @@ def _search(task: Task, n: int) -> Iterator[Relaxable]:
         most = 1 / task.search.peak_input - 1
         yield _scale(task, "rotor inputs", "search", "peak_input", most, "larger share of the largest input")
     if task.search.root == "paper":
-        yield _free(task, "orientation of the root", "search", "root")
+        free_root = _with(task, "search", root="free")
+        yield _free("orientation of the root", 'search.root = "free"', free_root)
+    if task.search.hinge_set_deg is not None:
+        given = "hinge_step_deg" if task.search.hinge_angles_deg is None else "hinge_angles_deg"
+        any_angle = task.model_copy(update={"search": task.search.any_angle})
+        yield _free("set of hinge angles", f"search.{given} left out", any_angle)
     if task.end_effector.fixed_position is not None:
-        yield _free(task, "position of the end-effector", "end_effector", "position")
+        free_tip = _with(task, "end_effector", position="free")
+        yield _free("position of the end-effector", 'end_effector.position = "free"', free_tip)
     if task.largest_reach(n) is not None:
         field, reach = ("end_effector", "largest_reach"), methodcaller("largest_reach", n)
         yield _scale(task, "reach of the rod", *field, 1.0, "more reach", "m", reach)
@@ -214,7 +220,6 @@ def _scale(
     return Relaxable(limit, field, more, abs(most), change, value, unit)
 
 
-def _free(task: Task, limit: str, part: str, name: str) -> Relaxable:
+def _free(limit: str, field: str, freed: Task) -> Relaxable:
     """Return a limit that is there or not."""
-    freed, field = _with(task, part, **{name: "free"}), f'{part}.{name} = "free"'
     return Relaxable(limit, field, "freeing it", 1.0, lambda _: freed, lambda _: None, at_once=True)
