@@ -360,8 +360,10 @@ def test_settings_are_for_tasks_alone(tmp_path):
 
 def test_within_nothing_the_best_designs_are_chosen(tmp_path):
     bests = [run(tmp_path / name, {}, name=name) for name in ("push", "wall")]
-    done = make(tmp_path / "push", tmp_path / "wall", "--within", 0, "--out", tmp_path / "kit")
+    words = ("--within", 0, "--bracket-tolerance", 0.5, "--out", tmp_path / "kit")
+    done = make(tmp_path / "push", tmp_path / "wall", *words)
     assert done.exit_code == 0, done.output
+    assert "no design is clear with a bracket shared within 0.5 deg" in done.stderr
     kept = [
         read_json(Design, tmp_path / f"kit/{k}-{best.task.name}/design.json") for k, best in enumerate(bests, 1)
     ]

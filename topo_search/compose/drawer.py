@@ -157,12 +157,12 @@ class SharedKit(Value):
     @property
     def lines(self) -> list[str]:
         """The drawer, the tasks and the changes, for a reader."""
-        brackets = sum(kind.count for kind in self.brackets)
+        brackets, kinds = sum(kind.count for kind in self.brackets), len(self.brackets)
         most = upper_text(max(task.over_best_percent for task in self.tasks), 3)
         kept = " x ".join(map(str, self.designs_kept))
         return [
-            f"{self.modules} modules and {brackets} brackets of {len(self.brackets)} kinds do all tasks within "
-            f"{most} % of their least effort",
+            f"{self.modules} modules and {brackets} brackets of {kinds} kind{'s' * (kinds != 1)} do all tasks "
+            f"within {most} % of their least effort",
             f"no choice of the designs kept ({kept}) needs fewer brackets",
             *(f"bracket {kind.angle_deg:.{DIGITS}f} deg: {kind.count}" for kind in self.brackets),
             *(
@@ -225,7 +225,9 @@ def kit(
     choices = [_read_choices(_run_of(task, within, workers, observer), within) for task in tasks]
     _require_same_module(choices)
     if tolerance_deg:
-        choices = share_brackets(choices, tolerance_deg, within)
+        alone, choices = choices, share_brackets(choices, tolerance_deg, within)
+        if choices == alone:
+            note(f"no design is clear with a bracket shared within {tolerance_deg:g} deg")
     chosen = [each.designs[d] for each, d in zip(choices, choose([each.designs for each in choices]), strict=True)]
     shared = _describe(choices, chosen, within)
     for number, (design, told) in enumerate(zip(chosen, shared.tasks, strict=True)):
@@ -445,7 +447,7 @@ def _read_choices(run: Path, within: float) -> Choices:
         best = answer.best
         if best is None or best.objective is None:
             raise NoCommonKit(f"no common kit: {run} has no design with a clear audit")
-        level = folder.levels[answer.points[0].number if answer.points else 0]
+        level = folder.levels[answer.level]
         most = (1 + within / 100) * best.objective
         designs = [
             design
