@@ -85,13 +85,6 @@ def test_the_plan_names_candidates_starts_workers_stages_and_time():
     assert limited.endswith("about 25 s, of which at most 20 s to solve")
 
 
-def test_a_plan_of_days_names_the_strategy_that_solves_fewer():
-    phases = (Phase("searching", 12, 100_000, 8, seconds=3.0), WRITING)
-    assert describe_plan(Plan(phases, workers=2)).endswith("; `--strategy optuna` solves only the most promising")
-    for plan in (Plan(phases, workers=2, sampled=True), Plan(phases, workers=2, time_limit=3600.0)):
-        assert "optuna" not in describe_plan(plan)
-
-
 def test_a_plan_is_what_is_left_to_do(tmp_path):
     plans = []
 

@@ -41,11 +41,18 @@ def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
     assert rows[0][0] == best
     assert {row[1] for row in rows} == {2, 3}
     assert "audit: clear" in page.text
-    assert "topo-search run task.toml --symmetry c2 --starts 4 --seed 5" in page.text
+    assert "topo-search run task.toml --strategy exhaustive --symmetry c2 --starts 4 --seed 5" in page.text
     assert 'name = "toy"' in page.text
     assert json.loads(page.data["view-data"])["parts"]
     for part in ("inputs", "progress-2", "progress-3"):
         assert json.loads(page.data[f"{part}-data"])["data"]
+
+
+def test_only_several_audited_designs_have_a_plot_to_choose_from(tmp_path):
+    one = Reader(toy_page(tmp_path / "one", modules=2, listed=("a20",)))
+    several = Reader(toy_page(tmp_path / "several", modules=2))
+    assert "choice-data" not in one.data
+    assert "choice-data" in several.data
 
 
 def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):

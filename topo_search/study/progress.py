@@ -88,8 +88,6 @@ class Plan:
     """Number of steps taken at a time; None where that is not known."""
     time_limit: float = math.inf
     """Time limit of the solves [s]; audits come after it."""
-    sampled: bool = False
-    """True if a sampler chooses the candidates."""
 
     @property
     def solves(self) -> bool:
@@ -163,8 +161,7 @@ def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) ->
                 if left > 0:
                     phases.append(Phase(name, n, left, stop, solving_seconds(context.task, stop - before)))
             phases.append(audit_phase(n, min(AUDITED, candidates)))
-    sampled = folder.request.trials is not None
-    return Plan((*phases, WRITING), workers, time_limit, sampled)
+    return Plan((*phases, WRITING), workers, time_limit)
 
 
 class Observer(Protocol):
