@@ -141,6 +141,7 @@ def test_the_exit_status_is_the_answer_and_comes_again(command, monkeypatch, tol
         (["run", "toy.toml", "--modules", "many"], "must be N or LO-HI, but got 'many'"),
         (["run", "toy.toml", "--strategy", "optuna", "--round", 1001], "is not in the range 1<=x<=1000"),
         (["run", "toy.toml", "--round", 8], "--round require --strategy optuna"),
+        (["run", "toy.toml", "--modules", "12", "--workers", 2], "choose the strategy: `optuna` solves the most"),
         (["run", "toy.toml", "--out", "toy.toml"], "is a file"),
         (["run", "toy.toml", "--out", "toy.toml/deeper"], "cannot be made"),
         (["solve", "toy.toml", "--topology", "b00"], "a topology key starts with `a` or `p`, but got 'b00'"),

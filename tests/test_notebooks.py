@@ -16,6 +16,8 @@ import pytest
 from nbclient import NotebookClient
 from PIL import Image
 
+import topo_search
+
 NOTEBOOKS = Path(__file__).parents[1] / "notebooks"
 EXECUTED = NOTEBOOKS.parent / "docs/executed"
 BOOKS = sorted(NOTEBOOKS.glob("*.ipynb"))
@@ -80,6 +82,15 @@ def test_git_holds_no_output_and_no_path_of_a_machine(book):
             assert cell.outputs == []
             assert cell.execution_count is None
             assert "Markdown(" not in cell.source  # a cell is what a user would write: no code that makes prose
+
+
+def test_what_the_package_exports_is_imported_from_its_top(book):
+    code = "\n".join(cell.source for cell in nbformat.read(book, as_version=4).cells if cell.cell_type == "code")
+    imports = re.findall(r"^from topo_search(\S*) import (.+)$", code, re.MULTILINE)
+    assert imports
+    for module, names in imports:
+        exported = [name in topo_search.__all__ for name in names.split(", ")]
+        assert all(exported) if not module else not any(exported), (module, names)
 
 
 def test_runs_from_a_fresh_kernel(book, tmp_path, monkeypatch):

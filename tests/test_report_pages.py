@@ -22,6 +22,7 @@ from topo_search.model.proven import gap_percent
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import design_page
+from topo_search.report.design_part import design_part
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page, write_run_page
 from topo_search.report.scene import closest_words, scene
@@ -41,11 +42,26 @@ def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
     assert rows[0][0] == best
     assert {row[1] for row in rows} == {2, 3}
     assert "audit: clear" in page.text
-    assert "topo-search run task.toml --symmetry c2 --starts 4 --seed 5" in page.text
+    assert "topo-search run task.toml --strategy exhaustive --symmetry c2 --starts 4 --seed 5" in page.text
     assert 'name = "toy"' in page.text
     assert json.loads(page.data["view-data"])["parts"]
     for part in ("inputs", "progress-2", "progress-3"):
         assert json.loads(page.data[f"{part}-data"])["data"]
+
+
+@pytest.mark.parametrize(
+    ("rod", "said"), [("none", "The task has no rod; the end-effector could sit on"), ("straight", "sits on")]
+)
+def test_only_a_required_rod_carries_the_end_effector(audited, rod, said):
+    made = design(Topology.from_key("af0000"), "push-two-paths", f"end_effector.rod={rod}")
+    assert said in design_part(made, audited[1])["rod"]
+
+
+def test_only_several_audited_designs_have_a_plot_to_choose_from(tmp_path):
+    one = Reader(toy_page(tmp_path / "one", modules=2, listed=("a20",)))
+    several = Reader(toy_page(tmp_path / "several", modules=2))
+    assert "choice-data" not in one.data
+    assert "choice-data" in several.data
 
 
 def test_a_run_without_a_design_says_why(tmp_path, monkeypatch):

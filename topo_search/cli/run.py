@@ -34,9 +34,7 @@ if TYPE_CHECKING:
 @click.option(
     "--strategy",
     type=click.Choice(["exhaustive", "optuna"]),
-    default="exhaustive",
-    show_default=True,
-    help="Solve all candidates, or those that a sampler proposes.",
+    help="Solve all candidates (default, if it takes less than a day), or those that a sampler proposes.",
 )
 @click.option(
     "--sampler",
@@ -105,7 +103,7 @@ def run(
     scheduler do not start, answer or return (results are kept; run the same command to continue); 74 the disk is
     full or fails, or the folder was removed (the best design is then printed).
     """
-    exhaustive, prune = asked["strategy"] == "exhaustive", asked["prune"]
+    exhaustive, prune = asked["strategy"] != "optuna", asked["prune"]
     if exhaustive and (asked["sampler"] or asked["trials"] or asked["round_size"]):
         raise click.UsageError("--sampler, --trials and --round require --strategy optuna")
     if prune and not exhaustive:

@@ -14,6 +14,7 @@ import nlp
 import verify
 from topo_search.compose.binding import (
     AnySampler,
+    available_cores,
     backends,
     enclose_speed,
     named_sampler,
@@ -42,6 +43,7 @@ from topo_search.study import (
 )
 from topo_search.study import check as check_run
 from topo_search.study import prove as prove_run
+from topo_search.study.progress import solving_seconds
 from topo_search.study.proving import refuse_unprovable
 from topo_search.study.request import digest
 from topo_search.topologies import OwnTopology, Symmetry, improper_isometry, own_candidates
@@ -50,6 +52,9 @@ AnyTask = TypeVar("AnyTask", Task, ResolvedTask)
 
 DEFAULT_TRIALS = 512
 """Candidates that are proposed by default when not all are solved."""
+
+DAY_S = 24 * 3600.0
+"""Longest search of all candidates that nobody has to ask for [s]."""
 
 DEFAULT_GAP = 0.003
 """To which a tree is proven that cannot be excluded."""
@@ -60,7 +65,7 @@ def search(
     *,
     out: str | Path | None = None,
     symmetry: Symmetry = "task",
-    strategy: StrategyName = "exhaustive",
+    strategy: StrategyName | None = None,
     sampler: AnySampler = "moves",
     trials: int | None = DEFAULT_TRIALS,
     round_size: int = DEFAULT_ROUND,
@@ -85,7 +90,8 @@ def search(
         task: a task, its file, or the name of a shipped example.
         out: the run's folder; default: `runs/NAME-HASH`.
         symmetry: symmetries under which trees count as one candidate.
-        strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes.
+        strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes. Default:
+            `exhaustive`, but refused if it would take over a day without a time limit or Dask.
         sampler: sampling algorithm: `moves` on the best trees, `tpe`, `nsga2` or `random`; or your own: an
             `OwnSampler`, a function that makes any Optuna sampler or a `TopologySampler` for a seed, or a
             `TopologySampler` without state.
@@ -131,10 +137,10 @@ def search(
         symmetry,
         nlp.default_starts(base_task) if starts is None else starts,
         seed,
-        strategy,
+        strategy or "exhaustive",
         sampler if isinstance(sampler, str) else "moves",
         trials if strategy == "optuna" else None,
-        prune and strategy == "exhaustive",
+        prune and strategy != "optuna",
         round_size,
         own=Own(
             topologies=None if topologies is None else own_candidates(topologies, base_task),
@@ -145,7 +151,8 @@ def search(
         near=designs,
         propose=None if own_sampler is None else own_sampler.make,
     )
-    _refuse_endless(request)
+    patient = strategy is not None or dask is not None or math.isfinite(time_limit)
+    _refuse_endless(request, math.inf if patient else DAY_S * (workers or available_cores()))
     if keep_within is not None and (prune or not 0 <= keep_within <= LIMITS.percent):
         raise ValueError(f"`0 <= keep_within <= {LIMITS.percent}` must hold without `prune`, but got {keep_within}")
     if prove is not None:
@@ -315,10 +322,16 @@ def _versions(folder: str | Path) -> Mapping[str, str]:
         return found.request.versions
 
 
-def _refuse_endless(request: Request) -> None:
-    """Refuse to solve all candidates where there are more than anybody can, before a folder is made for them."""
+def _refuse_endless(request: Request, longest: float) -> None:
+    """Refuse to solve all candidates where that takes too long, before a folder is made for them.
+
+    Args:
+        request: of the run.
+        longest: processor time that the user has patience for [s].
+    """
     if request.trials is not None:
         return
+    seconds = 0.0
     for n in request.task.sizes:
         if (count := request.space(n).count()) > LIMITS.candidates:
             rule = (
@@ -326,3 +339,10 @@ def _refuse_endless(request: Request) -> None:
                 f"{Decimal(count):.1e}; choose the strategy `optuna`"
             )
             raise BadInput(request.task.name, [Fault("modules", rule)])
+        seconds += count * solving_seconds(request.task.resolve(n), request.starts)
+    if seconds > longest:
+        rule = (
+            f"all candidates take about {seconds / 3600:,.0f} hours of processor time; choose the strategy: "
+            "`optuna` solves the most promising, `exhaustive` all of them"
+        )
+        raise BadInput(request.task.name, [Fault("modules", rule)])

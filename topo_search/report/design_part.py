@@ -41,7 +41,7 @@ def design_part(design: Design, audit: Audit | None) -> dict[str, Any]:
         "view": view("view", design, at, audit, forces=True),
         "tree": Markup(tree_svg(design, assembly)),
         "joints": _joints(design),
-        "rod": None if assembly is None else _rod(assembly),
+        "rod": None if assembly is None else _rod(assembly, required=design.task.end_effector.rod != "none"),
         "clearances": ()
         if audit is None
         else tuple(
@@ -72,16 +72,17 @@ def _joints(design: Design) -> Table:
     return Table(("module", "its port", "bolted to module", "port there", "hinge angle"), rows, {0, 2, 4})
 
 
-def _rod(assembly: Assembly) -> str | None:
-    """Return what holds the end-effector, as far as the audit says."""
+def _rod(assembly: Assembly, *, required: bool) -> str | None:
+    """Return what holds, or would hold, the end-effector, as far as the audit says."""
     sheet = assembly.end_effector
     if sheet is None:
         return None
     note = "" if sheet.note is None else f" Note: {sheet.note}."
     if sheet.mount is None or sheet.rod is None:
         return note.strip() or None
+    holds = "The end-effector sits on" if required else "The task has no rod; the end-effector could sit on"
     return (
-        f"The end-effector sits on a straight rod of {length(sheet.rod.length_m)}, "
+        f"{holds} a straight rod of {length(sheet.rod.length_m)}, "
         f"{length(2 * sheet.rod.radius_m)} thick, {figures(1000 * sheet.rod.mass_kg, 3)} g, "
         f"from port {PORT_NAMES[sheet.mount.port]} of module "
         f"{sheet.mount.module}, along {vector(sheet.rod.direction_in_module)} in the axes of that module.{note}"

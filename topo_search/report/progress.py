@@ -65,9 +65,7 @@ def describe_plan(plan: Plan) -> str:
     names = list(dict.fromkeys(phase.name for phase in plan.phases))
     on = "" if plan.workers is None else f" on {quantity(plan.workers, 'worker')}"
     most_time = f", of which at most {period(plan.time_limit)} to solve" if math.isfinite(plan.time_limit) else ""
-    text = f"plan: {'; '.join(parts)}; {', '.join(names)}{on}: about {period(plan.seconds)}{most_time}"
-    days = not plan.sampled and plan.seconds > 24 * 3600
-    return f"{text}; `--strategy optuna` solves only the most promising" if days else text
+    return f"plan: {'; '.join(parts)}; {', '.join(names)}{on}: about {period(plan.seconds)}{most_time}"
 
 
 class Lines:

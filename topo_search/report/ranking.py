@@ -32,7 +32,7 @@ class Column(NamedTuple):
 
 
 def ranking(candidates: Sequence[Candidate], *, proofs: bool) -> dict[str, Any]:
-    """Return the table of candidates, and the plot where there is an audited design.
+    """Return the table of candidates, and the plot where there are audited designs to choose from.
 
     Args:
         candidates: all candidates with their proofs and audits, in the order of the ranking.
@@ -44,7 +44,7 @@ def ranking(candidates: Sequence[Candidate], *, proofs: bool) -> dict[str, Any]:
             "columns": [(column.name, column.kind, column.better) for column in columns],
             "rows": [[column.value(*candidate) for column in columns] for candidate in candidates],
         },
-        "choice": _choice() if any(audit is not None for *_, audit in candidates) else None,
+        "choice": _choice() if sum(audit is not None for *_, audit in candidates) > 1 else None,
     }
 
 
@@ -100,7 +100,7 @@ COLUMNS = (
     Column("modules", lambda row, proven, audit: row.modules),
     Column("J / bound", lambda row, proven, audit: _over_bound(row), better="less"),
     Column("J [rad⁴/s⁴]", lambda row, proven, audit: _round(row.objective, 6), better="less"),
-    Column("gap [%]", lambda row, proven, audit: _percent(row.gap)),
+    Column("gap [%]", lambda row, proven, audit: _percent(row.gap), better="less"),
     Column("audit", lambda row, proven, audit: _verdict(row, audit), "text"),
     Column("status", lambda row, proven, audit: row.status, "text"),
     Column("any force [N]", lambda row, proven, audit: _least(row.force_reserve_N), better="more"),

@@ -224,11 +224,12 @@ def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
 
 def _reproduction(folder: RunFolder) -> dict[str, Any]:
     request = folder.request
-    options = f"--symmetry {request.symmetry} --starts {request.starts} --seed {request.seed}"
+    search = f"--strategy {request.strategy} --symmetry {request.symmetry}"
+    options = f"{search} --starts {request.starts} --seed {request.seed}"
     if request.strategy == "optuna":
         trials = request.trials or max(request.space(n).count() for n in request.task.sizes)
         sampler = "" if request.own.sampler is not None else f" --sampler {request.sampler}"
-        options += f" --strategy optuna{sampler} --trials {trials} --round {request.round_size}"
+        options += f"{sampler} --trials {trials} --round {request.round_size}"
     elif request.prune:
         options += " --prune"
     notes: tuple[str, ...] = (

@@ -12,7 +12,9 @@ The expected processor times are rough: they say how long a run is about to take
 
 A step of the present phase is taken to need (E + c T s) / (d + T) seconds: what was seen, and T steps as they were
 expected. T counts steps, not seconds: where an expectation is wrong by a factor of hundreds, a few steps show it.
-Phases that are yet to come are expected to take c times what they were planned with. Between sizes, and beyond
+While steps run, the phase needs at least as long again as no step has ended.
+Phases that are yet to come are expected to take c times what they were planned with; solves and audits have each
+their own c, since a slow solve says nothing of audits. Between sizes, and beyond
 those seen, log c is a line over log n, so that large sizes that cost more than expected are foreseen from the small
 ones. Until each worker has ended a step, time is not counted: the first one loads and compiles the solver.
 A time limit ends what is solved; audits come after it.
@@ -34,6 +36,7 @@ from topo_search.study.row import Row
 if TYPE_CHECKING:
     from topo_search.study.folder import RunFolder
 
+Kind = tuple[bool, int]
 PhaseName = Literal["proving", "searching", "polishing", "auditing", "relaxing", "writing"]
 
 AUDITED = 10
@@ -74,6 +77,11 @@ class Phase:
     """True if the steps follow each other in one process."""
 
     @property
+    def kind(self) -> Kind:
+        """Whether it solves, and its modules: what its time is foreseen from."""
+        return bool(self.starts), self.n
+
+    @property
     def same(self) -> tuple[PhaseName, int, int]:
         """Key that a planned phase shares with the one that comes."""
         return self.name, self.n, self.starts
@@ -88,8 +96,6 @@ class Plan:
     """Number of steps taken at a time; None where that is not known."""
     time_limit: float = math.inf
     """Time limit of the solves [s]; audits come after it."""
-    sampled: bool = False
-    """True if a sampler chooses the candidates."""
 
     @property
     def solves(self) -> bool:
@@ -132,7 +138,7 @@ def proof_phase(n: int) -> Phase:
     return Phase("proving", n, 1, seconds=0.5, alone=True)
 
 
-WRITING = Phase("writing", 0, 1, seconds=1.5, alone=True)
+WRITING = Phase("writing", 0, 1, seconds=5.0, alone=True)
 """The phase that writes all files, and the page."""
 
 
@@ -163,8 +169,7 @@ def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) ->
                 if left > 0:
                     phases.append(Phase(name, n, left, stop, solving_seconds(context.task, stop - before)))
             phases.append(audit_phase(n, min(AUDITED, candidates)))
-    sampled = folder.request.trials is not None
-    return Plan((*phases, WRITING), workers, time_limit, sampled)
+    return Plan((*phases, WRITING), workers, time_limit)
 
 
 class Observer(Protocol):
@@ -212,9 +217,9 @@ class TimeLeft:
         self._workers = 1
         self._end = math.inf
         self._phase = Phase("writing", 0, 0, alone=True)
-        self._began = 0.0
+        self._began = self._last = 0.0
         self._done = self._known = 0
-        self._spent: dict[int, Spent] = {}
+        self._spent: dict[Kind, Spent] = {}
         self._waking_workers = 0
 
     def plan(self, plan: Plan, now: float) -> None:
@@ -234,13 +239,15 @@ class TimeLeft:
         places = [place for place, planned in enumerate(self._planned) if planned.same == phase.same]
         if places:
             del self._planned[: places[0] + 1]
-        self._phase, self._began, self._done, self._known = phase, now, 0, 0
+        self._phase, self._done, self._known = phase, 0, 0
+        self._began = self._last = now
 
     def step(self, now: float, *, known: bool) -> None:
         """Count a step; one whose result was known took no time."""
         if self._waking and not known:
             self._began = max(self._began, now - self._phase.seconds)
             self._waking_workers -= 1
+        self._last = now
         self._done += not known
         self._known += known
 
@@ -248,7 +255,7 @@ class TimeLeft:
         """Return how long it still takes [s]."""
         spent = self._spent_until(now)
         solving = other = 0.0
-        planned = [(phase, correction(spent, phase.n) * duration(phase, self._workers)) for phase in self._planned]
+        planned = [(phase, correction(spent, phase) * duration(phase, self._workers)) for phase in self._planned]
         for phase, left in [*planned, (self._phase, self._present(now))]:
             if phase.starts:
                 solving += left
@@ -262,12 +269,13 @@ class TimeLeft:
         if not phase.steps:
             return 0.0
         due = phase.steps - self._known
-        step = correction(self._spent, phase.n) * duration(phase, self._workers) / phase.steps
+        step = correction(self._spent, phase) * duration(phase, self._workers) / phase.steps
         if self._waking:
             return max(0.0, self._began + EXPECTED.waking_s - now) + step * due
         done = self._done + self._half(due)
         weight = EXPECTED.trusted_steps if step else 0.0  # without expectation, what is seen
-        return (now - self._began + weight * step) / (done + weight) * max(0.0, due - done)
+        left = (now - self._began + weight * step) / (done + weight) * max(0.0, due - done)
+        return max(left, now - self._last) if self._done < due else left
 
     def _half(self, due: int) -> float:
         return 0.5 * max(0, min(1 if self._phase.alone else self._workers, due - self._done))
@@ -276,8 +284,8 @@ class TimeLeft:
     def _waking(self) -> bool:
         return not self._phase.alone and self._waking_workers > 0
 
-    def _spent_until(self, now: float) -> dict[int, Spent]:
-        """Return what was spent on each size, the present phase included."""
+    def _spent_until(self, now: float) -> dict[Kind, Spent]:
+        """Return what was spent on each size, apart for solves and the rest, the present phase included."""
         phase = self._phase
         if phase.alone or not phase.steps or self._waking:
             return self._spent
@@ -285,9 +293,9 @@ class TimeLeft:
             duration(phase, self._workers) / phase.steps,
             self._done + self._half(phase.steps - self._known),
         )
-        before = self._spent.get(phase.n, Spent(0.0, 0.0, 0.0))
+        before = self._spent.get(phase.kind, Spent(0.0, 0.0, 0.0))
         more = Spent(before.taken + now - self._began, before.expected + steps * step, before.steps + steps)
-        return {**self._spent, phase.n: more}
+        return {**self._spent, phase.kind: more}
 
 
 class Spent(NamedTuple):
@@ -300,9 +308,11 @@ class Spent(NamedTuple):
     steps: float
 
 
-def correction(spent: Mapping[int, Spent], n: int) -> float:
+def correction(spent: Mapping[Kind, Spent], phase: Phase) -> float:
     """Return c(n), by a line through log c over log n of the sizes seen, each weighed by its steps."""
-    seen = [(math.log(m), *one) for m, one in spent.items() if one.steps and one.expected and one.taken > 0]
+    solves, n = phase.kind
+    alike = [(m, one) for (kind, m), one in spent.items() if kind is solves]
+    seen = [(math.log(m), *one) for m, one in alike if one.steps and one.expected and one.taken > 0]
     steps = sum(weight for *_, weight in seen)
     if not steps:
         return 1.0
