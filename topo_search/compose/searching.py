@@ -91,7 +91,7 @@ def search(
         out: the run's folder; default: `runs/NAME-HASH`.
         symmetry: symmetries under which trees count as one candidate.
         strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes. Default:
-            `exhaustive`, but refused if it would take over a day without a time limit or Dask.
+            `exhaustive`, but a new one that would take over a day, without a time limit or Dask, is refused.
         sampler: sampling algorithm: `moves` on the best trees, `tpe`, `nsga2` or `random`; or your own: an
             `OwnSampler`, a function that makes any Optuna sampler or a `TopologySampler` for a seed, or a
             `TopologySampler` without state.
@@ -151,7 +151,8 @@ def search(
         near=designs,
         propose=None if own_sampler is None else own_sampler.make,
     )
-    patient = strategy is not None or dask is not None or math.isfinite(time_limit)
+    path = Path("runs") / request.folder_name if out is None else Path(out)
+    patient = strategy is not None or dask is not None or math.isfinite(time_limit) or path.exists()
     _refuse_endless(request, math.inf if patient else DAY_S * (workers or available_cores()))
     if keep_within is not None and (prune or not 0 <= keep_within <= LIMITS.percent):
         raise ValueError(f"`0 <= keep_within <= {LIMITS.percent}` must hold without `prune`, but got {keep_within}")
@@ -166,7 +167,6 @@ def search(
         resolved, topology = base_task.resolve(n), next(request.space(n).candidates()).topology
         nlp.refuse_unusable(checked, resolved, topology)
         nlp.refuse_wrong_claims(checked, resolved, topology, mirror=improper_isometry(resolved))
-    path = Path("runs") / request.folder_name if out is None else Path(out)
     observer, until = observer or Silent(), time.monotonic() + time_limit
 
     def prepare() -> None:
