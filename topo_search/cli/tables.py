@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -136,11 +137,21 @@ def print_figures(designs: Mapping[str, Mapping[str, object]]) -> None:
     """Print a column for each design, and a row for each figure that one of them has."""
     rows = []
     for name in next(iter(designs.values())):
-        cells = [proven_cell(name, figures.get(name)) for figures in designs.values()]
-        if any(cell is not None for cell in cells):
+        figures = [each.get(name) for each in designs.values()]
+        if any(figure is not None for figure in figures):
             label = "J [rad^4/s^4]" if name == "objective" else name  # files keep the older name
-            rows.append((label, *("" if cell is None else str(cell) for cell in cells)))
+            rows.append((label, *("" if figure is None else _text(name, figure) for figure in figures)))
     _print_table(("", *designs), rows)
+
+
+def _text(name: str, figure: Any) -> str:
+    match name:
+        case "objective":
+            return f"{figure:.6g}"
+        case "gap":
+            return gap_percent(figure)
+        case _:
+            return str(proven_cell(name, figure))
 
 
 def print_runs(runs: Sequence[tuple[Path, Answer]]) -> None:
