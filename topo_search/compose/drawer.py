@@ -41,6 +41,7 @@ from topo_search.model.files import to_json, write_atomically
 from topo_search.model.proven import upper_text
 from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Index, Number, Value
+from topo_search.report.wording import quantity
 from topo_search.study import Observer, RunFolder, answer_of
 from topo_search.study.optima import clear_designs
 
@@ -74,7 +75,7 @@ class Brackets(Value):
 
     @property
     def file(self) -> str:
-        """What to print, in the folder of the kit."""
+        """Path of its STL file in the folder of the kit."""
         return f"{BRACKETS}/{bracket_file(self.angle_deg)}"
 
 
@@ -122,8 +123,8 @@ class Change(Value):
     @property
     def words(self) -> str:
         """Instruction for the change, without a full stop."""
-        joints = f"joint{'s' * (self.undo != 1)}"
-        todo = f"from {self.before} to {self.after}: undo {self.undo} {joints}, then bolt {self.bolt}"
+        undo = quantity(self.undo, "joint")
+        todo = f"from {self.before} to {self.after}: undo {undo}, then bolt {self.bolt}"
         if len(self.stay) == 1:
             return f"{todo}; no two modules stay together"
         stay = ", ".join(f"{i} as {j}" for i, j in self.stay)
@@ -157,11 +158,11 @@ class SharedKit(Value):
     @property
     def lines(self) -> list[str]:
         """The drawer, the tasks and the changes, for a reader."""
-        brackets, kinds = sum(kind.count for kind in self.brackets), len(self.brackets)
+        brackets, kinds = sum(kind.count for kind in self.brackets), quantity(len(self.brackets), "kind")
         most = upper_text(max(task.over_best_percent for task in self.tasks), 3)
         kept = " x ".join(map(str, self.designs_kept))
         return [
-            f"{self.modules} modules and {brackets} brackets of {kinds} kind{'s' * (kinds != 1)} do all tasks "
+            f"{self.modules} modules and {brackets} brackets of {kinds} do all tasks "
             f"within {most} % of their least effort",
             f"no choice of the designs kept ({kept}) needs fewer brackets",
             *(f"bracket {kind.angle_deg:.{DIGITS}f} deg: {kind.count}" for kind in self.brackets),

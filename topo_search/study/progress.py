@@ -78,7 +78,7 @@ class Phase:
 
     @property
     def kind(self) -> Kind:
-        """Whether it solves, and its modules: what its time is foreseen from."""
+        """Key of the time spent on its like: True if it solves, and its number of modules."""
         return bool(self.starts), self.n
 
     @property
