@@ -35,8 +35,8 @@ def test_both_forms_may_be_given_where_they_agree_to_three_digits() -> None:
     both = {
         "max_thrust": 1.472,
         "max_thrust_to_weight": 2.5,
-        "torque_to_thrust": 0.0274,
-        "torque_coefficient": 1.06e-8,
+        "torque_to_thrust": 0.00801,
+        "torque_coefficient": 3.1e-9,
     }
     assert task(both).resolve(3) == task({}).resolve(3)
 

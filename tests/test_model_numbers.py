@@ -22,7 +22,7 @@ from topo_search.model.module import Airflow, Body
 
 def test_the_default_module() -> None:
     module = Module()
-    assert (module.mass, module.thrust_coefficient, module.torque_coefficient) == (0.24, 3.87e-7, 1.06e-8)
+    assert (module.mass, module.thrust_coefficient, module.torque_coefficient) == (0.24, 3.87e-7, 3.1e-9)
     assert (module.arm_length, module.connector_distance, module.start_radius) == (0.10, 0.15, 0.10)
     assert module.reach == pytest.approx(math.sqrt(2), rel=1e-15)  # 20 * 0.1 / sqrt(2)
     # 0.24 * 9.81 / (4 * 3.87e-7) = 2.3544 / 1.548e-6

@@ -35,7 +35,7 @@ def drawn(seed: int, n: int = 5, **task: Any) -> Design:
     (tree,) = sample(n, 1, seed)
     hinges = tuple(rng.uniform(-0.7, 0.7, n - 1).tolist())
     tip = tuple(rng.uniform(-0.5, 0.5, 3).tolist())
-    module = {"max_thrust_to_weight": 4.0}
+    module = {"max_thrust_to_weight": 4.0, "torque_coefficient": 1.06e-8}
     leaning = design(tree, {"module": module}, hinges=hinges, end_effector=tip)
     z = platform(leaning).poses.z.sum(axis=0)
     z /= np.linalg.norm(z)

@@ -67,6 +67,7 @@ def _below(**fields: object) -> Task:
         {
             "name": "below",
             "modules": 4,
+            "module": {"torque_coefficient": 1.06e-8},
             "end_effector": {"position": [0.0, 0.0, -0.6], "rod": "none", "largest_reach": False},
             "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}],
             "exposure": [{"kind": "local", "radius": 0.1, **fields}],
