@@ -14,8 +14,8 @@ The module: its mass, rotors, connectors, airflow envelope and real body.
 | theta_air | airflow.spread_angle_deg | deg |
 | l_air, dr_air | length of the envelope's axis, growth of its radius | m |
 
-Defaults are this project's choice; k_f as reported in arXiv 2602.18344. The k_tau reported there, 1.06e-8, which the
-paper's tasks state, gives rotors of 50 mm a figure of merit of 0.165; that of the default is 0.566.
+Defaults are this project's choice; k_f as reported in arXiv 2602.18344. The k_tau reported there, 1.06e-8, which
+the paper's tasks state, gives rotors of 50 mm a figure of merit of 0.165; that of the default is 0.566.
 
 A rotor of radius R at rest in air of density rho, at the angular speed omega:
 
