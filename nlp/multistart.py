@@ -203,10 +203,11 @@ class ReducedSearch:
             tried, met = tried + 1, met or outcome.worst.met
             yield from (replace(outcome, start=start) for start in minimum.starts)
 
-    def without_polish(self, start: int, minimum: LocalMinimum) -> StartResult:
-        """Return the result of a start where its descent left it."""
+    def without_polish(self, minimum: LocalMinimum) -> StartResult:
+        """Return the result of the best start of a minimum where its descent left it."""
         point = with_all(correct_point(self._origin(minimum), self._constraints), self._task, self._constraints)
-        return StartResult.at(start, point, IpoptResult(point, NOT_POLISHED, 0), constraints=self._constraints)
+        unpolished = IpoptResult(point, NOT_POLISHED, 0)
+        return StartResult.at(minimum.starts[0], point, unpolished, constraints=self._constraints)
 
     def _origin(self, minimum: LocalMinimum) -> Point:
         """Return a local minimum as a point of the task with the corners that counted there."""
@@ -267,9 +268,9 @@ def solve_starts(
     for outcome in sorted(found, key=lambda outcome: outcome.rank):
         outcomes.setdefault(outcome.start, outcome)
     for minimum in sorted(best, key=_rank) + others:
-        for start in minimum.starts:
-            if start not in outcomes:
-                outcomes[start] = search.without_polish(start, minimum)
+        if rest := set(minimum.starts) - outcomes.keys():
+            outcome = search.without_polish(minimum)
+            outcomes |= {start: replace(outcome, start=start) for start in rest}
     return [outcomes[start] for start in (*range(-1, -1 - len(near), -1), *starts)]
 
 
