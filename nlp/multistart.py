@@ -8,6 +8,7 @@ counts as infeasible.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -52,12 +53,14 @@ class Polish(NamedTuple):
     enough: int
     """Number after which the polish ends once one has become a design."""
     most: int
+    worth: float = math.inf
+    """Largest merit, over the least effort of a design, of a minimum that is polished."""
 
 
 class Polishing(NamedTuple):
     """Which local minima become designs."""
 
-    plain: Polish = Polish(enough=2, most=6)
+    plain: Polish = Polish(enough=2, most=6, worth=1.05)
     cornered: Polish = Polish(enough=8, most=8)
     """For tasks with reserves or failures, of which all local minima of the first phase go on.
 
@@ -184,14 +187,14 @@ class ReducedSearch:
             minima: the minima.
             plain: how many are polished where the descents know all that the task asks for.
         """
-        tried, met = 0, False
-        enough, most = POLISHING.constrained if self._extra else POLISHING.cornered if self._cornered else plain
+        tried, least = 0, math.inf
+        which = POLISHING.constrained if self._extra else POLISHING.cornered if self._cornered else plain
         if self._most_merit is not None:
-            minima, (enough, most) = [each for each in minima if each.merit <= self._most_merit], POLISHING.every
-        for minimum in _one_of_each(minima)[:most]:
-            if tried >= enough and met:
+            minima, which = [each for each in minima if each.merit <= self._most_merit], POLISHING.every
+        for minimum in _one_of_each(minima)[: which.most]:
+            if tried >= which.enough and least < math.inf:
                 return
-            if tried and minimum.missing > POLISHING.most_missed:
+            if tried and (minimum.missing > POLISHING.most_missed or minimum.merit > which.worth * least):
                 continue
             outcome = take_in_corners(
                 self._task,
@@ -200,7 +203,9 @@ class ReducedSearch:
                 polish_with(self._constraints),
                 self._constraints,
             )
-            tried, met = tried + 1, met or outcome.worst.met
+            tried += 1
+            if outcome.worst.met:
+                least = min(least, outcome.objective / self.effort_unit)
             yield from (replace(outcome, start=start) for start in minimum.starts)
 
     def without_polish(self, minimum: LocalMinimum) -> StartResult:

@@ -12,7 +12,7 @@ slopes b_j, for the speed of a disc is steepest where its input begins; mu follo
 
 .. math::
 
-    dg &= \nu \cdot \Big(dw - dA\,u - \sum_f a_f\, da_f \cdot \mu\Big) + \sum_j b_j\, \partial_j g\, da_j \cdot \mu \\
+    dg &= \nu \cdot (dw - dA\,u - \sum_f a_f\, da_f \cdot \mu) + \sum_j b_j\, \partial_j g\, da_j \cdot \mu \\
     &\Big(I / \rho' + \sum_f a_f a_f^T\Big)\, \nu = \sum_j b_j\, a_j\, \partial_j g
 
 | symbol | meaning | shape |
