@@ -8,6 +8,7 @@ counts as infeasible.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -52,12 +53,14 @@ class Polish(NamedTuple):
     enough: int
     """Number after which the polish ends once one has become a design."""
     most: int
+    worth: float = math.inf
+    """Largest merit, over the least effort of a design, of a minimum that is polished."""
 
 
 class Polishing(NamedTuple):
     """Which local minima become designs."""
 
-    plain: Polish = Polish(enough=2, most=6)
+    plain: Polish = Polish(enough=2, most=6, worth=1.05)
     cornered: Polish = Polish(enough=8, most=8)
     """For tasks with reserves or failures, of which all local minima of the first phase go on.
 
@@ -184,14 +187,14 @@ class ReducedSearch:
             minima: the minima.
             plain: how many are polished where the descents know all that the task asks for.
         """
-        tried, met = 0, False
-        enough, most = POLISHING.constrained if self._extra else POLISHING.cornered if self._cornered else plain
+        tried, least = 0, math.inf
+        which = POLISHING.constrained if self._extra else POLISHING.cornered if self._cornered else plain
         if self._most_merit is not None:
-            minima, (enough, most) = [each for each in minima if each.merit <= self._most_merit], POLISHING.every
-        for minimum in _one_of_each(minima)[:most]:
-            if tried >= enough and met:
+            minima, which = [each for each in minima if each.merit <= self._most_merit], POLISHING.every
+        for minimum in _one_of_each(minima)[: which.most]:
+            if tried >= which.enough and least < math.inf:
                 return
-            if tried and minimum.missing > POLISHING.most_missed:
+            if tried and (minimum.missing > POLISHING.most_missed or minimum.merit > which.worth * least):
                 continue
             outcome = take_in_corners(
                 self._task,
@@ -200,13 +203,16 @@ class ReducedSearch:
                 polish_with(self._constraints),
                 self._constraints,
             )
-            tried, met = tried + 1, met or outcome.worst.met
+            tried += 1
+            if outcome.worst.met:
+                least = min(least, outcome.objective / self.effort_unit)
             yield from (replace(outcome, start=start) for start in minimum.starts)
 
-    def without_polish(self, start: int, minimum: LocalMinimum) -> StartResult:
-        """Return the result of a start where its descent left it."""
+    def without_polish(self, minimum: LocalMinimum) -> StartResult:
+        """Return the result of the best start of a minimum where its descent left it."""
         point = with_all(correct_point(self._origin(minimum), self._constraints), self._task, self._constraints)
-        return StartResult.at(start, point, IpoptResult(point, NOT_POLISHED, 0), constraints=self._constraints)
+        unpolished = IpoptResult(point, NOT_POLISHED, 0)
+        return StartResult.at(minimum.starts[0], point, unpolished, constraints=self._constraints)
 
     def _origin(self, minimum: LocalMinimum) -> Point:
         """Return a local minimum as a point of the task with the corners that counted there."""
@@ -267,9 +273,9 @@ def solve_starts(
     for outcome in sorted(found, key=lambda outcome: outcome.rank):
         outcomes.setdefault(outcome.start, outcome)
     for minimum in sorted(best, key=_rank) + others:
-        for start in minimum.starts:
-            if start not in outcomes:
-                outcomes[start] = search.without_polish(start, minimum)
+        if rest := set(minimum.starts) - outcomes.keys():
+            outcome = search.without_polish(minimum)
+            outcomes |= {start: replace(outcome, start=start) for start in rest}
     return [outcomes[start] for start in (*range(-1, -1 - len(near), -1), *starts)]
 
 

@@ -131,6 +131,8 @@ class RoundOptions(NamedTuple):
     """Rounds are short and begin where the last one ended."""
     warm: Options = MappingProxyType({"ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-5})
     """From a design on."""
+    next_to_minimum: Options = MappingProxyType({"ipopt.mu_init": 1e-6})
+    """From a minimum of the search, which lacks only what that did not know of."""
     exact: Options = MappingProxyType({"ipopt.tol": 1e-8})
     """Options of a polish, whose result is final."""
 
@@ -202,7 +204,9 @@ class AssembledProgram:
 
     def approach(self, start: Point) -> IpoptResult:
         """Return where one round with long steps ends, whatever it does to what is not stated."""
-        return self._round(start, LIMITS.bold, {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm})
+        return self._round(
+            start, LIMITS.bold, {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.next_to_minimum}
+        )
 
     def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
         stated = [requirement.restrict(start.vectors) for requirement in self._clearances]

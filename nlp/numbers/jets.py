@@ -172,7 +172,7 @@ def find_parts(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
 
 @njit(cache=True)
 def join_parts(C: Array, dC: Array, v: Array, epsilon: float, slopes: Array) -> float:
-    """Return U, and find its gradient; at SHARP it is that of the largest part alone.
+    """Return U, and find its gradient unless it is SHARP.
 
     Args:
         C: as of `find_parts`.
@@ -181,31 +181,26 @@ def join_parts(C: Array, dC: Array, v: Array, epsilon: float, slopes: Array) -> 
         epsilon: see the module.
         slopes: the gradient by q and v, shape (7,), or empty where only U counts.
     """
-    parts, total = np.empty(6), 0.0
     squares = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3]
     mean = math.sqrt(squares / 4)
-    parts[0], parts[5] = C[0] * mean, 0.0
+    merged, inflow = C[0] * mean, C[5] * v[0] + C[6] * v[1] + C[7] * v[2] + C[8] * v[3]
+    U: float = max(merged, inflow, C[1] * v[0], C[2] * v[1], C[3] * v[2], C[4] * v[3])
+    if epsilon == SHARP:
+        return U
+    total = (merged / U) ** 8 + (inflow / U) ** 8
     for k in range(4):
-        parts[1 + k] = C[1 + k] * v[k]
-        parts[5] += C[5 + k] * v[k]
-    largest = int(np.argmax(parts))
-    U: float = parts[largest]
-    sharp = epsilon == SHARP or U <= 0.0
-    if not sharp:
-        for part in parts:
-            total += (part / U) ** 8
-        U *= math.sqrt(math.sqrt(math.sqrt(total)))
+        total += (C[1 + k] * v[k] / U) ** 8
+    U *= math.sqrt(math.sqrt(math.sqrt(total)))
     if len(slopes) == 0:
         return U
-    for k in range(6):  # from here on the weights of the parts in the gradient
-        parts[k] = (1.0 if k == largest else 0.0) if sharp else (parts[k] / U) ** 7
+    by_merged, by_inflow = (merged / U) ** 7, (inflow / U) ** 7
     for axis in range(3):
-        slopes[axis] = parts[0] * mean * dC[0, axis]
-        for k in range(4):
-            slopes[axis] += v[k] * (parts[1 + k] * dC[1 + k, axis] + parts[5] * dC[5 + k, axis])
+        slopes[axis] = by_merged * mean * dC[0, axis]
     for k in range(4):
-        by_mean = parts[0] * C[0] * mean * v[k] / max(squares, 1e-300)
-        slopes[3 + k] = by_mean + parts[1 + k] * C[1 + k] + parts[5] * C[5 + k]
+        by_slipstream = (C[1 + k] * v[k] / U) ** 7
+        for axis in range(3):
+            slopes[axis] += v[k] * (by_slipstream * dC[1 + k, axis] + by_inflow * dC[5 + k, axis])
+        slopes[3 + k] = by_merged * merged * v[k] / squares + by_slipstream * C[1 + k] + by_inflow * C[5 + k]
     return U
 
 
@@ -287,18 +282,13 @@ def total_speed(jet: Jet, R: Array, p: Array, v: Array, x: Array) -> float:
         v: shape (n, 4).
         x: the point, shape (3,) [l_arm].
     """
-    total = 0.0
+    q, C, no_dC, no_slopes, total = np.empty(3), np.empty(9), np.empty((0, 3)), np.empty(0), 0.0
     for i in range(len(p)):
-        total += _speed_of(jet, R[i], p[i], v[i], x)
+        for k in range(3):
+            q[k] = R[i, 0, k] * (x[0] - p[i, 0]) + R[i, 1, k] * (x[1] - p[i, 1]) + R[i, 2, k] * (x[2] - p[i, 2])
+        find_parts(jet, q, SHARP, C, no_dC)
+        total += join_parts(C, no_dC, v[i], SHARP, no_slopes)
     return total
-
-
-@njit(cache=True)
-def _speed_of(jet: Jet, R: Array, p: Array, v: Array, x: Array) -> float:
-    q, no_slopes = np.empty(3), np.empty(0)
-    for k in range(3):
-        q[k] = R[0, k] * (x[0] - p[0]) + R[1, k] * (x[1] - p[1]) + R[2, k] * (x[2] - p[2])
-    return speed(jet, q, v, SHARP, no_slopes)
 
 
 @njit(cache=True)
@@ -330,7 +320,7 @@ def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array,
                     if disc < 4:
                         x[a] += DISCS[disc, 0] * R[i, a, 0] + DISCS[disc, 1] * R[i, a, 1]
                 if pull_inside(region, x):
-                    blown = _speed_of(jet, R[i], p[i], v[i], x)
+                    blown = total_speed(jet, R[i : i + 1], p[i : i + 1], v[i : i + 1], x)
                     if blown > alone:
                         alone, best[:] = blown, x
             if alone > 0.0:

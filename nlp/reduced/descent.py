@@ -97,7 +97,7 @@ def evaluate(stated: ReducedProblem, x: Array, mu: Array, counting: Mask, rho: f
     clearances(stated, at, g, local)
     _slopes(stated, at, by, g, local, J, near)
     if len(stated.speeds.case):
-        speed_rows(stated, at, by, counting, rho, found, u, g, J, near)
+        speed_rows(stated, at, by, rho, found, u, g, J, near)
     return Evaluated(x, V, dV, g, J, near, found, counting)
 
 

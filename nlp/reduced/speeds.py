@@ -7,17 +7,17 @@ module's axis and, of those, near the module:
 
     g = 1 - \frac{1}{U_{max}} \sum_i U_i(x, u(x))
 
-The inputs are those of the least effort, u = clip(A^T mu). With the free ones j, whose inputs are within bounds,
+The inputs are those of the least effort, u = clip(A^T mu). Those in U_i have their bend at u_min rounded, with the
+slopes b_j, for the speed of a disc is steepest where its input begins; mu follows the free inputs f within bounds:
 
 .. math::
 
-    dg_u \cdot du = \nu \cdot (dw - dA\,u) + \sum_j (\partial_j g_u - a_j \cdot \nu)\, da_j \cdot \mu, \qquad
-    (I / \rho' + \sum_j a_j a_j^T)\, \nu = \sum_j a_j\, \partial_j g_u
+    dg &= \nu \cdot (dw - dA\,u - \sum_f a_f\, da_f \cdot \mu) + \sum_j b_j\, \partial_j g\, da_j \cdot \mu \\
+    &\Big(I / \rho' + \sum_f a_f a_f^T\Big)\, \nu = \sum_j b_j\, a_j\, \partial_j g
 
 | symbol | meaning | shape |
 |---|---|---|
 | U_max | the limit | |
-| g_u | derivatives of a sum of speeds by the inputs of its load case | (4n,) |
 | A, mu, rho' | see `nlp.reduced.inputs` | |
 """
 
@@ -28,8 +28,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.numbers.cholesky import solve_in_place
-from nlp.numbers.jets import ROUNDED, by_inputs, find_parts, join_parts, point_of_ball
+from nlp.numbers.cholesky import factor, solve_factored
+from nlp.numbers.jets import ROUNDED, by_inputs, find_parts, join_parts, larger, point_of_ball
 from nlp.reduced.arrays import Mask, ReducedProblem
 from nlp.reduced.clearance import GAPS, swept_gap
 from nlp.reduced.inputs import add_gradient, add_wrench_gradient, columns, to_unknowns
@@ -45,6 +45,8 @@ class RowLimits(NamedTuple):
     """Length of a module's axis along which its nearest point to a path is sought [l_arm]."""
     slow: float = 0.2
     """Rows farther from their limit, as a share of it, have no gradient."""
+    bend: float = 0.05
+    """Width over which speeds round the bend of an input at its least: there its root is steep [u_hover]."""
 
 
 ROWS = RowLimits()
@@ -55,7 +57,6 @@ def speed_rows(
     stated: ReducedProblem,
     at: Platform,
     moved: Moved,
-    counting: Mask,
     rho: float,
     mu: Array,
     u: Array,
@@ -69,7 +70,6 @@ def speed_rows(
         stated: the task and topology.
         at: the platform.
         moved: its derivatives.
-        counting: which load cases count, shape (K,).
         rho: price of a squared residual.
         mu: dual unknowns of the load cases, shape (K, 6).
         u: their inputs, shape (K, 4n).
@@ -77,103 +77,99 @@ def speed_rows(
         J: is added to, shape (m, N).
         near: which rows have a gradient, shape (m,).
     """
-    air, n, first = stated.speeds, len(at.p), len(g) - len(stated.speeds.case)
-    jet, A, x, path, p, z = air.jet, columns(stated, at), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    d, q, v, g_u = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 4)), np.empty(4 * n)
-    C, dC, no_dC, by_ball = np.empty((n, 9)), np.empty((n, 9, 3)), np.empty((0, 3)), np.empty((3, 6))
-    F, T, X, E, by_axis = np.empty((n, 3)), np.empty((n, 3)), np.empty(3), np.empty(3), np.empty(6)
-    slopes, no_slopes, no_direction = np.empty(7), np.empty(0), np.zeros(3)
-    points = len(air.case) // (air.case[-1] + 1)
+    air, rotors, n = stated.speeds, stated.rotors, len(at.p)
+    cases, first, mass = air.case[-1] + 1, len(g) - len(air.case), rotors.bodies + rotors.m_E
+    points, jet, A = len(air.case) // cases, air.jet, columns(stated, at)
+    path, p, z, no_direction = np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
+    x, by_ball, share = np.empty((points, 3)), np.empty((points, 3, 6)), np.zeros(points)
+    d, q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, 3)), np.empty((points, n, 9)), np.empty((0, 3))
     p_E = at.p_E - at.p_COM
     offset = max(GAPS.least_distance, math.sqrt(p_E @ p_E))
     for point in range(points):  # of a region and module, the same in all load cases
         i = air.module[point]
-        path[:] = air.path[point] + air.along[point] / offset * p_E
-        p[:] = at.p[i] - at.p_E
-        z[:] = at.z[i]
-        share = 0.0
+        for a in range(3):
+            path[a] = air.path[point, a] + air.along[point] / offset * p_E[a]
+            p[a], z[a] = at.p[i, a] - at.p_E[a], at.z[i, a]
         if path.any():
-            w, zero = p - air.start[point], 0.0
+            w = (p[0] - air.start[point, 0], p[1] - air.start[point, 1], p[2] - air.start[point, 2])
             axis = (-ROWS.far_down * z[0], -ROWS.far_down * z[1], -ROWS.far_down * z[2])
-            _, _, share, _, _, _ = swept_gap(
-                (w[0], w[1], w[2]), axis, zero, zero, (path[0], path[1], path[2]), zero, zero
-            )
-        point_of_ball(air.start[point] + share * path, air.radius[point], no_direction, p, z, x, by_ball)
+            _, _, share[point], _, _, _ = swept_gap(w, axis, 0.0, 0.0, (path[0], path[1], path[2]), 0.0, 0.0)
+        on_path = air.start[point] + share[point] * path
+        point_of_ball(on_path, air.radius[point], no_direction, p, z, x[point], by_ball[point])
         for j in range(n):
             for a in range(3):
-                d[j, a] = x[a] + at.p_E[a] - at.p[j, a]
+                d[point, j, a] = x[point, a] + at.p_E[a] - at.p[j, a]
             for a in range(3):
-                q[j, a] = at.R[j, 0, a] * d[j, 0] + at.R[j, 1, a] * d[j, 1] + at.R[j, 2, a] * d[j, 2]
-            find_parts(jet, q[j], ROUNDED, C[j], no_dC)
-        derived = False
-        for r in range(point, len(air.case), points):
-            row, k, over, total = first + r, air.case[r], air.over[r], 0.0
+                q[point, j, a] = 0.0
+                for b in range(3):
+                    q[point, j, a] += at.R[j, b, a] * d[point, j, b]
+            find_parts(jet, q[point, j], ROUNDED, C[point, j], no_dC)
+    dC, derived = np.empty((points, n, 9, 3)), np.zeros(points, np.bool_)
+    v, rounded, by_dual, weights = np.empty((n, 4)), np.empty(4 * n), np.empty(4 * n), np.empty(4 * n)
+    free, slopes, no_slopes = np.empty(4 * n, np.bool_), np.empty(7), np.empty(0)
+    H, nu, F, T = np.empty((6, 6)), np.empty(6), np.empty((n, 3)), np.empty((n, 3))
+    X, E, by_axis = np.empty(3), np.empty(3), np.empty(6)
+    for k in range(cases):
+        for j in range(4 * n):
+            s = 0.0
+            for a in range(6):
+                s += A[j, a] * mu[k, a]
+            free[j] = rotors.u_min < u[k, j] < rotors.u_max
+            rounded[j], by_dual[j] = larger(s, rotors.u_min, ROWS.bend)
+            if rounded[j] >= rotors.u_max or j == stated.cases.dead[k]:
+                rounded[j], by_dual[j] = 0.0 if j == stated.cases.dead[k] else rotors.u_max, 0.0
+        for j in range(n):
+            by_inputs(jet, rounded[4 * j : 4 * j + 4], v[j])
+            for c in range(4):
+                by_dual[4 * j + c] *= jet.induced**2 / (2 * v[j, c])
+        factored = False
+        for point in range(points):
+            row, i, over, total = first + k * points + point, air.module[point], air.over[point], 0.0
             for j in range(n):
-                by_inputs(jet, u[k, 4 * j : 4 * j + 4], v[j])
-                total += over * join_parts(C[j], no_dC, v[j], ROUNDED, no_slopes)
+                total += over * join_parts(C[point, j], no_dC, v[j], ROUNDED, no_slopes)
             g[row] = 1.0 - total
-            near[row] = counting[k] and g[row] < ROWS.slow
+            near[row] = g[row] < ROWS.slow
             if not near[row]:
                 continue
-            for j in range(0 if derived else n):
-                find_parts(jet, q[j], ROUNDED, C[j], dC[j])
-            derived, X[:] = True, 0.0
+            if not factored:
+                H[:] = stated.cases.effort[k] / (2 * rho) * np.eye(6)
+                for j in range(4 * n):
+                    for a in range(6 if free[j] else 0):
+                        for b in range(a + 1):
+                            H[a, b] += A[j, a] * A[j, b]
+                factor(H, 6)
+            for j in range(0 if derived[point] else n):
+                find_parts(jet, q[point, j], ROUNDED, C[point, j], dC[point, j])
+            factored = derived[point] = True
+            nu[:], X[:] = 0.0, 0.0
             for j in range(n):
-                join_parts(C[j], dC[j], v[j], ROUNDED, slopes)
+                join_parts(C[point, j], dC[point, j], v[j], ROUNDED, slopes)
                 for a in range(3):
-                    pull = 0.0
+                    F[j, a] = 0.0
                     for b in range(3):
-                        pull += at.R[j, a, b] * slopes[b]
-                    F[j, a] = over * pull
+                        F[j, a] += over * at.R[j, a, b] * slopes[b]
                     X[a] -= F[j, a]
                 for a in range(3):
                     b, c = (a + 1) % 3, (a + 2) % 3
-                    T[j, a] = d[j, b] * F[j, c] - d[j, c] * F[j, b]
+                    T[j, a] = d[point, j, b] * F[j, c] - d[point, j, c] * F[j, b]
                 for c in range(4):
-                    g_u[4 * j + c] = -over * slopes[3 + c] * jet.induced**2 / (2 * v[j, c])
+                    weights[4 * j + c] = over * slopes[3 + c] * by_dual[4 * j + c]
+                    for a in range(6):
+                        nu[a] -= weights[4 * j + c] * A[4 * j + c, a]
+            solve_factored(H, nu, 6)
+            for j in range(4 * n):
+                for a in range(6 if free[j] else 0):
+                    weights[j] += nu[a] * A[j, a]
             for b in range(6):
-                by_axis[b] = X[0] * by_ball[0, b] + X[1] * by_ball[1, b] + X[2] * by_ball[2, b]
-            by_p, by_z = by_axis[:3], by_axis[3:]
+                by_axis[b] = X[0] * by_ball[point, 0, b] + X[1] * by_ball[point, 1, b] + X[2] * by_ball[point, 2, b]
             for a in range(3):
                 b, c = (a + 1) % 3, (a + 2) % 3
-                F[i, a] += by_p[a]
-                T[i, a] += z[b] * by_z[c] - z[c] * by_z[b]
-                E[a] = X[a] - by_p[a]
-            if air.along[r] != 0.0:
-                by_path = share * air.along[r] / offset * (X - by_p)
+                F[i, a] += by_axis[a]
+                T[i, a] += at.z[i, b] * by_axis[3 + c] - at.z[i, c] * by_axis[3 + b]
+                E[a] = X[a] - by_axis[a]
+            if air.along[point] != 0.0:
+                by_path = share[point] * air.along[point] / offset * E
                 E += by_path - (by_path @ p_E) / offset**2 * p_E
-            _add_inputs(stated, at, A, k, rho, mu[k], u[k], g_u, F, T, E)
+            add_wrench_gradient(stated, at, k, 1 / mass, nu, u[k], F, T, E)
+            add_gradient(stated, at, 1 / mass, mu[k], weights, F, T)
             to_unknowns(stated, at, moved, F, T, E, J[row])
-
-
-@njit(cache=True)
-def _add_inputs(
-    stated: ReducedProblem,
-    at: Platform,
-    A: Array,
-    k: int,
-    rho: float,
-    mu: Array,
-    u: Array,
-    g_u: Array,
-    F: Array,
-    T: Array,
-    E: Array,
-) -> None:
-    """Add dg_u . du, with du as the platform moves; see the module."""
-    rotors, m = stated.rotors, stated.rotors.bodies + stated.rotors.m_E
-    H, nu, free = np.zeros((6, 6)), np.zeros(6), np.zeros(len(u))
-    for a in range(6):
-        H[a, a] = stated.cases.effort[k] / (2 * rho)
-    for j in range(len(u)):
-        if rotors.u_min < u[j] < rotors.u_max and j != stated.cases.dead[k]:
-            for a in range(6):
-                nu[a] += A[j, a] * g_u[j]
-                for b in range(a + 1):
-                    H[a, b] += A[j, a] * A[j, b]
-    solve_in_place(H, nu)
-    for j in range(len(u)):
-        if rotors.u_min < u[j] < rotors.u_max and j != stated.cases.dead[k]:
-            free[j] = nu @ A[j] - g_u[j]
-    add_wrench_gradient(stated, at, k, 1 / m, nu, u, F, T, E)
-    add_gradient(stated, at, 1 / m, mu, free, F, T)
