@@ -4,6 +4,7 @@ RUN is the folder of a finished run; nothing is written to it. The first line sa
 load cases and airflow. The compilation is done before the first tree. With
 --check every chunk is checked as it is proven. With --sample M only M trees are, drawn at random, and what all of
 them take is extrapolated, with the standard error. Chunks of one tree differ too much to be a sample.
+A tree ends at its first chunk that stays open; with --most-boxes all its chunks are tried, each with so many boxes.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from statistics import mean, stdev
 from typing import get_args
 
 from nlp import proof_root, prove_chunk
+from nlp.bounds.branch.proof import MOST_BOXES
 from topo_search.model import Chunk, Topology
 from topo_search.model.proof import Problem, chunk_count
 from topo_search.study import RunFolder
@@ -34,6 +36,7 @@ def main() -> None:
     parser.add_argument("--sample", type=int, metavar="M", help="at least 2")
     parser.add_argument("--seed", type=int, default=0, help="of the draw")
     parser.add_argument("--trees", nargs="*", help="keys; default: all")
+    parser.add_argument("--most-boxes", type=int, metavar="N", help="of a chunk, each tried")
     asked = parser.parse_args()
     with RunFolder.load(asked.run) as folder:
         for n in folder.request.task.sizes:
@@ -53,12 +56,13 @@ def main() -> None:
                 tree, boxes, closed, halved, seconds, checking = Topology.from_key(row.key), 0, 0, 0, 0.0, 0.0
                 for number in range(chunk_count(n)):
                     began = time.process_time()
-                    chunk = prove_chunk(task, tree, number, cut, asked.problem)
+                    most = asked.most_boxes or MOST_BOXES
+                    chunk = prove_chunk(task, tree, number, cut, asked.problem, most_boxes=most)
                     seconds += time.process_time() - began
                     boxes, closed = boxes + chunk.boxes, closed + (chunk.outcome == "closed")
-                    if chunk.outcome != "closed":
+                    if chunk.outcome != "closed" and not asked.most_boxes:
                         break
-                    if asked.check:
+                    if chunk.outcome == "closed" and asked.check:
                         began = time.process_time()
                         found = check_chunk(task, tree, proof_root(task, tree), cut, chunk, asked.problem)
                         checking += time.process_time() - began

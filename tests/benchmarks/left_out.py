@@ -1,0 +1,81 @@
+"""What keeps a proof open: the best effort over the lower bound with one requirement left out at a time.
+
+    python tests/benchmarks/left_out.py TASK --modules N [--starts 12] [--trees KEY ...]
+
+The last rows ask only for what the bounds of `prove` take in: no proof can close at a gap smaller than theirs.
+Designs meet the solver's requirements; none is audited.
+"""
+
+import argparse
+import math
+import time
+from collections.abc import Iterator
+from typing import get_args
+
+from nlp import lower_bound, solve
+from topo_search.model import Design, ResolvedTask, Topology
+from topo_search.model.exposure import half_spaces
+from topo_search.model.files import read_task
+from topo_search.model.proof import Problem, proof_task
+from topo_search.topologies import candidates
+
+FREE_TIP = {"exclusion": False, "rod": "none", "rod_deflection": None}
+FIELDS: dict[str, tuple[str, dict[str, object]]] = {
+    "rotor failures": ("flight", {"rotor_out": "none", "rotor_out_torque": None}),
+    "the force reserve": ("flight", {"force_reserve": 0.0}),
+    "the torque reserve": ("flight", {"torque_reserve": 0.0}),
+    "the tip's exclusion and the rod": ("end_effector", FREE_TIP),
+}
+
+
+def less(task: ResolvedTask) -> Iterator[tuple[str, ResolvedTask]]:
+    """Yield the task, the task without one of its requirements, and what bounds take in."""
+    yield "the whole task", task
+    regions = task.exposure
+    for r, region in enumerate(regions):
+        yield f"without exposure {r} ({region.kind})", _changed(task, exposure=regions[:r] + regions[r + 1 :])
+    if len(regions) > 1:
+        yield "without exposure", _changed(task, exposure=())
+    for name, (field, update) in FIELDS.items():
+        held = getattr(task, field)
+        if (changed := held.model_copy(update=update)) != held:
+            yield f"without {name}", _changed(task, **{field: changed})
+    walls = tuple(one.model_copy(update={"solid": False}) for one in regions if half_spaces([one]))
+    for about in get_args(Problem):
+        tip = task.end_effector.model_copy(update=FREE_TIP)
+        bounded = _changed(proof_task(task, about), exposure=walls, end_effector=tip)
+        yield f"what bounds about the {about} take in", bounded
+
+
+def main() -> None:
+    """Print a row for each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("task")
+    parser.add_argument("--modules", type=int, required=True)
+    parser.add_argument("--starts", type=int, default=12)
+    parser.add_argument("--trees", nargs="*", help="keys; default: all")
+    given = parser.parse_args()
+    task = read_task(given.task).resolve(given.modules)
+    trees = [one.topology for one in candidates(task.n, symmetry="task", task=task)]
+    if given.trees:
+        trees = [Topology.from_key(key) for key in given.trees]
+    bound, whole = lower_bound(task), math.nan
+    print(f"| `{task.name}`, n = {task.n} | over the lower bound | less than the whole task's | tree | CPU s |")
+    print("|---|---|---|---|---|")
+    for name, changed in less(task):
+        began, cells = time.process_time(), "no design | | "
+        solved = [solve(changed, tree, starts=range(given.starts), seed=0) for tree in trees]
+        if designs := [one for one in solved if isinstance(one, Design)]:
+            best = min(designs, key=lambda one: one.objective)
+            whole = best.objective if math.isnan(whole) else whole
+            share = 100 * (1 - best.objective / whole)
+            cells = f"{best.objective / bound:.4f} | {share:.2f} % | `{best.topology.key}`"
+        print(f"| {name} | {cells} | {time.process_time() - began:.0f} |", flush=True)
+
+
+def _changed(task: ResolvedTask, **update: object) -> ResolvedTask:
+    return task.model_copy(update=update)
+
+
+if __name__ == "__main__":
+    main()
