@@ -20,11 +20,12 @@ from topo_search.cli.tables import print_answer
 from topo_search.compose import search
 from topo_search.model import Audit, BadInput, Clearance, Design, LoadCase, Status, Task, Wrench
 from topo_search.model.files import read_json
+from topo_search.model.search import GOALS as STEPS
 from topo_search.model.search import Goals, Level
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import FrontPoint, Row, RunFolder, answer_of, front
-from topo_search.study.front import FRONT_COLUMNS, REACHED, idle_goals
+from topo_search.study.front import FRONT_COLUMNS, idle_goals
 
 LEVELS = (1e-4, 2e-3, 1e-2)
 GOALS = Goals(clearance=LEVELS)
@@ -115,9 +116,9 @@ def test_differences_of_less_than_a_step_are_none(drawn):
     noisy = [
         point(
             1 + 1e-6 * J,
-            REACHED["clearance"].step * c,
-            REACHED["stand_off"].step * s,
-            0.5 + REACHED["peak_input"].step * u,
+            STEPS["clearance"].step * c,
+            STEPS["stand_off"].step * s,
+            0.5 + STEPS["peak_input"].step * u,
             number=number,
         )
         for number, (J, c, s, u) in enumerate(drawn)

@@ -34,9 +34,8 @@ class Grouped(click.Group):
         """Write a section for each group."""
         for title, commands in GROUPS.items():
             with formatter.section(title):
-                formatter.write_dl(
-                    [(one.name or "", (one.help or "").partition("\n\n")[0]) for one in commands], col_max=12
-                )
+                rows = [(one.name or "", (one.help or "").partition("\n\n")[0]) for one in commands]
+                formatter.write_dl(rows, col_max=12)
 
 
 @click.group(

@@ -84,7 +84,6 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
 
 
 def _explain_stop(error: BaseException) -> str:
-    """Say that the user stopped it, and what whoever kept results noted on the way (PEP 678)."""
     return "; ".join(("stopped", *getattr(error, "__notes__", ())))
 
 

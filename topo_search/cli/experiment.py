@@ -29,9 +29,8 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
             return tuple(kind(part) for part in value.split(","))
         except ValueError:
             text = value if len(value) <= 80 else f"{value[:80]}..."
-            raise click.BadParameter(
-                f"must be comma-separated numbers, but got {text!r}", context, parameter
-            ) from None
+            rule = f"must be comma-separated numbers, but got {text!r}"
+            raise click.BadParameter(rule, context, parameter) from None
 
     return read
 
@@ -106,14 +105,10 @@ def experiment(
         if sizes is not None:
             named = tuple((task, sizes) for task, _ in named)
         if topologies is not None and len(topologies) > 2:
-            raise click.BadParameter(
-                f"must be one or two numbers, but got {len(topologies)}", param_hint="--topologies"
-            )
-        settings = settings.override(
-            tasks=named,
-            topologies=None if topologies is None else (topologies[0], topologies[-1]),
-            **asked,
-        )
+            rule = f"must be one or two numbers, but got {len(topologies)}"
+            raise click.BadParameter(rule, param_hint="--topologies")
+        few_and_fewer = None if topologies is None else (topologies[0], topologies[-1])
+        settings = settings.override(tasks=named, topologies=few_and_fewer, **asked)
         if picture is not None:
             options.require_drawable(picture)
         with shown_progress(incumbent=False) as observer:
@@ -124,9 +119,8 @@ def experiment(
             raise WorkersLost(f"all {len(rows)} cells failed: {rows['worst_constraint'].iloc[0]}")
         findings = study.findings(answered)
         if failed.any():
-            findings.append(
-                f"{failed.sum()} of {len(rows)} cells failed and are left out; run it again to try them"
-            )
+            number = f"{failed.sum()} of {len(rows)} cells"
+            findings.append(f"{number} failed and are left out; run it again to try them")
         if picture is not None:
             from topo_search.export.picture import save
 

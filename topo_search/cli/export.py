@@ -174,9 +174,8 @@ def export(
                 _write_table(source, form, out)
             else:
                 design = read_design(source)
-                _write(
-                    design, form, parts, physics, out, None if air_speed is None else (air_speed, load_case or 0)
-                )
+                drawn = None if air_speed is None else (air_speed, load_case or 0)
+                _write(design, form, parts, physics, out, drawn)
                 _warn_unless_clear(audit(design))
         kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
         click.echo(f"the {kinds.get(form, 'design')} is in {out}")

@@ -96,7 +96,7 @@ def fly(
         if video is not None:
             os.environ.setdefault("MUJOCO_GL", "egl")
         with needs_extras("fly"):
-            result = _fly(read, out, video, **asked)
+            result = _fly(read, out, video, asked)
         if as_json:
             options.echo_json(result.model_dump(mode="json"))
         else:
@@ -105,20 +105,7 @@ def fly(
             raise SystemExit(1)
 
 
-def _fly(
-    design: Design,
-    out: Path | None,
-    video: Path | None,
-    *,
-    seed: int,
-    noise: float,
-    model_error: float,
-    detection_time: float,
-    allocator: str,
-    wake: bool,
-    rotor_out: bool,
-    only: tuple[str, ...],
-) -> FlightResult:
+def _fly(design: Design, out: Path | None, video: Path | None, asked: dict[str, Any]) -> FlightResult:
     """Fly, and write the files; ModuleNotFoundError names a library that is missing."""
     from topo_search.model.files import write_atomically
     from topo_search.simulation import files
@@ -128,13 +115,14 @@ def _fly(
     from topo_search.simulation.plant import Errors
     from topo_search.simulation.result import word
 
-    rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[allocator]
+    rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[asked["allocator"]]
+    errors = Errors(asked["model_error"], asked["noise"], asked["seed"])
     film = None if video is None else files.film(video, files.radius(design))
     campaign = fly_all(
         design,
-        Options(Errors(model_error, noise, seed), detection=detection_time, allocator=rule, wake=wake),
-        rotor_out=rotor_out,
-        only=only,
+        Options(errors, detection=asked["detection_time"], allocator=rule, wake=asked["wake"]),
+        rotor_out=asked["rotor_out"],
+        only=asked["only"],
         tell=lambda one: note(f"{one.name}: {word(one)}"),
         watch=lambda scenario: None if film is None else film.watch(scenario.name),
     )
@@ -147,9 +135,9 @@ def _fly(
 
 def _print(result: FlightResult) -> None:
     """Print the table."""
-    from topo_search.simulation.result import word
+    from topo_search.simulation.result import CELLS, word
 
-    head = ("scenario", "outcome", "drift", "tilt", "force error", "at limit", "demand unmet", "largest")
+    head = ("scenario", "outcome", *CELLS[:-1], "largest")
     rows = [head, *((one.name, word(one), *one.cells) for one in result.scenarios)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     for row in rows:
@@ -165,8 +153,7 @@ def _print(result: FlightResult) -> None:
         f"{result.options.get('detection_time_s', 0.1):g} s"
     )
     if result.rod_mass_kg > 0:
-        click.echo(
-            f"simulated with the rod's mass of {1000 * result.rod_mass_kg:.3g} g, which the design model neglects"
-        )
+        mass = f"{1000 * result.rod_mass_kg:.3g} g"
+        click.echo(f"simulated with the rod's mass of {mass}, which the design model neglects")
     click.echo("\n".join(result.notes))
     click.echo(f"in simulation: {word(result)}")

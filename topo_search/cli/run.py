@@ -119,15 +119,13 @@ def run(
         with _print_if_lost(warnings, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
             from topo_search.compose import search
 
-            problem = options.task_of(
-                task, settings, paper=paper, modules=modules, search__root=root, search__connectors=connectors
-            )
+            fields = {"modules": modules, "search__root": root, "search__connectors": connectors}
+            problem = options.task_of(task, settings, paper=paper, **fields)
             listed = None if topologies is None else options.read_topologies(topologies, problem)
             designs = options.read_near(near)
             warnings += options.warn(problem)
-            answer = search(
-                problem, near=designs, topologies=listed, observer=observer, **options.without_none(asked)
-            )
+            given = options.without_none(asked)
+            answer = search(problem, near=designs, topologies=listed, observer=observer, **given)
         echo_answer(answer, warnings, as_json=as_json)
         unproven = asked["prove"] is not None and answer.best is not None and not answer.proven
         raise SystemExit(ExitStatus.OPEN if unproven else answer.exit_status)
@@ -195,5 +193,4 @@ def answer_as_json(answer: Answer, warnings: Sequence[TaskWarning]) -> dict[str,
 
 
 def _size_as_json(size: SizeAnswer) -> dict[str, Any]:
-    """Return the answer of one size as a JSON value."""
     return {**asdict(size), "relaxed": size.relaxed and size.relaxed.model_dump(mode="json")}

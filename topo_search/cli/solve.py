@@ -13,7 +13,6 @@ from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     from topo_search.model import Task, Topology
-    from topo_search.study import Solved
 
 
 @click.command(epilog="Example: topo-search solve push --topology af0000 --out design.json")
@@ -59,6 +58,7 @@ def solve(
     with explain_errors():
         from topo_search import compose
         from topo_search.cli.tables import print_solved, progress_line
+        from topo_search.engine import Failed
         from topo_search.model import Design
         from topo_search.model.files import to_json, write_atomically
 
@@ -82,10 +82,12 @@ def solve(
             except OSError:
                 click.echo(text, nl=False)  # so that the design is not lost
                 raise
-        if as_json:
-            _print_json(solved)
-        else:
+        if not as_json:
             print_solved(solved, out)
+        elif isinstance(solved.outcome, Failed):
+            options.echo_json({"status": "failed", "reason": solved.outcome.reason})
+        else:
+            click.echo(to_json(solved.outcome), nl=False)
         raise SystemExit(solved.exit_status)
 
 
@@ -110,14 +112,3 @@ def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bo
         (topology,) = sample(task.sizes[0], 1, sample_seed, connectors=search.connectors, root=search.root)
         return topology
     raise click.UsageError("give either --topology or --sample-seed")
-
-
-def _print_json(solved: Solved) -> None:
-    """Print the design, or what there is instead."""
-    from topo_search.engine import Failed
-    from topo_search.model.files import to_json
-
-    if isinstance(solved.outcome, Failed):
-        options.echo_json({"status": "failed", "reason": solved.outcome.reason})
-    else:
-        click.echo(to_json(solved.outcome), nl=False)

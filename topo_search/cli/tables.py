@@ -80,9 +80,8 @@ def _print_remarks(size: SizeAnswer, indent: str = "") -> None:
 
 def _counts(size: SizeAnswer) -> str:
     """Return how many candidates of one size ended how."""
-    counts = ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items()))
     text = f"{modules(size.modules)}: {size.settled} of {quantity(size.candidates, 'candidate')}"
-    return f"{text} ({counts})" if counts else text
+    return f"{text} ({size.counts})" if size.counts else text
 
 
 def _print_front(answer: Answer) -> None:
@@ -118,7 +117,6 @@ def _print_rows(rows: tuple[Row, ...]) -> None:
 
 
 def _in_short(row: Row) -> tuple[str, str, str, str]:
-    """Return key, control effort, gap and verdict of a design."""
     gap = "" if row.gap is None else gap_percent(row.gap)
     return row.key, f"{row.objective:.6g}", gap, row.audit or ("failed" if row.audit_failure else "")
 
@@ -177,9 +175,9 @@ def _print_table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     console.print(table)
 
 
-def _effort(row: Row) -> str:
-    gap = "" if row.gap is None else f", gap to the lower bound {gap_percent(row.gap)}"
-    return f"J = {row.objective:.6g} rad^4/s^4{gap}"
+def _effort(design: Row | Design) -> str:
+    gap = "" if design.gap is None else f", gap to the lower bound {gap_percent(design.gap)}"
+    return f"J = {design.objective:.6g} rad^4/s^4{gap}"
 
 
 def progress_line(outcome: Outcome) -> str:
@@ -189,9 +187,7 @@ def progress_line(outcome: Outcome) -> str:
     if isinstance(outcome, Infeasible):
         return outcome.message
     tried = (outcome.solver or {}).get("starts")
-    starts = "" if tried is None else f" after {quantity(tried, 'start')}"
-    gap = "" if outcome.gap is None else f", gap to the lower bound {gap_percent(outcome.gap)}"
-    return f"J = {outcome.objective:.6g} rad^4/s^4{gap}{starts}"
+    return _effort(outcome) + ("" if tried is None else f" after {quantity(tried, 'start')}")
 
 
 def print_solved(solved: Solved, out: Path | None) -> None:

@@ -2,7 +2,6 @@
 
 from topo_search.compose.binding import BACKENDS, available_cores
 from topo_search.compose.designs import (
-    Rounded,
     audit,
     audits,
     brackets_note,
@@ -12,4 +11,4 @@ from topo_search.compose.designs import (
     solve,
 )
 from topo_search.compose.pages import compare, figure, plot_platform, write_report
-from topo_search.compose.searching import DEFAULT_GAP, DEFAULT_TRIALS, check_proofs, prove, search
+from topo_search.compose.searching import check_proofs, prove, search

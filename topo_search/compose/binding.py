@@ -206,7 +206,6 @@ def own_constraints(constraints: Iterable[OwnConstraint]) -> tuple[OwnConstraint
 
 
 def _one(given: object) -> str:
-    """Return what to say of a single thing where a list is asked for."""
     kind = type(given).__name__
     return f"one {kind}: write it in brackets" if isinstance(given, Design | OwnConstraint) else kind
 

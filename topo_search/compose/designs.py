@@ -166,9 +166,8 @@ def round_angles(design: Design, step_deg: float) -> Rounded:
     try:
         found = refit(design, angles)
     except NotPossible as error:
-        raise BadInput(
-            "--angle-step", [Fault("", f"{error} with angles rounded to {step_deg:g} deg; choose a smaller step")]
-        ) from None
+        rule = f"{error} with angles rounded to {step_deg:g} deg; choose a smaller step"
+        raise BadInput("--angle-step", rule) from None
     before, after = (audit(each) for each in (design, found))
     effort = found.objective / design.objective if design.objective else 1.0
     return Rounded(found, after, before, step_deg, effort)

@@ -306,9 +306,8 @@ def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
     needs = np.array([[count[kind] >= j for kind, j in brackets] for count in counts]).reshape(len(designs), -1)
     y = range(len(designs), len(designs) + len(brackets))
     rows: list[Row] = [(dict.fromkeys(of, 1.0), 1.0, 1.0) for of in tasks]
-    rows += [
-        ({y[k]: 1.0} | {d: -1.0 for d in of if needs[d, k]}, 0.0, math.inf) for of in tasks for k in range(len(y))
-    ]
+    for of, (k, y_k) in product(tasks, enumerate(y)):
+        rows.append(({y_k: 1.0} | {d: -1.0 for d in of if needs[d, k]}, 0.0, math.inf))
     drawer = dict.fromkeys(y, 1.0)
     _, fewest = _least(drawer, rows, y.stop, len(designs))
     rows.append((drawer, -math.inf, round(fewest) + 0.5))
@@ -407,7 +406,7 @@ def shared_part(one: Design, other: Design) -> dict[int, int]:
 
 
 def _joints(design: Design) -> list[tuple[int, int, int, int, float]]:
-    """Return (h, i, a, b, phi) of every joint: phi is the child's turn as of `export.brackets` [deg]."""
+    # h, i, a, b and phi, the child's turn as of `export.brackets` [deg]
     return [(*edge, phi) for edge, phi in zip(design.topology.edges(), bracket_turns(design), strict=True)]
 
 
@@ -433,7 +432,6 @@ def growing_steps(design: Design, piece: Iterable[int]) -> tuple[Step, ...]:
 
 
 def _excess(design: Design, choices: Sequence[Design]) -> float:
-    """Return the effort of a design over the least of its task, less one."""
     least = min(each.objective for each in choices)
     return design.objective / least - 1 if least else 0.0
 

@@ -10,7 +10,7 @@ from topo_search.export.brackets import DIGITS
 from topo_search.export.sheet import STYLE
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Design
-from topo_search.model.text import paragraph, table
+from topo_search.model.text import html_page, paragraph, table
 
 if TYPE_CHECKING:
     from topo_search.compose.drawer import Change, SharedKit
@@ -25,17 +25,15 @@ def drawer_page(shared: SharedKit, designs: Sequence[Design]) -> str:
         f'<a href="{escape(task.design.replace("design.json", "assembly.html"))}">{escape(task.task)}</a>'
         for task in shared.tasks
     ]
-    lines.append(
-        _side_by_side((caption, tree_svg(design)) for caption, design in zip(captions, designs, strict=True))
-    )
+    lines.append(_side_by_side(zip(captions, map(tree_svg, designs), strict=True)))
     for number, change in enumerate(shared.changes):
         lines += change_lines(change, designs[number], designs[number + 1])
-    return _page(f"One drawer for {len(designs)} tasks", lines)
+    return html_page(f"One drawer for {len(designs)} tasks", STYLE, lines)
 
 
 def change_page(change: Change, before: Design, after: Design) -> str:
     """Return the sheet of one change."""
-    return _page(f"From {change.before} to {change.after}", change_lines(change, before, after))
+    return html_page(f"From {change.before} to {change.after}", STYLE, change_lines(change, before, after))
 
 
 def change_lines(change: Change, before: Design, after: Design) -> Iterator[str]:
@@ -54,12 +52,5 @@ def change_lines(change: Change, before: Design, after: Design) -> Iterator[str]
 
 
 def _side_by_side(drawings: Iterable[tuple[str, str]]) -> str:
-    """Return drawings with their captions in a row."""
     figures = (f"<figure><figcaption>{caption}</figcaption>{svg}</figure>" for caption, svg in drawings)
     return f"<section>{''.join(figures)}</section>"
-
-
-def _page(title: str, lines: Iterable[str]) -> str:
-    head = f'<html lang="en"><head><meta charset="utf-8"/><title>{escape(title)}</title>'
-    body = [f"<style>{STYLE}</style></head><body>", f"<h1>{escape(title)}</h1>", *lines, "</body></html>"]
-    return "\n".join(["<!doctype html>", head, *body]) + "\n"

@@ -53,9 +53,6 @@ AnyTask = TypeVar("AnyTask", Task, ResolvedTask)
 DEFAULT_TRIALS = 512
 """Candidates that are proposed by default when not all are solved."""
 
-DAY_S = 24 * 3600.0
-"""Longest search of all candidates that nobody has to ask for [s]."""
-
 DEFAULT_GAP = 0.003
 """To which a tree is proven that cannot be excluded."""
 
@@ -153,7 +150,8 @@ def search(
     )
     path = Path("runs") / request.folder_name if out is None else Path(out)
     patient = strategy is not None or dask is not None or math.isfinite(time_limit) or path.exists()
-    _refuse_endless(request, math.inf if patient else DAY_S * (workers or available_cores()))
+    # a day of all cores is the longest search of all candidates that nobody has to ask for
+    _refuse_endless(request, math.inf if patient else 24 * 3600.0 * (workers or available_cores()))
     if keep_within is not None and (prune or not 0 <= keep_within <= LIMITS.percent):
         raise ValueError(f"`0 <= keep_within <= {LIMITS.percent}` must hold without `prune`, but got {keep_within}")
     if prove is not None:

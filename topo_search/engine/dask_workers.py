@@ -24,6 +24,7 @@ from topo_search.engine.dask_connection import Certificates, Connection
 from topo_search.engine.jobs import Engine, Failed, Item, Result, WorkersLost
 from topo_search.engine.workers import Workers
 from topo_search.supervisor import tell
+from topo_search.words import quantity
 
 COMPUTING = (
     "topo-search",
@@ -114,13 +115,9 @@ def run_guarded(batch: Batch) -> Ended:
             if place == 0 or time.monotonic() - started_at < DURATIONS.batch:
                 yield place, call
 
-    ended = child.run(
-        _call,
-        calls(),
-        deadline=lambda call: batch.deadlines[call[0]],
-        until=started_at + batch.seconds,
-    )
     results: list[tuple[int, bytes | Failed]] = []
+    until = started_at + batch.seconds
+    ended = child.run(_call, calls(), deadline=lambda call: batch.deadlines[call[0]], until=until)
     for (place, _), result in ended:
         if isinstance(result, WorkersLost):
             raise result
@@ -138,7 +135,6 @@ def _call(call: tuple[int, bytes]) -> bytes | WorkersLost:
 
 
 def _prepare(call: tuple[Callable[[Item, Callable[[str], None]], object], Item]) -> None:
-    """Call what compiles for a task (in the child)."""
     function, task = call
     function(task, tell)
 
@@ -225,7 +221,7 @@ class DaskWorkers(Engine):
         """
         self._look()
         if self._known:
-            self._note(f"preparing {len(self._known)} Dask worker{'s' * (len(self._known) > 1)}")
+            self._note(f"preparing {quantity(len(self._known), 'Dask worker')}")
         batch = Batch(
             (pickle.dumps((_prepare, (function, task))),),
             (DURATIONS.preparation,),
@@ -337,9 +333,8 @@ class DaskWorkers(Engine):
             patience = f"waiting {DURATIONS.away:.0f} s for one"
             self._note(f"all workers have left the Dask scheduler at {self.address}; {patience}")
         elif self._left is not None and self._looked - self._left > DURATIONS.away:
-            raise WorkersLost(
-                f"no worker has returned to the Dask scheduler at {self.address} in {DURATIONS.away:.0f} s"
-            )
+            scheduler = f"the Dask scheduler at {self.address}"
+            raise WorkersLost(f"no worker has returned to {scheduler} in {DURATIONS.away:.0f} s")
         self._threads = sum(threads.values())
 
     def _result(self, future: Future[Ended]) -> Ended | Failed:
@@ -350,9 +345,8 @@ class DaskWorkers(Engine):
             raise self._connection.loss()
         error = future.exception()
         if isinstance(error, KilledWorker):
-            return Failed(
-                "crash", f"the Dask worker that ran it ended, {error.allowed_failures + 1} times in a row"
-            )
+            times = error.allowed_failures + 1
+            return Failed("crash", f"the Dask worker that ran it ended, {times} times in a row")
         if isinstance(error, WorkersLost):
             raise error
         if error is not None:
@@ -362,6 +356,5 @@ class DaskWorkers(Engine):
 
 
 def _results(batch: list[Item], ended: Ended) -> Iterator[tuple[Item, Any]]:
-    """Yield the jobs of a batch that were not dropped, with their results."""
     for place, result in ended.results:
         yield batch[place], result if isinstance(result, Failed) else pickle.loads(result)

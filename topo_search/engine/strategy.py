@@ -223,24 +223,18 @@ class Space:
 
     @property
     def _root(self) -> Root:
-        """Kind of root that makes trees differ."""
         return "paper" if self.rooted else self.task.search.root
 
     @cached_property
     def _quotient(self) -> Quotient:
-        """Quotient that makes trees one candidate; kept, as finding a task's symmetries takes as long as a key."""
+        # kept, as finding a task's symmetries takes as long as a key
         return quotient_of(self.n, **self._family)
 
     @property
     def _family(self) -> dict[str, Any]:
         """Arguments that define which trees are candidates, and which of them are one."""
         search = self.task.search
-        return {
-            "symmetry": self.symmetry,
-            "connectors": search.connectors,
-            "root": self._root,
-            "task": self.task,
-        }
+        return {"symmetry": self.symmetry, "connectors": search.connectors, "root": self._root, "task": self.task}
 
 
 def with_spins_reversed(topology: Topology) -> Topology:

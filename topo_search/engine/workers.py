@@ -29,8 +29,6 @@ from topo_search.engine.jobs import Engine, Failed, Item, Result, WorkersLost
 from topo_search.limits import LIMITS
 from topo_search.supervisor import AGAIN, ONE_THREAD, STOPS, call_pickled, die_with_parent, is_out_of_memory
 
-LOOK = 1.0
-"""Poll period of the pool while jobs run [s]."""
 _LAUNCH = threading.Lock()
 
 
@@ -169,7 +167,7 @@ class Workers(_OneThread):
                     running[future] = replace(waiting.popleft(), since=since)
                 if not running and not waiting:
                     return
-                ended = wait(running, min(LOOK, max(0.0, until - time.monotonic())), FIRST_COMPLETED).done
+                ended = wait(running, min(1.0, max(0.0, until - time.monotonic())), FIRST_COMPLETED).done
                 for future in ended:
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
@@ -178,13 +176,12 @@ class Workers(_OneThread):
                         raise error
                     trial = running.pop(future)
                     self._breaks = 0
-                    early = time.monotonic() - trial.since < deadline(trial.job)
+                    allowed = deadline(trial.job)
+                    early = time.monotonic() - trial.since < allowed
                     if early and isinstance(error, TimeoutError) and error.__cause__ is None:  # the pool's own
                         waiting.appendleft(trial)  # it reads the time of day, and that jumped
                         continue
-                    result: Result | Failed = (
-                        pickle.loads(future.result()) if error is None else _failure(error, deadline(trial.job))
-                    )
+                    result = pickle.loads(future.result()) if error is None else _failure(error, allowed)
                     killed = isinstance(result, Failed) and result.kind != "error"  # a pure function raises again
                     if killed and trial.attempt == 1:
                         waiting.appendleft(_Try(trial.job, trial.attempt + 1))
@@ -218,9 +215,8 @@ class Workers(_OneThread):
         self._stop()
         self._breaks += 1
         if self._breaks > 2:
-            raise WorkersLost(
-                f"{self._breaks} times in a row all worker processes ended before they finished a job: no memory?"
-            )
+            ended = "all worker processes ended before they finished a job: no memory?"
+            raise WorkersLost(f"{self._breaks} times in a row {ended}")
 
     def _stop(self) -> None:
         if self._pool is not None:

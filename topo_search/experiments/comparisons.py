@@ -20,7 +20,7 @@ wrenches each have their own, so that there is no best of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -28,15 +28,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from topo_search.experiments.conducting import Experiment
-from topo_search.experiments.plan import (
-    AIRFLOW_ALONE,
-    Cell,
-    Settings,
-    Variant,
-    cell_count,
-    plan,
-    require_few,
-)
+from topo_search.experiments.plan import AIRFLOW_ALONE, Cell, Settings, Variant, cell_count, plan, require_few
 from topo_search.export import palette
 from topo_search.model import Topology
 from topo_search.model.proven import gap_percent
@@ -50,16 +42,21 @@ PROBLEM = ["task", "distance_m", "n"]
 
 
 def comparison(
-    name: str, question: str, full: Settings, small: Settings, variants: tuple[Variant, ...], title: str
+    name: str,
+    question: str,
+    tasks: tuple[tuple[str, tuple[int, ...]], ...],
+    variants: tuple[Variant, ...],
+    title: str,
+    cells: Callable[[Settings], list[Cell]] | None = None,
 ) -> Experiment:
     """Return the experiment that solves every tree under all variants; the first variant is the reference."""
     names = [variant.name for variant in variants]
     return Experiment(
         name=name,
         question=question,
-        full=full,
-        small=small,
-        cells=partial(plan, variants=variants, first=False),
+        full=Settings(tasks, topologies=(50, 10), starts=24),
+        small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
+        cells=cells or partial(plan, variants=variants, first=False),
         summary=partial(summary, names=names),
         findings=partial(findings, names=names),
         figure=partial(figure, names=names, title=title),
@@ -118,9 +115,8 @@ def findings(rows: pd.DataFrame, names: list[str]) -> list[str]:
 def _cost(row: dict[Hashable, Any], reference: dict[Hashable, Any]) -> str:
     """Return in words what a variant costs."""
     name, other = row["variant"], reference["variant"]
-    solved = (
-        f"{name}: {row['trees_solved']} of {row['trees']} trees have a design, {other}: {reference['trees_solved']}"
-    )
+    number = f"{row['trees_solved']} of {row['trees']} trees"
+    solved = f"{name}: {number} have a design, {other}: {reference['trees_solved']}"
     if not row["trees_compared"]:
         return f"{solved}."
     both = (
@@ -218,12 +214,7 @@ COMPARISONS = (
     comparison(
         name="placement",
         question="What does an end-effector at the centre of mass cost, compared with an optimised position?",
-        full=Settings(
-            tasks=(("push", (5,)), ("push-local", (5,)), ("push-directional", (5,)), ("ten-wrenches", (10, 20))),
-            topologies=(50, 10),
-            starts=24,
-        ),
-        small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
+        tasks=(("push", (5,)), ("push-local", (5,)), ("push-directional", (5,)), ("ten-wrenches", (10, 20))),
         variants=(
             Variant("free"),
             Variant("com", ('end_effector.position="com"',)),
@@ -234,44 +225,29 @@ COMPARISONS = (
     comparison(
         name="body",
         question="What does it cost to keep frames apart?",
-        full=Settings(
-            tasks=(
-                *((task, (5,)) for task in ("push", "push-local", "push-directional", "push-exterior-60")),
-                ("ten-wrenches", (10, 20)),
-            ),
-            topologies=(50, 10),
-            starts=24,
+        tasks=(
+            *((task, (5,)) for task in ("push", "push-local", "push-directional", "push-exterior-60")),
+            ("ten-wrenches", (10, 20)),
         ),
-        small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
         variants=(Variant("airflow only", (AIRFLOW_ALONE,)), Variant("body clearance")),
         title="What body clearance costs: each point a tree, compared with itself",
     ),
     comparison(
         name="hinges",
         question="What do hinge angles from a set cost, compared with any angles?",
-        full=Settings(
-            tasks=(("push", (3, 4, 5, 6)), ("push-local", (3, 4, 5, 6)), ("wall-push", (3, 4, 5, 6))),
-            topologies=(50, 10),
-            starts=24,
-        ),
-        small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
+        tasks=(("push", (3, 4, 5, 6)), ("push-local", (3, 4, 5, 6)), ("wall-push", (3, 4, 5, 6))),
         variants=(
             Variant("free"),
             *(Variant(f"{step} deg", (f"search.hinge_step_deg={step}",)) for step in (5, 10, 15, 30, 45)),
         ),
         title="What hinge angles from a set cost: each point a tree, compared with itself",
     ),
-    replace(
-        comparison(
-            name="root",
-            question="What does the paper's root cost, compared with one that turns freely?",
-            full=Settings(
-                tasks=(("push", (3, 4, 5)), ("push-exterior-60", (3, 4, 5))), topologies=(50, 10), starts=24
-            ),
-            small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
-            variants=(Variant("free root"), PAPER_ROOT),
-            title="What the paper's root costs: each point a tree, its best root compared with a free one",
-        ),
+    comparison(
+        name="root",
+        question="What does the paper's root cost, compared with one that turns freely?",
+        tasks=(("push", (3, 4, 5)), ("push-exterior-60", (3, 4, 5))),
+        variants=(Variant("free root"), PAPER_ROOT),
+        title="What the paper's root costs: each point a tree, its best root compared with a free one",
         cells=root_cells,
     ),
 )

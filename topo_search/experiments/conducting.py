@@ -12,15 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import nlp
 from topo_search.compose import BACKENDS, available_cores
-from topo_search.engine import (
-    Backends,
-    Failed,
-    Workers,
-    audit_deadline,
-    merge,
-    record_of,
-    solve_deadline,
-)
+from topo_search.engine import Backends, Failed, Workers, audit_deadline, merge, record_of, solve_deadline
 from topo_search.experiments.folder import Measured, Results, identify, results
 from topo_search.experiments.plan import Cell, Settings
 from topo_search.export.poses import poses
@@ -106,7 +98,6 @@ def conduct(
 
 
 def _deadline(cell: Cell) -> float:
-    """Return the time after which a cell counts as hung [s]."""
     return cell.settings.time_limit + solve_deadline(cell.n, len(cell.rounds[0])) + audit_deadline(cell.n)
 
 

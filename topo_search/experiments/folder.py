@@ -23,8 +23,9 @@ from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault
 from topo_search.model.bad_input import show
 from topo_search.model.files import load_json
-from topo_search.model.text import NotReadable, escape_formula, read_regular
+from topo_search.model.text import NotReadable, decode, escape_formula, read_regular
 from topo_search.study.directory import Directory
+from topo_search.study.folder import refusal
 from topo_search.study.ledger_file import LedgerLost
 from topo_search.study.request import installed_versions
 
@@ -126,16 +127,16 @@ class Results:
             BadInput: the folder cannot be used; it is left unchanged.
         """
         if folder.exists() and not folder.is_dir():
-            raise _refusal(folder, "is a file")
+            raise refusal(folder, "is a file")
         for name in (RESULTS, ABOUT):
             if (folder / name).is_symlink():
-                raise _refusal(folder, f"has a symbolic link in place of its {name}")
+                raise refusal(folder, f"has a symbolic link in place of its {name}")
         if (folder / RESULTS).exists() and not (folder / ABOUT).exists():
-            raise _refusal(folder, f"has a {RESULTS} but no {ABOUT}: it is not an experiment folder")
+            raise refusal(folder, f"has a {RESULTS} but no {ABOUT}: it is not an experiment folder")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise _refusal(folder, f"cannot be made: {error.strerror}") from None
+            raise refusal(folder, f"cannot be made: {error.strerror}") from None
         with Directory.open(folder) as directory, directory.lock():
             directory.tidy()
             if (folder / ABOUT).exists():
@@ -230,16 +231,16 @@ def results(folder: str | Path) -> pd.DataFrame:
 def _compare(folder: Path, held: Any, about: dict[str, Any]) -> None:
     """Refuse a folder that holds another experiment."""
     if not isinstance(held, dict) or held.get("format") != FORMAT or held.get("version") != about["version"]:
-        raise _refusal(folder, f"has an {ABOUT} of another program or version")
+        raise refusal(folder, f"has an {ABOUT} of another program or version")
     if held.get("experiment") != about["experiment"]:
-        raise _refusal(folder, f"holds the experiment {held.get('experiment')}, not {about['experiment']}")
+        raise refusal(folder, f"holds the experiment {held.get('experiment')}, not {about['experiment']}")
     for group in ("settings", "versions"):
         if not isinstance(values := held.get(group), dict):
-            raise _refusal(folder, f"has an {ABOUT} whose {group} is not a table")
+            raise refusal(folder, f"has an {ABOUT} whose {group} is not a table")
         for name, value in about[group].items():
             if values.get(name) != value:
                 kind = "results of version" if group == "versions" else "an experiment with"
-                raise _refusal(folder, f"holds {kind} {name} {show(values.get(name))}, not {show(value)}")
+                raise refusal(folder, f"holds {kind} {name} {show(values.get(name))}, not {show(value)}")
 
 
 def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
@@ -247,15 +248,12 @@ def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
     try:
         content = read_regular(path, most_bytes=LIMITS.result_bytes)
         size = content.rfind(b"\n") + 1
-        text = content[:size].decode("utf-8")
+        text = decode(content[:size])
     except NotReadable as error:
         raise BadInput(str(path), str(error)) from None
-    except UnicodeDecodeError as error:
-        rule = f"must be UTF-8 text, but got the byte {content[error.start]:#04x} at offset {error.start}"
-        raise BadInput(str(path), rule) from None
     lines = text.split("\n")[:-1]
     if not lines or tuple(lines[0].split(",")) != COLUMNS:
-        raise _refusal(path.parent, f"has a {RESULTS} with other columns")
+        raise refusal(path.parent, f"has a {RESULTS} with other columns")
     rows = [_cells(path, number, line) for number, line in enumerate(lines[1:], start=2)]
     return size, {_identity(row) for row in rows if row["status"] != "failed"}  # those are tried again
 
@@ -283,7 +281,3 @@ def _cells(path: Path, number: int, line: str) -> dict[str, str]:
 
 def _identity(values: dict[str, Any]) -> tuple[str, ...]:
     return tuple("" if values[name] is None else str(escape_formula(values[name])) for name in IDENTITY)
-
-
-def _refusal(path: Path, reason: str) -> BadInput:
-    return BadInput(str(path), f"{reason}; choose another folder with --out")

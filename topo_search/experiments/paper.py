@@ -271,9 +271,8 @@ def ablation_figure(rows: pd.DataFrame) -> Figure:
     cluster.legend(fontsize=8)
     draw(number, designs, "colliding_pairs", sizes)
     number.set(title="Overlapping pairs of envelopes", ylabel="pairs [-]")
-    figure.suptitle(
-        "Airflow constraints replaced by a minimum distance: boxes are quartiles, whiskers the whole range"
-    )
+    boxes = "boxes are quartiles, whiskers the whole range"
+    figure.suptitle(f"Airflow constraints replaced by a minimum distance: {boxes}")
     return figure
 
 

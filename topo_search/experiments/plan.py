@@ -187,9 +187,9 @@ def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> l
 
 def cell_count(settings: Settings, cells_per_tree: Callable[[int], int]) -> int:
     """Return the number of cells, from the number for each tree of n modules in a task and at a distance."""
-    return max(1, len(settings.distances)) * sum(
-        min(count(n), settings.trees(n)) * cells_per_tree(n) for _, sizes in settings.tasks for n in set(sizes)
-    )
+    sizes = [n for _, sizes in settings.tasks for n in set(sizes)]
+    trees = sum(min(count(n), settings.trees(n)) * cells_per_tree(n) for n in sizes)
+    return max(1, len(settings.distances)) * trees
 
 
 def require_few(number: int) -> None:

@@ -84,9 +84,8 @@ def air_surface(design: Design, speed: float, load_case: int = 0, points: int = 
         raise BadInput("--air-speed", rule)
     over = dict(zip(grid, (found - speed).tolist(), strict=True))
     mesh = Manifold.level_set(lambda *point: over[point], box, edge).to_mesh()
-    return AirSurface(
-        f"air faster than {speed:g} m/s, {name}", Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts)
-    )
+    surface = Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts)
+    return AirSurface(f"air faster than {speed:g} m/s, {name}", surface)
 
 
 class _Air:
@@ -112,9 +111,8 @@ def npz(field: AirField) -> bytes:
     """Return the content of an .npz file: `case` (K,), `speed_m_s` (K, nx, ny, nz), `origin_m` (3,), `step_m`."""
     stream = io.BytesIO()
     speed = np.stack(list(field.cases.values()))
-    np.savez_compressed(
-        stream, case=np.array(list(field.cases)), speed_m_s=speed, origin_m=field.origin, step_m=field.step
-    )
+    cases = np.array(list(field.cases))
+    np.savez_compressed(stream, case=cases, speed_m_s=speed, origin_m=field.origin, step_m=field.step)
     return stream.getvalue()
 
 

@@ -145,8 +145,8 @@ def allocation(design: Design) -> Allocation:
             name=f"module_{j // 4}_rotor_{j % 4}",
             module=j // 4,
             rotor=j % 4,
-            position_m=_vector(o[j]),
-            axis=_vector(z[j]),
+            position_m=o[j].tolist(),
+            axis=z[j].tolist(),
             spin=-1 if s[j] > 0 else 1,
             thrust_coefficient=k_f,
             torque_coefficient=k_tau,
@@ -155,19 +155,19 @@ def allocation(design: Design) -> Allocation:
         for j in range(4 * n)
     ]
     return Allocation(
-        matrix=_rows(k_f * B_T),
-        pseudo_inverse=_rows(inverse / k_f),
-        thrust_matrix=_rows(B_T),
-        thrust_pseudo_inverse=_rows(inverse),
+        matrix=(k_f * B_T).tolist(),
+        pseudo_inverse=(inverse / k_f).tolist(),
+        thrust_matrix=B_T.tolist(),
+        thrust_pseudo_inverse=inverse.tolist(),
         rank=int(np.linalg.matrix_rank(B_T, rtol=RANK_TOLERANCE)),
         largest_input=u_max,
         least_input=task.min_input,
         mass_kg=task.total_mass(n),
-        com_m=_vector(at.p_com),
-        inertia_kg_m2=_square(J),
-        principal_moments_kg_m2=_vector(moments),
-        principal_axes=_square(axes.T),
-        rotors=tuple(rotors),
+        com_m=at.p_com.tolist(),
+        inertia_kg_m2=J.tolist(),
+        principal_moments_kg_m2=moments.tolist(),
+        principal_axes=axes.T.tolist(),
+        rotors=rotors,
     )
 
 
@@ -203,17 +203,3 @@ def allocator_file(design: Design, acts: Allocation) -> str:
 
     source = Path(allocator.__file__).read_text(encoding="utf-8")
     return re.sub(rf"^(({'|'.join(data)}): [^=\n]+) = .*$", value, source, flags=re.MULTILINE)
-
-
-def _rows(matrix: Array) -> tuple[Row, ...]:
-    return tuple(tuple(row) for row in matrix.tolist())
-
-
-def _vector(v: Array) -> Vector:
-    x, y, z = v.tolist()
-    return x, y, z
-
-
-def _square(matrix: Array) -> tuple[Vector, Vector, Vector]:
-    x, y, z = (_vector(row) for row in matrix)
-    return x, y, z

@@ -172,12 +172,8 @@ def flight_lines(flight: Flight) -> Iterator[str]:
     if hover.angular_acceleration_rad_s2 is not None:
         sizes = ", ".join(lower_text(a, 3) for a in hover.angular_acceleration_rad_s2)
         yield f"angular acceleration in hover, about x, y and z: {sizes} rad/s²"
-    if hover.horizontal_reserve_com_N_pseudo_inverse is not None:
-        at_com, at_tip = (
-            hover.horizontal_reserve_com_N_pseudo_inverse,
-            hover.horizontal_reserve_N_pseudo_inverse or 0.0,
-        )
-        tilt = hover.tilt_deg_pseudo_inverse or 0.0
+    if (at_com := hover.horizontal_reserve_com_N_pseudo_inverse) is not None:
+        at_tip, tilt = hover.horizontal_reserve_N_pseudo_inverse or 0.0, hover.tilt_deg_pseudo_inverse or 0.0
         yield (
             f"by the pseudo-inverse alone, in hover: side force of {lower_text(at_tip, 3)} N at the tip and "
             f"{lower_text(at_com, 3)} N at the centre of mass, tilt of {lower_text(tilt, 3)} degrees"
@@ -206,11 +202,8 @@ def power_lines(audit: Audit) -> Iterator[str]:
     hover = [case for case in audit.power if audit.flight is not None and case.name == audit.flight.hover.name]
     most = max((case for case in audit.power if case not in hover), key=lambda case: case.shaft_W, default=None)
     for case in (*hover, *([] if most is None else [most])):
-        lasts = (
-            ""
-            if case.endurance_min is None
-            else f"; batteries last {upper_text(case.endurance_min, 3)} min at most"
-        )
+        minutes = case.endurance_min
+        lasts = "" if minutes is None else f"; batteries last {upper_text(minutes, 3)} min at most"
         yield (
             f"power in {case.name}: {case.shaft_W:.3g} W at the shafts, {case.ideal_W:.3g} W if rotors were ideal "
             f"(figure of merit {case.figure_of_merit:.3g}){lasts}"

@@ -39,16 +39,10 @@ SIDES = 64
 """Sides of a round hole: its corners lie on the circle."""
 TURNS = (1.0, -1.0, -1.0, 1.0)
 """phi over alpha at the ports 0..3."""
-GRIP = 6.0
-"""Length of the socket that holds the rod, over the rod's radius."""
-BESIDE_ROTOR = 0.002
-"""Least distance of a strut from the discs of rotors beside it [m]."""
 FIT = 1e-4
 """Excess of a mount's bore over the rod, in radius [m]."""
 SLOT = 1e-3
 """Width of the slot that a clamp closes [m]."""
-UPRIGHT = 0.3
-"""Least sine of a rod's angle from upright at which the ears of its clamp are on its upper side."""
 DIGITS = 3
 """Decimals of angles in names [deg]."""
 
@@ -129,12 +123,10 @@ def struts(design: Design) -> list[Part]:
     if design.mount is not None and rod_of(design, poses(design)) is not None:
         used.append(design.mount.port)
     sizes, outer = module.bracket_sizes, module.connector_distance - module.bracket_sizes.set_back
-    beside = module.arm_length / math.sqrt(2) - module.body.rotor_radius - BESIDE_ROTOR
+    beside_discs = 0.002  # least distance of a strut from the discs of rotors beside it [m]
+    beside = module.arm_length / math.sqrt(2) - module.body.rotor_radius - beside_discs
     width = min(module.body.arm_width / 2, sizes.half_width)
-    lengths: dict[float, int] = {}
-    for port in used:
-        inner = module.body.hub[port % 2] / 2
-        lengths[inner] = lengths.get(inner, 0) + 1
+    lengths = Counter(module.body.hub[port % 2] / 2 for port in used)
     if module.body.frame is not None or beside <= sizes.half_width:
         return []
     return [
@@ -177,7 +169,7 @@ def mount(design: Design) -> Part | None:
 
 def grip_of(rod: Rod) -> float:
     """Return the length of the socket that holds a rod [m]."""
-    return min(GRIP * rod.radius, rod.length)
+    return min(6 * rod.radius, rod.length)
 
 
 def require_room(module: Module) -> None:
@@ -252,7 +244,8 @@ def has_clamp(sizes: Bracket, grip: float) -> bool:
 def _clamp_axes(v: Array) -> Array:
     """Return the axes of a clamp on a rod along v: x towards its ears, up or else outwards, z along the rod."""
     upwards = np.array([0.0, 0.0, 1.0]) - v[2] * v
-    x = upwards if np.linalg.norm(upwards) > UPRIGHT else np.array([1.0, 0.0, 0.0]) - v[0] * v
+    # 0.3: least sine of a rod's angle from upright at which ears are on its upper side
+    x = upwards if np.linalg.norm(upwards) > 0.3 else np.array([1.0, 0.0, 0.0]) - v[0] * v
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(v, x), v], axis=1)
 

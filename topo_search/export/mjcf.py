@@ -105,7 +105,12 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
     for i, q in itertools.product(range(design.topology.n), range(4)):  # module-major like the inputs
         rotor = f"module_{i}_rotor_{q}"
         SubElement(actuator, "general", {"class": SPIN_CLASSES[int(ROTOR_SPINS[q])], "name": rotor, "site": rotor})
-    _keyframes(SubElement(model, "keyframe"), design, physics)
+    keyframe = SubElement(model, "keyframe")
+    for k, u_k in enumerate(design.inputs):  # a pose at rest with the thrusts that produce it, which lag no longer
+        thrusts = numbers(*module.thrust_coefficient * u_k.ravel())
+        running = {} if physics.motor_lag is None else {"act": thrusts}
+        key = {"name": f"load_case_{k}", "qpos": "0 0 0 1 0 0 0", "ctrl": thrusts, **running}
+        SubElement(keyframe, "key", key)
     return xml_text(model)
 
 
@@ -171,12 +176,3 @@ def _module_body(parent: Element, i: int, place: dict[str, str], module: Module)
         SubElement(body, "geom", {"class": "rotor", "pos": numbers(x, y, 0)})
         SubElement(body, "site", name=f"module_{i}_rotor_{q}", pos=numbers(x, y, 0))
     return body
-
-
-def _keyframes(keyframe: Element, design: Design, physics: Physics) -> None:
-    """Add one pose at rest a load case, with the thrusts that produce it, which lag no longer."""
-    for k, u_k in enumerate(design.inputs):
-        thrusts = numbers(*design.task.module.thrust_coefficient * u_k.ravel())
-        running = {} if physics.motor_lag is None else {"act": thrusts}
-        key = {"name": f"load_case_{k}", "qpos": "0 0 0 1 0 0 0", "ctrl": thrusts, **running}
-        SubElement(keyframe, "key", key)

@@ -182,16 +182,10 @@ def content(figure: Figure, kind: str) -> bytes:
     return stream.getvalue()
 
 
-LIGHT = np.array([0.27, -0.18, 0.95])
-"""Towards the light, for the shading of faces."""
-MARGIN = np.array([1.3, 0.8])
-"""Left for the labels of the axes, in width and height [in]."""
 ASIDE = np.array(sorted(itertools.product(range(-6, 7), repeat=2), key=lambda step: math.hypot(*step)))
 """Offsets by which a number may move, nearest first, in font sizes."""
 ARROW = 0.5
 """Length of the arrow of the largest force, and of the largest torque, over the size of the platform."""
-HALO = [patheffects.withStroke(linewidth=2.5, foreground="white")]
-"""Keeps a number readable over whatever lies behind it."""
 
 SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 CUBE = np.array(
@@ -286,7 +280,9 @@ class Scene:
         faces = np.concatenate([one @ R.T + p for R, p in zip(at.R, at.p, strict=True)])
         tints = [to_rgb(palette.MODULE)] * len(frame) + [to_rgb(palette.ROTOR)] * len(rotors)
         self._solid(faces, np.tile(tints, (len(at.p), 1)))
-        self._arrows(at.p, 1.6 * module.arm_length * at.z)
+        axes, look = 1.6 * module.arm_length * at.z, {"linewidth": 1.4, "arrow_length_ratio": 0.3, "zorder": 7}
+        self.axes.quiver(*at.p.T, *axes.T, color=palette.THRUST_AXIS, **look)
+        self._keep([at.p + axes])
         self._lines([np.stack([at.p_com, at.end_effector])], palette.OFFSET, 2.5)
         for place, colour in ((at.p_com, palette.CENTRE_OF_MASS), (at.end_effector, palette.END_EFFECTOR)):
             self.axes.plot(*place[:, None], "o", color=colour, markeredgecolor="black", markersize=7, zorder=8)
@@ -317,7 +313,8 @@ class Scene:
         )
         self.axes.set_box_aspect(tuple(half))
         corners = middle + half * np.array(list(itertools.product((-1, 1), repeat=3)))
-        zoom = (self.size - MARGIN) * 72 / np.ptp(self._on_paper(corners), axis=0)
+        labels = np.array([1.3, 0.8])  # room for those of the axes, in width and height [in]
+        zoom = (self.size - labels) * 72 / np.ptp(self._on_paper(corners), axis=0)
         self.axes.set_box_aspect(tuple(half), zoom=float(zoom.min()))
         for name, share in zip("xyz", half / half.max(), strict=True):
             axis = getattr(self.axes, f"{name}axis")
@@ -335,6 +332,8 @@ class Scene:
         size = float(np.clip(40 / len(anchors), 5, 8))
         along = np.linspace(0.0, 1.6, 5)[:, None, None] * self.design.task.module.arm_length * self.at.z
         marks = np.stack([self.at.p_com, self.at.end_effector])
+        halo = [patheffects.withStroke(linewidth=1.8, foreground="white")]  # readable over whatever lies behind
+        line = {"arrowstyle": "-", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 0, "path_effects": halo}
         taken = list(self._on_paper(np.concatenate([(self.at.p + along).reshape(-1, 3), marks])))
         for i, (on_axes, on_paper) in enumerate(zip(self._project(anchors), self._on_paper(anchors), strict=True)):
             aside = next(
@@ -350,14 +349,8 @@ class Scene:
                 fontsize=size,
                 ha="center",
                 va="center",
-                path_effects=HALO,
-                arrowprops={
-                    "arrowstyle": "-",
-                    "linewidth": 0.7,
-                    "shrinkA": 0,
-                    "shrinkB": 0,
-                    "path_effects": [patheffects.withStroke(linewidth=1.8, foreground="white")],
-                },
+                path_effects=[patheffects.withStroke(linewidth=2.5, foreground="white")],
+                arrowprops=line,
                 zorder=9,
             )
 
@@ -366,18 +359,12 @@ class Scene:
         return np.stack([x, y], axis=1)
 
     def _on_paper(self, points: Array) -> Array:
-        """Return where points lie on paper, (m, 2) [pt]."""
         pixels = self.axes.transData.transform(self._project(points))
         return np.asarray(pixels * 72 / self.axes.figure.dpi)
 
     def _volumes(self, polygons: list[Array], colour: str, alpha: float = 0.16, *, edge: float = 0.7) -> None:
-        collection = Poly3DCollection(
-            polygons,
-            facecolors=(*to_rgb(colour), alpha),
-            edgecolors=(*to_rgb(colour), 0.8),
-            linewidths=edge,
-        )
-        self.axes.add_collection3d(collection)
+        face, line = (*to_rgb(colour), alpha), (*to_rgb(colour), 0.8)
+        self.axes.add_collection3d(Poly3DCollection(polygons, facecolors=face, edgecolors=line, linewidths=edge))
         self._keep(polygons)
 
     def _solid(self, faces: Array, tints: Array) -> None:
@@ -386,21 +373,15 @@ class Scene:
         normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1])
         seen = normals @ self.v > 0
         faces, normals = faces[seen], normals[seen]
-        cosine = np.abs(normals @ LIGHT) / np.linalg.norm(normals, axis=1)
+        towards_light = np.array([0.27, -0.18, 0.95])
+        cosine = np.abs(normals @ towards_light) / np.linalg.norm(normals, axis=1)
         tints = tints[seen] * (0.7 + 0.3 * cosine[:, None])
-        self.axes.add_collection3d(
-            Poly3DCollection(faces, facecolors=tints, edgecolors=tints, linewidths=0.2, zorder=5)
-        )
+        solid = Poly3DCollection(faces, facecolors=tints, edgecolors=tints, linewidths=0.2, zorder=5)
+        self.axes.add_collection3d(solid)
 
     def _lines(self, lines: list[Array], colour: str, width: float) -> None:
         self.axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=width, zorder=4))
         self._keep(lines)
-
-    def _arrows(self, tails: Array, vectors: Array) -> None:
-        self.axes.quiver(
-            *tails.T, *vectors.T, color=palette.THRUST_AXIS, linewidth=1.4, arrow_length_ratio=0.3, zorder=7
-        )
-        self._keep([tails + vectors])
 
     def _keep(self, drawn: list[Array]) -> None:
         self._drawn.extend(np.asarray(points).reshape(-1, 3) for points in drawn)
@@ -421,7 +402,6 @@ def wrenches(design: Design, at: Poses) -> list[tuple[int, bool, Array, Array]]:
 
 
 def _overlap(at: Array, taken: list[Array], size: float) -> bool:
-    """True if a number of a font size [pt] at a place on paper would touch one of those there already."""
     gaps = np.abs(np.array(taken) - at)
     return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
 

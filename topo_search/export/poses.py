@@ -147,14 +147,10 @@ AZIMUTHS_DEG = (-60, -30, 30, 60)
 """Azimuths of the camera; none is close to an axis, whose labels would then run into each other."""
 
 
-FARTHEST = 1000.0
-"""Largest distance of the end-effector that can be drawn, in sizes of the platform with its airflow."""
-
-
 def poses_to_draw(design: Design) -> Poses:
     """Return the poses of a design; BadInput if the end-effector is so far away that nothing else could be seen."""
     module = design.task.module
-    limit = FARTHEST * (2 * module.connector_distance * design.topology.n + module.reach)
+    limit = 1000.0 * (2 * module.connector_distance * design.topology.n + module.reach)
     if max(map(abs, design.end_effector_m)) > limit:
         rule = f"must be within {limit:.3g} m of the root module to be drawn, but got {list(design.end_effector_m)}"
         raise BadInput(design.task.name, [Fault("end_effector_m", rule)])

@@ -36,15 +36,11 @@ from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
 
 MOST_ROTORS = 12
-ONE_G = 9.80665
-"""Gravity as PX4 has it [m/s^2]."""
 WEAK = 0.05
 """Size that an entry of a row of G must exceed for PX4 to keep the row [N m], [N]."""
 SMALL = 1e-3
 """Size up to which an entry counts as zero for PX4."""
 AXES = ("roll", "pitch", "yaw", "force x", "force y", "force z")
-HOVER_RANGE = (0.1, 0.8)
-"""Range of MPC_THR_HOVER."""
 
 
 def reason_against(acts: Allocation) -> str | None:
@@ -95,7 +91,7 @@ def px4_parameters(acts: Allocation) -> str:
     if (rule := reason_against(acts)) is not None:
         raise BadInput("--format px4", rule)
     roll, pitch, yaw, x, y, z = set_points(acts)
-    hover = acts.mass_kg * ONE_G / z if z > 0 else np.inf
+    hover = acts.mass_kg * 9.80665 / z if z > 0 else np.inf  # with gravity as PX4 has it [m/s^2]
     lines = [
         "# Control allocation of a platform with fixed rotors in any direction",
         "# Body axes: x as in the task, y and z opposite (forward, right, down); origin: the centre of mass.",
@@ -113,7 +109,7 @@ def px4_parameters(acts: Allocation) -> str:
     method = 0 if acts.rank == len(AXES) else 1
     lines += [f"1\t1\t{name}\t{value}\t6" for name, value in (("CA_AIRFRAME", 0), ("CA_METHOD", method))]
     lines.append(f"1\t1\tCA_ROTOR_COUNT\t{len(acts.rotors)}\t6")
-    if HOVER_RANGE[0] <= hover <= HOVER_RANGE[1]:
+    if 0.1 <= hover <= 0.8:  # the range of MPC_THR_HOVER
         lines.append(f"1\t1\tMPC_THR_HOVER\t{hover:.9g}\t9")
     faults = []
     for j, rotor in enumerate(acts.rotors):

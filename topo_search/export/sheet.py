@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from html import escape
 
 import numpy as np
 
@@ -33,7 +32,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
-from topo_search.model.text import csv_text, paragraph, table
+from topo_search.model.text import csv_text, html_page, paragraph, table
 from topo_search.model.topology import PORT_NAMES
 
 STYLE = """
@@ -61,12 +60,7 @@ def sheet(design: Design, solids: Printed, notes: Sequence[str]) -> str:
         solids: what is printed of it.
         notes: further notes on the kit, one sentence each.
     """
-    title = f"Assembly of {design.task.name}, {design.topology.key}"
     lines = [
-        "<!doctype html>",
-        f'<html lang="en"><head><meta charset="utf-8"/><title>{escape(title)}</title>',
-        f"<style>{STYLE}</style></head><body>",
-        f"<h1>{escape(title)}</h1>",
         *(paragraph(text) for text in notes),
         "<h2>Convention</h2>",
         f'<section class="convention">{ports()}{paragraph(CONVENTION)}</section>',
@@ -80,9 +74,8 @@ def sheet(design: Design, solids: Printed, notes: Sequence[str]) -> str:
         *_rod(design, design.topology.n, solids.mount),
         "<h2>The whole platform</h2>",
         *overview(design),
-        "</body></html>",
     ]
-    return "\n".join(lines) + "\n"
+    return html_page(f"Assembly of {design.task.name}, {design.topology.key}", STYLE, lines)
 
 
 def _faces(design: Design) -> str:
@@ -145,7 +138,6 @@ def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
     )
 
 
-Line = list[str]
 HEAD = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="{:.6g} {:.6g} {:.6g} {:.6g}" role="img" aria-label="{}">'
 
 
@@ -222,7 +214,10 @@ def overview(design: Design) -> Iterator[str]:
         "Numbers are those of the modules, E is the tip, + the centre of mass; in the axes of the task x is to the "
         "right and y (from above) or z (from the side) up. Distances between centres, to check with a rule:"
     )
-    yield table(*_distances(at))
+    near = at.p[:3]
+    head = ["module", *(f"to module {k} [mm]" for k in range(len(near))), "to the tip [mm]"]
+    apart = (np.linalg.norm(np.vstack([near, at.end_effector]) - p, axis=1) for p in at.p)
+    yield table(head, [[str(i), *_millimetres(lengths)] for i, lengths in enumerate(apart)])
     yield paragraph("How modules lie, from the centre of mass and in the axes of the task:")
     yield table(
         ("module", "x [mm]", "y [mm]", "z [mm]", "port 0 points to", "port 1 points to", "upper side points to"),
@@ -243,17 +238,6 @@ def overview(design: Design) -> Iterator[str]:
         for j, one in enumerate(allocation(design).rotors)
     ]
     yield table(names, rows)
-
-
-def _distances(at: Poses) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of the table of distances."""
-    near = at.p[:3]
-    head = ["module", *(f"to module {k} [mm]" for k in range(len(near))), "to the tip [mm]"]
-    rows = [
-        [str(i), *_millimetres(np.linalg.norm(np.vstack([near, at.end_effector]) - p, axis=1))]
-        for i, p in enumerate(at.p)
-    ]
-    return head, rows
 
 
 def _autopilot(at: Poses) -> str:
@@ -278,8 +262,7 @@ def _view(design: Design, at: Poses, across: int, up: int, words: str) -> str:
     low, high = flat.min(axis=0), flat.max(axis=0)
     size = float((high - low).max())
     low = (low + high - size) / 2 - 0.1 * size
-    box = f"{low[0]:.6g} {low[1]:.6g} {1.2 * size:.6g} {1.2 * size:.6g}"
-    svg = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{box}" role="img" aria-label="{words}">']
+    svg = [HEAD.format(*low, 1.2 * size, 1.2 * size, words)]
 
     def place(p: Array) -> tuple[float, float]:
         return float(MILLIMETRES * p[across]), float(-MILLIMETRES * p[up])

@@ -129,8 +129,6 @@ def xml_text(root: ElementTree.Element) -> str:
     return text.decode() + "\n"
 
 
-TOUCHES = 1e-7
-"""Depth of p_E in a region up to which it touches the region rather than being inside [m]."""
 SIDES = 48
 """Planes about a cone."""
 
@@ -142,6 +140,7 @@ def add_solid_regions(model: Element, asset: Element, world: Element, design: De
         Whether the end-effector begins on the surface of one of them, or nearer to it than the rod is thick.
     """
     met, distances = False, tip_distances(design)
+    touching = 1e-7  # depth of p_E in a region up to which it touches the region rather than being inside [m]
     for number, requirement in enumerate(design.task.exposure):
         if not requirement.solid:
             continue
@@ -152,7 +151,7 @@ def add_solid_regions(model: Element, asset: Element, world: Element, design: De
             body = SubElement(world, "body", name=name, pos=numbers(*at.p_E))
             _add(body, asset, name, shape)
             distance = distances[number, segment]
-            if distance < -TOUCHES:
+            if distance < -touching:
                 contact = model.find("contact")
                 contact = SubElement(model, "contact") if contact is None else contact
                 SubElement(contact, "exclude", body1=name, body2="end_effector")
@@ -176,12 +175,8 @@ def _add(body: Element, asset: Element, name: str, shape: Shape) -> None:
             SubElement(body, "geom", {"name": name, "type": "mesh", "mesh": name, **look})
         case Cone():
             inward = _inward_normals(shape)
-            plane = {
-                "type": "plane",
-                "pos": numbers(*shape.apex),
-                "size": numbers(1, 1, 1),
-                **look,
-            }  # drawn 2 m wide
+            # drawn 2 m wide
+            plane = {"type": "plane", "pos": numbers(*shape.apex), "size": numbers(1, 1, 1), **look}
             if len(inward) == 1:
                 SubElement(body, "geom", {"name": name, "zaxis": numbers(*inward[0]), **plane})
             else:

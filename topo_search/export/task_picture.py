@@ -34,19 +34,16 @@ VIEWS = ((0, 2, "from the front"), (1, 2, "from the side"), (0, 1, "from above")
 """Axes of W that lie to the right and up on the paper."""
 UP = np.array([0.0, 0.0, 1.0])
 """From the centre of mass to the end-effector where a design decides it."""
-LONGEST = 0.9
-"""Length of the arrow of the largest force, and of the largest torque, over half the width of a view."""
-PLACE = np.array([-0.75, -0.75, 0.0])
-"""Position of the module to scale, the same in all views, over half the width of one."""
-RING = 0.07
-"""Radius of the ring around a torque, over half the width of a view."""
 
 
 def task_figure(task: ResolvedTask) -> Figure:
     """Return the picture of a task as a matplotlib figure."""
     with mpl.rc_context({"font.size": 8}):
         figure = Figure(figsize=(10.5, 4.4), layout="constrained")
-        size = _reach(task)
+        # how far all regions with an end reach, and most of a module's airflow [m]
+        found = (shape for _, shape in shapes(task, _end_effector(task)))
+        reaches = [math.hypot(*shape.apex) if isinstance(shape, Cone) else shape.farthest for shape in found]
+        size = max([0.6 * task.module.reach, *reaches])
         for axes, (right, up, name) in zip(figure.subplots(1, 3), VIEWS, strict=True):
             _draw(axes, task, (right, up), size)
             axes.set_title(name, fontsize=9)
@@ -62,7 +59,8 @@ def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) ->
     right, up = view
     for is_cone, outline in _regions(task, view, size):
         axes.add_patch(Polygon(outline, **_look(is_cone)))
-    module, envelope = size * PLACE, task.module.envelope
+    # the module to scale is at the same place in all views
+    module, envelope = size * np.array([-0.75, -0.75, 0.0]), task.module.envelope
     far = module - envelope.length * UP
     airflow = cone_sphere_outline(module, envelope.start_radius, far, envelope.end_radius, _towards_viewer(view))
     axes.add_patch(Polygon(airflow[:, view], facecolor=(palette.AIRFLOW, 0.16), edgecolor=palette.AIRFLOW))
@@ -84,9 +82,9 @@ def _arrows(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float, 
     is_torque = name == "torque"
     for k, vector in found:
         colour = _colour(k)
-        arrow = LONGEST * size * vector / longest
+        arrow = 0.9 * size * vector / longest
         if is_torque:
-            ring = circle(0.6 * arrow, RING * size, vector / np.linalg.norm(vector))
+            ring = circle(0.6 * arrow, 0.07 * size, vector / np.linalg.norm(vector))
             axes.plot(*ring[:, on_paper].T, color=colour, linewidth=1.2)
         tip = arrow[on_paper]
         if np.hypot(*tip) > 0.02 * size:
@@ -142,16 +140,8 @@ def _towards_viewer(view: tuple[int, int]) -> Array:
 
 
 def _vectors(task: ResolvedTask, name: str) -> list[tuple[int, Array]]:
-    """Return number and force [N], or torque [N m], of every load case that exerts one at the end-effector."""
     found = [(k, np.array(getattr(case.at_end_effector, name))) for k, case in enumerate(task.load_cases)]
     return [(k, vector) for k, vector in found if vector.any()]
-
-
-def _reach(task: ResolvedTask) -> float:
-    """Return how far all regions with an end reach, and most of a module's airflow [m]."""
-    found = (shape for _, shape in shapes(task, _end_effector(task)))
-    reaches = [math.hypot(*shape.apex) if isinstance(shape, Cone) else shape.farthest for shape in found]
-    return max([0.6 * task.module.reach, *reaches])
 
 
 def _legend(task: ResolvedTask) -> list[Artist]:

@@ -104,9 +104,8 @@ def draw_tree(axes: Axes, design: Design) -> None:
 def _rectangle(centre: Array, side: float, face: str, edge: str, width: float) -> Rectangle:
     from matplotlib.patches import Rectangle
 
-    return Rectangle(
-        tuple(centre - side / 2), side, side, facecolor=face, edgecolor=edge, linewidth=width, zorder=3
-    )
+    corner = tuple(centre - side / 2)
+    return Rectangle(corner, side, side, facecolor=face, edgecolor=edge, linewidth=width, zorder=3)
 
 
 def _note(axes: Axes, at: Array, text: str, size: float, color: str = "black") -> None:

@@ -37,9 +37,6 @@ A rotor Q = 0..3 at the squared speed u [rad^2/s^2] pushes along z of the link `
 {k_f!r} u [N], and turns the platform about it with (-1)^(Q + 1) {k_tau!r} u [N m]; u is at most {u_max!r}.
 """
 
-ROUNDING = 1e-14
-"""Share of the sum of the moments by which readers may find Izz above Ixx + Iyy of a flat body."""
-
 
 def urdf(design: Design) -> str:
     """Return a design as the text of a URDF file."""
@@ -114,11 +111,12 @@ def _point_towards(angle: float, length: float) -> Array:
 
 
 def _inertial(link: Element, mass: float, tensor: Array) -> None:
-    """Add a tensor in the link's own axes, larger by ROUNDING so that a flat body's stays that of a body."""
+    """Add a tensor in the link's own axes."""
     inertial = SubElement(link, "inertial")
     _origin(inertial, np.zeros(3), np.eye(3))
     SubElement(inertial, "mass", value=numbers(mass))
-    I = tensor + ROUNDING * tensor.trace() * np.eye(3)
+    # a little larger, as readers may find Izz above Ixx + Iyy of a flat body by rounding
+    I = tensor + 1e-14 * tensor.trace() * np.eye(3)
     entries = {f"i{'xyz'[a]}{'xyz'[b]}": numbers(I[a, b]) for a in range(3) for b in range(a, 3)}
     SubElement(inertial, "inertia", entries)
 

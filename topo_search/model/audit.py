@@ -384,9 +384,8 @@ class Audit(Value):
         ]
         html = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
         html += paragraph(self.inputs_words) if self.inputs_words is not None else ""
-        html += table(
-            ("clearance of", "audit", "proven at least [m]", "proven at most [m]", "closed form [m]"), pairs
-        )
+        head = ("clearance of", "audit", "proven at least [m]", "proven at most [m]", "closed form [m]")
+        html += table(head, pairs)
         if broken := [residual for residual in self.residuals if residual.status is not Status.CLEAR]:
             rows = [
                 (

@@ -60,7 +60,6 @@ def njit(*, cache: bool, literals: bool = True, **options: Any) -> Callable[[Fun
 
 
 def _call_without_literals(call: Callable[..., Any], types: tuple[Any, ...], named: dict[str, Any]) -> Any:
-    """Resolve a call by the types of its arguments, whatever their values."""
     return call(tuple(map(unliteral, types)), {name: unliteral(one) for name, one in named.items()})
 
 
@@ -171,6 +170,5 @@ def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
 
 
 def _files(places: tuple[Path, ...]) -> Iterator[Path]:
-    """Yield the sources of files and folders."""
     for path in places:
         yield from sorted(path.glob("*.py")) if path.is_dir() else (path,)

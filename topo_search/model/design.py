@@ -31,6 +31,7 @@ from topo_search.model.task import ResolvedTask, Task, before_requirement
 from topo_search.model.text import heading, paragraph, table
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
 from topo_search.model.value import OMIT_EMPTY, Broken, Flag, Index, Location, Number, Omitted, Value, Vector
+from topo_search.words import quantity
 
 NOT_CERTIFIED = "stated by the user, not certified"
 """Wording for a claim that nothing proves."""
@@ -216,9 +217,8 @@ class Geometry(Value):
         yield "hinge_angles_rad", "must have one angle per non-root module", n - 1, len(self.hinge_angles_rad)
 
     def _broken_rules(self) -> Broken:
-        yield from (
-            (field, f"{rule}, {due}, but got {got}") for field, rule, due, got in self._miscounts() if due != got
-        )
+        wrong = (count for count in self._miscounts() if count[2] != count[3])
+        yield from ((field, f"{rule}, {due}, but got {got}") for field, rule, due, got in wrong)
         counted = self.task.end_effector.counted_rod
         if counted is not None and self.mount != Mount(module=counted.module, port=counted.port):
             given = "none" if self.mount is None else f"port {self.mount.port} of module {self.mount.module}"
@@ -283,8 +283,7 @@ class Design(Geometry):
     def _repr_html_(self) -> str:
         """Show a notebook what to bolt to what, and what it costs."""
         gap = "" if self.gap is None else f", gap to the lower bound {gap_percent(self.gap)}"
-        n = self.topology.n
-        title = heading(f"{self.task.name}: {n} module{'s' * (n > 1)}, {self.topology.key}")
+        title = heading(f"{self.task.name}: {quantity(self.topology.n, 'module')}, {self.topology.key}")
         effort = paragraph(f"J = {self.objective:.6g} rad^4/s^4{gap}")
         joints = zip(self.topology.edges(), self.hinge_angles_rad, strict=True)
         rows = [(h, PORT_NAMES[a], i, PORT_NAMES[b], math.degrees(alpha)) for (h, i, a, b), alpha in joints]
@@ -367,8 +366,7 @@ class Relaxed(Value):
     @property
     def sentences(self) -> tuple[str, ...]:
         """Advice, one sentence each: what to relax first, what else helps or does not, what could not be tried."""
-        starts = min(self.starts, STARTS)
-        solved = f"from {starts} start{'s' * (starts > 1)}"
+        solved = f"from {quantity(min(self.starts, STARTS), 'start')}"
         sentences = []
         if self.relaxations:
             first, *others = self.relaxations
@@ -380,9 +378,8 @@ class Relaxed(Value):
         elif self.in_vain:
             of = f" of {' or '.join(self.topologies)}" if self.topologies else ""
             tried = "; ".join(self.in_vain)
-            sentences.append(
-                f"no single limit, relaxed on its own, led to a design{of} with a clear audit {solved} ({tried})"
-            )
+            none = f"no single limit, relaxed on its own, led to a design{of} with a clear audit"
+            sentences.append(f"{none} {solved} ({tried})")
         if self.untried:
             sentences.append(f"could not be tried, so nothing is known: {'; '.join(self.untried)}")
         return tuple(sentences)
@@ -439,25 +436,19 @@ class Infeasible(Value):
 
     def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
         """Return the same closest start among these starts."""
-        gathered = Shortfall.gather(shortfalls)
-        update = {"shortfalls": gathered, "solver": solver, "message": self._message(gathered, solver.starts)}
-        return self.model_copy(update=update)
-
-    def _message(self, shortfalls: tuple[Shortfall, ...], starts: int) -> str:
+        gathered, shown = Shortfall.gather(shortfalls), 3
         missed = f"misses `{self.worst_constraint}` by {_amount(self.violation, 3, self.unit)}"
-        if starts == 1:
-            return f"the only start {missed}"
-        shown = 3  # of the constraints
         named = [
             f"{s.starts} `{s.constraint}` (by {_amount(at_least(s.violation, 2), 2, s.unit)} or more)"
-            for s in shortfalls[:shown]
+            for s in gathered[:shown]
         ]
-        others = sum(s.starts for s in shortfalls[shown:])
-        if others:
+        if others := sum(s.starts for s in gathered[shown:]):
             named.append(f"{others} another constraint")
-        return f"the closest of {starts} starts {missed}; what they miss most: {', '.join(named)}"
+        message = f"the closest of {solver.starts} starts {missed}; what they miss most: {', '.join(named)}"
+        if solver.starts == 1:
+            message = f"the only start {missed}"
+        return self.model_copy(update={"shortfalls": gathered, "solver": solver, "message": message})
 
 
 def _amount(value: float, digits: int, unit: str) -> str:
-    """Return a number with its unit, if it has any."""
     return f"{value:.{digits}g} {unit}".rstrip()

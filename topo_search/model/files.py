@@ -17,7 +17,7 @@ from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
 from topo_search.model.design import Design, Geometry
 from topo_search.model.mesh_file import Folder
 from topo_search.model.task import Task
-from topo_search.model.text import NotParsed, NotReadable, apply_settings, json_data, read_regular, toml_data
+from topo_search.model.text import NotParsed, NotReadable, apply_settings, json_data, read_text, toml_data
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -198,11 +198,7 @@ def load_text(path: str | Path, *, most_bytes: int, if_missing: str = "no such f
         BadInput: it cannot be read, is too large, no regular file or no text.
     """
     try:
-        content = read_regular(path, most_bytes=most_bytes)
-        return content.decode("utf-8-sig")  # without the mark that some programs put first
-    except UnicodeDecodeError as error:
-        at = error.start + len(content) - len(error.object)  # the codec leaves the mark out
-        rule = f"must be UTF-8 text, but got the byte {content[at]:#04x} at offset {at}"
+        return read_text(path, most_bytes=most_bytes)
     except FileNotFoundError:
         rule = if_missing
     except NotReadable as error:

@@ -14,9 +14,6 @@ from pydantic import Field
 from topo_search.model.proven import lower_text
 from topo_search.model.value import Index, Number, Omitted, Value, Vector
 
-STRAIGHT = math.cos(math.radians(1.0))
-"""Cosine of the angle from an axis up to which a direction is named after it."""
-
 Size = Annotated[float, Field(strict=True, ge=0)]
 """A measured quantity, however large."""
 
@@ -200,8 +197,8 @@ class Flight(Value):
 
 def direction(v: Vector) -> str:
     """Return a direction in words: an axis, or the components of a unit vector."""
-    length = math.hypot(*v)
+    length, straight = math.hypot(*v), math.cos(math.radians(1.0))  # so near to an axis it is named after that
     for name, component in zip("xyz", v, strict=True):
-        if abs(component) >= STRAIGHT * length:
+        if abs(component) >= straight * length:
             return f"{'-' if component < 0 else '+'}{name}"
     return f"[{', '.join(f'{component / length:.2f}' for component in v)}]"

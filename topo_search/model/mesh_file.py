@@ -35,10 +35,6 @@ FARTHEST = 1e15
 HEADER, FACET = 84, 50
 """Bytes of a binary STL before its facets, and of each facet."""
 NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
-NOT_A_VERTEX = re.compile(rb"(?im)^vertex(?!(?:[ \t]+%b){3}[ \t]*$).*" % NUMBER)
-"""A line of an ASCII STL that begins like a vertex but is none."""
-REFERENCE = re.compile(rb"([+-]?\d{1,9})(?:/[+-]?\d{0,9}){0,2}")
-"""A corner of an OBJ's facet: its vertex, perhaps with a texture coordinate and a normal, which may be empty."""
 PASSED_OVER = frozenset(
     b"vt vn vp o g s mg l p end usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj "
     b"trace_obj".split()
@@ -141,9 +137,8 @@ def surface(path: Path, scale: float = 1.0, offset: Vector = (0.0, 0.0, 0.0)) ->
 
     mesh = trimesh.load_mesh(io.BytesIO(content), file_type=form[1:], process=False)
     if len(mesh.faces) != facets:
-        raise ValueError(
-            f"must have three corners per facet: {facets:,} facets, but has {len(mesh.faces):,} triangles"
-        )
+        rule = f"must have three corners per facet: {facets:,} facets"
+        raise ValueError(f"{rule}, but has {len(mesh.faces):,} triangles")
     result = _compact(mesh.vertices * scale + np.array(offset), np.asarray(mesh.faces, dtype=np.intp))
     if not np.all(np.abs(result.vertices) <= FARTHEST):  # NaN is none of them either
         raise ValueError(NO_VOLUME)
@@ -184,13 +179,11 @@ def convex_pieces(mesh: Surface) -> tuple[list[Array], list[float]]:
         raise ValueError(f"must have at most {LIMITS.pieces} bodies, but has {len(bodies):,}")
     bodies = _without_inner(bodies)
     outer = [outer_hull(body.vertices, min(LIMITS.corners, LIMITS.all_corners // len(bodies))) for body in bodies]
-    return [corners for corners, _ in outer], [
-        beyond + _concavity(body) for body, (_, beyond) in zip(bodies, outer, strict=True)
-    ]
+    excess = [beyond + _concavity(body) for body, (_, beyond) in zip(bodies, outer, strict=True)]
+    return [corners for corners, _ in outer], excess
 
 
 def _compact(vertices: Array, triangles: Triangles) -> Surface:
-    """Return the surface without vertices that no triangle has."""
     used, compact = np.unique(triangles, return_inverse=True)
     return Surface(vertices[used], compact.reshape(-1, 3))
 
@@ -284,10 +277,10 @@ def _stl(content: bytes) -> tuple[bytes, int]:
     body = re.sub(rb"(?im)^[ \t]*(?:end)?solid\b.*$", b"", content.replace(b"\r", b"\n"))
     # trimesh reads a vertex to the end of its line
     body = re.sub(rb"(?i)\s+(facet|vertex|endloop|endfacet)\b", rb"\n\1", body)
-    facets, ended, vertices = (
-        len(re.findall(rb"(?im)^%b\b" % word, body)) for word in (b"facet", b"endfacet", b"vertex")
-    )
-    if ended <= LIMITS.facets and (wrong := NOT_A_VERTEX.search(body)):
+    words = (b"facet", b"endfacet", b"vertex")
+    facets, ended, vertices = (len(re.findall(rb"(?im)^%b\b" % word, body)) for word in words)
+    not_a_vertex = rb"(?im)^vertex(?!(?:[ \t]+%b){3}[ \t]*$).*" % NUMBER  # a line that begins like one
+    if ended <= LIMITS.facets and (wrong := re.search(not_a_vertex, body)):
         raise ValueError(f"must have three numbers per vertex, but got {show(_text(wrong[0]))}")
     if ended <= LIMITS.facets and not vertices == 3 * facets == 3 * ended:
         counts = f"{facets:,} `facet`, {vertices:,} `vertex` and {ended:,} `endfacet`"
@@ -331,18 +324,14 @@ def _obj(content: bytes) -> tuple[bytes, int]:
         except ValueError as error:
             raise ValueError(f"{error} (line {number})") from None
         if vertices > 3 * LIMITS.facets or facets > LIMITS.facets:
-            raise ValueError(
-                f"must have at most {LIMITS.facets:,} facets and {3 * LIMITS.facets:,} vertices, but has more"
-            )
+            most = f"{LIMITS.facets:,} facets and {3 * LIMITS.facets:,} vertices"
+            raise ValueError(f"must have at most {most}, but has more")
     return b"\n".join(lines), facets
 
 
 def _lines(content: bytes) -> Iterator[bytes]:
     """Yield the lines without comments; of those that a backslash continues the last, with all of them."""
-    most_lines, most_bytes = (
-        10 * LIMITS.facets,
-        10_000,
-    )  # vertices, texture coordinates, normals and facets; of a line
+    most_lines, most_bytes = 10 * LIMITS.facets, 10_000  # with texture coordinates and normals; of a line
     if content.count(b"\n") + content.count(b"\r") > most_lines:
         raise ValueError(f"must have at most {most_lines:,} lines, but has more")
     unfinished = b""
@@ -363,7 +352,8 @@ def _coordinate(word: bytes) -> bytes:
 
 def _corner(word: bytes, vertices: int) -> int:
     """Return the number of a facet's vertex, from 1; a negative one counts back from the last vertex so far."""
-    match = REFERENCE.fullmatch(word)
+    # perhaps with a texture coordinate and a normal, which may be empty
+    match = re.fullmatch(rb"([+-]?\d{1,9})(?:/[+-]?\d{0,9}){0,2}", word)
     if match is None:
         raise ValueError(f"must have the number of a vertex for a corner, but got {show(_text(word))}")
     given = int(match[1])
@@ -374,7 +364,6 @@ def _corner(word: bytes, vertices: int) -> int:
 
 
 def _text(word: bytes) -> str:
-    """Return a part of a file as it can be shown."""
     return word[:100].decode("utf-8", "replace")
 
 
@@ -404,13 +393,8 @@ class ConvexPiece(Value):
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).tolist()
         there = {(i, j) for i, j in edges}
         if len(there) < len(edges) or there != {(j, i) for i, j in there}:
-            yield (
-                "triangles",
-                (
-                    "must be a closed surface, every edge once in either direction; "
-                    "pieces of a mesh that share an edge count as one, so let them overlap"
-                ),
-            )
+            closed = "must be a closed surface, every edge once in either direction"
+            yield "triangles", f"{closed}; pieces of a mesh that share an edge count as one, so let them overlap"
         elif np.abs(self.vertices).max() > FARTHEST:
             yield "vertices", f"must be at most {FARTHEST:g} m away"
         elif (beyond := _beyond_faces(np.array(self.vertices), faces)) > 1e-6:  # single precision

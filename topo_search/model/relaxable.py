@@ -14,7 +14,6 @@ from operator import attrgetter, methodcaller
 from typing import Any
 
 from topo_search.model.exposure import Allowed, Exterior, Local
-from topo_search.model.load_case import LoadCase
 from topo_search.model.task import Task
 
 LEAST = 0.2
@@ -129,12 +128,10 @@ def _move_planes(task: Task, number: int, x: float) -> Task:
 
 
 def _reduce(task: Task, number: int, shape: str, x: float) -> Task:
-    """Return the task with the box or points of a requirement nearer to the end-effector by a share."""
     return _with(task, number, **{shape: _times(getattr(task.exposure[number], shape), 1 - x)})
 
 
 def _times(given: Any, factor: float) -> Any:
-    """Return a number, or tuples of numbers within tuples, times a factor."""
     return tuple(_times(each, factor) for each in given) if isinstance(given, tuple) else factor * given
 
 
@@ -151,9 +148,8 @@ def _flight(task: Task) -> Iterator[Relaxable]:
     if any(accelerations := task.flight.angular_acceleration):
 
         def slow(x: float) -> Task:
-            return _with(
-                task, "flight", angular_acceleration=tuple(_round_to_print(a * (1 - x)) for a in accelerations)
-            )
+            slower = tuple(_round_to_print(a * (1 - x)) for a in accelerations)
+            return _with(task, "flight", angular_acceleration=slower)
 
         field = "flight.angular_acceleration"
         yield Relaxable("angular acceleration", field, "less", 1 - LEAST, slow, lambda _: None)
@@ -166,7 +162,8 @@ def _flight(task: Task) -> Iterator[Relaxable]:
             yield _scale(task, f"{what} in a joint", "flight", name, 1.0, f"larger {what}", unit, bears)
 
     def lighten(x: float) -> Task:
-        lighter = tuple(_lighten(case, 1 - x) for case in task.cases)
+        # the weight stays
+        lighter = tuple(case.scale(1 - x, 1 - x).model_copy(update={"com": case.com}) for case in task.cases)
         return task.model_copy(update={"load_cases": lighter, "task_seed": None})
 
     if lighten(0.5).load_cases != task.cases:
@@ -174,14 +171,8 @@ def _flight(task: Task) -> Iterator[Relaxable]:
         yield Relaxable("load cases", "load_cases", more, 1 - LEAST, lighten, lambda _: None)
 
 
-def _lighten(case: LoadCase, factor: float) -> LoadCase:
-    """Return a load case with what it exerts at the end-effector scaled; the weight stays."""
-    return case.scale(factor, factor).model_copy(update={"com": case.com})
-
-
 def _round_to_print(value: float) -> float:
-    """Return a number with the digits that `Relaxation.setting` prints."""
-    return float(f"{value:.6g}")
+    return float(f"{value:.6g}")  # as `Relaxation.setting` prints it
 
 
 def _with(task: Task, part: str | int, **fields: Any) -> Task:
@@ -221,5 +212,4 @@ def _scale(
 
 
 def _free(limit: str, field: str, freed: Task) -> Relaxable:
-    """Return a limit that is there or not."""
     return Relaxable(limit, field, "freeing it", 1.0, lambda _: freed, lambda _: None, at_once=True)

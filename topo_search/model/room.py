@@ -567,6 +567,5 @@ def _spare(module: Module, phi: Array) -> Array:
 def _from_piece(x: Array, piece: _Box) -> Array:
     """Return the distance of points, shape (..., 3), from a piece: of a frame of one's own, at most that."""
     beyond = np.maximum(0.0, np.abs((x - piece.centre) @ piece.axes.T) - piece.half)
-    return np.asarray(
-        np.maximum(np.linalg.norm(beyond, axis=-1), (x @ piece.normals.T - piece.offsets).max(axis=-1))
-    )
+    from_planes = (x @ piece.normals.T - piece.offsets).max(axis=-1)
+    return np.asarray(np.maximum(np.linalg.norm(beyond, axis=-1), from_planes))

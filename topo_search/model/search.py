@@ -102,18 +102,30 @@ class Search(Value):
             yield "body_clearance", text
 
 
-FIELDS = (
-    "search.margin",
-    "end_effector.stand_off",
-    "search.peak_input",
-    "flight.force_reserve",
-    "flight.torque_reserve",
-    "flight.rotor_out",
-    "flight.joint_moment",
-    "tolerances.hinge_angle_deg",
-    "exposure.speed",
-)
-"""Fields that a level sets, in the order of `Level`."""
+class Goal(NamedTuple):
+    """Something that a task weighs against control effort, by the name of its field in `Level`."""
+
+    field: str
+    """Field of the task that its levels set."""
+    unit: str
+    step: float
+    """Difference that makes no difference, in that unit."""
+    sign: int = -1
+    """1 where smaller is better."""
+
+
+GOALS = {
+    "clearance": Goal("search.margin", "m", 1.0e-5),  # a tenth of the default margin; one optimum differs by less
+    "stand_off": Goal("end_effector.stand_off", "m", 1.0e-4),
+    "peak_input": Goal("search.peak_input", "u_max", 1.0e-5, 1),
+    "force_reserve": Goal("flight.force_reserve", "N", 1.0e-4),
+    "torque_reserve": Goal("flight.torque_reserve", "N m", 1.0e-5),
+    "rotor_out": Goal("flight.rotor_out", "any one rotor dead", 0.5),  # counts what is possible
+    "joint_moment": Goal("flight.joint_moment", "N m", 1.0e-5, 1),
+    "hinge_angle_deg": Goal("tolerances.hinge_angle_deg", "deg", 1.0e-3),
+    "speed": Goal("exposure.speed", "m/s", 1.0e-3, 1),
+}
+"""In the order of `Level`."""
 
 Levels = TypeVar("Levels", bound=tuple[float | str, ...])
 
@@ -154,7 +166,7 @@ class Level(NamedTuple):
     @property
     def words(self) -> str:
         """The fields that it sets, as a task file does."""
-        given = [(field, value) for field, value in zip(FIELDS, self, strict=True) if value is not None]
+        given = [(goal.field, value) for goal, value in zip(GOALS.values(), self, strict=True) if value is not None]
         set_ = [f"{field} = {f'{v:g}' if isinstance(v, float) else show(v)}" for field, v in given]
         return ", ".join(set_) or "the task as it is"
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 Indices = NDArray[np.intp]
 
-FLAT = 1e-9
-"""Faces whose normals differ by less are one face, so that the line between them is no edge."""
 SLACK = 1e-9
 """Offset of the planes of an outer hull, over its size: more than rounding moves a corner."""
 
@@ -64,7 +62,8 @@ def convex_hull(points: Array) -> Hull:
     inwards = np.sum(np.cross(second - first, third - first) * normals, axis=1) < 0
     triangles[inwards] = triangles[inwards][:, ::-1]
     f, across = np.nonzero(qhull.neighbors > np.arange(len(triangles))[:, None])  # all pairs of adjacent faces
-    folded = np.linalg.norm(normals[f] - normals[qhull.neighbors[f, across]], axis=1) > FLAT
+    # faces whose normals hardly differ are one face, so that the line between them is no edge
+    folded = np.linalg.norm(normals[f] - normals[qhull.neighbors[f, across]], axis=1) > 1e-9
     sides = zip(qhull.simplices[f], qhull.simplices[qhull.neighbors[f, across]], strict=True)
     shared = [np.intersect1d(one, other) for one, other in sides]
     edges = np.searchsorted(kept, np.array(shared)[folded])

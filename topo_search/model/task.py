@@ -300,9 +300,8 @@ class Task(Value):
         """Return the length at which a rod bends by `rod_deflection` under the largest loads at its tip [m]."""
         units = self.force_unit(n), self.torque_unit(n)
         every = [each.to_si(*units) for case in self.cases for each in (case, *case.corners)]
-        force, torque = (
-            max(math.hypot(*getattr(case.at_end_effector, part)) for case in every) for part in ("force", "torque")
-        )
+        wrenches = [case.at_end_effector for case in every]
+        force, torque = (max(math.hypot(*getattr(w, part)) for w in wrenches) for part in ("force", "torque"))
         return self.end_effector.stiff_length(force, torque, self.gravity)
 
     @property
@@ -399,15 +398,14 @@ class Task(Value):
         end_effector = {"stand_off": level.stand_off}
         tolerances = self.tolerances.model_copy(update=_without_none({"hinge_angle_deg": level.hinge_angle_deg}))
         survive = True if level.hinge_angle_deg else self.flight.tolerances
+        required = {"tolerances": None if tolerances == Tolerances() else survive}
         speed = _without_none({"speed": level.speed})
         return self.model_copy(
             update={
                 "exposure": tuple(asked.model_copy(update=speed) for asked in self.exposure),
                 "search": self.search.model_copy(update=_without_none(search)),
                 "end_effector": self.end_effector.model_copy(update=_without_none(end_effector)),
-                "flight": self.flight.at_level(level).model_copy(
-                    update={"tolerances": None if tolerances == Tolerances() else survive}
-                ),
+                "flight": self.flight.at_level(level).model_copy(update=required),
                 "tolerances": tolerances,
                 "goals": Goals(),
             }
@@ -419,9 +417,7 @@ class Task(Value):
         It has no goals: what a design is held to are the fields that they are levels of.
         """
         units, grows = (self.force_unit(n), self.torque_unit(n)), self.end_effector.rod_mass == "included"
-        search = self.search.model_copy(
-            update={"separation": self.separation, "body_clearance": self.body_clearance or False}
-        )
+        lengths = {"separation": self.separation, "body_clearance": self.body_clearance or False}
         reach = {"largest_reach": self.largest_reach(n) or False}
         end_effector = ResolvedEndEffector(**{**dict(self.end_effector), **reach})
         return ResolvedTask(
@@ -432,7 +428,7 @@ class Task(Value):
                 "end_effector": end_effector,
                 "load_cases": tuple(case.to_si(*units, grows=grows) for case in self.cases),
                 "task_seed": None,
-                "search": search,
+                "search": self.search.model_copy(update=lengths),
                 "flight": self.flight.to_si(*units, grows=grows),
                 "goals": Goals(),
             }

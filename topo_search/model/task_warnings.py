@@ -36,6 +36,7 @@ from topo_search.model.module import Body, Module
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, OUTWARDS, frame_reach, in_words, packed_width
 from topo_search.model.task import Task
+from topo_search.words import quantity
 
 
 class TaskWarning(NamedTuple):
@@ -124,17 +125,17 @@ def _thrust_coefficient(task: Task) -> Doubts:
         )
 
 
+def _torque_field(module: Module) -> str:
+    return "module.torque_to_thrust" if module.torque_to_thrust else "module.torque_coefficient"
+
+
 def _torque_coefficient(module: Module) -> Doubts:
     drag = module.torque_coefficient / module.thrust_coefficient
     if not 0.01 * module.arm_length <= drag <= module.arm_length:
-        name, unit = (
-            ("torque_to_thrust", "m") if module.torque_to_thrust else ("torque_coefficient", "N m s^2/rad^2")
-        )
+        unit = "m" if module.torque_to_thrust else "N m s^2/rad^2"
         than = "more than" if drag > module.arm_length else "less than a hundredth of"
-        yield (
-            f"module.{name}",
-            f"k_tau / k_f = {drag:.3g} m is {than} the arm, {module.arm_length:g} m: is it in {unit}?",
-        )
+        words = f"k_tau / k_f = {drag:.3g} m is {than} the arm, {module.arm_length:g} m: is it in {unit}?"
+        yield _torque_field(module), words
 
 
 def _rotor(task: Task) -> Doubts:
@@ -144,7 +145,7 @@ def _rotor(task: Task) -> Doubts:
     if not 0.35 <= (merit := module.figure_of_merit(task.air_density)) <= 0.8:
         drag = module.torque_coefficient / module.thrust_coefficient
         yield (
-            "module.torque_to_thrust" if module.torque_to_thrust else "module.torque_coefficient",
+            _torque_field(module),
             f"the figure of merit {of} is {merit:.3g}, usual are 0.35 to 0.8: with k_tau / k_f = {drag:.3g} m they "
             f"take {'less' if merit > 0.8 else 'more'} power than any that are built",
         )
@@ -158,10 +159,8 @@ def _rotor(task: Task) -> Doubts:
         )
     sound = 340.0  # at 15 degrees Celsius [m/s]
     if (speed := module.tip_speed(module.max_input(task.gravity))) > 0.6 * sound:
-        yield (
-            "module.thrust_coefficient",
-            f"at full thrust tips {of} move at {speed:.3g} m/s, more than 0.6 times the speed of sound",
-        )
+        words = f"at full thrust tips {of} move at {speed:.3g} m/s, more than 0.6 times the speed of sound"
+        yield "module.thrust_coefficient", words
 
 
 def _by_mass(task: Task) -> Doubts:
@@ -172,10 +171,8 @@ def _by_mass(task: Task) -> Doubts:
         name, hint = ("max_thrust_to_weight", "is it a ratio, not a thrust or per cent?")
         if module.max_thrust is not None:
             name, hint = "max_thrust", "is it of one rotor in N, and the mass in kg?"
-        yield (
-            f"module.{name}",
-            f"the thrust of a module is {ratio:.3g} times its weight, {much:g} being much: {hint}",
-        )
+        words = f"the thrust of a module is {ratio:.3g} times its weight, {much:g} being much: {hint}"
+        yield f"module.{name}", words
     if tip.mass > n * module.mass:
         modules = "the module" if n == 1 else f"all {n} modules"
         yield "end_effector.mass", f"{tip.mass:g} kg is more than {modules}, {n * module.mass:g} kg: is it in kg?"
@@ -382,10 +379,8 @@ def _search(task: Task) -> Doubts:
     if not folds:
         yield "module.body", "no hinge angle is known to keep rotors off a bolted neighbour and its airflow"
     elif folds != ((-math.pi / 2, math.pi / 2),):
-        yield (
-            "module.body",
-            f"hinges turn by {in_words(folds, ' deg')}: rotors reach a bolted neighbour or its airflow",
-        )
+        turns = f"hinges turn by {in_words(folds, ' deg')}"
+        yield "module.body", f"{turns}: rotors reach a bolted neighbour or its airflow"
         angles = task.search.hinge_set_deg or ()
         shut = [a for a in angles if not any(low <= math.radians(a) <= high for low, high in folds)]
         if shut:
@@ -401,7 +396,7 @@ def _search(task: Task) -> Doubts:
 
 
 def _platform(n: int) -> str:
-    return f"{n} module{'s' * (n > 1)} and the end-effector"
+    return f"{quantity(n, 'module')} and the end-effector"
 
 
 def largest_thrust(task: Task, n: int) -> float:
@@ -410,7 +405,6 @@ def largest_thrust(task: Task, n: int) -> float:
 
 
 def _falls(case: LoadCase, weight: float) -> bool:
-    """True if neither the whole wrench nor its part at the COM carries the platform's weight."""
     at_com = case.at_com.force[2]
     return max(at_com, at_com + case.at_end_effector.force[2]) < weight * (1 - SAME)
 

@@ -75,6 +75,24 @@ def _require_regular(status: os.stat_result, most_bytes: int) -> None:
         raise NotReadable(f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}")
 
 
+def decode(content: bytes, encoding: str = "utf-8") -> str:
+    """Return the text of a file.
+
+    Raises:
+        NotReadable: names the first byte that is no text.
+    """
+    try:
+        return content.decode(encoding)
+    except UnicodeDecodeError as error:
+        at = error.start + len(content) - len(error.object)  # a codec leaves out the mark that comes first
+        raise NotReadable(f"must be UTF-8 text, but got the byte {content[at]:#04x} at offset {at}") from None
+
+
+def read_text(path: str | Path, *, most_bytes: int) -> str:
+    """Return the text of a regular file, without the mark that some programs put first; see `read_regular`."""
+    return decode(read_regular(path, most_bytes=most_bytes), "utf-8-sig")
+
+
 PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
 DOTTED = re.compile(rf"""(?<![A-Za-z0-9_."'-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{LIMITS.key_parts}}}""")
 """A key of too many parts. The parser would take hours for it: its time grows with the cube of their number."""
@@ -98,9 +116,8 @@ def toml_data(text: str) -> dict[str, Any]:
     if (lists := text.count("[")) > LIMITS.lists:
         raise NotParsed(f"must have at most {LIMITS.lists:,} lists, but has {lists:,}", beyond=True)
     if (dotted := DOTTED.search(text)) is not None:
-        raise NotParsed(
-            f"must have at most {LIMITS.key_parts} parts in a key, but got {show(dotted[0])}", beyond=True
-        )
+        rule = f"must have at most {LIMITS.key_parts} parts in a key, but got {show(dotted[0])}"
+        raise NotParsed(rule, beyond=True)
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -127,10 +144,8 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """Refuse a name that an object gives twice: which of the two values counts is anyone's guess."""
     table = dict(pairs)
     if len(table) < len(pairs):
-        counts = Counter(name for name, _ in pairs)
-        raise NotParsed(
-            f"must give every name of an object once, but got {show(counts.most_common(1)[0][0])} twice"
-        )
+        ((name, _),) = Counter(name for name, _ in pairs).most_common(1)
+        raise NotParsed(f"must give every name of an object once, but got {show(name)} twice")
     return table
 
 
@@ -234,12 +249,12 @@ def escape_formula(cell: Cell) -> Cell | str:
     return cell
 
 
-def csv_text(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def csv_text(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
     """Return a table as the text of a CSV file."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(head)
-    table.writerows([escape_formula(cell) for cell in row] for row in rows)
+    table.writerows(map(escape_formula, row) for row in rows)
     return text.getvalue()
 
 
@@ -259,6 +274,13 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     names = "".join(f"<th>{escape(name)}</th>" for name in head)
     body = "".join(f"<tr>{line}</tr>" for line in lines)
     return f"<table><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def html_page(title: str, style: str, lines: Iterable[str]) -> str:
+    """Return a page that needs no other file, its title as the first heading."""
+    head = f'<html lang="en"><head><meta charset="utf-8"/><title>{escape(title)}</title>'
+    body = (f"<style>{style}</style></head><body>", f"<h1>{escape(title)}</h1>", *lines, "</body></html>")
+    return "\n".join(("<!doctype html>", head, *body)) + "\n"
 
 
 def _cell(value: object) -> str:

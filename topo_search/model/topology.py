@@ -61,10 +61,8 @@ class Topology:
                 if not 0 <= port <= 3:
                     raise ValueError(f"the {name} port must be 0, 1, 2 or 3 in joint {i}, but got {port}")
                 if (module, port) in taken:
-                    other = taken[module, port]
-                    raise ValueError(
-                        f"port {port} of module {module} carries one joint, but joints {other} and {i} use it"
-                    )
+                    used = f"joints {taken[module, port]} and {i} use it"
+                    raise ValueError(f"port {port} of module {module} carries one joint, but {used}")
                 taken[module, port] = i
 
     @property

@@ -56,9 +56,8 @@ class Value(BaseModel):
     @classmethod
     def __pydantic_on_complete__(cls) -> None:
         """Name the fields in the signature: pydantic writes its own as it builds the class, on its first use."""
-        cls.__signature__ = inspect.Signature(
-            [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in cls.model_fields]
-        )
+        fields = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in cls.model_fields]
+        cls.__signature__ = inspect.Signature(fields)
 
     def replace(self, **changes: Any) -> Self:
         """Return a copy with other values of some fields, checked like a new one.

@@ -40,19 +40,12 @@ from verify.flight.vehicle import force_hull
 
 SHARE = 0.6
 """Length of the longest arrow, over the reach of the platform."""
-LEAST = 0.15
-"""Length of the shortest arrow that is drawn, over that of the longest."""
-THICK = 0.025
-"""Radius of an arrow's shaft, over the length of the longest."""
-RING = 0.3
-"""Radius of a torque's ring, over the length of the longest arrow."""
-CONTACT = 0.35
-"""Radius of the piece of a contact plane that is drawn, over the length of the longest arrow."""
 
 
 def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
     """Yield every load case as arrows: its name, its words, the label and position of each arrow, its parts."""
     S = SHARE * reach(design, at)
+    least, thick, radius = 0.15, 0.025, 0.3  # shortest arrow, shaft, torque's ring, over the longest arrow
     largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
     for k, wrenches in itertools.groupby(load_wrenches(design, at), key=lambda wrench: wrench[0]):
         meshes, ends, words = [], [], []
@@ -60,9 +53,9 @@ def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
             size = float(np.linalg.norm(vector))
             if not size:
                 continue
-            length = S * max(LEAST, size / largest[kind])
-            shape, extent = (straight_arrow, length) if kind == "force" else (ring, RING * length)
-            mesh, end = shape(point, vector / size, extent, THICK * S)
+            length = S * max(least, size / largest[kind])
+            shape, extent = (straight_arrow, length) if kind == "force" else (ring, radius * length)
+            mesh, end = shape(point, vector / size, extent, thick * S)
             text = f"{figures(size, 3)} {'N' if kind == 'force' else 'N m'}"
             meshes.append(mesh)
             ends.append((text, end.round(5).tolist()))
@@ -82,18 +75,15 @@ def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Itera
     weight = design.task.force_unit(design.topology.n)
     if not f.any() or case.at_com.force[2] < 0.999 * weight:  # it hovers only if it carries its weight
         return
-    disc = trimesh.creation.cylinder(radius=CONTACT * longest, height=0.002, sections=48)
+    disc = trimesh.creation.cylinder(radius=0.35 * longest, height=0.002, sections=48)
     disc.apply_transform(pose_matrix(rotation_to(f / np.linalg.norm(f)), at.end_effector))
     yield Part("contact", "contact plane", palette.CONTACT, disc, opacity=0.5)
 
 
 def metres_per_newton(design: Design, at: Poses) -> float:
     """Return the scale of the arrows of forces; without any force that of the platform's weight [m/N]."""
-    return (
-        SHARE
-        * reach(design, at)
-        / (largest_wrench(design, at, "force") or design.task.force_unit(design.topology.n))
-    )
+    force = largest_wrench(design, at, "force") or design.task.force_unit(design.topology.n)
+    return SHARE * reach(design, at) / force
 
 
 def reach(design: Design, at: Poses) -> float:

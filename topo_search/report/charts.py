@@ -68,7 +68,9 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
     for (i, j), pair in cells.items():
         level = 2 if pair.status != "clear" else int(pair.analytic_m <= TIGHT)
         levels[i, j] = level
-        hover[i, j] = _describe(pair)
+        lower = "none" if pair.lower_m is None else length(at_least(pair.lower_m, 3))
+        upper = "none" if pair.upper_m is None else length(at_most(pair.upper_m, 3))
+        hover[i, j] = f"{pair.name}<br>{pair.status}, {clearance(pair)}<br>proven: {lower} to {upper}"
         written.append((columns[j], str(i), millimetres(pair), palette.IN_CELLS[level]))
     figure = go.Figure(
         go.Heatmap(
@@ -103,13 +105,6 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
         showlegend=False,
     )
     return figure
-
-
-def _describe(pair: Clearance) -> str:
-    """Return one clearance in full, for the pointer."""
-    lower = "none" if pair.lower_m is None else length(at_least(pair.lower_m, 3))
-    upper = "none" if pair.upper_m is None else length(at_most(pair.upper_m, 3))
-    return f"{pair.name}<br>{pair.status}, {clearance(pair)}<br>proven: {lower} to {upper}"
 
 
 def rotor_inputs(design: Design) -> go.Figure:

@@ -11,9 +11,6 @@ from topo_search.report.page import Table, Tile
 from topo_search.report.scene import shared_meshes
 from topo_search.report.wording import EFFORT, figures
 
-LARGEST_SIDE = 10
-"""Largest number of designs of one run."""
-
 
 class Compared(NamedTuple):
     """A design with the name that tells it from the others."""
@@ -32,7 +29,8 @@ def compare_page(first: Sequence[Compared], second: Sequence[Compared]) -> dict[
         first: designs of the first run, the best first; or the first design alone.
         second: those of the second.
     """
-    shown = {one.name: one for one in (*first[:LARGEST_SIDE], *reversed(second[:LARGEST_SIDE]))}
+    most = 10  # designs of one run
+    shown = {one.name: one for one in (*first[:most], *reversed(second[:most]))}
     cards = []
     for one in shown.values():
         made = card(one.name, one.design, one.audit, _effort(one.design), one.gap)

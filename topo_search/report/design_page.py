@@ -28,7 +28,7 @@ from topo_search.report.page import Chart, Table
 from topo_search.report.scene import shared_meshes
 from topo_search.report.task_facts import facts, load_cases
 from topo_search.report.wording import EFFORT, figures, modules
-from topo_search.simulation.result import FlightResult, ScenarioResult, digest_of, word
+from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
 
 
 def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -103,9 +103,8 @@ def _reproduction(design: Design, audit: Audit, file: str) -> dict[str, Any]:
     if isinstance(solver.get("seed"), int) and isinstance(solver.get("starts"), int):
         options = f"--starts {solver['starts']} --seed {solver['seed']}"
         commands.append(f"topo-search solve task.toml --topology {design.topology.key} {options}")
-    versions = {
-        str(name): str(value) for name, value in {**(solver.get("versions") or {}), **audit.versions}.items()
-    }
+    both = {**(solver.get("versions") or {}), **audit.versions}
+    versions = {str(name): str(value) for name, value in both.items()}
     return {"commands": commands, "task": to_toml(design.task), "versions": versions, "notes": ()}
 
 
@@ -147,18 +146,7 @@ def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, 
         "This is evidence from a simulation. It never changes the audit's verdict.",
     )
     caption = "Errors of position and attitude, and the largest input; a click on a name hides that flight"
-    columns = (
-        "scenario",
-        "outcome",
-        "drift",
-        "tilt",
-        "force error",
-        "at limit",
-        "demand unmet",
-        "largest input",
-        "why",
-    )
-    scenarios = Table(columns, [_row(one) for one in result.scenarios], range(2, 8))
+    scenarios = Table(("scenario", "outcome", *CELLS, "why"), [_row(one) for one in result.scenarios], range(2, 8))
     chart = Chart("simulated-course", caption, _figure(course)) if course else None
     return {"outcome": word(result), "scenarios": scenarios, "course": chart, "sentences": sentences}
 

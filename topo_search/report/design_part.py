@@ -25,41 +25,33 @@ from topo_search.report.task_facts import vector
 from topo_search.report.view import view
 from topo_search.report.wording import EFFORT, clearance, figures, length, modules, quantity, sentence
 
-NEAREST = 8
-"""Number of clear pairs in the table of the nearest."""
-WRONG = 200
-"""Largest number of pairs in it that are not clear, the deepest first."""
-
 
 def design_part(design: Design, audit: Audit | None) -> dict[str, Any]:
     """Return all that is shown of a design."""
-    at = poses_to_draw(design)
-    assembly = None if audit is None else audit.assembly
-    pairs = () if audit is None else audit.pairs
-    return {
+    shown = {
         "heading": f"{design.topology.key}, {modules(design.topology.n)}",
-        "view": view("view", design, at, audit, forces=True),
-        "tree": Markup(tree_svg(design, assembly)),
+        "view": view("view", design, poses_to_draw(design), audit, forces=True),
+        "tree": Markup(tree_svg(design, None if audit is None else audit.assembly)),
         "joints": _joints(design),
-        "rod": None if assembly is None else _rod(assembly, required=design.task.end_effector.rod != "none"),
-        "clearances": ()
-        if audit is None
-        else tuple(
-            Chart(f"clearances-{number}", caption, figure)
-            for number, (caption, figure) in enumerate(clearance_matrices(design, audit))
-        ),
-        "nearest": nearest(pairs) if pairs else None,
-        "findings": () if audit is None else _findings(design, audit),
-        "errors": None if audit is None else _errors(audit),
-        "residuals": None if audit is None else _residuals(audit),
         "stated": _stated_constraints(design, audit),
         "inputs": Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
         "effort": f"Control effort {EFFORT} = {figures(design.objective, 5)} rad⁴/s⁴.",
         "loads": _loads(design),
-        "flight": None
-        if audit is None or audit.flight is None
-        else flight_part(audit.flight) | {"power": _power(audit)},
-        "air": None if audit is None or audit.air is None else _air(audit.air),
+    }
+    if audit is None:
+        absent = dict.fromkeys(("rod", "nearest", "errors", "residuals", "flight", "air"))
+        return {**shown, **absent, "clearances": (), "findings": ()}
+    matrices = enumerate(clearance_matrices(design, audit))
+    return {
+        **shown,
+        "rod": _rod(audit.assembly, required=design.task.end_effector.rod != "none"),
+        "clearances": tuple(Chart(f"clearances-{k}", caption, figure) for k, (caption, figure) in matrices),
+        "nearest": nearest(audit.pairs) if audit.pairs else None,
+        "findings": _findings(design, audit),
+        "errors": _errors(audit),
+        "residuals": _residuals(audit),
+        "flight": None if audit.flight is None else flight_part(audit.flight) | {"power": _power(audit)},
+        "air": None if audit.air is None else _air(audit.air),
     }
 
 
@@ -102,7 +94,7 @@ def nearest(pairs: tuple[Clearance, ...]) -> Table:
             "proven at least": "" if pair.lower_m is None else length(at_least(pair.lower_m, 3)),
             "proven at most": "" if pair.upper_m is None else length(at_most(pair.upper_m, 3)),
         }
-        for pair in (*wrong[:WRONG], *clear[:NEAREST])
+        for pair in (*wrong[:200], *clear[:8])
     ]
     return Table.from_rows(rows, {2, 3, 4})
 
@@ -203,9 +195,7 @@ def _power(audit: Audit) -> Table | None:
             "at the shafts": f"{figures(case.shaft_W, 3)} W",
             "of ideal rotors": f"{figures(case.ideal_W, 3)} W",
             "figure of merit": figures(case.figure_of_merit, 3),
-            "batteries last at most": ""
-            if case.endurance_min is None
-            else f"{upper_text(case.endurance_min, 3)} min",
+            "batteries last at most": "" if (most := case.endurance_min) is None else f"{upper_text(most, 3)} min",
         }
         for case in audit.power
     ]
@@ -225,19 +215,9 @@ def _air(found: AirSpeeds) -> Table:
 
 def cases(found: Flight) -> Table:
     """Return a row for hover and each load case: what can be added to it, and where least."""
-    columns = (
-        "case",
-        "possible",
-        "any force at the tip",
-        "least towards",
-        "any side force",
-        "least towards",
-        "any torque",
-        "least towards",
-        "load factor",
-        "inputs / u_max",
-        "at a limit",
-    )
+    least = "least towards"
+    added = ("any force at the tip", least, "any side force", least, "any torque", least)
+    columns = ("case", "possible", *added, "load factor", "inputs / u_max", "at a limit")
     return Table(columns, [_case(case) for case in found.cases], {2, 4, 6, 8, 9, 10})
 
 

@@ -102,17 +102,8 @@ def _designs(points: Sequence[FrontPoint]) -> Table:
         ]
         for point in points
     ]
-    columns = (
-        "tree",
-        "modules",
-        "J [rad⁴/s⁴]",
-        "J / least J",
-        "least clearance",
-        "stand-off",
-        "largest input / u_max",
-        "level",
-        "audit",
-    )
+    reached = ("least clearance", "stand-off", "largest input / u_max")
+    columns = ("tree", "modules", "J [rad⁴/s⁴]", "J / least J", *reached, "level", "audit")
     return Table(columns, rows, range(1, 8))
 
 
@@ -124,7 +115,7 @@ def _levels(answer: Answer) -> Table:
             "level": str(at.number),
             "held at": at.level.words,
             "modules": str(size.modules),
-            "candidates": ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
+            "candidates": size.counts,
             "best there": size.best.key if size.best else "none",
             "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
             "gives the front": quantity(on_front.count(at.number), "design"),

@@ -24,12 +24,10 @@ from topo_search.study import Answer, Row
 
 def tally(audit: Audit) -> str:
     """Return what the audit checked, and how much of it is not clear."""
-    wrong = sum(pair.status != "clear" for pair in audit.pairs) + sum(
-        row.status != "clear" for row in audit.residuals
-    )
     if audit.verdict == "clear":
         return f"all {len(audit.pairs)} clearances are proven, all {len(audit.residuals)} other numbers hold"
-    return f"{wrong} of {len(audit.pairs) + len(audit.residuals)} checks are not clear"
+    statuses = [*(pair.status for pair in audit.pairs), *(row.status for row in audit.residuals)]
+    return f"{sum(status != 'clear' for status in statuses)} of {len(statuses)} checks are not clear"
 
 
 FRAGILE_M, FRAGILE_DEG = 1.0e-3, 0.1
@@ -50,8 +48,7 @@ def fragile(audit: Audit | None) -> tuple[str, ...]:
 
 
 def _lower_bound(pair: Clearance) -> float:
-    """Return what is proven of a clearance [m]; older files have the closed form alone."""
-    return pair.analytic_m if pair.lower_m is None else pair.lower_m
+    return pair.analytic_m if pair.lower_m is None else pair.lower_m  # older files have the closed form alone
 
 
 def headline(
@@ -74,9 +71,9 @@ def headline(
         yield Tile("Proven gap", gap_percent(gap), told)
     nearest = closest(audit)
     if nearest is not None:
-        status = (
-            "fragile" * (_lower_bound(nearest) < FRAGILE_M) if nearest.status == "clear" else str(nearest.status)
-        )
+        status = str(nearest.status)
+        if status == "clear":
+            status = "fragile" * (_lower_bound(nearest) < FRAGILE_M)
         yield Tile("Least clearance", clearance(nearest), nearest.name, status)
     if flight is not None:
         yield from _side_force(flight)
@@ -98,11 +95,8 @@ def headline(
         yield Tile("Hinge tolerance", size, survived, "fragile" * (hinge < FRAGILE_DEG))
     out = flight.rotors_out_hover
     open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
-    yield Tile(
-        "Rotor failures",
-        f"{out.survive} of {out.of}",
-        f"single rotor failures survived in hover, once known{open_}",
-    )
+    survived = f"single rotor failures survived in hover, once known{open_}"
+    yield Tile("Rotor failures", f"{out.survive} of {out.of}", survived)
     if design.task.end_effector.rod != "none":
         yield _rod(flight, audit)
 

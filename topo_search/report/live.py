@@ -90,9 +90,8 @@ class Live:
             with RunFolder.load(self._path) as folder:
                 page = run_page(folder)
         except (BadInput, OSError, sqlite3.Error) as error:  # the folder is not complete yet, or gone
-            return (
-                f"<!DOCTYPE html><html lang='en'><title>No page yet</title><p>No page yet: {type(error).__name__}."
-            )
+            why = type(error).__name__
+            return f"<!DOCTYPE html><html lang='en'><title>No page yet</title><p>No page yet: {why}."
         return render(page if page["key"] is not None else {**page, "answer": "There is no design yet."})
 
 

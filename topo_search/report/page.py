@@ -21,34 +21,6 @@ from trimesh.viewer import scene_to_html
 from topo_search.export import palette
 from topo_search.report.charts import style
 
-SCRIPTS = (
-    "figures.js",
-    "labels.js",
-    "stage.js",
-    "air.js",
-    "view.js",
-    "beside.js",
-    "choice.js",
-    "ranking.js",
-    "page.js",
-)
-"""In the order in which they run."""
-
-
-PARTS = (
-    "key",
-    "verdict",
-    "design",
-    "meshes",
-    "front",
-    "task",
-    "run",
-    "compared",
-    "simulated",
-    "bound",
-    "reproduction",
-)
-"""Parts that a page may lack."""
 FIRST_TILES = 6
 """Number of tiles beside the view."""
 
@@ -95,13 +67,18 @@ def render(page: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    # parts that a page may lack, then those that only some kinds of page have
+    absent = dict.fromkeys(("key", "verdict", "design", "meshes", "task", "bound", "reproduction"))
+    absent |= dict.fromkeys(("run", "front", "compared", "simulated"))
+    # in the order in which they run
+    scripts = ("figures", "labels", "stage", "air", "view", "beside", "choice", "ranking", "page")
     environment.filters |= {"figure_json": figure_json, "json": json_in_script, "code": mark_code}
     return environment.get_template("page.html.j2").render(
-        page={**dict.fromkeys(PARTS), "fragile": (), "notes": (), **page},
+        page={**absent, "fragile": (), "notes": (), **page},
         palette=palette,
         FIRST_TILES=FIRST_TILES,
         style=_template("page.css"),
-        script=Markup("\n").join(map(_template, SCRIPTS)),
+        script=Markup("\n").join(_template(f"{name}.js") for name in scripts),
         libraries=_libraries(),
     )
 

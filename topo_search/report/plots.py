@@ -100,7 +100,6 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
 
 
 def _of_level(answer: Answer, frame: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of the best design's level, without the column that only goals have."""
     return frame[frame["level"] == answer.level].drop(columns="level") if answer.levels else frame
 
 

@@ -63,8 +63,8 @@ def _least(value: float | None, digits: int = 3) -> float | None:
     return None if value is None else at_least(value, digits)
 
 
-def _most(value: float | None, digits: int = 3) -> float | None:
-    return None if value is None else at_most(value, digits)
+def _most(value: float | None) -> float | None:
+    return None if value is None else at_most(value, 3)
 
 
 def _percent(gap: float | None) -> float | None:

@@ -167,7 +167,7 @@ def _sizes(answer: Answer) -> Table:
         {
             "modules": str(size.modules),
             "candidates solved": f"{size.settled} of {size.candidates}",
-            "statuses": ", ".join(f"{number} {status}" for status, number in sorted(size.statuses.items())),
+            "statuses": size.counts,
             "feasible trees, symmetric copies included": str(size.feasible),
             "lower bound [rad⁴/s⁴]": figures(at_least(size.lower_bound, 5), 5),
             "best": size.best.key if size.best else "none",

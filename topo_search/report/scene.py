@@ -32,12 +32,8 @@ from topo_search.report.wording import clearance
 
 TURN = math.radians(300)
 """Angle of a ring that is drawn [rad]."""
-EDGE = math.radians(46)
-"""Faces that meet at a larger angle have an edge in between, as the sides of an octagon just have none [rad]."""
 NUMBERED = 30
 """Largest number of modules that carry their number in the picture; more are named where the pointer is."""
-AXIS = 1.3
-"""Length of a drawn thrust axis [l_arm]."""
 UP = np.array([0.0, 0.0, 1.0])
 SPINS = {-1.0: "counter-clockwise rotors", 1.0: "clockwise rotors"}
 """How rotors turn seen from above, by the sign of their drag torque: they turn the other way."""
@@ -153,7 +149,7 @@ def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
             for hub in hubs[drag == ROTOR_SPINS]
         ]
         found[name] = join(turning)
-    found["axes"] = straight_arrow(np.zeros(3), UP, AXIS * l_arm, 0.03 * l_arm)[0]
+    found["axes"] = straight_arrow(np.zeros(3), UP, 1.3 * l_arm, 0.03 * l_arm)[0]
     for port, direction in enumerate(PORT_DIRECTIONS):
         found[f"joint {port}"] = tube(np.zeros(3), l_c * direction, 0.6 * body.arm_width)
         found[f"connector {port}"] = ball(l_c * direction, 0.6 * body.arm_width)
@@ -236,7 +232,8 @@ def _end_effector(design: Design, at: Poses, assembly: Assembly | None) -> Itera
 
 def triangles_of(mesh: Trimesh) -> dict[str, list[float]]:
     """Return a mesh as the page takes it, with corners apart at its edges."""
-    shaded = trimesh.graph.smooth_shade(mesh, angle=EDGE)
+    # the sides of an octagon just have no edge in between
+    shaded = trimesh.graph.smooth_shade(mesh, angle=math.radians(46))
     return {"corners": shaded.vertices.round(5).ravel().tolist(), "faces": shaded.faces.ravel().tolist()}
 
 

@@ -229,11 +229,9 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
     centres = "any distance" if body is None else f"at least {figures(body)} m apart"
     if body is not None and kept is not None and kept > body:
         centres += f"; the search keeps {upper_text(kept, 4)} m, at which no parts can touch"
+    root = "turned in any way" if search.root == "free" else "two angles of at most 90°, as in the paper"
     return (
-        (
-            "root module",
-            "turned in any way" if search.root == "free" else "two angles of at most 90°, as in the paper",
-        ),
+        ("root module", root),
         ("connectors", "aligned" if search.connectors == "aligned" else "any port to any port"),
         ("margin of every clearance", length(search.margin)),
         *([] if search.peak_input == 1 else [("rotor inputs", f"at most {figures(search.peak_input)} u_max")]),

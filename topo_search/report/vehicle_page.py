@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from html import escape
-
 from topo_search.model.proven import lower_text
-from topo_search.model.text import paragraph, table
+from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.vehicle import Capability
 from topo_search.report.design_part import flight_part
 
@@ -26,10 +24,6 @@ def vehicle_page(name: str, rotors: int, found: Capability) -> str:
     shown = flight_part(found.flight)
     verdict = {True: "meets every load case of the task.", False: "does not meet the task.", None: ""}[found.met]
     lines = [
-        "<!doctype html>",
-        f'<html lang="en"><head><meta charset="utf-8"/><title>{escape(name)}</title>',
-        f"<style>{STYLE}</style></head><body>",
-        f"<h1>{escape(name)}</h1>",
         paragraph(f"{rotors} rotors, rank {found.rank} of 6. {verdict and f'The vehicle {verdict}'}".strip()),
         paragraph(
             f"Without torque it exerts any force up to {lower_text(found.zero_torque_ball_N, 5)} N; all such "
@@ -38,6 +32,5 @@ def vehicle_page(name: str, rotors: int, found: Capability) -> str:
         paragraph(shown["summary"].replace(" of module 0", "")),
         table(shown["cases"].columns, shown["cases"].rows),
         *(paragraph(sentence.replace(" of module 0", "")) for sentence in shown["sentences"]),
-        "</body></html>",
     ]
-    return "\n".join(lines) + "\n"
+    return html_page(name, STYLE, lines)

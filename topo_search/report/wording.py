@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from topo_search.words import quantity as quantity
+
 if TYPE_CHECKING:
     from topo_search.model import Clearance
     from topo_search.study import Row
@@ -14,11 +16,6 @@ if TYPE_CHECKING:
 EFFORT = "J = Σ_k λ_k ‖u_k‖²"
 NEAR_TIES = ("key", "J", "force", "torque", "rotors", "load factor", "joint moment", "hinge error", "rod")
 """Headings of near ties."""
-
-
-def quantity(number: int, noun: str) -> str:
-    """Return a number with its noun."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def modules(n: int) -> str:

@@ -16,8 +16,6 @@ from verify.air import air
 from verify.kinematics import platform
 from verify.requirements import Scene
 
-DIRECTIONS = 24
-"""Horizontal directions that are tried."""
 MET = 1e-3
 """Largest residual of the hovering wrench by least squares, in weights and arm lengths times weights."""
 
@@ -25,11 +23,11 @@ MET = 1e-3
 def weakest_force(nominal: Nominal) -> tuple[float, Array]:
     """Return the least horizontal force that can be added to hover at the COM [N], and its direction, (3,).
 
-    Of DIRECTIONS evenly spaced ones; each is a linear program over the thrusts.
+    Each of the evenly spaced directions is a linear program over the thrusts.
     """
-    found = []
-    for k in range(DIRECTIONS):
-        angle = 2 * math.pi * k / DIRECTIONS
+    found, directions = [], 24
+    for k in range(directions):
+        angle = 2 * math.pi * k / directions
         d = np.array([math.cos(angle), math.sin(angle), 0.0])
         found.append((load_factor(nominal, np.append(d, np.zeros(3))), k, d))
     force, _, d = min(found, key=lambda one: one[:2])
@@ -45,9 +43,8 @@ def load_factor(nominal: Nominal, wrench: Array) -> float:
     scale = np.repeat([1.0, nominal.arm], 3) * W
     size = float(np.linalg.norm(wrench / scale))
     A = np.column_stack([nominal.B * nominal.largest_thrust / scale[:, None], -wrench / scale / size])
-    solution = linprog(
-        np.append(np.zeros(N), -1.0), A_eq=A, b_eq=hover, bounds=[(nominal.least_share, 1)] * N + [(0, None)]
-    )
+    bounds = [(nominal.least_share, 1)] * N + [(0, None)]
+    solution = linprog(np.append(np.zeros(N), -1.0), A_eq=A, b_eq=hover, bounds=bounds)
     return float(solution.x[-1]) / size + 0.0 if solution.status == 0 else 0.0  # never -0.0
 
 
@@ -75,9 +72,8 @@ def wake_losses(design: Design) -> tuple[float, ...]:
     blown = air(design, found, Scene(design, found))
     if blown is None:
         return ()
-    return tuple(
-        map(max, zip(*([rotor.thrust_loss for rotor in case.rotors] for case in blown.cases), strict=True))
-    )
+    losses = ([rotor.thrust_loss for rotor in case.rotors] for case in blown.cases)
+    return tuple(map(max, zip(*losses, strict=True)))
 
 
 def tell_losses(nominal: Nominal, losses: tuple[float, ...]) -> str:

@@ -35,8 +35,6 @@ from topo_search.simulation.plant import Nominal, cross
 INTEGRAL = 8.0
 EFFORT = 1e-6
 """epsilon."""
-RANK = 1e-9
-"""Share of the largest singular value below which others are zero."""
 FARTHEST, LARGEST = 0.25, 0.35
 """Errors of position [m] and attitude [rad] are cut off there, so that a far platform comes back at a set pace."""
 
@@ -150,6 +148,7 @@ class PseudoInverse(Allocator):
     def thrusts(self, wrench: Array) -> tuple[Array, Array]:
         """Return the thrusts (N,) [N], and what is missing of the wrench (6,)."""
         full = self.nominal.largest_thrust
-        shares = np.linalg.pinv(self._scaled * (self.largest > 0), rcond=RANK) @ (self._scale * wrench)
+        # singular values below a share of the largest are zero
+        shares = np.linalg.pinv(self._scaled * (self.largest > 0), rcond=1e-9) @ (self._scale * wrench)
         T = full * np.clip(shares, self.least, self.largest)
         return T, wrench - self.nominal.B @ T

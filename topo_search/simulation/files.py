@@ -21,8 +21,6 @@ from topo_search.simulation.fly import Watch
 from topo_search.simulation.plant import Plant
 from topo_search.simulation.result import FlightResult, word
 
-ROWS_EVERY = 4
-"""Steps of the controller a row of the table: 50 Hz."""
 FRAMES_EVERY = 16
 """Steps of the controller a frame: 12.5 Hz, in real time."""
 WIDTH, HEIGHT = 400, 300
@@ -42,6 +40,7 @@ def write_flight(campaign: Campaign, folder: Path) -> None:
 def course(flown: Sequence[Flown]) -> str:
     """Return the course of the flights as CSV."""
     head = ("scenario", "time_s", "error_x_m", "error_y_m", "error_z_m", "tilt_deg", "force_x_N", "force_y_N")
+    every = 4  # steps of the controller a row: 50 Hz
     rows = [
         (
             *(scenario.name, round(track.time[k], 6), *track.error[k].tolist(), track.tilt[k]),
@@ -49,7 +48,7 @@ def course(flown: Sequence[Flown]) -> str:
             float(np.linalg.norm(track.missing[k][:3])),
         )
         for scenario, track in flown
-        for k in range(0, len(track.time), ROWS_EVERY)
+        for k in range(0, len(track.time), every)
     ]
     return csv_text((*head, "force_z_N", "largest_input", "mean_input", "missing_force_share"), rows)
 

@@ -18,27 +18,16 @@ import numpy as np
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.simulation.controller import Allocator, Bandwidths, Controller, Reference
-from topo_search.simulation.plant import LAG, STEP, Errors, Nominal, Plant
+from topo_search.simulation.plant import LAG, STEP, Errors, Nominal, Plant, orientation
 from topo_search.simulation.result import Outcome, ScenarioResult
-from topo_search.simulation.scenarios import APPROACH, RAMP, TILT, Scenario
+from topo_search.simulation.scenarios import APPROACH, TILT, Scenario
 
 EVERY = 5
 """Steps of the simulation a step of the controller: 200 Hz."""
-DETECTION = 0.1
-"""Time after which the controller knows that a rotor is dead, by default [s]."""
-TRIMS = 10
-"""Corrections of the integrals before a flight; each leaves the model's error of what it corrects."""
-NOISE = (1e-3, 5e-3, math.radians(0.1), math.radians(0.5))
-"""Standard deviation of position [m], velocity [m/s], attitude [rad] and rate [rad/s]."""
-AT_LIMIT = 0.999
 MISSED = 0.01
 """Largest residual of a wrench that counts as met, in weights and arm lengths times weights."""
-LARGEST_SATURATION = 0.05
-FORCE_WITHIN = 0.05
 GONE, OVER = 1.0, 60.0
 """Errors at which a platform counts as lost [m], [deg]."""
-SPEED = 0.02
-"""At which a platform approaches a wall [m/s]."""
 
 Watch = Callable[[Plant, float], None]
 """Called after every step of the controller with the plant and the time."""
@@ -67,7 +56,7 @@ class Options:
     errors: Errors = field(default_factory=Errors)
     bandwidths: Bandwidths = field(default_factory=Bandwidths)
     lag: float = LAG
-    detection: float = DETECTION
+    detection: float = 0.1
     """Time from a rotor's death until the controller knows of it [s]."""
     allocator: type[Allocator] = Allocator
     """Turns wrenches into thrusts: by least squares within limits, or by a `PseudoInverse`."""
@@ -106,7 +95,9 @@ def fly(
         if dead is not None:
             plant.stop_rotor(dead)
             T[dead] = 0.0
-        load, wind = _environment(scenario, t), np.zeros(6)
+        # a wall pushes back by itself
+        load = np.zeros(6) if scenario.wall is not None else -scenario.share_at(t) * scenario.exerted
+        wind = np.zeros(6)
         if scenario.gust is not None and scenario.gust[0] <= t < scenario.gust[1]:
             wind = scenario.wind
         for _ in range(EVERY):
@@ -125,7 +116,7 @@ def fly(
 def _trim(plant: Plant, controller: Controller, allocator: Allocator, home: Array) -> Array:
     """Let the integrals know what hover lacks by errors of the model, and return the thrusts of hover, (N,) [N]."""
     level = (home, np.zeros(3), np.eye(3), np.zeros(3))
-    for _ in range(TRIMS):
+    for _ in range(10):  # each correction leaves the model's error of what it corrects
         T, _ = allocator.thrusts(controller.wrench(level, Reference(home, np.zeros(6), np.zeros(3))))
         controller.trim(plant.missing_wrench(T))
     return T
@@ -133,14 +124,18 @@ def _trim(plant: Plant, controller: Controller, allocator: Allocator, home: Arra
 
 def judge(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
     """Return what a flight showed."""
+    at_limit, most_saturated, force_within = 0.999, 0.05, 0.05  # shares: of a thrust, of the time, of a force
     t, tilt = np.array(track.time), np.array(track.tilt)
     e = np.linalg.norm(track.error, axis=1)
     late = t >= scenario.judged_from
     shares, missing = np.array(track.shares), np.abs(track.missing).max(axis=1)
-    saturated = float((shares >= AT_LIMIT).mean(axis=0).max())
+    saturated = float((shares >= at_limit).mean(axis=0).max())
     missed = float((missing > MISSED).mean())
     within = (e <= scenario.largest_drift) & (tilt <= scenario.largest_tilt)
-    settled = _settling_time(t, within)
+    outside = np.flatnonzero(np.logical_not(within))
+    settled = 0.0 if not len(outside) else None  # from when on all is within its limits; None: never to stay
+    if len(outside) and outside[-1] < len(t) - 1:
+        settled = float(t[outside[-1] + 1])
     force = error = None
     if scenario.force > 0 and late.any():
         along = np.array(track.force)[late].mean(axis=0)
@@ -155,9 +150,9 @@ def judge(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
         why.append(f"{100 * drift:.3g} cm away, more than {100 * scenario.largest_drift:g} cm")
     if lost is None and tilted > scenario.largest_tilt:
         why.append(f"tilted by {tilted:.3g} deg, more than {scenario.largest_tilt:g} deg")
-    if error is not None and error > FORCE_WITHIN:
-        why.append(f"force off by {100 * error:.2g} %, more than {100 * FORCE_WITHIN:g} %")
-    if saturated > LARGEST_SATURATION:
+    if error is not None and error > force_within:
+        why.append(f"force off by {100 * error:.2g} %, more than {100 * force_within:g} %")
+    if saturated > most_saturated:
         why.append(f"a rotor at its largest thrust for {100 * saturated:.3g} % of the time")
     if why and missed > 0:
         short = np.mean(track.missing, axis=0)
@@ -167,7 +162,7 @@ def judge(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
         )
     outcome: Outcome = "recovered"
     if why:
-        limited = saturated > LARGEST_SATURATION or missed > 0
+        limited = saturated > most_saturated or missed > 0
         outcome = "lost" if lost is not None else "saturated" if limited else "off target"
     return ScenarioResult(
         name=scenario.name,
@@ -187,32 +182,17 @@ def judge(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
     )
 
 
-def _settling_time(t: Array, within: Array) -> float | None:
-    """Return from when on all is within its limits; None: it never is to stay."""
-    outside = np.flatnonzero(np.logical_not(within))
-    if not len(outside):
-        return 0.0
-    return None if outside[-1] == len(t) - 1 else float(t[outside[-1] + 1])
-
-
 def _reference(scenario: Scenario, home: Array, t: float, nominal: Nominal) -> Reference:
     """Return where the platform is to be, and what it is to exert."""
-    share = float(np.clip((t - scenario.ramp_at) / RAMP, 0.0, 1.0))
+    share = scenario.share_at(t)
     wrench = nominal.about_com(share * scenario.exerted)
     if scenario.wall is None:
-        turn, R = np.zeros(4), np.zeros(9)
+        turn = np.zeros(4)
         mujoco.mju_axisAngle2Quat(turn, scenario.axis, share * math.radians(scenario.tilt))
-        mujoco.mju_quat2Mat(R, turn)
-        return Reference(home, wrench, np.zeros(3), R.reshape(3, 3))
-    ahead = min(SPEED * t, APPROACH)
+        return Reference(home, wrench, np.zeros(3), orientation(turn))
+    ahead = min(0.02 * t, APPROACH)  # at 0.02 m/s
     free = scenario.wall.towards if t >= scenario.ramp_at else np.zeros(3)
     return Reference(home + ahead * scenario.wall.towards, wrench, free)
-
-
-def _environment(scenario: Scenario, t: float) -> Array:
-    """Return the load on the end-effector; a wall pushes back by itself."""
-    share = float(np.clip((t - scenario.ramp_at) / RAMP, 0.0, 1.0))
-    return np.zeros(6) if scenario.wall is not None else -share * scenario.exerted
 
 
 def _record(
@@ -223,16 +203,13 @@ def _record(
     track.time.append(t)
     track.error.append(reference.errors(p, R)[0])
     track.tilt.append(math.degrees(math.acos(float(np.clip(cosine, -1.0, 1.0)))))
-    exerted = plant.contact_force if scenario.wall is not None else _net_force(plant)
-    track.force.append(exerted)
+    if scenario.wall is not None:
+        track.force.append(plant.contact_force)
+    else:  # that of the rotors less the weight
+        F = plant.R @ (plant.nominal.B @ (plant.thrusts * plant.gain))[:3]
+        track.force.append(np.asarray(F + plant.model.body_mass.sum() * plant.model.opt.gravity))
     track.shares.append(share)
     track.missing.append(missing)
-
-
-def _net_force(plant: Plant) -> Array:
-    """Return the force of the rotors less the weight, world axes, (3,) [N]."""
-    F = plant.R @ (plant.nominal.B @ (plant.thrusts * plant.gain))[:3]
-    return np.asarray(F + plant.model.body_mass.sum() * plant.model.opt.gravity)
 
 
 def _add_noise(
@@ -240,9 +217,9 @@ def _add_noise(
 ) -> tuple[Array, Array, Array, Array]:
     """Return a state as sensors tell it."""
     p, v, R, omega = state
-    draws = factor * np.array(NOISE)[:, None] * rng.standard_normal((4, 3))
-    quaternion, turn = np.zeros(4), np.zeros(9)
+    deviations = 1e-3, 5e-3, math.radians(0.1), math.radians(0.5)  # [m], [m/s], [rad], [rad/s]
+    draws = factor * np.array(deviations)[:, None] * rng.standard_normal((4, 3))
+    quaternion = np.zeros(4)
     angle = float(np.linalg.norm(draws[2]))
     mujoco.mju_axisAngle2Quat(quaternion, draws[2] / angle if angle else np.array([0.0, 0.0, 1.0]), angle)
-    mujoco.mju_quat2Mat(turn, quaternion)
-    return p + draws[0], v + draws[1], R @ turn.reshape(3, 3), omega + draws[3]
+    return p + draws[0], v + draws[1], R @ orientation(quaternion), omega + draws[3]

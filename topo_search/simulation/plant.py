@@ -29,8 +29,6 @@ STEP = 0.001
 """Time step of the simulation [s]."""
 LAG = 0.05
 """Time constant of a rotor's thrust [s]."""
-WALL = 0.25
-"""Half the width and height of a wall [m]."""
 
 
 @dataclass(frozen=True)
@@ -105,18 +103,14 @@ class Plant:
 
     def place(self, position: Array, quaternion: Array) -> None:
         """Put the platform at rest with its nominal COM at a position, hovering thrusts not yet on."""
-        R = np.zeros(9)
-        mujoco.mju_quat2Mat(R, quaternion)
-        self.data.qpos[:3] = position - R.reshape(3, 3) @ self.nominal.com
+        self.data.qpos[:3] = position - orientation(quaternion) @ self.nominal.com
         self.data.qpos[3:7] = quaternion
         mujoco.mj_forward(self.model, self.data)
 
     @property
     def R(self) -> Array:
         """Orientation, (3, 3)."""
-        R = np.zeros(9)
-        mujoco.mju_quat2Mat(R, self.data.qpos[3:7])
-        return R.reshape(3, 3)
+        return orientation(self.data.qpos[3:7])
 
     @property
     def state(self) -> tuple[Array, Array, Array, Array]:
@@ -182,10 +176,8 @@ class Plant:
 
     def _contacts(self) -> list[tuple[str, str]]:
         """Return the names of what touches, a pair for each contact."""
-        geom = self.model.geom
-        return [
-            (geom(contact.geom1).name, geom(contact.geom2).name) for contact in self.data.contact[: self.data.ncon]
-        ]
+        geom, contacts = self.model.geom, self.data.contact[: self.data.ncon]
+        return [(geom(contact.geom1).name, geom(contact.geom2).name) for contact in contacts]
 
 
 def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
@@ -215,6 +207,13 @@ def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
     )
 
 
+def orientation(quaternion: Array) -> Array:
+    """Return the rotation of a unit quaternion, (3, 3)."""
+    R = np.zeros(9)
+    mujoco.mju_quat2Mat(R, quaternion)
+    return R.reshape(3, 3)
+
+
 def cross(a: Array, b: Array) -> Array:
     """Return the vector product of two vectors, (3,), much sooner than numpy does."""
     (a0, a1, a2), (b0, b1, b2) = a, b
@@ -234,7 +233,7 @@ def _world(design: Design, wall: Wall | None, lag: float) -> str:
         centre = at.p_E + (radius + wall.gap + 0.01) * wall.towards
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, rotation_to(wall.towards).ravel())
-        shape = {"type": "box", "size": numbers(WALL, WALL, 0.01), "rgba": "0.7 0.75 0.8 0.25"}
+        shape = {"type": "box", "size": numbers(0.25, 0.25, 0.01), "rgba": "0.7 0.75 0.8 0.25"}
         place = {"pos": numbers(*centre), "quat": numbers(*quaternion)}
         touch = {"solref": "0.01 1", "friction": "0.3 0.005 0.0001", "priority": "1"}
         SubElement(_find(root, "worldbody"), "geom", {"name": "wall", **shape, **place, **touch})

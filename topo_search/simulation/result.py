@@ -14,6 +14,10 @@ Outcome = Literal["lost", "saturated", "off target", "recovered", "not flown"]
 """Worst first. `lost`: ended early; `saturated`: missed a limit with rotors at theirs; `off target`: without."""
 
 
+CELLS = ("drift", "tilt", "force error", "at limit", "demand unmet", "largest input")
+"""Names of the figures of a scenario."""
+
+
 class ScenarioResult(Value):
     """One scenario."""
 
@@ -47,7 +51,7 @@ class ScenarioResult(Value):
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Figures with their units, in the order of the fields; empty where one is missing."""
+        """Figures with their units, by the names of CELLS; empty where one is missing."""
         shares = self.force_error_share, self.saturated_share, self.missed_share, self.largest_input
         return (
             "" if self.drift_m is None else f"{100 * self.drift_m:.2f} cm",

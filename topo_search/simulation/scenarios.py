@@ -59,6 +59,10 @@ class Scenario:
         """Size of the force that is asked for [N]."""
         return float(np.linalg.norm(self.exerted[:3]))
 
+    def share_at(self, t: float) -> float:
+        """Return how much of what is ramped is there at a time [s]."""
+        return float(np.clip((t - self.ramp_at) / RAMP, 0.0, 1.0))
+
 
 SIDES = {"+x": (1.0, 0.0), "+y": (0.0, 1.0), "-x": (-1.0, 0.0), "-y": (0.0, -1.0)}
 

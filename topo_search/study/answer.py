@@ -16,6 +16,7 @@ from topo_search.study.folder import RunFolder
 from topo_search.study.front import FRONT_COLUMNS, FrontPoint, idle_goals
 from topo_search.study.row import AUDITED, COLUMNS, FLIGHT, Row, SolveEvent, kind_of, proven_cell
 from topo_search.topologies import Resolution
+from topo_search.words import quantity
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,7 +61,7 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
         return f"{which} is proven impossible; candidates.csv names what it cannot meet"
 
     def candidates(some: int) -> str:
-        return "the only candidate" if number == 1 else f"{some} candidate{'s' * (some > 1)}"
+        return "the only candidate" if number == 1 else quantity(some, "candidate")
 
     parts, failed = list[str](), statuses["failed"]
     if number > impossible + failed:
@@ -79,12 +80,9 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
 def remark(row: Row) -> list[str]:
     """Say what an audit led to, if it was not clear at once."""
     again = f"solved again with margin {row.margin:g} m because its audit was not clear" if row.step else ""
+    over = "" if row.audit is None or row.clear else f"skipped, its audit is {row.audit}"
     if row.audit_failure is not None:
         over = f"skipped, its audit failed: {row.audit_failure}"
-    elif row.audit is not None and not row.clear:
-        over = f"skipped, its audit is {row.audit}"
-    else:
-        over = ""
     text = "; ".join(part for part in (again, over) if part)
     return [f"{row.key}: {text}"] if text else []
 
@@ -146,6 +144,11 @@ class SizeAnswer:
     proof_resumable: tuple[str, ...] = ()
     """The trees that are open and of which the same `prove` could prove more."""
 
+    @property
+    def counts(self) -> str:
+        """How many candidates ended how, in words."""
+        return ", ".join(f"{number} {status}" for status, number in sorted(self.statuses.items()))
+
     def gap_of(self, row: Row) -> float | None:
         """Return how much less than a design of this size another can cost at most, as a share, if known."""
         best = None if self.best is None else self.best.objective
@@ -155,8 +158,7 @@ class SizeAnswer:
 
     def _repr_html_(self) -> str:
         """Show a notebook the best designs of this size."""
-        counts = ", ".join(f"{number} {status}" for status, number in sorted(self.statuses.items()))
-        title = heading(f"modules: {self.modules}; candidates: {self.candidates} ({counts or 'none settled'})")
+        title = heading(f"modules: {self.modules}; candidates: {self.candidates} ({self.counts or 'none settled'})")
         names = ("key", "J [rad^4/s^4]", "gap", "symmetric copies", "audit")
         rows = [
             (row.key, row.objective, None if gap is None else gap_percent(gap), row.orbit, row.audit)
@@ -375,11 +377,8 @@ class Answer:
 
 def quotient_remark(quotient: Resolution) -> str:
     """Describe which trees are merged into one candidate, and warn if that is not exact."""
-    if quotient.exact:
-        return quotient.reason
-    return (
-        f"{quotient.reason}; this symmetry is lossy here: merged trees can differ in cost, and only one is solved"
-    )
+    lossy = "this symmetry is lossy here: merged trees can differ in cost, and only one is solved"
+    return quotient.reason if quotient.exact else f"{quotient.reason}; {lossy}"
 
 
 def candidates(path: Path) -> pd.DataFrame:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -132,8 +132,7 @@ def check(
                     jobs += [_Job(task, *tree, chunk, proof.problem) for chunk in proof.chunks]
             if jobs:
                 prepare(task)
-            for checked_tree in _replay(jobs, trees, check_chunk, engine, observer):
-                observer.note(_describe(checked_tree))
+            _replay(jobs, trees, check_chunk, engine, observer)
             checked.trees += trees.values()
             results.append((n, best, task, list(trees.values())))
         with_trees = {f"{RunFile.PROOFS}/{tree.key}" for tree in checked.trees}  # refused with their trees
@@ -188,17 +187,12 @@ def _examine(folder: RunFolder, row: Row, task: ResolvedTask, space: Space) -> t
 
 def _replay(
     jobs: list[_Job], trees: dict[str, CheckedTree], check_chunk: CheckChunk, engine: Engine, observer: Observer
-) -> Iterator[CheckedTree]:
-    """Fill in what the chunks come to, and yield each tree as it ends."""
-
-    def due_jobs() -> Iterator[_Job]:
-        for job in jobs:
-            if trees[job.topology.key].fault is None:
-                yield job
-
+) -> None:
+    """Fill in what the chunks come to, and tell of each tree as it ends."""
+    due = (job for job in jobs if trees[job.topology.key].fault is None)
     hung_after_s, note_period_s = 7200.0, 10.0  # of one chunk; between two lines about one tree
     noted_at = time.monotonic()
-    for job, result in engine.run(partial(_check, check_chunk), due_jobs(), deadline=lambda _: hung_after_s):
+    for job, result in engine.run(partial(_check, check_chunk), due, deadline=lambda _: hung_after_s):
         tree = trees[job.topology.key]
         if tree.fault is not None:
             continue
@@ -208,8 +202,11 @@ def _replay(
         elif isinstance(result, CheckedChunk):
             tree.boxes, tree.halved = tree.boxes + result.boxes, tree.halved + result.halved
             tree.chunks += 1
-        if tree.fault is not None or tree.chunks == chunk_count(tree.modules):
-            yield tree
+        if tree.fault is not None:
+            observer.note(f"{tree.key}: refused, {tree.fault}")
+        elif tree.chunks == chunk_count(tree.modules):
+            halved = f"{tree.halved:,} of them halved further"
+            observer.note(f"{tree.key}: checked, {tree.boxes:,} boxes ({halved})")
         elif time.monotonic() - noted_at > note_period_s:
             noted_at = time.monotonic()
             observer.note(f"{tree.key}: {tree.chunks} of {chunk_count(tree.modules)} chunks, {tree.boxes:,} boxes")
@@ -246,22 +243,14 @@ def _unfit(proof: Proof, key: str, task: ResolvedTask) -> str | None:
     return None
 
 
-def _describe(tree: CheckedTree) -> str:
-    if tree.fault is not None:
-        return f"{tree.key}: refused, {tree.fault}"
-    return f"{tree.key}: checked, {tree.boxes:,} boxes ({tree.halved:,} of them halved further)"
-
-
 def _sentence(
     trees: list[CheckedTree], best: Row, task: ResolvedTask, candidates: int, subject: str, *, proven: bool
 ) -> str:
     """Say what the checked proofs of one size come to; `proven`: nothing of the run is refused."""
     done = [tree for tree in trees if tree.verdict == "checked"]
     counts = {word: sum(tree.verdict == word for tree in trees) for word in ("refused", "open", "not examined")}
-    missing = counts["not examined"] + candidates - len(trees)
-    left = [f"{counts['refused']} refused"] if counts["refused"] else []
-    left += [f"{counts['open']} open"] if counts["open"] else []
-    left += [f"{missing} not examined"] if missing else []
+    counts["not examined"] += candidates - len(trees)
+    left = [f"{number} {word}" for word, number in counts.items() if number]
     impossible = sum(tree.verdict == IMPOSSIBLE for tree in trees)
     beside = f", {impossible} said to be impossible, which is not checked" if impossible else ""
     if left or not proven or best.objective is None:

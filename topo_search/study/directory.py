@@ -52,8 +52,6 @@ class RunFile:
     """The folder of what gives the closest trees a design, one file per size without any."""
 
 
-HOLDER = re.compile(rb"(\d+ on [^\n]*\n)?")
-"""The content of the lock's file: who holds it, or held it last."""
 CHANGED = "is not the file that this run wrote"
 """Fault of a file that somebody else changed or put there."""
 _Entry = tuple[bytes | None, bytes | None, int]
@@ -119,7 +117,8 @@ class Directory:
             status = os.fstat(handle)
             if not stat.S_ISREG(status.st_mode) or status.st_nlink != 1:
                 raise self._foreign_lock()
-            if not HOLDER.fullmatch(holder := os.pread(handle, 512, 0)):
+            # who holds the lock, or held it last
+            if not re.fullmatch(rb"(\d+ on [^\n]*\n)?", holder := os.pread(handle, 512, 0)):
                 raise self._foreign_lock()
             # what network disks say that cannot lock folders
             no_locks_on_folders = (errno.EBADF, errno.ENOLCK, errno.EINVAL, errno.ENOTSUP, errno.EISDIR)
@@ -182,12 +181,8 @@ class Directory:
         try:
             with self._open_parent(name, make=True) as (folder, last):
                 self.tidy()
-                handle = os.open(
-                    RunFile.PARTIAL,
-                    os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW,
-                    0o666,
-                    dir_fd=self._handle,
-                )
+                flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+                handle = os.open(RunFile.PARTIAL, flags, 0o666, dir_fd=self._handle)
                 try:
                     with os.fdopen(handle, "wb", buffering=0) as stream:
                         rest = memoryview(content)
@@ -370,11 +365,10 @@ class RunFiles:
         """Record what is about to be written: name, digest, and that of what is there before."""
         if records:
             rows = [(*record, int(changing)) for record in records]
+            sealed = [(*row, checksum(row)) for row in rows]
             with self._database:
                 self._database.execute("BEGIN IMMEDIATE")
-                self._database.executemany(
-                    "INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?, ?)", [(*row, checksum(row)) for row in rows]
-                )
+                self._database.executemany("INSERT OR REPLACE INTO files VALUES (?, ?, ?, ?, ?)", sealed)
 
     def _refuse(self, names: list[str]) -> None:
         """Name the files that stand where the run would write its own, if there are any."""

@@ -6,8 +6,6 @@ and left unchanged. In a run's folder only files that the run wrote itself are r
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -22,7 +20,7 @@ from topo_search.model import Audit, BadInput, Design, Proof, ResolvedTask, Task
 from topo_search.model.bad_input import faults_of
 from topo_search.model.files import to_json, to_toml, validate
 from topo_search.model.task import before_requirement
-from topo_search.model.text import NotParsed, escape_formula, toml_data
+from topo_search.model.text import NotParsed, NotReadable, csv_text, decode, toml_data
 from topo_search.study.directory import Directory, ReadOnlyFolder, RunFile
 from topo_search.study.ledger import Ledger
 from topo_search.study.ledger_file import blank
@@ -93,9 +91,8 @@ def require_versions(path: Path, ledger: Ledger) -> None:
     own = ledger.identity().own
     if own is not None and own.unversioned:
         names = ", ".join(map(repr, own.unversioned))
-        raise refusal(
-            path, f"holds a run with {names} of your own, which has no version, so that it cannot be resumed"
-        )
+        own_code = f"{names} of your own, which has no version"
+        raise refusal(path, f"holds a run with {own_code}, so that it cannot be resumed")
 
 
 def refusal(path: Path, what: str) -> BadInput:
@@ -109,11 +106,8 @@ def _read_task(path: Path, directory: Directory) -> Task:
     if content is None:
         raise BadInput(name, "no such file")
     try:
-        data = toml_data(content.decode())
-    except UnicodeDecodeError as error:
-        rule = f"must be UTF-8 text, but got the byte {content[error.start]:#04x} at offset {error.start}"
-        raise BadInput(name, rule) from None
-    except NotParsed as error:
+        data = toml_data(decode(content))
+    except (NotParsed, NotReadable) as error:
         raise BadInput(name, str(error)) from None
     return validate(Task, before_requirement(data), name)
 
@@ -227,11 +221,7 @@ class RunFolder:
 
     def keep_table(self, name: str, columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
         """Write a file of the run's own as CSV; errors as of `keep`."""
-        table = io.StringIO()
-        writer = csv.writer(table, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows(map(escape_formula, row) for row in rows)
-        self.keep(name, table.getvalue())
+        self.keep(name, csv_text(columns, rows))
 
     def page_mark(self) -> str:
         """Return the last line of a page that is written now: a digest of all that it shows."""

@@ -18,42 +18,21 @@ All are those of the audited design, not the level that it was found at: what co
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple, get_args
+from typing import Any, get_args
 
 from topo_search.model import Audit, Design, Flight, ResolvedTask
 from topo_search.model.reserves import PLACES, Failing, centres_of
-from topo_search.model.search import FIELDS, Level
+from topo_search.model.search import GOALS, Goal, Level
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.row import Row, proven_cell
 
-
-class Reached(NamedTuple):
-    """Something that a design reaches, by the name of its field in `FrontPoint`."""
-
-    unit: str
-    step: float
-    """Difference that makes no difference, in that unit."""
-    sign: int = -1
-    """1 where smaller is better."""
-
-
-REACHED = {
-    "clearance": Reached("m", 1.0e-5),  # a tenth of the default margin; solves of one optimum differ by less
-    "stand_off": Reached("m", 1.0e-4),
-    "peak_input": Reached("u_max", 1.0e-5, 1),
-    "force_reserve": Reached("N", 1.0e-4),
-    "torque_reserve": Reached("N m", 1.0e-5),
-    "rotor_out": Reached("any one rotor dead", 0.5),  # counts what is possible
-    "joint_moment": Reached("N m", 1.0e-5, 1),
-    "hinge_angle_deg": Reached("deg", 1.0e-3),
-    "speed": Reached("m/s", 1.0e-3, 1),
-}
 FRONT_COLUMNS = (
     *("key", "modules", "objective", "lower_bound", "gap"),
-    *REACHED,
+    *GOALS,
     *("audit", "level"),
     *(f"level_{name}" for name in Level._fields),
     "design",
@@ -105,11 +84,11 @@ class FrontPoint:
 
         A step of J is a share of it, the audit's own tolerance.
         """
-        missing = dict.fromkeys(REACHED, 0.0) | {"clearance": math.inf, "stand_off": math.inf}
+        missing = dict.fromkeys(GOALS, 0.0) | {"clearance": math.inf, "stand_off": math.inf}
         values = missing | {name: value for name, value in vars(self).items() if value is not None}
         values |= {"modules": self.row.modules, "rotor_out": get_args(Failing).index(self.rotor_out)}
         effort = math.log(self.row.objective) / 1.0e-6 if self.row.objective else -math.inf
-        table = REACHED | {"modules": Reached("", 0.5, 1)}
+        table = GOALS | {"modules": Goal("modules", "", 0.5, 1)}
         goals = ((table[name], values[name]) for name in names)
         return (effort, *(goal.sign * value / goal.step for goal, value in goals))
 
@@ -146,28 +125,22 @@ def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[Fr
         points: the front, the least effort first.
     """
     sentences = []
-    for place, field in enumerate(FIELDS):
-        name = Level._fields[place]
-        groups: dict[tuple[Any, ...], list[float | None]] = {}
+    for place, (name, goal) in enumerate(GOALS.items()):
+        groups = defaultdict[tuple[Any, ...], list[float | None]](list)
         for level, J in levels:
-            groups.setdefault((*level[:place], *level[place + 1 :]), []).append(J)
-        if (
-            all(level[place] is None for level, _ in levels)
-            or not points
-            or not all(map(_are_alike, groups.values()))
-        ):
-            continue
-        reached = points[0].cells[name]
-        has = proven_cell(name, reached, 4)
-        sentences.append(
-            f"no level of goals.{name} binds: each gives the same least control effort, whose design reaches {has} "
-            f"({REACHED[name].unit}); try levels of {field} beyond that"
-        )
+            groups[(*level[:place], *level[place + 1 :])].append(J)
+        has_levels = any(level[place] is not None for level, _ in levels)
+        if points and has_levels and all(map(_are_alike, groups.values())):
+            has = proven_cell(name, points[0].cells[name], 4)
+            sentences.append(
+                f"no level of goals.{name} binds: each gives the same least control effort, whose design reaches "
+                f"{has} ({goal.unit}); try levels of {goal.field} beyond that"
+            )
     return sentences
 
 
 def _are_alike(efforts: list[float | None]) -> bool:
-    """True if efforts differ by no more than starts of their own make them, so that no level binds."""
+    # starts of their own make efforts differ by less than 1e-4
     known = [J for J in efforts if J is not None]
     return len(known) == len(efforts) and (not known or max(known) <= min(known) * (1 + 1.0e-4))
 

@@ -75,6 +75,10 @@ class Ledger:
             yield
         self.require()
 
+    def _write(self, query: str, values: tuple[object, ...]) -> None:
+        with self._transaction():
+            self._database.execute(query, values)
+
     def require(self) -> None:
         """Make sure that what was written is in the file of this name, where the next process will look for it.
 
@@ -117,8 +121,7 @@ class Ledger:
     def ask(self, starts: int, trials: int | None) -> None:
         """Record how many starts of each candidate, and how many proposals, were asked for last."""
         if self.last_request() != (starts, trials):
-            with self._transaction():
-                self._database.execute("UPDATE run SET starts = ?, trials = ?", (starts, trials))
+            self._write("UPDATE run SET starts = ?, trials = ?", (starts, trials))
 
     def last_request(self) -> tuple[int, int | None]:
         """Return how many starts of each candidate, and how many proposals, were asked for last."""
@@ -154,17 +157,14 @@ class Ledger:
     def begin(self, context: Context, lower_bound: float, proof: Infeasible | None) -> None:
         """Record a context."""
         values = (context.name, context.task.n, context.step, context.margin, json.dumps(context.fixed_by))
-        with self._transaction():
-            self._database.execute(
-                "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?, NULL, NULL, 0)",
-                (*values, lower_bound, None if proof is None else to_json(proof)),
-            )
+        bounds = lower_bound, None if proof is None else to_json(proof)
+        insert = "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?, NULL, NULL, 0)"
+        self._write(insert, (*values, *bounds))
 
     def end(self, context: Context, starts: int, trials: int | None) -> None:
         """Record that the strategy came to its end with so many starts and proposals."""
         query = "UPDATE contexts SET ended_starts = ?, ended_trials = ? WHERE context = ?"
-        with self._transaction():
-            self._database.execute(query, (starts, trials, context.name))
+        self._write(query, (starts, trials, context.name))
 
     def has_ended(self, context: Context, starts: int, trials: int | None) -> bool:
         """Return whether the strategy came to its end with at least so many starts and proposals (None: all)."""
@@ -195,10 +195,8 @@ class Ledger:
 
     def row(self, context: Context, key: str) -> Row | None:
         """Return one candidate's row in a context."""
-        values = self._database.execute(
-            f"{_Sql.select} WHERE context = ? AND key = ?", (context.name, key)
-        ).fetchone()
-        return None if values is None else Row(*values)
+        query = f"{_Sql.select} WHERE {_Sql.place}"
+        return next(starmap(Row, self._database.execute(query, (context.name, key))), None)
 
     def result(self, context: Context, key: str) -> Design | Infeasible | None:
         """Return one candidate's result so far; None if every attempt failed."""
@@ -275,14 +273,11 @@ class Ledger:
     def forget_audit_failures(self, context: Context) -> None:
         """Let designs whose audits failed be audited again."""
         failed = "WHERE context = ? AND audit_failure IS NOT NULL"
-        with self._transaction():
-            self._database.execute(f"UPDATE candidates SET audit_failure = NULL {failed}", (context.name,))
+        self._write(f"UPDATE candidates SET audit_failure = NULL {failed}", (context.name,))
 
     def record_audit_failure(self, context: Context, key: str, reason: str) -> None:
         """Write why a candidate's design has no audit."""
-        write = f"UPDATE candidates SET audit_failure = ? WHERE {_Sql.place}"
-        with self._transaction():
-            self._database.execute(write, (reason, context.name, key))
+        self._write(f"UPDATE candidates SET audit_failure = ? WHERE {_Sql.place}", (reason, context.name, key))
 
     def files_in(self, directory: Directory) -> RunFiles:
         """Return the files that the run wrote into its directory."""
@@ -302,8 +297,7 @@ class Ledger:
     def best_clear(self, n: int) -> Row | None:
         """Return the best row of n modules whose audit is clear."""
         query = f"{_Sql.select} {_Sql.standing} AND audit = 'clear' ORDER BY objective, key LIMIT 1"
-        values = self._database.execute(query, (n, self._ranked)).fetchone()
-        return None if values is None else Row(*values)
+        return next(starmap(Row, self._database.execute(query, (n, self._ranked))), None)
 
     def solves(self, n: int) -> Iterator[SolveEvent]:
         """Return the solves of n modules in the order in which they ended."""
@@ -316,16 +310,13 @@ class Ledger:
 
     def best_designs(self, context: Context, first: int, count: int) -> list[Row]:
         """Return a context's designs from place `first` on, by objective, ties by key."""
-        query = (
-            f"{_Sql.select} WHERE context = ? AND objective IS NOT NULL ORDER BY objective, key LIMIT ? OFFSET ?"
-        )
-        return [Row(*values) for values in self._database.execute(query, (context.name, count, first))]
+        designs = f"{_Sql.select} WHERE context = ? AND objective IS NOT NULL"
+        query = f"{designs} ORDER BY objective, key LIMIT ? OFFSET ?"
+        return [*starmap(Row, self._database.execute(query, (context.name, count, first)))]
 
     def _text(self, column: str, context: Context, key: str) -> str | None:
         """Return what one of the columns of `texts` holds of a candidate."""
-        query = (
-            f"SELECT texts.{column}, {column}_checksum FROM candidates LEFT JOIN texts USING (context, key) "
-            "WHERE context = ? AND key = ?"
-        )
+        texts = "candidates LEFT JOIN texts USING (context, key)"
+        query = f"SELECT texts.{column}, {column}_checksum FROM {texts} WHERE {_Sql.place}"
         text, checksum = self._database.execute(query, (context.name, key)).fetchone() or (None, None)
         return None if checksum is None else checked_text(self.path, key, text, checksum)

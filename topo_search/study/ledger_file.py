@@ -130,7 +130,10 @@ def seal_changes(database: sqlite3.Connection) -> None:
 
 def fault(database: sqlite3.Connection, table: str) -> str | None:
     """Return what is wrong with a table, if its rows are not those that were written; `files` has no tally."""
-    kinds = _kinds(database, table)
+    kinds = [  # types that the values of each column may have
+        {KINDS[declared]} if not_null or key else {KINDS[declared], type(None)}
+        for _, _, declared, not_null, _, key in database.execute(f"PRAGMA table_info({table})")
+    ]
     known: set[tuple[type, ...]] = set()
     rows = total = 0
     place = slice(0, PLACES.get(table, "").count(",") + 1)
@@ -155,14 +158,6 @@ def fault(database: sqlite3.Connection, table: str) -> str | None:
     if table in PLACES and held != [(rows, total & 0xFFFFFFFF)]:
         return f"its table {table} has {rows} rows, which are not those that were written"
     return None
-
-
-def _kinds(database: sqlite3.Connection, table: str) -> list[set[type]]:
-    """Return which types the values of each column may have."""
-    return [
-        {KINDS[declared]} if not_null or key else {KINDS[declared], type(None)}
-        for _, _, declared, not_null, _, key in database.execute(f"PRAGMA table_info({table})")
-    ]
 
 
 def blank(identity: str) -> bytes:
@@ -245,7 +240,7 @@ def _damage_named(path: Path) -> Iterator[None]:
         no_text = isinstance(error, sqlite3.OperationalError) and not hasattr(error, "sqlite_errorcode")
         if type(error) is not sqlite3.DatabaseError and not no_text:
             raise
-        raise _fault(path, f"is damaged or not a ledger ({error}); {ADVICE}") from None
+        raise BadInput(str(path), f"is damaged or not a ledger ({error}); {ADVICE}") from None
 
 
 def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str:
@@ -255,7 +250,7 @@ def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str
         BadInput: it is not the one that was written, or is gone.
     """
     if text is None or zlib.crc32(text) != checksum:
-        raise _fault(path, f"is damaged (its entry {key} has changed since it was written); {ADVICE}")
+        raise BadInput(str(path), f"is damaged (its entry {key} has changed since it was written); {ADVICE}")
     return text.decode()
 
 
@@ -308,8 +303,4 @@ def damage(path: Path, what: str) -> BadInput:
 
 def refusal(path: Path, what: str) -> BadInput:
     """Return the error that says why a file is not used."""
-    return _fault(path, f"{what}; it is left unchanged: {ADVICE}")
-
-
-def _fault(path: Path, text: str) -> BadInput:
-    return BadInput(str(path), text)
+    return BadInput(str(path), f"{what}; it is left unchanged: {ADVICE}")

@@ -177,9 +177,11 @@ class Observer(Protocol):
 
     def plan(self, plan: Plan) -> None:
         """All of this is going to be done."""
+        return
 
     def phase(self, phase: Phase) -> None:
         """A part of the run begins."""
+        return
 
     def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
         """One more step of it is done; `incumbent` is the best design so far.
@@ -188,25 +190,15 @@ class Observer(Protocol):
             incumbent: None while there is none.
             known: whether the result was there before.
         """
+        return
 
     def note(self, text: str) -> None:
         """Something that the user should see happened."""
+        return
 
 
-class Silent:
+class Silent(Observer):
     """Shows nothing."""
-
-    def plan(self, plan: Plan) -> None:
-        """Ignore the plan."""
-
-    def phase(self, phase: Phase) -> None:
-        """Ignore the start of a part."""
-
-    def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
-        """Ignore progress."""
-
-    def note(self, text: str) -> None:
-        """Ignore a note."""
 
 
 class TimeLeft:
@@ -254,13 +246,9 @@ class TimeLeft:
     def __call__(self, now: float) -> float:
         """Return how long it still takes [s]."""
         spent = self._spent_until(now)
-        solving = other = 0.0
-        planned = [(phase, correction(spent, phase) * duration(phase, self._workers)) for phase in self._planned]
-        for phase, left in [*planned, (self._phase, self._present(now))]:
-            if phase.starts:
-                solving += left
-            else:
-                other += left
+        left = [(phase, correction(spent, phase) * duration(phase, self._workers)) for phase in self._planned]
+        left.append((self._phase, self._present(now)))
+        solving, other = (sum(t for phase, t in left if bool(phase.starts) is solves) for solves in (True, False))
         return min(solving, max(0.0, self._end - now)) + other
 
     def _present(self, now: float) -> float:
@@ -289,10 +277,8 @@ class TimeLeft:
         phase = self._phase
         if phase.alone or not phase.steps or self._waking:
             return self._spent
-        step, steps = (
-            duration(phase, self._workers) / phase.steps,
-            self._done + self._half(phase.steps - self._known),
-        )
+        step = duration(phase, self._workers) / phase.steps
+        steps = self._done + self._half(phase.steps - self._known)
         before = self._spent.get(phase.kind, Spent(0.0, 0.0, 0.0))
         more = Spent(before.taken + now - self._began, before.expected + steps * step, before.steps + steps)
         return {**self._spent, phase.kind: more}

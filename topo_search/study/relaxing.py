@@ -200,7 +200,7 @@ def find_causes(folder: RunFolder, tools: Tools) -> None:
             continue
         relaxed = relax(request.task, trees, tools, starts=request.starts, seed=request.seed)
         if relaxed is not None:
-            folder.keep(f"{RunFile.RELAXED}/{_name(n)}", to_json(relaxed))
+            folder.keep(f"{RunFile.RELAXED}/n{n}.json", to_json(relaxed))
 
 
 def causes(folder: RunFolder, n: int) -> Relaxed | None:
@@ -209,11 +209,7 @@ def causes(folder: RunFolder, n: int) -> Relaxed | None:
     Raises:
         BadInput: what was written of it is damaged.
     """
-    return folder.read_within(RunFile.RELAXED, Relaxed).get(_name(n))
-
-
-def _name(n: int) -> str:
-    return f"n{n}.json"
+    return folder.read_within(RunFile.RELAXED, Relaxed).get(f"n{n}.json")
 
 
 def _closest(folder: RunFolder, n: int, *, proven: bool) -> list[Topology]:

@@ -47,9 +47,7 @@ class Own(Value):
     @property
     def unversioned(self) -> tuple[str, ...]:
         """Names of functions without a version: they may have changed."""
-        named: tuple[Versioned, ...] = (
-            self.constraints if self.sampler is None else (*self.constraints, self.sampler)
-        )
+        named = (*self.constraints, *([] if self.sampler is None else [self.sampler]))
         return tuple(one.name for one in named if one.version is None)
 
     @property
@@ -102,14 +100,9 @@ class Context:
     @cached_property
     def fixed_by(self) -> dict[str, Any]:
         """The content that the name is a digest of."""
-        fixed_by: dict[str, Any] = {
-            "task": self.task.model_dump(mode="json"),
-            "seed": self.seed,
-            "versions": self.versions,
-        }
-        if self.level is not None:
-            fixed_by["level"] = self.level._asdict()
-        return {**fixed_by, **self.own.fixes}
+        level = {} if self.level is None else {"level": self.level._asdict()}
+        fixed_by = {"task": self.task.model_dump(mode="json"), "seed": self.seed, "versions": self.versions}
+        return {**fixed_by, **level, **self.own.fixes}
 
     @cached_property
     def name(self) -> str:
@@ -247,13 +240,18 @@ class Request:
         if own.topologies is not None:
             return Resolution("c1", True, "every topology that was given is a candidate")
         if self.symmetry == "task" and own.telling is not None:
-            return Resolution(
-                "c1", True, f"every rooted tree is a candidate: {own.telling!r} may tell modules apart"
-            )
+            reason = f"every rooted tree is a candidate: {own.telling!r} may tell modules apart"
+            return Resolution("c1", True, reason)
         if self._proper:
             resolution = resolve_symmetry(task, "c2")
             return replace(resolution, reason=f"{resolution.reason}; {own.handed!r} may tell mirror images apart")
-        return _lossy_resolution(resolve_symmetry(task, self.symmetry), task, own)
+        resolution = resolve_symmetry(task, self.symmetry)
+        broken = own.telling if task.search.root == "free" else None
+        if broken is None and resolution.group in ("d2", "d4"):
+            broken = own.handed
+        if broken is None or not resolution.exact:
+            return resolution
+        return Resolution(resolution.group, False, f"lossy: {broken!r} may tell trees apart that count as one")
 
     def covers(self, n: int) -> bool:
         """True if the candidates stand for every tree of n modules that the task's connectors and root allow.
@@ -280,16 +278,6 @@ class Request:
             Context(with_margin(task, margin), step, self.seed, self.versions, self.level, self.own)
             for step, margin in enumerate(margins(task))
         ]
-
-
-def _lossy_resolution(resolution: Resolution, task: ResolvedTask, own: Own) -> Resolution:
-    """Return a symmetry that was asked for by name, which own constraints may break."""
-    broken = own.telling if task.search.root == "free" else None
-    if broken is None and resolution.group in ("d2", "d4"):
-        broken = own.handed
-    if broken is None or not resolution.exact:
-        return resolution
-    return Resolution(resolution.group, False, f"lossy: {broken!r} may tell trees apart that count as one")
 
 
 LARGER_MARGINS = 3

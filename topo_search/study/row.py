@@ -22,16 +22,6 @@ FLIGHT: dict[str, Callable[[Flight], float | int | None]] = {
 """Columns of an audited design: what its audit reports beyond the task."""
 AUDITED = ("power_W", "air_tip_m_s", "air_region_m_s", "force_reserve_com_N", "tilt_deg")
 """Columns of an audited design that are read from its audit, not from its row in the ledger."""
-AT_MOST = (
-    "air_tip_m_s",
-    "air_region_m_s",
-    "speed",
-    "joint_moment_Nm",
-    "joint_moment",
-    "peak_input",
-    "rod_length_m",
-)
-"""Figures of an audit that are no more than what is printed; all others are no less."""
 
 
 @dataclass(frozen=True)
@@ -99,15 +89,8 @@ class Row:
 
 
 ROW_FIELDS = tuple(field.name for field in fields(Row))
-COLUMNS = (
-    *ROW_FIELDS[: ROW_FIELDS.index("asked")],
-    *FLIGHT,
-    *AUDITED,
-    "proven_bound",
-    "proven_gap",
-    "proof",
-    "proven_problem",
-)
+PROVEN = ("proven_bound", "proven_gap", "proof", "proven_problem")
+COLUMNS = (*ROW_FIELDS[: ROW_FIELDS.index("asked")], *FLIGHT, *AUDITED, *PROVEN)
 """The columns of `candidates.csv`: fields of a row before `asked`, then what audits say, last what proofs do."""
 
 
@@ -132,34 +115,22 @@ def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, asked: int, 
     if isinstance(outcome, Failed):
         return replace(candidate, worst_constraint=outcome.reason)
     if record := record_of(outcome):
-        candidate = replace(
-            candidate,
-            starts=record.starts,
-            starts_feasible=record.starts_feasible,
-            starts_at_best=record.starts_at_best,
-            seconds=record.seconds,
-        )
+        counts = ("starts", "starts_feasible", "starts_at_best", "seconds")
+        candidate = replace(candidate, **{name: getattr(record, name) for name in counts})
     if isinstance(outcome, Infeasible):
-        return replace(
-            candidate,
-            status=outcome.status,
-            worst_constraint=outcome.worst_constraint,
-            violation=outcome.violation,
-            unit=outcome.unit,
-        )
-    return replace(
-        candidate,
-        status="feasible",
-        objective=outcome.objective,
-        gap=Design.gap_of(outcome.objective, lower_bound),
-    )
+        missed = ("status", "worst_constraint", "violation", "unit")
+        return replace(candidate, **{name: getattr(outcome, name) for name in missed})
+    gap = Design.gap_of(outcome.objective, lower_bound)
+    return replace(candidate, status="feasible", objective=outcome.objective, gap=gap)
 
 
 def proven_cell(name: str, value: object, digits: int = 6) -> object:
     """Return what a table prints of one of an audit's figures, rounded to the side on which it is proven."""
     if not isinstance(value, float):
         return value
-    return upper_text(value, digits) if name in AT_MOST else lower_text(value, digits)
+    at_most = {"air_tip_m_s", "air_region_m_s", "joint_moment_Nm", "rod_length_m"}  # all others are no less
+    at_most |= {"speed", "joint_moment", "peak_input"}  # the goals among them
+    return upper_text(value, digits) if name in at_most else lower_text(value, digits)
 
 
 def flight_of(audit: Audit) -> dict[str, float | int | None]:

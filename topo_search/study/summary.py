@@ -223,9 +223,8 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         remarks.append("some candidates failed for reasons that may not recur; the same command tries them again")
     settled = candidates if impossible else statuses.total()
     if ended and settled < candidates:
-        remarks.append(
-            f"{candidates - settled} of {candidates} candidates were never proposed: nothing is known about them"
-        )
+        number = f"{candidates - settled} of {candidates} candidates"
+        remarks.append(f"{number} were never proposed: nothing is known about them")
     check_designs(ledger, contexts, space, top if best is None or best in top else [*top, best])
     proofs = folder.proofs(n)
     proven = ProofSummary(None, None)

@@ -19,7 +19,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from heapq import merge
 from itertools import groupby, islice
 from random import Random
@@ -144,8 +144,8 @@ class Moves(TreeSampler):
         """Descriptors of candidates, by key."""
         self._led_to = lru_cache(BREEDING.kept)(lambda tree, move: space.key_of(graft(tree, *move)))
         """Returns the key of the candidate that a move leads to."""
-        self._twins: dict[str, str] = {}
-        """Key of the candidate that differs in the sense of all rotors alone, by key."""
+        self._twin = cache(lambda key: space.twin_of(Topology.from_key(key)).key)
+        """Returns the key of the candidate that differs in the sense of all rotors alone, by key."""
         self._settled: set[str] = set()
         """Keys of candidates that are not new: they or their twins were proposed, and did not fail."""
         self._latest: tuple[int, _Known] | None = None
@@ -221,7 +221,6 @@ class Moves(TreeSampler):
             self._pool[key] = _Chance(bound, key, again=False), drawn[key]
 
     def _move(self, tree: Topology) -> str:
-        """Return the key of a candidate that one move leads to."""
         return self._led_to(tree, draw_move(tree, self.random, self.connectors))
 
     def _learn(self) -> _Known:
@@ -262,12 +261,6 @@ class Moves(TreeSampler):
         tree = Topology.from_key(key)
         relatives = {self._move(tree) for _ in range(BREEDING.relatives)} & designs.keys() - without - {key}
         return tuple(sorted(relatives, key=designs.__getitem__)[:1])
-
-    def _twin(self, key: str) -> str:
-        """Return the key of a candidate's twin."""
-        if key not in self._twins:
-            self._twins[key] = self.space.twin_of(Topology.from_key(key)).key
-        return self._twins[key]
 
     def _descriptors(self, keys: Sequence[str]) -> Array:
         """Return the descriptors of candidates, a row each."""

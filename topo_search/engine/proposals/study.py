@@ -129,10 +129,8 @@ class OptunaSearch(Strategy):
             scores = yield from self.results(len(short))
             self._had |= {score.key: score.starts for score in scores}
             if self._journal is not None:
-                study, proposer = self._study, self._proposer
-                self._journal.add_trials(
-                    [_tell(study, _trial_again(study, proposer, score.key), score) for score in scores]
-                )
+                again = ((_trial_again(self._study, self._proposer, score.key), score) for score in scores)
+                self._journal.add_trials([_tell(self._study, trial, score) for trial, score in again])
 
     def _draws(self) -> Iterator[Proposal | None]:
         """Yield what the sampler draws, and more starts of what does well, if it promotes that."""
@@ -180,9 +178,8 @@ def _draw(study: optuna.Study, proposer: TreeSampler) -> _Drawn:
 
 def _trial_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:
     """Return a trial of a candidate that is not the sampler's."""
-    study.enqueue_trial(
-        dict(encode(Topology.from_key(key), proposer.connectors)), {Attribute.KEY: key, Attribute.NEAR: ()}
-    )
+    numbers = encode(Topology.from_key(key), proposer.connectors)
+    study.enqueue_trial(dict(numbers), {Attribute.KEY: key, Attribute.NEAR: ()})
     return study.ask(proposer.distributions)
 
 

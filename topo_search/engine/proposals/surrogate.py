@@ -221,9 +221,8 @@ class Surrogate:
         """Return the bounds of the solved trees that are `kept`, each predicted from all the others."""
         diagonal = np.diag(cho_solve(self._K, np.eye(len(self._y))))
         expected = self._y - self._weights / diagonal
-        return np.asarray(
-            expected - REGRESSION.optimism * np.sqrt(np.maximum(1.0 / diagonal - REGRESSION.noise, 0.0))
-        )
+        variance = np.maximum(1.0 / diagonal - REGRESSION.noise, 0.0)
+        return np.asarray(expected - REGRESSION.optimism * np.sqrt(variance))
 
     def _columns(self, described: Array) -> Array:
         return np.asarray((described - self._mean) / self._scale)
@@ -237,6 +236,5 @@ def _covariance(X: Array, Y: Array) -> Array:
 
 
 def _deviation(values: Array) -> Array:
-    """Return the standard deviation of each column, 1 where all values are the same."""
     deviation = values.std(axis=0)
     return np.where(deviation > 0, deviation, 1.0)
