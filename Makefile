@@ -2,6 +2,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# Processes that test: as many as there are cores where CI runs.
+WORKERS := 2
 # Two variables: older versions of pip pin the build tools by the first, newer ones by the second.
 PINNED := PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
 
@@ -18,11 +20,11 @@ notebooks-docs: $(STAMP)  ## run every notebook with its small settings, and kee
 	KEEP=1 $(BIN)/pytest -k fresh_kernel tests/test_notebooks.py
 
 test: lint  ## everything CI checks, but what needs a browser
-	$(BIN)/pytest -n 2 --dist worksteal -m "not slow and not browser"
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m "not slow and not browser"
 	$(MAKE) docs
 
 test-slow: lint  ## also the slow tests: what takes over ten seconds, and all of many like cases
-	$(BIN)/pytest -n 2 --dist worksteal -m "not browser"
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m "not browser"
 
 figures: $(STAMP)  ## draw the figures of the documentation from the package's data
 	$(BIN)/python docs/figures.py
@@ -31,7 +33,7 @@ docs: $(STAMP)  ## build the documentation, site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file docs/mkdocs.yml
 
 test-browser: $(STAMP)  ## open the report and the site in Chromium, which has to be installed
-	$(BIN)/pytest -m browser
+	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m browser tests/test_docs_site.py tests/test_report_browser.py
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -33,12 +33,18 @@ if find_library("EGL"):  # films need no display
 
 
 @pytest.hookimpl(trylast=True)  # when those are left out that are not to run
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Compile before all else: each of two processes begins with another half, and waits for no other's code."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Compile before all else: each process begins with a part of it, and waits for no other's code."""
+    count, left = getattr(config, "workerinput", {}).get("workercount", 1), len(items)
     first = [item for item in items if item.get_closest_marker("compiles")]
     others = [item for item in items if item not in first]
-    middle = len(items) // 2 - len(first[::2])
-    items[:] = [*first[::2], *others[:middle], *first[1::2], *others[middle:]]
+    items.clear()
+    for k in range(count):  # xdist gives each an equal share of those that are left
+        part = first[k::count]
+        size = max(left // (count - k) - len(part), 0)
+        items += [*part, *others[:size]]
+        del others[:size]
+        left -= len(part) + size
 
 
 @pytest.fixture(scope="session")

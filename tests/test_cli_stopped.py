@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 from processes import eventually, gone, recorded
+from toy_problem import COMMAND, toy_task
 from wording import says
 
+from topo_search.model.files import to_toml
 from topo_search.supervisor import ExitStatus
 
 HERE = Path(__file__).parent
@@ -46,12 +48,12 @@ COMMANDS = (
 class Command:
     """A command of its own process group, in a folder of its own."""
 
-    def __init__(self, folder, *words, stderr=None, setup=None):
+    def __init__(self, folder, *words, start=("-m", "topo_search"), stderr=None, setup=None):
         self.folder = folder
         self.log = folder / "stderr"
         with self.log.open("wb") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "topo_search", *words],
+                [sys.executable, *start, *words],
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
@@ -112,15 +114,15 @@ def test_a_signal_while_a_command_starts_ends_it(tmp_path, words, number):
 
 
 def test_a_signal_during_a_run_keeps_what_was_finished(tmp_path):
-    command = Command(tmp_path, *RUN)
-    eventually(lambda: len(recorded(tmp_path / "run")) >= 3)
+    command = Command(tmp_path, *RUN, "--workers", "1")
+    eventually(lambda: recorded(tmp_path / "run"))
     for _ in range(20):  # a terminal, a shell and a scheduler at once, all to every process
         os.killpg(command.process.pid, random.choice([signal.SIGINT, signal.SIGTERM]))
     assert command.ends() == ExitStatus.INTERRUPTED
     assert says(command.told().splitlines()[-1], "stopped", "kept", "same command")
     assert command.told().count("stopped") == 1
     assert "Traceback" not in command.told()
-    assert len(recorded(tmp_path / "run")) >= 3
+    assert recorded(tmp_path / "run")
 
 
 def test_native_code_that_does_not_return_is_ended_too(tmp_path):
@@ -152,8 +154,16 @@ os.kill(os.getpid(), signal.SIGINT)
     assert (ended.returncode, ended.stdout, ended.stderr) == (ExitStatus.INTERRUPTED, "", "stopped\n")
 
 
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    """Words after Python's that search the toy problem."""
+    (tmp_path / "toy.toml").write_text(to_toml(toy_task(3)))
+    monkeypatch.setenv("PYTHONPATH", str(HERE))
+    return "-c", COMMAND, "run", "toy.toml", "--out", "run"
+
+
 @pytest.mark.parametrize("kind", ["full", "closed", "unread"])
-def test_what_becomes_of_stderr_keeps_no_run_from_being_stopped(tmp_path, kind):
+def test_what_becomes_of_stderr_keeps_no_run_from_being_stopped(tmp_path, monkeypatch, toy, kind):
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     try:
@@ -163,13 +173,14 @@ def test_what_becomes_of_stderr_keeps_no_run_from_being_stopped(tmp_path, kind):
         os.set_blocking(writer, True)
     with open("/dev/full", "wb") as full:
         given = {"full": full, "closed": subprocess.DEVNULL, "unread": writer}[kind]
-        words = (*RUN, "--workers", "1")
-        command = Command(tmp_path, *words, stderr=given, setup=(lambda: os.close(2)) if kind == "closed" else None)
+        monkeypatch.setenv("TOY_SLEEP", "2")
+        setup = (lambda: os.close(2)) if kind == "closed" else None
+        command = Command(tmp_path, start=toy, stderr=given, setup=setup)
     if kind == "unread":
         eventually(lambda: len(command.family()) >= 2)
         time.sleep(2.0)
     else:
-        eventually(lambda: len(recorded(tmp_path / "run")) >= 1)
+        eventually(lambda: recorded(tmp_path / "run"))
     command.process.terminate()
     assert command.ends() == ExitStatus.INTERRUPTED
     os.close(reader)
@@ -177,12 +188,11 @@ def test_what_becomes_of_stderr_keeps_no_run_from_being_stopped(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["full", "closed"])
-def test_a_run_that_can_tell_nobody_of_its_progress_finishes(tmp_path, kind):
-    words = ("run", "push", "--modules", "2", "--starts", "1", "--workers", "1", "--out", "run")
+def test_a_run_that_can_tell_nobody_of_its_progress_finishes(tmp_path, toy, kind):
     with open("/dev/full", "wb") as full:
         closed = kind == "closed"
         given = subprocess.DEVNULL if closed else full
-        command = Command(tmp_path, *words, stderr=given, setup=(lambda: os.close(2)) if closed else None)
+        command = Command(tmp_path, start=toy, stderr=given, setup=(lambda: os.close(2)) if closed else None)
     assert command.process.wait(300) in (0, 3)
     assert (tmp_path / "run" / "candidates.csv").exists()
 

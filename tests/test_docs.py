@@ -19,7 +19,7 @@ from toy_problem import BACKENDS, InProcess
 from topo_search import compose
 from topo_search.cli import main
 from topo_search.compose import searching
-from topo_search.export.formats import GROUP
+from topo_search.export import formats
 from topo_search.model import Task
 from topo_search.model.files import read_task, to_toml
 
@@ -150,20 +150,17 @@ def test_the_examples_of_own_code_run(tmp_path, monkeypatch, capsys, number):
     assert len(examples) == len(SAID)
     (tmp_path / "snippet.py").write_text(examples[number])
     monkeypatch.chdir(tmp_path)
-    if "OwnConstraint" in examples[number] or "register_format" in examples[number]:
-        # workers import the script, and a format is registered for as long as a process lasts
-        said = subprocess.run([sys.executable, "snippet.py"], capture_output=True, text=True, check=True).stdout
-    else:
-        monkeypatch.setattr(compose.binding, "Workers", InProcess)
-        runpy.run_path("snippet.py", run_name="__main__")
-        said = capsys.readouterr().out
+    monkeypatch.setattr(compose.binding, "Workers", InProcess)
+    monkeypatch.setattr(formats, "_registered", {one.name: one for one in formats.OURS})
+    runpy.run_path("snippet.py", run_name="__main__")
+    said = capsys.readouterr().out
     for words in SAID[number]:
         assert words in said, said
 
 
 def test_the_entry_point_of_a_format_is_the_one_that_is_looked_for():
     (entry,) = map(tomllib.loads, blocks("toml", "how-to/own-code.md"))
-    assert [*entry["project"]["entry-points"]] == [GROUP]
+    assert [*entry["project"]["entry-points"]] == [formats.GROUP]
 
 
 def test_overrides_are_those_of_a_task():

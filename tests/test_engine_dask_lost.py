@@ -21,12 +21,19 @@ from topo_search.engine.dask_workers import COMPUTING
 
 
 @pytest.fixture
-def mute():
-    """The address of something that accepts connections and never answers."""
+def listener():
+    """Something that accepts connections and never answers."""
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         listener.listen()
-        yield f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+        listener.settimeout(120)
+        yield listener
+
+
+@pytest.fixture
+def mute(listener):
+    """Its address."""
+    return f"tcp://127.0.0.1:{listener.getsockname()[1]}"
 
 
 def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(mute, monkeypatch):
@@ -114,12 +121,12 @@ def run_command(folder, *words):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_command_that_waits_for_a_scheduler(tmp_path, mute, number):
+def test_a_signal_ends_a_command_that_waits_for_a_scheduler(tmp_path, listener, mute, number):
     process = run_command(tmp_path, "--dask", mute)
-    eventually((tmp_path / "run" / "ledger.sqlite").exists)
-    time.sleep(8.0)  # the lower bound first
-    process.send_signal(number)
-    _, told = process.communicate(timeout=60)
+    with listener.accept()[0]:
+        time.sleep(1.0)
+        process.send_signal(number)
+        _, told = process.communicate(timeout=60)
     assert process.returncode == 130
     assert says(told.splitlines()[-1], "stopped", "kept", "same command")
     assert "Traceback" not in told

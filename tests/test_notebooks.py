@@ -58,6 +58,23 @@ check_figures()
 """Runs first: each worker would load solver, audit and compiled code anew, and no notebook shows the page of a run;
 every figure is to have its labels."""
 
+FEWER = """
+def compute_less():
+    from dataclasses import replace
+
+    from topo_search import experiments
+    from topo_search.simulation import files
+
+    def conduct(study, settings, *given, conduct=experiments.conduct, **options):
+        return conduct(study, replace(settings, topologies=(1, 1)), *given, **options)
+
+    experiments.conduct = conduct
+    files.FRAMES_EVERY = 160
+
+compute_less()
+"""
+"""Runs next, unless what the notebooks show is kept: a tree of each size, and few frames of a film."""
+
 
 @pytest.fixture(params=BOOKS, ids=[book.stem for book in BOOKS])
 def book(request: pytest.FixtureRequest) -> Path:
@@ -100,7 +117,9 @@ def test_runs_from_a_fresh_kernel(book, tmp_path, monkeypatch):
             shutil.copytree(NOTEBOOKS / folder, tmp_path / folder)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
     content = nbformat.read(book, as_version=4)
-    content.cells.insert(0, nbformat.v4.new_code_cell(BEFORE.replace("TESTS", repr(str(Path(__file__).parent)))))
+    before_all = BEFORE.replace("TESTS", repr(str(Path(__file__).parent)))
+    before_all += "" if os.environ.get("KEEP") else FEWER
+    content.cells.insert(0, nbformat.v4.new_code_cell(before_all))
     NotebookClient(content, resources={"metadata": {"path": str(tmp_path)}}).execute()
 
     outputs = [output for cell in content.cells if cell.cell_type == "code" for output in cell.outputs]

@@ -6,9 +6,9 @@ import math
 import re
 from dataclasses import replace
 
-from toy_problem import BOUND, lower_bound, solve, toy_task
+from toy_problem import BOUND, lower_bound, solve, toy_task, value
 
-from topo_search.model import Design, Infeasible, ResolvedTask
+from topo_search.model import Design, Infeasible
 from topo_search.report.run_page import write_run_page
 from topo_search.study import Request, RunFolder
 from topo_search.study.answer import SHOWN
@@ -18,21 +18,26 @@ from topo_search.topologies import Candidate, candidates
 NUMBER = 10_000
 
 
-def result(number: int, candidate: Candidate, task: ResolvedTask) -> tuple[Row, Design | Infeasible]:
-    """Return what becomes of a candidate: every third is infeasible."""
-    outcome = solve(task, candidate.topology, starts=range(1), seed=0)
+def result(number: int, candidate: Candidate, solved: Design) -> tuple[Row, Design | Infeasible]:
+    """Return what becomes of a candidate: every third is infeasible, the others are copies of one design."""
+    key, margin = candidate.key, solved.task.search.margin
     if number % 3 == 0:
         outcome = Infeasible(
             topology=candidate.topology,
-            topology_key=candidate.key,
+            topology_key=key,
             status="infeasible",
             worst_constraint=f"airflow of modules {number % 7} and {number % 7 + 1}",
             violation=0.001 * number,
             unit="m",
             message="missed",
         )
-    row = row_of(outcome, key=candidate.key, modules=9, orbit=1, asked=1, lower_bound=BOUND)
-    return replace(row, margin=task.search.margin), outcome
+    else:
+        objective = value(key, 0, 0, margin)
+        inputs = ((math.sqrt(objective / 36),) * 36,)
+        own = {"topology": candidate.topology, "topology_key": key, "objective": objective}
+        outcome = solved.model_copy(update={**own, "rotor_speeds_squared": inputs})
+    row = row_of(outcome, key=key, modules=9, orbit=1, asked=1, lower_bound=BOUND)
+    return replace(row, margin=margin), outcome
 
 
 def test_ten_thousand_candidates_take_less_than_six_megabytes(tmp_path):
@@ -42,7 +47,8 @@ def test_ten_thousand_candidates_take_less_than_six_megabytes(tmp_path):
         folder.ledger.begin(context, lower_bound(context.task), None)
         drawn = list(itertools.islice(candidates(9), NUMBER))
         assert len(drawn) == NUMBER
-        rows = [result(number, candidate, context.task) for number, candidate in enumerate(drawn)]
+        solved = solve(context.task, drawn[0].topology, starts=range(1), seed=0)
+        rows = [result(number, candidate, solved) for number, candidate in enumerate(drawn)]
         ranked = sorted(rows, key=lambda pair: (pair[0].objective or math.inf, pair[0].key))
         shown = {row.key for row, _ in ranked[:SHOWN]}
         for _ in range(2):

@@ -15,7 +15,7 @@ import pytest
 from dask_cluster import Cluster
 from processes import eventually, recorded
 from test_study_interruptions import HERE, Coordinator, processes_with
-from toy_problem import solved_keys, toy_run, toy_task
+from toy_problem import COMMAND, solved_keys, toy_run, toy_task
 
 from topo_search.model.files import to_toml
 from topo_search.study import COLUMNS, Request
@@ -112,18 +112,6 @@ def test_every_candidate_ends_exactly_once_on_a_cluster_that_loses_workers_too(t
         check(coordinator, tmp_path, modules, crash, hang)
 
 
-COMMAND = """
-import sys
-import toy_problem
-from topo_search import compose
-from topo_search.cli import main
-
-compose.binding.BACKENDS = toy_problem.BACKENDS
-main(["run", "toy.toml", "--symmetry", "c2", "--workers", "1", "--out", "run"])
-"""
-"""`topo-search run` on the toy problem."""
-
-
 def test_a_disk_that_fills_up_ends_the_command_with_nothing_lost(tmp_path):
     (tmp_path / "toy.toml").write_text(to_toml(toy_task(5)))
     log = tmp_path / "log"
@@ -132,7 +120,7 @@ def test_a_disk_that_fills_up_ends_the_command_with_nothing_lost(tmp_path):
     def run(room):
         """Run the command with a disk on which no file can get larger than this."""
         return subprocess.run(
-            [sys.executable, "-c", COMMAND],
+            [sys.executable, "-c", COMMAND, "run", "toy.toml", "--symmetry", "c2", "--out", "run"],
             cwd=tmp_path,
             env=environment,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),

@@ -261,6 +261,18 @@ def solved_keys(log) -> list[str]:
     return [line.split()[0] for line in Path(log).read_text().splitlines()]
 
 
+COMMAND = """
+import toy_problem
+from topo_search import compose
+from topo_search.__main__ import main
+
+compose.binding.BACKENDS = toy_problem.BACKENDS
+compose.binding.Workers = toy_problem.InProcess
+main()
+"""
+"""The command `topo-search` on the toy problem, in one process beside the one that watches it."""
+
+
 def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("path")
