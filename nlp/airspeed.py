@@ -97,7 +97,7 @@ def name_of(task: ResolvedTask, at: Fastest) -> str:
 def fastest(point: Point) -> Iterator[Fastest]:
     """Yield every region whose speed is limited, in every load case: where the air is fastest there."""
     task, l_arm = point.task, point.task.module.arm_length
-    limited = [(number, asked) for number, asked in enumerate(task.exposure) if asked.speed is not None]
+    limited = [(number, exposure) for number, exposure in enumerate(task.exposure) if exposure.speed is not None]
     if not limited:
         return
     from nlp.numbers.jets import climb, jet_of  # compiled code, which other commands need not load
@@ -106,8 +106,10 @@ def fastest(point: Point) -> Iterator[Fastest]:
     p = p / l_arm - tip
     jet = jet_of(task.module, task.air_density, task.gravity)
     induced = jet.induced * np.sqrt(point.u / task.module.hover_input(task.gravity))
-    for number, asked in limited:
-        regions = [_region(shape.at(point.p_E - point.p_COM), l_arm, asked.speed_reach) for shape in asked.shapes]
+    for number, exposure in limited:
+        regions = [
+            _region(shape.at(point.p_E - point.p_COM), l_arm, exposure.speed_reach) for shape in exposure.shapes
+        ]
         for case in range(len(task.declared.load_cases)):
             speeds, points = dict[SpeedPoint, float](), set[SpeedPoint]()
             for region in regions:
@@ -126,7 +128,7 @@ def fastest(point: Point) -> Iterator[Fastest]:
                 continue
             most = max(speeds.values())
             points.update(point for point, speed in speeds.items() if speed > 0.9 * most)
-            yield Fastest(case, number, asked.speed or math.inf, most, tuple(sorted(points)))
+            yield Fastest(case, number, exposure.speed or math.inf, most, tuple(sorted(points)))
 
 
 def _nearest_of_path(region: Region, x: Array) -> Array:

@@ -118,7 +118,7 @@ def _most_missed(whole: Point, had: ResolvedTask) -> set[str]:
     task, taken = whole.task, dict[int, str]()
     if not isinstance(task, CorneredTask):
         return set()
-    declared = len(task.stated.load_cases)
+    declared = len(task.base.load_cases)
     missed = missed_wrenches(whole).max(axis=1)[declared:]
     missed[_places(had, task)[declared:] - declared] = 0.0
     for c in np.argsort(-missed, kind="stable").tolist():
@@ -133,7 +133,7 @@ def with_some(whole: Point, named: Set[str]) -> Point:
     task = whole.task
     if not isinstance(task, CorneredTask):
         return whole
-    kept, declared = [c for c, corner in enumerate(task.corners) if corner.label in named], task.stated.load_cases
+    kept, declared = [c for c, corner in enumerate(task.corners) if corner.label in named], task.base.load_cases
     cases = [*range(len(declared)), *(len(declared) + c for c in kept)]
     return replace(whole, task=task.with_corners(kept), u=whole.u[cases])
 

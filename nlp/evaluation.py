@@ -81,8 +81,8 @@ def worst(checks: list[Violation]) -> Violation:
 
 
 def _balances(point: Point) -> Iterator[Violation]:
-    for stated, missed in zip(balances(point.task), missed_wrenches(point).ravel().tolist(), strict=True):
-        yield Violation(stated.name, missed * stated.one, stated.unit, missed, stated.tolerance)
+    for balance, missed in zip(balances(point.task), missed_wrenches(point).ravel().tolist(), strict=True):
+        yield Violation(balance.name, missed * balance.one, balance.unit, missed, balance.tolerance)
 
 
 def _joints(point: Point) -> Iterator[Violation]:
@@ -165,8 +165,8 @@ def _least(point: Point, A: Array, b: Array, u: Array, limits: Limits) -> Array:
         dual(produced, w, CORRECTION.stiffness, u_min / u_max, 1.0, np.zeros(6), least[k])
     least = _balance(A, b, np.clip(least * u_max, *limits), limits)
     missed, before = (np.abs((inputs @ A.T - b) / units).max(axis=1) for inputs in (least, u))
-    found, less = missed <= WRENCH_TOLERANCE / 10, np.sum(least**2, axis=1) < np.sum(u**2, axis=1)
-    better = np.where(before <= WRENCH_TOLERANCE / 10, found & less, missed < before)
+    balanced, less = missed <= WRENCH_TOLERANCE / 10, np.sum(least**2, axis=1) < np.sum(u**2, axis=1)
+    better = np.where(before <= WRENCH_TOLERANCE / 10, balanced & less, missed < before)
     return np.where(better[:, None], least, u)
 
 
@@ -206,17 +206,17 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
     units = np.repeat([task.force_unit(topology.n), task.torque_unit(topology.n)], 3)
     A = wrench_matrix(point) * task.max_input / units[:, None]
     u = task.max_input * _least_inputs(A, asked_wrenches(point) / units, task.min_input / task.max_input)
-    found = correct(Point(task, topology, root, alpha, p_E, u.reshape(point.u.shape)))
-    off = np.abs(found.u.reshape(len(u), -1) / task.max_input @ A.T - asked_wrenches(point) / units).max(axis=1)
+    corrected = correct(Point(task, topology, root, alpha, p_E, u.reshape(point.u.shape)))
+    off = np.abs(corrected.u.reshape(len(u), -1) / task.max_input @ A.T - asked_wrenches(point) / units).max(axis=1)
     if off.max() > WRENCH_TOLERANCE:
         raise NotPossible(f"load case {int(np.argmax(off))} cannot be produced by the rotors")
-    J = found.objective
+    J = corrected.objective
     return design.model_copy(
         update={
             "task": task,
             "hinge_angles_rad": tuple(alpha.tolist()),
             "end_effector_m": tuple(p_E.tolist()),
-            "rotor_speeds_squared": tuple(tuple(u_k.ravel().tolist()) for u_k in found.u),
+            "rotor_speeds_squared": tuple(tuple(u_k.ravel().tolist()) for u_k in corrected.u),
             "objective": J,
             "gap": None if design.lower_bound is None else Design.gap_of(J, design.lower_bound),
             "solver": None,
@@ -229,10 +229,10 @@ def _least_inputs(A: Array, b: Array, lowest: float) -> Array:
     N = A.shape[1]
     options = {"error_on_fail": False, "print_time": False}
     solve = ca.conic("least", "daqp", {"h": ca.Sparsity.diag(N), "a": ca.Sparsity.dense(6, N)}, options)
-    found = []
+    inputs = []
     for k, b_k in enumerate(b):
         solution = solve(h=ca.DM.eye(N), g=0, a=A, lba=b_k, uba=b_k, lbx=lowest, ubx=1)
         if not solve.stats()["success"]:
             raise NotPossible(f"load case {k} cannot be produced by the rotors")
-        found.append(np.asarray(solution["x"]).ravel())
-    return np.array(found)
+        inputs.append(np.asarray(solution["x"]).ravel())
+    return np.array(inputs)

@@ -108,11 +108,11 @@ class _Set:
         order = np.argsort(-off.min(axis=0), kind="stable")
         for width in range(1, SEARCH.widest + 1):
             either = order[: int(math.log(SEARCH.complete_up_to, 2 * width))]
-            sides = [[place] for place in np.argmin(off, axis=0).tolist()]
+            sides = [[fold] for fold in np.argmin(off, axis=0).tolist()]
             for hinge in either.tolist():
                 sides[hinge] = list(range(max(0, above[hinge] - width), min(count, above[hinge] + width)))
-            if found := self._clear(product(*sides)):
-                return found
+            if combinations := self._clear(product(*sides)):
+                return combinations
         return []
 
     def _clear(self, listed: Iterable[Places]) -> list[Places]:
@@ -157,14 +157,14 @@ def solve_on_set(
     """
     if most_effort is not None:
         numbered = [replace(one, start=k) for k, one in enumerate(free)]  # a start may lead to several
-        found, _ = _near_optima(task, topology, numbered, constraints, most_effort)
-        return [replace(one, start=free[one.start].start) for one in found]
-    found, starts = _near_optima(task, topology, free, constraints)
+        results, _ = _near_optima(task, topology, numbered, constraints, most_effort)
+        return [replace(one, start=free[one.start].start) for one in results]
+    results, starts = _near_optima(task, topology, free, constraints)
     outcomes = {}
     for one in free:
         held = StartResult.at(one.start, replace(one.point, task=task), one.result, one.corners, constraints)
-        own = [replace(each, start=one.start) for each in found if one.start in starts[each.start]]
-        outcomes[one.start] = min([held, *own], key=lambda each: each.rank)
+        reached = [replace(each, start=one.start) for each in results if one.start in starts[each.start]]
+        outcomes[one.start] = min([held, *reached], key=lambda each: each.rank)
     return list(outcomes.values())
 
 
@@ -201,13 +201,13 @@ def _search(
         most_effort: of optima and combinations whose neighbours are sought even if a better one is known
             [rad^4/s^4].
     """
-    found: dict[Places, _Solved[End]] = {}
+    outcomes: dict[Places, _Solved[End]] = {}
     solved = 0
 
     def attempt(start: int, x: Array, places: Places) -> _Solved[End]:
         nonlocal solved
         one, solved = solve(start, x, places), solved + 1
-        found[places] = min(found.get(places, one), one, key=lambda each: each.rank)
+        outcomes[places] = min(outcomes.get(places, one), one, key=lambda each: each.rank)
         return one
 
     best: _Solved[End] | None = None
@@ -229,14 +229,14 @@ def _search(
                 if one.rank < at.rank:
                     best = one
                     break
-    within = [one for one in found.values() if one.rank <= (False, most_effort)]
+    within = [one for one in outcomes.values() if one.rank <= (False, most_effort)]
     for at in within:
         for places in angles.moves(at.places, 1):
-            if places not in found and solved < most:
+            if places not in outcomes and solved < most:
                 one = attempt(at.start, at.x, places)
                 if one.rank <= (False, most_effort):
                     within.append(one)
-    return sorted(found.values(), key=lambda each: (each.rank, each.places))
+    return sorted(outcomes.values(), key=lambda each: (each.rank, each.places))
 
 
 def _solve_reduced(
@@ -248,20 +248,20 @@ def _solve_reduced(
 ) -> list[StartResult]:
     """Return the best combinations that the compiled search finds, made exact."""
     search, angles = ReducedSearch(task, topology, 0, constraints, most_effort), _Set(task, topology)
-    stated, hinges = search.stated, slice(3, topology.n + 2)
+    problem, hinges = search.problem, slice(3, topology.n + 2)
 
     def solve(start: int, x: Array, places: Places) -> _Solved[LocalMinimum]:
-        x, lower, upper = x[: len(stated.lower)].copy(), stated.lower.copy(), stated.upper.copy()
+        x, lower, upper = x[: len(problem.lower)].copy(), problem.lower.copy(), problem.upper.copy()
         for each in (x, lower, upper):
             each[hinges] = angles.angles(places)
-        ((end, *_), _) = local_minima(stated._replace(lower=lower, upper=upper), x[None])
+        ((end, *_), _) = local_minima(problem._replace(lower=lower, upper=upper), x[None])
         end = replace(end, starts=(start,))
         return _Solved(
             start, places, (end.missing > POLISHING.first_up_to, search.effort_unit * end.merit), end.x, end
         )
 
-    found = _search(angles, optima, solve, MOST_REDUCED, most_effort or 0.0)
-    return list(search.polish([each.end for each in found], SEARCH.polish))
+    combinations = _search(angles, optima, solve, MOST_REDUCED, most_effort or 0.0)
+    return list(search.polish([each.end for each in combinations], SEARCH.polish))
 
 
 def _solve_whole(

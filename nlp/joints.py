@@ -64,8 +64,8 @@ class Load:
 
 def limited_loads(task: ResolvedTask, topology: Topology) -> tuple[Load, ...]:
     """Return the loads that a task limits: in every joint and every load case that it states."""
-    asked = enumerate(task.declared.joint_limits)  # force, moment
-    kinds = [bool(moment) for moment, limit in asked if limit is not None]
+    limits = enumerate(task.declared.joint_limits)  # force, moment
+    kinds = [bool(moment) for moment, limit in limits if limit is not None]
     cases = range(len(task.declared.load_cases))
     return tuple(Load(k, i, moment) for moment in kinds for k in cases for i in range(1, topology.n))
 
@@ -128,9 +128,9 @@ def loads(point: Point) -> Array:
         return np.zeros(0)
     unit, cases = Units.of(task), len(task.declared.load_cases)
     plain = Point(task.declared, point.topology, point.root, point.alpha, point.p_E, point.u[:cases])
-    found = _sizes(task.declared, point.topology, holder(point), listed)
+    sizes = _sizes(task.declared, point.topology, holder(point), listed)
     units = np.array([unit.torque if load.moment else unit.force for load in listed])
-    return np.asarray(np.asarray(found(plain.pack())).ravel() * units)
+    return np.asarray(np.asarray(sizes(plain.pack())).ravel() * units)
 
 
 @lru_cache(maxsize=8)

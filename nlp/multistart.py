@@ -126,12 +126,12 @@ class ReducedSearch:
     ) -> None:
         """State them; `seed` draws the starts, and all minima up to `most_effort` are polished [rad^4/s^4]."""
         self._task, self._topology, self._seed, self._constraints = task, topology, seed, constraints
-        self.stated: ReducedProblem = to_arrays(task, topology)
+        self.problem: ReducedProblem = to_arrays(task, topology)
         self.effort_unit = 4 * topology.n * sum(case.weight for case in task.load_cases) * Units.of(task).input ** 2
         """Effort of a merit of 1 [rad^4/s^4]."""
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)
-        limited = [shape for asked in task.exposure if asked.speed is not None for shape in asked.shapes]
+        limited = [shape for exposure in task.exposure if exposure.speed is not None for shape in exposure.shapes]
         self._extra = bool(constraints) or not all(isinstance(shape, Capsule) for shape in limited)
         self._most_merit = None if most_effort is None else most_effort / self.effort_unit
 
@@ -145,7 +145,7 @@ class ReducedSearch:
         for start, source in zip(range(-1, -1 - len(near), -1), near, strict=True):
             rng = generator(self._plain, self._topology, start, self._seed)
             point = warm_start(self._plain, self._topology, source=source, rng=rng)
-            best, _ = local_minima(self.stated, point.pack()[None, : len(self.stated.lower)])
+            best, _ = local_minima(self.problem, point.pack()[None, : len(self.problem.lower)])
             minima += [replace(minimum, starts=(start,)) for minimum in best]
         return minima
 
@@ -155,29 +155,29 @@ class ReducedSearch:
         They come in batches. The search ends when one misses next to nothing, or when its later half brought the
         merit down by little.
         """
-        found: list[LocalMinimum] = []
+        minima: list[LocalMinimum] = []
         least: list[float] = []  # of the merits after each batch
         size = DEEP.batch * self._topology.n
         for batch in range(0, DEEP.most_starts, size):
             starts = range(batch, min(batch + size, DEEP.most_starts))
-            found += self._descend(starts, f"{self._seed} deep", STIFF, anyhow=True).best
-            if min(minimum.missing for minimum in found) <= DEEP.close:
+            minima += self._descend(starts, f"{self._seed} deep", STIFF, anyhow=True).best
+            if min(minimum.missing for minimum in minima) <= DEEP.close:
                 break
-            least.append(min(minimum.merit for minimum in found))
+            least.append(min(minimum.merit for minimum in minima))
             half = least[(len(least) - 1) // 2]
             if len(least) > 1 and half - least[-1] < DEEP.gain * abs(half):
                 break
-        return found
+        return minima
 
     def _descend(
         self, starts: Sequence[int], seed: str, phases: tuple[Phase, Phase], *, anyhow: bool = False
     ) -> _Minima:
         numbers = [DRAWS * start + k for start in starts for k in range(DRAWS)]
-        drawn = draws(self._task, self._topology, self.stated, numbers, seed, anyhow=anyhow)
+        drawn = draws(self._task, self._topology, self.problem, numbers, seed, anyhow=anyhow)
         least = POLISHING.constrained.most if self._extra else SELECTION.least_kept
         if (self._cornered and not anyhow) or self._most_merit is not None:
             least = len(drawn)
-        best, others = local_minima(self.stated, drawn, phases, least=least)
+        best, others = local_minima(self.problem, drawn, phases, least=least)
         return _Minima(*([replace(each, starts=_starts(each, starts)) for each in side] for side in (best, others)))
 
     def polish(self, minima: list[LocalMinimum], plain: Polish = POLISHING.plain) -> Iterator[StartResult]:
@@ -219,7 +219,7 @@ class ReducedSearch:
         task, counted = self._plain, minimum.counting[len(self._plain.load_cases) :]
         if isinstance(self._task, CorneredTask):
             task = self._task.with_corners(np.flatnonzero(counted).tolist())
-        return point_of(task, self._topology, self.stated, minimum)
+        return point_of(task, self._topology, self.problem, minimum)
 
 
 def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
@@ -232,9 +232,9 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     if not is_kept(descend_all):
         tell("compiling the solver (once per installation, about two minutes)")
     tree = straight_chain(task.n)
-    stated = to_arrays(task, tree)
-    best, _ = local_minima(stated, draws(task, tree, stated, range(1), "compile"))
-    point_of(task, tree, stated, best[0])
+    problem = to_arrays(task, tree)
+    best, _ = local_minima(problem, draws(task, tree, problem, range(1), "compile"))
+    point_of(task, tree, problem, best[0])
 
 
 def solve_starts(
@@ -266,11 +266,11 @@ def solve_starts(
     if starts:
         reached = search.of_starts(starts)
         best, others = best + reached.best, reached.others
-    found = list(search.polish(best))
-    if DEEP.start in starts and not any(outcome.worst.met for outcome in found):
-        found += [replace(outcome, start=DEEP.start) for outcome in search.polish(search.deep_minima())]
+    polished = list(search.polish(best))
+    if DEEP.start in starts and not any(outcome.worst.met for outcome in polished):
+        polished += [replace(outcome, start=DEEP.start) for outcome in search.polish(search.deep_minima())]
     outcomes: dict[int, StartResult] = {}
-    for outcome in sorted(found, key=lambda outcome: outcome.rank):
+    for outcome in sorted(polished, key=lambda outcome: outcome.rank):
         outcomes.setdefault(outcome.start, outcome)
     for minimum in sorted(best, key=_rank) + others:
         if rest := set(minimum.starts) - outcomes.keys():

@@ -39,12 +39,12 @@ def exclusion(i: int) -> str:
     return f"end-effector exclusion of module {i}"
 
 
-def exposure(number: int, requirement: AnyExposure, i: int, segment: int | None = None) -> str:
+def exposure(number: int, exposure: AnyExposure, i: int, segment: int | None = None) -> str:
     """Name the clearance of module i's envelope from one exposure requirement."""
-    part = "" if segment is None else f", {PART_NAMES[requirement.kind]} {segment}"
-    return f"exposure {number} ({requirement.kind}{part}) of module {i}"
+    part = "" if segment is None else f", {PART_NAMES[exposure.kind]} {segment}"
+    return f"exposure {number} ({exposure.kind}{part}) of module {i}"
 
 
-def air(number: int, requirement: AnyExposure, case: str) -> str:
+def air(number: int, exposure: AnyExposure, case: str) -> str:
     """Name the limit of the air speed over the region of one exposure requirement in a load case."""
-    return f"air over exposure {number} ({requirement.kind}), {case}"
+    return f"air over exposure {number} ({exposure.kind}), {case}"

@@ -131,9 +131,9 @@ def _requirements(task: ResolvedTask) -> Iterator[tuple[str, _Kept]]:
     level = flight.directions == "horizontal"
     for _, label, case in centres(task):
         force = "horizontal force" if level else "force"
-        for place in PLACES[flight.at] if flight.force_reserve else ():
+        for point in PLACES[flight.at] if flight.force_reserve else ():
             size = (flight.force_reserve,) * (2 if level else 3)
-            yield f"{label}, {force} reserve{AT[place]}", _Kept(case, "com" if place else "tip", size, error)
+            yield f"{label}, {force} reserve{AT[point]}", _Kept(case, "com" if point else "tip", size, error)
         if flight.torque_reserve:
             yield f"{label}, torque reserve", _Kept(case, "torque", (flight.torque_reserve,) * 3, error)
         for k, a in enumerate(flight.angular_acceleration):

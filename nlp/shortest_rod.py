@@ -41,21 +41,21 @@ SEARCH = RodSearch()
 
 
 def count_rods(
-    found: Iterable[StartResult], constraints: UserConstraints, most_effort: float | None = None
+    results: Iterable[StartResult], constraints: UserConstraints, most_effort: float | None = None
 ) -> list[StartResult]:
     """Return the results of starts, those that may be the best with the mass of their rods, or all up to an effort.
 
     Starts that ended at the same minimum share the rod. Results that cost more without its mass than that effort,
     or than the best with it, are left as they are.
     """
-    counted, results = dict[int, StartResult](), list(found)
-    for one in sorted(results, key=lambda one: one.rank):
+    counted, listed = dict[int, StartResult](), list(results)
+    for one in sorted(listed, key=lambda one: one.rank):
         best = min((other.objective for other in counted.values() if other.worst.met), default=np.inf)
         if not one.worst.met or one.objective > (most_effort or np.nextafter(best, 0)):
             break
         if id(one.point) not in counted:
             counted[id(one.point)] = count_rod(one, constraints)
-    weighed = [(one, counted.get(id(one.point))) for one in results]
+    weighed = [(one, counted.get(id(one.point))) for one in listed]
     return [one if other is None else replace(other, start=one.start) for one, other in weighed]
 
 

@@ -102,15 +102,15 @@ def solve(
         return proof
     began = time.perf_counter()
     user_constraints = (*constraints, *pseudo_inverse_constraints(task.declared))
-    found = _solve_starts(task, topology, Draws(starts, seed, near), user_constraints)
+    results = _solve_starts(task, topology, Draws(starts, seed, near), user_constraints)
     task = to_corners(task)
     for k, source in enumerate(near):
-        found[k] = min(
-            (found[k], *_carried_over(task, topology, source, found[k].start, seed, user_constraints)),
+        results[k] = min(
+            (results[k], *_carried_over(task, topology, source, results[k].start, seed, user_constraints)),
             key=lambda one: one.rank,
         )
-    light, found = min(found, key=lambda one: one.rank), _count_rods(task, found, user_constraints)
-    best = min(found, key=lambda one: one.rank)
+    light, results = min(results, key=lambda one: one.rank), _count_rods(task, results, user_constraints)
+    best = min(results, key=lambda one: one.rank)
     if light.worst.met and not best.worst.met and task.end_effector.counted_rod is None:
         # designs of a platform without the rod's mass have no room for it: search with it from the start
         heavy = weigh_rod(light.point, rod_of(light.point)).task.declared
@@ -121,8 +121,8 @@ def solve(
             carried = _carried_over(task, topology, nearer, best.start, seed, user_constraints)
             carried = _count_rods(task, carried, user_constraints)
             best = min(best, *carried, key=lambda one: one.rank)
-            found = [best if one.start == best.start else one for one in found]
-    return _outcome(best, found, began=began, seed=seed, constraints=user_constraints, given=constraints)
+            results = [best if one.start == best.start else one for one in results]
+    return _outcome(best, results, began=began, seed=seed, constraints=user_constraints, given=constraints)
 
 
 def local_optima(
@@ -150,13 +150,13 @@ def local_optima(
     """
     began = time.perf_counter()
     user_constraints = (*constraints, *pseudo_inverse_constraints(task.declared))
-    found = _solve_starts(task, topology, Draws(starts, seed, near), user_constraints, most_effort)
+    results = _solve_starts(task, topology, Draws(starts, seed, near), user_constraints, most_effort)
     task = to_corners(task)
     for k, source in enumerate(near):
-        found += _carried_over(task, topology, source, -1 - k, seed, user_constraints)
-    found = _count_rods(task, found, user_constraints, most_effort)
+        results += _carried_over(task, topology, source, -1 - k, seed, user_constraints)
+    results = _count_rods(task, results, user_constraints, most_effort)
     alike = list[list[StartResult]]()
-    for one in sorted(found, key=lambda one: one.rank):
+    for one in sorted(results, key=lambda one: one.rank):
         if not one.worst.met or one.objective > most_effort:
             continue
         if alike and one.objective - alike[-1][0].objective <= SAME_EFFORT * one.objective:
@@ -172,7 +172,7 @@ def local_optima(
 
 def _outcome(
     best: StartResult,
-    found: Sequence[StartResult],
+    results: Sequence[StartResult],
     *,
     began: float,
     seed: int,
@@ -195,25 +195,25 @@ def _outcome(
         seconds=time.perf_counter() - began,
         seed=seed,
         start=best.start,
-        starts=len(found),
-        starts_feasible=sum(one.worst.met for one in found),
-        objectives=tuple(one.objective for one in found if one.worst.met),
+        starts=len(results),
+        starts_feasible=sum(one.worst.met for one in results),
+        objectives=tuple(one.objective for one in results if one.worst.met),
         corners=corners or None,
-        corners_active=len(frozenset[str]().union(*(one.corners for one in found))) if corners else None,
+        corners_active=len(frozenset[str]().union(*(one.corners for one in results))) if corners else None,
         shorter_rod=shorter,
         versions=_versions(),
     )
-    return _design(best, record, tuple(given)) if best.worst.met else _infeasible(found, best, record)
+    return _design(best, record, tuple(given)) if best.worst.met else _infeasible(results, best, record)
 
 
 def _count_rods(
-    task: ResolvedTask, found: list[StartResult], constraints: UserConstraints, most_effort: float | None = None
+    task: ResolvedTask, results: list[StartResult], constraints: UserConstraints, most_effort: float | None = None
 ) -> list[StartResult]:
     if task.end_effector.rod_mass == "ignored":
-        return found
+        return results
     from nlp.shortest_rod import count_rods  # compiled code, which other commands need not load
 
-    return count_rods(found, constraints, most_effort)
+    return count_rods(results, constraints, most_effort)
 
 
 def hold_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] = ()) -> Design:
@@ -277,16 +277,16 @@ def _solve_starts(
     """
     free = to_corners(task.model_copy(update={"search": task.search.any_angle}))
     if reason_against(task):
-        found = _solve_whole_problem(free, topology, drawn, constraints)
+        results = _solve_whole_problem(free, topology, drawn, constraints)
     else:
         from nlp.multistart import solve_starts  # compiled code, which other commands need not load
 
-        found = solve_starts(free, topology, **drawn._asdict(), constraints=constraints, most_effort=most_effort)
+        results = solve_starts(free, topology, **drawn._asdict(), constraints=constraints, most_effort=most_effort)
     if task.search.hinge_set_deg is None:
-        return found
+        return results
     from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load
 
-    return solve_on_set(to_corners(task), topology, found, constraints, most_effort)
+    return solve_on_set(to_corners(task), topology, results, constraints, most_effort)
 
 
 def _solve_whole_problem(
@@ -295,7 +295,7 @@ def _solve_whole_problem(
     """Return the results of Ipopt on the whole problem, from untangled starts."""
     from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
 
-    plain, found = without_corners(task), []
+    plain, results = without_corners(task), []
 
     def solve_from(point: Point, limits: Limits | None) -> IpoptResult:
         return AssembledProgram(point.task, topology, constraints, limits).solve(point)
@@ -305,8 +305,8 @@ def _solve_whole_problem(
     draws += [(s, draw) for s in drawn.starts]
     for s, start in draws:
         origin = start(plain, topology, rng=generator(plain, topology, s, drawn.seed))
-        found.append(take_in_corners(task, s, origin, solve_from, constraints))
-    return found
+        results.append(take_in_corners(task, s, origin, solve_from, constraints))
+    return results
 
 
 def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:
@@ -332,7 +332,7 @@ def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnCo
     )
 
 
-def _infeasible(found: Sequence[StartResult], best: StartResult, record: SolverRecord) -> Infeasible:
+def _infeasible(results: Sequence[StartResult], best: StartResult, record: SolverRecord) -> Infeasible:
     closest = Infeasible(
         topology=best.point.topology,
         topology_key=best.point.topology.key,
@@ -342,8 +342,8 @@ def _infeasible(found: Sequence[StartResult], best: StartResult, record: SolverR
         unit=best.worst.unit,
         message="",
     )
-    ends = (one.worst for one in found)
-    shortfalls = (Shortfall(constraint=w.name, starts=1, violation=w.amount, unit=w.unit) for w in ends)
+    violations = (one.worst for one in results)
+    shortfalls = (Shortfall(constraint=w.name, starts=1, violation=w.amount, unit=w.unit) for w in violations)
     return closest.with_starts(shortfalls, record)
 
 

@@ -56,19 +56,34 @@ def tree_of(pid):
     return family
 
 
-def test_two_workers_find_the_same_though_one_is_killed(found, tmp_path):
-    """Nothing stays behind; test_study_faults kills all of a run at once."""
+def test_two_workers_find_the_same_though_all_are_killed_and_then_one(found, tmp_path):
+    """Nothing stays behind, and the resumed run ends as if nothing was."""
     _, whole = found
     killed = tmp_path / "killed"
-    command = [sys.executable, "-m", "topo_search", "run", "push", "--modules", "4", "--starts", "2"]
-    process = subprocess.Popen(
-        [*command, "--workers", "2", "--out", str(killed)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    eventually(lambda: len(recorded(killed)) >= 2)
-    workers = [pid for pid in tree_of(process.pid)[1:] if not children_of(pid)]
-    os.kill(workers[-1], signal.SIGKILL)
+
+    def start():
+        command = [sys.executable, "-m", "topo_search", "run", "push", "--modules", "4", "--starts", "2"]
+        return subprocess.Popen(
+            [*command, "--workers", "2", "--out", str(killed)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    process = start()
+    eventually(lambda: len(recorded(killed)) >= 2 and len(tree_of(process.pid)) > 1)
     family = tree_of(process.pid)
-    assert process.wait(timeout=300) == 0
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    eventually(lambda: all(map(gone, family)))
+    acknowledged = len(recorded(killed))
+    assert 2 <= acknowledged < len(ranking(whole.folder))
+
+    resumed = start()
+    eventually(lambda: len(recorded(killed)) > acknowledged)
+    workers = [pid for pid in tree_of(resumed.pid)[1:] if not children_of(pid)]
+    os.kill(workers[-1], signal.SIGKILL)
+    family = tree_of(resumed.pid)
+    assert resumed.wait(timeout=300) == 0
     eventually(lambda: all(map(gone, family)))
     assert ranking(killed) == ranking(whole.folder)
     assert platform(killed / "best.json") == platform(whole.folder / "best.json")

@@ -64,7 +64,7 @@ def test_all_rooms_of_compiled_code_are_marked():
         (nlp.assembled, nlp.assembled.smooth_least),
         (nlp.reduced.platform, nlp.reduced.platform.platform),
         (nlp.bounds.branch.proof, nlp.bounds.branch.proof.search),
-        (verify.proof.check, verify.proof.check.ends.replay),
+        (verify.proof.check, verify.proof.check.replay.replay),
     ):
         room = Path(str(module.__file__)).parent
         assert (Path(str(function.stats.cache_path)) / f"{room.name}.sha256").exists()

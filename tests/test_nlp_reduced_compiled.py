@@ -74,8 +74,8 @@ def test_all_that_a_proof_takes_is_compiled_before():
     task = push(4)
     nlp.prepare_proof(push(3), print)
     check.prepare_check(push(3), print)
-    before = proof.search.signatures, check.ends.replay.signatures
+    before = proof.search.signatures, check.replay.replay.signatures
     tree = straight_chain(4)
     chunk = nlp.prove_chunk(task, tree, 0, 1e9)
     check.check_chunk(task, tree, nlp.proof_root(task, tree), 1e9, chunk)
-    assert (proof.search.signatures, check.ends.replay.signatures) == before
+    assert (proof.search.signatures, check.replay.replay.signatures) == before

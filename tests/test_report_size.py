@@ -36,7 +36,7 @@ def result(number: int, candidate: Candidate, solved: Design) -> tuple[Row, Desi
         inputs = ((math.sqrt(objective / 36),) * 36,)
         own = {"topology": candidate.topology, "topology_key": key, "objective": objective}
         outcome = solved.model_copy(update={**own, "rotor_speeds_squared": inputs})
-    row = row_of(outcome, key=key, modules=9, orbit=1, asked=1, lower_bound=BOUND)
+    row = row_of(outcome, key=key, modules=9, orbit=1, starts=1, lower_bound=BOUND)
     return replace(row, margin=margin), outcome
 
 

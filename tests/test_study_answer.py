@@ -84,8 +84,8 @@ def test_listed_trees_cover_a_size_if_none_is_left_out(fields):
     images = [tree.key for tree in candidates(3, symmetry="none", **space_options(task))]
     for left_out in sorted({space.key_of(Topology.from_key(key)) for key in images}):
         kept = [key for key in images if space.key_of(Topology.from_key(key)) != left_out]
-        assert not replace(whole, own=Own(topologies=tuple(kept))).covers(3)
-        assert replace(whole, own=Own(topologies=(*kept, left_out))).covers(3)
+        assert not replace(whole, user_inputs=Own(topologies=tuple(kept))).covers(3)
+        assert replace(whole, user_inputs=Own(topologies=(*kept, left_out))).covers(3)
 
 
 @pytest.mark.parametrize("symmetry", ["none", "c2", "d2", "c4", "d4"])
@@ -94,7 +94,7 @@ def test_a_lossy_symmetry_covers_no_size(symmetry):
     task = Task.model_validate({"name": "tilted", "modules": 4, "load_cases": [tilted]})
     assert Request(task, symmetry, starts=1, seed=0).covers(4) == (symmetry in ("none", "c2"))
     by_number = Stated(name="own", invariant="none", lower=0.0)
-    assert not Request(task, "c2", starts=1, seed=0, own=Own(constraints=(by_number,))).covers(4)
+    assert not Request(task, "c2", starts=1, seed=0, user_inputs=Own(constraints=(by_number,))).covers(4)
 
 
 def test_merged_trees_that_were_not_solved_do_not_count_as_feasible(tmp_path):

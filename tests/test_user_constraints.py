@@ -134,7 +134,7 @@ def counted(task, stated):
     from topo_search.study import Own, Request
 
     own = Own(constraints=tuple({"name": name, "upper": 0.0, "invariant": claim} for name, claim in stated))
-    return Request(task, "task", 1, 0, own=own).space(task.n).count()
+    return Request(task, "task", 1, 0, user_inputs=own).space(task.n).count()
 
 
 @pytest.mark.parametrize(

@@ -70,8 +70,8 @@ def attack(seed: int, k: int) -> None:
     air, where = some(rng, int(rng.integers(1, 6))), region(rng)
     found = bound_speed(air, where)
     assert contains(where, found.point[None] + 0.0)[0]
-    assert found.found <= found.at_most <= max(1.03 * found.found, 1e-6)
-    assert speeds(air, found.point[None]).sum() == pytest.approx(found.found)
+    assert found.at_least <= found.at_most <= max(1.03 * found.at_least, 1e-6)
+    assert speeds(air, found.point[None]).sum() == pytest.approx(found.at_least)
     which = rng.integers(len(air.centres), size=k)
     depth, beside = rng.exponential(4, k), rng.normal(0, 0.7, (k, 2))
     jet = air.centres[which] + np.einsum("kij,kj->ki", air.poses[which], np.column_stack([beside, -depth]))
@@ -247,16 +247,16 @@ def test_a_limit_near_the_largest_speed_is_decided(seed: int) -> None:
     rng = np.random.default_rng(seed)
     air, where = some(rng, 3), region(rng)
     largest = bound_speed(air, where)
-    if largest.found < 1e-3:
+    if largest.at_least < 1e-3:
         return
     assert bound_speed(air, where, limit=1.01 * largest.at_most).at_most <= 1.01 * largest.at_most
-    peak = bound_speed(air, where, limit=1.002 * largest.found)
-    assert peak.at_most <= 1.002 * largest.found or peak.found > largest.found
-    below = bound_speed(air, where, limit=0.99 * largest.found)
-    assert below.found > 0.99 * largest.found
+    peak = bound_speed(air, where, limit=1.002 * largest.at_least)
+    assert peak.at_most <= 1.002 * largest.at_least or peak.at_least > largest.at_least
+    below = bound_speed(air, where, limit=0.99 * largest.at_least)
+    assert below.at_least > 0.99 * largest.at_least
     ball_ = ConeSphere(largest.point, np.zeros(3), 0.3, 0.0)
     near = bound_speed(air, where, within=ball_)
-    assert near.found == pytest.approx(largest.found, rel=0.03)
+    assert near.at_least == pytest.approx(largest.at_least, rel=0.03)
     elsewhere = bound_speed(air, where, within=ConeSphere(largest.point + 50.0, np.zeros(3), 0.3, 0.0))
     assert elsewhere.at_most <= largest.at_most
 
@@ -308,4 +308,4 @@ def test_a_speed_that_means_nothing_is_refused(fields: dict, words: str) -> None
 def test_a_thin_pane_is_bounded_as_closely() -> None:
     box = np.array([[x, y, z] for x in (-5, 5) for y in (-5, 5) for z in (-5e-4, 5e-4)])
     found = bound_speed(one(), hull(box).move(np.array([3.0, 1.0, -9.0])))
-    assert found.found <= found.at_most <= 1.03 * found.found
+    assert found.at_least <= found.at_most <= 1.03 * found.at_least

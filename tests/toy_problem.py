@@ -231,7 +231,7 @@ def toy_run(
     """Run the toy problem: on an engine, in worker processes if their number is given, or in this process."""
     asked = task or toy_task(modules)
     own = Own(topologies=listed)
-    request = Request(asked, symmetry, starts, seed, strategy, sampler, trials, prune, round_size, own=own)
+    request = Request(asked, symmetry, starts, seed, strategy, sampler, trials, prune, round_size, user_inputs=own)
     place = Workers(workers) if workers else InProcess(1)
     with nullcontext(engine) if engine else place as engine:
         return run(request, Path(path), backends, engine=engine, observer=observer or Silent(), **options)

@@ -79,10 +79,10 @@ class ConstraintExpression(Protocol):
         ...
 
 
-def _require_stated(own: OwnConstraint | OwnSampler) -> None:
+def _require_stated(extension: OwnConstraint | OwnSampler) -> None:
     """Raise a ValueError that names the texts that files could not store, with their rules."""
     try:
-        _ = own.stated
+        _ = extension.stated
     except ValidationError as error:
         raise ValueError("; ".join(map(str, faults_of(error, Stated)))) from None
 

@@ -60,14 +60,14 @@ class Stop:
         """Write end of the pipe for the exit status; libraries do not inherit it."""
         self._raised = False
         self._ending = False
-        self.asked = False
+        self.signalled = False
         """True if one of them came."""
         self.unwinds = False
         """True if KeyboardInterrupt is waited for: elsewhere, as while modules load, it may be lost or mistaken."""
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         """Handle a signal."""
-        self.asked = True
+        self.signalled = True
         if self.unwinds:
             if not self._raised:
                 self._raise(frame)
@@ -77,7 +77,7 @@ class Stop:
         self._ending = True
         if not self._raised:
             tell("stopped")
-        self.ends(ExitStatus.INTERRUPTED)
+        self.report_status(ExitStatus.INTERRUPTED)
         os._exit(ExitStatus.INTERRUPTED)
 
     def _raise(self, frame: FrameType | None) -> None:
@@ -90,7 +90,7 @@ class Stop:
             self._raised = True
             raise KeyboardInterrupt
 
-    def ends(self, status: int) -> None:
+    def report_status(self, status: int) -> None:
         """Tell the process that waits which status the command ends with: it may die on the way out."""
         if self._end is not None:
             os.write(self._end, bytes([status & 0xFF]))
@@ -124,24 +124,24 @@ def supervise(command: Callable[[], object]) -> NoReturn:
     signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
     parent = os.getpid()
     try:
-        ends, end = os.pipe()
+        read_end, end = os.pipe()
         child = os.fork()
     except OSError as error:
         tell(f"no process can be started: {error.strerror}")
         os._exit(ExitStatus.OUT_OF_MEMORY)
     if child == 0:
-        os.close(ends)
+        os.close(read_end)
         stop = Stop(end)
         stop.handle()
         signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
         _run(command, parent, stop)
     os.close(end)
-    os._exit(_wait(child, ends))
+    os._exit(_wait(child, read_end))
 
 
-def _wait(child: int, ends: int) -> int:
+def _wait(child: int, read_end: int) -> int:
     """Wait for the child, and return the exit status of the command."""
-    asked = False
+    signalled = False
 
     def send(number: int) -> None:
         with suppress(ProcessLookupError):  # it has just ended
@@ -151,9 +151,9 @@ def _wait(child: int, ends: int) -> int:
         send(signal.SIGKILL)
 
     def pass_on(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        if not asked:
-            asked = True
+        nonlocal signalled
+        if not signalled:
+            signalled = True
             signal.setitimer(signal.ITIMER_REAL, 2.5)  # time to write what it has, before it is killed
         send(number)
 
@@ -163,13 +163,13 @@ def _wait(child: int, ends: int) -> int:
             signal.signal(number, pass_on)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPS)
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    told = os.read(ends, 2)
-    if told and status >= 0:
+    received = os.read(read_end, 2)
+    if received and status >= 0:
         return status
-    if asked:
-        if not told:
+    if signalled:
+        if not received:
             tell("stopped")
-        return told[-1] if told else ExitStatus.INTERRUPTED
+        return received[-1] if received else ExitStatus.INTERRUPTED
     return _explain_death(status)
 
 
@@ -202,19 +202,19 @@ def _run(command: Callable[[], object], parent: int, stop: Stop) -> NoReturn:
         die_with_parent(parent)
         command()
     except SystemExit as end:
-        stop.ends(end.code if isinstance(end.code, int) else int(end.code is not None))
+        stop.report_status(end.code if isinstance(end.code, int) else int(end.code is not None))
         raise
     except BaseException as error:
-        if not stop.asked and not is_out_of_memory(error):
-            stop.ends(1)
+        if not stop.signalled and not is_out_of_memory(error):
+            stop.report_status(1)
             raise
         text, status = (
-            ("stopped", ExitStatus.INTERRUPTED) if stop.asked else ("out of memory", ExitStatus.OUT_OF_MEMORY)
+            ("stopped", ExitStatus.INTERRUPTED) if stop.signalled else ("out of memory", ExitStatus.OUT_OF_MEMORY)
         )
         tell(text)
-        stop.ends(status)
+        stop.report_status(status)
         raise SystemExit(status) from None
-    stop.ends(0)
+    stop.report_status(0)
     raise SystemExit(0)
 
 
@@ -222,18 +222,18 @@ def _silence(stop: Stop) -> None:
     """Print no traceback of what only follows from a stop; a thread that has no memory ends the command."""
     unraisable, of_thread = sys.unraisablehook, threading.excepthook
 
-    def ignore(told: sys.UnraisableHookArgs) -> None:
-        if not stop.asked and not (told.exc_value and is_out_of_memory(told.exc_value)):
-            unraisable(told)
+    def ignore(hook_args: sys.UnraisableHookArgs) -> None:
+        if not stop.signalled and not (hook_args.exc_value and is_out_of_memory(hook_args.exc_value)):
+            unraisable(hook_args)
 
-    def end(told: threading.ExceptHookArgs) -> None:
-        if stop.asked:
+    def end(hook_args: threading.ExceptHookArgs) -> None:
+        if stop.signalled:
             return
-        if told.exc_value and is_out_of_memory(told.exc_value):
+        if hook_args.exc_value and is_out_of_memory(hook_args.exc_value):
             tell("out of memory")
-            stop.ends(ExitStatus.OUT_OF_MEMORY)
+            stop.report_status(ExitStatus.OUT_OF_MEMORY)
             os._exit(ExitStatus.OUT_OF_MEMORY)
-        of_thread(told)
+        of_thread(hook_args)
 
     sys.unraisablehook, threading.excepthook = ignore, end
     # of a command that was killed, the process that tidies up after it would say what it tidies

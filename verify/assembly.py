@@ -31,20 +31,20 @@ from verify.rod import free_connectors, straight_rod
 from verify.solid_regions import rod_keeps_out
 
 
-def assembly(design: Design, found: Platform, parts: RigidParts) -> Assembly:
+def assembly(design: Design, platform: Platform, parts: RigidParts) -> Assembly:
     """Return the sheet; a design's own mount stands, otherwise it is the best available connector."""
     joints = tuple(
         BoltedJoint(module=h, port=a, child=i, child_port=b, angle_deg=clamp(math.degrees(alpha)))
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     )
     connectors = free_connectors(design, parts)
-    mount = design.mount or best_available(connectors, Scene(design, found), parts)
+    mount = design.mount or best_available(connectors, Scene(design, platform), parts)
     rod = _rod(design, parts, mount) if mount is not None and parts.in_range else None
-    of_rod = () if rod is None else (_remark_length(design, rod), _remark_mass(design, rod, found))
+    of_rod = () if rod is None else (_remark_length(design, rod), _remark_mass(design, rod, platform))
     notes = (_note(parts, mount, connectors), *of_rod)
     sheet = EndEffectorSheet(
         position_m=design.end_effector_m,
-        from_com_m=_vector(found.p_e),
+        from_com_m=_vector(platform.p_e),
         mount=mount,
         rod=rod,
         note="; ".join(note for note in notes if note) or None,
@@ -71,11 +71,11 @@ def choose_mount(design: Design) -> Mount | None:
 
     Of connectors that differ in the rod's length alone, the one whose rod the design counts stays.
     """
-    found = platform(design)
-    parts = rigid_parts(design, found)
+    placed = platform(design)
+    parts = rigid_parts(design, placed)
     kept = design.mount and (design.mount.module, design.mount.port)
     connectors = sorted(free_connectors(design, parts), key=lambda one: (one.module, one.port) != kept)
-    return best_available(tuple(connectors), Scene(design, found), parts)
+    return best_available(tuple(connectors), Scene(design, placed), parts)
 
 
 def rod_residuals(design: Design, parts: RigidParts, sheet: Assembly) -> Iterator[Residual]:
@@ -98,7 +98,7 @@ def _rod_mass(design: Design, rod: Rod | None) -> Residual:
     counted = design.task.end_effector.counted_rod
     given, weighs = 0.0 if counted is None else counted.mass, 0.0 if rod is None else rod.mass_kg
     name, total = "mass of the end-effector's rod", design.task.total_mass(design.topology.n)
-    return residual(name, abs(weighs - given), "kg", total, stated=given, derived=weighs)
+    return residual(name, abs(weighs - given), "kg", total, claim=given, derived=weighs)
 
 
 def _reach(design: Design, parts: RigidParts, sheet: Assembly, reach: float) -> Residual:
@@ -114,7 +114,7 @@ def _reach(design: Design, parts: RigidParts, sheet: Assembly, reach: float) -> 
     excess = max(0.0, min(lengths) - reach) if lengths else 0.0
     name, length = "reach of the end-effector's rod", min(lengths, default=None)
     unknown = None if lengths else Status.UNDECIDED
-    return residual(name, excess, "m", l_arm, tolerance=TOLERANCE, stated=reach, derived=length, status=unknown)
+    return residual(name, excess, "m", l_arm, tolerance=TOLERANCE, claim=reach, derived=length, status=unknown)
 
 
 def _rod(design: Design, parts: RigidParts, mount: Mount) -> Rod:
@@ -160,13 +160,13 @@ def _remark_length(design: Design, rod: Rod) -> str | None:
     return f"the rod is {rod.length_m:.3g} m long, {times}"
 
 
-def _remark_mass(design: Design, rod: Rod, found: Platform) -> str | None:
+def _remark_mass(design: Design, rod: Rod, platform: Platform) -> str | None:
     """Say what a heavy rod changes that the model ignores."""
     task = design.task
     share = rod.mass_kg / task.total_mass(task.n)
     if share < 0.05 or task.end_effector.rod_mass == "included":  # less is as good as nothing
         return None
-    middle = found.p_e - rod.length_m / 2 * np.array(rod.direction)
+    middle = platform.p_e - rod.length_m / 2 * np.array(rod.direction)
     weight = rod.mass_kg * task.gravity
     torque = weight * float(np.hypot(middle[0], middle[1]))
     left_out = f"the rod, {100 * share:.3g} % of the platform's mass, is left out of the model"

@@ -85,22 +85,22 @@ def beside_airflow(parts: RigidParts, envelopes: Sequence[Solid], *, counts: boo
     )
 
 
-def certify_beside(asked: Sequence[BesideAirflow], parts: RigidParts) -> list[Certificate]:
+def certify_beside(requirements: Sequence[BesideAirflow], parts: RigidParts) -> list[Certificate]:
     """Return the certificates of what `beside_airflow` yields."""
-    if not asked:
+    if not requirements:
         return []
-    pairs = asked[:: ROTORS + 1]
-    found = _find(parts, pairs)
+    pairs = requirements[:: ROTORS + 1]
+    distances = _find(parts, pairs)
     proven = [
         (row.lower > ROUNDING) & (row.d > 0) & (row.lower - ROUNDING <= row.d) & (row.d <= row.upper + ROUNDING)
-        for row in found
+        for row in distances
     ]
     certificates = []
     a = np.array([pair.a for pair in pairs])
-    closest = [np.einsum("nij,nkj->nki", parts.R[a], row.closest) + parts.centres[a, None] for row in found]
+    closest = [np.einsum("nij,nkj->nki", parts.R[a], row.closest) + parts.centres[a, None] for row in distances]
     columns = [
         (row.d.tolist(), row.lower.tolist(), row.upper.tolist(), ok.tolist())
-        for row, ok in zip(found, proven, strict=True)
+        for row, ok in zip(distances, proven, strict=True)
     ]
     for k, pair in enumerate(pairs):
         in_range = pair.body.in_range and pair.against.in_range
@@ -112,55 +112,55 @@ def certify_beside(asked: Sequence[BesideAirflow], parts: RigidParts) -> list[Ce
             elif apart and ok[k]:
                 certificates.append(Certificate(Status.CLEAR, lower[k], upper[k], d[k], 0, closest[side][k]))
             else:
-                one = asked[k * (ROTORS + 1) + side]
-                certificates.append(_certify(one, parts, _row(found[side], k), closest[side][k]))
+                one = requirements[k * (ROTORS + 1) + side]
+                certificates.append(_certify(one, parts, _row(distances[side], k), closest[side][k]))
     return certificates
 
 
-def beside_evidence(asked: BesideAirflow, parts: RigidParts) -> tuple[str, ...]:
+def beside_evidence(pair: BesideAirflow, parts: RigidParts) -> tuple[str, ...]:
     """Return what to look at when bisection, planes and FCL disagree; one finding a line [l_arm]."""
-    at = _row(_find(parts, [asked])[ROTORS if asked.segment is None else asked.segment], 0)
-    part = asked.body.parts[int(at.part)]
+    at = _row(_find(parts, [pair])[ROTORS if pair.segment is None else pair.segment], 0)
+    part = pair.body.parts[int(at.part)]
     return (
         f"A, {part.name}: {part!r}",
-        f"K: {asked.against.body!r}",
+        f"K: {pair.against.body!r}",
         f"bisection: clearance {float(at.d)!r}, in A's frame normal to A {at.n.tolist()}, at {at.x.tolist()}",
         f"gap across a plane {float(at.lower)!r}, upper bound {float(at.upper)!r}",
         *(
-            f"level {level}: FCL proves {'it' if _proof(asked, parts, at, level) is not None else 'nothing'}"
+            f"level {level}: FCL proves {'it' if _proof(pair, parts, at, level) is not None else 'nothing'}"
             for level in range(LEVELS)
         ),
     )
 
 
-def _certify(asked: BesideAirflow, parts: RigidParts, at: _Found, closest: Array) -> Certificate:
+def _certify(pair: BesideAirflow, parts: RigidParts, at: _Found, closest: Array) -> Certificate:
     upper = None if np.isnan(at.upper) else float(at.upper)
-    return judge(float(at.d), upper, closest, functools.partial(_proof, asked, parts, at), LEVELS)
+    return judge(float(at.d), upper, closest, functools.partial(_proof, pair, parts, at), LEVELS)
 
 
-def _row(found: _Found, k: int) -> _Found:
-    return _Found(*(column[k] for column in found))
+def _row(columns: _Found, k: int) -> _Found:
+    return _Found(*(column[k] for column in columns))
 
 
-def _proof(asked: BesideAirflow, parts: RigidParts, at: _Found, level: int) -> float | None:
+def _proof(pair: BesideAirflow, parts: RigidParts, at: _Found, level: int) -> float | None:
     """Return the gap across the plane, if FCL agrees with its sign at this level."""
-    R, centre = parts.R[asked.a], parts.centres[asked.a]
+    R, centre = parts.R[pair.a], parts.centres[pair.a]
     if at.d > 0:
-        clear = float(at.lower) > ROUNDING and _fcl_apart(asked, R @ at.n, R @ at.x + centre, level)
+        clear = float(at.lower) > ROUNDING and _fcl_apart(pair, R @ at.n, R @ at.x + centre, level)
         return float(at.lower) if clear else None
-    return float(at.lower) if level >= 2 and _fcl_overlap(asked, at, R @ at.n, R @ at.x + centre, level) else None
+    return float(at.lower) if level >= 2 and _fcl_overlap(pair, at, R @ at.n, R @ at.x + centre, level) else None
 
 
-def _fcl_apart(asked: BesideAirflow, n: Array, x: Array, level: int) -> bool:
-    outer = asked.against.outer
+def _fcl_apart(pair: BesideAirflow, n: Array, x: Array, level: int) -> bool:
+    outer = pair.against.outer
     if level == 0:
-        return outer is not None and not asked.body.bounds.shape.overlaps(outer[1])
-    near = [asked.body.parts[k] for k in asked.parts]
+        return outer is not None and not pair.body.bounds.shape.overlaps(outer[1])
+    near = [pair.body.parts[k] for k in pair.parts]
     if outer is not None:
         near = [part for part in near if part.shape.overlaps(outer[1])]
     if level == 1 or not near:
         return not near
-    body = asked.against.body.move(-x)
+    body = pair.against.body.move(-x)
     mesh = outer_mesh(body, TURNED_LEVELS[level - 2], n)
     if not encloses(mesh, body):
         return False
@@ -168,9 +168,9 @@ def _fcl_apart(asked: BesideAirflow, n: Array, x: Array, level: int) -> bool:
     return not any(shape.overlaps(Shape(_move(part.outer(-n), -x))) for part in near)
 
 
-def _fcl_overlap(asked: BesideAirflow, at: _Found, n: Array, x: Array, level: int) -> bool:
-    body = asked.against.body.move(-x)
-    mesh, part = inner_mesh(body, TURNED_LEVELS[level - 2], n), asked.body.parts[int(at.part)]
+def _fcl_overlap(pair: BesideAirflow, at: _Found, n: Array, x: Array, level: int) -> bool:
+    body = pair.against.body.move(-x)
+    mesh, part = inner_mesh(body, TURNED_LEVELS[level - 2], n), pair.body.parts[int(at.part)]
     return lies_within(mesh, body) and Shape(mesh).overlaps(Shape(_move(part.inner(x), -x)))
 
 
@@ -185,9 +185,9 @@ def _find(parts: RigidParts, pairs: Sequence[BesideAirflow]) -> list[_Found]:
     to_frame = parts.R[a].transpose(0, 2, 1)
     o = np.einsum("nij,nj->ni", to_frame, K.o - parts.centres[a])
     K = Rows(o, np.einsum("nij,nj->ni", to_frame, K.d), K.r, K.dr)
-    own, frame = parts.own, parts.modules[0].frame
-    rotors = [_nearest(part, K, np.full(len(a), frame + k)) for k, part in enumerate(own[frame:])]
-    return [*rotors, _of_frame(own[:frame], K)]
+    module_parts, frame = parts.module_parts, parts.modules[0].frame
+    rotors = [_nearest(part, K, np.full(len(a), frame + k)) for k, part in enumerate(module_parts[frame:])]
+    return [*rotors, _of_frame(module_parts[:frame], K)]
 
 
 def _of_frame(frame: Sequence[Convex], K: Rows) -> _Found:
@@ -201,11 +201,11 @@ def _of_frame(frame: Sequence[Convex], K: Rows) -> _Found:
         far = lower > farthest
         least[far] = np.minimum(least[far], lower[far])
         rows = np.flatnonzero(~far)
-        found = _nearest(part, Rows(*(column[rows] for column in K)), np.full(len(rows), k))
-        least[rows] = np.minimum(least[rows], found.lower)
-        nearer = ~(found.d >= best.d[rows])  # also what is not a number
+        candidate = _nearest(part, Rows(*(column[rows] for column in K)), np.full(len(rows), k))
+        least[rows] = np.minimum(least[rows], candidate.lower)
+        nearer = ~(candidate.d >= best.d[rows])  # also what is not a number
         for name in ("d", "upper", "x", "n", "part"):
-            getattr(best, name)[rows[nearer]] = getattr(found, name)[nearer]
+            getattr(best, name)[rows[nearer]] = getattr(candidate, name)[nearer]
     return best
 
 
@@ -216,7 +216,7 @@ def _ball_bounds(part: Convex, K: Rows) -> tuple[Array, Array]:
     v = w + eta[:, None] * K.d
     apart = np.linalg.norm(v, axis=1)
     n = -v / np.where(apart > 0, apart, 1.0)[:, None]
-    return n @ part.centre - part.radius - K.ends(n, 1).max(axis=1), apart - K.radius(eta)
+    return n @ part.centre - part.radius - K.extents(n, 1).max(axis=1), apart - K.radius(eta)
 
 
 def _nearest(part: Convex, K: Rows, number: Indices) -> _Found:
@@ -228,7 +228,9 @@ def _nearest(part: Convex, K: Rows, number: Indices) -> _Found:
     apart = np.linalg.norm(v, axis=1)
     n = np.where(apart[:, None] > 0, v / np.where(apart > 0, apart, 1.0)[:, None], np.array([0.0, 0.0, 1.0]))
     d = apart - K.radius(eta)
-    lower = np.minimum(d, -_support(part, -n) - K.ends(n, 1).max(axis=1))  # equal up to rounding where n is right
+    lower = np.minimum(
+        d, -_support(part, -n) - K.extents(n, 1).max(axis=1)
+    )  # equal up to rounding where n is right
     x_K = P + K.radius(eta)[:, None] * n
     within = _depth(part, x) > -ROUNDING
     deep = K.depth(x)
@@ -281,8 +283,8 @@ def _nearest_points(part: Convex, points: Array) -> Array:
         return np.where(inside[:, None], points, part.centre + np.clip(q, -size, size) @ axes)
     many = Cores(*(np.repeat(column, len(points), axis=0) for column in cores([part])))
     alone = Cores(points[:, None], np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros(len(points)))
-    found = nearest(many, alone, points - part.centre)
-    return np.where(found.overlap[:, None], points, found.x_A)
+    result = nearest(many, alone, points - part.centre)
+    return np.where(result.overlap[:, None], points, result.x_A)
 
 
 def _support(part: Convex, u: Array) -> Array:

@@ -117,7 +117,7 @@ class Rows(NamedTuple):
         """Return r(eta) of every body, shape (N,)."""
         return np.asarray(self.r + eta * self.dr)
 
-    def ends(self, u: Array, side: int) -> Array:
+    def extents(self, u: Array, side: int) -> Array:
         """Return how far both end balls reach along unit vectors, or where they begin (side -1), shape (N, 2)."""
         first = np.einsum("nx,nx->n", self.o, u)
         last = first + np.einsum("nx,nx->n", self.d, u)

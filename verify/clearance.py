@@ -50,13 +50,13 @@ def clearances_of(A: Rows, B: Rows) -> Nearest:
     """Return the exact signed clearance of every row of the one from that of the other."""
     (o_A, d_A, r_A, dr_A), (o_B, d_B, r_B, dr_B) = A, B
     w = o_A - o_B
-    places = [
+    candidates = [
         *((nearest_on_axis(w - gamma * d_B, d_A, dr_A), np.full_like(r_A, gamma)) for gamma in (0.0, 1.0)),
         *((np.full_like(r_A, eta), nearest_on_axis(-w - eta * d_A, d_B, dr_B)) for eta in (0.0, 1.0)),
         _stationary(w, d_A, d_B, dr_A, dr_B),
     ]
-    eta = np.stack([place[0] for place in places])
-    gamma = np.stack([place[1] for place in places])
+    eta = np.stack([candidate[0] for candidate in candidates])
+    gamma = np.stack([candidate[1] for candidate in candidates])
     apart = np.linalg.norm(w + eta[..., None] * d_A - gamma[..., None] * d_B, axis=-1)
     d = apart - (r_A + eta * dr_A) - (r_B + gamma * dr_B)
     best = np.argmin(d, axis=0), np.arange(len(r_A))
@@ -94,6 +94,6 @@ def cone_clearance(body: ConeSphere, cone: Cone) -> tuple[float, float]:
     Returns:
         The least s - r over both end balls, and its eta, 0 or 1.
     """
-    ends = cone.s(np.stack([body.centre(0.0), body.centre(1.0)])) - np.array([body.radius(0.0), body.radius(1.0)])
-    worst = int(np.argmin(ends))
-    return float(ends[worst]), float(worst)
+    gaps = cone.s(np.stack([body.centre(0.0), body.centre(1.0)])) - np.array([body.radius(0.0), body.radius(1.0)])
+    worst = int(np.argmin(gaps))
+    return float(gaps[worst]), float(worst)

@@ -135,11 +135,11 @@ def proximities(
     at = {id(body): k for k, body in enumerate(bodies)}
     index = np.array([(at[id(A)], at[id(B)]) for A, B in pairs])
     step = max(1, SETTINGS.chunk // batch.coordinates)
-    found: list[Proximity] = []
+    result: list[Proximity] = []
     for start in range(0, len(pairs), step):
         part = slice(start, start + step)
-        found += batch.proximities(index[part], np.array(bolted[part], dtype=bool))
-    return found
+        result += batch.proximities(index[part], np.array(bolted[part], dtype=bool))
+    return result
 
 
 class _Apart(NamedTuple):
@@ -217,11 +217,11 @@ class _Batch:
         d[rows, a, b], g[rows, a, b], x_A[rows, a, b], x_B[rows, a, b] = best.d, best.g, best.x_A, best.x_B
         open_ = (g < best.d[:, None, None]) & (d == np.inf)
         p, i, j = np.nonzero(open_)
-        own = _unit(self.middle[B[p, j]] - self.middle[A[p, i]])
-        own_g = self.gap(A[p, i], B[p, j], own)
+        own_n = _unit(self.middle[B[p, j]] - self.middle[A[p, i]])
+        own_g = self.gap(A[p, i], B[p, j], own_n)
         better = own_g > g[p, i, j]
         p, i, j = p[better], i[better], j[better]
-        g[p, i, j], n[p, i, j] = own_g[better], own[better]
+        g[p, i, j], n[p, i, j] = own_g[better], own_n[better]
         p, i, j = np.nonzero(open_ & (g < best.d[:, None, None]))
         more = self.distances(A[p, i], B[p, j], n[p, i, j])
         d[p, i, j], g[p, i, j], n[p, i, j], x_A[p, i, j], x_B[p, i, j] = more
@@ -244,14 +244,14 @@ class _Batch:
 
     def distances(self, A: Indices, B: Indices, n: Array) -> _Apart:
         """Return how near N pairs of parts are; `n` stands in where nearest points have no direction."""
-        found = nearest(self.cores.take(A), self.cores.take(B), n)
-        size = np.linalg.norm(found.v, axis=1)
+        result = nearest(self.cores.take(A), self.cores.take(B), n)
+        size = np.linalg.norm(result.v, axis=1)
         # Cores as near as the search is exact may as well overlap: what v says of them is rounding.
-        lost = found.overlap | (size <= ITERATION.accuracy)
-        n = np.where(lost[:, None], n, -found.v / np.where(size > 0, size, 1.0)[:, None])
+        lost = result.overlap | (size <= ITERATION.accuracy)
+        n = np.where(lost[:, None], n, -result.v / np.where(size > 0, size, 1.0)[:, None])
         r_A, r_B = self.ball[A], self.ball[B]
         d = size - r_A - r_B
-        x_A, x_B = found.x_A + r_A[:, None] * n, found.x_B - r_B[:, None] * n
+        x_A, x_B = result.x_A + r_A[:, None] * n, result.x_B - r_B[:, None] * n
         deep = np.flatnonzero(lost)
         if len(deep) and self.measured:
             flat = [part for body in self.bodies for part in body.parts]
@@ -275,9 +275,9 @@ class _Batch:
             moved = self.cores.take(B)
             moved = moved._replace(vertices=moved.vertices + (away * size * n)[:, None])
             turned = _unit(-nearest(self.cores.take(A), moved, n).v)
-            found = self.gap(A, B, turned)
-            better = found > g
-            n[better], g[better] = turned[better], found[better]
+            gap = self.gap(A, B, turned)
+            better = gap > g
+            n[better], g[better] = turned[better], gap[better]
         return n, g
 
     def steepest_directions(self, A: Indices, B: Indices, n: Array) -> Array:
@@ -320,14 +320,14 @@ def touch(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:
         width = np.sum((A.take(left).support(n[left]) - c_A[left]) * n[left], axis=1) + r_A[left]
         width += np.sum((c_B[left] - B.take(left).support(-n[left])) * n[left], axis=1) + r_B[left]
         s[left] = np.maximum(s[left], np.sum((c_B - c_A)[left] * n[left], axis=1) / width)
-        found = nearest(_scale(A, c_A, s, left), _scale(B, c_B, s, left), n[left])
-        size = np.linalg.norm(found.v, axis=1)
-        x[left] = (found.x_A + found.x_B + (s * (r_A - r_B))[left, None] * n[left]) / 2
-        apart = ~found.overlap & (size - (s * (r_A + r_B))[left] > SETTINGS.touching * (1 - s[left]))
+        result = nearest(_scale(A, c_A, s, left), _scale(B, c_B, s, left), n[left])
+        size = np.linalg.norm(result.v, axis=1)
+        x[left] = (result.x_A + result.x_B + (s * (r_A - r_B))[left, None] * n[left]) / 2
+        apart = ~result.overlap & (size - (s * (r_A + r_B))[left] > SETTINGS.touching * (1 - s[left]))
         left = left[apart]
         if not len(left):
             break
-        n[left] = -found.v[apart] / size[apart][:, None]
+        n[left] = -result.v[apart] / size[apart][:, None]
     return n, x
 
 
@@ -363,12 +363,14 @@ def certify_compounds(pairs: Sequence[tuple[Compound, Compound]], bolted: Sequen
         bolted: whether the frames of a pair may touch where they are bolted together.
     """
     near = [A.in_range and B.in_range for A, B in pairs]
-    asked = [k for k, in_range in enumerate(near) if in_range]
-    found = iter(
-        proximities([pairs[k] for k in asked], [bolted[k] for k in asked]),
+    indices = [k for k, in_range in enumerate(near) if in_range]
+    results = iter(
+        proximities([pairs[k] for k in indices], [bolted[k] for k in indices]),
     )
     lost = Certificate(Status.UNDECIDED, None, None, 0.0, 0)
-    return [_certify(*pair, next(found)) if in_range else lost for pair, in_range in zip(pairs, near, strict=True)]
+    return [
+        _certify(*pair, next(results)) if in_range else lost for pair, in_range in zip(pairs, near, strict=True)
+    ]
 
 
 def compound_evidence(A: Compound, B: Compound, bolted: bool) -> tuple[str, ...]:
@@ -390,39 +392,39 @@ def compound_evidence(A: Compound, B: Compound, bolted: bool) -> tuple[str, ...]
     )
 
 
-def _certify(A: Compound, B: Compound, found: Proximity) -> Certificate:
-    part_A, part_B = A.parts[found.a], B.parts[found.b]
-    if found.d > 0:
-        upper, closest = math.dist(found.x_A, found.x_B), np.stack([found.x_A, found.x_B])
-        proven = min(part_A.depth(found.x_A), part_B.depth(found.x_B)) > -ROUNDING
-        proof = functools.partial(_least_gap, A, B, found)
+def _certify(A: Compound, B: Compound, proximity: Proximity) -> Certificate:
+    part_A, part_B = A.parts[proximity.a], B.parts[proximity.b]
+    if proximity.d > 0:
+        upper, closest = math.dist(proximity.x_A, proximity.x_B), np.stack([proximity.x_A, proximity.x_B])
+        proven = min(part_A.depth(proximity.x_A), part_B.depth(proximity.x_B)) > -ROUNDING
+        proof = functools.partial(_least_gap, A, B, proximity)
     else:
-        x = _common_point(part_A, part_B, (found.x_A + found.x_B) / 2)
+        x = _common_point(part_A, part_B, (proximity.x_A + proximity.x_B) / 2)
         depths = part_A.depth(x), part_B.depth(x)
         upper, closest = -sum(depths), np.stack([x, x])
         proven = min(depths) > ROUNDING
-        proof = functools.partial(_overlap, A, B, found, x)
-    return judge(found.d, upper if proven else None, closest, proof, PROOF.levels)
+        proof = functools.partial(_overlap, A, B, proximity, x)
+    return judge(proximity.d, upper if proven else None, closest, proof, PROOF.levels)
 
 
-def _least_gap(A: Compound, B: Compound, found: Proximity, level: int) -> float | None:
+def _least_gap(A: Compound, B: Compound, proximity: Proximity, level: int) -> float | None:
     """Return the least gap across the planes between parts, if FCL sees the bodies apart too."""
-    if found.lower <= ROUNDING:
+    if proximity.lower <= ROUNDING:
         return None
     if level == 0:
-        apart = bool(found.relevant.all()) and not A.bounds.shape.overlaps(B.bounds.shape)
+        apart = bool(proximity.relevant.all()) and not A.bounds.shape.overlaps(B.bounds.shape)
     else:
         apart = all(
-            _keep_off(A.parts[i], B.parts[j], found.normals[i, j], _point_between(A, B, found, i, j))
-            for i, j in np.argwhere(found.relevant).tolist()
+            _keep_off(A.parts[i], B.parts[j], proximity.normals[i, j], _point_between(A, B, proximity, i, j))
+            for i, j in np.argwhere(proximity.relevant).tolist()
         )
-    return found.lower if apart else None
+    return proximity.lower if apart else None
 
 
-def _point_between(A: Compound, B: Compound, found: Proximity, i: int, j: int) -> Array:
+def _point_between(A: Compound, B: Compound, proximity: Proximity, i: int, j: int) -> Array:
     """Return a point between two parts: of the nearest two it is where they are nearest."""
-    if (i, j) == (found.a, found.b):
-        return (found.x_A + found.x_B) / 2
+    if (i, j) == (proximity.a, proximity.b):
+        return (proximity.x_A + proximity.x_B) / 2
     return (A.parts[i].centre + B.parts[j].centre) / 2
 
 
@@ -438,11 +440,11 @@ def _keep_off(part_A: Convex, part_B: Convex, n: Array, x: Array) -> bool:
     return not Shape(near_A.outer(n)).overlaps(Shape(near_B.outer(-n)))
 
 
-def _overlap(A: Compound, B: Compound, found: Proximity, x: Array, level: int) -> float | None:
+def _overlap(A: Compound, B: Compound, proximity: Proximity, x: Array, level: int) -> float | None:
     """Return the (negative) gap of the deepest parts, if FCL sees meshes inside them overlap around x."""
-    near = [part.place(np.eye(3), -x) for part in (A.parts[found.a], B.parts[found.b])]
+    near = [part.place(np.eye(3), -x) for part in (A.parts[proximity.a], B.parts[proximity.b])]
     inner_A, inner_B = (part.inner(np.zeros(3)) for part in near)
-    return found.d if level > 0 and Shape(inner_A).overlaps(Shape(inner_B)) else None
+    return proximity.d if level > 0 and Shape(inner_A).overlaps(Shape(inner_B)) else None
 
 
 def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:
@@ -458,8 +460,8 @@ def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:
     rows = np.column_stack([normals, np.ones(len(normals))])
     from scipy.optimize import linprog  # slow to load, and few audits need it
 
-    found = linprog([0, 0, 0, -1], A_ub=rows, b_ub=offsets / unit, bounds=[(None, None)] * 4)
-    return x + unit * found.x[:3] if found.success else x
+    solution = linprog([0, 0, 0, -1], A_ub=rows, b_ub=offsets / unit, bounds=[(None, None)] * 4)
+    return x + unit * solution.x[:3] if solution.success else x
 
 
 def _planes(part: Convex) -> tuple[Array, Array]:

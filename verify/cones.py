@@ -193,8 +193,8 @@ def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:
 
 def cone_evidence(module: Compound, cone: Cone) -> tuple[str, ...]:
     """Return what to look at when points, corners and FCL disagree; one finding a line [l_arm]."""
-    found = [(part, lowest_point(part, cone)) for part in module.parts]
-    part, x = min(found, key=lambda each: float(cone.s(each[1])))
+    lowest = [(part, lowest_point(part, cone)) for part in module.parts]
+    part, x = min(lowest, key=lambda each: float(cone.s(each[1])))
     return (
         f"{part.name}: {part!r}",
         f"cone: {cone!r}",
@@ -223,8 +223,8 @@ def lowest_point(part: Convex, cone: Cone) -> Array:
         s = cone.s(_rings(part, angles, part.disc))
         middle = angles[[0, 1], s.argmin(axis=1)]
         half *= 2 / (MESHES.points - 1)
-    ends = _rings(part, middle[:, None], part.disc)[:, 0]
-    return np.asarray(ends[np.argmin(cone.s(ends))])
+    points = _rings(part, middle[:, None], part.disc)[:, 0]
+    return np.asarray(points[np.argmin(cone.s(points))])
 
 
 def _rings(part: Cylinder, angles: Array, radius: float) -> Array:

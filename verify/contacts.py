@@ -63,11 +63,11 @@ def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterat
     counts = design.task.body_clearance is not None
     needs_rod = counts or design.task.end_effector.rod == "straight"
     modules, joints = parts.modules, {(h, i): ports for h, i, *ports in design.topology.edges()}
-    ends = {port: _end(design, parts, port) for port in {port for ports in joints.values() for port in ports}}
+    sides = {port: _end(design, parts, port) for port in {port for ports in joints.values() for port in ports}}
     for a, b in combinations(range(len(modules)), 2):
         body, against = modules[a], modules[b]
         if (a, b) in joints:
-            body, against = (_neighbour_at(parts, i, ends[k]) for i, k in zip((a, b), joints[a, b], strict=True))
+            body, against = (_neighbour_at(parts, i, sides[k]) for i, k in zip((a, b), joints[a, b], strict=True))
         yield RigidRequirement("body", a, b, body, against, counts=counts, bolted=(a, b) in joints)
     if mount is None:
         return
@@ -95,7 +95,7 @@ def _end(design: Design, parts: RigidParts, port: int) -> _End:
     l_c, outwards = module.connector_distance / module.arm_length, PORT_DIRECTIONS[port]
     inner, outer = (1 - INWARDS) * l_c, (1 + OUTWARDS) * l_c
     near, others, beyond = list[Convex](), list[Convex](), list[Convex]()
-    for part in parts.own[:frame]:
+    for part in parts.module_parts[:frame]:
         assert isinstance(part, Polyhedron)
         if (
             part.support(outwards) <= inner + CLIPPING.thinnest
@@ -106,7 +106,7 @@ def _end(design: Design, parts: RigidParts, port: int) -> _End:
         near.append(part)
         pieces = clip(part, outwards, inner), clip(part, -outwards, -outer)
         beyond += [piece for piece in pieces if piece is not None]
-    return _End(tuple(near), (*others, *parts.own[frame:]), tuple(beyond))
+    return _End(tuple(near), (*others, *parts.module_parts[frame:]), tuple(beyond))
 
 
 def _neighbour_at(parts: RigidParts, i: int, end: _End) -> Compound:

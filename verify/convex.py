@@ -134,9 +134,9 @@ class Polyhedron(Convex):
         corners = self.vertices[self.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(normals, axis=1)
-        told = length > MESHES.sliver * self.radius**2
-        normals = normals[told] / length[told, None]
-        return normals, np.einsum("fx,fx->f", normals, corners[told, 0])
+        proper = length > MESHES.sliver * self.radius**2
+        normals = normals[proper] / length[proper, None]
+        return normals, np.einsum("fx,fx->f", normals, corners[proper, 0])
 
     @property
     def thick(self) -> bool:

@@ -98,11 +98,11 @@ def audit(design: Geometry) -> Audit:
 
 
 def _audit(design: Design, started: float) -> Audit:
-    found = platform(design)
-    rows = (*residuals(design, found), *corner_residuals(design, found))
-    scene = Scene(design, found)
-    parts = rigid_parts(design, found)
-    sheet = assembly(design, found, parts)
+    placed = platform(design)
+    rows = (*residuals(design, placed), *corner_residuals(design, placed))
+    scene = Scene(design, placed)
+    parts = rigid_parts(design, placed)
+    sheet = assembly(design, placed, parts)
     rows = (*rows, *rod_residuals(design, parts, sheet))
     brackets, counts = bracket_hulls(design, parts), design.task.parts_off_airflow
     kinds: list[tuple[Iterable[Asked], Callable[[list[Any]], list[Certificate]]]] = [
@@ -116,20 +116,20 @@ def _audit(design: Design, started: float) -> Audit:
         (rod_beside_regions(scene, parts, sheet.mount), certify_all),
     ]
     listed = _require_few([of_kind for of_kind, _ in kinds])
-    asked = [row for of_kind in listed for row in of_kind]
+    checks = [row for of_kind in listed for row in of_kind]
     certificates = [one for of_kind, (_, certify) in zip(listed, kinds, strict=True) for one in certify(of_kind)]
-    statuses = [c.status for requirement, c in zip(asked, certificates, strict=True) if requirement.counts]
+    statuses = [c.status for requirement, c in zip(checks, certificates, strict=True) if requirement.counts]
     mount, module = sheet.mount, design.task.module
     holder = 0 if mount is None else mount.module
-    middle = found.p_com + found.o.mean(axis=0)  # of the scene, in W
-    closest = _closest_points(asked, certificates, module.arm_length, middle)
-    pairs = tuple(_clearance(*row, module, parts) for row in zip(asked, certificates, closest, strict=True))
+    middle = placed.p_com + placed.o.mean(axis=0)  # of the scene, in W
+    closest = _closest_points(checks, certificates, module.arm_length, middle)
+    pairs = tuple(_clearance(*row, module, parts) for row in zip(checks, certificates, closest, strict=True))
     requirements = [row for row in listed[0] if isinstance(row, Requirement)]
-    errors = sensitivity(design, found, scene, requirements, holder)
-    measured = flight(design, found, sheet, errors)
+    errors = sensitivity(design, placed, scene, requirements, holder)
+    measured = flight(design, placed, sheet, errors)
     judged = (reserve_residuals, failure_residuals, load_residuals)
     rows = (*rows, *(row for residuals_of in judged for row in residuals_of(design, measured)))
-    blown = air(design, found, scene)
+    blown = air(design, placed, scene)
     rows = (*rows, *tolerance_residuals(design, errors), *speed_residuals(design, blown))
     return Audit(
         inputs_computed=design.inputs_computed,
@@ -162,7 +162,7 @@ def _require_few(kinds: Iterable[Iterable[Asked]]) -> list[list[Asked]]:
 
 
 def _closest_points(
-    asked: list[Asked], certificates: list[Certificate], l_arm: float, middle: Array
+    checks: list[Asked], certificates: list[Certificate], l_arm: float, middle: Array
 ) -> list[tuple[Vector, Vector] | None]:
     """Return where both sides of every row come closest, in W [m]; of a least distance the places themselves."""
     nowhere = np.full((2, 3), np.nan)
@@ -176,10 +176,10 @@ def _closest_points(
             return np.stack([row.body.body.o, row.against.body.o])
         return nowhere if certificate.closest is None else certificate.closest
 
-    rows = [points(row, certificate) for row, certificate in zip(asked, certificates, strict=True)]
-    found = l_arm * np.array(rows).reshape(-1, 2, 3) + middle
-    known = np.asarray(np.isfinite(found).all(axis=(1, 2)))
-    return [(one, other) if sure else None for (one, other), sure in zip(found.tolist(), known, strict=True)]
+    rows = [points(row, certificate) for row, certificate in zip(checks, certificates, strict=True)]
+    closest = l_arm * np.array(rows).reshape(-1, 2, 3) + middle
+    known = np.asarray(np.isfinite(closest).all(axis=(1, 2)))
+    return [(one, other) if sure else None for (one, other), sure in zip(closest.tolist(), known, strict=True)]
 
 
 def _clearance(
@@ -220,10 +220,10 @@ def _evidence(requirement: Asked, parts: RigidParts) -> tuple[str, ...]:
 
 def _mesh_excess(design: Design) -> tuple[MeshExcess, ...]:
     return tuple(
-        MeshExcess(exposure=number, segment=segment_of(asked, piece), at_most_m=excess)
-        for number, asked in enumerate(design.task.exposure)
-        if isinstance(asked, Local)
-        for piece, excess in enumerate(asked.mesh_excess or ())
+        MeshExcess(exposure=number, segment=segment_of(exposure, piece), at_most_m=excess)
+        for number, exposure in enumerate(design.task.exposure)
+        if isinstance(exposure, Local)
+        for piece, excess in enumerate(exposure.mesh_excess or ())
         if excess
     )
 

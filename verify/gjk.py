@@ -135,12 +135,12 @@ def nearest(A: Cores, B: Cores, towards: Array) -> Nearest:
         rows, slot = np.arange(len(active)), np.argmin(weights[active], axis=1)
         Y_A, Y_B = X_A[active], X_B[active]
         Y_A[rows, slot], Y_B[rows, slot] = a, b
-        found, inside = _least_weights(Y_A - Y_B)
-        v_ = np.einsum("nj,njx->nx", found, Y_A - Y_B)
+        new_weights, inside = _least_weights(Y_A - Y_B)
+        v_ = np.einsum("nj,njx->nx", new_weights, Y_A - Y_B)
         nearer = inside | (np.linalg.norm(v_, axis=1) < size)
         overlap[active[inside]] = True
         kept = active[nearer]
-        X_A[kept], X_B[kept], weights[kept], v[kept] = Y_A[nearer], Y_B[nearer], found[nearer], v_[nearer]
+        X_A[kept], X_B[kept], weights[kept], v[kept] = Y_A[nearer], Y_B[nearer], new_weights[nearer], v_[nearer]
         active = active[nearer & ~inside]
     x_A, x_B = np.einsum("nj,njx->nx", weights, X_A), np.einsum("nj,njx->nx", weights, X_B)
     return Nearest(x_A, x_B, v, overlap)

@@ -115,9 +115,9 @@ def hull(points: Array) -> Hull:
     """
     from scipy.spatial import ConvexHull  # slow to load, and few tasks need it
 
-    found = ConvexHull(points)
-    triangles = np.array(found.simplices, dtype=np.intp)
-    normals = found.equations[:, :3] / np.linalg.norm(found.equations[:, :3], axis=1, keepdims=True)
+    convex_hull = ConvexHull(points)
+    triangles = np.array(convex_hull.simplices, dtype=np.intp)
+    normals = convex_hull.equations[:, :3] / np.linalg.norm(convex_hull.equations[:, :3], axis=1, keepdims=True)
     first, second, third = points[triangles].transpose(1, 0, 2)
     inwards = np.sum(np.cross(second - first, third - first) * normals, axis=1) < 0
     triangles[inwards] = triangles[inwards][:, ::-1]
@@ -143,14 +143,14 @@ class Approach(NamedTuple):
 
 def approach(body: ConeSphere, region: Hull) -> Approach:
     """Return the exact signed clearance of a cone-sphere from a region."""
-    ends = np.array([body.o, body.o + body.d])
+    endpoints = np.array([body.o, body.o + body.d])
     corners = region.mesh.vertices
     start, end = corners[region.edges[:, 0]], corners[region.edges[:, 1]]
     edges = [ConeSphere(a, b - a, 0.0, 0.0) for a, b in zip(start, end, strict=True)]
     d, eta, gamma = clearances([(body, edge) for edge in edges])
     least = int(np.argmin(d))
     best = Approach(float(d[least]), float(eta[least]), edges[least].centre(float(gamma[least])))
-    for at, x in enumerate(ends):
+    for at, x in enumerate(endpoints):
         heights = region.normals @ x - region.offsets
         face = int(np.argmax(heights))
         foot = x - heights[face] * region.normals[face]
@@ -158,15 +158,15 @@ def approach(body: ConeSphere, region: Hull) -> Approach:
         # The foot lies in the face, or the nearest point is on an edge, or x is inside.
         if heights[face] > 0 and gap < best.d and region.depth(foot) > -1e-12 * (1.0 + region.size):
             best = Approach(gap, float(at), foot)
-    entered = _largest_eta_inside(ends, region)
+    entered = _largest_eta_inside(endpoints, region)
     if entered is not None and -body.radius(entered) < best.d:
         best = Approach(-body.radius(entered), entered, body.centre(entered))
     return best
 
 
-def _largest_eta_inside(ends: Array, region: Hull) -> float | None:
+def _largest_eta_inside(endpoints: Array, region: Hull) -> float | None:
     """Return the largest eta of the axis inside the region; None if all of it is outside."""
-    first, last = region.normals @ ends[0] - region.offsets, region.normals @ ends[1] - region.offsets
+    first, last = region.normals @ endpoints[0] - region.offsets, region.normals @ endpoints[1] - region.offsets
     slope = last - first
     level = slope == 0
     if np.any(level & (first > 0)):
@@ -189,20 +189,20 @@ def certify_outside(solid: Solid, region: Hull) -> Certificate:
 
 def witness(body: ConeSphere, region: Hull) -> Witness:
     """Return where a cone-sphere and a region are nearest, or a point in both."""
-    found = approach(body, region)
-    P, r = body.centre(found.eta), body.radius(found.eta)
+    closest = approach(body, region)
+    P, r = body.centre(closest.eta), body.radius(closest.eta)
     x = P if region.depth(P) > ROUNDING else region.nearest_of_surface(P)
     apart, into = float(np.linalg.norm(x - P)), region.centre - P
     deep = float(np.linalg.norm(into))
     inwards = into / deep if deep > 0 else np.array([0.0, 0.0, 1.0])
     n = (x - P) / apart if apart > 0 else inwards
-    if found.d > 0:
+    if closest.d > 0:
         x_K = P + r * n
         reached = body.depth(x_K) > -ROUNDING
         upper = float(np.linalg.norm(x - x_K)) if reached else None
-        return Witness(found.d, n, (x_K + x) / 2, upper, np.stack([x_K, x]))
+        return Witness(closest.d, n, (x_K + x) / 2, upper, np.stack([x_K, x]))
     depth = float(body.depth(x))
-    return Witness(found.d, n, x, -depth if depth > ROUNDING else None, np.stack([x, x]))
+    return Witness(closest.d, n, x, -depth if depth > ROUNDING else None, np.stack([x, x]))
 
 
 def outer_gap(body: ConeSphere, region: Hull, at: Witness, level: int) -> tuple[float, bool] | None:
@@ -226,8 +226,8 @@ def inner_overlap(body: ConeSphere, region: Hull, at: Witness, level: int) -> bo
 
 def _separating_gap(body: ConeSphere, region: Hull, at: Witness, level: int) -> float | None:
     """Return the gap across a plane, if it is one and FCL sees the two apart too."""
-    found = outer_gap(body, region, at, level)
-    return found[0] if found is not None and found[0] > ROUNDING and not found[1] else None
+    result = outer_gap(body, region, at, level)
+    return result[0] if result is not None and result[0] > ROUNDING and not result[1] else None
 
 
 def _common_point(body: ConeSphere, region: Hull, at: Witness, level: int) -> float | None:

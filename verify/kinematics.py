@@ -115,24 +115,24 @@ def platform(design: Design, built: Poses | None = None) -> Platform:
     """
     task, module = design.task, design.task.module
     n = design.topology.n
-    found = poses_of(design) if built is None else built
+    poses = poses_of(design) if built is None else built
     p_E_in_W = np.array(design.end_effector_m)
     connectors = [
-        found.p[h] + module.connector_distance * found.R[h] @ PORT_DIRECTIONS[a]
+        poses.p[h] + module.connector_distance * poses.R[h] @ PORT_DIRECTIONS[a]
         for h, _, a, _ in design.topology.edges()
     ]
     joints = np.array(connectors).reshape(n - 1, 3)
-    moment = module.mass * found.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
+    moment = module.mass * poses.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
     moment += task.end_effector.mass * p_E_in_W
     rod, held = np.zeros((0, 2, 3)), task.end_effector.counted_rod
     if held is not None:
         i = held.module
-        half = (p_E_in_W - found.p[i] - module.connector_distance * found.R[i] @ PORT_DIRECTIONS[held.port]) / 2
+        half = (p_E_in_W - poses.p[i] - module.connector_distance * poses.R[i] @ PORT_DIRECTIONS[held.port]) / 2
         rod = np.array([[p_E_in_W - half, half]])
         moment += held.mass * rod[0, 0]
     p_com = moment / task.total_mass(n)
     rod -= [p_com, np.zeros(3)]
-    o = found.p - p_com
+    o = poses.p - p_com
     deltas = module.arm_length * ROTOR_DIRECTIONS
-    rotors = o[:, None, :] + np.einsum("nij,qj->nqi", found.R, deltas)
-    return Platform(found, p_com, o, p_E_in_W - p_com, rotors, joints - p_com, rod)
+    rotors = o[:, None, :] + np.einsum("nij,qj->nqi", poses.R, deltas)
+    return Platform(poses, p_com, o, p_E_in_W - p_com, rotors, joints - p_com, rod)

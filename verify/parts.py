@@ -59,7 +59,7 @@ class RigidParts:
     """Orientations of the modules, shape (n, 3, 3)."""
     p_E: Array
     """The end-effector, shape (3,)."""
-    own: tuple[Convex, ...]
+    module_parts: tuple[Convex, ...]
     """The parts of every module in its own frame, rotors last."""
     reach: float
     """Every module lies in the ball of this radius around its centre."""

@@ -51,8 +51,8 @@ class Scene:
     def requirements(self) -> Iterator[Requirement]:
         """Yield every requirement: airflow, exposure, exclusion, separation."""
         yield from self._airflow()
-        for number, requirement in enumerate(self.design.task.exposure):
-            yield from self._exposure(number, requirement)
+        for number, exposure in enumerate(self.design.task.exposure):
+            yield from self._exposure(number, exposure)
         yield from self._exclusion()
         yield from self._separation()
 
@@ -60,61 +60,61 @@ class Scene:
         """Return the same requirement as one of another platform of the same task and tree."""
         if other.kind == "airflow":  # of a hundred modules there are thousands
             return Requirement("airflow", other.a, other.b, self.envelopes[other.a], self.envelopes[other.b])
-        asked = other.kind, other.a, other.b, other.segment
-        return next(r for r in self.requirements() if (r.kind, r.a, r.b, r.segment) == asked)
+        key = other.kind, other.a, other.b, other.segment
+        return next(r for r in self.requirements() if (r.kind, r.a, r.b, r.segment) == key)
 
-    def regions(self, requirement: Exposure) -> Iterator[tuple[int | None, Solid | Cone | Hull]]:
+    def regions(self, exposure: Exposure) -> Iterator[tuple[int | None, Solid | Cone | Hull]]:
         """Yield the volumes of a requirement, with the numbers of its paths or planes; of cones what is allowed."""
-        if isinstance(requirement, Exterior):
-            yield from ((None, cone) for cone in self._cones(requirement))
-        elif isinstance(requirement, Directional):
-            yield from enumerate(self._capsules(requirement))
-        elif isinstance(requirement, Allowed):
-            yield from enumerate(self._half_spaces(requirement))
-        elif requirement.radius is not None:
-            yield None, Solid(ball(self.p_E, requirement.radius / self.l_arm))
+        if isinstance(exposure, Exterior):
+            yield from ((None, cone) for cone in self._cones(exposure))
+        elif isinstance(exposure, Directional):
+            yield from enumerate(self._capsules(exposure))
+        elif isinstance(exposure, Allowed):
+            yield from enumerate(self._half_spaces(exposure))
+        elif exposure.radius is not None:
+            yield None, Solid(ball(self.p_E, exposure.radius / self.l_arm))
         else:
-            for piece, points in enumerate(requirement.polytopes):
+            for piece, points in enumerate(exposure.polytopes):
                 region = hull(points / self.l_arm).move(self.p_E)  # far away corners lose their digits
-                yield None if requirement.pieces is None else piece, region
+                yield None if exposure.pieces is None else piece, region
 
     def _airflow(self) -> Iterator[Requirement]:
         kind = self.design.task.search.interference
         for a, b in combinations(range(len(self.envelopes)), 2) if kind != "parts" else ():
             yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=kind == "airflow")
 
-    def _exposure(self, number: int, requirement: Exposure) -> Iterator[Requirement]:
-        for segment, region in self.regions(requirement) if requirement.geometry else ():
+    def _exposure(self, number: int, exposure: Exposure) -> Iterator[Requirement]:
+        for segment, region in self.regions(exposure) if exposure.geometry else ():
             for a, envelope in enumerate(self.region_envelopes):
-                yield Requirement(requirement.kind, a, number, envelope, region, segment)
+                yield Requirement(exposure.kind, a, number, envelope, region, segment)
 
-    def _capsules(self, requirement: Directional) -> list[Solid]:
-        r = requirement.radius / self.l_arm
+    def _capsules(self, exposure: Directional) -> list[Solid]:
+        r = exposure.radius / self.l_arm
         here, paths = np.zeros(3), list[tuple[Array, Array]]()
-        if requirement.segments is not None:
-            paths = [(here, np.array(segment) / self.l_arm) for segment in requirement.segments]
-        elif requirement.polylines is not None:
-            for points in requirement.polylines:
+        if exposure.segments is not None:
+            paths = [(here, np.array(segment) / self.l_arm) for segment in exposure.segments]
+        elif exposure.polylines is not None:
+            for points in exposure.polylines:
                 at = np.array(points) / self.l_arm
                 paths += [(at[k], at[k + 1] - at[k]) for k in range(len(at) - 1)]
-        elif requirement.length is not None and (outwards := self._outward_direction()) is not None:
-            paths = [(here, requirement.length / self.l_arm * outwards)]
+        elif exposure.length is not None and (outwards := self._outward_direction()) is not None:
+            paths = [(here, exposure.length / self.l_arm * outwards)]
         return [Solid(ConeSphere(self.p_E + start, path, r, 0.0)) for start, path in paths]
 
-    def _half_spaces(self, requirement: Allowed) -> Iterator[Cone]:
+    def _half_spaces(self, exposure: Allowed) -> Iterator[Cone]:
         """Yield every half-space that is allowed: a cone of 90 degrees with its apex on the plane."""
-        for plane in requirement.planes:
+        for plane in exposure.planes:
             out = _unit(np.array(plane.normal))
             yield Cone(self.p_E + plane.offset / self.l_arm * out, -out, 90.0)
 
-    def _cones(self, requirement: Exterior) -> list[Cone]:
+    def _cones(self, exposure: Exterior) -> list[Cone]:
         """Return the cone, unless it has no axis."""
-        if requirement.axis == "com":
+        if exposure.axis == "com":
             outwards = self._outward_direction()
             axis = None if outwards is None else -outwards
         else:
-            axis = _unit(np.array(requirement.axis))
-        return [] if axis is None else [Cone(self.p_E, axis, requirement.half_angle_deg)]
+            axis = _unit(np.array(exposure.axis))
+        return [] if axis is None else [Cone(self.p_E, axis, exposure.half_angle_deg)]
 
     def rod(self, parts: RigidParts, mount: Mount | None) -> Iterator[Requirement]:
         """Yield the rod from a mount against every airflow, if there is a rod; counted if the task asks for one."""
@@ -134,8 +134,8 @@ class Scene:
         distance = self.design.task.exclusion_radius
         if distance is not None:
             *around, tip = _balls([*self.centres, self.p_E], distance / self.l_arm / 2)
-            for a, own in enumerate(around):
-                yield Requirement("exclusion", a, -1, own, tip)
+            for a, ball in enumerate(around):
+                yield Requirement("exclusion", a, -1, ball, tip)
 
     def _separation(self) -> Iterator[Requirement]:
         task = self.design.task

@@ -39,7 +39,7 @@ def residual(
     scale: float,
     *,
     tolerance: float = TOLERANCE,
-    stated: float | None = None,
+    claim: float | None = None,
     derived: float | None = None,
     status: Status | None = None,
 ) -> Residual:
@@ -52,7 +52,7 @@ def residual(
         scaled=clamp(scaled),
         tolerance=tolerance,
         status=status or (Status.CLEAR if scaled <= tolerance else Status.VIOLATED),
-        stated=stated,
+        stated=claim,
         derived=None if derived is None else clamp(derived),
     )
 
@@ -81,7 +81,7 @@ def _inputs(design: Design) -> Iterator[Residual]:
             max(0.0, most - limit),
             "rad^2/s^2",
             limit,
-            stated=most,
+            claim=most,
             derived=limit,
         )
         yield residual(
@@ -89,7 +89,7 @@ def _inputs(design: Design) -> Iterator[Residual]:
             max(0.0, lowest - least),
             "rad^2/s^2",
             limit,
-            stated=least,
+            claim=least,
             derived=lowest or None,
         )
 
@@ -99,17 +99,17 @@ def _angles(design: Design) -> Iterator[Residual]:
         return max(0.0, abs(angle) - limit)
 
     for i, alpha in enumerate(design.hinge_angles_rad, start=1):
-        yield residual(f"hinge angle of module {i}", excess(alpha, math.pi / 2), "rad", 1.0, stated=alpha)
+        yield residual(f"hinge angle of module {i}", excess(alpha, math.pi / 2), "rad", 1.0, claim=alpha)
     if (allowed := design.task.search.hinge_set_deg) is not None:
         for i, alpha in enumerate(design.hinge_angles_rad, start=1):
             nearest = min(map(math.radians, allowed), key=lambda angle: abs(angle - alpha))
             name = f"hinge angle of module {i} against the task's set"
-            yield residual(name, abs(nearest - alpha), "rad", 1.0, tolerance=0.0, stated=alpha, derived=nearest)
+            yield residual(name, abs(nearest - alpha), "rad", 1.0, tolerance=0.0, claim=alpha, derived=nearest)
     if design.task.search.root == "paper":
         for name, angle, limit in zip(
             ("psi", "alpha_0", "alpha_1"), design.root_orientation_rad, (0.0, math.pi / 2, math.pi / 2), strict=True
         ):
-            yield residual(f"root orientation, {name}", excess(angle, limit), "rad", 1.0, stated=angle)
+            yield residual(f"root orientation, {name}", excess(angle, limit), "rad", 1.0, claim=angle)
 
 
 def _end_effector(design: Design, platform: Platform) -> Iterator[Residual]:
@@ -119,7 +119,7 @@ def _end_effector(design: Design, platform: Platform) -> Iterator[Residual]:
         yield residual("end-effector position", float(np.linalg.norm(platform.p_e - np.array(fixed))), "m", l_arm)
     reach, farthest = float(np.linalg.norm(platform.p_e)), design.task.farthest_end_effector(design.topology.n)
     yield residual("end-effector's reach", max(0.0, reach - farthest), "m", l_arm, derived=reach)
-    if any(needs_offset(requirement) for requirement in design.task.exposure):
+    if any(needs_offset(exposure) for exposure in design.task.exposure):
         offset, least = float(np.linalg.norm(platform.p_e)), LEAST_OFFSET * l_arm
         yield residual("end-effector's distance from the COM", max(0.0, least - offset), "m", l_arm, derived=offset)
 
@@ -137,5 +137,5 @@ def _objective(design: Design) -> Residual:
     derived = objective(design)
     off = abs(design.objective - derived)
     return residual(
-        "objective", off, "rad^4/s^4", max(derived, sys.float_info.min), stated=design.objective, derived=derived
+        "objective", off, "rad^4/s^4", max(derived, sys.float_info.min), claim=design.objective, derived=derived
     )

@@ -91,9 +91,9 @@ def free_connectors(design: Design, parts: RigidParts) -> tuple[FreeConnector, .
     ]
     pairs = [(parts.modules[i], beside) for _, i, beside in near]
     blocked: dict[Mount, list[Obstacle]] = {}
-    for (rod, i, _), found in zip(near, proximities(pairs, [False] * len(pairs), measured=False), strict=True):
-        if found.d <= FLOOR:
-            obstacle = Obstacle(module=i, part=parts.modules[i].parts[found.a].name)
+    for (rod, i, _), proximity in zip(near, proximities(pairs, [False] * len(pairs), measured=False), strict=True):
+        if proximity.d <= FLOOR:
+            obstacle = Obstacle(module=i, part=parts.modules[i].parts[proximity.a].name)
             blocked.setdefault(rod.mount, []).append(obstacle)
     l_arm = design.task.module.arm_length
     return tuple(

@@ -57,13 +57,13 @@ SEARCH = SearchSettings()
 
 
 def sensitivity(
-    design: Design, found: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
+    design: Design, platform: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
 ) -> Sensitivity | None:
     """Return how much error a design tolerates; None if there is no clearance to lose, or parts decide.
 
     Args:
         design: the design.
-        found: its geometry.
+        platform: its geometry.
         scene: its volumes.
         requirements: what is asked of them; those that do not count are left out.
         holder: the module that carries the end-effector.
@@ -71,9 +71,11 @@ def sensitivity(
     bounded = [r for r in requirements if r.counts and r.kind in KINDS]
     if not bounded or design.task.search.interference == "parts":  # of parts beside airflow there is no bound
         return None
-    search = _Search(design, Tolerance(design, found, scene, bounded, holder), scene.l_arm, holder)
-    l_arm, asked = scene.l_arm, design.task.tolerances
-    errors = Errors(math.radians(asked.hinge_angle_deg), asked.position / l_arm, asked.envelope / l_arm)
+    search = _Search(design, Tolerance(design, platform, scene, bounded, holder), scene.l_arm, holder)
+    l_arm, tolerances = scene.l_arm, design.task.tolerances
+    errors = Errors(
+        math.radians(tolerances.hinge_angle_deg), tolerances.position / l_arm, tolerances.envelope / l_arm
+    )
     return Sensitivity(
         hinge_angle_deg=search.limit(Errors(delta=1.0), SEARCH.largest_turn, math.degrees(1.0)),
         position_m=search.limit(Errors(delta_p=1.0), SEARCH.largest_shift, l_arm),
@@ -141,13 +143,13 @@ class _Search:
             if id(other.requirement) in tried:
                 continue
             if least is None:
-                found = self._violating_factor(other, errors, proven, largest)
+                factor = self._violating_factor(other, errors, proven, largest)
             elif self._least_clearance(other, errors.times(least)) < 0:
-                found = self._crossing(other, errors, proven, least)
+                factor = self._crossing(other, errors, proven, least)
             else:
                 continue
-            if found is not None:
-                first, least = other, found
+            if factor is not None:
+                first, least = other, factor
         return first, least
 
     def _crossing(self, weakest: Weakest, errors: Errors, low: float, high: float) -> float:
@@ -214,9 +216,9 @@ def deviate(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope
     angles = [alpha + turn for alpha, turn in zip(design.hinge_angles_rad, turns.tolist(), strict=True)]
     p_E = tuple(x + error for x, error in zip(design.end_effector_m, tip.tolist(), strict=True))
     built = design.model_copy(update={"task": task, "hinge_angles_rad": tuple(angles), "end_effector_m": p_E})
-    stated, turned = poses_of(design), poses_of(built)
-    R = stated.R[holder] @ turned.R[holder].T
-    p = stated.p[holder] + (turned.p - turned.p[holder]) @ R.T
+    nominal, turned = poses_of(design), poses_of(built)
+    R = nominal.R[holder] @ turned.R[holder].T
+    p = nominal.p[holder] + (turned.p - turned.p[holder]) @ R.T
     return Scene(built, platform(built, Poses(R @ turned.R, p + shifts)))
 
 

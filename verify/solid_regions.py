@@ -118,9 +118,9 @@ def certify_parts(rows: list[PartsRow]) -> list[Certificate]:
 
 def _regions(scene: Scene) -> Iterator[tuple[int, int | None, Solid | Cone | Hull]]:
     """Yield every solid region with its requirement's number, and that of its path."""
-    for number, requirement in enumerate(scene.design.task.exposure):
-        if requirement.solid:
-            yield from ((number, segment, region) for segment, region in scene.regions(requirement))
+    for number, exposure in enumerate(scene.design.task.exposure):
+        if exposure.solid:
+            yield from ((number, segment, region) for segment, region in scene.regions(exposure))
 
 
 def _body(region: Solid | Hull) -> Compound:
@@ -129,6 +129,6 @@ def _body(region: Solid | Hull) -> Compound:
     if isinstance(region, Hull):
         solid = Polyhedron("region", region.mesh.vertices, region.mesh.triangles)
     else:
-        ends = region.body
-        solid = capsule("region", ends.o, ends.o + ends.d, ends.r)
+        body = region.body
+        solid = capsule("region", body.o, body.o + body.d, body.r)
     return Compound((solid,), solid)

@@ -122,13 +122,13 @@ class Levers:
         on_path = self.moves.sum(axis=0, dtype=float)
         self._depth = np.array([max(on_path[h], on_path[i]) for h, i, _, _ in topology.edges()])
 
-    def motion(self, carrier: Indices, held: Indices, ends: Indices, n: Array) -> Motion:
+    def motion(self, carrier: Indices, held: Indices, points: Indices, n: Array) -> Motion:
         """Return how far points can move along n, seen from the last module that two paths from the holder share.
 
         Args:
             carrier: the module that carries the point, shape (N,).
             held: the module at the other end of the path, shape (N,).
-            ends: which two of the carrier's points, shape (2,).
+            points: which two of the carrier's points, shape (2,).
             n: unit vectors, shape (N, 2, 3).
         """
         L, S, C = (np.zeros((len(carrier), 2)) for _ in range(3))
@@ -138,8 +138,8 @@ class Levers:
             i, j = carrier[rows], held[rows]
             shared = (self.moves[:, i] & self.moves[:, j]).sum(axis=0)
             k, h = np.nonzero((self.moves[:, i] & ~self.moves[:, j]).T)  # hinge h is on the path of row k
-            rho = self._rho[i[k], h][:, ends]
-            t = np.sum(self._arms[i[k], h][:, ends] * n[rows][k], axis=-1)
+            rho = self._rho[i[k], h][:, points]
+            t = np.sum(self._arms[i[k], h][:, points] * n[rows][k], axis=-1)
             order = (self._depth[h] - shared[k])[:, None]
             for total, terms in ((L, rho), (S, np.abs(t)), (C, (order - 0.5) * rho)):
                 total[rows] = np.stack([np.bincount(k, term, len(i)) for term in terms.T], axis=1)
@@ -199,7 +199,7 @@ class _Group:
     """The N requirements of one kind."""
 
     requirements: Sequence[Requirement]
-    ends: Array
+    points: Array
     """BOTH or CENTRE."""
     gaps: Array
     """Without errors, for each end of A and of B, shape (N, 2, 2)."""
@@ -233,15 +233,15 @@ class Tolerance:
     """Clearances of a design that remain under errors."""
 
     def __init__(
-        self, design: Design, found: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
+        self, design: Design, platform: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
     ) -> None:
         """Measure every requirement of KINDS once; there must be one. The holder is a module."""
         self._task, self._scene, self._holder = design.task, scene, holder
         l_c = design.task.module.connector_distance / scene.l_arm
 
         def levers(envelopes: Sequence[Solid]) -> Levers:
-            ends = np.array([(solid.body.o, solid.body.o + solid.body.d) for solid in envelopes])
-            return Levers(design.topology, found.poses, ends, l_c, holder)
+            endpoints = np.array([(solid.body.o, solid.body.o + solid.body.d) for solid in envelopes])
+            return Levers(design.topology, platform.poses, endpoints, l_c, holder)
 
         self._levers, self._region_levers = levers(scene.envelopes), levers(scene.region_envelopes)
         of_kind = [[r for r in requirements if r.kind == kind] for kind in KINDS]
@@ -265,7 +265,7 @@ class Tolerance:
         of_solids = witnesses([(r.body, r.against) for r in group if isinstance(r.against, Solid)])
         at = [witness(r.body.body, r.against) if isinstance(r.against, Hull) else next(of_solids) for r in group]
         n = np.array([nearest.n for nearest in at])
-        most_of_A = Rows.of([r.body.body for r in group]).ends(n, 1)
+        most_of_A = Rows.of([r.body.body for r in group]).extents(n, 1)
         least_of_B = _starts([r.against for r in group], n)
         gaps = least_of_B[:, None, :] - most_of_A[:, :, None]
         n = np.repeat(n[:, None], 2, axis=1)
@@ -275,15 +275,15 @@ class Tolerance:
                 swing[row, 1] = np.linalg.norm(r.against.body.d)
         between = kind in ("airflow", "separation")
         b = np.array([r.b for r in group]) if between else np.full_like(a, self._holder)
-        ends = CENTRE if kind in ("exclusion", "separation") else BOTH
+        points = CENTRE if kind in ("exclusion", "separation") else BOTH
         levers = self._levers_of(group[0])
         return _Group(
             group,
-            ends,
+            points,
             gaps,
             n,
-            levers.motion(a, b, ends, n),
-            levers.motion(b, a, ends, n) if between else None,
+            levers.motion(a, b, points, n),
+            levers.motion(b, a, points, n) if between else None,
             2 if kind == "airflow" else int(kind in EXPOSURE_KINDS),
             swing,
         )
@@ -293,9 +293,9 @@ class Tolerance:
         a = np.array([r.a for r in group])
         inside = [(r.body.body, r.against) for r in group if isinstance(r.against, Cone)]
         X = np.array([(body.o, body.o + body.d) for body, _ in inside])
-        m = np.array([cone.inward_normal(ends) for (_, cone), ends in zip(inside, X, strict=True)])
+        m = np.array([cone.inward_normal(points) for (_, cone), points in zip(inside, X, strict=True)])
         gaps = np.array(
-            [cone.s(ends) - (body.r, body.r + body.dr) for (body, cone), ends in zip(inside, X, strict=True)]
+            [cone.s(points) - (body.r, body.r + body.dr) for (body, cone), points in zip(inside, X, strict=True)]
         )
         q = X - np.array([cone.apex for _, cone in inside])[:, None]
         axes = np.array([cone.axis for _, cone in inside])[:, None]
@@ -338,20 +338,20 @@ class Tolerance:
 
     def pairs_up_to(self, errors: Errors, bound: float) -> list[Weakest]:
         """Return all pairs whose bound is no more than that, the weakest first."""
-        kappa, found = self._kappa(errors), []
+        kappa, pairs = self._kappa(errors), []
         for number, group in enumerate(self._groups):
             bounds = group.bounds(errors, kappa).min(axis=(1, 2))
-            found += [(float(bounds[row]), number, row) for row in np.flatnonzero(bounds <= bound).tolist()]
-        return [self._example(self._groups[number], row, least) for least, number, row in sorted(found)]
+            pairs += [(float(bounds[row]), number, row) for row in np.flatnonzero(bounds <= bound).tolist()]
+        return [self._example(self._groups[number], row, least) for least, number, row in sorted(pairs)]
 
     def _example(self, group: _Group, row: int, bound: float) -> Weakest:
         requirement = group.requirements[row]
         a, b = requirement.a, requirement.b
         held = self._holder if group.of_B is None else b
         examples = []
-        for end_A, end in enumerate(group.ends):
+        for end_A, end in enumerate(group.points):
             n = group.n[row, end_A]
-            drift = self._drift(requirement, group.ends[end_A], n)
+            drift = self._drift(requirement, group.points[end_A], n)
             turns = np.sum(self._levers_of(requirement).arms_towards(a, held, end) * n, axis=-1)
             turns -= self._levers.drift(self._share * drift)
             shifts = np.tile(-self._share * drift, (len(self._scene.centres), 1))
@@ -361,7 +361,7 @@ class Tolerance:
                 examples.append(Example(np.sign(turns), _units(shifts), _units(tip)))
                 continue
             shifts[b] -= n
-            for other in group.ends:
+            for other in group.points:
                 against = np.sum(self._levers.arms_towards(b, a, other) * n, axis=-1)
                 examples.append(Example(np.sign(turns - against), _units(shifts), tip))
         different = {b"".join(errors.tobytes() for errors in example): example for example in examples}
@@ -392,7 +392,7 @@ def _starts(against: Sequence[Solid | Cone | Hull], n: Array) -> Array:
     """Return where both ends of every second side begin along n, shape (N, 2); a region has but one."""
     solid = np.array([isinstance(each, Solid) for each in against])
     starts = np.empty((len(against), 2))
-    starts[solid] = Rows.of([each.body for each in against if isinstance(each, Solid)]).ends(n[solid], -1)
+    starts[solid] = Rows.of([each.body for each in against if isinstance(each, Solid)]).extents(n[solid], -1)
     for row, each in enumerate(against):
         if isinstance(each, Hull):
             starts[row] = (each.mesh.vertices @ n[row]).min()

@@ -37,11 +37,11 @@ def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
     b = np.array([required_wrench(case, platform.p_e) for _, case in corners]) / unit
     box = Box(np.full(4 * n, task.module.min_input), np.full(4 * n, task.search.peak_input))
     if np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST:
-        found = find_solutions(A, b, box)
-        error = found.v @ A.T - b
+        solvable = find_solutions(A, b, box)
+        error = solvable.v @ A.T - b
         about_tip = error[:, 3:] - np.cross(platform.p_e / task.module.arm_length, error[:, :3])
         parts = np.linalg.norm([error[:, :3], error[:, 3:], about_tip], axis=2)
-        yes, no = found.yes & np.all(parts <= TOLERANCE, axis=0), found.no
+        yes, no = solvable.yes & np.all(parts <= TOLERANCE, axis=0), solvable.no
         missed = np.abs(error).max(axis=1)
     else:  # the digits that programs need are lost
         yes, no, missed = np.zeros(len(b), dtype=bool), np.zeros(len(b), dtype=bool), np.zeros(len(b))

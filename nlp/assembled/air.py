@@ -39,7 +39,7 @@ class SpeedRows:
         n, g, m, size = program.n, program.g, len(points), program.size
         self._program, self._jet = program, jet_of(task.module, task.air_density, task.gravity)
         i, j = np.tile(np.arange(n), m), np.repeat([max(0, point.module) for point in points], n)
-        self._plus, self._minus = program.layout.ends(VECTORS, np.stack([i, j]))
+        self._plus, self._minus = program.layout.endpoints(VECTORS, np.stack([i, j]))
         limits = [task.exposure[point.exposure].speed or math.inf for point in points]
         numbers = [
             [*point.from_tip, *point.direction, point.radius, 1 / limit]

@@ -111,13 +111,13 @@ def _differentiate(k: int, C: float, D: float, E: float, A: float, d: Array, d2:
 
 
 @njit(cache=True)
-def _stationary(C: float, own: float, other: float, A: float, i: int, j: int, d: Array, d2: Array) -> None:
-    """Write the derivatives of the stationary point's eta; `own` and `other` are D and E, at i and j in c.
+def _stationary(C: float, linear: float, other: float, A: float, i: int, j: int, d: Array, d2: Array) -> None:
+    """Write the derivatives of the stationary point's eta; `linear` and `other` are D and E, at i and j in c.
 
-    With `own` E, and so on, they are gamma's.
+    With `linear` E, and so on, they are gamma's.
     """
     k, k_C, k_CC = _inverse(C, A)
-    minor = C * other - 2 * A * own
+    minor = C * other - 2 * A * linear
     _, slope, bend = _clamp(minor * k)
     d[0], d[i], d[j] = other * k + minor * k_C, -2 * A * k, C * k
     for a in range(3):
@@ -135,10 +135,10 @@ def _stationary(C: float, own: float, other: float, A: float, i: int, j: int, d:
 
 @njit(cache=True)
 def _chain(
-    place: Array, C: float, D: float, E: float, A: float, d: Array, d2: Array, df: Array, d2f: Array
+    candidate: Array, C: float, D: float, E: float, A: float, d: Array, d2: Array, df: Array, d2f: Array
 ) -> None:
     """Write the derivatives of f at a candidate, whose place and its derivatives are given."""
-    eta, gamma = place
+    eta, gamma = candidate
     de, dg = d
     by_eta, by_gamma = 2 * A * eta + C * gamma + D, 2 * A * gamma + C * eta + E
     for a in range(3):

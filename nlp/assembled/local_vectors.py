@@ -113,7 +113,7 @@ class VectorLayout:
         self.turned[[tip, com]] = False
         self.turned[self._nothing] = True
 
-    def ends(self, vectors: Iterable[LocalVector], subjects: Indices) -> tuple[Indices, Indices]:
+    def endpoints(self, vectors: Iterable[LocalVector], subjects: Indices) -> tuple[Indices, Indices]:
         """Return where both ends of s local vectors of m subjects (i, j) stand, V[plus] - V[minus]: (m, s) each."""
         sides = [self._index(side, subjects) for vector in vectors for side in vector]
         indices = np.stack([column.ravel() for column in np.broadcast_arrays(*sides)], axis=-1)

@@ -41,13 +41,15 @@ from topo_search.model.arrays import Array
 class AssembledProblem:
     """The program of one task and topology with some of its clearances, as numbers."""
 
-    def __init__(self, task: ResolvedTask, topology: Topology, stated: Iterable[Requirement], beta: float) -> None:
+    def __init__(
+        self, task: ResolvedTask, topology: Topology, requirements: Iterable[Requirement], beta: float
+    ) -> None:
         """Index the program; no symbol of the topology is built.
 
         Args:
             task: the task.
             topology: the tree.
-            stated: the clearances (4) to (9), or as many of them as are near.
+            requirements: the clearances (4) to (9), or as many of them as are near.
             beta: sharpness of the log-sum-exp.
         """
         module, unit = task.module, Units.of(task)
@@ -67,7 +69,7 @@ class AssembledProblem:
         weights = np.array([case.weight for case in task.load_cases])
         self._weights = weights / (4 * self.n * weights.sum())
         self.layout = layout = VectorLayout(self._tree.moves, free=self._fixed is None)
-        self._clearances = [term for requirement in stated for term in _terms(requirement, layout, beta)]
+        self._clearances = [term for requirement in requirements for term in _terms(requirement, layout, beta)]
         self._turning = list(turning_terms(task, self._masses, layout))
         self._index()
         margins = [np.full(term.m, term.margin) for term in self._clearances]

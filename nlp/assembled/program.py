@@ -153,8 +153,8 @@ class AssembledProgram:
         """Keep what a solve needs; nothing expensive is built. `limits`: the loads in joints that are stated."""
         self._task, self._topology, self._constraints, self._limits = task, topology, constraints, limits
         fixed = task.search.hinge_set_deg is not None  # then no step changes what modules keep from each other
-        stated = clearances(task, topology)
-        self._clearances = tuple(each for each in stated if not (fixed and each.equation in BETWEEN_MODULES))
+        requirements = clearances(task, topology)
+        self._clearances = tuple(each for each in requirements if not (fixed and each.equation in BETWEEN_MODULES))
 
     def solve(self, start: Point) -> IpoptResult:
         """Return the best point of all rounds, with the iterations of all rounds.
@@ -182,12 +182,12 @@ class AssembledProgram:
                     break
                 continue
             turned = np.max(np.abs(result.point.alpha - point.alpha), initial=0.0)
-            found = reached.met and not merit.met
+            became_feasible = reached.met and not merit.met
             gain = 1.0 - reached.amount / merit.amount if merit.amount > 0.0 else 0.0
-            if found or gain > 0.0:
+            if became_feasible or gain > 0.0:
                 point, merit = result.point, reached
             if merit.met:
-                if turned < 0.98 * limit or (not found and gain < LIMITS.least_gain):
+                if turned < 0.98 * limit or (not became_feasible and gain < LIMITS.least_gain):
                     break  # a minimum inside the limit, or next to none
                 limit *= LIMITS.growth
             elif not gain >= LIMITS.least_decrease:  # also where an own constraint has no finite value
@@ -209,8 +209,8 @@ class AssembledProgram:
         )
 
     def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
-        stated = [requirement.restrict(start.vectors) for requirement in self._clearances]
-        program = AssembledProblem(self._task, self._topology, stated, BETA)
+        requirements = [requirement.restrict(start.vectors) for requirement in self._clearances]
+        program = AssembledProblem(self._task, self._topology, requirements, BETA)
         printed: Assembled = program
         if self._limits is not None and self._limits.loads:
             printed = JoinedProgram(printed, DerivedRows(LimitRows(self._task, self._topology, self._limits)))

@@ -76,7 +76,7 @@ class Term:
             margin: required clearance beyond zero [l_arm].
         """
         self._derived, self.margin = derived, margin
-        self.plus, self.minus = layout.ends(vectors, subjects)
+        self.plus, self.minus = layout.endpoints(vectors, subjects)
         self.m, involved = len(self.plus), np.concatenate([self.plus, self.minus], axis=1)
         moving, turning = layout.moved[involved].any(axis=1), layout.turned[involved].all(axis=1)
         self.rows, self.columns = np.nonzero(moving & ~turning)  # what turns as one stays as it is
@@ -206,9 +206,9 @@ def _hessians(
     return hessians
 
 
-def _distance(asked: Distance, _: float) -> tuple[Derived]:
+def _distance(formula: Distance, _: float) -> tuple[Derived]:
     """Return (||w||^2 - d^2) / (2 d), of w."""
-    d = asked.least
+    d = formula.least
 
     def differentiate(order: int, y: Array) -> Jet:
         w = y[:, 0]

@@ -49,16 +49,16 @@ def windy(task: ResolvedTask) -> Refutation | None:
     most = (largest_thrust(task) + unseen_thrust(task)) / (4 * n)
     force = float(forces[k]) - tolerated_force(task)
     induced = force / math.sqrt(most * 2 * task.air_density * math.pi * R**2)
-    for e, asked in enumerate(task.exposure):
-        if asked.speed is None:
+    for e, exposure in enumerate(task.exposure):
+        if exposure.speed is None:
             continue
-        distance = from_tip + min(map(_nearest, asked.shapes))
+        distance = from_tip + min(map(_nearest, exposure.shapes))
         least = induced / (1 + math.sqrt(2) * distance / R) ** 2
-        if least > asked.speed:
-            shown, limit = excess_texts(least, asked.speed)
+        if least > exposure.speed:
+            shown, limit = excess_texts(least, exposure.speed)
             return Refutation(
-                f"air over exposure {e} ({asked.kind}), {task.case_labels[k]}",
-                least - asked.speed,
+                f"air over exposure {e} ({exposure.kind}), {task.case_labels[k]}",
+                least - exposure.speed,
                 "m/s",
                 f"exposure[{e}].speed = {limit} m/s is out of reach of {modules(task)}: all rotors are within "
                 f"{lower_text(distance)} m of a point of the region, where the air that they draw in for "
@@ -70,14 +70,14 @@ def windy(task: ResolvedTask) -> Refutation | None:
 def _farthest_rotor(task: ResolvedTask) -> float | None:
     """Return the largest distance of a rotor's centre from the end-effector [m]; None if it is unlimited."""
     n, module, reach = task.n, task.module, task.largest_reach(task.n)
-    position, found = task.end_effector.fixed_position, list[float]()
+    position, distances = task.end_effector.fixed_position, list[float]()
     if reach is not None:
-        found.append(reach + (2 * n - 1) * module.connector_distance)
+        distances.append(reach + (2 * n - 1) * module.connector_distance)
     if position is not None:
         share = task.total_mass(n) / bodies_mass(task)
         q = share * (math.hypot(*position) + TOLERANCE * module.arm_length) + off_centre(task)
-        found.append(q + (n - 1) * module.connector_distance)
-    return min(found) + module.arm_length * (1 + TOLERANCE) if found else None
+        distances.append(q + (n - 1) * module.connector_distance)
+    return min(distances) + module.arm_length * (1 + TOLERANCE) if distances else None
 
 
 def _nearest(shape: Shape) -> float:

@@ -139,10 +139,10 @@ def _dual_bound(task: ResolvedTask, accuracy: float) -> float:
     none of them exceeds rho u_max; `nlp.bounds.duality` bounds the sum of the squares. Where inputs may be beyond
     their limits by `accuracy`, thrusts of a module are beyond [0, T] by d: phi_k is d |t| more at most, for t < 0.
     """
-    found = _search(task)
-    if found is None:
+    result = _search(task)
+    if result is None:
         return 0.0
-    nu, f, weights, T, in_si, size = found
+    nu, f, weights, T, in_si, size = result
     d = accuracy * task.module.max_thrust_to_weight / size
     lengths = np.linalg.norm(nu, axis=1)
     missed = accuracy * _heaviest(task) / (task.n * Units.of(task).force) / size
@@ -177,8 +177,8 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
         else [share for share in BOUND.raised_weights if share > evenness]
     )
     raised = [np.maximum(weights, share * weights.max()) for share in least]
-    found = [multipliers(f, w, T, largest=largest, known=known) for w in raised]
-    best = max(found, key=lambda nu: dual_value(nu, f, weights, T))
+    candidates = [multipliers(f, w, T, largest=largest, known=known) for w in raised]
+    best = max(candidates, key=lambda nu: dual_value(nu, f, weights, T))
     return best, f, weights, T, in_si, size
 
 

@@ -26,11 +26,11 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    stated = task.declared.lightest
-    task = to_corners(stated, inner=True)
-    forces = one_force(task) or axes(task) or all_forces(task) or failures(stated)
+    declared = task.declared.lightest
+    task = to_corners(declared, inner=True)
+    forces = one_force(task) or axes(task) or all_forces(task) or failures(declared)
     refutation, concerned = (
-        forces or out_of_reach(task) or rotors_overlap(task) or windy(stated) or _shape(task),
+        forces or out_of_reach(task) or rotors_overlap(task) or windy(declared) or _shape(task),
         None,
     )
     if refutation is None and topology is not None:
@@ -44,7 +44,7 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
         worst_constraint=refutation.name,
         violation=refutation.amount,
         unit=refutation.unit,
-        message=_reserve_at_fault(stated, concerned) + refutation.message,
+        message=_reserve_at_fault(declared, concerned) + refutation.message,
     )
 
 

@@ -94,7 +94,7 @@ def _paths(topology: Topology) -> set[Turns]:
     """Return the turns of all paths that are looked at; a path, its way back and its mirror image are one."""
     import networkx as nx
 
-    graph, found = topology.graph(), set[Turns]()
+    graph, paths = topology.graph(), set[Turns]()
     for _, ways in nx.all_pairs_shortest_path(graph, SEARCH.longest - 1):
         for way in ways.values():
             if len(way) == 1:
@@ -102,8 +102,8 @@ def _paths(topology: Topology) -> set[Turns]:
             ports = [(graph[i][j]["ports"][i], graph[i][j]["ports"][j]) for i, j in pairwise(way)]
             turns = [(out - entry) % 4 for (_, entry), (out, _) in pairwise(ports)]
             mirror = [(-turn) % 4 for turn in turns]
-            found.add(min(tuple(t) for t in (turns, turns[::-1], mirror, mirror[::-1])))
-    return found
+            paths.add(min(tuple(t) for t in (turns, turns[::-1], mirror, mirror[::-1])))
+    return paths
 
 
 @lru_cache(maxsize=256)
@@ -198,20 +198,20 @@ def out_of_reach(task: ResolvedTask) -> Refutation | None:
 def _distances(task: ResolvedTask) -> list[tuple[float, str]]:
     """Return how far the nearest connector is at least [m], each with its reason."""
     n, l_c = task.n, task.module.connector_distance
-    found = []
+    distances = []
     if task.exclusion_radius is not None:
         apart = task.exclusion_radius
-        found.append((apart - l_c, f"every module's centre keeps {lower_text(apart)} m from the end-effector"))
+        distances.append((apart - l_c, f"every module's centre keeps {lower_text(apart)} m from the end-effector"))
     blown = task.module.region_envelope.start_radius
-    for e, asked in enumerate(task.exposure):
-        if isinstance(asked, Local) and asked.radius is not None and asked.geometry:
-            told = f"exposure[{e}].radius = {lower_text(asked.radius)} m keeps every module's airflow off"
-            found.append((asked.radius + blown - l_c, told))
+    for e, exposure in enumerate(task.exposure):
+        if isinstance(exposure, Local) and exposure.radius is not None and exposure.geometry:
+            reason = f"exposure[{e}].radius = {lower_text(exposure.radius)} m keeps every module's airflow off"
+            distances.append((exposure.radius + blown - l_c, reason))
     if task.end_effector.fixed_position is not None:
         p_E = math.hypot(*task.end_effector.fixed_position)
         q = task.total_mass(n) / bodies_mass(task) * p_E - off_centre(task)
-        found.append((q - n * l_c, f"end_effector.position is {lower_text(p_E)} m from the centre of mass"))
-    return found
+        distances.append((q - n * l_c, f"end_effector.position is {lower_text(p_E)} m from the centre of mass"))
+    return distances
 
 
 def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
@@ -219,7 +219,7 @@ def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutatio
 
     Of all trees a straight chain has the largest sum of squared distances, sum_{i<j} d_ij^2 = n^2 (n^2 - 1) / 12.
     """
-    n, position, asked = task.n, task.end_effector.fixed_position, task.end_effector.stand_off
+    n, position, required = task.n, task.end_effector.fixed_position, task.end_effector.stand_off
     if position is None:
         return None
     squares = n**2 * (n**2 - 1) / 12 if topology is None else _squared_distances(topology)
@@ -227,12 +227,12 @@ def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutatio
     q = share * math.hypot(*position) + off_centre(task)
     farthest = math.hypot(q, 2 * task.module.connector_distance / n * math.sqrt(squares))
     unseen = TOLERANCE * task.module.arm_length * (1 + share)  # of the distance, and of the place
-    if asked <= farthest * (1 + ROUNDING) + unseen:
+    if required <= farthest * (1 + ROUNDING) + unseen:
         return None
-    needed, reached = excess_texts(asked, farthest)
+    needed, reached = excess_texts(required, farthest)
     return Refutation(
         "end-effector exclusion",
-        asked - farthest,
+        required - farthest,
         "m",
         f"end_effector.stand_off = {needed} m is out of reach of {modules(task)}: with the end-effector fixed "
         f"{upper_text(math.hypot(*position))} m from the centre of mass, some module centre is within {reached} m "

@@ -82,16 +82,16 @@ FORCES = ForceProof()
 
 def one_force(task: ResolvedTask) -> Refutation | None:
     """All rotors together pull with 4 n k_f rho u_max at most, whatever the angles."""
-    asked = least_sizes(task)
-    k, most = int(np.argmax(asked)), largest_thrust(task)
-    if asked[k] * (1 - FORCES.rounding) - tolerated_force(task) <= most + unseen_thrust(task):
+    required = least_sizes(task)
+    k, most = int(np.argmax(required)), largest_thrust(task)
+    if required[k] * (1 - FORCES.rounding) - tolerated_force(task) <= most + unseen_thrust(task):
         return None
-    case, (needed, given) = task.case_labels[k], excess_texts(float(asked[k]), most)
+    case, (needed, given) = task.case_labels[k], excess_texts(float(required[k]), most)
     return Refutation(
         names.force(case),
-        float(asked[k] - most),
+        float(required[k] - most),
         "N",
-        f"{case} needs {excess_texts(asked[k] / most, 1.0, 3)[0]} times what {modules(task)} can lift: "
+        f"{case} needs {excess_texts(required[k] / most, 1.0, 3)[0]} times what {modules(task)} can lift: "
         f"all rotors at full thrust give {given} N at most, the load case needs {needed} N",
     )
 
@@ -138,18 +138,18 @@ def all_forces(task: ResolvedTask) -> Refutation | None:
     if not lengths.max() > 0:
         return None
     nu, lengths = nu / lengths.max(), lengths / lengths.max()
-    asked = float(np.sum(nu * F)) + min(0.0, float(np.sum(nu * growth(task))))
+    required = float(np.sum(nu * F)) + min(0.0, float(np.sum(nu * growth(task))))
     most = largest_thrust(task) * greatest(lambda z: np.sum(np.maximum(z @ nu.T, 0.0), axis=-1))
     # inputs a little below zero pull the other way, along every nu_k at once
     unseen = tolerated_force(task) * lengths.sum() + unseen_thrust(task) * (1 + lengths.sum()) * len(F)
-    if asked - unseen - FORCES.rounding * float(np.sum(np.abs(nu) * np.abs(F))) <= most:
+    if required - unseen - FORCES.rounding * float(np.sum(np.abs(nu) * np.abs(F))) <= most:
         return None
-    needed, given = excess_texts(asked, most)
+    needed, given = excess_texts(required, most)
     serving = np.flatnonzero(lengths > FORCES.softened)
     cases = ", ".join(task.case_labels[k].removeprefix("load case ") for k in serving)
     return Refutation(
         f"load cases {cases}, forces",
-        asked - most,
+        required - most,
         "N",
         f"no fixed angles let {modules(task)} produce the load cases {cases}: summed along one direction each, "
         f"all rotors at full thrust give {given} N at most, the load cases need {needed} N",
@@ -223,15 +223,15 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Refuta
     distances = n * (n**2 - 1) // 3 if topology is None else 2 * nx.wiener_index(topology.graph())
     lever = 2 * module.connector_distance * distances / n**2 + off_centre(task) + module.arm_length
     most = largest_thrust(task) * (lever + module.torque_coefficient / module.thrust_coefficient)
-    asked = [_least_torque(task, case) for case in task.load_cases]
-    k = int(np.argmax(asked))
+    required = [_least_torque(task, case) for case in task.load_cases]
+    k = int(np.argmax(required))
     share = 1 + unseen_thrust(task) / largest_thrust(task)
-    if asked[k] * (1 - TORQUES.rounding) - _torque_tolerance(task, task.load_cases[k]) <= most * share:
+    if required[k] * (1 - TORQUES.rounding) - _torque_tolerance(task, task.load_cases[k]) <= most * share:
         return None
-    case, (needed, given) = task.case_labels[k], excess_texts(asked[k], most)
+    case, (needed, given) = task.case_labels[k], excess_texts(required[k], most)
     return Refutation(
         names.torque(case),
-        asked[k] - most,
+        required[k] - most,
         "N m",
         f"{case} needs a torque of at least {needed} N m about the centre of {modules(task)}: "
         f"all rotors at full thrust, as far out as they can be, give {given} N m at most",
@@ -240,13 +240,13 @@ def torque_reach(task: ResolvedTask, topology: Topology | None = None) -> Refuta
 
 def _torque_tolerance(task: ResolvedTask, case: LoadCase) -> float:
     """Return by how much the torque about c may miss what is asked without the audit's saying so [N m]."""
-    n, own = task.n, bodies_mass(task)
-    unseen = TOLERANCE * task.torque_unit(n) * (1 + 2 * task.end_effector.mass / own)
+    n, mass = task.n, bodies_mass(task)
+    unseen = TOLERANCE * task.torque_unit(n) * (1 + 2 * task.end_effector.mass / mass)
     if task.end_effector.fixed_position is None:
         return unseen
     tip, com = np.array(case.at_end_effector.force), np.array(case.at_com.force)
     g = float(np.linalg.norm(tip + task.end_effector.mass / task.total_mass(n) * com))
-    return unseen + TOLERANCE * task.module.arm_length * task.total_mass(n) / own * g
+    return unseen + TOLERANCE * task.module.arm_length * task.total_mass(n) / mass * g
 
 
 def _least_torque(task: ResolvedTask, case: LoadCase) -> float:

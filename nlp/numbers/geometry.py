@@ -141,13 +141,13 @@ def clearance(one: Swept, other: Swept) -> Array:
 
 def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float) -> Array:
     """Return min over both end balls of s - r: positive inside the cone, a signed violation outside [m]."""
-    ends = []
+    gaps = []
     for eta in (0.0, 1.0):
         q = envelope.o + eta * envelope.d - apex
         along = _dot(q, axis)
         across = np.linalg.norm(q - along[..., None] * axis, axis=-1)
-        ends.append(along * np.sin(half_angle) - across * np.cos(half_angle) - envelope.r_0 - eta * envelope.dr)
-    return np.asarray(np.minimum(*ends))
+        gaps.append(along * np.sin(half_angle) - across * np.cos(half_angle) - envelope.r_0 - eta * envelope.dr)
+    return np.asarray(np.minimum(*gaps))
 
 
 def cone_reach(envelopes: Swept, centre: Array, upstream: Array, half_angle: float) -> float:

@@ -147,9 +147,9 @@ def find_parts(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
     below = 2 * JETS.merged_at * begins
     root = math.sqrt(R * R + below * below)
     g, g_z = 1 + below / root, R * R / root**3 * begins_t
-    ends, ends_s = clip((JETS.merged_at - s) / 1.5, epsilon)
+    unmerged, unmerged_s = clip((JETS.merged_at - s) / 1.5, epsilon)
     starts, starts_z = clip(1 + z / epsilon, epsilon)
-    fade, fade_z = ends * starts, ends * starts_z / epsilon - ends_s / 3 * starts
+    fade, fade_z = unmerged * starts, unmerged * starts_z / epsilon - unmerged_s / 3 * starts
     width, edge = 0.2 * (below + R), R / math.sqrt(g)
     for k in range(4):
         x, y = q[0] - DISCS[k, 0], q[1] - DISCS[k, 1]

@@ -231,12 +231,12 @@ def _columns(listed: list[Row], speeds: int) -> tuple[Rows, Hulls]:
 
 def _speeds(task: ResolvedTask) -> Speeds:
     l_arm, regions = task.module.arm_length, list[tuple[float, ...]]()
-    for requirement in task.exposure:
-        for shape in requirement.shapes:
-            if requirement.speed is not None and isinstance(shape, Capsule):
+    for exposure in task.exposure:
+        for shape in exposure.shapes:
+            if exposure.speed is not None and isinstance(shape, Capsule):
                 path = np.zeros(3) if shape.length else np.subtract(shape.end, shape.start)
                 sizes = *shape.start, *path, shape.length or 0.0, shape.radius
-                regions.append((*np.divide(sizes, l_arm), 1 / requirement.speed))
+                regions.append((*np.divide(sizes, l_arm), 1 / exposure.speed))
     numbers = np.array(regions).reshape(-1, 9)
     case, region, module = (
         index.ravel() for index in np.indices((len(task.declared.load_cases), len(numbers), task.n))

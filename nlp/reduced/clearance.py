@@ -197,12 +197,12 @@ def hull_gap(
 @njit(cache=True)
 def face_excess(q: Vector, planes: Array) -> tuple[float, float, float, float]:
     """Return how far a point is beyond the face of a hull that it is beyond most, and that face's normal."""
-    most, found = -math.inf, 0
+    most, face = -math.inf, 0
     for f in range(len(planes)):
         height = planes[f, 0] * q[0] + planes[f, 1] * q[1] + planes[f, 2] * q[2] - planes[f, 3]
         if height > most:
-            most, found = height, f
-    return most, planes[found, 0], planes[found, 1], planes[found, 2]
+            most, face = height, f
+    return most, planes[face, 0], planes[face, 1], planes[face, 2]
 
 
 P_I, Z_I, P_J, Z_J, P_TIP, P_OFFSET, TURN_I = range(7)
@@ -210,19 +210,19 @@ P_I, Z_I, P_J, Z_J, P_TIP, P_OFFSET, TURN_I = range(7)
 
 
 @njit(cache=True)
-def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> None:
+def clearances(problem: ReducedProblem, at: Platform, g: Array, by: Array) -> None:
     """Find the clearances of all rows, and their gradients by the vectors that they depend on.
 
     Args:
-        stated: the task and topology.
+        problem: the task and topology.
         at: the platform.
         g: the clearances, shape (m,); an infinite one is more than GAPS.far, or of a rod that is not the best,
             and its gradient means nothing.
         by: the gradients, shape (m, 7, 3).
     """
-    kinds, one, other, data = stated.rows.kind, stated.rows.i, stated.rows.j, stated.rows.data
-    parts, p, z, R, still = stated.parts, at.p, at.z, at.R, (0.0, 0.0, 0.0)
-    length, r_air, dr_air = stated.air
+    kinds, one, other, data = problem.rows.kind, problem.rows.i, problem.rows.j, problem.rows.data
+    parts, p, z, R, still = problem.parts, at.p, at.z, at.R, (0.0, 0.0, 0.0)
+    length, r_air, dr_air = problem.air
     e0, e1, e2 = at.p_E[0], at.p_E[1], at.p_E[2]
     b = (e0 - at.p_COM[0], e1 - at.p_COM[1], e2 - at.p_COM[2])
     offset = max(GAPS.least_distance, math.sqrt(b[0] * b[0] + b[1] * b[1] + b[2] * b[2]))
@@ -231,7 +231,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
         x, y, zz = parts[k, 0], parts[k, 1], parts[k, 2]
         reach = max(reach, math.sqrt(x * x + y * y + zz * zz) + parts[k, 3])
     by[:] = 0.0
-    lacking, lengths = np.zeros(stated.rows.rods), np.empty(stated.rows.rods)
+    lacking, lengths = np.zeros(problem.rows.rods), np.empty(problem.rows.rods)
     for r in range(len(kinds)):
         kind, i, j = kinds[r], one[r], other[r]
         if kind == OFFSET:
@@ -286,7 +286,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
                 ball = (w[0] + c[0], w[1] + c[1], w[2] + c[2])
                 if kind == PARTS_HULL:
                     first, past = int(data[r, COLUMNS.planes]), int(data[r, COLUMNS.planes + 1])
-                    gap, x, y, zz = face_excess(ball, stated.hulls.planes[first:past])
+                    gap, x, y, zz = face_excess(ball, problem.hulls.planes[first:past])
                     gap -= radius
                 elif kind in (PARTS_CAPSULE, PARTS_ALONG):
                     gap, _, gamma, x, y, zz = swept_gap(ball, still, radius, 0.0, d, data[r, COLUMNS.radius], 0.0)
@@ -322,8 +322,8 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
         if kind == REACH:
             g[r], x, y, zz = data[r, COLUMNS.distance] - apart, -t[0] / apart, -t[1] / apart, -t[2] / apart
         elif kind == HULL:
-            planes = stated.hulls.planes[int(data[r, COLUMNS.planes]) : int(data[r, COLUMNS.planes + 1])]
-            edges = stated.hulls.edges[int(data[r, COLUMNS.edges]) : int(data[r, COLUMNS.edges + 1])]
+            planes = problem.hulls.planes[int(data[r, COLUMNS.planes]) : int(data[r, COLUMNS.planes + 1])]
+            edges = problem.hulls.edges[int(data[r, COLUMNS.edges]) : int(data[r, COLUMNS.edges + 1])]
             g[r], eta, x, y, zz = hull_gap(w, d_i, r_0, dr, planes, edges)
         elif kind in (BALL, CAPSULE, ALONG):
             g[r], eta, gamma, x, y, zz = swept_gap(w, d_i, r_0, dr, d, data[r, COLUMNS.radius], 0.0)
@@ -337,7 +337,7 @@ def clearances(stated: ReducedProblem, at: Platform, g: Array, by: Array) -> Non
             if turns != 0.0:
                 _to_offset(by, r, b, offset, turns, u)
         if rod >= 0:  # at eta, (1 - eta) t + eta tip t / |t|
-            lacking[rod] = max(lacking[rod], stated.rows.least[r] - g[r])
+            lacking[rod] = max(lacking[rod], problem.rows.least[r] - g[r])
             along = eta * skipped * (x * t[0] + y * t[1] + zz * t[2]) / apart**2
             scale = 1.0 - eta + eta * skipped
             x, y, zz = scale * x - along * t[0], scale * y - along * t[1], scale * zz - along * t[2]

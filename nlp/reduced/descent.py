@@ -86,28 +86,28 @@ class Evaluated(NamedTuple):
 
 
 @njit(cache=True)
-def evaluate(stated: ReducedProblem, x: Array, mu: Array, counting: Mask, rho: float) -> Evaluated:
+def evaluate(problem: ReducedProblem, x: Array, mu: Array, counting: Mask, rho: float) -> Evaluated:
     """Return the reduced problem at x with the load cases that count; the search for the inputs begins at mu."""
-    N, m, K, n = len(x), len(stated.rows.least), len(stated.cases.effort), len(stated.tree.parent)
-    at = platform(stated, x)
-    by = motion(stated, at)
-    dV, found, u = np.zeros(N), mu.copy(), np.empty((K, 4 * n))
-    V = effort(stated, at, by, counting, rho, found, u, dV)
+    N, m, K, n = len(x), len(problem.rows.least), len(problem.cases.effort), len(problem.tree.parent)
+    at = platform(problem, x)
+    by = motion(problem, at)
+    dV, duals, u = np.zeros(N), mu.copy(), np.empty((K, 4 * n))
+    V = effort(problem, at, by, counting, rho, duals, u, dV)
     g, J, near, local = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 7, 3))
-    clearances(stated, at, g, local)
-    _slopes(stated, at, by, g, local, J, near)
-    if len(stated.speeds.case):
-        speed_rows(stated, at, by, rho, found, u, g, J, near)
-    return Evaluated(x, V, dV, g, J, near, found, counting)
+    clearances(problem, at, g, local)
+    _slopes(problem, at, by, g, local, J, near)
+    if len(problem.speeds.case):
+        speed_rows(problem, at, by, rho, duals, u, g, J, near)
+    return Evaluated(x, V, dV, g, J, near, duals, counting)
 
 
 @njit(cache=True)
-def _slopes(stated: ReducedProblem, at: Platform, moved: Moved, g: Array, by: Array, J: Array, near: Mask) -> None:
+def _slopes(problem: ReducedProblem, at: Platform, moved: Moved, g: Array, by: Array, J: Array, near: Mask) -> None:
     """Find which rows are near, and their derivatives by the unknowns from those by vectors.
 
     What lies between two modules depends on the hinges between them alone.
     """
-    kinds, one, other, moves, n = stated.rows.kind, stated.rows.i, stated.rows.j, stated.tree.moves, len(at.p)
+    kinds, one, other, moves, n = problem.rows.kind, problem.rows.i, problem.rows.j, problem.tree.moves, len(at.p)
     dp, dz, dE, dB, omega = moved.dp, moved.dz, moved.dE, moved.dB, at.omega
     for r in range(len(kinds)):
         if g[r] >= DESCENT.near:
@@ -134,11 +134,11 @@ def _slopes(stated: ReducedProblem, at: Platform, moved: Moved, g: Array, by: Ar
 
 
 @njit(cache=True)
-def merit(stated: ReducedProblem, at: Evaluated, multipliers: Array, sigma: float) -> float:
+def merit(problem: ReducedProblem, at: Evaluated, multipliers: Array, sigma: float) -> float:
     """Return M."""
     total = at.V
     for r in range(len(at.g)):
-        s = multipliers[r] + sigma * (stated.rows.least[r] - at.g[r])
+        s = multipliers[r] + sigma * (problem.rows.least[r] - at.g[r])
         if s > 0.0:
             total += s * s / (2 * sigma)
         total -= multipliers[r] ** 2 / (2 * sigma)
@@ -146,17 +146,17 @@ def merit(stated: ReducedProblem, at: Evaluated, multipliers: Array, sigma: floa
 
 
 @njit(cache=True)
-def estimates(stated: ReducedProblem, at: Evaluated, multipliers: Array, sigma: float) -> Array:
+def estimates(problem: ReducedProblem, at: Evaluated, multipliers: Array, sigma: float) -> Array:
     """Return max(0, lambda + sigma (m - g)): the multipliers that M's gradient stands for."""
-    found = np.zeros(len(at.g))
-    for r in range(len(found)):
-        found[r] = max(0.0, multipliers[r] + sigma * (stated.rows.least[r] - at.g[r]))
-    return found
+    estimate = np.zeros(len(at.g))
+    for r in range(len(estimate)):
+        estimate[r] = max(0.0, multipliers[r] + sigma * (problem.rows.least[r] - at.g[r]))
+    return estimate
 
 
 @njit(cache=True)
 def descend(
-    stated: ReducedProblem,
+    problem: ReducedProblem,
     start: Evaluated,
     multipliers: Array,
     B: Array,
@@ -168,7 +168,7 @@ def descend(
     """Return where M is small.
 
     Args:
-        stated: the task and topology.
+        problem: the task and topology.
         start: where it begins.
         multipliers: of the rows, shape (m,).
         B: curvature, shape (N, N), which is brought up to date.
@@ -178,29 +178,29 @@ def descend(
         enough: decrease of M, over 1 + M, of a step that is the last one.
     """
     at, N = start, len(start.x)
-    value = merit(stated, at, multipliers, sigma)
-    n = len(stated.tree.parent)
+    value = merit(problem, at, multipliers, sigma)
+    n = len(problem.tree.parent)
     low, high = np.empty(N), np.empty(N)
     for _ in range(steps):
         for l in range(N):
             most = DESCENT.largest_turn if l < n + 2 else DESCENT.largest_move
-            low[l] = max(-most, stated.lower[l] - at.x[l])
-            high[l] = min(most, stated.upper[l] - at.x[l])
-        d, predicted = _model_step(stated, at, multipliers, B, sigma, low, high)
+            low[l] = max(-most, problem.lower[l] - at.x[l])
+            high[l] = min(most, problem.upper[l] - at.x[l])
+        d, predicted = _model_step(problem, at, multipliers, B, sigma, low, high)
         if predicted <= 1e-2 * enough * (1.0 + abs(value)):
             return at
-        t, found = 1.0, False
+        t, decreased = 1.0, False
         for _ in range(DESCENT.halvings):
-            x = np.minimum(np.maximum(at.x + t * d, stated.lower), stated.upper)
-            there = evaluate(stated, x, at.mu, at.counting, rho)
-            reached = merit(stated, there, multipliers, sigma)
+            x = np.minimum(np.maximum(at.x + t * d, problem.lower), problem.upper)
+            there = evaluate(problem, x, at.mu, at.counting, rho)
+            reached = merit(problem, there, multipliers, sigma)
             if reached <= value - DESCENT.armijo * t * predicted:
-                found = True
+                decreased = True
                 break
             t *= 0.5 if t > 0.3 else 0.25
-        if not found:
+        if not decreased:
             return at
-        _learn(B, at, there, estimates(stated, there, multipliers, sigma))
+        _learn(B, at, there, estimates(problem, there, multipliers, sigma))
         gain, at, value = value - reached, there, reached
         if gain <= enough * (1.0 + abs(value)):
             return at
@@ -209,13 +209,13 @@ def descend(
 
 @njit(cache=True)
 def _model_step(
-    stated: ReducedProblem, at: Evaluated, multipliers: Array, B: Array, sigma: float, low: Array, high: Array
+    problem: ReducedProblem, at: Evaluated, multipliers: Array, B: Array, sigma: float, low: Array, high: Array
 ) -> tuple[Array, float]:
     """Return the step that minimises q, and by how much that falls."""
     N, m = len(at.x), len(at.g)
     s = np.empty(m)
     listed = np.empty(m, np.int64)
-    rows, J, near, g, least = 0, at.J, at.near, at.g, stated.rows.least
+    rows, J, near, g, least = 0, at.J, at.near, at.g, problem.rows.least
     for r in range(m):
         if near[r]:
             s[rows] = multipliers[r] + sigma * (least[r] - g[r])

@@ -48,7 +48,7 @@ ASCENT = DualAscent()
 
 @njit(cache=True)
 def effort(
-    stated: ReducedProblem,
+    problem: ReducedProblem,
     at: Platform,
     moved: Moved,
     counting: Mask,
@@ -60,7 +60,7 @@ def effort(
     """Return the sum of phi over the load cases; its gradient by x is added to `gradient`, and mu and u are found.
 
     Args:
-        stated: the task and topology.
+        problem: the task and topology.
         at: the platform.
         moved: its derivatives.
         counting: which load cases count, shape (K,).
@@ -69,25 +69,25 @@ def effort(
         u: the inputs that are found, shape (K, 4n).
         gradient: is added to, shape (N,).
     """
-    n, K = len(at.p), len(stated.cases.effort)
-    m = stated.rotors.bodies + stated.rotors.m_E
-    A = columns(stated, at)
+    n, K = len(at.p), len(problem.cases.effort)
+    m = problem.rotors.bodies + problem.rotors.m_E
+    A = columns(problem, at)
     w, total = np.empty(6), 0.0
     F, T, E = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(3)  # gradients by o_i, by turns of module i, by p_E
     for k in range(K):
         if not counting[k]:
             continue
-        c = stated.cases.effort[k]
-        find_wrench(stated, at, k, w)
-        total += c * inputs(stated, A, k, w, rho, mu[k], u[k])
-        add_wrench_gradient(stated, at, k, c / m, mu[k], u[k], F, T, E)
-    to_unknowns(stated, at, moved, F, T, E, gradient)
+        c = problem.cases.effort[k]
+        find_wrench(problem, at, k, w)
+        total += c * inputs(problem, A, k, w, rho, mu[k], u[k])
+        add_wrench_gradient(problem, at, k, c / m, mu[k], u[k], F, T, E)
+    to_unknowns(problem, at, moved, F, T, E, gradient)
     return total
 
 
 @njit(cache=True)
 def to_unknowns(
-    stated: ReducedProblem, at: Platform, moved: Moved, F: Array, T: Array, E: Array, gradient: Array
+    problem: ReducedProblem, at: Platform, moved: Moved, F: Array, T: Array, E: Array, gradient: Array
 ) -> None:
     """Add a gradient by o_i, by turns of the modules, shape (n, 3) each, and by p_E to that by x, shape (N,)."""
     S = np.zeros(3)  # o_i = p_i - p_COM, and p_COM = p'_E - p_E
@@ -99,7 +99,7 @@ def to_unknowns(
             slope += E[a] * moved.dB[l, a] - S[a] * (moved.dE[l, a] - moved.dB[l, a])
         if l < len(F) + 2:
             for i in range(len(F)):
-                if stated.tree.moves[l, i]:
+                if problem.tree.moves[l, i]:
                     for a in range(3):
                         slope += F[i, a] * moved.dp[l, i, a] + T[i, a] * at.omega[l, a]
         gradient[l] += slope
@@ -107,13 +107,13 @@ def to_unknowns(
 
 @njit(cache=True)
 def add_wrench_gradient(
-    stated: ReducedProblem, at: Platform, k: int, scale: float, mu: Array, u: Array, F: Array, T: Array, E: Array
+    problem: ReducedProblem, at: Platform, k: int, scale: float, mu: Array, u: Array, F: Array, T: Array, E: Array
 ) -> None:
     """Add what m scale mu . (dw - dA u) of load case k is by o_i, by turns of the modules and by p_E."""
-    add_gradient(stated, at, scale, mu, u, F, T)
-    if stated.cases.turn[k].any():
-        _add_turn_gradient(stated, at, scale, mu[3:], stated.cases.turn[k], F, T, E)
-    fx, fy, fz = stated.cases.f_E[k]
+    add_gradient(problem, at, scale, mu, u, F, T)
+    if problem.cases.turn[k].any():
+        _add_turn_gradient(problem, at, scale, mu[3:], problem.cases.turn[k], F, T, E)
+    fx, fy, fz = problem.cases.f_E[k]
     tx, ty, tz = mu[3], mu[4], mu[5]
     E[0] += scale * (fy * tz - fz * ty)
     E[1] += scale * (fz * tx - fx * tz)
@@ -121,28 +121,28 @@ def add_wrench_gradient(
 
 
 @njit(cache=True)
-def find_wrench(stated: ReducedProblem, at: Platform, k: int, w: Array) -> None:
+def find_wrench(problem: ReducedProblem, at: Platform, k: int, w: Array) -> None:
     """Find w of load case k."""
-    m = stated.rotors.bodies + stated.rotors.m_E
+    m = problem.rotors.bodies + problem.rotors.m_E
     x, y, z = at.p_E[0] - at.p_COM[0], at.p_E[1] - at.p_COM[1], at.p_E[2] - at.p_COM[2]
-    fx, fy, fz = stated.cases.f_E[k]
+    fx, fy, fz = problem.cases.f_E[k]
     for a in range(3):
-        w[a], w[3 + a] = stated.cases.f[k, a] / m, stated.cases.t[k, a] / m
+        w[a], w[3 + a] = problem.cases.f[k, a] / m, problem.cases.t[k, a] / m
     w[3] += (y * fz - z * fy) / m
     w[4] += (z * fx - x * fz) / m
     w[5] += (x * fy - y * fx) / m
-    turn = stated.cases.turn[k]
+    turn = problem.cases.turn[k]
     if turn.any():
-        w[3:] += (inertia(stated, at) @ turn) / m
+        w[3:] += (inertia(problem, at) @ turn) / m
 
 
 @njit(cache=True)
-def inertia(stated: ReducedProblem, at: Platform) -> Array:
+def inertia(problem: ReducedProblem, at: Platform) -> Array:
     """Return J, the inertia about the COM, shape (3, 3) [m l_arm^2]."""
-    J, R, rotors = np.zeros((3, 3)), at.R, stated.rotors
+    J, R, rotors = np.zeros((3, 3)), at.R, problem.rotors
     for i in range(len(at.p) + 1):
         tip = i == len(at.p)
-        o = (at.p_E if tip else at.p[i] + _offset(stated, at, i)) - at.p_COM
+        o = (at.p_E if tip else at.p[i] + _offset(problem, at, i)) - at.p_COM
         mass = rotors.m_E if tip else rotors.modules[i]
         for a in range(3):
             for b in range(3):
@@ -165,18 +165,18 @@ def inertia(stated: ReducedProblem, at: Platform) -> Array:
 
 
 @njit(cache=True)
-def _offset(stated: ReducedProblem, at: Platform, i: int) -> Array:
+def _offset(problem: ReducedProblem, at: Platform, i: int) -> Array:
     """Return the centre of M_i from that of module i."""
-    d, e = stated.rotors.centres[i]
+    d, e = problem.rotors.centres[i]
     offset: Array = d * at.R[i, :, 0] + e * at.R[i, :, 1]
     return offset
 
 
 @njit(cache=True)
-def inputs(stated: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: Array, u: Array) -> float:
+def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: Array, u: Array) -> float:
     """Return phi / c of load case k, with mu and u moved to its dual's maximum; a dead rotor's input is 0."""
-    price, dead = 2 * rho / stated.cases.effort[k], stated.cases.dead[k]
-    u_min, u_max = stated.rotors.u_min, stated.rotors.u_max
+    price, dead = 2 * rho / problem.cases.effort[k], problem.cases.dead[k]
+    u_min, u_max = problem.rotors.u_min, problem.rotors.u_max
     if dead < 0:
         return dual(A, w, price, u_min, u_max, mu, u)
     column = A[dead].copy()
@@ -188,10 +188,10 @@ def inputs(stated: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: A
 
 
 @njit(cache=True)
-def columns(stated: ReducedProblem, at: Platform) -> Array:
+def columns(problem: ReducedProblem, at: Platform) -> Array:
     """Return A transposed, shape (4n, 6)."""
-    n, torques = len(at.p), stated.rotors.torques
-    m = stated.rotors.bodies + stated.rotors.m_E
+    n, torques = len(at.p), problem.rotors.torques
+    m = problem.rotors.bodies + problem.rotors.m_E
     A = np.empty((4 * n, 6))
     for i in range(n):
         x, y, z = at.z[i]
@@ -209,10 +209,10 @@ def columns(stated: ReducedProblem, at: Platform) -> Array:
 
 @njit(cache=True)
 def add_gradient(
-    stated: ReducedProblem, at: Platform, scale: float, mu: Array, u: Array, F: Array, T: Array
+    problem: ReducedProblem, at: Platform, scale: float, mu: Array, u: Array, F: Array, T: Array
 ) -> None:
     """Add what -m scale mu . dA u is by o_i and by turns of the modules."""
-    torques = stated.rotors.torques
+    torques = problem.rotors.torques
     fx, fy, fz, tx, ty, tz = mu
     for i in range(len(at.p)):
         s, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0
@@ -238,13 +238,13 @@ def add_gradient(
 
 @njit(cache=True)
 def _add_turn_gradient(
-    stated: ReducedProblem, at: Platform, scale: float, mu: Array, turn: Array, F: Array, T: Array, E: Array
+    problem: ReducedProblem, at: Platform, scale: float, mu: Array, turn: Array, F: Array, T: Array, E: Array
 ) -> None:
     """Add what c mu . dJ turn is by the places o_i and p_E, and by turns of the modules."""
-    along, rotors = mu[0] * turn[0] + mu[1] * turn[1] + mu[2] * turn[2], stated.rotors
+    along, rotors = mu[0] * turn[0] + mu[1] * turn[1] + mu[2] * turn[2], problem.rotors
     for i in range(len(at.p) + 1):
         tip = i == len(at.p)
-        o = (at.p_E if tip else at.p[i] + _offset(stated, at, i)) - at.p_COM
+        o = (at.p_E if tip else at.p[i] + _offset(problem, at, i)) - at.p_COM
         mass, by_mu, by_turn = rotors.m_E if tip else rotors.modules[i], 0.0, 0.0
         for a in range(3):
             by_mu += o[a] * mu[a]
@@ -254,7 +254,7 @@ def _add_turn_gradient(
             E += by_place
             continue
         F[i] += by_place
-        T[i] += np.cross(_offset(stated, at, i), by_place)
+        T[i] += np.cross(_offset(problem, at, i), by_place)
         I = at.R[i] @ rotors.inertias[i] @ at.R[i].T
         x, y = I @ turn, I @ mu
         T[i, 0] += scale * (x[1] * mu[2] - x[2] * mu[1] - turn[1] * y[2] + turn[2] * y[1])

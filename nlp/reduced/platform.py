@@ -52,19 +52,19 @@ class Moved(NamedTuple):
 
 
 @njit(cache=True)
-def platform(stated: ReducedProblem, x: Array) -> Platform:
+def platform(problem: ReducedProblem, x: Array) -> Platform:
     """Return where everything is at x."""
-    tree = stated.tree
-    R, p, omega, c = chain(x, tree.parent, tree.port, tree.kappa, stated.rotors.l_c)
+    tree = problem.tree
+    R, p, omega, c = chain(x, tree.parent, tree.port, tree.kappa, problem.rotors.l_c)
     n, z = len(p), R[:, :, 2].copy()
-    p_E, p_COM, rotors = np.empty(3), np.empty(3), stated.rotors
+    p_E, p_COM, rotors = np.empty(3), np.empty(3), problem.rotors
     for k in range(3):
         B = 0.0
         for i in range(n):
             d = R[i, k, 0] * rotors.centres[i, 0] + R[i, k, 1] * rotors.centres[i, 1]
             B += rotors.modules[i] * (p[i, k] + d)
         B /= rotors.bodies
-        p_E[k] = B + stated.fixed[k] if len(stated.fixed) else x[n + 2 + k]
+        p_E[k] = B + problem.fixed[k] if len(problem.fixed) else x[n + 2 + k]
         p_COM[k] = (rotors.m_E * p_E[k] + rotors.bodies * B) / (rotors.bodies + rotors.m_E)
     return Platform(R, p, z, omega, c, p_E, p_COM)
 
@@ -74,24 +74,24 @@ refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesk
 
 
 @njit(cache=True)
-def motion(stated: ReducedProblem, at: Platform) -> Moved:
+def motion(problem: ReducedProblem, at: Platform) -> Moved:
     """Return how the unknowns move everything."""
-    n, N, rotors = len(at.p), len(stated.lower), stated.rotors
+    n, N, rotors = len(at.p), len(problem.lower), problem.rotors
     dp, dz = np.zeros((N, n, 3)), np.zeros((N, n, 3))
     dE, dB = np.zeros((N, 3)), np.zeros((N, 3))
-    free = len(stated.fixed) == 0
+    free = len(problem.fixed) == 0
     for l in range(n + 2):
         u, v, w = at.omega[l]
         a, b, c = at.c[l]
         for i in range(n):
-            if stated.tree.moves[l, i]:
+            if problem.tree.moves[l, i]:
                 x, y, z = at.p[i, 0] - a, at.p[i, 1] - b, at.p[i, 2] - c
                 dp[l, i, 0], dp[l, i, 1], dp[l, i, 2] = v * z - w * y, w * x - u * z, u * y - v * x
                 x, y, z = at.z[i, 0], at.z[i, 1], at.z[i, 2]
                 dz[l, i, 0], dz[l, i, 1], dz[l, i, 2] = v * z - w * y, w * x - u * z, u * y - v * x
         turned = np.zeros(3)  # derivative of B, times the mass
         for i in range(n):
-            if stated.tree.moves[l, i]:
+            if problem.tree.moves[l, i]:
                 d, e = rotors.centres[i]
                 x, y = d * at.R[i, 0, 0] + e * at.R[i, 0, 1], d * at.R[i, 1, 0] + e * at.R[i, 1, 1]
                 z = d * at.R[i, 2, 0] + e * at.R[i, 2, 1]

@@ -48,25 +48,25 @@ CORNERS = CornerRounds()
 
 
 @njit(cache=True)
-def initial_cases(stated: ReducedProblem) -> Mask:
+def initial_cases(problem: ReducedProblem) -> Mask:
     """Return which load cases count from the start, shape (K,)."""
-    counting: Mask = stated.cases.group < 0
+    counting: Mask = problem.cases.group < 0
     return counting
 
 
 @njit(cache=True)
-def take_in(stated: ReducedProblem, at: Evaluated, rho: float) -> tuple[Mask, float]:
+def take_in(problem: ReducedProblem, at: Evaluated, rho: float) -> tuple[Mask, float]:
     """Return the load cases that count with the corners that are missed most, and by how much those are at most.
 
     Args:
-        stated: the task and topology.
+        problem: the task and topology.
         at: where to look.
         rho: price of residuals.
     """
     if at.counting.all():
         return at.counting, 0.0
-    cases, there = stated.cases, platform(stated, at.x)
-    K, A = len(cases.effort), columns(stated, there)
+    cases, there = problem.cases, platform(problem, at.x)
+    K, A = len(cases.effort), columns(problem, there)
     counting, residuals = at.counting.copy(), np.zeros(K)
     w, mu, u, last = np.empty(6), np.zeros(6), np.empty(len(A)), -1
     for k in range(K):
@@ -75,8 +75,8 @@ def take_in(stated: ReducedProblem, at: Evaluated, rho: float) -> tuple[Mask, fl
         if cases.group[k] != last:  # corners of one set have much the same inputs
             mu[:] = 0.0
             last = cases.group[k]
-        find_wrench(stated, there, k, w)
-        inputs(stated, A, k, w, rho, mu, u)
+        find_wrench(problem, there, k, w)
+        inputs(problem, A, k, w, rho, mu, u)
         for a in range(6):
             residuals[k] = max(residuals[k], abs(mu[a]) * cases.effort[k] / (2 * rho))
     worst, full = residuals.max(), np.zeros(cases.group.max() + 2, np.bool_)
@@ -184,7 +184,7 @@ class LocalMinimum:
 
 
 def local_minima(
-    stated: ReducedProblem,
+    problem: ReducedProblem,
     starts: Array,
     phases: tuple[Phase, Phase] = (FIRST, SECOND),
     *,
@@ -193,60 +193,62 @@ def local_minima(
     """Return the best distinct local minima of starts, by merit, and those of the first phase that did not go on.
 
     Args:
-        stated: the task and topology.
+        problem: the task and topology.
         starts: unknowns, shape (starts, N).
         phases: how they descend.
         least: fewest distinct minima that go on, if there are as many.
     """
-    begun = begin(starts, np.repeat(initial_cases(stated)[None], len(starts), axis=0))
-    first, given_up = _halve(stated, begun, phases[0])
+    begun = begin(starts, np.repeat(initial_cases(problem)[None], len(starts), axis=0))
+    first, given_up = _halve(problem, begun, phases[0])
     count = max(least, math.ceil(SELECTION.kept * len(starts)))
     kept = first[:count]
     again = begin(np.array([end.x for end in kept]), np.array([end.counting for end in kept]))
-    second = descend_all(stated, again, phases[1])
+    second = descend_all(problem, again, phases[1])
     return _one_of_each(second, [end.starts for end in kept], SELECTION.same_after), first[count:] + given_up
 
 
-def _halve(stated: ReducedProblem, begun: Descents, phase: Phase) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
+def _halve(problem: ReducedProblem, begun: Descents, phase: Phase) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
     """Return the distinct minima of the better starts, and where the others were given up."""
     left, given_up = np.arange(len(begun.x)), list[LocalMinimum]()
     if len(left) > SELECTION.least_halved:
-        begun = descend_all(stated, begun, phase._replace(steps=SELECTION.halved_after))
+        begun = descend_all(problem, begun, phase._replace(steps=SELECTION.halved_after))
         order, half = np.argsort(begun.merit, kind="stable"), max(SELECTION.least_halved, len(left) // 2)
         given_up = _one_of_each(begun.of(order[half:]), [(s,) for s in left[order[half:]].tolist()], SELECTION.same)
         begun, left = begun.of(order[:half]), left[order[:half]]
         phase = phase._replace(steps=phase.steps - SELECTION.halved_after)
-    begun = descend_all(stated, begun, phase)
+    begun = descend_all(problem, begun, phase)
     return _one_of_each(begun, [(s,) for s in left.tolist()], SELECTION.same), given_up
 
 
-def _one_of_each(found: Descents, starts: list[tuple[int, ...]], same: float) -> list[LocalMinimum]:
+def _one_of_each(descents: Descents, starts: list[tuple[int, ...]], same: float) -> list[LocalMinimum]:
     """Return minima by merit, one for all whose merits agree."""
     result: list[LocalMinimum] = []
-    merits = found.merit
+    merits = descents.merit
     for s in np.argsort(merits, kind="stable").tolist():
         if result and merits[s] - result[-1].merit <= same * abs(merits[s]):
             end = result.pop()
             result.append(replace(end, starts=end.starts + starts[s]))
         else:
             result.append(
-                LocalMinimum(found.x[s], float(merits[s]), float(found.missing[s]), starts[s], found.counting[s])
+                LocalMinimum(
+                    descents.x[s], float(merits[s]), float(descents.missing[s]), starts[s], descents.counting[s]
+                )
             )
     return result
 
 
-def point_of(task: ResolvedTask, topology: Topology, stated: ReducedProblem, end: LocalMinimum) -> Point:
+def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, end: LocalMinimum) -> Point:
     """Return the point of an end, with the inputs of the second phase.
 
     Args:
         task: that of the end, with those of its corners that count alone.
         topology: the tree.
-        stated: both, with all corners.
+        problem: both, with all corners.
         end: where some starts ended.
     """
     n, K, x = topology.n, len(end.counting), end.x
-    at, mu, u = platform(stated, x), np.zeros((K, 6)), np.empty((K, 4 * n))
-    effort(stated, at, motion(stated, at), end.counting, SECOND.rho, mu, u, np.zeros(len(x)))
+    at, mu, u = platform(problem, x), np.zeros((K, 6)), np.empty((K, 4 * n))
+    effort(problem, at, motion(problem, at), end.counting, SECOND.rho, mu, u, np.zeros(len(x)))
     root, alpha, unit = x[:3].copy(), x[3 : n + 2].copy(), Units.of(task)
     free = task.end_effector.fixed_position is None
     p_E = x[n + 2 :] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
@@ -265,51 +267,51 @@ def begin(starts: Array, counting: Mask) -> Descents:
 
 
 @njit(cache=True)
-def descend_all(stated: ReducedProblem, begun: Descents, phase: Phase) -> Descents:
+def descend_all(problem: ReducedProblem, begun: Descents, phase: Phase) -> Descents:
     """Return where descents are after a phase.
 
     Args:
-        stated: the task and topology.
+        problem: the task and topology.
         begun: where they are before; what they have learnt of the curvature is kept.
         phase: how they descend.
     """
     count, N = begun.x.shape
-    m, K = len(stated.rows.least), len(stated.cases.effort)
+    m, K = len(problem.rows.least), len(problem.cases.effort)
     x, mu, curvature = np.empty((count, N)), np.empty((count, K, 6)), begun.B.copy()
     merits, missing = np.empty(count), np.zeros(count)
     counting = np.empty((count, K), np.bool_)
     for s in range(count):
-        at, B = evaluate(stated, begun.x[s].copy(), begun.mu[s], begun.counting[s], phase.rho), curvature[s]
+        at, B = evaluate(problem, begun.x[s].copy(), begun.mu[s], begun.counting[s], phase.rho), curvature[s]
         multipliers = np.zeros(m)
         if B[0, 0] == 0.0:
             B[:] = max(CORNERS.least_curvature, np.max(np.abs(at.dV))) * np.eye(N)
         for k in range(phase.rounds):
             if k:
-                multipliers = estimates(stated, at, multipliers, phase.sigma)
-            at = descend(stated, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
+                multipliers = estimates(problem, at, multipliers, phase.sigma)
+            at = descend(problem, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
             for _ in range(CORNERS.rounds):
-                if violation(stated, at, phase.rho) > CORNERS.most_missed:
+                if violation(problem, at, phase.rho) > CORNERS.most_missed:
                     break
-                wanted, missing[s] = take_in(stated, at, phase.rho)
+                wanted, missing[s] = take_in(problem, at, phase.rho)
                 if missing[s] <= CORNERS.missed:
                     break
-                at = evaluate(stated, at.x, at.mu, wanted, phase.rho)
-                at = descend(stated, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
+                at = evaluate(problem, at.x, at.mu, wanted, phase.rho)
+                at = descend(problem, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
         if missing[s] > CORNERS.missed:
-            _, missing[s] = take_in(stated, at, phase.rho)
+            _, missing[s] = take_in(problem, at, phase.rho)
         x[s], counting[s], mu[s] = at.x, at.counting, at.mu
-        merits[s] = merit(stated, at, multipliers, phase.sigma)
-        missing[s] = max(missing[s], violation(stated, at, phase.rho))
+        merits[s] = merit(problem, at, multipliers, phase.sigma)
+        missing[s] = max(missing[s], violation(problem, at, phase.rho))
     return Descents(x, counting, mu, curvature, merits, missing)
 
 
 @njit(cache=True)
-def violation(stated: ReducedProblem, at: Evaluated, rho: float) -> float:
+def violation(problem: ReducedProblem, at: Evaluated, rho: float) -> float:
     """Return the largest missing clearance, or residual of a load case that counts."""
     most = 0.0
     for r in range(len(at.g)):
-        most = max(most, stated.rows.least[r] - at.g[r])
+        most = max(most, problem.rows.least[r] - at.g[r])
     for k in range(len(at.mu)):  # the residual is mu / rho'
         for a in range(6 if at.counting[k] else 0):
-            most = max(most, abs(at.mu[k, a]) * stated.cases.effort[k] / (2 * rho))
+            most = max(most, abs(at.mu[k, a]) * problem.cases.effort[k] / (2 * rho))
     return most

@@ -54,7 +54,7 @@ ROWS = RowLimits()
 
 @njit(cache=True)
 def speed_rows(
-    stated: ReducedProblem,
+    problem: ReducedProblem,
     at: Platform,
     moved: Moved,
     rho: float,
@@ -67,7 +67,7 @@ def speed_rows(
     """Find the rows of air speeds, the last ones of g, with their Jacobian.
 
     Args:
-        stated: the task and topology.
+        problem: the task and topology.
         at: the platform.
         moved: its derivatives.
         rho: price of a squared residual.
@@ -77,9 +77,9 @@ def speed_rows(
         J: is added to, shape (m, N).
         near: which rows have a gradient, shape (m,).
     """
-    air, rotors, n = stated.speeds, stated.rotors, len(at.p)
+    air, rotors, n = problem.speeds, problem.rotors, len(at.p)
     cases, first, mass = air.case[-1] + 1, len(g) - len(air.case), rotors.bodies + rotors.m_E
-    points, jet, A = len(air.case) // cases, air.jet, columns(stated, at)
+    points, jet, A = len(air.case) // cases, air.jet, columns(problem, at)
     path, p, z, no_direction = np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
     x, by_ball, share = np.empty((points, 3)), np.empty((points, 3, 6)), np.zeros(points)
     d, q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, 3)), np.empty((points, n, 9)), np.empty((0, 3))
@@ -116,8 +116,8 @@ def speed_rows(
                 s += A[j, a] * mu[k, a]
             free[j] = rotors.u_min < u[k, j] < rotors.u_max
             rounded[j], by_dual[j] = larger(s, rotors.u_min, ROWS.bend)
-            if rounded[j] >= rotors.u_max or j == stated.cases.dead[k]:
-                rounded[j], by_dual[j] = 0.0 if j == stated.cases.dead[k] else rotors.u_max, 0.0
+            if rounded[j] >= rotors.u_max or j == problem.cases.dead[k]:
+                rounded[j], by_dual[j] = 0.0 if j == problem.cases.dead[k] else rotors.u_max, 0.0
         for j in range(n):
             by_inputs(jet, rounded[4 * j : 4 * j + 4], v[j])
             for c in range(4):
@@ -132,7 +132,7 @@ def speed_rows(
             if not near[row]:
                 continue
             if not factored:
-                H[:] = stated.cases.effort[k] / (2 * rho) * np.eye(6)
+                H[:] = problem.cases.effort[k] / (2 * rho) * np.eye(6)
                 for j in range(4 * n):
                     for a in range(6 if free[j] else 0):
                         for b in range(a + 1):
@@ -170,6 +170,6 @@ def speed_rows(
             if air.along[point] != 0.0:
                 by_path = share[point] * air.along[point] / offset * E
                 E += by_path - (by_path @ p_E) / offset**2 * p_E
-            add_wrench_gradient(stated, at, k, 1 / mass, nu, u[k], F, T, E)
-            add_gradient(stated, at, 1 / mass, mu[k], weights, F, T)
-            to_unknowns(stated, at, moved, F, T, E, J[row])
+            add_wrench_gradient(problem, at, k, 1 / mass, nu, u[k], F, T, E)
+            add_gradient(problem, at, 1 / mass, mu[k], weights, F, T)
+            to_unknowns(problem, at, moved, F, T, E, J[row])

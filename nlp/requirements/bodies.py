@@ -138,13 +138,13 @@ class PartBalls:
         """Return them as symbols."""
         q, *axes = y
         R = ca.horzcat(*axes)
-        return [Ball(q + R @ ca.DM(place), radius) for place, radius in self.balls]
+        return [Ball(q + R @ ca.DM(centre), radius) for centre, radius in self.balls]
 
     def numbers(self, y: Sequence[Array]) -> list[Swept]:
         """Return them as numbers, of m modules each."""
         q, *axes = y
         R = np.stack(axes, axis=-1)
-        return [Swept(q + R @ np.array(place), np.zeros(3), radius) for place, radius in self.balls]
+        return [Swept(q + R @ np.array(centre), np.zeros(3), radius) for centre, radius in self.balls]
 
     def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
         """Return one row of all balls, not one for each end of an envelope."""

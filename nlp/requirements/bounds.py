@@ -41,12 +41,12 @@ def variable_bounds(
     Hinges keep to the ranges nearest to alpha (n-1,) [rad]; without, to what holds all of their ranges.
     """
     free, paper = (-math.inf, math.inf), task.search.root == "paper"
-    found = [(-limit, limit) for limit in PAPER_ROOT.values()] if paper else [free] * 3
-    found += zip(*ranges(task, topology, alpha), strict=True)
-    found += [free] * (3 if task.end_effector.fixed_position is None else 0)
+    bounds = [(-limit, limit) for limit in PAPER_ROOT.values()] if paper else [free] * 3
+    bounds += zip(*ranges(task, topology, alpha), strict=True)
+    bounds += [free] * (3 if task.end_effector.fixed_position is None else 0)
     alive = running_rotors(task).ravel()
-    found += zip(task.min_thrust_to_weight * alive, task.max_thrust_to_weight * alive, strict=True)
-    lower, upper = (list(side) for side in zip(*found, strict=True))
+    bounds += zip(task.min_thrust_to_weight * alive, task.max_thrust_to_weight * alive, strict=True)
+    lower, upper = (list(side) for side in zip(*bounds, strict=True))
     return lower, upper
 
 

@@ -277,17 +277,17 @@ def exposure(task: ResolvedTask) -> Iterator[Requirement]:
     unit, subjects = Units.of(task).length, _all_modules(task.n)
     margin = task.search.margin / unit
 
-    def formulas(asked: AnyExposure, body: Body) -> tuple[AtRegion, ...]:
-        return tuple(to_formula(one, body, unit, segment_of(asked, k)) for k, one in enumerate(asked.shapes))
+    def formulas(exposure: AnyExposure, body: Body) -> tuple[AtRegion, ...]:
+        return tuple(to_formula(one, body, unit, segment_of(exposure, k)) for k, one in enumerate(exposure.shapes))
 
-    for number, asked in enumerate(task.exposure):
-        if asked.geometry:
-            airflow = formulas(asked, Air.at_regions(task))
-            yield Requirement(9, partial(_name, number, asked), subjects, airflow, margin)
-        if asked.solid:
-            parts = formulas(asked, PartBalls.of(task))
+    for number, exposure in enumerate(task.exposure):
+        if exposure.geometry:
+            airflow = formulas(exposure, Air.at_regions(task))
+            yield Requirement(9, partial(_name, number, exposure), subjects, airflow, margin)
+        if exposure.solid:
+            parts = formulas(exposure, PartBalls.of(task))
             yield Requirement(9, partial(_solid_name, number), subjects, parts, margin)
-    if any(needs_offset(asked) for asked in task.exposure):
+    if any(needs_offset(exposure) for exposure in task.exposure):
         offset = Distance(FROM_COM, LEAST_OFFSET, OFFSET)
         yield Requirement(9, lambda *_: names.OFFSET, subjects[:1], (offset,), 0.0)  # no clearance: no margin
 
@@ -297,8 +297,8 @@ def _all_modules(n: int) -> Subjects:
     return np.repeat(np.arange(n)[:, None], 2, axis=1)
 
 
-def _name(number: int, asked: AnyExposure, i: int, _: int, segment: int | None) -> str:
-    return names.exposure(number, asked, i, segment)
+def _name(number: int, exposure: AnyExposure, i: int, _: int, segment: int | None) -> str:
+    return names.exposure(number, exposure, i, segment)
 
 
 def _solid_name(number: int, i: int, _: int, segment: int | None) -> str:

@@ -195,13 +195,13 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
         limits.append(WithinReach(l_c, largest / unit))
     if task.end_effector.rod == "straight":
         r = task.end_effector.rod_radius / unit
-        for number, asked in enumerate(task.exposure):
-            for part, shape in enumerate(asked.shapes if asked.solid else ()):
+        for number, exposure in enumerate(task.exposure):
+            for part, shape in enumerate(exposure.shapes if exposure.solid else ()):
                 apart = _distance(shape, unit)
                 if apart <= TOUCHING - r:
                     continue
                 rod = Rod(l_c, r, TIP * r if apart <= r + TOUCHING else 0.0)
-                segment = segment_of(asked, part)
+                segment = segment_of(exposure, part)
                 which = "" if segment is None else f", segment {segment}"
                 listed.append(f"the end-effector's rod and solid exposure {number}{which}")
                 limits.append(RodBeside(rod, to_formula(shape, rod, unit, segment).region, segment))

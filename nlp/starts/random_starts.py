@@ -75,8 +75,8 @@ def entropy(task: ResolvedTask, topology: Topology, seed: str) -> int:
     nothing = {"largest_reach", "rod_modulus", "rod_deflection"}
     if task.end_effector.rod == "none":
         nothing.add("rod")
-    asked = task.declared.model_dump_json(exclude={"end_effector": nothing})
-    text = f"{asked}\n{topology.key}\n{seed}"
+    content = task.declared.model_dump_json(exclude={"end_effector": nothing})
+    text = f"{content}\n{topology.key}\n{seed}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
 
 
@@ -154,8 +154,8 @@ def _apex(start: Point, cone: Cone) -> Array:
 
 def cones(task: ResolvedTask) -> list[Cone]:
     """Return the cones and half-spaces that must hold all airflow."""
-    regions = (asked for asked in task.exposure if asked.geometry)
-    return [shape for asked in regions for shape in asked.shapes if isinstance(shape, Cone)]
+    regions = (exposure for exposure in task.exposure if exposure.geometry)
+    return [shape for exposure in regions for shape in exposure.shapes if isinstance(shape, Cone)]
 
 
 def _narrowest_cone(task: ResolvedTask) -> Cone | None:
@@ -167,8 +167,8 @@ def _narrowest_cone(task: ResolvedTask) -> Cone | None:
 
 def upstream_of(task: ResolvedTask) -> Array:
     """Return where no airflow goes: out of the last region whose direction is fixed, else along the mean force."""
-    for asked in reversed(task.exposure):
-        axes = [shape.axis for shape in asked.shapes if isinstance(shape, Cone) and shape.axis is not None]
+    for exposure in reversed(task.exposure):
+        axes = [shape.axis for shape in exposure.shapes if isinstance(shape, Cone) and shape.axis is not None]
         if axes and np.linalg.norm(inwards := np.sum(axes, axis=0)) > DRAWING.level:
             return -_unit(inwards)
     return _upstream(task, None)

@@ -58,7 +58,7 @@ def drawing(task: ResolvedTask, topology: Topology) -> Drawing:
 def draws(
     task: ResolvedTask,
     topology: Topology,
-    stated: ReducedProblem,
+    problem: ReducedProblem,
     starts: Iterable[int],
     seed: str,
     *,
@@ -66,26 +66,26 @@ def draws(
 ) -> Array:
     """Return unknowns of starts, shape (starts, N); `anyhow`: hinges turn either way, up to their limits."""
     key = entropy(task, topology, seed)
-    drawn, shape = drawing(task, topology), (len(stated.lower),)
+    drawn, shape = drawing(task, topology), (len(problem.lower),)
     if anyhow:
         drawn = drawn._replace(splay=np.full(topology.n - 1, largest_turn(task)))
     least = -1.0 if anyhow else 0.0
-    found = [
+    unknowns = [
         _start(
-            stated, drawn, rng.uniform(least, 1.0, topology.n), rng.normal(size=3), rng.uniform(NEAREST, FARTHEST)
+            problem, drawn, rng.uniform(least, 1.0, topology.n), rng.normal(size=3), rng.uniform(NEAREST, FARTHEST)
         )
         for rng in (np.random.default_rng((key, start)) for start in starts)
     ]
-    return np.array(found).reshape(-1, *shape)
+    return np.array(unknowns).reshape(-1, *shape)
 
 
 @njit(cache=True)
-def _start(stated: ReducedProblem, drawn: Drawing, uniform: Array, direction: Array, distance: float) -> Array:
+def _start(problem: ReducedProblem, drawn: Drawing, uniform: Array, direction: Array, distance: float) -> Array:
     """Return the unknowns of a start, of random numbers for turn and hinges, and for the end-effector."""
-    n, x = len(stated.tree.parent), np.zeros(len(stated.lower))
+    n, x = len(problem.tree.parent), np.zeros(len(problem.lower))
     for i in range(1, n):
-        x[i + 2] = min(max(drawn.splay[i - 1] * uniform[i], stated.lower[i + 2]), stated.upper[i + 2])
-    at = platform(stated, x)
+        x[i + 2] = min(max(drawn.splay[i - 1] * uniform[i], problem.lower[i + 2]), problem.upper[i + 2])
+    at = platform(problem, x)
     lift, force = np.zeros(3), drawn.force
     for i in range(n):
         lift += at.z[i]
@@ -95,10 +95,10 @@ def _start(stated: ReducedProblem, drawn: Drawing, uniform: Array, direction: Ar
     c, s = math.cos(x[0]), math.sin(x[0])
     x[2] = math.atan2(c * R[0, 2] + s * R[1, 2], c * R[0, 0] + s * R[1, 0])
     for l in range(3):
-        x[l] = min(max(x[l], stated.lower[l]), stated.upper[l])
-    if len(stated.fixed):
+        x[l] = min(max(x[l], problem.lower[l]), problem.upper[l])
+    if len(problem.fixed):
         return x
-    at, d = platform(stated, x), direction.copy()
+    at, d = platform(problem, x), direction.copy()
     if drawn.where == CONE:
         d = drawn.upstream + DRAWING.cone_spread * direction
     elif drawn.where == UPSTREAM and np.sum(direction * drawn.upstream) < 0:

@@ -66,13 +66,13 @@ def untangle(
     order = _preorder(topology)
     l_c = task.module.connector_distance / task.module.arm_length
     tree, rules = _tree(topology, order), _rules(task, topology, CLEAR if leeway else 0.0)
-    found = np.concatenate([[0.0], alpha])[order]
+    angles = np.concatenate([[0.0], alpha])[order]
     at = _platform(topology, alpha, l_c, order)
-    if tabu_search(tree, at, found, rules, EFFORT.turns * topology.n, rng) == 0.0 and leeway:
-        straighten(tree, at, found, rules._replace(enough=EFFORT.enough), EFFORT.sweeps, rng)
+    if tabu_search(tree, at, angles, rules, EFFORT.turns * topology.n, rng) == 0.0 and leeway:
+        straighten(tree, at, angles, rules._replace(enough=EFFORT.enough), EFFORT.sweeps, rng)
         # again, if room for some cost others all theirs
-        tabu_search(tree, at, found, rules, EFFORT.turns * topology.n, rng)
-    return _by_module(found, order)
+        tabu_search(tree, at, angles, rules, EFFORT.turns * topology.n, rng)
+    return _by_module(angles, order)
 
 
 def shorten_lever(
@@ -95,9 +95,9 @@ def shorten_lever(
     tree, rules = _tree(topology, order), _rules(task, topology, CLEAR)
 
     def repair(alpha: Array) -> tuple[float, Array]:
-        found = np.concatenate([[0.0], alpha])[order]
-        overlap = tabu_search(tree, _platform(topology, alpha, l_c, order), found, rules, EFFORT.repairs, rng)
-        return overlap, _by_module(found, order)
+        angles = np.concatenate([[0.0], alpha])[order]
+        overlap = tabu_search(tree, _platform(topology, alpha, l_c, order), angles, rules, EFFORT.repairs, rng)
+        return overlap, _by_module(angles, order)
 
     least, best = repair(alpha)
     shortest, kicks = lever(task, topology, best, half_angle), EFFORT.kicks * topology.n
@@ -127,10 +127,10 @@ def lever(task: ResolvedTask, topology: Topology, alpha: Array, half_angle: floa
     return topology.n * reach / lift
 
 
-def _by_module(found: Array, order: list[int]) -> Array:
+def _by_module(angles: Array, order: list[int]) -> Array:
     """Return the hinge angles of the modules 1..n-1, given those of all in preorder."""
-    alpha = np.empty_like(found)
-    alpha[order] = found
+    alpha = np.empty_like(angles)
+    alpha[order] = angles
     return np.asarray(alpha[1:])
 
 
@@ -174,7 +174,7 @@ def _rules(task: ResolvedTask, topology: Topology, enough: float) -> Rules:
     have any in there.
     """
     kind, unit = task.search.interference, Units.of(task).length
-    formulas = (formula for asked in module_clearances(task, topology) for formula in asked.formulas)
+    formulas = (formula for requirement in module_clearances(task, topology) for formula in requirement.formulas)
     apart = max((formula.least for formula in formulas if isinstance(formula, Distance)), default=-math.inf)
     length, start_radius, growth = Air.of(task)
     balls = np.column_stack(task.part_cover) / unit

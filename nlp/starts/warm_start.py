@@ -62,8 +62,8 @@ def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.r
     )
     parts = common_subtrees(topology, source.topology)
     part_of = {i: number for number, part in enumerate(parts) for i in part}
-    place_of = {i: place for part in parts for i, place in part.items()}
-    Q = {i: R_source[j] @ rotation([0, 0, 1], t * np.pi / 2) for i, (j, t) in place_of.items()}
+    match_of = {i: match for part in parts for i, match in part.items()}
+    Q = {i: R_source[j] @ rotation([0, 0, 1], t * np.pi / 2) for i, (j, t) in match_of.items()}
 
     alpha = splay(task, topology, rng)
     for (h, i, a, _), kappa in zip(topology.edges(), topology.kappas[1:], strict=True):
@@ -79,10 +79,10 @@ def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.r
 
     R, _ = poses(topology, np.eye(3), alpha, l_c)
     p_E_source = np.array(source.end_effector_m)
-    nearest = min(parts[0], key=lambda i: float(np.linalg.norm(p_source[place_of[i].module] - p_E_source)))
+    nearest = min(parts[0], key=lambda i: float(np.linalg.norm(p_source[match_of[i].module] - p_E_source)))
     root = root_of(task, Q[nearest] @ R[nearest].T)
     _, p = poses(topology, root_rotation(root), alpha, l_c)
-    beside = p[nearest] + p_E_source - p_source[place_of[nearest].module]
+    beside = p[nearest] + p_E_source - p_source[match_of[nearest].module]
     places = [beside, p.mean(axis=0) + p_E_source - p_source.mean(axis=0)]
     if task.end_effector.fixed_position is not None:
         places = [fixed_end_effector(task, topology, root, alpha)]
@@ -98,14 +98,14 @@ def common_subtrees(topology: Topology, source: Topology) -> list[Common]:
     keep the spins of all rotors.
     """
     joints, others = _neighbours(topology), _neighbours(source)
-    found: list[Common] = []
+    subtrees: list[Common] = []
     while True:
-        used = {i for part in found for i in part}
-        used_there = {place.module for part in found for place in part.values()}
+        used = {i for part in subtrees for i in part}
+        used_there = {match.module for part in subtrees for match in part.values()}
         part = _largest(joints, others, used, used_there)
-        if found and len(part) < 2:
-            return found
-        found.append(part)
+        if subtrees and len(part) < 2:
+            return subtrees
+        subtrees.append(part)
 
 
 _Neighbours = list[dict[int, tuple[int, int]]]

@@ -151,20 +151,20 @@ def quadratic_candidates(
     They are the stationary point, one point on each edge of [0, 1]^2, and the corners.
     """
     f_det = 4 * A * B - C**2
-    ends = (0.0, 1.0)
+    bounds = (0.0, 1.0)
 
     def f(eta: ca.SX | float, gamma: ca.SX | float) -> ca.SX:
         return A * eta**2 + B * gamma**2 + C * eta * gamma + D * eta + E * gamma + F
 
     eta_0 = smooth_clamp((C * E - 2 * B * D) * f_det / (f_det**2 + EPSILON))
     gamma_0 = smooth_clamp((C * D - 2 * A * E) * f_det / (f_det**2 + EPSILON))
-    gamma_1 = {eta_1: smooth_clamp(-(C * eta_1 + E) * B / (2 * B**2 + EPSILON)) for eta_1 in ends}
-    eta_2 = {gamma_2: smooth_clamp(-(C * gamma_2 + D) * A / (2 * A**2 + EPSILON)) for gamma_2 in ends}
+    gamma_1 = {eta_1: smooth_clamp(-(C * eta_1 + E) * B / (2 * B**2 + EPSILON)) for eta_1 in bounds}
+    eta_2 = {gamma_2: smooth_clamp(-(C * gamma_2 + D) * A / (2 * A**2 + EPSILON)) for gamma_2 in bounds}
     return [
         f(eta_0, gamma_0),
-        *(f(eta_1, gamma_1[eta_1]) for eta_1 in ends),
-        *(f(eta_2[gamma_2], gamma_2) for gamma_2 in ends),
-        *(f(eta, gamma) for eta in ends for gamma in ends),
+        *(f(eta_1, gamma_1[eta_1]) for eta_1 in bounds),
+        *(f(eta_2[gamma_2], gamma_2) for gamma_2 in bounds),
+        *(f(eta, gamma) for eta in bounds for gamma in bounds),
     ]
 
 

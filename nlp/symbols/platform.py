@@ -118,8 +118,8 @@ def force_residual(case: LoadCase, modules: list[Pose], u: ca.SX, unit: Units) -
     produced = ca.SX.zeros(3)
     for i, pose in enumerate(modules):
         produced += thrust(u[4 * i : 4 * i + 4]) * pose.z
-    asked = scale(case.at_end_effector.force, unit.force) + scale(case.at_com.force, unit.force)
-    return produced - asked
+    required = scale(case.at_end_effector.force, unit.force) + scale(case.at_com.force, unit.force)
+    return produced - required
 
 
 def torque_residual(
@@ -132,9 +132,9 @@ def torque_residual(
         u_i = u[4 * i : 4 * i + 4]
         produced += ca.cross(pose.p, thrust(u_i) * pose.z) + pose.R @ (own_torque @ u_i)
     tip, com = case.at_end_effector, case.at_com
-    asked = scale(tip.torque, unit.torque) + ca.cross(p_E, scale(tip.force, unit.force))
-    asked += scale(com.torque, unit.torque) + ca.cross(p_COM, scale(com.force, unit.force))
-    return produced - asked
+    required = scale(tip.torque, unit.torque) + ca.cross(p_E, scale(tip.force, unit.force))
+    required += scale(com.torque, unit.torque) + ca.cross(p_COM, scale(com.force, unit.force))
+    return produced - required
 
 
 def scale(vector: Vector, unit: float) -> ca.SX:

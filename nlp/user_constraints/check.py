@@ -66,13 +66,13 @@ def _check(constraint: OwnConstraint, platform: SymbolicPlatform) -> StatedCheck
     if not np.all(np.isfinite(values)):  # a constraint that has no value is not met
         return StatedCheck(**constraint.stated.model_dump(), status="missed")
     beyond = np.maximum(constraint.lower - values, values - constraint.upper)
-    place = int(np.argmax(beyond))
-    met = beyond[place] <= TOLERANCE * scale_of(constraint, platform.task)
+    worst = int(np.argmax(beyond))
+    met = beyond[worst] <= TOLERANCE * scale_of(constraint, platform.task)
     return StatedCheck(
         **constraint.stated.model_dump(),
         status="met" if met else "missed",
-        value=float(values[place]),
-        off_by=float(beyond[place]),
+        value=float(values[worst]),
+        off_by=float(beyond[worst]),
     )
 
 
@@ -85,22 +85,22 @@ def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, to
     rng = np.random.default_rng(0)
     for constraint in constraints:
         try:
-            own = UserRows([constraint], task, topology)
-            known = {symbol.element_hash() for symbol in ca.symvar(own.x)}
-            foreign = [symbol.name() for symbol in ca.symvar(own.g) if symbol.element_hash() not in known]
+            user_rows = UserRows([constraint], task, topology)
+            known = {symbol.element_hash() for symbol in ca.symvar(user_rows.x)}
+            foreign = [symbol.name() for symbol in ca.symvar(user_rows.g) if symbol.element_hash() not in known]
             if foreign:
                 raise ValueError(f"may use only the platform's symbols, but has {', '.join(foreign)}")
-            _ = own.bounds
-            finite = np.zeros(own.g.shape, dtype=bool)
+            _ = user_rows.bounds
+            finite = np.zeros(user_rows.g.shape, dtype=bool)
             for _ in range(DRAWS):
-                finite |= np.isfinite(np.asarray(own.values(own.draw(rng))))
+                finite |= np.isfinite(np.asarray(user_rows.values(user_rows.draw(rng))))
                 if np.all(finite):
                     break
             else:
                 raise ValueError(f"must have a finite value, but has none on {DRAWS} random platforms")
         except Exception as error:
-            told = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-            rule = f"cannot be stated for {topology.key}: {' '.join(told.split())}"
+            reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            rule = f"cannot be stated for {topology.key}: {' '.join(reason.split())}"
             raise BadInput("constraints", [Fault(constraint.name, rule)]) from error
 
 

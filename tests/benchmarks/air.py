@@ -150,10 +150,10 @@ def certificate(options: argparse.Namespace) -> None:
                         points = _points_in(region, at + rng.normal(0, scale, at.shape))
                         sums = (speeds(blown, part).sum(axis=1) for part in np.array_split(points, 50))
                         sampled = max(sampled, *(float(part.max()) for part in sums))
-                    ratio = bound.at_most / max(sampled, bound.found)
+                    ratio = bound.at_most / max(sampled, bound.at_least)
                     assert ratio >= 1
                     print(
-                        f"{path.stem}, {case}, exposure {number}: {sampled:.4g}, {bound.found:.4g}, "
+                        f"{path.stem}, {case}, exposure {number}: {sampled:.4g}, {bound.at_least:.4g}, "
                         f"{bound.at_most:.4g}, {ratio:.4f}, {seconds:.3f}"
                     )
 

@@ -72,7 +72,7 @@ def main() -> None:
             def request(trees: int, strategy: str = strategy) -> Request:
                 asked = Request(task, "task", default_starts(task), 0)
                 if strategy == "exhaustive":
-                    return replace(asked, own=Own(topologies=tuple(drawn[:trees])))
+                    return replace(asked, user_inputs=Own(topologies=tuple(drawn[:trees])))
                 return replace(asked, strategy="optuna", trials=trees)
 
             searched(request(FEW), workers)

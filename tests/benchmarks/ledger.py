@@ -43,7 +43,7 @@ def fill(path: Path, request: Request, n: int) -> None:
                 update = {"topology": candidate.topology, "topology_key": candidate.key}
                 design = first.model_copy(update=update)
                 row = row_of(
-                    design, key=candidate.key, modules=n, orbit=candidate.orbit, asked=1, lower_bound=BOUND
+                    design, key=candidate.key, modules=n, orbit=candidate.orbit, starts=1, lower_bound=BOUND
                 )
                 rows.append((row, design))
             folder.ledger.record(context, rows)

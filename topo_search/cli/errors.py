@@ -58,7 +58,7 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, LedgerLost):
             _end(str(error), ExitStatus.INPUT_OUTPUT)
-        if stop.asked:  # whoever was interrupted made another error of it
+        if stop.signalled:  # whoever was interrupted made another error of it
             _end(_explain_stop(error), ExitStatus.INTERRUPTED)
         if isinstance(error, BadInput):
             _end(str(error), ExitStatus.BAD_INPUT)

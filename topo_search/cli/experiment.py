@@ -77,7 +77,7 @@ def experiment(
     workers: int | None,
     picture: Path | None,
     as_json: bool,
-    **asked: Any,
+    **option_values: Any,
 ) -> None:
     """Repeat a study of the paper, or a further one, and keep its rows in a folder.
 
@@ -97,9 +97,9 @@ def experiment(
         from topo_search.cli.progress import shown_progress
         from topo_search.engine import WorkersLost
         from topo_search.experiments import Settings, conduct
-        from topo_search.experiments import experiment as found
+        from topo_search.experiments import experiment as find_experiment
 
-        study = found(name)
+        study = find_experiment(name)
         settings = study.small if small else study.full
         named = tuple(Settings.task_of(text) for text in tasks) or settings.tasks
         if sizes is not None:
@@ -108,7 +108,7 @@ def experiment(
             rule = f"must be one or two numbers, but got {len(topologies)}"
             raise click.BadParameter(rule, param_hint="--topologies")
         few_and_fewer = None if topologies is None else (topologies[0], topologies[-1])
-        settings = settings.override(tasks=named, topologies=few_and_fewer, **asked)
+        settings = settings.override(tasks=named, topologies=few_and_fewer, **option_values)
         if picture is not None:
             options.require_drawable(picture)
         with shown_progress(incumbent=False) as observer:

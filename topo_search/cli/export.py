@@ -245,17 +245,17 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
         require_room(design.task.module)
     notes: tuple[str, ...] = ()
     if angle_step is None:
-        found = audit(design)
+        audited = audit(design)
     else:
         rounded = round_angles(design, angle_step)
-        design, notes, found = rounded.design, rounded.notes, rounded.audit
+        design, notes, audited = rounded.design, rounded.notes, rounded.audit
     options.echo_lines(notes)
-    if found.verdict != Status.CLEAR and (kind == "kit" or angle_step is not None):
-        for text in broken_lines(found):
+    if audited.verdict != Status.CLEAR and (kind == "kit" or angle_step is not None):
+        for text in broken_lines(audited):
             note(text)
-        note(f"nothing is written: the audit of this design is {found.verdict}")
+        note(f"nothing is written: the audit of this design is {audited.verdict}")
         raise SystemExit(1)
-    _warn_unless_clear(found)
+    _warn_unless_clear(audited)
     if kind in ("kit", "sheet"):
         beside = brackets_note(design)
         note(beside)

@@ -75,7 +75,7 @@ def fly(
     out: Path | None,
     video: Path | None,
     as_json: bool,
-    **asked: Any,
+    **option_values: Any,
 ) -> None:
     """Fly a design in closed-loop simulation with rotor limits, motor lag and noise.
 
@@ -96,7 +96,7 @@ def fly(
         if video is not None:
             os.environ.setdefault("MUJOCO_GL", "egl")
         with needs_extras("fly"):
-            result = _fly(read, out, video, asked)
+            result = _fly(read, out, video, option_values)
         if as_json:
             options.echo_json(result.model_dump(mode="json"))
         else:
@@ -105,7 +105,7 @@ def fly(
             raise SystemExit(1)
 
 
-def _fly(design: Design, out: Path | None, video: Path | None, asked: dict[str, Any]) -> FlightResult:
+def _fly(design: Design, out: Path | None, video: Path | None, option_values: dict[str, Any]) -> FlightResult:
     """Fly, and write the files; ModuleNotFoundError names a library that is missing."""
     from topo_search.model.files import write_atomically
     from topo_search.simulation import files
@@ -115,14 +115,14 @@ def _fly(design: Design, out: Path | None, video: Path | None, asked: dict[str, 
     from topo_search.simulation.plant import Errors
     from topo_search.simulation.result import word
 
-    rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[asked["allocator"]]
-    errors = Errors(asked["model_error"], asked["noise"], asked["seed"])
+    rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[option_values["allocator"]]
+    errors = Errors(option_values["model_error"], option_values["noise"], option_values["seed"])
     film = None if video is None else files.film(video, files.radius(design))
     campaign = fly_all(
         design,
-        Options(errors, detection=asked["detection_time"], allocator=rule, wake=asked["wake"]),
-        rotor_out=asked["rotor_out"],
-        only=asked["only"],
+        Options(errors, detection=option_values["detection_time"], allocator=rule, wake=option_values["wake"]),
+        rotor_out=option_values["rotor_out"],
+        only=option_values["only"],
         tell=lambda one: note(f"{one.name}: {word(one)}"),
         watch=lambda scenario: None if film is None else film.watch(scenario.name),
     )

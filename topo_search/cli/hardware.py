@@ -44,27 +44,27 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
         from verify.flight import capability as capability_of
 
         options.require_writable(page)
-        stated = read_vehicle(vehicle)
-        found = capability_of(stated, None if judge is None else read_task(judge))
-        if found is None:
+        loaded = read_vehicle(vehicle)
+        result = capability_of(loaded, None if judge is None else read_task(judge))
+        if result is None:
             raise BadInput(vehicle, "has wrenches too large, in its weight and size, to compute with")
         if page is not None:
             from topo_search.report.vehicle_page import vehicle_page
 
-            write_atomically(page, vehicle_page(Path(vehicle).name, len(stated.rotors), found))
+            write_atomically(page, vehicle_page(Path(vehicle).name, len(loaded.rotors), result))
         if as_json:
-            options.echo_json(found.model_dump(mode="json"))
+            options.echo_json(result.model_dump(mode="json"))
         else:
-            click.echo(f"{vehicle}: {len(stated.rotors)} rotors, rank {found.rank} of 6")
-            ball = f"{lower_text(found.zero_torque_ball_N, 5)} N in every direction"
-            volume = lower_text(found.zero_torque_volume_N3, 5)
+            click.echo(f"{vehicle}: {len(loaded.rotors)} rotors, rank {result.rank} of 6")
+            ball = f"{lower_text(result.zero_torque_ball_N, 5)} N in every direction"
+            volume = lower_text(result.zero_torque_volume_N3, 5)
             click.echo(f"  forces without torque: {ball}, a volume of {volume} N^3")
-            for line in flight_lines(found.flight):
+            for line in flight_lines(result.flight):
                 click.echo(f"  {line.replace(' of module 0', '')}")
-            for case in found.flight.cases[1:]:
+            for case in result.flight.cases[1:]:
                 verdict = {True: "possible", False: "impossible", None: "undecided"}[case.possible]
                 click.echo(f"  {case.name}: {verdict}")
-        if found.met is False:
+        if result.met is False:
             raise SystemExit(1)
 
 
@@ -115,8 +115,8 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
         least = envelope_of_speed(module, density, gravity, speed, ratio, source="--speed")
         present = envelope_air(module, density, thrust)
         if as_json:
-            stated = {"speed_m_s": speed, "thrust_to_weight": ratio, "thrust_N": thrust}
-            options.echo_json({**stated, **least.model_dump(mode="json"), **present.model_dump(mode="json")})
+            inputs = {"speed_m_s": speed, "thrust_to_weight": ratio, "thrust_N": thrust}
+            options.echo_json({**inputs, **least.model_dump(mode="json"), **present.model_dump(mode="json")})
             return
         click.echo(f"at {where}, all air of {speed:g} m/s and more is inside")
         click.echo(f"  start_radius = {upper_text(least.start_radius_m, 5)}")

@@ -42,7 +42,7 @@ def kit(
     settings: tuple[str, ...],
     out: Path,
     as_json: bool,
-    **asked: Any,
+    **option_values: Any,
 ) -> None:
     """Choose one design per task so that a few brackets build them all.
 
@@ -74,7 +74,7 @@ def kit(
                     out=out,
                     observer=observer,
                     note=note,
-                    **asked,
+                    **option_values,
                 )
         except NoCommonKit as error:
             note(str(error))

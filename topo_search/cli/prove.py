@@ -60,7 +60,7 @@ def prove(
     topology: str | None,
     checks: bool,
     as_json: bool,
-    **asked: Any,
+    **option_values: Any,
 ) -> None:
     """Prove that no tree of a finished RUN beats its best audited design, or bound by how much one could.
 
@@ -77,9 +77,9 @@ def prove(
     """
     if checks:
         for name, option in (("--time-limit", "time_limit"), ("--from", "lender")):
-            if asked[option] is not None:
+            if option_values[option] is not None:
                 raise click.UsageError(f"{name} cannot be combined with --check")
-        engine = {name: asked[name] for name in ("workers", "dask", "dask_tls")}
+        engine = {name: option_values[name] for name in ("workers", "dask", "dask_tls")}
         _check(folder, as_json=as_json, topology=topology, **engine)
         return
     with explain_errors(resumes=True):
@@ -88,7 +88,7 @@ def prove(
         with shown_progress() as observer, needs_extras("--dask"):
             from topo_search.compose import prove as prove_run
 
-            answer = prove_run(folder, topology=topology, observer=observer, **options.without_none(asked))
+            answer = prove_run(folder, topology=topology, observer=observer, **options.without_none(option_values))
         from topo_search.model.proven import lower_text
         from topo_search.study.answer import candidates
 
@@ -113,7 +113,7 @@ def prove(
             raise SystemExit(ExitStatus.OPEN)
 
 
-def _check(folder: Path, *, as_json: bool, **asked: Any) -> None:
+def _check(folder: Path, *, as_json: bool, **option_values: Any) -> None:
     """Check the proofs of a run, and end with the status that this comes to."""
     with explain_errors():
         from topo_search.cli.progress import shown_progress
@@ -121,7 +121,7 @@ def _check(folder: Path, *, as_json: bool, **asked: Any) -> None:
         from topo_search.model.proven import lower_text
 
         with shown_progress() as observer, needs_extras("--dask"):
-            result = check_proofs(folder, observer=observer, **asked)
+            result = check_proofs(folder, observer=observer, **option_values)
     if as_json:
         trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in result.trees]
         options.echo_json({"sentences": result.sentences, "faults": result.faults, "trees": trees})

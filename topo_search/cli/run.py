@@ -91,7 +91,7 @@ def run(
     topologies: str | None,
     near: tuple[str, ...],
     as_json: bool,
-    **asked: Any,
+    **option_values: Any,
 ) -> None:
     """Search the topologies for TASK (a file, or the name of a shipped example) and audit the best.
 
@@ -103,12 +103,12 @@ def run(
     scheduler do not start, answer or return (results are kept; run the same command to continue); 74 the disk is
     full or fails, or the folder was removed (the best design is then printed).
     """
-    exhaustive, prune = asked["strategy"] != "optuna", asked["prune"]
-    if exhaustive and (asked["sampler"] or asked["trials"] or asked["round_size"]):
+    exhaustive, prune = option_values["strategy"] != "optuna", option_values["prune"]
+    if exhaustive and (option_values["sampler"] or option_values["trials"] or option_values["round_size"]):
         raise click.UsageError("--sampler, --trials and --round require --strategy optuna")
     if prune and not exhaustive:
         raise click.UsageError("--prune requires --strategy exhaustive")
-    if prune and asked["keep_within"] is not None:
+    if prune and option_values["keep_within"] is not None:
         raise click.UsageError("--keep-within solves all candidates, so that it cannot go with --prune")
     if topologies and not exhaustive:
         raise click.UsageError("--topologies requires --strategy exhaustive: all listed trees are solved")
@@ -124,10 +124,10 @@ def run(
             listed = None if topologies is None else options.read_topologies(topologies, problem)
             designs = options.read_near(near)
             warnings += options.warn(problem)
-            given = options.without_none(asked)
+            given = options.without_none(option_values)
             answer = search(problem, near=designs, topologies=listed, observer=observer, **given)
         echo_answer(answer, warnings, as_json=as_json)
-        unproven = asked["prove"] is not None and answer.best is not None and not answer.proven
+        unproven = option_values["prove"] is not None and answer.best is not None and not answer.proven
         raise SystemExit(ExitStatus.OPEN if unproven else answer.exit_status)
 
 

@@ -45,7 +45,7 @@ def solve(
     near: tuple[str, ...],
     out: Path | None,
     as_json: bool,
-    **asked: Any,
+    **option_values: Any,
 ) -> None:
     """Solve TASK for one topology and audit the design.
 
@@ -73,7 +73,7 @@ def solve(
             near=designs,
             progress=lambda best: note(progress_line(best)),
             note=note,
-            **asked,
+            **option_values,
         )
         if out is not None and isinstance(solved.outcome, Design):
             text = to_json(solved.outcome)

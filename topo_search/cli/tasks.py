@@ -110,7 +110,7 @@ def _explain(task: Task) -> None:
     platform, *groups = facts(first)
     for group in (platform, *(facts(other)[0] for other in others), *groups):
         _group(*group)
-    if any(asked.geometry for asked in first.exposure):
+    if any(exposure.geometry for exposure in first.exposure):
         from topo_search.cli.hardware import speeds_on
         from verify.air import envelope_air
 

@@ -81,8 +81,8 @@ def local_optima_mounted(
     **given: Unpack[Given],
 ) -> list[Design]:
     """Find the local optima of one topology, and choose where the rod of each is bolted."""
-    found = nlp.local_optima(task, topology, constraints=constraints, most_effort=most_effort, **given)
-    return [_mount(task, design, constraints) for design in found]
+    designs = nlp.local_optima(task, topology, constraints=constraints, most_effort=most_effort, **given)
+    return [_mount(task, design, constraints) for design in designs]
 
 
 def audit_with(geometry: Geometry, *, constraints: Sequence[OwnConstraint] = ()) -> Audit:
@@ -260,9 +260,9 @@ def enclose_speed(task: Task) -> Task:
     module, flow = task.module, task.module.airflow
     if flow.speed is None:
         return task
-    found = envelope_of_speed(module, task.air_density, task.gravity, flow.speed, flow.at, source=task.name)
+    envelope = envelope_of_speed(module, task.air_density, task.gravity, flow.speed, flow.at, source=task.name)
     regions = RegionAirflow(
-        start_radius=found.start_radius_m, spread_angle_deg=found.spread_angle_deg, reach=found.reach_m
+        start_radius=envelope.start_radius_m, spread_angle_deg=envelope.spread_angle_deg, reach=envelope.reach_m
     )
     airflow = flow.model_copy(update={"speed": None, "at": "hover", "regions": regions})
     return task.model_copy(update={"module": module.model_copy(update={"airflow": airflow})})
@@ -293,7 +293,7 @@ def envelope_of_speed(
     try:
         return enclose(module, density, thrust, speed)
     except Unreached as error:
-        most = f"{lower_text(error.bound.found, 4)} m/s (proven: at most {upper_text(error.bound.at_most, 4)})"
+        most = f"{lower_text(error.bound.at_least, 4)} m/s (proven: at most {upper_text(error.bound.at_most, 4)})"
         rule = f"must be a speed that is reached; at {where}, that is up to {most}, but got {speed:g}"
     except ArithmeticError as error:
         rule = str(error)

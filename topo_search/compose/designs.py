@@ -71,19 +71,19 @@ def solve(
         raise BadInput("topology", str(error)) from None
     if tree.n > LIMITS.modules:
         raise BadInput("topology", f"must have at most {LIMITS.modules} modules, but got {tree.n:,}")
-    asked = enclose_speed(task if isinstance(task, Task) else read_task(task))
-    resolved = asked.resolve(tree.n)
+    user_task = enclose_speed(task if isinstance(task, Task) else read_task(task))
+    resolved = user_task.resolve(tree.n)
     if resolved.search.connectors == "aligned" and not tree.aligned:
         rule = f'{tree.key} needs search.connectors = "any", but the task has "aligned"'
         raise BadInput(resolved.name, [Fault("topology", rule)])
-    designs, stated = starting_points(near), own_constraints(constraints)
-    nlp.refuse_unusable(stated, resolved, tree)
+    designs, user_constraints = starting_points(near), own_constraints(constraints)
+    nlp.refuse_unusable(user_constraints, resolved, tree)
     nlp.prepare(resolved, note)
-    with processes(int(time_limit is not None or bool(stated))) as engine:
+    with processes(int(time_limit is not None or bool(user_constraints))) as engine:
         return solve_single(
-            asked,
+            user_task,
             tree,
-            backends(stated),
+            backends(user_constraints),
             starts=starts,
             round_size=nlp.default_starts(resolved),
             seed=seed,
@@ -164,13 +164,13 @@ def round_angles(design: Design, step_deg: float) -> Rounded:
 
     angles = [math.radians(step_deg * round(math.degrees(alpha) / step_deg)) for alpha in design.hinge_angles_rad]
     try:
-        found = refit(design, angles)
+        refitted = refit(design, angles)
     except NotPossible as error:
         rule = f"{error} with angles rounded to {step_deg:g} deg; choose a smaller step"
         raise BadInput("--angle-step", rule) from None
-    before, after = (audit(each) for each in (design, found))
-    effort = found.objective / design.objective if design.objective else 1.0
-    return Rounded(found, after, before, step_deg, effort)
+    before, after = (audit(each) for each in (design, refitted))
+    effort = refitted.objective / design.objective if design.objective else 1.0
+    return Rounded(refitted, after, before, step_deg, effort)
 
 
 def brackets_note(design: Design) -> str:
@@ -180,8 +180,8 @@ def brackets_note(design: Design) -> str:
         RuntimeError: the audit failed, with the reason.
     """
     module = design.task.module
-    stated = module.model_copy(update={"bracket": module.bracket_sizes})
-    task = design.task.model_copy(update={"module": stated})
+    with_brackets = module.model_copy(update={"bracket": module.bracket_sizes})
+    task = design.task.model_copy(update={"module": with_brackets})
     kinds = ("bracket-airflow", "bracket-rotor")
     rows = [one for one in audit(design.model_copy(update={"task": task})).pairs if one.kind in kinds]
     if not rows:
@@ -210,15 +210,15 @@ def audit(design: Geometry, *, constraints: Iterable[OwnConstraint] = ()) -> Aud
 
     Example:
         >>> from topo_search import audit, read_design
-        >>> found = audit(read_design("hover-2/best.json"))
-        >>> found.verdict.value, found.pairs[0].name
+        >>> result = audit(read_design("hover-2/best.json"))
+        >>> result.verdict.value, result.pairs[0].name
         ('clear', 'airflow of modules 0 and 1')
     """
     if not isinstance(design, Geometry):
         raise BadInput("design", f"must be a Design or a Geometry, but got {type(design).__name__}")
-    stated = own_constraints(constraints)
-    nlp.refuse_unusable(stated, design.task, design.topology)
-    (result,) = audits([design], workers=int(bool(stated)), constraints=stated)
+    user_constraints = own_constraints(constraints)
+    nlp.refuse_unusable(user_constraints, design.task, design.topology)
+    (result,) = audits([design], workers=int(bool(user_constraints)), constraints=user_constraints)
     if isinstance(result, Failed):
         raise RuntimeError(f"the audit failed: {result.reason}")
     return result

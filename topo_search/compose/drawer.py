@@ -231,13 +231,13 @@ def kit(
             note(f"no design is clear with a bracket shared within {tolerance_deg:g} deg")
     chosen = [each.designs[d] for each, d in zip(choices, choose([each.designs for each in choices]), strict=True)]
     shared = _describe(choices, chosen, within)
-    for number, (design, told) in enumerate(zip(chosen, shared.tasks, strict=True)):
+    for number, (design, entry) in enumerate(zip(chosen, shared.tasks, strict=True)):
         beside = brackets_note(design)
-        note(f"{told.task}: {beside}")
+        note(f"{entry.task}: {beside}")
         before = [f"{change.words}." for change in shared.changes[number - 1 : number]]
-        written = write_kit(design, (out / told.design).parent, (*before, beside))
+        written = write_kit(design, (out / entry.design).parent, (*before, beside))
         for text in written.notes:
-            note(f"{told.task}: {text}")
+            note(f"{entry.task}: {text}")
     for kind in shared.brackets:
         solid = bracket(chosen[0].task.module.bracket_sizes, math.radians(kind.angle_deg))
         write_atomically(out / kind.file, Part(kind.file, solid).stl())
@@ -300,7 +300,7 @@ def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
     kept = [_without_copies(each) for each in choices]
     designs = [each[d] for each, of in zip(choices, kept, strict=True) for d in of]
     first = np.cumsum([0, *map(len, kept)]).tolist()
-    tasks = [range(*ends) for ends in pairwise(first)]
+    tasks = [range(*bounds) for bounds in pairwise(first)]
     counts = [count_kinds(design) for design in designs]
     brackets = sorted({(kind, j) for count in counts for kind, most in count.items() for j in range(1, most + 1)})
     needs = np.array([[count[kind] >= j for kind, j in brackets] for count in counts]).reshape(len(designs), -1)
@@ -338,16 +338,16 @@ def _least(cost: dict[int, float], rows: Sequence[Row], size: int, whole: int) -
     entries = [(r, c, value) for r, (row, _, _) in enumerate(rows) for c, value in row.items()]
     at_row, at_column, values = zip(*entries, strict=True)
     _, lower, upper = zip(*rows, strict=True)
-    found = milp(
+    solution = milp(
         [cost.get(c, 0.0) for c in range(size)],
         constraints=LinearConstraint(csr_array((values, (at_row, at_column)), (len(rows), size)), lower, upper),
         integrality=np.arange(size) < whole,
         bounds=(0, 1),
         options={"mip_rel_gap": 0.0, "presolve": False},  # SciPy 1.17's presolve may never end on efforts
     )
-    if not found.success:
-        raise RuntimeError(f"the integer program of the drawer failed: {found.message}")
-    return found.x, found.fun
+    if not solution.success:
+        raise RuntimeError(f"the integer program of the drawer failed: {solution.message}")
+    return solution.x, solution.fun
 
 
 def _pairs(needs: NDArray[np.bool_], tasks: Sequence[range], most: int) -> Iterator[tuple[int, int]]:
@@ -384,10 +384,10 @@ def shared_part(one: Design, other: Design) -> dict[int, int]:
     It is found exactly: two joints that agree, a module at each, fix all the rest.
     """
     mine, theirs = _ports(one), _ports(other)
-    ends = [[(i, a, phi) for i, joints in of.items() for a, (*_, phi) in joints.items()] for of in (mine, theirs)]
+    sides = [[(i, a, phi) for i, joints in of.items() for a, (*_, phi) in joints.items()] for of in (mine, theirs)]
     largest = {0: 0}
     seen = set[tuple[int, int, int]]()
-    for (start, a, angle), (match, b, angle_there) in product(*ends):
+    for (start, a, angle), (match, b, angle_there) in product(*sides):
         turn = (b - a) % 4
         if angle != angle_there or turn % 2 or (start, match, turn) in seen:
             continue

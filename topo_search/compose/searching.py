@@ -139,7 +139,7 @@ def search(
         trials if strategy == "optuna" else None,
         prune and strategy != "optuna",
         round_size,
-        own=Own(
+        user_inputs=Own(
             topologies=None if topologies is None else own_candidates(topologies, base_task),
             near=tuple(digest(design.model_dump(mode="json", exclude={"solver"})) for design in designs),
             constraints=tuple(one.stated for one in checked),
@@ -316,8 +316,8 @@ def _versions(folder: str | Path) -> Mapping[str, str]:
     """Return the versions of the libraries that a run was computed with."""
     if not Path(folder).is_dir():
         raise BadInput(str(folder), "is not a run folder: it does not exist")
-    with RunFolder.load(Path(folder)) as found:
-        return found.request.versions
+    with RunFolder.load(Path(folder)) as run:
+        return run.request.versions
 
 
 def _refuse_endless(request: Request, longest: float) -> None:

@@ -111,17 +111,17 @@ def run_guarded(batch: Batch) -> Ended:
 
     def calls() -> Iterator[tuple[int, bytes]]:
         """Yield calls with their places. Slow jobs after quick ones may be many: who is idle shall have them."""
-        for place, call in enumerate(batch.calls):
-            if place == 0 or time.monotonic() - started_at < DURATIONS.batch:
-                yield place, call
+        for number, call in enumerate(batch.calls):
+            if number == 0 or time.monotonic() - started_at < DURATIONS.batch:
+                yield number, call
 
     results: list[tuple[int, bytes | Failed]] = []
     until = started_at + batch.seconds
     ended = child.run(_call, calls(), deadline=lambda call: batch.deadlines[call[0]], until=until)
-    for (place, _), result in ended:
+    for (number, _), result in ended:
         if isinstance(result, WorkersLost):
             raise result
-        results.append((place, result))
+        results.append((number, result))
     return Ended(tuple(results), time.monotonic() - started_at)
 
 
@@ -298,8 +298,8 @@ class DaskWorkers(Engine):
                     if isinstance(ended, Ended) and ended.results:
                         fitting = int(DURATIONS.batch * len(ended.results) / ended.seconds)
                         size = min(max(1, fitting), 50)  # no more: they come back together
-                        places = {place for place, _ in ended.results}
-                        left = [job for place, job in enumerate(jobs) if place not in places]
+                        numbers = {number for number, _ in ended.results}
+                        left = [job for number, job in enumerate(jobs) if number not in numbers]
                         waiting.extendleft(reversed(left))
                     yield jobs, ended
                 batch = batch or draw()
@@ -356,5 +356,5 @@ class DaskWorkers(Engine):
 
 
 def _results(batch: list[Item], ended: Ended) -> Iterator[tuple[Item, Any]]:
-    for place, result in ended.results:
-        yield batch[place], result if isinstance(result, Failed) else pickle.loads(result)
+    for number, result in ended.results:
+        yield batch[number], result if isinstance(result, Failed) else pickle.loads(result)

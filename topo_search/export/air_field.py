@@ -78,11 +78,11 @@ def air_surface(design: Design, speed: float, load_case: int = 0, points: int = 
         return -1.0
 
     Manifold.level_set(note, box, edge)  # says where it asks, for a call a point would take minutes
-    found = air.speeds(name, np.array(grid))
-    if found.max() <= speed:
-        rule = f"must be less than {upper_text(found.max(), 3)} m/s, the fastest air in {name}, but got {speed:g}"
+    speeds = air.speeds(name, np.array(grid))
+    if speeds.max() <= speed:
+        rule = f"must be less than {upper_text(speeds.max(), 3)} m/s, the fastest air in {name}, but got {speed:g}"
         raise BadInput("--air-speed", rule)
-    over = dict(zip(grid, (found - speed).tolist(), strict=True))
+    over = dict(zip(grid, (speeds - speed).tolist(), strict=True))
     mesh = Manifold.level_set(lambda *point: over[point], box, edge).to_mesh()
     surface = Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts)
     return AirSurface(f"air faster than {speed:g} m/s, {name}", surface)
@@ -97,8 +97,8 @@ class _Air:
         W, self._l_arm = placed.poses.p, scene.l_arm
         self._middle = W.mean(axis=0)
         self.cases = dict(case_jets(design, placed, scene))
-        ends = np.concatenate([W, W - BELOW * placed.poses.z, [self._middle + self._l_arm * scene.p_E]])
-        self.low, self.high = ends.min(axis=0) - AROUND, ends.max(axis=0) + AROUND
+        points = np.concatenate([W, W - BELOW * placed.poses.z, [self._middle + self._l_arm * scene.p_E]])
+        self.low, self.high = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
 
     def speeds(self, case: str, x: Array) -> Array:
         """Return the sum of the modules' speeds at points from the root's centre, (m, 3) [m]."""

@@ -98,10 +98,10 @@ def allocate(
     mu, shares, left = [0.0] * 6, _clip(start, limits), inf
     for rho in PRICES:
         mu = _next_multipliers(w, mu, rho, start, limits)
-        found = _clip(_free_shares(mu, start), limits)
-        before, left = left, hypot(*_missing(w, found))
+        clipped = _clip(_free_shares(mu, start), limits)
+        before, left = left, hypot(*_missing(w, clipped))
         if left < before:
-            shares = found
+            shares = clipped
         if left >= before - tolerance:
             break
     thrusts = [min(max(FULL * s, min(a, b)), b) for s, a, b in zip(shares, least, largest, strict=True)]

@@ -122,12 +122,12 @@ def _list_rows(head: list[str], rows: list[list[str]], words: str) -> Iterator[s
 
 def tolerance_lines(audit: Audit) -> Iterator[str]:
     """Yield the errors that a design tolerates, each kind alone and all of the task's at once, one line each."""
-    if (found := audit.sensitivity) is None:
+    if (sensitivity := audit.sensitivity) is None:
         return
     errors = (
-        ("hinge angles may be off", found.hinge_angle_deg, "deg"),
-        ("positions may be off", found.position_m, "m"),
-        ("airflow may reach farther", found.envelope_m, "m"),
+        ("hinge angles may be off", sensitivity.hinge_angle_deg, "deg"),
+        ("positions may be off", sensitivity.position_m, "m"),
+        ("airflow may reach farther", sensitivity.envelope_m, "m"),
     )
     for name, limit, unit in errors:
         if limit is not None:

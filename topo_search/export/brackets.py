@@ -198,8 +198,8 @@ def bracket(sizes: Bracket, phi: float) -> Trimesh:
     mirrored = _box((d - t, -r, -r), (d, r, r))
     solid = flange + _move(mirrored, turned)
     for y in (-r, r - w):
-        ends = [_box((x, y, -r), (x + t, y + w, r)) for x in (-d, d - t)]
-        solid += Manifold.batch_hull([ends[0], _move(ends[1], turned)])
+        slabs = [_box((x, y, -r), (x + t, y + w, r)) for x in (-d, d - t)]
+        solid += Manifold.batch_hull([slabs[0], _move(slabs[1], turned)])
     solid -= _holes(sizes, -d, t, marks=1)
     solid -= _move(_holes(sizes, d - t, t, marks=2), turned)
     return _mesh(solid)
@@ -263,8 +263,8 @@ def _clamp(sizes: Bracket, outside: float, reach: float) -> tuple[Manifold, Mani
 
 def _holes(sizes: Bracket, x: float, t: float, *, marks: int) -> Manifold:
     """Return bolts and marks through a flange from x to x + t."""
-    spaced = [(place, sizes.bolt_diameter / 2) for place in bolt_places(sizes)]
-    spaced += [(place, sizes.bolt_diameter / 4) for place in mark_places(sizes, marks)]
+    spaced = [(centre, sizes.bolt_diameter / 2) for centre in bolt_places(sizes)]
+    spaced += [(centre, sizes.bolt_diameter / 4) for centre in mark_places(sizes, marks)]
     holes = []
     for (y, z), radius in spaced:
         hole = Manifold.cylinder(t + 2.0, MILLIMETRES * radius, circular_segments=SIDES)

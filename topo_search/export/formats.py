@@ -83,15 +83,15 @@ def formats() -> dict[str, OwnFormat]:
             continue
         source = f"{GROUP}: {entry.name} = {entry.value}"
         try:
-            own = entry.load()
+            file_format = entry.load()
         except Exception as error:
             rule = f"cannot be loaded: {type(error).__name__}: {error}"
             raise BadInput(source, rule) from error
-        if not isinstance(own, OwnFormat) or own.name != entry.name:
-            rule = f"must be an OwnFormat of this name, but is {type(own).__name__}"
+        if not isinstance(file_format, OwnFormat) or file_format.name != entry.name:
+            rule = f"must be an OwnFormat of this name, but is {type(file_format).__name__}"
             raise BadInput(source, rule)
         try:
-            register_format(own)
+            register_format(file_format)
         except ValueError as error:
             raise BadInput(source, str(error)) from None
     return dict(_registered)
@@ -126,20 +126,20 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
     return path
 
 
-def content(design: Design, own: OwnFormat) -> bytes:
+def content(design: Design, file_format: OwnFormat) -> bytes:
     """Return the content of a design's file; BadInput says why there is none."""
     try:
-        made = own.write(design)
+        made = file_format.write(design)
         if not isinstance(made, str | bytes) or not made:
             raise ValueError(f"must write text or bytes, but wrote {type(made).__name__ if made else 'nothing'}")
         return made if isinstance(made, bytes) else made.encode()
     except ValueError as error:
-        raise BadInput(own.name, str(error)) from error
+        raise BadInput(file_format.name, str(error)) from error
     except Exception as error:
-        if own in OURS or is_out_of_memory(error):
+        if file_format in OURS or is_out_of_memory(error):
             raise
         rule = f"cannot write {design.topology.key}: {type(error).__name__}: {error}"
-        raise BadInput(own.name, rule) from error
+        raise BadInput(file_format.name, rule) from error
 
 
 def of_suffix(suffix: str) -> OwnFormat | None:

@@ -51,8 +51,8 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
     require_kit_folder(folder)
     acts, solids = allocation(design), printed_parts(design)
     left_out = reason_against(acts)
-    own = px4_warnings(acts) if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
-    own = (*own, mass_note(parts_list(design, solids)))
+    kit_notes = px4_warnings(acts) if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
+    kit_notes = (*kit_notes, mass_note(parts_list(design, solids)))
     contents: dict[str, str | bytes] = {
         ALLOCATION: to_json(acts),
         "allocation.csv": acts.csv(),
@@ -61,7 +61,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
         **({} if left_out else {PARAMETERS: px4_parameters(acts)}),
         **{f"{BRACKETS}/{part.file}": part.stl() for part in solids.parts},
         PARTS: parts_csv(parts_list(design, solids)),
-        SHEET: sheet(design, solids, (*notes, *own)),
+        SHEET: sheet(design, solids, (*notes, *kit_notes)),
         "platform.xml": mjcf(design, physics),
         DESIGN: to_json(design),
     }
@@ -69,7 +69,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
         old.unlink(missing_ok=True)
     for name, content in contents.items():
         write_atomically(folder / name, content)
-    return Kit(tuple(contents), own)
+    return Kit(tuple(contents), kit_notes)
 
 
 def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:

@@ -91,9 +91,9 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
     rod = rod_of(design, at)
     if design.mount is not None and rod is not None:
         shape = {"type": "capsule", "size": numbers(rod.radius), "rgba": rgba(palette.END_EFFECTOR)}
-        ends = numbers(*(rod.start - rod.end), 0, 0, 0)
+        endpoints = numbers(*(rod.start - rod.end), 0, 0, 0)
         passing = {"contype": "0", "conaffinity": "0"} if physics.contacts else {}
-        SubElement(end_effector, "geom", {"name": "rod", "fromto": ends, **shape, **passing})
+        SubElement(end_effector, "geom", {"name": "rod", "fromto": endpoints, **shape, **passing})
         _bar(bodies[design.mount.module], design.mount.port, module)
         if physics.rod_mass or counts:
             add_rod_mass(platform, rod, design, at)
@@ -120,8 +120,8 @@ def _defaults(default: Element, module: Module, gravity: float, physics: Physics
     SubElement(default, "site", type="sphere", size=numbers(body.arm_width / 2))
     hub = SubElement(default, "default", {"class": "hub"})
     SubElement(hub, "geom", type="box", size=numbers(*(edge / 2 for edge in body.hub)), rgba=rgba(palette.MODULE))
-    own = SubElement(default, "default", {"class": "frame"})
-    SubElement(own, "geom", type="mesh", rgba=rgba(palette.MODULE))
+    frame = SubElement(default, "default", {"class": "frame"})
+    SubElement(frame, "geom", type="mesh", rgba=rgba(palette.MODULE))
     arm = SubElement(default, "default", {"class": "arm"})
     half = l_arm / 2, body.arm_width / 2, body.arm_width / 2
     SubElement(arm, "geom", type="box", size=numbers(*half), rgba=rgba(palette.ARM))
@@ -153,13 +153,13 @@ def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Ele
 
 
 def _bar(body: Element, port: int, module: Module) -> None:
-    ends = numbers(0, 0, 0, *module.connector_distance * PORT_DIRECTIONS[port])
-    SubElement(body, "geom", {"class": "joint", "fromto": ends})
+    endpoints = numbers(0, 0, 0, *module.connector_distance * PORT_DIRECTIONS[port])
+    SubElement(body, "geom", {"class": "joint", "fromto": endpoints})
 
 
-def _module_body(parent: Element, i: int, place: dict[str, str], module: Module) -> Element:
+def _module_body(parent: Element, i: int, pose: dict[str, str], module: Module) -> Element:
     """Add module i with its mass, its parts and its rotors."""
-    body = SubElement(parent, "body", {"name": f"module_{i}", **place})
+    body = SubElement(parent, "body", {"name": f"module_{i}", **pose})
     x, y, z = module.inertia
     inertia = numbers(min(x, y + z), min(y, x + z), min(z, x + y))  # as MuJoCo checks them
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(module.mass), diaginertia=inertia)

@@ -150,7 +150,7 @@ def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
         Line2D([], [], color=palette.CASES[k], marker=">", label=f"load case {k}")
         for k in sorted({k for k, *_ in wrenches(design, poses_to_draw(design))})
     ]
-    regions = [shape for requirement in design.task.exposure for shape in requirement.shapes]
+    regions = [shape for exposure in design.task.exposure for shape in exposure.shapes]
     kinds = {region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
     entries += [volume(palette.EXPOSURE, opacity, words) for words, opacity in sorted(kinds.items())]
     return entries
@@ -234,16 +234,16 @@ class Scene:
     def airflow(self) -> None:
         """Draw the envelope of every module: its outline, and the circle where its far ball is widest."""
         envelope = self.design.task.module.envelope
-        ends = self.at.p - envelope.length * self.at.z
+        far_centres = self.at.p - envelope.length * self.at.z
         radii = envelope.start_radius, envelope.end_radius
         self._volumes(
             [
                 cone_sphere_outline(p, radii[0], end, radii[1], self.v)
-                for p, end in zip(self.at.p, ends, strict=True)
+                for p, end in zip(self.at.p, far_centres, strict=True)
             ],
             palette.AIRFLOW,
         )
-        rings = [circle(end, radii[1], z) for end, z in zip(ends, self.at.z, strict=True)]
+        rings = [circle(end, radii[1], z) for end, z in zip(far_centres, self.at.z, strict=True)]
         self._lines(rings, palette.AIRFLOW, 0.5)
 
     def air(self, surface: AirSurface) -> None:
@@ -284,20 +284,20 @@ class Scene:
         self.axes.quiver(*at.p.T, *axes.T, color=palette.THRUST_AXIS, **look)
         self._keep([at.p + axes])
         self._lines([np.stack([at.p_com, at.end_effector])], palette.OFFSET, 2.5)
-        for place, colour in ((at.p_com, palette.CENTRE_OF_MASS), (at.end_effector, palette.END_EFFECTOR)):
-            self.axes.plot(*place[:, None], "o", color=colour, markeredgecolor="black", markersize=7, zorder=8)
+        for point, colour in ((at.p_com, palette.CENTRE_OF_MASS), (at.end_effector, palette.END_EFFECTOR)):
+            self.axes.plot(*point[:, None], "o", color=colour, markeredgecolor="black", markersize=7, zorder=8)
 
     def load_cases(self) -> None:
         """Draw forces as arrows, and torques as dashed ones through a ring, in the colour of their load case."""
         module = self.design.task.module
         reach = float(np.ptp(np.vstack([self.at.p, self.at.end_effector]), axis=0).max()) + 2 * module.arm_length
-        for k, is_torque, place, share in wrenches(self.design, self.at):
+        for k, is_torque, point, share in wrenches(self.design, self.at):
             arrow, colour = ARROW * reach * share, palette.CASES[k]
             look = {"linewidth": 1.8, "linestyle": "dashed" if is_torque else "solid"}
-            self.axes.quiver(*place, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **look)
-            self._keep([place + arrow])
+            self.axes.quiver(*point, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **look)
+            self._keep([point + arrow])
             if is_torque:
-                ring = circle(place + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
+                ring = circle(point + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
                 self._lines([ring], colour, 1.4)
 
     def finish(self) -> float:
@@ -410,9 +410,9 @@ def frame_faces(module: Module) -> Array:
     """Return the faces of hub and arms, or of a frame of the module's own: triangles, their last corner twice."""
     body, l_arm, w = module.body, module.arm_length, module.body.arm_width
     if body.frame is not None:
-        own = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
-        seen = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 1]).any(axis=1)
-        return np.asarray(own[seen][:, [0, 1, 2, 2]])
+        faces = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
+        seen = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1]).any(axis=1)
+        return np.asarray(faces[seen][:, [0, 1, 2, 2]])
     arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
     return np.concatenate([CUBE * np.array(body.hub) / 2, *(arm @ _turn(angle).T for angle in ROTOR_ANGLES)])
 

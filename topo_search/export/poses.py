@@ -65,9 +65,9 @@ class Poses:
 
 def poses(design: Design) -> Poses:
     """Return the pose of every module by the audit's forward kinematics."""
-    found = platform(design)
-    places = found.poses.p, found.p_com, design.end_effector_m, found.rotors
-    return Poses(read_only(found.poses.R), *map(read_only, places))
+    placed = platform(design)
+    places = placed.poses.p, placed.p_com, design.end_effector_m, placed.rotors
+    return Poses(read_only(placed.poses.R), *map(read_only, places))
 
 
 def load_wrenches(design: Design, at: Poses) -> Iterator[tuple[int, str, str, Array, Array]]:
@@ -173,8 +173,8 @@ def towards_viewer(azimuth_deg: float) -> Array:
 
 def shapes(task: ResolvedTask, p_E: Array) -> Iterator[tuple[int, Shape]]:
     """Yield every shape of every requirement with its number, for an end-effector p_E from the centre of mass."""
-    for number, requirement in enumerate(task.exposure):
-        for shape in requirement.shapes:
+    for number, exposure in enumerate(task.exposure):
+        for shape in exposure.shapes:
             yield number, shape.at(p_E)
 
 

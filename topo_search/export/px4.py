@@ -55,19 +55,19 @@ def reason_against(acts: Allocation) -> str | None:
 def px4_warnings(acts: Allocation) -> tuple[str, ...]:
     """Return what PX4 cannot do with a platform, one sentence each."""
     G = _matrix(acts)
-    found = []
+    warnings = []
     if missing := _missing(G):
-        found.append(
+        warnings.append(
             f"PX4: the platform has rank {acts.rank} of 6 and cannot exert {', nor '.join(missing)}; a set-point "
             "with a part of that is lost, or turns into other forces and torques"
         )
     weak = [axis for axis, row in zip(AXES, np.abs(G).max(axis=1), strict=True) if SMALL < row <= WEAK]
     if weak:
-        found.append(
+        warnings.append(
             f"PX4 ignores {' and '.join(weak)}, to which no rotor adds more than {WEAK:g}: multiply all "
             "CA_ROTORi_CT by one factor, which changes nothing else"
         )
-    return tuple(found)
+    return tuple(warnings)
 
 
 def set_points(acts: Allocation) -> tuple[float, ...]:

@@ -169,8 +169,8 @@ def joint(sizes: Bracket, port: int, alpha: float) -> str:
     span = 3.2 * d
     svg = [HEAD.format(-span, -span, 2 * span, 2 * span, f"joint at {math.degrees(alpha):.3f} degrees")]
     flange = np.array([[-d, -r], [-d + t, -r], [-d + t, r], [-d, r]])
-    own = np.array([[-span, -r / 2], [-d, -r / 2], [-d, r / 2], [-span, r / 2]])
-    for points, colour in ((own, palette.MODULE), (flange, palette.CONNECTOR)):
+    arm = np.array([[-span, -r / 2], [-d, -r / 2], [-d, r / 2], [-span, r / 2]])
+    for points, colour in ((arm, palette.MODULE), (flange, palette.CONNECTOR)):
         svg.append(_polygon(points, colour))
         svg.append(_polygon(_turn(points * [-1, 1], phi), colour))
     dashed = 'stroke="#888" stroke-width="0.7" stroke-dasharray="3 2"'

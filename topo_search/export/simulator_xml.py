@@ -105,9 +105,9 @@ def add_tip(end_effector: Element, design: Design, rod: Rod | None, *, on_solid:
     look = {"rgba": rgba(palette.END_EFFECTOR), "mass": "0"}
     if rod is not None and rod.length > TIP * radius:
         back = (rod.start - rod.end) / rod.length
-        ends = numbers(*(back * rod.length), *(back * TIP * radius))
+        endpoints = numbers(*(back * rod.length), *(back * TIP * radius))
         hidden = {"group": COLLISION, "type": "cylinder", "size": numbers(radius), **look}
-        SubElement(end_effector, "geom", {"name": "rod_contact", "fromto": ends, **hidden})
+        SubElement(end_effector, "geom", {"name": "rod_contact", "fromto": endpoints, **hidden})
     size = numbers(POINT if on_solid else radius)
     SubElement(end_effector, "geom", {"name": "tip", "type": "sphere", "size": size, **look})
 
@@ -141,13 +141,13 @@ def add_solid_regions(model: Element, asset: Element, world: Element, design: De
     """
     met, distances = False, tip_distances(design)
     touching = 1e-7  # depth of p_E in a region up to which it touches the region rather than being inside [m]
-    for number, requirement in enumerate(design.task.exposure):
-        if not requirement.solid:
+    for number, exposure in enumerate(design.task.exposure):
+        if not exposure.solid:
             continue
-        for part, stated in enumerate(requirement.shapes):
-            segment = segment_of(requirement, part)
+        for part, task_shape in enumerate(exposure.shapes):
+            segment = segment_of(exposure, part)
             name = f"exposure_{number}" if segment is None else f"exposure_{number}_{segment}"
-            shape = stated.at(at.p_E)
+            shape = task_shape.at(at.p_E)
             body = SubElement(world, "body", name=name, pos=numbers(*at.p_E))
             _add(body, asset, name, shape)
             distance = distances[number, segment]
@@ -165,11 +165,11 @@ def _add(body: Element, asset: Element, name: str, shape: Shape) -> None:
     look = {"rgba": rgba(palette.EXPOSURE, 0.3)}
     match shape:
         case Capsule() if shape.start == shape.end:
-            place = {"type": "sphere", "pos": numbers(*shape.start), "size": numbers(shape.radius)}
-            SubElement(body, "geom", {"name": name, **place, **look})
+            geom = {"type": "sphere", "pos": numbers(*shape.start), "size": numbers(shape.radius)}
+            SubElement(body, "geom", {"name": name, **geom, **look})
         case Capsule():
-            place = {"type": "capsule", "fromto": numbers(*shape.start, *shape.end), "size": numbers(shape.radius)}
-            SubElement(body, "geom", {"name": name, **place, **look})
+            geom = {"type": "capsule", "fromto": numbers(*shape.start, *shape.end), "size": numbers(shape.radius)}
+            SubElement(body, "geom", {"name": name, **geom, **look})
         case Polytope():
             SubElement(asset, "mesh", name=name, vertex=numbers(*hull(shape).corners.ravel()))
             SubElement(body, "geom", {"name": name, "type": "mesh", "mesh": name, **look})

@@ -92,22 +92,22 @@ def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
     if parts != "platform":
         yield Solid("airflow", airflow(module), palette.AIRFLOW, here, opacity=0.2)
     if parts == "all":
-        for name, place, colour in (
+        for name, point, colour in (
             ("end_effector", at.end_effector, palette.END_EFFECTOR),
             ("centre_of_mass", at.p_com, palette.CENTRE_OF_MASS),
         ):
             radius = 0.2 * module.arm_length
             ball = cone_sphere(np.zeros(3), radius, np.zeros(3), radius)
-            yield Solid(name, ball, colour, [pose_matrix(np.eye(3), place)])
+            yield Solid(name, ball, colour, [pose_matrix(np.eye(3), point)])
         for number in range(len(design.task.exposure)):
             yield _region(design, number, at)
 
 
 def _region(design: Design, number: int, at: Poses) -> Solid:
     """Return the region that a requirement keeps out of the airflow; of a cone, the surface that encloses it."""
-    own = [shape for of, shape in shapes(design.task, at.p_E) if of == number]
-    surface = join([region_mesh(shape, cone_slant(design, at)) for shape in own])
-    opacity = 0.15 if isinstance(own[0], Cone) else 0.3
+    pieces = [shape for of, shape in shapes(design.task, at.p_E) if of == number]
+    surface = join([region_mesh(shape, cone_slant(design, at)) for shape in pieces])
+    opacity = 0.15 if isinstance(pieces[0], Cone) else 0.3
     here = [pose_matrix(np.eye(3), at.end_effector)]
     return Solid(f"exposure_{number}", surface, palette.EXPOSURE, here, opacity=opacity)
 
@@ -202,8 +202,8 @@ def region_mesh(shape: Shape, slant: float) -> Trimesh:
         case Capsule():
             return cone_sphere(np.array(shape.start), shape.radius, np.array(shape.end), shape.radius)
         case Polytope():
-            found = hull(shape)
-            return Trimesh(found.corners, found.triangles)
+            convex_hull = hull(shape)
+            return Trimesh(convex_hull.corners, convex_hull.triangles)
         case Cone():
             triangles = cone(shape, slant)
             return Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))

@@ -41,14 +41,16 @@ def task_figure(task: ResolvedTask) -> Figure:
     with mpl.rc_context({"font.size": 8}):
         figure = Figure(figsize=(10.5, 4.4), layout="constrained")
         # how far all regions with an end reach, and most of a module's airflow [m]
-        found = (shape for _, shape in shapes(task, _end_effector(task)))
-        reaches = [math.hypot(*shape.apex) if isinstance(shape, Cone) else shape.farthest for shape in found]
+        regions = (shape for _, shape in shapes(task, _end_effector(task)))
+        reaches = [math.hypot(*shape.apex) if isinstance(shape, Cone) else shape.farthest for shape in regions]
         size = max([0.6 * task.module.reach, *reaches])
         for axes, (right, up, name) in zip(figure.subplots(1, 3), VIEWS, strict=True):
             _draw(axes, task, (right, up), size)
             axes.set_title(name, fontsize=9)
         below = "; the centre of mass, which the design decides, taken to be straight below"
-        undecided = task.end_effector.position == "free" and any(needs_offset(asked) for asked in task.exposure)
+        undecided = task.end_effector.position == "free" and any(
+            needs_offset(exposure) for exposure in task.exposure
+        )
         figure.suptitle(f"{task.name}: what is asked for at the end-effector{below if undecided else ''}")
         figure.legend(handles=_legend(task), loc="outside lower center", ncols=5, handlelength=3, frameon=False)
     return figure
@@ -77,10 +79,10 @@ def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) ->
 
 def _arrows(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float, name: str) -> None:
     """Draw what load cases exert at the end-effector: forces as arrows, torques as dashed ones through a ring."""
-    found, on_paper = _vectors(task, name), list(view)
-    longest = max((float(np.linalg.norm(vector)) for _, vector in found), default=1.0)
+    vectors, on_paper = _vectors(task, name), list(view)
+    longest = max((float(np.linalg.norm(vector)) for _, vector in vectors), default=1.0)
     is_torque = name == "torque"
-    for k, vector in found:
+    for k, vector in vectors:
         colour = _colour(k)
         arrow = 0.9 * size * vector / longest
         if is_torque:
@@ -114,8 +116,8 @@ def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[tup
                 corners = hull(shape).corners[:, view]
                 outlined.append((False, corners[ConvexHull(corners).vertices]))
             case Capsule(radius=r):
-                ends = np.array(shape.start), np.array(shape.end)
-                outline = cone_sphere_outline(ends[0], r, ends[1], r, _towards_viewer(view))
+                endpoints = np.array(shape.start), np.array(shape.end)
+                outline = cone_sphere_outline(endpoints[0], r, endpoints[1], r, _towards_viewer(view))
                 outlined.append((False, outline[:, view]))
     return outlined
 
@@ -140,8 +142,8 @@ def _towards_viewer(view: tuple[int, int]) -> Array:
 
 
 def _vectors(task: ResolvedTask, name: str) -> list[tuple[int, Array]]:
-    found = [(k, np.array(getattr(case.at_end_effector, name))) for k, case in enumerate(task.load_cases)]
-    return [(k, vector) for k, vector in found if vector.any()]
+    vectors = [(k, np.array(getattr(case.at_end_effector, name))) for k, case in enumerate(task.load_cases)]
+    return [(k, vector) for k, vector in vectors if vector.any()]
 
 
 def _legend(task: ResolvedTask) -> list[Artist]:
@@ -151,7 +153,7 @@ def _legend(task: ResolvedTask) -> list[Artist]:
         Line2D([], [], color=palette.END_EFFECTOR, label="end-effector", **dot),
         Patch(facecolor=(airflow, 0.16), edgecolor=airflow, label="airflow of one module, to scale"),
     ]
-    regions = [shape for asked in task.exposure for shape in asked.shapes]
+    regions = [shape for exposure in task.exposure for shape in exposure.shapes]
     kinds = {region_words(shape): isinstance(shape, Cone) for shape in regions}
     entries += [Patch(**_look(is_cone), label=words) for words, is_cone in sorted(kinds.items())]
     for name, unit in (("force", "N"), ("torque", "N m")):

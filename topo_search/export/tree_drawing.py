@@ -65,27 +65,27 @@ def layout(topology: Topology) -> tuple[Array, list[int] | None]:
 def draw_tree(axes: Axes, design: Design) -> None:
     """Draw the tree: a square per module with its four ports, a line per joint with its hinge angle."""
     topology = design.topology
-    place, turns = layout(topology)
+    centres, turns = layout(topology)
     flat = turns is not None
-    low, high = place.min(axis=0), place.max(axis=0)
+    low, high = centres.min(axis=0), centres.max(axis=0)
     half = np.maximum(high - low + 1, 2.5) / 2
     size = float(np.clip(34 / half.max() / 2, 4, 8))  # of the text [pt]: squares shrink with the number of cells
     for (h, i, a, b), alpha in zip(topology.edges(), design.hinge_angles_rad, strict=True):
-        axes.plot(*place[[h, i]].T, color=palette.CONNECTOR, linewidth=size / 4, zorder=1)
+        axes.plot(*centres[[h, i]].T, color=palette.CONNECTOR, linewidth=size / 4, zorder=1)
         if size < 5:  # too small to be read
             continue
-        middle, angle = place[[h, i]].mean(axis=0), f"{math.degrees(alpha):.0f}°".replace("-", "−")
-        if flat and place[h, 1] == place[i, 1]:
+        middle, angle = centres[[h, i]].mean(axis=0), f"{math.degrees(alpha):.0f}°".replace("-", "−")
+        if flat and centres[h, 1] == centres[i, 1]:
             axes.text(middle[0], middle[1] + 0.06, angle, fontsize=0.85 * size, ha="center", va="bottom")
         elif flat:
             axes.text(middle[0] + 0.07, middle[1], angle, fontsize=0.85 * size, ha="left", va="center")
         else:
             _note(axes, middle, angle, 0.85 * size)
             for end, other, port in ((h, i, a), (i, h, b)):
-                at = place[end] + 0.33 * (place[other] - place[end])
+                at = centres[end] + 0.33 * (centres[other] - centres[end])
                 _note(axes, at, PORT_NAMES[port], 0.75 * size, color=palette.CONNECTOR)
     used = {(h, a) for h, _, a, _ in topology.edges()} | {(i, b) for _, i, _, b in topology.edges()}
-    for i, centre in enumerate(place):
+    for i, centre in enumerate(centres):
         axes.add_patch(_rectangle(centre, PLOT_SIDE, "white", palette.MODULE, size / 4 if i == 0 else size / 8))
         axes.text(centre[0], centre[1], str(i), fontsize=size, ha="center", va="center", zorder=5)
         if turns is not None:
@@ -123,8 +123,8 @@ def tree_svg(design: Design, assembly: Assembly | None = None, marked: Collectio
     """
     topology = design.topology
     cells, turns = layout(topology)
-    place = cells * np.array([1, -1])  # y points down on a page
-    low, high = place.min(axis=0) - 0.6, place.max(axis=0) + 0.6
+    centres = cells * np.array([1, -1])  # y points down on a page
+    low, high = centres.min(axis=0) - 0.6, centres.max(axis=0) + 0.6
     width, height = high - low
     svg = ElementTree.Element(
         "svg",
@@ -137,18 +137,18 @@ def tree_svg(design: Design, assembly: Assembly | None = None, marked: Collectio
         },
     )
     for (h, i, a, b), alpha in zip(topology.edges(), design.hinge_angles_rad, strict=True):
-        ends = place[[h, i]]
-        (x1, y1), (x2, y2) = ends
+        endpoints = centres[[h, i]]
+        (x1, y1), (x2, y2) = endpoints
         stroke, wide = (palette.END_EFFECTOR, 0.1) if {h, i} <= {*marked} else (palette.CONNECTOR, 0.05)
         _add(svg, "line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=stroke, stroke_width=wide)
         aside = np.array([0.0, -0.12]) if turns is not None and y1 == y2 else np.array([0.19, 0.0])
-        _text(svg, ends.mean(axis=0) + aside, f"{math.degrees(alpha):.0f}°".replace("-", "−"), 0.15)
+        _text(svg, endpoints.mean(axis=0) + aside, f"{math.degrees(alpha):.0f}°".replace("-", "−"), 0.15)
         if turns is None:
             for end, other, port in ((h, i, a), (i, h, b)):
-                at = place[end] + 0.33 * (place[other] - place[end])
+                at = centres[end] + 0.33 * (centres[other] - centres[end])
                 _text(svg, at, PORT_NAMES[port], 0.13, palette.CONNECTOR)
     colours = _port_colours(design, assembly)
-    for i, centre in enumerate(place):
+    for i, centre in enumerate(centres):
         _square(svg, centre, SVG_SIDE, "#ffffff", palette.MODULE, 0.05 if i == 0 else 0.025)
         _text(svg, centre, str(i), 0.2)
         if turns is None:

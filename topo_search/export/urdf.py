@@ -121,22 +121,22 @@ def _inertial(link: Element, mass: float, tensor: Array) -> None:
     SubElement(inertial, "inertia", entries)
 
 
-def _shape(link: Element, shape: tuple[str, dict[str, str]], place: Array, R: Array, material: str) -> None:
+def _shape(link: Element, shape: tuple[str, dict[str, str]], position: Array, R: Array, material: str) -> None:
     """Add a part of a link, as it looks and as it collides."""
     for purpose in ("visual", "collision"):
         part = SubElement(link, purpose)
-        _origin(part, place, R)
+        _origin(part, position, R)
         SubElement(SubElement(part, "geometry"), *shape)
         if purpose == "visual":
             SubElement(part, "material", name=material)
 
 
-def _joint(robot: Element, parent: str, child: str, place: Array, R: Array) -> None:
+def _joint(robot: Element, parent: str, child: str, position: Array, R: Array) -> None:
     joint = SubElement(robot, "joint", name=f"{parent}_to_{child}", type="fixed")
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
-    _origin(joint, place, R)
+    _origin(joint, position, R)
 
 
-def _origin(element: Element, place: Array, R: Array) -> None:
-    SubElement(element, "origin", xyz=numbers(*place), rpy=numbers(*roll_pitch_yaw(R)))
+def _origin(element: Element, position: Array, R: Array) -> None:
+    SubElement(element, "origin", xyz=numbers(*position), rpy=numbers(*roll_pitch_yaw(R)))

@@ -473,10 +473,10 @@ class AirSpeeds(Value):
         yield f"air at the tip: {upper_text(tip.tip_m_s, 3)} m/s by the jet model, in {tip.name}"
         for number, region in enumerate(tip.regions):
             case = max(self.cases, key=lambda case: case.regions[number].speed_at_most_m_s)
-            found = case.regions[number]
-            limit = "" if found.limit_m_s is None else f", allowed {found.limit_m_s:g} m/s: {found.status}"
+            fastest = case.regions[number]
+            limit = "" if fastest.limit_m_s is None else f", allowed {fastest.limit_m_s:g} m/s: {fastest.status}"
             yield (
-                f"air over {region.name}: at most {upper_text(found.speed_at_most_m_s, 3)} m/s, "
+                f"air over {region.name}: at most {upper_text(fastest.speed_at_most_m_s, 3)} m/s, "
                 f"in {case.name}{limit}"
             )
         if (worst := self.worst_rotor) is not None:

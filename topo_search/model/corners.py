@@ -19,7 +19,7 @@ from topo_search.model.value import Vector
 class CorneredTask(ResolvedTask):
     """A task whose sets of wrenches are written out: its own load cases first, then the corners of sets."""
 
-    stated: ResolvedTask
+    base: ResolvedTask
     """The task as it stands in a design."""
     corners: tuple[Corner, ...]
     """Corners that follow its own load cases."""
@@ -29,27 +29,27 @@ class CorneredTask(ResolvedTask):
     @property
     def case_labels(self) -> tuple[str, ...]:
         """Names of the load cases and corners."""
-        return (*self.stated.case_labels, *(corner.label for corner in self.corners))
+        return (*self.base.case_labels, *(corner.label for corner in self.corners))
 
     @property
     def dead_rotors(self) -> tuple[int | None, ...]:
         """The rotor that does not run in each load case and corner."""
-        return (*self.stated.dead_rotors, *(corner.dead for corner in self.corners))
+        return (*self.base.dead_rotors, *(corner.dead for corner in self.corners))
 
     @property
     def accelerations(self) -> tuple[Vector, ...]:
         """Angular acceleration of the platform in each load case and corner [rad/s^2]."""
-        return (*self.stated.accelerations, *(corner.acceleration for corner in self.corners))
+        return (*self.base.accelerations, *(corner.acceleration for corner in self.corners))
 
     @property
     def declared(self) -> ResolvedTask:
         """The task as it stands in a design."""
-        return self.stated
+        return self.base
 
     def with_corners(self, corners: Iterable[int]) -> CorneredTask:
         """Return the task with these of its corners alone."""
         kept = sorted(corners)
-        return _with_corners(self.stated, [self.corners[c] for c in kept], [self.groups[c] for c in kept])
+        return _with_corners(self.base, [self.corners[c] for c in kept], [self.groups[c] for c in kept])
 
 
 @lru_cache(maxsize=32)
@@ -89,4 +89,4 @@ def _with_corners(task: ResolvedTask, corners: list[Corner], groups: list[int]) 
     single = (case.model_copy(update={"cone": None, "vertices": ()}) for case in task.load_cases)
     cases = (*single, *(corner.case for corner in corners))
     fields = {**dict(task), "load_cases": cases, "flight": AskedFlight()}
-    return CorneredTask.model_construct(**fields, stated=task, corners=tuple(corners), groups=tuple(groups))
+    return CorneredTask.model_construct(**fields, base=task, corners=tuple(corners), groups=tuple(groups))

@@ -294,12 +294,12 @@ LEAST_OFFSET = 0.1
 """Least ||p_E|| where a requirement takes its direction from p_E [l_arm]."""
 
 
-def needs_offset(requirement: AnyExposure) -> bool:
+def needs_offset(exposure: AnyExposure) -> bool:
     """True if a requirement's direction is p_E itself, so that it is undefined at p_E = 0."""
-    return any(shape.takes_direction_from_com for shape in requirement.shapes)
+    return any(shape.takes_direction_from_com for shape in exposure.shapes)
 
 
-def segment_of(requirement: AnyExposure, part: int) -> int | None:
+def segment_of(exposure: AnyExposure, part: int) -> int | None:
     """Return the `segment` of one of a requirement's shapes in audits: None where there is only ever one."""
-    one = isinstance(requirement, Exterior) or (isinstance(requirement, Local) and requirement.pieces is None)
+    one = isinstance(exposure, Exterior) or (isinstance(exposure, Local) and exposure.pieces is None)
     return None if one else part

@@ -186,13 +186,13 @@ class Flight(Value):
         hover, out = self.hover, self.rotors_out_hover
         if not hover.possible:
             return "cannot hover" if hover.possible is False else "leaves undecided whether it can hover"
-        told = ["hovers"]
+        facts = ["hovers"]
         if hover.horizontal_reserve_N is not None:
             towards = "" if hover.horizontal_weakest is None else f" towards {direction(hover.horizontal_weakest)}"
-            told.append(f"weakest side force at the tip {lower_text(hover.horizontal_reserve_N, 3)} N{towards}")
+            facts.append(f"weakest side force at the tip {lower_text(hover.horizontal_reserve_N, 3)} N{towards}")
         open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
-        told.append(f"survives {out.survive} of {out.of} single rotor failures, once known{open_}")
-        return "; ".join(told)
+        facts.append(f"survives {out.survive} of {out.of} single rotor failures, once known{open_}")
+        return "; ".join(facts)
 
 
 def direction(v: Vector) -> str:

@@ -207,7 +207,7 @@ def _parts(vertices: Array, triangles: Triangles) -> list[Surface]:
     _, first = np.unique(np.sort(part), return_index=True)
     faces = np.split(triangles[np.argsort(part, kind="stable")], first[1:])
     whole = [*[True] * (len(faces) - 1), not is_open.any()]
-    return [_compact(vertices, own)._replace(closed=closed) for own, closed in zip(faces, whole, strict=True)]
+    return [_compact(vertices, shell)._replace(closed=closed) for shell, closed in zip(faces, whole, strict=True)]
 
 
 def _without_inner(bodies: list[Surface]) -> list[Surface]:

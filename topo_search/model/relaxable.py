@@ -101,21 +101,21 @@ def _search(task: Task, n: int) -> Iterator[Relaxable]:
 
 
 def _exposure(task: Task) -> Iterator[Relaxable]:
-    for number, requirement in enumerate(task.exposure):
-        if requirement.speed is not None:
-            limit = f"air over exposure {number} ({requirement.kind})"
+    for number, exposure in enumerate(task.exposure):
+        if exposure.speed is not None:
+            limit = f"air over exposure {number} ({exposure.kind})"
             yield _scale(task, limit, number, "speed", 1.0, "faster air", "m/s")
-        limit = f"exposure {number} ({requirement.kind})"
-        if isinstance(requirement, Exterior):
-            most = min(1.0, 90 / requirement.half_angle_deg - 1)
+        limit = f"exposure {number} ({exposure.kind})"
+        if isinstance(exposure, Exterior):
+            most = min(1.0, 90 / exposure.half_angle_deg - 1)
             yield _scale(task, limit, number, "half_angle_deg", most, "wider cone", "deg")
-        elif isinstance(requirement, Allowed):
+        elif isinstance(exposure, Allowed):
             more, moved = "of the airflow's length as extra room", partial(_move_planes, task, number)
             yield Relaxable(limit, f"exposure[{number}].planes", more, 1.0, moved, lambda _: None)
-        elif requirement.radius is not None:
+        elif exposure.radius is not None:
             yield _scale(task, limit, number, "radius", LEAST - 1, "smaller radius", "m")
-        elif isinstance(requirement, Local):
-            shape = next(name for name in ("box", "vertices", "pieces") if getattr(requirement, name) is not None)
+        elif isinstance(exposure, Local):
+            shape = next(name for name in ("box", "vertices", "pieces") if getattr(exposure, name) is not None)
             field, reduced = f"exposure[{number}].{shape}", partial(_reduce, task, number, shape)
             yield Relaxable(limit, field, "smaller region", 1 - LEAST, reduced, lambda _: None)
 

@@ -221,7 +221,7 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
     on_balls = inner or flight.allocator == "pseudo-inverse"
     level = flight.directions == "horizontal"
     for _, label, case in centres(task):
-        for field, place, r, unit, disc in (
+        for field, point, r, unit, disc in (
             *(("force", at, flight.force_reserve, task.force_unit(task.n), level) for at in PLACES[flight.at]),
             ("torque", "", flight.torque_reserve, task.torque_unit(task.n), False),
         ):
@@ -229,7 +229,7 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
             if on_balls:
                 r, around = max(0.0, r - UNSEEN * unit), around / np.linalg.norm(around, axis=1, keepdims=True)
             if r > 0:
-                groups.append(_corners(f"{label}, {field} reserve{AT[place]}", case, field, r * around, place))
+                groups.append(_corners(f"{label}, {field} reserve{AT[point]}", case, field, r * around, point))
         if not inner:
             groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
             groups += [[Corner(label, case)]] if flight.com_error else []
@@ -268,9 +268,9 @@ def rotor_name(rotor: int) -> str:
     return f"rotor {rotor % 4} of module {rotor // 4}"
 
 
-def _corners(words: str, case: LoadCase, field: str, around: Array, place: Place = "") -> list[Corner]:
+def _corners(words: str, case: LoadCase, field: str, around: Array, point: Place = "") -> list[Corner]:
     """Return corners around a load case, in its force or torque at a place, shape (c, 3) [N, N m]."""
-    given, side = (case.at_com, "com") if place else (case.at_end_effector, "end_effector")
+    given, side = (case.at_com, "com") if point else (case.at_end_effector, "end_effector")
     corners = list[Corner]()
     for number, corner in enumerate((np.array(getattr(given, field)) + around).tolist()):
         x, y, z = corner

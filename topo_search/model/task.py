@@ -402,7 +402,7 @@ class Task(Value):
         speed = _without_none({"speed": level.speed})
         return self.model_copy(
             update={
-                "exposure": tuple(asked.model_copy(update=speed) for asked in self.exposure),
+                "exposure": tuple(exposure.model_copy(update=speed) for exposure in self.exposure),
                 "search": self.search.model_copy(update=_without_none(search)),
                 "end_effector": self.end_effector.model_copy(update=_without_none(end_effector)),
                 "flight": self.flight.at_level(level).model_copy(update=required),

@@ -275,10 +275,10 @@ def _lengths(task: Task, n: int) -> Doubts:
 
 def _meshes(task: Task) -> Doubts:
     """Yield regions that are larger than their mesh."""
-    for e, requirement in enumerate(task.exposure):
-        for piece, excess in enumerate((isinstance(requirement, Local) and requirement.mesh_excess) or ()):
+    for e, exposure in enumerate(task.exposure):
+        for piece, excess in enumerate((isinstance(exposure, Local) and exposure.mesh_excess) or ()):
             if excess:
-                numbered = segment_of(requirement, piece) is not None
+                numbered = segment_of(exposure, piece) is not None
                 yield (
                     f"exposure[{e}].pieces[{piece}]" if numbered else f"exposure[{e}]",
                     f"reaches up to {upper_text(excess, 3)} m beyond its mesh, because pieces are convex and have "
@@ -310,20 +310,20 @@ def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
     yield "end_effector.position", math.hypot(*(tip.fixed_position or ())), LARGE
     yield "end_effector.stand_off", tip.stand_off, LARGE
     yield "end_effector.largest_reach", tip.largest_reach or 0.0, LARGE
-    for e, requirement in enumerate(task.exposure):
+    for e, exposure in enumerate(task.exposure):
         at = f"exposure[{e}]"
-        if isinstance(requirement, Local | Directional):
-            yield f"{at}.radius", requirement.radius or 0.0, LARGE
-        if isinstance(requirement, Local):
-            yield at, max((math.hypot(*corner) for corner in requirement.corners.tolist()), default=0.0), LARGE
-        if isinstance(requirement, Directional):
-            for k, end in enumerate(requirement.segments or ()):
+        if isinstance(exposure, Local | Directional):
+            yield f"{at}.radius", exposure.radius or 0.0, LARGE
+        if isinstance(exposure, Local):
+            yield at, max((math.hypot(*corner) for corner in exposure.corners.tolist()), default=0.0), LARGE
+        if isinstance(exposure, Directional):
+            for k, end in enumerate(exposure.segments or ()):
                 yield f"{at}.segments[{k}]", math.hypot(*end), long_path
-            for k, points in enumerate(requirement.polylines or ()):
+            for k, points in enumerate(exposure.polylines or ()):
                 yield f"{at}.polylines[{k}]", max(math.hypot(*point) for point in points), long_path
-            yield f"{at}.length", requirement.length or 0.0, long_path
-        if isinstance(requirement, Allowed):
-            for k, plane in enumerate(requirement.planes):
+            yield f"{at}.length", exposure.length or 0.0, long_path
+        if isinstance(exposure, Allowed):
+            for k, plane in enumerate(exposure.planes):
                 yield f"{at}.planes[{k}].offset", abs(plane.offset), LARGE
 
 

@@ -197,23 +197,23 @@ def _apply(data: dict[str, Any], setting: str) -> Fault | None:
     return _lay(data, names, value, above="")
 
 
-def _lay(place: Any, names: list[str], value: Any, *, above: str) -> Fault | None:
-    """Go down the names from `place`, which is the field `above`, and lay the value at their end."""
+def _lay(container: Any, names: list[str], value: Any, *, above: str) -> Fault | None:
+    """Go down the names from `container`, which is the field `above`, and lay the value at their end."""
     name, *rest = names
     path = f"{above}.{name}" if above else name
     key: str | int = name
-    if isinstance(place, list):
-        if not re.fullmatch("[0-9]+", name) or int(name) >= len(place):
-            return Fault(path, f"must be an index under {len(place)}, but got {name}")
+    if isinstance(container, list):
+        if not re.fullmatch("[0-9]+", name) or int(name) >= len(container):
+            return Fault(path, f"must be an index under {len(container)}, but got {name}")
         key = int(name)
-    elif not isinstance(place, dict):
-        return Fault(path, f"`{above}` must be a table or a list to have fields, but got {show(place)}")
+    elif not isinstance(container, dict):
+        return Fault(path, f"`{above}` must be a table or a list to have fields, but got {show(container)}")
     if not rest:
-        place[key] = value
+        container[key] = value
         return None
-    if isinstance(place, dict):
-        place.setdefault(name, {})
-    return _lay(place[key], rest, value, above=path)
+    if isinstance(container, dict):
+        container.setdefault(name, {})
+    return _lay(container[key], rest, value, above=path)
 
 
 def _value(text: str) -> Any:

@@ -173,7 +173,7 @@ class Topology:
     @cached_property
     def free_connectors(self) -> tuple[tuple[int, int], ...]:
         """The (module, port) without a joint, in order."""
-        used = {place for h, i, a, b in self.edges() for place in ((h, a), (i, b))}
+        used = {connector for h, i, a, b in self.edges() for connector in ((h, a), (i, b))}
         return tuple((i, port) for i in range(self.n) for port in range(4) if (i, port) not in used)
 
     def graph(self) -> nx.Graph[int]:

@@ -48,7 +48,7 @@ def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
     least, thick, radius = 0.15, 0.025, 0.3  # shortest arrow, shaft, torque's ring, over the longest arrow
     largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
     for k, wrenches in itertools.groupby(load_wrenches(design, at), key=lambda wrench: wrench[0]):
-        meshes, ends, words = [], [], []
+        meshes, labels, words = [], [], []
         for _, kind, where, point, vector in wrenches:
             size = float(np.linalg.norm(vector))
             if not size:
@@ -58,13 +58,13 @@ def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
             mesh, end = shape(point, vector / size, extent, thick * S)
             text = f"{figures(size, 3)} {'N' if kind == 'force' else 'N m'}"
             meshes.append(mesh)
-            ends.append((text, end.round(5).tolist()))
+            labels.append((text, end.round(5).tolist()))
             words.append(f"{kind} {text}, along {vector_text((vector / size).tolist())}, at the {where}")
         case = [Part("case", f"load case {k}", palette.WRENCH, join(meshes))] if meshes else []
         yield {
             "name": design.task.case_labels[k],
             "told": "; ".join(words) or "nothing",
-            "ends": ends,
+            "ends": labels,
             "parts": [*case, *_contact(design, design.task.load_cases[k], at, S)],
         }
 

@@ -145,8 +145,8 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> go.Figure:
     number = np.arange(1, len(solves) + 1)
     incumbent = np.fmin.accumulate(J)
     figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.62, 0.38], vertical_spacing=0.06)
-    found = np.flatnonzero(np.isfinite(J))
-    shown = _thin(found)
+    solved = np.flatnonzero(np.isfinite(J))
+    shown = _thin(solved)
     figure.add_scatter(
         x=number[shown],
         y=J[shown],
@@ -170,9 +170,9 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> go.Figure:
         if count[-1]:
             line = {"color": colour, "width": 2, "dash": dash}
             figure.add_scatter(x=number[at], y=count[at], name=status, mode="lines", line=line, row=2, col=1)
-    top = np.nanpercentile(J, 90) if found.size else 1.0
+    top = np.nanpercentile(J, 90) if solved.size else 1.0
     figure.update_yaxes(title={"text": "J / lower bound"}, row=1, col=1)
-    if found.size:
+    if solved.size:
         highest = max(top, float(np.nanmin(J))) + 0.1 * (top - 1.0) + 1e-3
         figure.update_yaxes(range=[1.0 - 0.05 * (top - 1.0), highest], row=1, col=1)
     else:

@@ -65,13 +65,13 @@ def title(name: str, n: int) -> str:
     return f"{name}: {modules(n)}"
 
 
-def task_part(task: ResolvedTask, stated: Task) -> dict[str, Any]:
+def task_part(task: ResolvedTask, user_task: Task) -> dict[str, Any]:
     """Return the task as it was understood, with the warnings about it as it was stated."""
     columns = ("load case", "the rotors together produce", "weight λ")
     return {
         "facts": facts(task),
         "load_cases": Table(columns, load_cases(task), {0, 2}),
-        "warnings": task_warnings(stated),
+        "warnings": task_warnings(user_task),
     }
 
 
@@ -79,7 +79,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
     """Return the lower bound and what it means, a paragraph each."""
     if lower_bound is None:
         return ("The design states no lower bound, so how far it is from the optimum is unknown.",)
-    told = f"Lower bound: {figures(at_least(lower_bound, 5), 5)} rad⁴/s⁴ for the control effort {EFFORT}."
+    statement = f"Lower bound: {figures(at_least(lower_bound, 5), 5)} rad⁴/s⁴ for the control effort {EFFORT}."
     meaning = (
         f"It holds for every platform of {modules(n)} of this kind, for any tree, hinge angles and end-effector "
         "position: it is what the forces of the load cases would cost rotors within their limits if every thrust "
@@ -88,9 +88,9 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
         "inputs, so no design whose audit is clear lies below it."
     )
     if gap is None:
-        return told, meaning
+        return statement, meaning
     return (
-        told,
+        statement,
         f"The gap is {gap_percent(gap)}: no platform of {modules(n)} saves more than this share of J.",
         meaning,
     )
@@ -182,20 +182,20 @@ def _figure(course: dict[str, Array]) -> go.Figure:
     for (name, rows), (colour, dash) in zip(course.items(), looks, strict=False):
         shown_rows = rows[::every]
         error = 100 * np.linalg.norm(shown_rows[:, 1:4], axis=1)
-        for place, values in enumerate((error, shown_rows[:, 4], shown_rows[:, 5]), start=1):
+        for row, values in enumerate((error, shown_rows[:, 4], shown_rows[:, 5]), start=1):
             figure.add_scatter(
                 x=shown_rows[:, 0].astype(np.float32),
                 y=values.astype(np.float32),
                 name=name,
                 legendgroup=name,
-                showlegend=place == 1,
+                showlegend=row == 1,
                 mode="lines",
                 line={"color": colour, "width": 1.5, "dash": dash},
-                row=place,
+                row=row,
                 col=1,
             )
-    for place, title in enumerate(("error [cm]", "tilt [deg]", "input / limit"), start=1):
-        figure.update_yaxes(title={"text": title}, rangemode="tozero", row=place, col=1)
+    for row, title in enumerate(("error [cm]", "tilt [deg]", "input / limit"), start=1):
+        figure.update_yaxes(title={"text": title}, rangemode="tozero", row=row, col=1)
     figure.add_hline(1.0, line={"color": "#000000", "width": 1, "dash": "dash"}, row=3, col=1)
     figure.update_xaxes(title={"text": "time [s]"}, row=3, col=1)
     figure.update_layout(legend={"orientation": "h", "y": -0.15})

@@ -101,26 +101,26 @@ def nearest(pairs: tuple[Clearance, ...]) -> Table:
 
 def _findings(design: Design, audit: Audit) -> tuple[str, ...]:
     """Return how severely airflow envelopes overlap, what tolerances do, and what a shorter rod costs."""
-    found = []
+    sentences = []
     if (overlaps := audit.interference) is not None and overlaps.colliding_pairs:
         sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
-        found.append(
+        sentences.append(
             f"{quantity(overlaps.colliding_pairs, 'pair')} of airflow envelopes overlap, in clusters of {sizes} "
             f"modules; the deepest by {figures(at_most(overlaps.deepest_percent, 3), 3)} % of the deepest possible."
         )
     shorter = design.shorter_rod if audit.verdict == "clear" else None
-    return *found, *(sentence(words) for words in (audit.tolerances_words, shorter) if words)
+    return *sentences, *(sentence(words) for words in (audit.tolerances_words, shorter) if words)
 
 
 def _errors(audit: Audit) -> Table | None:
     """Return how large errors of each kind may be, and which pair a larger one violates first."""
-    found = audit.sensitivity
-    if found is None:
+    sensitivity = audit.sensitivity
+    if sensitivity is None:
         return None
     kinds: tuple[tuple[str, Limit | None, Callable[[float], str]], ...] = (
-        ("every hinge angle off by", found.hinge_angle_deg, lambda degrees: f"{figures(degrees, 3)}°"),
-        ("module centres and end-effector off by", found.position_m, length),
-        ("airflow reaching farther by", found.envelope_m, length),
+        ("every hinge angle off by", sensitivity.hinge_angle_deg, lambda degrees: f"{figures(degrees, 3)}°"),
+        ("module centres and end-effector off by", sensitivity.position_m, length),
+        ("airflow reaching farther by", sensitivity.envelope_m, length),
     )
     rows = [
         {
@@ -180,10 +180,10 @@ def _loads(design: Design) -> Table:
     return Table.from_rows(rows, range(5))
 
 
-def flight_part(found: Flight) -> dict[str, Any]:
+def flight_part(flight: Flight) -> dict[str, Any]:
     """Return all that is shown of it."""
-    first, *others = map(sentence, flight_lines(found))
-    shown = {"cases": cases(found), "allocators": allocators(found), "joints": _joint_loads(found)}
+    first, *others = map(sentence, flight_lines(flight))
+    shown = {"cases": cases(flight), "allocators": allocators(flight), "joints": _joint_loads(flight)}
     return {"summary": first, "sentences": others, **shown}
 
 
@@ -202,10 +202,10 @@ def _power(audit: Audit) -> Table | None:
     return Table.from_rows(rows, {1, 2, 3, 4}) if rows else None
 
 
-def _air(found: AirSpeeds) -> Table:
+def _air(air: AirSpeeds) -> Table:
     """Return a row for each load case: how fast the air is."""
     rows = []
-    for case in found.cases:
+    for case in air.cases:
         loss = max((rotor.thrust_loss for rotor in case.rotors), default=0.0)
         row = {"load case": case.name, "at the tip": f"{upper_text(case.tip_m_s, 3)} m/s"}
         row |= {f"{one.name}, at most": f"{upper_text(one.speed_at_most_m_s, 3)} m/s" for one in case.regions}
@@ -213,15 +213,15 @@ def _air(found: AirSpeeds) -> Table:
     return Table.from_rows(rows, range(1, len(rows[0])))
 
 
-def cases(found: Flight) -> Table:
+def cases(flight: Flight) -> Table:
     """Return a row for hover and each load case: what can be added to it, and where least."""
     least = "least towards"
     added = ("any force at the tip", least, "any side force", least, "any torque", least)
     columns = ("case", "possible", *added, "load factor", "inputs / u_max", "at a limit")
-    return Table(columns, [_case(case) for case in found.cases], {2, 4, 6, 8, 9, 10})
+    return Table(columns, [_case(case) for case in flight.cases], {2, 4, 6, 8, 9, 10})
 
 
-def allocators(found: Flight) -> Table | None:
+def allocators(flight: Flight) -> Table | None:
     """Return two rows for each case, of the best inputs and of the pseudo-inverse; None of older files."""
     rows = [
         {
@@ -243,17 +243,17 @@ def allocators(found: Flight) -> Table | None:
             ),
             "centre of mass off by": _size(getattr(case, f"com_error_m{end}"), " m"),
         }
-        for case in found.cases
+        for case in flight.cases
         if case.force_reserve_com_N is not None
         for inputs, end in (("optimal", ""), ("pseudo-inverse", "_pseudo_inverse"))
     ]
     return Table.from_rows(rows, range(2, 10)) if rows else None
 
 
-def reserves(found: Flight) -> Table:
+def reserves(flight: Flight) -> Table:
     """Return the same in brief, for two designs side by side."""
     chosen = (0, 2, 4, 6, 8)
-    whole = cases(found)
+    whole = cases(flight)
     rows = [[row[column] for column in chosen] for row in whole.rows]
     return Table(tuple(whole.columns[column] for column in chosen), rows, {1, 2, 3, 4})
 

@@ -39,12 +39,12 @@ def fragile(audit: Audit | None) -> tuple[str, ...]:
     if audit is None or audit.verdict != "clear":
         return ()
     hinge = None if audit.flight is None else audit.flight.hinge_tolerance_deg
-    found = []
+    margins = []
     if (nearest := closest(audit)) is not None and _lower_bound(nearest) < FRAGILE_M:
-        found.append(f"least clearance {clearance(nearest)}")
+        margins.append(f"least clearance {clearance(nearest)}")
     if hinge is not None and hinge < FRAGILE_DEG:
-        found.append(f"no hinge angle may be off by more than {figures(at_least(hinge, 3), 3)}°")
-    return tuple(found)
+        margins.append(f"no hinge angle may be off by more than {figures(at_least(hinge, 3), 3)}°")
+    return tuple(margins)
 
 
 def _lower_bound(pair: Clearance) -> float:
@@ -67,8 +67,8 @@ def headline(
     flight = None if audit is None else audit.flight
     if gap is not None:
         within = ", in the scope of the proofs" if scoped else ""
-        told = f"no platform of {modules(n)} can save more control effort{within}"
-        yield Tile("Proven gap", gap_percent(gap), told)
+        explanation = f"no platform of {modules(n)} can save more control effort{within}"
+        yield Tile("Proven gap", gap_percent(gap), explanation)
     nearest = closest(audit)
     if nearest is not None:
         status = str(nearest.status)
@@ -118,8 +118,8 @@ def _rod(flight: Flight, audit: Audit | None) -> Tile:
     mount = None if audit is None else audit.assembly.mount
     if flight.rod_length_m is None or mount is None:
         return Tile("Rod", "none", "no straight rod carries the end-effector")
-    place = f"from port {PORT_NAMES[mount.port]} of module {mount.module} to the end-effector"
-    return Tile("Rod", length(flight.rod_length_m), place)
+    route = f"from port {PORT_NAMES[mount.port]} of module {mount.module} to the end-effector"
+    return Tile("Rod", length(flight.rod_length_m), route)
 
 
 LARGEST = 2_500_000
@@ -128,24 +128,24 @@ LARGEST = 2_500_000
 
 def rows_to_show(answer: Answer, shown: Row) -> list[Row]:
     """Return which designs get a card: the winner, the best of its size and those near it, some of other sizes."""
-    own = next(size for size in answer.sizes if size.modules == shown.modules)
-    others = (row for size in answer.sizes if size is not own for row in size.top[:3])
-    found = {row.key: row for row in itertools.chain([shown], own.top, own.near_ties, others)}
-    return list(found.values())
+    shown_size = next(size for size in answer.sizes if size.modules == shown.modules)
+    others = (row for size in answer.sizes if size is not shown_size for row in size.top[:3])
+    rows = {row.key: row for row in itertools.chain([shown], shown_size.top, shown_size.near_ties, others)}
+    return list(rows.values())
 
 
 def cards(
-    found: Iterable[tuple[Row, Design | None, Audit | None]], best: Row, *, scoped: Collection[int] = ()
+    entries: Iterable[tuple[Row, Design | None, Audit | None]], best: Row, *, scoped: Collection[int] = ()
 ) -> Iterator[dict[str, Any]]:
     """Yield a card for each design that can be drawn, the winner's first, until they take too much.
 
     Args:
-        found: rows with their designs, where they are kept, and audits, the winner first.
+        entries: rows with their designs, where they are kept, and audits, the winner first.
         best: the winner.
         scoped: the sizes whose gaps branch and bound proves.
     """
     taken = 0
-    for row, design, audit in found:
+    for row, design, audit in entries:
         if design is None:
             continue
         try:

@@ -90,9 +90,9 @@ def _libraries() -> str:
     trimesh ships three.js inside of the page of its own viewer: a licence with a line of code below.
     """
     viewer = scene_to_html(trimesh.Scene(trimesh.creation.box()))
-    found = re.search(r"/\*\*\s+\* @license[^/]*Three\.js Authors[^/]*\*/\n.+", viewer)
-    assert found is not None  # as in every version that the project allows
-    code = f"{get_plotlyjs()}\n{found.group()}"
+    match = re.search(r"/\*\*\s+\* @license[^/]*Three\.js Authors[^/]*\*/\n.+", viewer)
+    assert match is not None  # as in every version that the project allows
+    code = f"{get_plotlyjs()}\n{match.group()}"
     return base64.b64encode(gzip.compress(code.encode(), mtime=0)).decode()
 
 

@@ -64,7 +64,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         "answer": _answer(answer, request.task.name, shown, size),
         "tiles": tiles,
         "notes": (
-            *_own(request.own),
+            *_own(request.user_inputs),
             *_merge_note(answer.sizes),
             *(note for size in answer.sizes for note in _limits(size, shown)),
         ),
@@ -105,31 +105,31 @@ def _merge_note(sizes: Sequence[SizeAnswer]) -> Iterator[str]:
 
 def _limits(size: SizeAnswer, shown: Row | None) -> list[str]:
     """Return what a reader of one size's answer has to know beyond the headline."""
-    found = []
+    sentences = []
     if size.statement is not None and size.best is not None and size.best != shown:
-        found.append(f"{modules(size.modules)}: {size.best.key} is {size.statement}.")
+        sentences.append(f"{modules(size.modules)}: {size.best.key} is {size.statement}.")
     if size.relaxed is not None and size.relaxed.sentences:
-        found.append(f"{modules(size.modules)}: {size.relaxed.sentences[0]}.")
+        sentences.append(f"{modules(size.modules)}: {size.relaxed.sentences[0]}.")
     if not size.complete:
         reached = f" after {quantity(size.starts, 'start')} of each candidate" if size.starts else ""
-        found.append(
+        sentences.append(
             f"{modules(size.modules)}: the search was stopped{reached}, with {size.settled} of {size.candidates} "
             "candidates solved; run the same command to continue."
         )
-    return found
+    return sentences
 
 
-def _own(own: Own) -> Iterator[str]:
+def _own(user_inputs: Own) -> Iterator[str]:
     """Yield what a user brought to the run beside its task."""
-    if own.constraints:
-        names = ", ".join(f"{one.name} ({one.bounds})" for one in own.constraints)
+    if user_inputs.constraints:
+        names = ", ".join(f"{one.name} ({one.bounds})" for one in user_inputs.constraints)
         yield f"{NOT_CERTIFIED.capitalize()}: {names}. Lower bounds and proofs ignore it and remain valid."
-    if own.topologies is not None:
-        yield f"The candidates are {quantity(len(own.topologies), 'tree')} that the user listed."
-    if own.near:
-        yield f"Every candidate started from {quantity(len(own.near), 'design')} of the user's as well."
-    if own.sampler is not None:
-        yield f"Candidates were proposed by the user's own sampler {own.sampler.name}."
+    if user_inputs.topologies is not None:
+        yield f"The candidates are {quantity(len(user_inputs.topologies), 'tree')} that the user listed."
+    if user_inputs.near:
+        yield f"Every candidate started from {quantity(len(user_inputs.near), 'design')} of the user's as well."
+    if user_inputs.sampler is not None:
+        yield f"Candidates were proposed by the user's own sampler {user_inputs.sampler.name}."
 
 
 def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[dict[str, Any]]:
@@ -182,11 +182,11 @@ def _sizes(answer: Answer) -> Table:
 def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
     """Return the designs of one size that cost about the same as the best."""
     best = size.best or size.near_ties[0]
-    told = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least control effort, "
-    told += "largest force reserve in hover first"
+    text = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least control effort, "
+    text += "largest force reserve in hover first"
     if size.near_ties_unaudited:
-        told += f"; {quantity(size.near_ties_unaudited, 'design')} as near were not audited"
-    return told, Table(NEAR_TIES, [near_tie_cells(row, best) for row in size.near_ties], range(1, len(NEAR_TIES)))
+        text += f"; {quantity(size.near_ties_unaudited, 'design')} as near were not audited"
+    return text, Table(NEAR_TIES, [near_tie_cells(row, best) for row in size.near_ties], range(1, len(NEAR_TIES)))
 
 
 def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
@@ -228,7 +228,7 @@ def _reproduction(folder: RunFolder) -> dict[str, Any]:
     options = f"{search} --starts {request.starts} --seed {request.seed}"
     if request.strategy == "optuna":
         trials = request.trials or max(request.space(n).count() for n in request.task.sizes)
-        sampler = "" if request.own.sampler is not None else f" --sampler {request.sampler}"
+        sampler = "" if request.user_inputs.sampler is not None else f" --sampler {request.sampler}"
         options += f"{sampler} --trials {trials} --round {request.round_size}"
     elif request.prune:
         options += " --prune"
@@ -236,9 +236,9 @@ def _reproduction(folder: RunFolder) -> dict[str, Any]:
         f"task.toml is in the run's folder, and below. Seed {request.seed} draws the starts; the number of workers "
         "changes nothing but the time it takes.",
     )
-    if request.own != NOTHING:
-        told = "The command does not include what the user supplied: "
-        notes = (*notes, told + " ".join(_own(request.own)))
+    if request.user_inputs != NOTHING:
+        lead = "The command does not include what the user supplied: "
+        notes = (*notes, lead + " ".join(_own(request.user_inputs)))
     return {
         "commands": (f"topo-search run task.toml {options}",),
         "task": to_toml(request.task),
@@ -249,8 +249,8 @@ def _reproduction(folder: RunFolder) -> dict[str, Any]:
 
 def relaxed_limits(size: SizeAnswer) -> tuple[str, Table] | None:
     """Return which limits to relax for a size without a design; None where nothing was tried."""
-    found = size.relaxed
-    if found is None or not found.sentences:
+    relaxed = size.relaxed
+    if relaxed is None or not relaxed.sentences:
         return None
     rows = [
         [
@@ -260,9 +260,9 @@ def relaxed_limits(size: SizeAnswer) -> tuple[str, Table] | None:
             one.topology_key,
             "" if one.not_enough is None else f"{100 * one.not_enough:.3g} %",
         ]
-        for one in found.relaxations
+        for one in relaxed.relaxations
     ]
-    rows += [[text, "not enough", "", "", ""] for text in found.in_vain]
-    rows += [[text, "could not be tried", "", "", ""] for text in found.untried]
+    rows += [[text, "not enough", "", "", ""] for text in relaxed.in_vain]
+    rows += [[text, "could not be tried", "", "", ""] for text in relaxed.untried]
     caption = f"{modules(size.modules)}: limits of the task, each relaxed on its own and solved again; not a proof"
     return caption, Table(("limit", "enough", "setting", "tree", "tried in vain"), rows)

@@ -141,19 +141,19 @@ def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
     l_arm, l_c, body = module.arm_length, module.connector_distance, module.body
     hubs = l_arm * ROTOR_DIRECTIONS
     above = (body.rotor_height / 2) * UP
-    found = {"airflow": airflow(module, sides=sides), "modules": frame(module)}
-    found |= {f"rotor {q}": disc for q, disc in enumerate(rotor_discs(module, sides=sides))}
+    by_name = {"airflow": airflow(module, sides=sides), "modules": frame(module)}
+    by_name |= {f"rotor {q}": disc for q, disc in enumerate(rotor_discs(module, sides=sides))}
     for drag, name in SPINS.items():
         turning = [
             ring(hub + above, -drag * UP, 0.7 * body.rotor_radius, 0.05 * body.rotor_radius)[0]
             for hub in hubs[drag == ROTOR_SPINS]
         ]
-        found[name] = join(turning)
-    found["axes"] = straight_arrow(np.zeros(3), UP, 1.3 * l_arm, 0.03 * l_arm)[0]
+        by_name[name] = join(turning)
+    by_name["axes"] = straight_arrow(np.zeros(3), UP, 1.3 * l_arm, 0.03 * l_arm)[0]
     for port, direction in enumerate(PORT_DIRECTIONS):
-        found[f"joint {port}"] = tube(np.zeros(3), l_c * direction, 0.6 * body.arm_width)
-        found[f"connector {port}"] = ball(l_c * direction, 0.6 * body.arm_width)
-    return found
+        by_name[f"joint {port}"] = tube(np.zeros(3), l_c * direction, 0.6 * body.arm_width)
+        by_name[f"connector {port}"] = ball(l_c * direction, 0.6 * body.arm_width)
+    return by_name
 
 
 def shared_meshes(design: Design) -> dict[str, Any]:

@@ -102,70 +102,72 @@ def _end_effector(task: ResolvedTask) -> Iterator[tuple[str, str]]:
 
 def goals(task: Task) -> Facts:
     """Return what effort is weighed against."""
-    asked = task.goals
+    task_goals = task.goals
     force, torque = ("m_t g", "l_arm m_t g") if task.flight.units == "weight" else ("N", "N m")
     levels = (
-        ("clearances", [length(x) for x in asked.clearance]),
-        ("stand-off of the end-effector", [length(x) for x in asked.stand_off]),
-        ("largest rotor input", [f"{figures(x)} u_max" for x in asked.peak_input]),
-        ("reserve of force", [f"{x:g} {force}" for x in asked.force_reserve]),
-        ("reserve of torque", [f"{x:g} {torque}" for x in asked.torque_reserve]),
-        ("possible with any one rotor dead", list(asked.rotor_out)),
-        ("largest moment in a joint", [f"{x:g} N m" for x in asked.joint_moment]),
-        ("error of every hinge angle that is survived", [f"{x:g}°" for x in asked.hinge_angle_deg]),
-        ("air speed in all regions", [f"{x:g} m/s" for x in asked.speed]),
-        ("modules", [str(n) for n in task.sizes] if asked.modules else []),
+        ("clearances", [length(x) for x in task_goals.clearance]),
+        ("stand-off of the end-effector", [length(x) for x in task_goals.stand_off]),
+        ("largest rotor input", [f"{figures(x)} u_max" for x in task_goals.peak_input]),
+        ("reserve of force", [f"{x:g} {force}" for x in task_goals.force_reserve]),
+        ("reserve of torque", [f"{x:g} {torque}" for x in task_goals.torque_reserve]),
+        ("possible with any one rotor dead", list(task_goals.rotor_out)),
+        ("largest moment in a joint", [f"{x:g} N m" for x in task_goals.joint_moment]),
+        ("error of every hinge angle that is survived", [f"{x:g}°" for x in task_goals.hinge_angle_deg]),
+        ("air speed in all regions", [f"{x:g} m/s" for x in task_goals.speed]),
+        ("modules", [str(n) for n in task.sizes] if task_goals.modules else []),
     )
     rows = [(name, ", ".join(texts)) for name, texts in levels if texts]
-    return ("goals beside control effort", (*rows, ("searches", quantity(len(asked.levels), "level"))))
+    return ("goals beside control effort", (*rows, ("searches", quantity(len(task_goals.levels), "level"))))
 
 
-def _region(asked: Local) -> str:
-    if asked.radius is not None:
-        return f"a ball of radius {length(asked.radius)} around the end-effector"
-    if asked.box is not None:
-        return f"a box of {vector(asked.box)} m along x, y and z, centred at the end-effector"
-    hulls = f"the convex hull of {quantity(len(asked.corners), 'point')} about the end-effector"
-    if asked.pieces is not None:
-        pieces = quantity(len(asked.pieces), "convex piece")
-        hulls = f"{pieces} about the end-effector, with {len(asked.corners)} corners in all"
-    beyond = max(asked.mesh_excess or (0.0,))
+def _region(exposure: Local) -> str:
+    if exposure.radius is not None:
+        return f"a ball of radius {length(exposure.radius)} around the end-effector"
+    if exposure.box is not None:
+        return f"a box of {vector(exposure.box)} m along x, y and z, centred at the end-effector"
+    hulls = f"the convex hull of {quantity(len(exposure.corners), 'point')} about the end-effector"
+    if exposure.pieces is not None:
+        pieces = quantity(len(exposure.pieces), "convex piece")
+        hulls = f"{pieces} about the end-effector, with {len(exposure.corners)} corners in all"
+    beyond = max(exposure.mesh_excess or (0.0,))
     return hulls + (f", up to {length(at_most(beyond, 3))} beyond the mesh" if beyond else "")
 
 
-def requirement(asked: AnyExposure) -> str:
+def requirement(exposure: AnyExposure) -> str:
     """Return one exposure requirement in words."""
-    if asked.speed is None:
-        return _place(asked)
-    reach = "" if asked.speed_reach is None else f" within {length(asked.speed_reach)} of the end-effector"
-    return f"{_place(asked)}; air there at most {figures(asked.speed)} m/s{reach}"
+    if exposure.speed is None:
+        return _place(exposure)
+    reach = "" if exposure.speed_reach is None else f" within {length(exposure.speed_reach)} of the end-effector"
+    return f"{_place(exposure)}; air there at most {figures(exposure.speed)} m/s{reach}"
 
 
-def _place(asked: AnyExposure) -> str:
-    match asked:
+def _place(exposure: AnyExposure) -> str:
+    match exposure:
         case Local():
-            return _region(asked)
+            return _region(exposure)
         case Directional():
-            return f"capsules of radius {length(asked.radius)} along {_path(asked)}"
+            return f"capsules of radius {length(exposure.radius)} along {_path(exposure)}"
         case Exterior():
-            axis = "towards the centre of mass" if asked.axis == "com" else f"along {vector(asked.axis)}"
+            axis = "towards the centre of mass" if exposure.axis == "com" else f"along {vector(exposure.axis)}"
             return (
-                f"everything outside a cone of half-angle {figures(asked.half_angle_deg)}° with its apex at the "
+                f"everything outside a cone of half-angle {figures(exposure.half_angle_deg)}° with its apex at the "
                 f"end-effector and its axis {axis}"
             )
         case Allowed():
-            sides = " and ".join(f"{vector(unit_vector(p.normal))} · x ≤ {length(p.offset)}" for p in asked.planes)
+            sides = " and ".join(
+                f"{vector(unit_vector(p.normal))} · x ≤ {length(p.offset)}" for p in exposure.planes
+            )
             return f"everything but where {sides}, with x from the end-effector"
 
 
-def _path(asked: Directional) -> str:
-    if asked.segments is not None:
-        ends = ", ".join(vector(end) for end in asked.segments)
-        return f"{quantity(len(asked.segments), 'path')} from the end-effector to {ends} m"
-    if asked.polylines is not None:
-        paths = "; ".join(" to ".join(vector(point) for point in points) for points in asked.polylines)
-        return f"{quantity(len(asked.polylines), 'bent path')}, from the end-effector: {paths} m"
-    return f"{length(asked.length or 0.0)} along p_E, away from the centre of mass"
+def _path(exposure: Directional) -> str:
+    if exposure.segments is not None:
+        endpoints = ", ".join(vector(end) for end in exposure.segments)
+        return f"{quantity(len(exposure.segments), 'path')} from the end-effector to {endpoints} m"
+    if exposure.polylines is not None:
+        paths = "; ".join(" to ".join(vector(point) for point in points) for points in exposure.polylines)
+        return f"{quantity(len(exposure.polylines), 'bent path')}, from the end-effector: {paths} m"
+    return f"{length(exposure.length or 0.0)} along p_E, away from the centre of mass"
 
 
 def load_cases(task: ResolvedTask) -> list[list[str]]:
@@ -182,7 +184,7 @@ def load_cases(task: ResolvedTask) -> list[list[str]]:
 
 
 def _parts(case: LoadCase, force_unit: float, torque_unit: float) -> list[str]:
-    found = []
+    texts = []
     for where, wrench in (("at the end-effector", case.at_end_effector), ("at the centre of mass", case.at_com)):
         for name, value, unit, scale, scaled in (
             ("force", wrench.force, "N", force_unit, "m_t g"),
@@ -190,8 +192,8 @@ def _parts(case: LoadCase, force_unit: float, torque_unit: float) -> list[str]:
         ):
             if not is_zero(value):
                 relative = tuple(x / scale for x in value)
-                found.append(f"{name} {where} {vector(value)} {unit} = {vector(relative)} {scaled}")
-    return [*(found or ["nothing"]), *_sets(case)]
+                texts.append(f"{name} {where} {vector(value)} {unit} = {vector(relative)} {scaled}")
+    return [*(texts or ["nothing"]), *_sets(case)]
 
 
 def _sets(case: LoadCase) -> Iterator[str]:
@@ -243,36 +245,36 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
 
 def _flight(task: ResolvedTask) -> Iterator[Facts]:
     """Yield what a design must be able to do beyond its load cases, if the task asks for anything."""
-    asked = task.flight
-    if asked.asks:
-        around = "hover" if asked.around == "hover" else "hover and every load case that carries the weight"
-        which = "any horizontal force" if asked.directions == "horizontal" else "any force"
-        weights = asked.force_reserve / task.force_unit(task.n), asked.torque_reserve / task.torque_unit(task.n)
-        rows = [("around", around)] if asked.keeps_reserves else []
-        if asked.force_reserve:
-            size = f"{figures(asked.force_reserve)} N = {figures(weights[0], 3)} m_t g"
+    flight = task.flight
+    if flight.asks:
+        around = "hover" if flight.around == "hover" else "hover and every load case that carries the weight"
+        which = "any horizontal force" if flight.directions == "horizontal" else "any force"
+        weights = flight.force_reserve / task.force_unit(task.n), flight.torque_reserve / task.torque_unit(task.n)
+        rows = [("around", around)] if flight.keeps_reserves else []
+        if flight.force_reserve:
+            size = f"{figures(flight.force_reserve)} N = {figures(weights[0], 3)} m_t g"
             where = {
                 "tip": "end-effector",
                 "com": "centre of mass",
                 "both": "end-effector or at the centre of mass",
             }
-            rows.append(("force reserve", f"{which} of {size} at the {where[asked.at]}"))
-        if asked.torque_reserve:
-            rows.append(("torque reserve", f"any of {figures(asked.torque_reserve)} N m"))
-        if asked.tilt_deg:
-            rows.append(("tilt", f"hover held at any tilt up to {figures(asked.tilt_deg)}°"))
-        if any(asked.angular_acceleration):
-            sizes = ", ".join(figures(a) for a in asked.angular_acceleration)
+            rows.append(("force reserve", f"{which} of {size} at the {where[flight.at]}"))
+        if flight.torque_reserve:
+            rows.append(("torque reserve", f"any of {figures(flight.torque_reserve)} N m"))
+        if flight.tilt_deg:
+            rows.append(("tilt", f"hover held at any tilt up to {figures(flight.tilt_deg)}°"))
+        if any(flight.angular_acceleration):
+            sizes = ", ".join(figures(a) for a in flight.angular_acceleration)
             rows.append(("angular acceleration", f"{sizes} rad/s² about x, y and z"))
-        if asked.com_error:
-            error = f"off by up to {figures(1e3 * asked.com_error)} mm along each axis"
+        if flight.com_error:
+            error = f"off by up to {figures(1e3 * flight.com_error)} mm along each axis"
             rows.append(("centre of mass, for all of these", error))
-        if asked.allocator == "pseudo-inverse":
+        if flight.allocator == "pseudo-inverse":
             rows.append(("inputs for these", "by the pseudo-inverse, without desaturation"))
-        if asked.rotor_out != "none":
-            in_hover = "hover" + " and every load case that carries the weight" * (asked.rotor_out == "all")
-            torque = f", any torque of {figures(asked.rotor_out_torque or 0.0)} N m to spare"
-            rows.append(("with any one rotor dead", in_hover + torque * bool(asked.rotor_out_torque)))
+        if flight.rotor_out != "none":
+            in_hover = "hover" + " and every load case that carries the weight" * (flight.rotor_out == "all")
+            torque = f", any torque of {figures(flight.rotor_out_torque or 0.0)} N m to spare"
+            rows.append(("with any one rotor dead", in_hover + torque * bool(flight.rotor_out_torque)))
         for what, limit, unit in zip(("force", "moment"), task.joint_limits, ("N", "N m"), strict=True):
             if limit is not None:
                 rows.append((f"{what} in a joint", f"at most {figures(limit)} {unit} in every load case"))

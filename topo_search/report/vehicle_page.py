@@ -13,21 +13,23 @@ table { border-collapse: collapse; font-size: 9.5pt } th, td { border: 0.3mm sol
 """
 
 
-def vehicle_page(name: str, rotors: int, found: Capability) -> str:
+def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
     """Return the page.
 
     Args:
         name: the vehicle's file.
         rotors: how many it has.
-        found: what it can do.
+        capability: what it can do.
     """
-    shown = flight_part(found.flight)
-    verdict = {True: "meets every load case of the task.", False: "does not meet the task.", None: ""}[found.met]
+    shown = flight_part(capability.flight)
+    verdict = {True: "meets every load case of the task.", False: "does not meet the task.", None: ""}[
+        capability.met
+    ]
     lines = [
-        paragraph(f"{rotors} rotors, rank {found.rank} of 6. {verdict and f'The vehicle {verdict}'}".strip()),
+        paragraph(f"{rotors} rotors, rank {capability.rank} of 6. {verdict and f'The vehicle {verdict}'}".strip()),
         paragraph(
-            f"Without torque it exerts any force up to {lower_text(found.zero_torque_ball_N, 5)} N; all such "
-            f"forces have a volume of {lower_text(found.zero_torque_volume_N3, 5)} N³."
+            f"Without torque it exerts any force up to {lower_text(capability.zero_torque_ball_N, 5)} N; all such "
+            f"forces have a volume of {lower_text(capability.zero_torque_volume_N3, 5)} N³."
         ),
         paragraph(shown["summary"].replace(" of module 0", "")),
         table(shown["cases"].columns, shown["cases"].rows),

@@ -92,13 +92,13 @@ def _forces(design: Design, at: Poses, audit: Audit | None) -> dict[str, Any] | 
     corners = Trimesh(at.end_effector + scale * vertices, triangles, process=False)
     words = "forces that can be added"
     parts = [Part("forces", words, palette.OFFSET, corners, opacity=0.35)]
-    told = "All forces that can be added at the tip in hover, to the scale of the load cases' arrows."
+    caption = "All forces that can be added at the tip in hover, to the scale of the load cases' arrows."
     reserve = None if audit is None or audit.flight is None else audit.flight.hover.force_reserve_N
     if reserve is not None:
         sphere = ball(at.end_effector, scale * reserve)
         parts.append(Part("forces", "in every direction", palette.END_EFFECTOR, sphere))
-        told += f" The ball: {figures(at_least(reserve, 3), 3)} N can be added in every direction."
-    return {"told": told, "parts": [part.dump() for part in parts]}
+        caption += f" The ball: {figures(at_least(reserve, 3), 3)} N can be added in every direction."
+    return {"told": caption, "parts": [part.dump() for part in parts]}
 
 
 def _modules(design: Design, at: Poses, audit: Audit | None) -> list[str]:
@@ -126,36 +126,38 @@ def _audit_lines(audit: Audit | None, i: int) -> list[str]:
     """Return a module's least clearance and the largest moment in its joint, as the audit knows them."""
     if audit is None:
         return []
-    told = []
+    lines = []
     between = ("airflow", "separation", "body", "rotor-airflow", "bracket-airflow", "bracket-rotor")
-    own = [pair for pair in audit.pairs if pair.a == i or (pair.b == i and pair.kind in (*between, "rod-airflow"))]
-    if own:
-        least = min(own, key=lambda pair: pair.analytic_m)
-        told.append(f"least clearance {clearance(least)}: {least.name}")
+    pairs = [
+        pair for pair in audit.pairs if pair.a == i or (pair.b == i and pair.kind in (*between, "rod-airflow"))
+    ]
+    if pairs:
+        least = min(pairs, key=lambda pair: pair.analytic_m)
+        lines.append(f"least clearance {clearance(least)}: {least.name}")
     loads = [] if audit.flight is None else [load for load in audit.flight.joints if load.child == i]
     if loads:
         worst = max(loads, key=lambda load: load.moment_Nm)
-        told.append(f"joint bears up to {figures(at_most(worst.moment_Nm, 3), 3)} N m, in {worst.case}")
-    return told
+        lines.append(f"joint bears up to {figures(at_most(worst.moment_Nm, 3), 3)} N m, in {worst.case}")
+    return lines
 
 
 def _steps(design: Design, assembly: Assembly | None) -> list[str]:
     """Return what is done at each step of the assembly, the root first and the rod, if there is one, last."""
-    told = ["Start with module 0, the root."]
+    steps = ["Start with module 0, the root."]
     for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
-        told.append(
+        steps.append(
             f"Bolt port {PORT_NAMES[b]} of module {i} to port {PORT_NAMES[a]} of module {h}; "
             f"set the hinge to {figures(math.degrees(alpha), 5)}°."
         )
     sheet = None if assembly is None else assembly.end_effector
     if sheet is not None and sheet.mount is not None and sheet.rod is not None:
-        told.append(
+        steps.append(
             f"Fix the rod of {length(sheet.rod.length_m)} to port {PORT_NAMES[sheet.mount.port]} of module "
             f"{sheet.mount.module}; it carries the end-effector."
         )
     else:
-        told.append("Mount the end-effector; no straight rod is known to carry it.")
-    return told
+        steps.append("Mount the end-effector; no straight rod is known to carry it.")
+    return steps
 
 
 def _vector(values: np.ndarray[Any, Any]) -> str:

@@ -25,12 +25,12 @@ def weakest_force(nominal: Nominal) -> tuple[float, Array]:
 
     Each of the evenly spaced directions is a linear program over the thrusts.
     """
-    found, directions = [], 24
+    forces, directions = [], 24
     for k in range(directions):
         angle = 2 * math.pi * k / directions
         d = np.array([math.cos(angle), math.sin(angle), 0.0])
-        found.append((load_factor(nominal, np.append(d, np.zeros(3))), k, d))
-    force, _, d = min(found, key=lambda one: one[:2])
+        forces.append((load_factor(nominal, np.append(d, np.zeros(3))), k, d))
+    force, _, d = min(forces, key=lambda one: one[:2])
     return force, d
 
 
@@ -60,16 +60,16 @@ def hover_residual(nominal: Nominal, dead: int | None = None) -> tuple[float, fl
 
 def hardest_rotor(nominal: Nominal) -> tuple[int, int]:
     """Return the rotor whose failure leaves least, and the number of single rotor failures that hover survives."""
-    found = [hover_residual(nominal, rotor) for rotor in range(nominal.B.shape[1])]
-    survived = sum(short <= MET for short, _ in found)
-    worst = max(range(len(found)), key=lambda rotor: (max(found[rotor][0], MET), found[rotor][1]))
+    residuals = [hover_residual(nominal, rotor) for rotor in range(nominal.B.shape[1])]
+    survived = sum(short <= MET for short, _ in residuals)
+    worst = max(range(len(residuals)), key=lambda rotor: (max(residuals[rotor][0], MET), residuals[rotor][1]))
     return worst, survived
 
 
 def wake_losses(design: Design) -> tuple[float, ...]:
     """Return the share of its thrust that each rotor loses to wakes, in the load case in which it loses most."""
-    found = platform(design)
-    blown = air(design, found, Scene(design, found))
+    placed = platform(design)
+    blown = air(design, placed, Scene(design, placed))
     if blown is None:
         return ()
     losses = ([rotor.thrust_loss for rotor in case.rotors] for case in blown.cases)

@@ -158,19 +158,19 @@ def plan(design: Design, rotor: int, rotor_out: bool) -> list[Scenario | Scenari
         if others := len(case.corners) - len(chosen):
             why = f"only the {CORNERS} corners of all load cases with the least load factors are flown"
             planned.append(ScenarioResult(name=f"{name}, {others} other corners", verdict="not flown", reason=why))
-    asked = design.task.flight.rotor_out != "none"
-    return [*planned, dead_rotor(rotor, counts=rotor_out or asked)]
+    required = design.task.flight.rotor_out != "none"
+    return [*planned, dead_rotor(rotor, counts=rotor_out or required)]
 
 
 def _weakest_corners(design: Design) -> set[tuple[int, int]]:
     """Return the corners that are flown, as load case and number: those that can grow least."""
     known = nominal(design)
-    found = []
+    factors = []
     for k, case in enumerate(design.task.load_cases):
         if imbalance(design, case) is None:
             loads = [known.about_com(exertion(corner)) for corner in case.corners]
-            found += [(load_factor(known, load), k, number) for number, load in enumerate(loads)]
-    return {(k, number) for _, k, number in sorted(found)[:CORNERS]}
+            factors += [(load_factor(known, load), k, number) for number, load in enumerate(loads)]
+    return {(k, number) for _, k, number in sorted(factors)[:CORNERS]}
 
 
 def _as_hover(name: str) -> ScenarioResult:

@@ -87,8 +87,8 @@ def fly(
         if dead is not None and t >= scenario.dead_at + options.detection:
             allocator.stop_rotor(dead)
         seen = _add_noise(plant.state, options.errors.noise, rng)
-        asked = controller.wrench(seen, reference)
-        T, missing = allocator.thrusts(asked)
+        wrench = controller.wrench(seen, reference)
+        T, missing = allocator.thrusts(wrench)
         scaled = missing / nominal.weight / np.repeat([1.0, nominal.arm], 3)
         controller.learn(seen, reference, bool(np.abs(scaled).max() <= MISSED))
         share = T / nominal.largest_thrust

@@ -157,12 +157,12 @@ class Plant:
     @property
     def contact_force(self) -> Array:
         """Force of the tip on the wall, world axes, (3,) [N]."""
-        total, found = np.zeros(3), np.zeros(6)
+        total, wrench = np.zeros(3), np.zeros(6)
         for k, names in enumerate(self._contacts()):
             if "tip" in names:
-                mujoco.mj_contactForce(self.model, self.data, k, found)
+                mujoco.mj_contactForce(self.model, self.data, k, wrench)
                 sign = 1.0 if names[1] == "tip" else -1.0
-                total += sign * (self.data.contact[k].frame.reshape(3, 3).T @ found[:3])
+                total += sign * (self.data.contact[k].frame.reshape(3, 3).T @ wrench[:3])
         return np.asarray(-total)
 
     @property
@@ -234,15 +234,15 @@ def _world(design: Design, wall: Wall | None, lag: float) -> str:
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, rotation_to(wall.towards).ravel())
         shape = {"type": "box", "size": numbers(0.25, 0.25, 0.01), "rgba": "0.7 0.75 0.8 0.25"}
-        place = {"pos": numbers(*centre), "quat": numbers(*quaternion)}
+        pose = {"pos": numbers(*centre), "quat": numbers(*quaternion)}
         touch = {"solref": "0.01 1", "friction": "0.3 0.005 0.0001", "priority": "1"}
-        SubElement(_find(root, "worldbody"), "geom", {"name": "wall", **shape, **place, **touch})
+        SubElement(_find(root, "worldbody"), "geom", {"name": "wall", **shape, **pose, **touch})
     SubElement(SubElement(root, "visual"), "global", offwidth="960", offheight="720")
     return ElementTree.tostring(root, encoding="unicode")
 
 
 def _find(root: Element, path: str) -> Element:
-    found = root.find(path)
-    if found is None:
+    element = root.find(path)
+    if element is None:
         raise ValueError(f"the model has no {path}")
-    return found
+    return element

@@ -69,11 +69,11 @@ SIDES = {"+x": (1.0, 0.0), "+y": (0.0, 1.0), "-x": (-1.0, 0.0), "-y": (0.0, -1.0
 
 def hover_scenarios() -> list[Scenario]:
     """Return hover, and returns from four sides, tilted about four axes."""
-    found = [Scenario("hover", 5.0, 1.0)]
+    scenarios = [Scenario("hover", 5.0, 1.0)]
     for name, (x, y) in SIDES.items():
         start, axis = AWAY * np.array([x, y, 0.0]), np.array([-y, x, 0.0])
-        found.append(Scenario(f"return from {name}", 5.0, 3.0, start=start, axis=axis))
-    return found
+        scenarios.append(Scenario(f"return from {name}", 5.0, 3.0, start=start, axis=axis))
+    return scenarios
 
 
 def tilts(size: float, *, counts: bool) -> list[Scenario]:
@@ -138,9 +138,9 @@ def hold(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
     loaded = hold_at_tip(f"{name}, load at the tip", case)
     if loaded is None:
         return []
-    found, wrench = [loaded], loaded.exerted
+    scenarios, wrench = [loaded], loaded.exerted
     force = np.linalg.norm(wrench[:3])
     if force > 0 and not wrench[3:].any():
         touched = replace(loaded, name=f"{name}, wall", seconds=8.0, judged_from=5.5, ramp_at=3.0, counts=solid)
-        found.append(replace(touched, wall=Wall(wrench[:3] / force, APPROACH), largest_drift=0.02))
-    return found
+        scenarios.append(replace(touched, wall=Wall(wrench[:3] / force, APPROACH), largest_drift=0.02))
+    return scenarios

@@ -72,7 +72,7 @@ def last_request(path: Path, directory: Directory, ledger: Ledger) -> Request:
             round_size=held.round_size,
             prune=bool(held.prune),
             versions=ledger.versions() or installed_versions(),
-            own=held.own or NOTHING,
+            user_inputs=held.own or NOTHING,
         )
     except ValueError as error:
         raise BadInput(str(path), f"holds a run that cannot be asked for: {error}") from None
@@ -88,9 +88,9 @@ def require_same(path: Path, request: Request, ledger: Ledger) -> None:
 
 def require_versions(path: Path, ledger: Ledger) -> None:
     """Refuse to take up a run whose own functions may have changed since: nobody could tell."""
-    own = ledger.identity().own
-    if own is not None and own.unversioned:
-        names = ", ".join(map(repr, own.unversioned))
+    user_inputs = ledger.identity().own
+    if user_inputs is not None and user_inputs.unversioned:
+        names = ", ".join(map(repr, user_inputs.unversioned))
         own_code = f"{names} of your own, which has no version"
         raise refusal(path, f"holds a run with {own_code}, so that it cannot be resumed")
 

@@ -112,8 +112,8 @@ def front(points: Sequence[FrontPoint], names: Sequence[str]) -> tuple[FrontPoin
             kept.append((costs, point))
     return tuple(
         point
-        for place, (costs, point) in enumerate(kept)
-        if not any(_covers(later, costs) for later, _ in kept[place + 1 :])
+        for index, (costs, point) in enumerate(kept)
+        if not any(_covers(later, costs) for later, _ in kept[index + 1 :])
     )
 
 
@@ -125,11 +125,11 @@ def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[Fr
         points: the front, the least effort first.
     """
     sentences = []
-    for place, (name, goal) in enumerate(GOALS.items()):
+    for index, (name, goal) in enumerate(GOALS.items()):
         groups = defaultdict[tuple[Any, ...], list[float | None]](list)
         for level, J in levels:
-            groups[(*level[:place], *level[place + 1 :])].append(J)
-        has_levels = any(level[place] is not None for level, _ in levels)
+            groups[(*level[:index], *level[index + 1 :])].append(J)
+        has_levels = any(level[index] is not None for level, _ in levels)
         if points and has_levels and all(map(_are_alike, groups.values())):
             has = proven_cell(name, points[0].cells[name], 4)
             sentences.append(
@@ -196,7 +196,7 @@ def _of_flight(task: ResolvedTask, flight: Flight | None) -> dict[str, Any]:
     level = task.flight.directions == "horizontal"
     numbers = [number for number, _, _ in centres_of(task, task.flight.around)]
     cases = [flight.cases[number] for number in numbers]
-    names = [f"{'horizontal' if level else 'force'}_reserve{place}_N" for place in PLACES[task.flight.at]]
+    names = [f"{'horizontal' if level else 'force'}_reserve{point}_N" for point in PLACES[task.flight.at]]
     forces: list[float | None] = [getattr(case, name) for case in cases for name in names]
     torques = [case.torque_reserve_Nm for case in cases]
     kept = {"all": flight.rotors_out_all, "hover": flight.rotors_out_hover}

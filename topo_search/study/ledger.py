@@ -34,7 +34,7 @@ class _Sql:
     select = f"SELECT {', '.join(ROW_FIELDS)} FROM candidates"
     ranked = "context IN (SELECT value FROM json_each(?))"
     standing = f"WHERE standing AND modules = ? AND {ranked}"
-    place = "context = ? AND key = ?"
+    row_key = "context = ? AND key = ?"
 
 
 class Ledger:
@@ -195,7 +195,7 @@ class Ledger:
 
     def row(self, context: Context, key: str) -> Row | None:
         """Return one candidate's row in a context."""
-        query = f"{_Sql.select} WHERE {_Sql.place}"
+        query = f"{_Sql.select} WHERE {_Sql.row_key}"
         return next(starmap(Row, self._database.execute(query, (context.name, key))), None)
 
     def result(self, context: Context, key: str) -> Design | Infeasible | None:
@@ -263,12 +263,12 @@ class Ledger:
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
         text = to_json(audit).encode()
-        place = context.name, key
+        row_key = context.name, key
         with self._transaction():
             changes = {"audit": str(audit.verdict), "audit_checksum": zlib.crc32(text), **flight_of(audit)}
-            verdict = f"UPDATE candidates SET {', '.join(f'{name} = ?' for name in changes)} WHERE {_Sql.place}"
-            self._database.execute(verdict, (*changes.values(), *place))
-            self._database.execute(f"UPDATE texts SET audit = ? WHERE {_Sql.place}", (text, *place))
+            verdict = f"UPDATE candidates SET {', '.join(f'{name} = ?' for name in changes)} WHERE {_Sql.row_key}"
+            self._database.execute(verdict, (*changes.values(), *row_key))
+            self._database.execute(f"UPDATE texts SET audit = ? WHERE {_Sql.row_key}", (text, *row_key))
 
     def forget_audit_failures(self, context: Context) -> None:
         """Let designs whose audits failed be audited again."""
@@ -277,7 +277,7 @@ class Ledger:
 
     def record_audit_failure(self, context: Context, key: str, reason: str) -> None:
         """Write why a candidate's design has no audit."""
-        self._write(f"UPDATE candidates SET audit_failure = ? WHERE {_Sql.place}", (reason, context.name, key))
+        self._write(f"UPDATE candidates SET audit_failure = ? WHERE {_Sql.row_key}", (reason, context.name, key))
 
     def files_in(self, directory: Directory) -> RunFiles:
         """Return the files that the run wrote into its directory."""
@@ -317,6 +317,6 @@ class Ledger:
     def _text(self, column: str, context: Context, key: str) -> str | None:
         """Return what one of the columns of `texts` holds of a candidate."""
         texts = "candidates LEFT JOIN texts USING (context, key)"
-        query = f"SELECT texts.{column}, {column}_checksum FROM {texts} WHERE {_Sql.place}"
+        query = f"SELECT texts.{column}, {column}_checksum FROM {texts} WHERE {_Sql.row_key}"
         text, checksum = self._database.execute(query, (context.name, key)).fetchone() or (None, None)
         return None if checksum is None else checked_text(self.path, key, text, checksum)

@@ -112,11 +112,11 @@ def checksum(values: Sequence[Any]) -> int:
 def seal_changes(database: sqlite3.Connection) -> None:
     """Have every row that is changed sealed again, and its table's tally follow, by triggers of this connection."""
     database.create_function("seal", -1, lambda *values: checksum(values), deterministic=True)
-    for table, place in PLACES.items():
+    for table, key_columns in PLACES.items():
         *names, _ = (name for _, name, *_ in database.execute(f"PRAGMA table_info({table})"))
         seal = f"""
         UPDATE {table} SET checksum = seal({", ".join(f"NEW.{name}" for name in names)})
-        WHERE ({place}) = ({", ".join(f"NEW.{name.strip()}" for name in place.split(","))})"""
+        WHERE ({key_columns}) = ({", ".join(f"NEW.{name.strip()}" for name in key_columns.split(","))})"""
         tally = f"UPDATE tallies SET rows = rows + %s, total = (total + %s) & 4294967295 WHERE name = '{table}'"
         inserted, deleted = ("1", "NEW.checksum"), ("-1", "-OLD.checksum")
         changed = "0", "NEW.checksum - OLD.checksum"
@@ -136,7 +136,7 @@ def fault(database: sqlite3.Connection, table: str) -> str | None:
     ]
     known: set[tuple[type, ...]] = set()
     rows = total = 0
-    place = slice(0, PLACES.get(table, "").count(",") + 1)
+    key_columns = slice(0, PLACES.get(table, "").count(",") + 1)
     before: tuple[Any, ...] = ()
     for values in database.execute(f"SELECT * FROM {table} NOT INDEXED"):
         stored = values[-1]
@@ -148,7 +148,7 @@ def fault(database: sqlite3.Connection, table: str) -> str | None:
             if not all(kind in allowed for kind, allowed in zip(types, kinds, strict=True)):
                 return f"a row of its table {table} has a value of another kind"
             known.add(types)
-        if table != "run" and not before < (before := values[place]):
+        if table != "run" and not before < (before := values[key_columns]):
             return f"the rows of its table {table} are not in order"
         if table == "candidates" and (len(values[1]) != values[2] + 1 or not KEY.fullmatch(values[1])):
             return f"its table candidates has the key {values[1][:40]!r} for {values[2]} modules"

@@ -155,7 +155,7 @@ def _take_better(folder: RunFolder, row: Row, clear: list[Design]) -> bool:
         return False
     design = clear[0].model_copy(update={"solver": held.solver})
     bound = row.lower_bound or 0.0
-    better = row_of(design, key=row.key, modules=row.modules, orbit=row.orbit, asked=row.asked, lower_bound=bound)
+    better = row_of(design, key=row.key, modules=row.modules, orbit=row.orbit, starts=row.asked, lower_bound=bound)
     folder.ledger.record(context, [(replace(better, margin=row.margin, step=row.step), design)])
     return True
 
@@ -164,5 +164,5 @@ def _solve_and_audit(
     local_optima: LocalOptima, audit: AuditDesign, most: float, job: Job
 ) -> list[tuple[Design, bool]]:
     """Return the local optima of a tree, and whether the audit of each is clear (in a worker)."""
-    found = local_optima(job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near, most_effort=most)
-    return [(design, audit(design).verdict == "clear") for design in found]
+    optima = local_optima(job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near, most_effort=most)
+    return [(design, audit(design).verdict == "clear") for design in optima]

@@ -228,9 +228,9 @@ class TimeLeft:
     def begin(self, phase: Phase, now: float) -> None:
         """Begin a phase, whether it was planned or not."""
         self._spent = self._spent_until(now)
-        places = [place for place, planned in enumerate(self._planned) if planned.same == phase.same]
-        if places:
-            del self._planned[: places[0] + 1]
+        indices = [index for index, planned in enumerate(self._planned) if planned.same == phase.same]
+        if indices:
+            del self._planned[: indices[0] + 1]
         self._phase, self._done, self._known = phase, 0, 0
         self._began = self._last = now
 

@@ -55,26 +55,26 @@ class _Attempt:
             return last if self.short < last else None
         return (self.enough + self.short) // 2 if self.enough - self.short > 1 else None
 
-    def task_at(self, place: int) -> ResolvedTask:
+    def task_at(self, rung: int) -> ResolvedTask:
         """Return the task with the limit relaxed, as a user who changes the field gets it."""
-        return self.limit.relaxed(self.limit.shares[place]).resolve(self.topology.n)
+        return self.limit.relaxed(self.limit.shares[rung]).resolve(self.topology.n)
 
-    def change(self, place: int) -> str:
+    def change(self, rung: int) -> str:
         """Name the limit and a change of it."""
-        return f"{self.limit.limit}: {self.limit.change(self.limit.shares[place])}"
+        return f"{self.limit.limit}: {self.limit.change(self.limit.shares[rung])}"
 
-    def take(self, place: int, outcome: bool | Failed) -> None:
+    def take(self, rung: int, outcome: bool | Failed) -> None:
         """Take up whether a share led to a design with a clear audit."""
         if isinstance(outcome, Failed):
-            self.failure = f"{self.change(place)} ({outcome.reason})"
+            self.failure = f"{self.change(rung)} ({outcome.reason})"
         elif outcome:
-            self.enough = place
+            self.enough = rung
         else:
-            self.short = place
+            self.short = rung
 
-    def relaxation(self, place: int) -> Relaxation:
+    def relaxation(self, rung: int) -> Relaxation:
         """Return what is known of a share that is enough."""
-        limit, share = self.limit, self.limit.shares[place]
+        limit, share = self.limit, self.limit.shares[rung]
         return Relaxation(
             topology_key=self.topology.key,
             limit=limit.limit,
@@ -112,11 +112,11 @@ def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: i
     over = False
     while not over and (due := _possible_attempts(attempts, backends if proven else None)):
         observer.phase(Phase("relaxing", n, len(due), len(few), solving_seconds(resolved, len(few))))
-        jobs = [(k, place, Job(attempts[k].task_at(place), attempts[k].topology, 1, few, seed)) for k, place in due]
+        jobs = [(k, rung, Job(attempts[k].task_at(rung), attempts[k].topology, 1, few, seed)) for k, rung in due]
         over = True
         ended = tools.engine.run(partial(_leads_to_a_design, backends), jobs, deadline=deadline, until=tools.until)
-        for count, ((k, place, _), outcome) in enumerate(ended, 1):
-            attempts[k].take(place, outcome)
+        for count, ((k, rung, _), outcome) in enumerate(ended, 1):
+            attempts[k].take(rung, outcome)
             observer.settled(None)
             over = count < len(jobs)
     helpful = _least(attempts)
@@ -143,11 +143,11 @@ def _possible_attempts(attempts: list[_Attempt], backends: Backends | None) -> l
     """Return which attempts to solve with which place of their ladders; with proofs, those that may be possible."""
     due = list[tuple[int, int]]()
     for number, attempt in enumerate(attempts):
-        while (place := attempt.next) is not None:
-            if backends is None or backends.prove_impossible(attempt.task_at(place)) is None:
-                due.append((number, place))
+        while (rung := attempt.next) is not None:
+            if backends is None or backends.prove_impossible(attempt.task_at(rung)) is None:
+                due.append((number, rung))
                 break
-            attempt.take(place, False)
+            attempt.take(rung, False)
             attempt.proven = True
     return due
 

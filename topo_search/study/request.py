@@ -94,7 +94,7 @@ class Context:
     """Versions of the libraries."""
     level: Level | None = None
     """Level of the goals, if the run has any: what was solved there had other designs to start from."""
-    own: Own = NOTHING
+    user_inputs: Own = NOTHING
     """User input beside the task."""
 
     @cached_property
@@ -102,7 +102,7 @@ class Context:
         """The content that the name is a digest of."""
         level = {} if self.level is None else {"level": self.level._asdict()}
         fixed_by = {"task": self.task.model_dump(mode="json"), "seed": self.seed, "versions": self.versions}
-        return {**fixed_by, **level, **self.own.fixes}
+        return {**fixed_by, **level, **self.user_inputs.fixes}
 
     @cached_property
     def name(self) -> str:
@@ -161,7 +161,7 @@ class Request:
     """The level of the goals that `task` holds, if this is one of those of a run with goals."""
     previous: Request | None = None
     """The level before, whose designs are carried over."""
-    own: Own = NOTHING
+    user_inputs: Own = NOTHING
     """User input beside the task, as the folder keeps it."""
     near: tuple[Design, ...] = field(default=(), compare=False)
     """The designs to start from themselves; a folder that is only read needs none."""
@@ -183,9 +183,9 @@ class Request:
         ):
             if value not in known:
                 raise ValueError(f"{name} must be one of {', '.join(known)}, but got {value!r}")
-        if self.own.topologies is not None and self.strategy != "exhaustive":
+        if self.user_inputs.topologies is not None and self.strategy != "exhaustive":
             raise ValueError("`topologies` requires the strategy `exhaustive`: all listed trees are solved")
-        if self.own.sampler is not None and self.strategy != "optuna":
+        if self.user_inputs.sampler is not None and self.strategy != "optuna":
             raise ValueError("a sampler of your own requires the strategy `optuna`")
 
     @cached_property
@@ -201,8 +201,8 @@ class Request:
             symmetry=self.symmetry,
             strategy=self.strategy,
             prune=self.prune if exhaustive else None,
-            sampler=None if exhaustive or self.own.sampler is not None else self.sampler,
-            own=None if self.own == NOTHING else self.own,
+            sampler=None if exhaustive or self.user_inputs.sampler is not None else self.sampler,
+            own=None if self.user_inputs == NOTHING else self.user_inputs,
             round_size=DEFAULT_ROUND if exhaustive else self.round_size,
             proposals="by whole rounds" if exhaustive else "ahead of results",
         )
@@ -227,28 +227,30 @@ class Request:
 
     def space(self, n: int) -> Space:
         """Return the candidates of n modules."""
-        task, symmetry, own = self.task.resolve(n), self.symmetry, self.own
-        if own.topologies is not None:
-            return Listed(task, symmetry, keys=tuple(key for key in own.topologies if len(key) - 1 == n))
-        if symmetry == "task" and own.telling is not None:
+        task, symmetry, user_inputs = self.task.resolve(n), self.symmetry, self.user_inputs
+        if user_inputs.topologies is not None:
+            return Listed(task, symmetry, keys=tuple(key for key in user_inputs.topologies if len(key) - 1 == n))
+        if symmetry == "task" and user_inputs.telling is not None:
             return Space(task, "none", rooted=True)
         return Space(task, "c2" if self._proper else symmetry)
 
     def quotient(self, n: int) -> Resolution:
         """Return which trees stand for one candidate, whether that is exact, and why."""
-        task, own = self.task.resolve(n), self.own
-        if own.topologies is not None:
+        task, user_inputs = self.task.resolve(n), self.user_inputs
+        if user_inputs.topologies is not None:
             return Resolution("c1", True, "every topology that was given is a candidate")
-        if self.symmetry == "task" and own.telling is not None:
-            reason = f"every rooted tree is a candidate: {own.telling!r} may tell modules apart"
+        if self.symmetry == "task" and user_inputs.telling is not None:
+            reason = f"every rooted tree is a candidate: {user_inputs.telling!r} may tell modules apart"
             return Resolution("c1", True, reason)
         if self._proper:
             resolution = resolve_symmetry(task, "c2")
-            return replace(resolution, reason=f"{resolution.reason}; {own.handed!r} may tell mirror images apart")
+            return replace(
+                resolution, reason=f"{resolution.reason}; {user_inputs.handed!r} may tell mirror images apart"
+            )
         resolution = resolve_symmetry(task, self.symmetry)
-        broken = own.telling if task.search.root == "free" else None
+        broken = user_inputs.telling if task.search.root == "free" else None
         if broken is None and resolution.group in ("d2", "d4"):
-            broken = own.handed
+            broken = user_inputs.handed
         if broken is None or not resolution.exact:
             return resolution
         return Resolution(resolution.group, False, f"lossy: {broken!r} may tell trees apart that count as one")
@@ -258,9 +260,11 @@ class Request:
 
         Only then does what is proven of all candidates hold of the size: every sentence about a size asks this.
         """
-        if self.own.topologies is None:
+        if self.user_inputs.topologies is None:
             return self.quotient(n).exact
-        every = replace(self, own=self.own.model_copy(update={"topologies": None}), symmetry="task").space(n)
+        every = replace(
+            self, user_inputs=self.user_inputs.model_copy(update={"topologies": None}), symmetry="task"
+        ).space(n)
         listed, due = self.space(n), every.count()
         if listed.count() < due:
             return False
@@ -269,13 +273,13 @@ class Request:
     @property
     def _proper(self) -> bool:
         free = self.task.search.root == "free"
-        return free and self.symmetry == "task" and self.own.handed is not None
+        return free and self.symmetry == "task" and self.user_inputs.handed is not None
 
     def contexts(self, n: int) -> list[Context]:
         """Return the contexts of n modules: the task's own margin, then each larger one."""
         task = self.task.resolve(n)
         return [
-            Context(with_margin(task, margin), step, self.seed, self.versions, self.level, self.own)
+            Context(with_margin(task, margin), step, self.seed, self.versions, self.level, self.user_inputs)
             for step, margin in enumerate(margins(task))
         ]
 

@@ -109,9 +109,9 @@ class SolveEvent:
     """The margin that the solver was asked for [m]."""
 
 
-def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, asked: int, lower_bound: float) -> Row:
-    """Return the row of a candidate that was solved from its first `asked` starts, or given up."""
-    candidate = Row(key=key, modules=modules, orbit=orbit, status="failed", asked=asked, lower_bound=lower_bound)
+def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, starts: int, lower_bound: float) -> Row:
+    """Return the row of a candidate that was solved from its first `starts` starts, or given up."""
+    candidate = Row(key=key, modules=modules, orbit=orbit, status="failed", asked=starts, lower_bound=lower_bound)
     if isinstance(outcome, Failed):
         return replace(candidate, worst_constraint=outcome.reason)
     if record := record_of(outcome):

@@ -192,7 +192,7 @@ def record(ledger: Ledger, context: Context, job: Job, outcome: Outcome, *, lowe
     result = None if isinstance(outcome, Failed) else outcome
     if result is not None and earlier is not None:
         outcome = result = merge(earlier, result, context.task)
-    row = row_of(outcome, key=key, modules=context.task.n, orbit=job.orbit, asked=starts, lower_bound=lower_bound)
+    row = row_of(outcome, key=key, modules=context.task.n, orbit=job.orbit, starts=starts, lower_bound=lower_bound)
     row = replace(row, margin=context.margin, step=context.step)
     if before is not None and _same_platform(earlier, result):
         kept = ("audit", "audit_failure", *FLIGHT)
@@ -209,7 +209,7 @@ def record_proof(folder: RunFolder, n: int, proof: Infeasible, lower_bound: floa
     candidates = space.candidates()
     while batch := list(islice(candidates, 1000)):
         rows = [
-            row_of(proof, key=one.key, modules=n, orbit=one.orbit, asked=request.starts, lower_bound=lower_bound)
+            row_of(proof, key=one.key, modules=n, orbit=one.orbit, starts=request.starts, lower_bound=lower_bound)
             for one in batch
         ]
         folder.ledger.record(request.contexts(n)[0], [(row, None) for row in rows])

@@ -143,22 +143,22 @@ def _features(task: ResolvedTask) -> list[_Feature]:
     features = _load_cases(task)
     p_E = task.end_effector.fixed_position
     none, l_arm = np.zeros((0, 3)), task.module.arm_length
-    for requirement in task.exposure:
-        asked = (requirement.solid, requirement.geometry, requirement.speed or 0.0, requirement.speed_reach or 0.0)
-        for shape in requirement.shapes:
+    for exposure in task.exposure:
+        needs = (exposure.solid, exposure.geometry, exposure.speed or 0.0, exposure.speed_reach or 0.0)
+        for shape in exposure.shapes:
             match shape:
                 case Polytope(corners):
                     V = np.array(corners)
                     V = _clean(V, float(np.linalg.norm(V, axis=1).max()))
-                    features.append(_Feature(REGION, asked, V, none))
+                    features.append(_Feature(REGION, needs, V, none))
                 case Capsule(length=None, start=start, end=end) if start != end:
                     orders = ((start, end), (end, start))  # its ends have no order, so both stand for it
                     for pair in [both for both in orders if NOWHERE not in (start, end) or both[0] == NOWHERE]:
                         polar = _clean(np.array(pair), l_arm)
-                        features.append(_Feature("segment", (shape.radius, *asked), polar, none))
+                        features.append(_Feature("segment", (shape.radius, *needs), polar, none))
                 case Cone(axis=(_, _, _)):
                     vectors = _clean(np.array([shape.axis, shape.apex]), l_arm)
-                    features.append(_Feature("axis", (shape.half_angle_deg, *asked), vectors, none))
+                    features.append(_Feature("axis", (shape.half_angle_deg, *needs), vectors, none))
     for axis, a in zip(np.eye(3), task.declared.flight.angular_acceleration, strict=True):
         if a:
             features += [_Feature("acceleration", (a,), none, way[None]) for way in (axis, -axis)]

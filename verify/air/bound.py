@@ -52,7 +52,7 @@ EIGHT = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshap
 class SpeedBound(NamedTuple):
     """The air over a region [m/s]."""
 
-    found: float
+    at_least: float
     """Speed at `point`, the largest that was found."""
     at_most: float
     """Proven: no point of the region has more."""
@@ -71,7 +71,7 @@ def bound_speed(
         limit: speed that is allowed; a bound below it is near enough, however near the largest speed is [m/s].
         within: a ball, outside which the region does not count.
     """
-    found, best, dropped = 0.0, np.full(3, np.nan), 0.0
+    speed, best, dropped = 0.0, np.full(3, np.nan), 0.0
     cubes, half = _first_cubes(air, region) if within is None else (within.o[None], within.r)
     if within is None and isinstance(region, Cone):
         dropped = bound_beyond(air, region.apex, half) * (1 + SEARCH.rounding)
@@ -88,16 +88,16 @@ def bound_speed(
             if within is not None:
                 points = points[np.linalg.norm(points - within.o, axis=1) < within.r]
             sums = speeds(air, points).sum(axis=1)
-            if (most := float(sums.max(initial=-1.0))) >= found:
-                found, best = most, points[int(np.argmax(sums))]
+            if (most := float(sums.max(initial=-1.0))) >= speed:
+                speed, best = most, points[int(np.argmax(sums))]
             bounds[chunk] = speeds(air, cubes[chunk], math.sqrt(3) * half).sum(axis=1) * (1 + SEARCH.rounding)
         left -= len(cubes)
-        enough = limit if found <= limit < SEARCH.enough * found else max(SEARCH.enough * found, SEARCH.not_less)
+        enough = limit if speed <= limit < SEARCH.enough * speed else max(SEARCH.enough * speed, SEARCH.not_less)
         settled = (bounds <= enough) | (left < 0)
         dropped = max(dropped, float(bounds[settled].max(initial=0.0)))
         half /= 2
         cubes = (cubes[~settled][:, None] + half * EIGHT).reshape(-1, 3)
-    return SpeedBound(found, max(dropped, found * (1 + SEARCH.rounding)), best)
+    return SpeedBound(speed, max(dropped, speed * (1 + SEARCH.rounding)), best)
 
 
 def _first_cubes(air: Jets, region: Solid | Cone | Hull) -> tuple[Array, float]:
@@ -107,8 +107,8 @@ def _first_cubes(air: Jets, region: Solid | Cone | Hull) -> tuple[Array, float]:
     if isinstance(region, Hull):
         low, high = region.mesh.vertices.min(axis=0), region.mesh.vertices.max(axis=0)
     else:
-        ends, r = np.stack([region.body.o, region.body.o + region.body.d]), region.body.r + region.body.dr
-        low, high = ends.min(axis=0) - r, ends.max(axis=0) + r
+        endpoints, r = np.stack([region.body.o, region.body.o + region.body.d]), region.body.r + region.body.dr
+        low, high = endpoints.min(axis=0) - r, endpoints.max(axis=0) + r
     return ((low + high) / 2)[None], float((high - low).max()) / 2
 
 
@@ -119,8 +119,8 @@ def _reach(air: Jets, region: Cone) -> float:
     )
     grid = region.apex + distance * np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3), axis=-1).reshape(-1, 3)
     points = _points_in(region, np.concatenate([grid, air.centres, air.rotors.reshape(-1, 3)]))
-    found = max(float(speeds(air, points).sum(axis=1).max()), SEARCH.not_less)
-    while bound_beyond(air, region.apex, distance) > found:
+    fastest = max(float(speeds(air, points).sum(axis=1).max()), SEARCH.not_less)
+    while bound_beyond(air, region.apex, distance) > fastest:
         distance *= 2
     return distance
 

@@ -174,7 +174,7 @@ def enclose(module: Module, density: float, thrust: float, speed: float) -> Spee
     while bound_beyond(air, np.zeros(3), near) >= speed:
         near *= 2
     top = bound_speed(air, Solid(ball(np.zeros(3), near)), limit=speed)
-    if top.found < speed:
+    if top.at_least < speed:
         raise Unreached(top)
     points, wider = (
         _faster_outside(air, Shape(SEARCH.point, 0.0, SEARCH.point), near, speed, math.inf),
@@ -250,7 +250,7 @@ def _faster_outside(air: Jets, shape: Shape, near: float, speed: float, room: fl
         speed: [m/s].
         room: size of cells at which points end the search if there are any.
     """
-    h, found = near / 2, [np.zeros((0, 2))]
+    h, points = near / 2, [np.zeros((0, 2))]
     z, r, phi, turn = (
         np.array([-h, h]),
         np.array([h, h]),
@@ -265,8 +265,8 @@ def _faster_outside(air: Jets, shape: Shape, near: float, speed: float, room: fl
         kept, cut = np.maximum(wake, inflow) >= speed, (inflow >= speed) & (turned > h)
         z, r, phi, turn, cut = z[kept], r[kept], phi[kept], turn[kept], cut[kept]
         fast = (_speeds(air, z, r, phi) >= speed) & (shape.excess(z, r) > 0)
-        found.append(np.stack([z[fast], r[fast]], axis=1))
-        if h < room and any(len(some) for some in found):
+        points.append(np.stack([z[fast], r[fast]], axis=1))
+        if h < room and any(len(some) for some in points):
             break
         if len(z) > SEARCH.most_cells:
             raise ArithmeticError(f"{len(z):,} cells are not enough to prove an enclosure of {speed} m/s")
@@ -274,25 +274,25 @@ def _faster_outside(air: Jets, shape: Shape, near: float, speed: float, room: fl
         h /= 2
         z, r = np.concatenate([z - h, z - h, z + h, z + h]), np.concatenate([r - h, r + h, r - h, r + h])
         z, r, phi, turn = _cut_angles(np.tile(cut, 4), z, r, np.tile(phi, 4), np.tile(turn, 4))
-    return np.concatenate(found)
+    return np.concatenate(points)
 
 
-def _fastest(air: Jets, place: Callable[[Array], tuple[Array, Array]], length: float) -> float:
+def _fastest(air: Jets, curve: Callable[[Array], tuple[Array, Array]], length: float) -> float:
     """Return a bound of the speed on a curve turned about the axis, at most SEARCH.sharp times a speed on it.
 
     Args:
         air: one module.
-        place: (z, r) by the distance along the curve.
+        curve: (z, r) by the distance along the curve.
         length: of the curve.
     """
-    h, found, dropped = length / 2, 0.0, 0.0
+    h, fastest, dropped = length / 2, 0.0, 0.0
     s, phi, turn = np.array([h]), np.array([SEARCH.octant / 2]), np.array([SEARCH.octant / 2])
     while len(s):
-        z, r = place(s)
+        z, r = curve(s)
         turned = (r + h) * turn
         wake, inflow = _bounds(air, z, r, phi, h, turned)
-        found = max(found, float(_speeds(air, z, r, phi).max()))
-        bounds, enough = np.maximum(wake, inflow), SEARCH.sharp * found
+        fastest = max(fastest, float(_speeds(air, z, r, phi).max()))
+        bounds, enough = np.maximum(wake, inflow), SEARCH.sharp * fastest
         dropped = max(dropped, float(bounds[bounds <= enough].max(initial=0.0)))
         kept, h = bounds > enough, h / 2
         s, phi, turn, cut = (np.tile(x[kept], 2) for x in (s, phi, turn, (inflow > enough) & (turned > h)))

@@ -49,22 +49,22 @@ def case_jets(design: Design, platform: Platform, scene: Scene) -> Iterator[tupl
 
 def speed_residuals(design: Design, measured: AirSpeeds | None) -> Iterator[Residual]:
     """Yield the air over every region whose speed is limited, in every load case: how far its bound is above."""
-    for number, requirement in enumerate(design.task.exposure):
-        if requirement.speed is None:
+    for number, exposure in enumerate(design.task.exposure):
+        if exposure.speed is None:
             continue
         for k, label in enumerate(design.task.case_labels):
-            found = None if measured is None else measured.cases[k].regions[number]
-            status = Status(found.status) if found is not None and found.status else Status.UNDECIDED
-            at_most = math.inf if found is None else found.speed_at_most_m_s
-            excess = 0.0 if status is Status.CLEAR else at_most - requirement.speed
+            region = None if measured is None else measured.cases[k].regions[number]
+            status = Status(region.status) if region is not None and region.status else Status.UNDECIDED
+            at_most = math.inf if region is None else region.speed_at_most_m_s
+            excess = 0.0 if status is Status.CLEAR else at_most - exposure.speed
             yield Residual(
-                name=f"air over exposure {number} ({requirement.kind}), {label}",
+                name=f"air over exposure {number} ({exposure.kind}), {label}",
                 value=clamp(excess),
                 unit="m/s",
-                scaled=clamp(excess / requirement.speed),
+                scaled=clamp(excess / exposure.speed),
                 tolerance=0.0,
                 status=status,
-                stated=requirement.speed,
+                stated=exposure.speed,
                 derived=clamp(at_most),
             )
 
@@ -80,23 +80,23 @@ def _case(name: str, scene: Scene, blown: Jets) -> CaseAir:
     )
 
 
-def _region(number: int, requirement: Exposure, scene: Scene, blown: Jets) -> RegionAir:
-    limit, within = requirement.speed, requirement.speed_reach
+def _region(number: int, exposure: Exposure, scene: Scene, blown: Jets) -> RegionAir:
+    limit, within = exposure.speed, exposure.speed_reach
     near = None if within is None else ball(scene.p_E, within / scene.l_arm)
     bounds = [
         bound_speed(blown, region, limit=math.inf if limit is None else limit, within=near)
-        for _, region in scene.regions(requirement)
+        for _, region in scene.regions(exposure)
     ]
-    largest = max(bounds, key=lambda bound: bound.found, default=SpeedBound(0.0, 0.0, scene.p_E))
+    largest = max(bounds, key=lambda bound: bound.at_least, default=SpeedBound(0.0, 0.0, scene.p_E))
     at_most = max((bound.at_most for bound in bounds), default=math.inf)
     status: Literal["clear", "undecided", "violated"] | None = None
     if limit is not None:
-        status = "clear" if at_most <= limit else "violated" if largest.found > limit else "undecided"
+        status = "clear" if at_most <= limit else "violated" if largest.at_least > limit else "undecided"
     return RegionAir(
-        name=f"exposure {number} ({requirement.kind})",
-        speed_m_s=clamp(largest.found),
+        name=f"exposure {number} ({exposure.kind})",
+        speed_m_s=clamp(largest.at_least),
         speed_at_most_m_s=clamp(at_most),
-        estimate_m_s=clamp(float(np.linalg.norm(speeds(blown, largest.point[None])))) if largest.found else 0.0,
+        estimate_m_s=clamp(float(np.linalg.norm(speeds(blown, largest.point[None])))) if largest.at_least else 0.0,
         limit_m_s=limit,
         status=status,
     )

@@ -5,8 +5,8 @@ Reserves of force and torque around hover and every load case, load factors, dea
 
 from __future__ import annotations
 
-from verify.flight.asked import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
 from verify.flight.measured import flight
+from verify.flight.residuals import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
 from verify.flight.vehicle import capability
 
 __all__ = [

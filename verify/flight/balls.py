@@ -99,20 +99,20 @@ def _refine(polytopes: list[_Polytope], C: Array, M: Array, g: Array, m: Array, 
     """Return what is found in each polytope by asking in one direction after another."""
     bounds = box.rows(len(g))
     for _ in range(ROUNDS):
-        asked = [(row, polytope.questions()) for row, polytope in enumerate(polytopes)]
-        if not any(len(d) for _, d in asked):
+        questions = [(row, polytope.questions()) for row, polytope in enumerate(polytopes)]
+        if not any(len(d) for _, d in questions):
             break
-        rows = np.concatenate([np.full(len(d), row) for row, d in asked])
-        d = np.concatenate([d for _, d in asked])
+        rows = np.concatenate([np.full(len(d), row) for row, d in questions])
+        d = np.concatenate([d for _, d in questions])
         bases = None
-        if len(polytopes[rows[0]].asked):
-            bases = np.concatenate([polytopes[row].near(d) for row, d in asked])
-        found = greatest(d @ C, M, m[rows], Box(bounds.low[rows], bounds.high[rows]), bases)
-        x, beside = found.v @ C.T - g[rows], np.sum(d * g[rows], axis=1)
+        if len(polytopes[rows[0]].directions):
+            bases = np.concatenate([polytopes[row].near(d) for row, d in questions])
+        optima = greatest(d @ C, M, m[rows], Box(bounds.low[rows], bounds.high[rows]), bases)
+        x, beside = optima.v @ C.T - g[rows], np.sum(d * g[rows], axis=1)
         for row, polytope in enumerate(polytopes):
             mine = rows == row
-            known = np.isfinite(found.attained) & mine
-            polytope.learn(d[mine], x[known], found.upper[mine] - beside[mine], found.bases[mine])
+            known = np.isfinite(optima.attained) & mine
+            polytope.learn(d[mine], x[known], optima.upper[mine] - beside[mine], optima.bases[mine])
     return [polytope.ball() for polytope in polytopes]
 
 
@@ -124,14 +124,14 @@ class _Polytope:
     g: Array | None = None
     """The middle of a cap from its sphere's centre; None: a ball is looked for."""
     points: Array = field(init=False)
-    asked: Array = field(init=False)
+    directions: Array = field(init=False)
     bases: Indices | None = None
     upper: float = math.inf
     weakest: Array = field(init=False)
     lower: float = 0.0
 
     def __post_init__(self) -> None:
-        self.points, self.asked = np.empty((0, self.D)), np.empty((0, self.D))
+        self.points, self.directions = np.empty((0, self.D)), np.empty((0, self.D))
         self.weakest = np.zeros(self.D)
 
     def size(self, normals: Array, offsets: Array) -> Array:
@@ -140,7 +140,7 @@ class _Polytope:
 
     def learn(self, d: Array, points: Array, upper: Array, bases: Indices) -> None:
         """Take what was found in directions d: points that are in the polytope, and how far it goes at most."""
-        self.asked = np.concatenate([self.asked, d])
+        self.directions = np.concatenate([self.directions, d])
         self.bases = bases if self.bases is None else np.concatenate([self.bases, bases])
         points = np.concatenate([self.points, points])
         self.points = points[np.unique(np.round(points, 10), axis=0, return_index=True)[1]]
@@ -153,11 +153,11 @@ class _Polytope:
         """Return where the programs of the nearest directions that were asked ended."""
         if self.bases is None:
             raise ValueError("nothing was asked before")
-        return np.asarray(self.bases[np.argmax(d @ self.asked.T, axis=1)])
+        return np.asarray(self.bases[np.argmax(d @ self.directions.T, axis=1)])
 
     def questions(self) -> Array:
         """Return the directions to ask in next, shape (q, D); none at the end."""
-        if not len(self.asked):
+        if not len(self.directions):
             return _first(self.D)
         if self.upper <= ACCURACY or not len(self.points):
             return np.empty((0, self.D))
@@ -184,7 +184,7 @@ class _Polytope:
     def _new_directions(self, normals: Array) -> Array:
         kept: list[Array] = []
         for n in normals:
-            known = np.concatenate([self.asked, *[one[None] for one in kept]])
+            known = np.concatenate([self.directions, *[one[None] for one in kept]])
             if not np.any(known @ n > 1 - SAME):
                 kept.append(n)
             if len(kept) == ASKED:

@@ -29,24 +29,24 @@ from verify.residuals import clamp
 
 
 def joint_loads(
-    design: Design, found: Platform, case: LoadCase, u: Array, name: str, holder: int | None
+    design: Design, platform: Platform, case: LoadCase, u: Array, name: str, holder: int | None
 ) -> Iterator[JointLoad]:
     """Yield what each joint bears in a load case, in the order of the joints.
 
     Args:
         design: the design.
-        found: its geometry.
+        platform: its geometry.
         case: what is asked of the rotors [N], [N m].
         u: their inputs, shape (n, 4) [rad^2/s^2].
         name: of the case.
         holder: the module that carries the end-effector; None: unknown, each figure of a joint is then the larger
             of both sides that may carry it.
     """
-    borne = _Borne(design, found, case, u)
+    borne = _Borne(design, platform, case, u)
     topology = design.topology
     beyond = _outward_modules(design)
     for h, i, a, _ in topology.edges():
-        axis = found.poses.R[h][:, 1 if a % 2 == 0 else 0]
+        axis = platform.poses.R[h][:, 1 if a % 2 == 0 else 0]
         sides = (True, False) if holder is None else (bool(beyond[i, holder]),)
         loads = [borne.at(i, beyond[i], tip) for tip in sides]
         yield JointLoad(
@@ -72,28 +72,28 @@ def _outward_modules(design: Design) -> Array:
 class _Borne:
     """All forces on the parts of a platform in one load case, and their accelerations."""
 
-    def __init__(self, design: Design, found: Platform, case: LoadCase, u: Array) -> None:
+    def __init__(self, design: Design, platform: Platform, case: LoadCase, u: Array) -> None:
         task, module = design.task, design.task.module
-        n, z = design.topology.n, found.poses.z
-        self._o, self._p_E, self._c = found.o, found.p_e, found.joints
+        n, z = design.topology.n, platform.poses.z
+        self._o, self._p_E, self._c = platform.o, platform.p_e, platform.joints
         thrusts = module.thrust_coefficient * u[:, :, None] * z[:, None, :]
         drags = module.torque_coefficient * (ROTOR_SPINS * u).sum(axis=1)[:, None] * z
         self._f_E, self._tau_E = np.array(case.at_end_effector.force), np.array(case.at_end_effector.torque)
         weight = np.array([0.0, 0.0, -task.gravity])
-        points, masses = _masses(design, found)
+        points, masses = _masses(design, platform)
         F = thrusts.sum(axis=(0, 1)) - self._f_E + masses.sum() * weight
-        tau = np.cross(found.rotors, thrusts).sum(axis=(0, 1)) + drags.sum(axis=0) - self._tau_E
+        tau = np.cross(platform.rotors, thrusts).sum(axis=(0, 1)) + drags.sum(axis=0) - self._tau_E
         tau -= np.cross(self._p_E, self._f_E)
-        a, turned = F / masses.sum(), np.linalg.solve(inertia(design, found), tau)
+        a, turned = F / masses.sum(), np.linalg.solve(inertia(design, platform), tau)
         # what the joints must exert on each part: its inertia less all other forces on it
         falls = masses[:, None] * (a + np.cross(turned, points) - weight)
         self._forces = falls[:n] - thrusts.sum(axis=1)
-        rotor_moments = np.cross(found.rotors - found.o[:, None], thrusts).sum(axis=1) + drags
-        self._moments = _inertias(design, found) @ turned - rotor_moments
+        rotor_moments = np.cross(platform.rotors - platform.o[:, None], thrusts).sum(axis=1) + drags
+        self._moments = _inertias(design, platform) @ turned - rotor_moments
         joints = 2 * n - 1
         self._joint_forces, self._tip_force = falls[n:joints], falls[joints] + self._f_E
-        self._rod_force, self._middle = falls[joints + 1 :].sum(axis=0), found.rod[:, 0].sum(axis=0)
-        self._rod_moment = rod_inertia(design, found) @ turned
+        self._rod_force, self._middle = falls[joints + 1 :].sum(axis=0), platform.rod[:, 0].sum(axis=0)
+        self._rod_moment = rod_inertia(design, platform) @ turned
 
     def at(self, child: int, beyond: Array, tip: bool) -> tuple[Array, Array]:
         """Return force and moment that what is beyond a child's joint needs there.
@@ -117,33 +117,33 @@ class _Borne:
         return force, moment
 
 
-def inertia(design: Design, found: Platform) -> Array:
+def inertia(design: Design, platform: Platform) -> Array:
     """Return the inertia of a platform about its centre of mass, shape (3, 3) [kg m^2]."""
-    points, masses = _masses(design, found)
+    points, masses = _masses(design, platform)
     spread = (points**2).sum(axis=1)[:, None, None] * np.eye(3) - points[:, :, None] * points[:, None, :]
-    own = _inertias(design, found).sum(axis=0) + rod_inertia(design, found)
-    return np.asarray(own + (masses[:, None, None] * spread).sum(axis=0))
+    own_inertia = _inertias(design, platform).sum(axis=0) + rod_inertia(design, platform)
+    return np.asarray(own_inertia + (masses[:, None, None] * spread).sum(axis=0))
 
 
-def rod_inertia(design: Design, found: Platform) -> Array:
+def rod_inertia(design: Design, platform: Platform) -> Array:
     """Return the inertia of a rod that counts about its middle, as a thin tube, shape (3, 3) [kg m^2]."""
     rod, J = design.task.end_effector.counted_rod, np.zeros((3, 3))
-    for half in found.rod[:, 1]:
+    for half in platform.rod[:, 1]:
         if rod is not None and (square := float(half @ half)) > 0:
             J = rod.mass / 3 * (square * np.eye(3) - np.outer(half, half))
             J += rod.mass * design.task.end_effector.rod_radius**2 / square * np.outer(half, half)
     return J
 
 
-def _inertias(design: Design, found: Platform) -> Array:
+def _inertias(design: Design, platform: Platform) -> Array:
     """Return the inertia of every module about its own centre, shape (n, 3, 3) [kg m^2]."""
-    R = found.poses.R
+    R = platform.poses.R
     return np.asarray(R * np.array(design.task.module.inertia) @ np.swapaxes(R, 1, 2))
 
 
-def _masses(design: Design, found: Platform) -> tuple[Array, Array]:
+def _masses(design: Design, platform: Platform) -> tuple[Array, Array]:
     """Return places, shape (m, 3), and masses of the modules, joints, end-effector and rod [m], [kg]."""
     task, n, rod = design.task, design.topology.n, design.task.end_effector.counted_rod
     each = [task.module.mass, task.module.joint_mass, task.end_effector.mass, rod.mass if rod else 0.0]
-    points = np.concatenate([found.o, found.joints, found.p_e[None], found.rod[:, 0]])
-    return points, np.repeat(each, [n, n - 1, 1, len(found.rod)])
+    points = np.concatenate([platform.o, platform.joints, platform.p_e[None], platform.rod[:, 0]])
+    return points, np.repeat(each, [n, n - 1, 1, len(platform.rod)])

@@ -69,29 +69,29 @@ TOGETHER = 200
 """Dead rotors and cases that are looked at at once."""
 
 
-def flight(design: Design, found: Platform, sheet: Assembly, errors: Sensitivity | None) -> Flight | None:
+def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitivity | None) -> Flight | None:
     """Return what a design can do beyond its task; None where its numbers are too large to compute with.
 
     Args:
         design: the design.
-        found: its geometry.
+        platform: its geometry.
         sheet: how it is assembled.
         errors: what its clearances tolerate.
     """
     task, tip = design.task, sheet.end_effector
     most = task.module.max_input(task.gravity)
-    N, A = 4 * design.topology.n, wrench_map(found, task.module) * most
+    N, A = 4 * design.topology.n, wrench_map(platform, task.module) * most
     inputs = [None, *(design.inputs.reshape(len(task.load_cases), N) / most)]
 
     def measured_about(c: Array) -> Measured:
         return Measured(
             np.vstack([A[:3], _torques_about(c, A)]),
-            found.p_e - c,
+            platform.p_e - c,
             (task.force_unit(task.n), task.module.arm_length),
             Box(np.full(N, task.module.min_input), np.ones(N)),
             dict(zip(task.case_labels, task.load_cases, strict=True)),
             inputs,
-            inertia(design, found),
+            inertia(design, platform),
         )
 
     measured = measured_about(np.zeros(3))
@@ -108,13 +108,13 @@ def flight(design: Design, found: Platform, sheet: Assembly, errors: Sensitivity
         rotors_out_hover=measured.rotors_out(1),
         rotors_out_all=measured.rotors_out(len(measured.names)),
         rotors_out_asked=_rotors_asked(measured, design),
-        joints=_joint_loads(measured, design, found, None if sheet.mount is None else sheet.mount.module),
+        joints=_joint_loads(measured, design, platform, None if sheet.mount is None else sheet.mount.module),
         hinge_tolerance_deg=None if angle is None else angle.tolerated,
         hover_input=measured.hover_input,
         hover_power_ratio=measured.hover_power_ratio,
         rod_length_m=None if rod is None else rod.length_m,
         rod_mass_share=None if rod is None else rod.mass_kg / task.total_mass(task.n),
-        span_m=_span(design, found),
+        span_m=_span(design, platform),
     )
 
 
@@ -147,8 +147,8 @@ class Measured:
         self.A, self.p_E, self.box, self.inputs = A / unit[:, None], p_E / arm, box, inputs
         self.J = None if J is None else J / self.torque
         hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, self.force)))
-        self.asked, self.names = (hover, *cases.values()), (HOVER, *cases)
-        self.b = np.array([required_wrench(case, p_E) / unit for case in self.asked])
+        self.load_cases, self.names = (hover, *cases.values()), (HOVER, *cases)
+        self.b = np.array([required_wrench(case, p_E) / unit for case in self.load_cases])
         _, first, same = np.unique(np.round(self.b, 12), axis=0, return_index=True, return_inverse=True)
         self.wrenches, self.same = self.b[first], same.ravel()  # what several cases ask for is looked at once
 
@@ -176,30 +176,30 @@ class Measured:
         """Return what hover and every load case leave."""
         yes, no = self.reached.yes, self.reached.no
         b = self.reached.v[yes] @ self.A.T
-        told = [left for k in range(0, len(b), CASES) for left in self._reserves(b[k : k + CASES])]
+        reserves = [left for k in range(0, len(b), CASES) for left in self._reserves(b[k : k + CASES])]
         rows = []
-        for name, case, v, row in zip(self.names, self.asked, self.v, self.same, strict=True):
+        for name, case, v, row in zip(self.names, self.load_cases, self.v, self.same, strict=True):
             possible = True if yes[row] else False if no[row] else None
-            place = np.count_nonzero(yes[:row])
+            index = np.count_nonzero(yes[:row])
             left = {}
             if possible:
-                left = told[place] | self._load_factor(b[place], case) | self._com_error(b[place], case)
+                left = reserves[index] | self._load_factor(b[index], case) | self._com_error(b[index], case)
             if possible and name == HOVER:
-                (cap,) = largest_caps(self.A[:3], self.A[3:], b[[place], :3], b[[place], 3:], self.box)
+                (cap,) = largest_caps(self.A[:3], self.A[3:], b[[index], :3], b[[index], 3:], self.box)
                 left |= _ball("tilt{}_deg", "tilt_weakest", cap, math.degrees(1.0))
-                left["tilt_deg_pseudo_inverse"] = math.degrees(self.pseudo_inverse.cap(b[place]))
+                left["tilt_deg_pseudo_inverse"] = math.degrees(self.pseudo_inverse.cap(b[index]))
             rows.append(CaseFlight(name=name, possible=possible, **left, **self._inputs(v)))
         return tuple(rows)
 
     def _reserves(self, b: Array) -> list[dict[str, Any]]:
         """Return the fields of what can be added to wrenches that some v produce, shape (B, 6)."""
         torques = largest_balls(self.A[3:], self.A[:3], b[:, 3:], b[:, :3], self.box)
-        told = [
+        reserves = [
             _ball("torque_reserve{}_Nm", "torque_weakest", ball, self.torque) | fields
             for ball, fields in zip(torques, self._accelerations(b), strict=True)
         ]
-        told = [fields | self._allocation(one) for fields, one in zip(told, b, strict=True)]
-        for place, about_rows, about in (
+        reserves = [fields | self._allocation(one) for fields, one in zip(reserves, b, strict=True)]
+        for point, about_rows, about in (
             ("", _torques_about(self.p_E, self.A), _torques_about(self.p_E, b.T).T),
             ("_com", self.A[3:], b[:, 3:]),
         ):
@@ -207,12 +207,12 @@ class Measured:
             level, held = np.vstack([about_rows, self.A[2:3]]), np.hstack([about, b[:, 2:3]])
             sides = largest_balls(self.A[:2], level, b[:, :2], held, self.box)
             for which, balls in (("force", forces), ("horizontal", sides)):
-                name, weakest = f"{which}_reserve{place}{{}}_N", f"{which}_weakest{place}"
-                told = [
+                name, weakest = f"{which}_reserve{point}{{}}_N", f"{which}_weakest{point}"
+                reserves = [
                     fields | _ball(name, weakest, ball, self.force)
-                    for fields, ball in zip(told, balls, strict=True)
+                    for fields, ball in zip(reserves, balls, strict=True)
                 ]
-        return told
+        return reserves
 
     def _accelerations(self, b: Array) -> list[dict[str, Any]]:
         """Return the fields of accelerations about each axis: the greatest s of which A v = b +- s J e / |J e|."""
@@ -220,8 +220,8 @@ class Measured:
         if self.J is None or not sizes.all():
             return [{} for _ in b]
         turns = np.hstack([np.zeros((3, 3)), (self.J / sizes).T])
-        found = self._greatest_steps(b, np.vstack([turns, -turns]))
-        lower, upper = (np.reshape(side, (-1, 2, 3)).min(axis=1) / sizes for side in found)
+        steps = self._greatest_steps(b, np.vstack([turns, -turns]))
+        lower, upper = (np.reshape(side, (-1, 2, 3)).min(axis=1) / sizes for side in steps)
         return [
             {
                 "angular_acceleration_rad_s2": tuple(np.maximum(least, 0.0).tolist()),
@@ -240,14 +240,14 @@ class Measured:
         (B, _), (D, _), N = b.shape, ways.shape, self.A.shape[1]
         largest, each = np.argmax(np.abs(ways), axis=1), np.tile(np.eye(D), (B, 1))
         most = np.abs(self.A) @ np.maximum(np.abs(self.box.low), np.abs(self.box.high))
-        ends = 1.01 * (most + np.abs(b))[:, largest] / np.abs(ways[np.arange(D), largest])
+        limits = 1.01 * (most + np.abs(b))[:, largest] / np.abs(ways[np.arange(D), largest])
         bounds = self.box.rows(B * D)
         box = Box(
-            np.hstack([bounds.low, np.zeros_like(each)]), np.hstack([bounds.high, ends.reshape(-1, 1) * each])
+            np.hstack([bounds.low, np.zeros_like(each)]), np.hstack([bounds.high, limits.reshape(-1, 1) * each])
         )
         costs = np.hstack([np.zeros((B * D, N)), each])
-        found = greatest(costs, np.hstack([self.A, -ways.T]), np.repeat(b, D, axis=0), box)
-        return found.attained.reshape(B, D), found.upper.reshape(B, D)
+        optima = greatest(costs, np.hstack([self.A, -ways.T]), np.repeat(b, D, axis=0), box)
+        return optima.attained.reshape(B, D), optima.upper.reshape(B, D)
 
     @cached_property
     def pseudo_inverse(self) -> PseudoInverse:
@@ -265,11 +265,13 @@ class Measured:
             "horizontal_reserve_com_N": (FORCES[:, :2], self.force),
             "torque_reserve_Nm": (TORQUES, self.torque),
         }
-        told: dict[str, Any] = {name: self.pseudo_inverse.ball(b, E) * unit for name, (E, unit) in added.items()}
+        balls: dict[str, Any] = {name: self.pseudo_inverse.ball(b, E) * unit for name, (E, unit) in added.items()}
         if self.J is not None:
             ways = TORQUES @ self.J
-            told["angular_acceleration_rad_s2"] = tuple(self.pseudo_inverse.ball(b, ways[:, [k]]) for k in range(3))
-        return {f"{name}_pseudo_inverse": value for name, value in told.items()}
+            balls["angular_acceleration_rad_s2"] = tuple(
+                self.pseudo_inverse.ball(b, ways[:, [k]]) for k in range(3)
+            )
+        return {f"{name}_pseudo_inverse": value for name, value in balls.items()}
 
     def rotors_out(self, cases: int) -> RotorsOut:
         """Return which single rotors may fail in the first so many cases."""
@@ -288,8 +290,8 @@ class Measured:
             alive = np.ones((len(dead), N))
             alive[np.arange(len(dead)), dead] = 0.0
             box = Box(self.box.low * alive, self.box.high * alive)
-            found = find_solutions(self.A, self.wrenches[case], box, self.reached.bases[case])
-            yes[start : start + len(dead)], no[start : start + len(dead)] = found.yes, found.no
+            solvable = find_solutions(self.A, self.wrenches[case], box, self.reached.bases[case])
+            yes[start : start + len(dead)], no[start : start + len(dead)] = solvable.yes, solvable.no
         return yes.reshape(K, N)[self.same], no.reshape(K, N)[self.same]
 
     def _load_factor(self, b: Array, case: LoadCase) -> dict[str, float]:
@@ -374,14 +376,14 @@ def _least(nominal: CaseFlight, *off: CaseFlight) -> CaseFlight:
 
 def _rotors_asked(measured: Measured, design: Design) -> RotorsOut | None:
     """Return which single rotors may fail in the cases for which that is asked, and what is left then."""
-    asked = design.task.flight.rotor_out
-    if asked == "none":
+    rotor_out = design.task.flight.rotor_out
+    if rotor_out == "none":
         return None
-    numbers = [number for number, _, _ in centres_of(design.task, asked)]
+    numbers = [number for number, _, _ in centres_of(design.task, rotor_out)]
     wrenches = measured.wrenches[np.unique(measured.same[numbers])]
-    found = [remainder(measured.A, b, measured.box) for b in wrenches]
-    lower, upper = (np.min([getattr(one, side) for one in found], axis=0) for side in ("lower", "upper"))
-    keep, lose = np.all([one.yes for one in found], axis=0), np.any([one.no for one in found], axis=0)
+    remainders = [remainder(measured.A, b, measured.box) for b in wrenches]
+    lower, upper = (np.min([getattr(one, side) for one in remainders], axis=0) for side in ("lower", "upper"))
+    keep, lose = np.all([one.yes for one in remainders], axis=0), np.any([one.no for one in remainders], axis=0)
     least = int(np.argmin(lower))
     return RotorsOut(
         survive=int(keep.sum()),
@@ -394,14 +396,16 @@ def _rotors_asked(measured: Measured, design: Design) -> RotorsOut | None:
     )
 
 
-def _joint_loads(measured: Measured, design: Design, found: Platform, holder: int | None) -> tuple[JointLoad, ...]:
+def _joint_loads(
+    measured: Measured, design: Design, platform: Platform, holder: int | None
+) -> tuple[JointLoad, ...]:
     """Return what every joint bears in every case that has inputs."""
     most = design.task.module.max_input(design.task.gravity)
     return tuple(
         load
-        for case, v, name in zip(measured.asked, measured.v, measured.names, strict=True)
+        for case, v, name in zip(measured.load_cases, measured.v, measured.names, strict=True)
         if v is not None
-        for load in joint_loads(design, found, case, v.reshape(-1, 4) * most, name, holder)
+        for load in joint_loads(design, platform, case, v.reshape(-1, 4) * most, name, holder)
     )
 
 
@@ -429,8 +433,8 @@ def _rotors(which: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
     return tuple((int(j) // 4, int(j) % 4) for j in np.flatnonzero(which))
 
 
-def _span(design: Design, found: Platform) -> float:
+def _span(design: Design, platform: Platform) -> float:
     """Return the largest distance between the centres of two rotors, and the width of one [m]."""
-    at = found.rotors.reshape(-1, 3)
+    at = platform.rotors.reshape(-1, 3)
     apart = max(float(np.linalg.norm(at - one, axis=1).max()) for one in at)
     return clamp(apart + 2 * design.task.module.body.rotor_radius)

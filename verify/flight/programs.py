@@ -82,12 +82,12 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
         bases: to start from.
     """
     bounds = box.rows(len(c))
-    found = solve(c, M, m, bounds.low, bounds.high, bases)
-    judged = _bracket(c, M, m, bounds, found.v, found.y, found.bases)
+    result = solve(c, M, m, bounds.low, bounds.high, bases)
+    judged = _bracket(c, M, m, bounds, result.v, result.y, result.bases)
     loose = np.flatnonzero(~(judged.upper - judged.attained <= GAP))
     if not len(loose):
         return judged
-    v, y = found.v.copy(), found.y.copy()
+    v, y = result.v.copy(), result.y.copy()
     for row in loose:
         solution = linprog(
             -c[row], A_eq=M, b_eq=m[row], bounds=np.stack([bounds.low[row], bounds.high[row]], axis=1)
@@ -95,13 +95,13 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
         if solution.status == 0:
             v[row] = np.clip(solution.x, bounds.low[row], bounds.high[row])
             y[row] = -solution.eqlin.marginals
-    again = _bracket(c, M, m, bounds, v, y, found.bases)
+    again = _bracket(c, M, m, bounds, v, y, result.bases)
     better = again.attained > judged.attained
     return Greatest(
         np.where(better[:, None], again.v, judged.v),
         np.maximum(judged.attained, again.attained),
         np.minimum(judged.upper, again.upper),
-        found.bases,
+        result.bases,
     )
 
 
@@ -132,15 +132,15 @@ def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -
     bounds = box.rows(len(m))
     # any costs would do; different ones make the solution one vertex
     c = np.broadcast_to(-1.0 - np.arange(M.shape[1]) / M.shape[1], (len(m), M.shape[1]))
-    found = solve(c, M, m, bounds.low, bounds.high, bases)
-    v = found.v
-    yes, no = _meets(M, m, v), _excludes(M, m, bounds, found.rays)
+    result = solve(c, M, m, bounds.low, bounds.high, bases)
+    v = result.v
+    yes, no = _meets(M, m, v), _excludes(M, m, bounds, result.rays)
     for row in np.flatnonzero(~yes & ~no):
         v[row], y = nearest(M, m[row], bounds.low[row], bounds.high[row])
         one = slice(row, row + 1)
         yes[one] = _meets(M, m[one], v[one])
         no[one] = _excludes(M, m[one], Box(bounds.low[one], bounds.high[one]), y[None])
-    return Solvable(yes, no, v, found.bases)
+    return Solvable(yes, no, v, result.bases)
 
 
 def _meets(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:

@@ -122,22 +122,22 @@ class _State:
         below = self.low[at] - inside
         beyond = np.maximum(below, inside - self.high[at])
         scale = (self.high - self.low).max(axis=1)
-        place = np.argmax(beyond / np.linalg.norm(inverse, axis=2), axis=1)
-        missing = beyond[rows, place]
+        slot = np.argmax(beyond / np.linalg.norm(inverse, axis=2), axis=1)
+        missing = beyond[rows, slot]
         optimal = beyond.max(axis=1) <= FEASIBLE * scale
-        rho = inverse[rows, place]
-        sign = np.where(below[rows, place] > 0, 1.0, -1.0)
+        rho = inverse[rows, slot]
+        sign = np.where(below[rows, slot] > 0, 1.0, -1.0)
         alpha = sign[:, None] * (rho @ self.M)
-        entering, passed, found = self._breakpoints(r, alpha, missing, self.at_high)
-        ended = optimal | ~found
+        entering, passed, enters = self._breakpoints(r, alpha, missing, self.at_high)
+        ended = optimal | ~enters
         move = ~ended
-        leaving = self.basis[rows, place]
+        leaving = self.basis[rows, slot]
         self.at_high ^= passed & move[:, None]
         self.in_basis[rows[move], leaving[move]] = False
         self.at_high[rows[move], leaving[move]] = sign[move] < 0
-        self.basis[rows[move], place[move]] = entering[move]
+        self.basis[rows[move], slot[move]] = entering[move]
         self.in_basis[rows[move], entering[move]] = True
-        return ended, np.where((~optimal & ~found)[:, None], -sign[:, None] * rho, 0.0)
+        return ended, np.where((~optimal & ~enters)[:, None], -sign[:, None] * rho, 0.0)
 
     def _breakpoints(
         self, r: Array, alpha: Array, missing: Array, at_high: NDArray[np.bool_]
@@ -151,9 +151,9 @@ class _State:
         rows = np.arange(len(order))[:, None]
         gained = np.cumsum(np.where(blocks, towards * width, 0.0)[rows, order], axis=1)
         turns = gained >= (1 - ROUNDING) * missing[:, None]
-        found = turns[:, -1]
+        enters = turns[:, -1]
         first = np.argmax(turns, axis=1)
         rank = np.empty_like(order)
         rank[rows, order] = np.arange(order.shape[1])
         passed = blocks & (rank < first[:, None])
-        return order[rows[:, 0], first], passed, found
+        return order[rows[:, 0], first], passed, enters

@@ -119,18 +119,18 @@ def force_hull(F: Array, T: Array, t: Array, box: Box, *, rounds: int = ROUNDS) 
         box: bounds of v.
         rounds: number of refinements after which the hull may still be too small.
     """
-    asked, hull = np.concatenate([np.eye(3), -np.eye(3)]), None
+    directions, hull = np.concatenate([np.eye(3), -np.eye(3)]), None
     points = np.empty((0, 3))
     for _ in range(rounds):
-        found = greatest(asked @ F, T, np.broadcast_to(t, (len(asked), 3)), box)
-        points = np.concatenate([points, found.v[np.isfinite(found.attained)] @ F.T])
+        optima = greatest(directions @ F, T, np.broadcast_to(t, (len(directions), 3)), box)
+        points = np.concatenate([points, optima.v[np.isfinite(optima.attained)] @ F.T])
         if len(points) < 4:
             return None
         _, sizes, axes = np.linalg.svd(points - points.mean(axis=0))
         if sizes[-1] <= FOUND:
-            if len(asked) == 2 and abs(float(asked[0] @ axes[-1])) > 1 - FOUND:
+            if len(directions) == 2 and abs(float(directions[0] @ axes[-1])) > 1 - FOUND:
                 return None
-            asked = np.stack([axes[-1], -axes[-1]])
+            directions = np.stack([axes[-1], -axes[-1]])
             continue
         try:
             hull = ConvexHull(points)
@@ -141,5 +141,5 @@ def force_hull(F: Array, T: Array, t: Array, box: Box, *, rounds: int = ROUNDS) 
         beyond = reach.attained + facets[:, 3] > 10 * FOUND
         if not beyond.any():
             break
-        asked = facets[beyond, :3]
+        directions = facets[beyond, :3]
     return hull

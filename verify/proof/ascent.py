@@ -173,7 +173,7 @@ def look(numbers: Numbers, points: Array, frames: Frames, at: Points, v: int) ->
             for l in range(3):
                 torque = frames.B[i, l, 2]
                 for m in range(3):
-                    torque += frames.R[i, l, m] * numbers.own[q, m]
+                    torque += frames.R[i, l, m] * numbers.torques[q, m]
                 for row in range(3):
                     into[row] += R[row, l] * frames.R[i, l, 2]
                     into[3 + row] += R[row, l] * torque
@@ -356,17 +356,17 @@ def climb(numbers: Numbers, at: Points, y: Array, sigma: Array, T: float, enough
         size = math.sqrt((y * y).sum() + (sigma * sigma).sum())
         long = math.sqrt((at.step * at.step).sum() + (at.wall_step * at.wall_step).sum())
         share = min(1.0, LONGEST * size / long) if long > 0.0 and size > 0.0 else 1.0
-        smallest, found = SHORTEST * share, -math.inf
+        smallest, reached = SHORTEST * share, -math.inf
         while share > smallest:
             ahead, pressed = y + share * at.step, np.maximum(sigma + share * at.wall_step, 0.0)
-            found = value(numbers, at, ahead, pressed, T)
-            if best < found < enough:
+            reached = value(numbers, at, ahead, pressed, T)
+            if best < reached < enough:
                 break
             share *= 0.3
-        if not found > best:
+        if not reached > best:
             break
         y[:], sigma[:] = ahead, pressed
-        gain, best = found - best, found
+        gain, best = reached - best, reached
         if gain < PAYS * abs(best):
             break
     balance(numbers, at, y, sigma)

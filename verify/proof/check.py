@@ -13,20 +13,20 @@ from topo_search.model.compiled_code import is_kept, refresh
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, proof_task
 from topo_search.model.topology import straight_chain
 from verify.bodies import Array
-from verify.proof import replay as ends
+from verify.proof import replay
 from verify.proof.platform import all_angles, angles_around, angles_of_hinges, effort_unit, hang, numbers
 
-refresh(ends.replay, Path(__file__).parent, Path(tolerances.__file__))
+refresh(replay.replay, Path(__file__).parent, Path(tolerances.__file__))
 
 MOST_MODULES = 12
 """The allowances for rounding hold for so many (`verify.proof.dual`)."""
 REASONS = {
-    ends.ENDS_EARLY: "the record ends before it",
-    ends.GOES_ON: "the record continues after the last box",
-    ends.NO_SUCH_ANGLE: "the record halves an unknown angle, or one without width",
-    ends.TOO_DEEP: "the record halves it more often than a number can be",
-    ends.NOT_BOUNDED: "no bound excludes it",
-    ends.NOT_NEAR: "no two modules are too close everywhere in it",
+    replay.ENDS_EARLY: "the record ends before it",
+    replay.GOES_ON: "the record continues after the last box",
+    replay.NO_SUCH_ANGLE: "the record halves an unknown angle, or one without width",
+    replay.TOO_DEEP: "the record halves it more often than a number can be",
+    replay.NOT_BOUNDED: "no bound excludes it",
+    replay.NOT_NEAR: "no two modules are too close everywhere in it",
 }
 """Faults of a box, by the outcome of its replay."""
 
@@ -54,19 +54,19 @@ def check_chunk(
     lower, upper = chunk_box(task, n, chunk.number)
     if np.any(lower > upper) and not len(record):  # no angles of the task's set are in the chunk
         return CheckedChunk(number=chunk.number, fault=None)
-    stated = numbers(task, hang(topology, root_module), problem, chunk.corners)
+    data = numbers(task, hang(topology, root_module), problem, chunk.corners)
     # a bound in these units is off from one in SI by a few roundings
-    found = ends.replay(stated, lower, upper, cut / effort_unit(task) * (1 + 1e-12), record)
+    replayed = replay.replay(data, lower, upper, cut / effort_unit(task) * (1 + 1e-12), record)
     fault = None
-    if found.how != ends.HELD:
-        where = _words(found.lower, found.upper)
-        fault = f"box {found.position + 1} of {len(record)}: {REASONS[found.how]} ({where})"
-    return CheckedChunk(number=chunk.number, fault=fault, boxes=len(record), halved=found.extra)
+    if replayed.how != replay.HELD:
+        where = _words(replayed.lower, replayed.upper)
+        fault = f"box {replayed.position + 1} of {len(record)}: {REASONS[replayed.how]} ({where})"
+    return CheckedChunk(number=chunk.number, fault=fault, boxes=len(record), halved=replayed.extra)
 
 
 def prepare_check(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     """Compile the check of a chunk, unless it is kept and up to date; `tell` is told if it takes a while."""
-    if not is_kept(ends.replay):
+    if not is_kept(replay.replay):
         tell("compiling the checker of proofs (once per installation, about two minutes)")
     check_chunk(task, straight_chain(task.n), 0, 0.0, Chunk.of(0, "closed", b"", ()))
 

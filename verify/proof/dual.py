@@ -121,8 +121,8 @@ def bound(numbers: Numbers, y: Array, sigma: Array, corners: Array, frames: Fram
             for choice in range(CHOICES):
                 least = min(work.least[at, choice], work.least[at + 1, choice])
                 into[choice] += min(least, work.least[at + 2, choice])
-    found: float = constant(numbers, y, sigma) - rounding(numbers, y, sigma, corners) + work.least[0].min()
-    return found
+    result: float = constant(numbers, y, sigma) - rounding(numbers, y, sigma, corners) + work.least[0].min()
+    return result
 
 
 @njit(cache=True)
@@ -144,7 +144,7 @@ def _fill(numbers: Numbers, frames: Frames, i: int, v: int, work: Sums) -> None:
         y, weight = work.y[k], numbers.weight[k]
         steep = 0.5 / weight if weight > 0.5 / STEEP else STEEP
         for q in range(4):
-            ox, oy, oz = numbers.own[q]
+            ox, oy, oz = numbers.torques[q]
             tx = Mx + R[0, 0] * ox + R[0, 1] * oy + R[0, 2] * oz
             ty = My + R[1, 0] * ox + R[1, 1] * oy + R[1, 2] * oz
             tz = Mz + R[2, 0] * ox + R[2, 1] * oy + R[2, 2] * oz

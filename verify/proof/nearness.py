@@ -49,10 +49,10 @@ def are_too_near(numbers: Numbers, corners: Array, frames: Frames, pair: Indices
         return True
     for i in range(n):
         for j in range(i + 1, n):
-            found, gap = _is_pair_too_near(numbers, corners, frames, i, j)
-            if found or gap < worst:
+            too_near, gap = _is_pair_too_near(numbers, corners, frames, i, j)
+            if too_near or gap < worst:
                 worst, nearest = gap, (i, j)
-            if found:
+            if too_near:
                 pair[0], pair[1] = i, j
                 return True
     pair[0], pair[1] = nearest

@@ -62,7 +62,7 @@ class Numbers(NamedTuple):
     """Shape (n, n)."""
     bodies: Array
     """c_i as p_i times the first, and the axes x and y of the module times the others, shape (n, 3)."""
-    own: Array
+    torques: Array
     """Torque of each rotor about its module's centre at the input 1, in the module's frame, shape (4, 3)."""
     f: Array
     t: Array
@@ -124,8 +124,8 @@ def numbers(
     for i, j in tree.bolted:
         bolted[i, j] = bolted[j, i] = True
     drag = module.torque_coefficient / (module.thrust_coefficient * l_arm)
-    own = np.cross(ROTOR_DIRECTIONS, [0.0, 0.0, 1.0])
-    own[:, 2] += drag * ROTOR_SPINS
+    torques = np.cross(ROTOR_DIRECTIONS, [0.0, 0.0, 1.0])
+    torques[:, 2] += drag * ROTOR_SPINS
     bodies = _bodies(task, tree)
     kappa = task.end_effector.mass / (n * module.mass + (n - 1) * module.joint_mass)
     tip, com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
@@ -157,7 +157,7 @@ def numbers(
         depth=depth,
         bolted=bolted,
         bodies=bodies,
-        own=own,
+        torques=torques,
         f=f_E + f_C,
         t=t,
         h=h,
@@ -292,8 +292,8 @@ def _walls(task: ResolvedTask) -> tuple[Array, Indices, Array, Array]:
         elif isinstance(region, Exterior) and region.half_angle_deg == 90 and region.axis != "com":
             planes.append((-np.array(region.axis), 0.0))
     air, n, l_arm = task.module.region_envelope, task.n, task.module.arm_length
-    ends = (0.0, air.start_radius), (air.length, air.end_radius)
-    rows = [(out, i, down, r - offset) for out, offset in planes for i in range(n) for down, r in ends]
+    end_balls = (0.0, air.start_radius), (air.length, air.end_radius)
+    rows = [(out, i, down, r - offset) for out, offset in planes for i in range(n) for down, r in end_balls]
     return (
         np.array([out / np.linalg.norm(out) for out, *_ in rows]).reshape(-1, 3),
         np.array([i for _, i, _, _ in rows], np.int64),

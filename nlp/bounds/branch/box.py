@@ -91,14 +91,14 @@ class Sums(NamedTuple):
 
 
 @njit(cache=True)
-def sums(stated: BranchProblem) -> Sums:
+def sums(problem: BranchProblem) -> Sums:
     """Return arrays for one box at a time."""
-    K, A, count = len(stated.loads.f), len(stated.levers.between), stated.tree.first[-1]
+    K, A, count = len(problem.loads.f), len(problem.levers.between), problem.tree.first[-1]
     return Sums(
         np.zeros((K, 4)),
         np.zeros((K, 6)),
         np.zeros(K, np.bool_),
-        np.zeros((len(stated.tree.parent), 2, 3)),
+        np.zeros((len(problem.tree.parent), 2, 3)),
         np.zeros(count),
         np.zeros(A),
         np.zeros(A),
@@ -109,7 +109,7 @@ def sums(stated: BranchProblem) -> Sums:
 
 @njit(cache=True)
 def bound(
-    stated: BranchProblem,
+    problem: BranchProblem,
     y: Array,
     sigma: Array,
     roots: Array,
@@ -123,7 +123,7 @@ def bound(
     """Return the lower bound of a box with multipliers y, in effort units, or if it is under the cut, a value so.
 
     Args:
-        stated: the task and the tree.
+        problem: the task and the tree.
         y: multipliers in W.
         sigma: those of the rows of walls, shape (W,).
         roots: root orientations at the middle and at the 8 vertices, shape (9, 3, 3).
@@ -134,48 +134,48 @@ def bound(
         work: arrays; its `slope` and `spread` say what a split of each angle might gain.
         cut: once a vertex is under it, no other is looked at.
     """
-    n, tree, L = len(stated.tree.parent), stated.tree, stated.walls.length
-    weight, U = stated.loads.weight, stated.u_max
-    constant = _constant(stated, y, sigma)
+    n, tree, L = len(problem.tree.parent), problem.tree, problem.walls.length
+    weight, U = problem.loads.weight, problem.u_max
+    constant = _constant(problem, y, sigma)
     work.slope[:] = 0.0
     work.spread[:] = 0.0
-    _drifts(stated, rho, work.drift)
+    _drifts(problem, rho, work.drift)
     remainders, least_of = np.zeros((n, len(y), 4)), np.zeros(n)
     for k in range(len(y)):
         work.active[k] = weight[k] > 0.0 or np.any(y[k] != 0.0)
     _turn(roots[0], y, work.active, work.y)
     if len(sigma) > 0:
-        _turn_walls(stated, roots[0], sigma, work.walls)
-    sx, sy, sz = _lever_force(stated, y)
+        _turn_walls(problem, roots[0], sigma, work.walls)
+    sx, sy, sz = _lever_force(problem, y)
     s = _into(roots[0], sx, sy, sz)
     for i in range(n):
-        _remainders(stated, i, work, middle, axes, rho)
+        _remainders(problem, i, work, middle, axes, rho)
         remainders[i] = work.E
-        m, lever = moment(middle, i, stated.bodies[i]), stated.levers.body[i]
-        least_of[i] = _remainder_of(stated, i, stated.bodies[i, 0], m, lever, s, axes, rho, work)
+        m, lever = moment(middle, i, problem.bodies[i]), problem.levers.body[i]
+        least_of[i] = _remainder_of(problem, i, problem.bodies[i, 0], m, lever, s, axes, rho, work)
         for end in range(2 if len(sigma) > 0 else 0):
             x, y_, z = work.walls[i, end]
             if x * x + y_ * y_ + z * z > 0.0:
-                e, lever = middle.p[i] - end * L * middle.z[i], stated.levers.centre[i] + end * L
+                e, lever = middle.p[i] - end * L * middle.z[i], problem.levers.centre[i] + end * L
                 at = (e[0], e[1], e[2])
-                least_of[i] += _remainder_of(stated, i, 1.0, at, lever, (x, y_, z), axes, rho, work)
+                least_of[i] += _remainder_of(problem, i, 1.0, at, lever, (x, y_, z), axes, rho, work)
     result = math.inf
     for vertex in range(8):
         R = roots[1 + vertex]
         _turn(R, y, work.active, work.y)
         if len(sigma) > 0:
-            _turn_walls(stated, R, sigma, work.walls)
+            _turn_walls(problem, R, sigma, work.walls)
         s = _into(R, sx, sy, sz)
         for i in range(n - 1, -1, -1):
             near, far = work.walls[i, 0], work.walls[i, 1]
             for v in range(tree.first[i], tree.first[i + 1]):
-                mx, my, mz = moment(vertices, v, stated.bodies[i])
+                mx, my, mz = moment(vertices, v, problem.bodies[i])
                 added = mx * s[0] + my * s[1] + mz * s[2] - least_of[i]
                 if len(sigma) > 0:
                     for l in range(3):
                         added += vertices.p[v, l] * near[l] + (vertices.p[v, l] - L * vertices.z[v, l]) * far[l]
                 work.least[v] = added - _psi(
-                    stated.torques, weight, U, work.y, work.active, vertices, v, remainders[i]
+                    problem.torques, weight, U, work.y, work.active, vertices, v, remainders[i]
                 )
         for i in range(n - 1, 0, -1):
             h = tree.parent[i]
@@ -189,12 +189,12 @@ def bound(
 
 
 @njit(cache=True)
-def _constant(stated: BranchProblem, y: Array, sigma: Array) -> float:
+def _constant(problem: BranchProblem, y: Array, sigma: Array) -> float:
     """Return what of D no angle changes, less what the audit lets pass and rounding take."""
-    total, loads, slack = 0.0, stated.loads, stated.slack
-    a, b, c = imbalance(stated, y, sigma)
+    total, loads, slack = 0.0, problem.loads, problem.slack
+    a, b, c = imbalance(problem, y, sigma)
     for r in range(len(sigma)):
-        total += sigma[r] * (stated.walls.beyond[r] - slack.wall - slack.tip * MISSED)
+        total += sigma[r] * (problem.walls.beyond[r] - slack.wall - slack.tip * MISSED)
     for k in range(len(y)):
         nu2, mu2 = 0.0, 0.0
         for l in range(3):
@@ -218,9 +218,9 @@ def _turn(R: Array, y: Array, active: NDArray[np.bool_], into: Array) -> None:
 
 
 @njit(cache=True)
-def _turn_walls(stated: BranchProblem, R: Array, sigma: Array, into: Array) -> None:
+def _turn_walls(problem: BranchProblem, R: Array, sigma: Array, into: Array) -> None:
     """Fill the sums of sigma_r n_r seen in a root's frame."""
-    walls = stated.walls
+    walls = problem.walls
     into[:] = 0.0
     for r in range(len(sigma)):
         if sigma[r] > 0.0:
@@ -241,11 +241,11 @@ def _into(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def _lever_force(stated: BranchProblem, y: Array) -> tuple[float, float, float]:
+def _lever_force(problem: BranchProblem, y: Array) -> tuple[float, float, float]:
     """Return s = sum_k h_k x mu_k in W."""
     x, y_, z = 0.0, 0.0, 0.0
     for k in range(len(y)):
-        hx, hy, hz = stated.loads.h[k]
+        hx, hy, hz = problem.loads.h[k]
         mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
         x, y_, z = x + hy * mz - hz * my, y_ + hz * mx - hx * mz, z + hx * my - hy * mx
     return x, y_, z
@@ -281,9 +281,9 @@ def _psi(
 
 
 @njit(cache=True)
-def _drifts(stated: BranchProblem, rho: Array, drift: Array) -> None:
+def _drifts(problem: BranchProblem, rho: Array, drift: Array) -> None:
     """Fill how far the points of the axes move at most, in W."""
-    tree, between = stated.tree, stated.levers.between
+    tree, between = problem.tree, problem.levers.between
     drift[:] = 0.0
     for i in range(1, len(tree.parent)):
         for outer in range(2 + tree.depth[i]):
@@ -292,10 +292,10 @@ def _drifts(stated: BranchProblem, rho: Array, drift: Array) -> None:
 
 
 @njit(cache=True)
-def _remainders(stated: BranchProblem, i: int, work: Sums, middle: Frames, axes: Axes, rho: Array) -> None:
+def _remainders(problem: BranchProblem, i: int, work: Sums, middle: Frames, axes: Axes, rho: Array) -> None:
     """Fill E of the rotors of module i, and add to `slope` and `spread` what they change."""
-    path, count = stated.tree.path[i], stated.tree.depth[i] + 3
-    between, lever, U = stated.levers.between, stated.levers.rotor[i], stated.u_max
+    path, count = problem.tree.path[i], problem.tree.depth[i] + 3
+    between, lever, U = problem.levers.between, problem.levers.rotor[i], problem.u_max
     xx, xy, xz = middle.x[i]
     yx, yy, yz = middle.y[i]
     zx, zy, zz = middle.z[i]
@@ -335,7 +335,7 @@ def _remainders(stated: BranchProblem, i: int, work: Sums, middle: Frames, axes:
             most = work.away[a] + mu * lever[a]
             flat, cubic = 1 - math.cos(rho[a]), CUBIC * rho[a] ** 3
             for q in range(4):
-                own_x, own_y, own_z = stated.torques[q]
+                own_x, own_y, own_z = problem.torques[q]
                 al = alpha + own_x * (ox * xx + oy * xy + oz * xz)
                 al += own_y * (ox * yx + oy * yy + oz * yz) + own_z * (ox * zx + oy * zy + oz * zz)
                 be = beta + own_x * (vx * xx + vy * xy + vz * xz)
@@ -347,9 +347,9 @@ def _remainders(stated: BranchProblem, i: int, work: Sums, middle: Frames, axes:
         about_y = mx * yx + my * yy + mz * yz
         about_z = mx * zx + my * zy + mz * zz
         force = (nx + my * pz - mz * py) * zx + (ny + mz * px - mx * pz) * zy + (nz + mx * py - my * px) * zz
-        weight = stated.loads.weight[k]
+        weight = problem.loads.weight[k]
         for q in range(4):
-            own_x, own_y, own_z = stated.torques[q]
+            own_x, own_y, own_z = problem.torques[q]
             t[q] = 0.25 * (force + own_x * about_x + own_y * about_y + own_z * about_z)
             E = 0.0
             for at in range(count):
@@ -364,7 +364,7 @@ def _remainders(stated: BranchProblem, i: int, work: Sums, middle: Frames, axes:
 
 @njit(cache=True)
 def _remainder_of(
-    stated: BranchProblem,
+    problem: BranchProblem,
     i: int,
     w: float,
     m: tuple[float, float, float],
@@ -378,7 +378,7 @@ def _remainder_of(
 
     m is the moment of a mass w that moves with module i, at the middle, `lever` its greatest about every axis.
     """
-    path, count, (mx, my, mz) = stated.tree.path[i], stated.tree.depth[i] + 3, m
+    path, count, (mx, my, mz) = problem.tree.path[i], problem.tree.depth[i] + 3, m
     size, total = math.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2), 0.0
     for at in range(count):
         a = path[at]

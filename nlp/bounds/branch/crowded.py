@@ -37,52 +37,52 @@ ROUNDS = 20
 
 
 @njit(cache=True)
-def crowding(stated: BranchProblem, middle: Frames, axes: Axes, vertices: Frames, rho: Array, gain: Array) -> int:
+def crowding(problem: BranchProblem, middle: Frames, axes: Axes, vertices: Frames, rho: Array, gain: Array) -> int:
     """Return NOWHERE, AT_MIDDLE or ALL_OVER: where in a box of hinges two modules are too close.
 
     Args:
-        stated: the task and the tree.
+        problem: the task and the tree.
         middle: frames at the middle of the box.
         axes: the hinges' axes there.
         vertices: frames at the vertices of the hinges.
         rho: half widths, shape (A,) [rad].
         gain: is filled with what each hinge's remainder takes, where they are too close at the middle alone.
     """
-    tree, separation, n = stated.tree, stated.separation, len(stated.tree.parent)
-    found = NOWHERE
+    tree, separation, n = problem.tree, problem.separation, len(problem.tree.parent)
+    where = NOWHERE
     gain[:] = 0.0
     for i in range(n):
         for j in range(i + 1, n):
             if separation.airflow:
-                eta, gamma = _nearest(stated, middle, i, j)
+                eta, gamma = _nearest(problem, middle, i, j)
                 radii = 2 * separation.start_radius + (eta + gamma) * separation.growth
                 radii = math.sqrt(radii * (radii + 2 * separation.margin))
                 q_i, q_j = (0.0, 0.0, -eta * separation.length), (0.0, 0.0, -gamma * separation.length)
-                found = max(found, _closeness(stated, middle, axes, vertices, rho, i, j, q_i, q_j, radii, gain))
+                where = max(where, _closeness(problem, middle, axes, vertices, rho, i, j, q_i, q_j, radii, gain))
             if not tree.bolted[i, j]:
                 for b in range(len(separation.parts)):
                     for one, other in ((i, j), (j, i)):
-                        if found < ALL_OVER:
-                            in_air = _part_in_air(stated, middle, axes, vertices, rho, one, other, b, gain)
-                            found = max(found, in_air)
-            if found < ALL_OVER and separation.apart > 0.0 and (separation.of_all or not tree.bolted[i, j]):
+                        if where < ALL_OVER:
+                            in_air = _part_in_air(problem, middle, axes, vertices, rho, one, other, b, gain)
+                            where = max(where, in_air)
+            if where < ALL_OVER and separation.apart > 0.0 and (separation.of_all or not tree.bolted[i, j]):
                 o = (0.0, 0.0, 0.0)
-                apart = _closeness(stated, middle, axes, vertices, rho, i, j, o, o, separation.apart, gain)
-                found = max(found, apart)
-            if found == ALL_OVER:
+                apart = _closeness(problem, middle, axes, vertices, rho, i, j, o, o, separation.apart, gain)
+                where = max(where, apart)
+            if where == ALL_OVER:
                 return ALL_OVER
-    return found
+    return where
 
 
 @njit(cache=True)
-def _nearest(stated: BranchProblem, at: Frames, i: int, j: int) -> tuple[float, float]:
+def _nearest(problem: BranchProblem, at: Frames, i: int, j: int) -> tuple[float, float]:
     """Return shares of the two axes where the envelopes are about deepest in each other."""
-    L, grow = stated.separation.length, stated.separation.growth
+    L, grow = problem.separation.length, problem.separation.growth
     zi, zj = at.z[i], at.z[j]
     w0, w1, w2 = at.p[i, 0] - at.p[j, 0], at.p[i, 1] - at.p[j, 1], at.p[i, 2] - at.p[j, 2]
     along_i, along_j = w0 * zi[0] + w1 * zi[1] + w2 * zi[2], w0 * zj[0] + w1 * zj[1] + w2 * zj[2]
     cosine = zi[0] * zj[0] + zi[1] * zj[1] + zi[2] * zj[2]
-    r = 2 * stated.separation.start_radius
+    r = 2 * problem.separation.start_radius
     # f = |w - eta L zi + gamma L zj|^2 - (r + (eta + gamma) grow)^2, by one share after the other
     square = L * L - grow * grow
     mixed = -(L * L * cosine + grow * grow)
@@ -103,7 +103,7 @@ def _nearest(stated: BranchProblem, at: Frames, i: int, j: int) -> tuple[float, 
 
 @njit(cache=True)
 def _part_in_air(
-    stated: BranchProblem,
+    problem: BranchProblem,
     middle: Frames,
     axes: Axes,
     vertices: Frames,
@@ -114,7 +114,7 @@ def _part_in_air(
     gain: Array,
 ) -> int:
     """Return where in the box a part of module i, the ball b, is in the airflow of module j."""
-    separation = stated.separation
+    separation = problem.separation
     L, grow = separation.length, separation.growth
     x, y, z, radius = separation.parts[b]
     w, a = np.empty(3), middle.z[j]
@@ -127,12 +127,12 @@ def _part_in_air(
         gamma = min(1.0, max(0.0, (r * grow - L * along) / (L * L - grow * grow)))
     r += gamma * grow
     r = math.sqrt(r * (r + 2 * separation.margin))
-    return _closeness(stated, middle, axes, vertices, rho, i, j, (x, y, z), (0.0, 0.0, -gamma * L), r, gain)
+    return _closeness(problem, middle, axes, vertices, rho, i, j, (x, y, z), (0.0, 0.0, -gamma * L), r, gain)
 
 
 @njit(cache=True)
 def _closeness(
-    stated: BranchProblem,
+    problem: BranchProblem,
     middle: Frames,
     axes: Axes,
     vertices: Frames,
@@ -145,11 +145,11 @@ def _closeness(
     gain: Array,
 ) -> int:
     """Return where in the box two points, q_i and q_j in the frames of their modules, are nearer than so much."""
-    tree = stated.tree
+    tree = problem.tree
     A, B = np.empty(3), np.empty(3)
     _point(middle, i, q_i, A)
     _point(middle, j, q_j, B)
-    stretched = 2 * stated.l_c * (tree.depth[i] + tree.depth[j]) + _length(q_i) + _length(q_j)
+    stretched = 2 * problem.l_c * (tree.depth[i] + tree.depth[j]) + _length(q_i) + _length(q_j)
     limit = radii * radii - MARGIN * (1 + stretched * stretched)
     if _squared_norm(A, B) >= limit:
         return NOWHERE
@@ -160,7 +160,7 @@ def _closeness(
         near, far, of_near, of_far = (i, j, A, B) if side == 0 else (j, i, B, A)
         q_near, q_far = (q_i, q_j) if side == 0 else (q_j, q_i)
         for at in range(shared, tree.depth[near]):
-            part = _remainder(stated, axes, rho, near, far, shared, at, of_near, of_far, q_near, q_far)
+            part = _remainder(problem, axes, rho, near, far, shared, at, of_near, of_far, q_near, q_far)
             gain[tree.path[near, 3 + at]] += part
             limit -= part
     if _squared_norm(A, B) >= limit:
@@ -176,7 +176,7 @@ def _closeness(
 
 @njit(cache=True)
 def _remainder(
-    stated: BranchProblem,
+    problem: BranchProblem,
     axes: Axes,
     rho: Array,
     near: int,
@@ -189,7 +189,7 @@ def _remainder(
     q_far: Vector,
 ) -> float:
     """Return what the hinge at a place of one module's path takes; A is a point of that module, B of the other."""
-    tree, l_c = stated.tree, stated.l_c
+    tree, l_c = problem.tree, problem.l_c
     a = tree.path[near, 3 + at]
     wx, wy, wz = axes.omega[a]
     Ax, Ay, Az = A[0] - axes.c[a, 0], A[1] - axes.c[a, 1], A[2] - axes.c[a, 2]

@@ -59,9 +59,9 @@ class Workspace(NamedTuple):
 
 
 @njit(cache=True)
-def workspace(stated: BranchProblem) -> Workspace:
+def workspace(problem: BranchProblem) -> Workspace:
     """Return arrays for one box at a time."""
-    n, g = len(stated.tree.parent), stated.loads.g
+    n, g = len(problem.tree.parent), problem.loads.g
     K, A = len(g), n + 2
     rows = np.zeros((K, 3 + A, 6))
     for k in range(K):
@@ -83,16 +83,16 @@ def workspace(stated: BranchProblem) -> Workspace:
 
 
 @njit(cache=True)
-def wrenches(stated: BranchProblem, R: Array, at: Frames, work: Workspace) -> None:
+def wrenches(problem: BranchProblem, R: Array, at: Frames, work: Workspace) -> None:
     """Fill the wrenches of all rotors, and the load cases' but for p'_E, for a root orientation R and frames."""
-    loads, n = stated.loads, len(stated.tree.parent)
+    loads, n = problem.loads, len(problem.tree.parent)
     for i in range(n):
         px, py, pz = at.p[i]
         zx, zy, zz = at.z[i]
         force = (zx, zy, zz)
         about = (py * zz - pz * zy, pz * zx - px * zz, px * zy - py * zx)
         for q in range(4):
-            ox, oy, oz = stated.torques[q]
+            ox, oy, oz = problem.torques[q]
             for k in range(3):
                 f, t = 0.0, 0.0
                 for l in range(3):
@@ -101,7 +101,7 @@ def wrenches(stated: BranchProblem, R: Array, at: Frames, work: Workspace) -> No
                 work.a[4 * i + q, k], work.a[4 * i + q, 3 + k] = f / 4, t / 4
     sx, sy, sz = 0.0, 0.0, 0.0
     for i in range(n):
-        mx, my, mz = moment(at, i, stated.bodies[i])
+        mx, my, mz = moment(at, i, problem.bodies[i])
         sx, sy, sz = sx + mx, sy + my, sz + mz
     cx = R[0, 0] * sx + R[0, 1] * sy + R[0, 2] * sz
     cy = R[1, 0] * sx + R[1, 1] * sy + R[1, 2] * sz
@@ -115,11 +115,11 @@ def wrenches(stated: BranchProblem, R: Array, at: Frames, work: Workspace) -> No
 
 
 @njit(cache=True)
-def value(stated: BranchProblem, work: Workspace, y: Array) -> float:
+def value(problem: BranchProblem, work: Workspace, y: Array) -> float:
     """Return D(y), with the weights as they count here."""
-    total, U = 0.0, stated.u_max
+    total, U = 0.0, problem.u_max
     for k in range(len(y)):
-        weight = max(LEAST_WEIGHT, stated.loads.weight[k])
+        weight = max(LEAST_WEIGHT, problem.loads.weight[k])
         for l in range(6):
             total += (work.b[k, l] - work.ridge[l] / 2 * y[k, l]) * y[k, l]
         for j in range(len(work.a)):
@@ -133,12 +133,12 @@ def value(stated: BranchProblem, work: Workspace, y: Array) -> float:
 
 
 @njit(cache=True, literals=False)
-def improve(stated: BranchProblem, work: Workspace, y: Array, steps: int, enough: float) -> float:
+def improve(problem: BranchProblem, work: Workspace, y: Array, steps: int, enough: float) -> float:
     """Improve multipliers in place by so many Newton steps at most, until D(y) is enough; return it."""
-    meet(stated, y)
-    best = value(stated, work, y)
+    meet(problem, y)
+    best = value(problem, work, y)
     for _ in range(steps if best < enough else 0):
-        newton_step(stated, work, y, 3)
+        newton_step(problem, work, y, 3)
         size, step = 0.0, 0.0
         for k in range(len(y)):
             for l in range(6):
@@ -152,25 +152,25 @@ def improve(stated: BranchProblem, work: Workspace, y: Array, steps: int, enough
             for k in range(len(y)):
                 for l in range(6):
                     work.trial[k, l] = y[k, l] + share * work.step[k, l]
-            found = value(stated, work, work.trial)
-            if found > best or share < least:
+            reached = value(problem, work, work.trial)
+            if reached > best or share < least:
                 break
             share /= 3
-        if not found > best:
+        if not reached > best:
             break
         y[:] = work.trial
-        gain, best = found - best, found
+        gain, best = reached - best, reached
         if gain < GAIN * abs(best) or best > enough:
             break
-    meet(stated, y)
+    meet(problem, y)
     return best
 
 
 @njit(cache=True)
-def meet(stated: BranchProblem, y: Array) -> None:
+def meet(problem: BranchProblem, y: Array) -> None:
     """Change torques' multipliers as little as makes sum_k g_k x mu_k = 0."""
-    loads = stated.loads
-    x, y_, z = residual(stated, y)
+    loads = problem.loads
+    x, y_, z = residual(problem, y)
     P = loads.project
     qx = P[0, 0] * x + P[0, 1] * y_ + P[0, 2] * z
     qy = P[1, 0] * x + P[1, 1] * y_ + P[1, 2] * z
@@ -183,36 +183,36 @@ def meet(stated: BranchProblem, y: Array) -> None:
 
 
 @njit(cache=True)
-def residual(stated: BranchProblem, y: Array) -> tuple[float, float, float]:
+def residual(problem: BranchProblem, y: Array) -> tuple[float, float, float]:
     """Return sum_k g_k x mu_k."""
     a, b, c = 0.0, 0.0, 0.0
     for k in range(len(y)):
-        gx, gy, gz = stated.loads.g[k]
+        gx, gy, gz = problem.loads.g[k]
         mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
         a, b, c = a + gy * mz - gz * my, b + gz * mx - gx * mz, c + gx * my - gy * mx
     return a, b, c
 
 
 @njit(cache=True)
-def imbalance(stated: BranchProblem, y: Array, sigma: Array) -> tuple[float, float, float]:
+def imbalance(problem: BranchProblem, y: Array, sigma: Array) -> tuple[float, float, float]:
     """Return sum_k g_k x mu_k - sum_r sigma_r n_r, with multipliers of walls."""
-    a, b, c = residual(stated, y)
+    a, b, c = residual(problem, y)
     for r in range(len(sigma)):
-        x, y_, z = stated.walls.normal[r]
+        x, y_, z = problem.walls.normal[r]
         a, b, c = a - sigma[r] * x, b - sigma[r] * y_, c - sigma[r] * z
     return a, b, c
 
 
 @njit(cache=True)
-def newton_step(stated: BranchProblem, work: Workspace, y: Array, tied: int) -> None:
+def newton_step(problem: BranchProblem, work: Workspace, y: Array, tied: int) -> None:
     """Fill the step to the maximum of the quadratic model under the first rows, so many.
 
     A row w with goal g and diagonal d takes (g + w . step)^2 / (2 d) from the model, or is held to 0 where d is 0.
     """
-    K, U = len(y), stated.u_max
+    K, U = len(y), problem.u_max
     S, q = np.zeros((tied, tied)), work.goal[:tied].copy()
     for k in range(K):
-        weight = max(LEAST_WEIGHT, stated.loads.weight[k])
+        weight = max(LEAST_WEIGHT, problem.loads.weight[k])
         columns, rows = work.solved[k], work.rows[k]
         H = work.H
         H[:] = 0.0

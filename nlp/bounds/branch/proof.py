@@ -64,15 +64,15 @@ def prove_chunk(
     lower, upper = chunk_box(task, n, number)
     if np.any(lower > upper):  # no combination of a set of hinge angles is in it
         return Chunk.of(number, "closed", b"")
-    found = search(to_arrays(task, tree, problem), lower, upper, cut / effort_unit(task) * (1 + ABOVE), most_boxes)
+    result = search(to_arrays(task, tree, problem), lower, upper, cut / effort_unit(task) * (1 + ABOVE), most_boxes)
     outcome: Literal["closed", "many", "stuck"] = "stuck"
-    if found.how == CLOSED:
+    if result.how == CLOSED:
         outcome = "closed"
-    elif found.how == MANY:
+    elif result.how == MANY:
         outcome = "many"
-    stuck = () if outcome == "closed" else (tuple(found.lower.tolist()), tuple(found.upper.tolist()))
-    corners = tuple(np.flatnonzero(found.used[len(task.load_cases) :]).tolist())
-    return Chunk.of(number, outcome, np.asarray(found.record).tobytes(), stuck, corners)
+    stuck = () if outcome == "closed" else (tuple(result.lower.tolist()), tuple(result.upper.tolist()))
+    corners = tuple(np.flatnonzero(result.used[len(task.load_cases) :]).tolist())
+    return Chunk.of(number, outcome, np.asarray(result.record).tobytes(), stuck, corners)
 
 
 def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:

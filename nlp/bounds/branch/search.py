@@ -73,17 +73,17 @@ class Found(NamedTuple):
 
 
 @njit(cache=True)
-def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_boxes: int) -> Found:
+def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_boxes: int) -> Found:
     """Exclude all of a box, or say where it cannot be done.
 
     Args:
-        stated: the task and the tree.
+        problem: the task and the tree.
         lower: least angles, shape (A,) [rad].
         upper: greatest angles.
         cut: in effort units.
         most_boxes: after which it is given up.
     """
-    n, K, A, W = len(stated.tree.parent), len(stated.loads.f), len(lower), len(stated.walls.normal)
+    n, K, A, W = len(problem.tree.parent), len(problem.loads.f), len(lower), len(problem.walls.normal)
     depth = 64 * A
     lo, hi = np.empty((depth, A)), np.empty((depth, A))
     guesses, pressed, bounded = np.zeros((depth, K, 6)), np.zeros((depth, W)), np.zeros(depth, np.bool_)
@@ -92,13 +92,13 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
     first = np.zeros((K, 6))
     for k in range(K):  # that of parallel thrusts
         for l in range(3):
-            first[k, l] = 8 * stated.loads.weight[k] * stated.loads.f[k, l] / n
+            first[k, l] = 8 * problem.loads.weight[k] * problem.loads.f[k, l] / n
     guesses[0] = first
-    vertices, middle = frames.blank(stated.tree.first[-1]), frames.blank(n)
+    vertices, middle = frames.blank(problem.tree.first[-1]), frames.blank(n)
     axes = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3)))
     at_box = BoxFrames(np.zeros((9, 3, 3)), middle, axes, vertices)
-    work, flat, sums = multipliers.workspace(stated), slopes.blank(n, A), box.sums(stated)
-    lifted = worst_vertex.blank(stated)
+    work, flat, sums = multipliers.workspace(problem), slopes.blank(n, A), box.sums(problem)
+    lifted = worst_vertex.blank(problem)
     gain, whole_rho, used = np.zeros(A), (upper[0] - lower[0]) / 2, np.zeros(K, np.bool_)
     record, boxes, left, y, sigma = np.empty(1024, np.uint8), 0, 1, np.zeros((K, 6)), np.zeros(W)
     while left > 0:
@@ -110,12 +110,12 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
             record = longer
         left -= 1
         at, rho = (lo[left] + hi[left]) / 2, (hi[left] - lo[left]) / 2
-        frames.at_middle(stated.tree, stated.l_c, at, middle, axes)
-        frames.at_vertices(stated.tree, stated.l_c, lo[left], hi[left], vertices)
+        frames.at_middle(problem.tree, problem.l_c, at, middle, axes)
+        frames.at_vertices(problem.tree, problem.l_c, lo[left], hi[left], vertices)
         boxes += 1
         axis = _widest_angle(rho)
         if moved[left]:
-            where = crowding(stated, middle, axes, vertices, rho, gain)
+            where = crowding(problem, middle, axes, vertices, rho, gain)
             if where == ALL_OVER:
                 record[boxes - 1] = CROWDED
                 continue
@@ -125,7 +125,7 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
         if bound_due:
             y[:], sigma[:] = guesses[left], pressed[left]
             _roots(lo[left], hi[left], at, at_box.roots)
-            if _is_excluded(stated, at_box, rho, cut, first, bounded[left], y, sigma, work, flat, lifted, sums):
+            if _is_excluded(problem, at_box, rho, cut, first, bounded[left], y, sigma, work, flat, lifted, sums):
                 record[boxes - 1] = DUAL
                 for k in range(K):
                     used[k] |= np.any(y[k] != 0.0)
@@ -141,7 +141,7 @@ def search(stated: BranchProblem, lower: Array, upper: Array, cut: float, most_b
         moved[left] = moved[left + 1] = axis >= 3
         end, begin = at[axis], at[axis]
         if axis >= 3:
-            end, begin = halves(stated.angles, lo[left, axis], hi[left, axis])
+            end, begin = halves(problem.angles, lo[left, axis], hi[left, axis])
         lo[left, axis] = begin  # the upper half waits
         hi[left + 1, axis] = end
         left += 2
@@ -166,7 +166,7 @@ def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
 
 @njit(cache=True, inline="always")
 def _is_excluded(
-    stated: BranchProblem,
+    problem: BranchProblem,
     at_box: BoxFrames,
     rho: Array,
     cut: float,
@@ -181,30 +181,30 @@ def _is_excluded(
 ) -> bool:
     """Return whether multipliers exclude a box; y and sigma, its parent's if inherited, become those tried last."""
     roots, middle, axes, vertices = at_box
-    if inherited and box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
+    if inherited and box.bound(problem, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
         return True
-    multipliers.wrenches(stated, roots[0], middle, work)
-    if len(sigma) > 0 or stated.loads.weight.min() == 0.0:
-        worst_vertex.search_from_start(stated, roots, vertices, rho, cut, first, work, lifted)
+    multipliers.wrenches(problem, roots[0], middle, work)
+    if len(sigma) > 0 or problem.loads.weight.min() == 0.0:
+        worst_vertex.search_from_start(problem, roots, vertices, rho, cut, first, work, lifted)
         y[:], sigma[:] = lifted.y, lifted.sigma
-        return bool(box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut)
+        return bool(box.bound(problem, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut)
     ridge = RIDGE * len(middle.p) / 24 * max((rho**2).sum(), LEAST_SQUARE)
     work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
-    if multipliers.value(stated, work, first) > multipliers.value(stated, work, y):
+    if multipliers.value(problem, work, first) > multipliers.value(problem, work, y):
         y[:] = first
-    multipliers.improve(stated, work, y, STEPS, ENOUGH * cut)
-    if box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
+    multipliers.improve(problem, work, y, STEPS, ENOUGH * cut)
+    if box.bound(problem, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
         return True
-    slopes.fill(stated, roots[0], middle, axes, work, flat)
-    slopes.flatten(stated, work, flat, rho, y, FLATTENED, ENOUGH * cut)
-    if box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
+    slopes.fill(problem, roots[0], middle, axes, work, flat)
+    slopes.flatten(problem, work, flat, rho, y, FLATTENED, ENOUGH * cut)
+    if box.bound(problem, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
         return True
     if 2 * rho.max() >= NARROW:
         return False
     work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
     y[:] = first
-    multipliers.improve(stated, work, y, MANY_STEPS, ENOUGH * cut)
-    return bool(box.bound(stated, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut)
+    multipliers.improve(problem, work, y, MANY_STEPS, ENOUGH * cut)
+    return bool(box.bound(problem, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut)
 
 
 @njit(cache=True)

@@ -55,12 +55,12 @@ def blank(n: int, A: int) -> Slopes:
 
 
 @njit(cache=True)
-def fill(stated: BranchProblem, R: Array, middle: Frames, axes: Axes, work: Workspace, into: Slopes) -> None:
+def fill(problem: BranchProblem, R: Array, middle: Frames, axes: Axes, work: Workspace, into: Slopes) -> None:
     """Fill beta and v for a root orientation R and frames, whose wrenches `work` holds."""
-    tree, w, c, d = stated.tree, np.zeros(3), np.zeros(3), np.zeros(3)
+    tree, w, c, d = problem.tree, np.zeros(3), np.zeros(3), np.zeros(3)
     into.v[:] = 0.0
     for i in range(len(tree.parent)):
-        w_i, (mx, my, mz) = stated.bodies[i, 0], moment(middle, i, stated.bodies[i])
+        w_i, (mx, my, mz) = problem.bodies[i, 0], moment(middle, i, problem.bodies[i])
         for at in range(tree.depth[i] + 3):
             a = tree.path[i, at]
             for k in range(3):
@@ -82,42 +82,42 @@ def fill(stated: BranchProblem, R: Array, middle: Frames, axes: Axes, work: Work
 
 @njit(cache=True, literals=False)
 def flatten(
-    stated: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, steps: int, enough: float
+    problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, steps: int, enough: float
 ) -> None:
     """Improve multipliers of a box of half widths rho in place, by so many steps at most, until D is enough."""
     A, tied = len(rho), 3 + len(rho)
     work.ridge[:] *= RIDGE
-    best = _value(stated, work, slopes, rho, y, slopes.g)
+    best = _value(problem, work, slopes, rho, y, slopes.g)
     for _ in range(steps):
         if best > enough:
             break
-        _gradients(stated, work, slopes, y)
+        _gradients(problem, work, slopes, y)
         for a in range(A):  # lambda_a = (g_a + G_a . step) rho_a / m_a
             work.diagonal[3 + a] = max(abs(slopes.g[a]), EVEN * enough) / max(rho[a], 1e-12)
             work.goal[3 + a] = slopes.g[a]
-        newton_step(stated, work, y, tied)
-        share, found = 1.0, -math.inf
+        newton_step(problem, work, y, tied)
+        share, reached = 1.0, -math.inf
         for _ in range(HALVINGS):
             work.trial[:] = y + share * work.step
-            meet(stated, work.trial)
-            found = _value(stated, work, slopes, rho, work.trial, slopes.tried)
-            if found > best:
+            meet(problem, work.trial)
+            reached = _value(problem, work, slopes, rho, work.trial, slopes.tried)
+            if reached > best:
                 break
             share *= SHORTER
-        if not found > best:
+        if not reached > best:
             break
-        best = found
+        best = reached
         y[:] = work.trial
         slopes.g[:] = slopes.tried
 
 
 @njit(cache=True)
-def _value(stated: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
+def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
     """Return what is maximised, and fill g."""
-    tree, U, total = stated.tree, stated.u_max, 0.0
+    tree, U, total = problem.tree, problem.u_max, 0.0
     g[:] = 0.0
     for k in range(len(y)):
-        weight, h, mu = max(LEAST_WEIGHT, stated.loads.weight[k]), stated.loads.h[k], y[k, 3:]
+        weight, h, mu = max(LEAST_WEIGHT, problem.loads.weight[k]), problem.loads.h[k], y[k, 3:]
         for l in range(6):
             total += (work.b[k, l] - work.ridge[l] / 2 * y[k, l]) * y[k, l]
         for a in range(len(rho)):
@@ -141,11 +141,11 @@ def _value(stated: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y
 
 
 @njit(cache=True)
-def _gradients(stated: BranchProblem, work: Workspace, slopes: Slopes, y: Array) -> None:
+def _gradients(problem: BranchProblem, work: Workspace, slopes: Slopes, y: Array) -> None:
     """Fill the gradients of all slopes in y."""
-    tree, U = stated.tree, stated.u_max
+    tree, U = problem.tree, problem.u_max
     for k in range(len(y)):
-        weight, h, rows = max(LEAST_WEIGHT, stated.loads.weight[k]), stated.loads.h[k], work.rows[k, 3:]
+        weight, h, rows = max(LEAST_WEIGHT, problem.loads.weight[k]), problem.loads.h[k], work.rows[k, 3:]
         for a in range(len(rows)):
             v, row = slopes.v[a], rows[a]
             row[0], row[1], row[2] = 0.0, 0.0, 0.0

@@ -115,9 +115,9 @@ class Vertices(NamedTuple):
 
 
 @njit(cache=True)
-def blank(stated: BranchProblem) -> Vertices:
+def blank(problem: BranchProblem) -> Vertices:
     """Return arrays for one box at a time."""
-    tree, K, W = stated.tree, len(stated.loads.f), len(stated.walls.normal)
+    tree, K, W = problem.tree, len(problem.loads.f), len(problem.walls.normal)
     n, count = len(tree.parent), tree.first[-1]
     module, frame = np.zeros(count, np.int64), np.zeros((2 ** (n - 1), n), np.int64)
     for i in range(1, n):
@@ -143,7 +143,7 @@ def blank(stated: BranchProblem) -> Vertices:
 
 @njit(cache=True)
 def search_from_start(
-    stated: BranchProblem,
+    problem: BranchProblem,
     roots: Array,
     vertices: Frames,
     rho: Array,
@@ -155,7 +155,7 @@ def search_from_start(
     """Fill `into.y` and `into.sigma` with good multipliers that meet the condition.
 
     Args:
-        stated: the task and the tree.
+        problem: the task and the tree.
         roots: root orientations at the middle and at the 8 vertices, shape (9, 3, 3).
         vertices: frames at the vertices of the hinges.
         rho: half widths [rad].
@@ -164,70 +164,70 @@ def search_from_start(
         work: with the wrenches of the box's middle.
         into: arrays.
     """
-    n = len(stated.tree.parent)
-    _fill_frames(stated, vertices, rho, into)
+    n = len(problem.tree.parent)
+    _fill_frames(problem, vertices, rho, into)
     y, sigma = into.y, into.sigma
     y[:], sigma[:] = first, SEARCH.pressed * cut
     # The condition holds from the start: steps that a barrier shortens keep it.
-    _correct(stated, stated.loads.project, y, sigma, True)
-    T, m, s = SEARCH.soft * cut, SEARCH.pressed * cut, SEARCH.kink * cut / (4 * n * stated.u_max)
+    _correct(problem, problem.loads.project, y, sigma, True)
+    T, m, s = SEARCH.soft * cut, SEARCH.pressed * cut, SEARCH.kink * cut / (4 * n * problem.u_max)
     for _ in range(SEARCH.stages):
-        best, least = _value(stated, roots, vertices, into, y, sigma, T, m, s)
+        best, least = _value(problem, roots, vertices, into, y, sigma, T, m, s)
         for _ in range(SEARCH.steps):
-            _newton(stated, roots, vertices, work, into, T, m, s)
+            _newton(problem, roots, vertices, work, into, T, m, s)
             share, better = 1.0, False
             for r in range(len(sigma)):
                 if into.wall_step[r] < 0.0:
                     share = min(share, -SEARCH.boundary * sigma[r] / into.wall_step[r])
             for _ in range(SEARCH.halvings):
                 ahead, pressed = y + share * into.step, sigma + share * into.wall_step
-                found, worst = _value(stated, roots, vertices, into, ahead, pressed, T, m, s)
-                better = found > best
+                reached, worst = _value(problem, roots, vertices, into, ahead, pressed, T, m, s)
+                better = reached > best
                 if better:
                     break
                 share *= SEARCH.shorter
             if not better:
                 break
             y[:], sigma[:] = ahead, pressed
-            gain, best, least = found - best, found, worst
+            gain, best, least = reached - best, reached, worst
             if least > SEARCH.enough * cut:  # psi counts as less than it is
-                if _value(stated, roots, vertices, into, y, sigma, T, m, 0.0)[1] > SEARCH.enough * cut:
-                    _finish(stated, work, into)
+                if _value(problem, roots, vertices, into, y, sigma, T, m, 0.0)[1] > SEARCH.enough * cut:
+                    _finish(problem, work, into)
                     return
-                _value(stated, roots, vertices, into, y, sigma, T, m, s)
+                _value(problem, roots, vertices, into, y, sigma, T, m, s)
             if gain < SEARCH.gain * cut:
                 break
         if least < SEARCH.hopeless * cut:
             break
         T, m, s = SEARCH.softer * T, SEARCH.kinked * m, SEARCH.kinked * s
-    _finish(stated, work, into)
+    _finish(problem, work, into)
 
 
 @njit(cache=True)
-def _fill_frames(stated: BranchProblem, vertices: Frames, rho: Array, into: Vertices) -> None:
+def _fill_frames(problem: BranchProblem, vertices: Frames, rho: Array, into: Vertices) -> None:
     """Fill the wrenches and moments of all frames, and the ridges."""
     for v in range(len(into.module)):
         (px, py, pz), (zx, zy, zz) = vertices.p[v], vertices.z[v]
         about = (py * zz - pz * zy, pz * zx - px * zz, px * zy - py * zx)
         for q in range(4):
-            x, y, z = stated.torques[q]
+            x, y, z = problem.torques[q]
             for l in range(3):
                 into.a[v, q, l] = vertices.z[v, l] / 4
-                own = x * vertices.x[v, l] + y * vertices.y[v, l] + z * vertices.z[v, l]
-                into.a[v, q, 3 + l] = (about[l] + own) / 4
-        into.moment[v] = moment(vertices, v, stated.bodies[into.module[v]])
+                torque = x * vertices.x[v, l] + y * vertices.y[v, l] + z * vertices.z[v, l]
+                into.a[v, q, 3 + l] = (about[l] + torque) / 4
+        into.moment[v] = moment(vertices, v, problem.bodies[into.module[v]])
     square = max((rho**2).sum(), SEARCH.least_square)
-    ridge = SEARCH.ridge * len(stated.tree.parent) / 24 * square
+    ridge = SEARCH.ridge * len(problem.tree.parent) / 24 * square
     for k in range(len(into.ridge)):
         into.ridge[k, :3] = ridge
-        if stated.loads.weight[k] == 0.0:
+        if problem.loads.weight[k] == 0.0:
             into.ridge[k, :3] = ridge * max(SEARCH.kinked_ridge / math.sqrt(square), SEARCH.largest_ridge)
         into.ridge[k, 3:] = SEARCH.levered * into.ridge[k, 0]
 
 
 @njit(cache=True)
 def _value(
-    stated: BranchProblem,
+    problem: BranchProblem,
     roots: Array,
     vertices: Frames,
     into: Vertices,
@@ -238,7 +238,7 @@ def _value(
     s: float,
 ) -> tuple[float, float]:
     """Return F and the least D, and fill D and what it is computed from."""
-    loads, walls, U, n = stated.loads, stated.walls, stated.u_max, len(stated.tree.parent)
+    loads, walls, U, n = problem.loads, problem.walls, problem.u_max, len(problem.tree.parent)
     constant, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     for k in range(len(y)):
         for l in range(3):
@@ -296,7 +296,7 @@ def _value(
 
 @njit(cache=True)
 def _newton(
-    stated: BranchProblem,
+    problem: BranchProblem,
     roots: Array,
     vertices: Frames,
     work: Workspace,
@@ -306,7 +306,7 @@ def _newton(
     s: float,
 ) -> None:
     """Fill the step from y and sigma, of which `_value` has filled D, to the maximum of a quadratic model of F."""
-    walls, y, sigma, K, C = stated.walls, into.y, into.sigma, len(into.y), len(into.frame)
+    walls, y, sigma, K, C = problem.walls, into.y, into.sigma, len(into.y), len(into.frame)
     share = np.exp((into.D.min() - into.D) / T)
     order = np.argsort(-share)[: SEARCH.most]
     order = order[share[order] > SEARCH.light * share.sum()]
@@ -324,7 +324,7 @@ def _newton(
     for root in range(8):
         for v in range(len(into.module)):
             if slot[root, v] >= 0:
-                _add_frame(stated, roots[1 + root], root, v, into, of_frame[root, v], s, part[slot[root, v]], H)
+                _add_frame(problem, roots[1 + root], root, v, into, of_frame[root, v], s, part[slot[root, v]], H)
                 for r in range(len(sigma)):
                     if walls.module[r] == into.module[v]:
                         e = vertices.p[v] - walls.end[r] * walls.length * vertices.z[v]
@@ -343,8 +343,8 @@ def _newton(
         wall_rows[3 + vertex] = scale * (wall_rows[3 + vertex] - wall_mean)
     for k in range(K):
         rows[:3, k] = work.rows[k, :3]
-        mean[k, :3] += stated.loads.f[k]
-        mean[k, 3:] += stated.loads.t[k]
+        mean[k, :3] += problem.loads.f[k]
+        mean[k, 3:] += problem.loads.t[k]
     for r in range(len(sigma)):
         wall_rows[:3, r] = -walls.normal[r]
     mean -= into.ridge * y
@@ -354,7 +354,7 @@ def _newton(
 
 @njit(cache=True)
 def _add_frame(
-    stated: BranchProblem,
+    problem: BranchProblem,
     R: Array,
     root: int,
     v: int,
@@ -365,10 +365,10 @@ def _add_frame(
     H: Array,
 ) -> None:
     """Fill what a module in one of its frames adds to a gradient, and add its share to minus the Hessian."""
-    U, gradient, a = stated.u_max, np.zeros(6), np.zeros(6)
+    U, gradient, a = problem.u_max, np.zeros(6), np.zeros(6)
     cx, cy, cz = R @ into.moment[v]
     for k in range(len(part)):
-        weight = stated.loads.weight[k]
+        weight = problem.loads.weight[k]
         y0, y1, y2, y3, y4, y5 = into.seen[root, k]
         gradient[:] = 0.0
         for q in range(4):
@@ -393,7 +393,7 @@ def _add_frame(
         for l in range(3):
             part[k, l] = R[l, 0] * gradient[0] + R[l, 1] * gradient[1] + R[l, 2] * gradient[2]
             part[k, 3 + l] = R[l, 0] * gradient[3] + R[l, 1] * gradient[4] + R[l, 2] * gradient[5]
-        hx, hy, hz = stated.loads.h[k]
+        hx, hy, hz = problem.loads.h[k]
         part[k, 3] += cy * hz - cz * hy
         part[k, 4] += cz * hx - cx * hz
         part[k, 5] += cx * hy - cy * hx
@@ -447,31 +447,31 @@ def _solve(
 
 
 @njit(cache=True)
-def meet(stated: BranchProblem, project: Array, y: Array, sigma: Array) -> None:
+def meet(problem: BranchProblem, project: Array, y: Array, sigma: Array) -> None:
     """Meet the condition by the least change of torques' multipliers that are not zero, or else without walls."""
-    _correct(stated, project, y, sigma, False)
-    a, b, c = imbalance(stated, y, sigma)
+    _correct(problem, project, y, sigma, False)
+    a, b, c = imbalance(problem, y, sigma)
     if not math.sqrt(a * a + b * b + c * c) <= SEARCH.cannot * sigma.sum():
         sigma[:] = 0.0
-        _correct(stated, project, y, sigma, False)
+        _correct(problem, project, y, sigma, False)
 
 
 @njit(cache=True)
-def _correct(stated: BranchProblem, project: Array, y: Array, sigma: Array, every: bool) -> None:
-    q = project @ np.array(imbalance(stated, y, sigma))
+def _correct(problem: BranchProblem, project: Array, y: Array, sigma: Array, every: bool) -> None:
+    q = project @ np.array(imbalance(problem, y, sigma))
     for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
         if every or np.any(y[k] != 0.0):
-            y[k, 3:] -= np.cross(q, stated.loads.g[k])
+            y[k, 3:] -= np.cross(q, problem.loads.g[k])
 
 
 @njit(cache=True)
-def _finish(stated: BranchProblem, work: Workspace, into: Vertices) -> None:
+def _finish(problem: BranchProblem, work: Workspace, into: Vertices) -> None:
     """Meet the condition, without multipliers of corners that cost nothing: each loses something to rounding."""
     y, crosses = into.y, np.zeros((3, 3))
     for k in range(len(y)):
-        if stated.loads.weight[k] == 0.0 and np.abs(work.a @ y[k]).max() < SEARCH.idle * 2 * stated.u_max:
+        if problem.loads.weight[k] == 0.0 and np.abs(work.a @ y[k]).max() < SEARCH.idle * 2 * problem.u_max:
             y[k] = 0.0
         else:
             rows = work.rows[k, :3, 3:].copy()
             crosses += rows @ rows.T
-    meet(stated, np.asarray(np.linalg.pinv(crosses, 1e-9), np.float64), y, into.sigma)
+    meet(problem, np.asarray(np.linalg.pinv(crosses, 1e-9), np.float64), y, into.sigma)

@@ -194,14 +194,14 @@ class Moves(TreeSampler):
     def _breed(self, number: int, known: _Known, over: int) -> None:
         """Choose the parents for a trial, when all before trial `over` are over; begin a population in time."""
         of_own = (one for one in known.solved if one.number >= self._first and one.number not in self._strays)
-        own = [*islice(of_own, BREEDING.parents)]
-        if not own:
+        parents = [*islice(of_own, BREEDING.parents)]
+        if not parents:
             if number >= self._first + HALVING.fresh:
                 self._strays.add(number)
             return
-        self._parents = own
-        if own[0].number != self._best[0]:
-            self._best = own[0].number, number
+        self._parents = parents
+        if parents[0].number != self._best[0]:
+            self._best = parents[0].number, number
         if over - self._best[1] > BREEDING.stale:
             self._first, self._strays, self._pool = number, set(), {}
 
@@ -211,8 +211,8 @@ class Moves(TreeSampler):
         trees = [Topology.from_key(key) for key in keys]
         drawn: dict[str, str | None] = {}
         for _ in range(int(BREEDING.children * share)):
-            place = min(self.random.choices(range(len(keys)), k=2))
-            drawn.setdefault(self._move(trees[place]), keys[place])
+            index = min(self.random.choices(range(len(keys)), k=2))
+            drawn.setdefault(self._move(trees[index]), keys[index])
         for _ in range(int(BREEDING.random_candidates * share)):
             drawn.setdefault(self.uniform().key, None)
         new = [key for key in drawn if key not in self._pool]
@@ -232,9 +232,9 @@ class Moves(TreeSampler):
             # ranking where no good tree is: they stand alike, as long as one tree has a design.
             by_objective = solved[0].has_design
             alike = groupby(solved, key=lambda one: one.objective if by_objective else one.violation)
-            places = [place for place, (_, merits) in enumerate(alike) for _ in merits]
+            places = [position for position, (_, merits) in enumerate(alike) for _ in merits]
             surrogate = Surrogate(self._descriptors([one.key for one in solved]), places)
-            designs = {one.key: place for place, one in enumerate(solved) if one.has_design}
+            designs = {one.key: position for position, one in enumerate(solved) if one.has_design}
             again, twins = self._chances(solved[surrogate.kept], surrogate.leave_one_out_bounds().tolist())
             self._latest = trials.completed, _Known(solved, surrogate, designs, again, twins)
             self._pool = {}

@@ -381,13 +381,13 @@ def make_own(factory: SamplerFactory, seed: int) -> BaseSampler | TopologySample
 
 
 @contextmanager
-def _naming(own: object, method: str, rule: str = "raised an error") -> Iterator[None]:
+def _naming(sampler: object, method: str, rule: str = "raised an error") -> Iterator[None]:
     """Name a user's sampler and its method in what it raises."""
     try:
         yield
     except Exception as error:
         if is_out_of_memory(error):
             raise
-        kind = getattr(own, "__qualname__", type(own).__name__)
+        kind = getattr(sampler, "__qualname__", type(sampler).__name__)
         text = " ".join(f"{rule}: {type(error).__name__}: {error}".split())
         raise BadInput("sampler", [Fault(f"{kind}.{method}".rstrip("."), text)]) from error

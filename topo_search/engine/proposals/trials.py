@@ -130,8 +130,8 @@ def goes_on(score: Scored, others: Sequence[Rank], step: int) -> bool:
         others: how all candidates stand, itself among them, in ascending order.
         step: 1 after the first step.
     """
-    own = rank(score)
-    return own[0] < IMPOSSIBLE and bisect_left(others, own) < len(others) // HALVING.share**step
+    own_rank = rank(score)
+    return own_rank[0] < IMPOSSIBLE and bisect_left(others, own_rank) < len(others) // HALVING.share**step
 
 
 class Idea(NamedTuple):

@@ -18,36 +18,36 @@ from verify.kinematics import platform
 
 def reserve_residuals(design: Design, measured: Flight | None) -> Iterator[Residual]:
     """Yield by how much each reserve is less than asked; undecided where nothing is proven."""
-    task, asked = design.task, design.task.flight
-    side = "horizontal" if asked.directions == "horizontal" else "force"
+    task, flight = design.task, design.task.flight
+    side = "horizontal" if flight.directions == "horizontal" else "force"
     for number, label, _ in centres(task):
         case = None if measured is None else measured.cases[number]
-        for field, place, unit, r, scale in (
-            *((side, at, "N", asked.force_reserve, task.force_unit(task.n)) for at in PLACES[asked.at]),
-            ("torque", "", "Nm", asked.torque_reserve, task.torque_unit(task.n)),
+        for field, point, unit, r, scale in (
+            *((side, at, "N", flight.force_reserve, task.force_unit(task.n)) for at in PLACES[flight.at]),
+            ("torque", "", "Nm", flight.torque_reserve, task.torque_unit(task.n)),
         ):
             if r > 0:
-                lower, upper = _bracket(asked, case, f"{field}_reserve{place}{{}}_{unit}")
-                words = f"{label}, {'horizontal force' if field == 'horizontal' else field} reserve{AT[place]}"
+                lower, upper = _bracket(flight, case, f"{field}_reserve{point}{{}}_{unit}")
+                words = f"{label}, {'horizontal force' if field == 'horizontal' else field} reserve{AT[point]}"
                 yield _judge(words, "N" if unit == "N" else "N m", r, lower, upper, scale)
 
-        if any(asked.angular_acceleration):
+        if any(flight.angular_acceleration):
             yield from _accelerations(design, case, label)
-        if asked.com_error:
+        if flight.com_error:
             words = f"{label}, error of the centre of mass"
-            bracket = _bracket(asked, case, "com_error{}_m")
-            yield _judge(words, "m", asked.com_error, *bracket, task.module.arm_length)
-    if asked.tilt_deg:
+            bracket = _bracket(flight, case, "com_error{}_m")
+            yield _judge(words, "m", flight.com_error, *bracket, task.module.arm_length)
+    if flight.tilt_deg:
         hover = None if measured is None else measured.hover
         words = "hover, tilt"
-        yield _judge(words, "deg", asked.tilt_deg, *_bracket(asked, hover, "tilt{}_deg"), math.degrees(1.0))
+        yield _judge(words, "deg", flight.tilt_deg, *_bracket(flight, hover, "tilt{}_deg"), math.degrees(1.0))
 
 
 def _accelerations(design: Design, case: CaseFlight | None, label: str) -> Iterator[Residual]:
     """Yield by how much each acceleration about an axis is less than asked."""
-    task, asked, J = design.task, design.task.flight, inertia(design, platform(design))
-    lower, upper = _bracket(asked, case, "angular_acceleration{}_rad_s2")
-    rows = zip("xyz", asked.angular_acceleration, np.linalg.norm(J, axis=0), strict=True)
+    task, flight, J = design.task, design.task.flight, inertia(design, platform(design))
+    lower, upper = _bracket(flight, case, "angular_acceleration{}_rad_s2")
+    rows = zip("xyz", flight.angular_acceleration, np.linalg.norm(J, axis=0), strict=True)
     for k, (axis, a, size) in enumerate(rows):
         if a > 0:
             at_least, at_most = (side[k] if isinstance(side, tuple) else side for side in (lower, upper))
@@ -57,11 +57,11 @@ def _accelerations(design: Design, case: CaseFlight | None, label: str) -> Itera
 
 def failure_residuals(design: Design, measured: Flight | None) -> Iterator[Residual]:
     """Yield how many single rotors may not fail, and by how much less torque is left than asked."""
-    task, asked = design.task, design.task.flight
-    if asked.rotor_out == "none":
+    task, flight = design.task, design.task.flight
+    if flight.rotor_out == "none":
         return
     out = None if measured is None else measured.rotors_out_asked
-    where = "hover" if asked.rotor_out == "hover" else "hover and cases that carry the weight"
+    where = "hover" if flight.rotor_out == "hover" else "hover and cases that carry the weight"
     kept = 0 if out is None else out.survive
     status = Status.CLEAR if kept == 4 * task.n else Status.UNDECIDED
     yield Residual(
@@ -74,7 +74,7 @@ def failure_residuals(design: Design, measured: Flight | None) -> Iterator[Resid
         stated=float(4 * task.n),
         derived=float(kept),
     )
-    r, scale = asked.rotor_out_torque or 0.0, task.torque_unit(task.n)
+    r, scale = flight.rotor_out_torque or 0.0, task.torque_unit(task.n)
     if r > 0:
         lower = (None if out is None else out.torque_reserve_Nm) or 0.0
         upper = None if out is None else out.torque_reserve_at_most_Nm
@@ -88,8 +88,8 @@ def load_residuals(design: Design, measured: Flight | None) -> Iterator[Residual
     for (what, field, unit, scale), most in zip(kinds, task.joint_limits, strict=True):
         if most is None:
             continue
-        stated = () if measured is None else (load for load in measured.joints if load.case != measured.hover.name)
-        largest = max((float(getattr(load, field)) for load in stated), default=0.0)
+        loads = () if measured is None else (load for load in measured.joints if load.case != measured.hover.name)
+        largest = max((float(getattr(load, field)) for load in loads), default=0.0)
         beyond = max(0.0, largest - most)
         known = Status.CLEAR if beyond <= TOLERANCE * scale(task.n) else Status.VIOLATED
         yield Residual(
@@ -142,11 +142,11 @@ def _judge(name: str, unit: str, r: float, lower: float, upper: float | None, sc
     )
 
 
-def _bracket(asked: AskedFlight, case: CaseFlight | None, name: str) -> tuple[Any, Any]:
+def _bracket(flight: AskedFlight, case: CaseFlight | None, name: str) -> tuple[Any, Any]:
     """Return what a figure of the allocator is at least, and at most; None where nothing is proven.
 
     Args:
-        asked: says which allocator.
+        flight: says which allocator.
         case: what was measured.
         name: of the figure, with braces where that of the upper bound says so.
     """
@@ -155,7 +155,7 @@ def _bracket(asked: AskedFlight, case: CaseFlight | None, name: str) -> tuple[An
     if not case.possible:
         return 0.0, 0.0
     names = name.format(""), name.format("_at_most")
-    if asked.allocator == "pseudo-inverse":  # its figures are exact
+    if flight.allocator == "pseudo-inverse":  # its figures are exact
         names = (f"{names[0]}_pseudo_inverse",) * 2
     lower, upper = (getattr(case, one) for one in names)
     return (0.0 if lower is None else lower), upper
