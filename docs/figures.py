@@ -167,7 +167,7 @@ def module(axes: Axes) -> None:
     """Ports and rotors of a module from above."""
     flat = np.eye(3)
     quadrotor(axes, flat, np.zeros(3), lambda x: x[..., :2], thrust=False)
-    for q, (place, spin) in enumerate(zip(MODULE.arm_length * ROTOR_DIRECTIONS, ROTOR_SPINS, strict=True), start=1):
+    for q, (place, spin) in enumerate(zip(MODULE.arm_length * ROTOR_DIRECTIONS, ROTOR_SPINS, strict=True)):
         axes.text(*place[:2], f"rotor {q}\n{'↺' if spin < 0 else '↻'}", ha="center", va="center", fontsize=8)
     for port, (name, e) in enumerate(zip(PORT_NAMES, PORT_DIRECTIONS, strict=True)):
         end = MODULE.connector_distance * e[:2]

@@ -96,7 +96,7 @@ def test_what_px4_cannot_exert_is_named_by_its_direction() -> None:
     level = random_design(Topology.from_key("a0"), 7).model_copy(update={"root_orientation_rad": (0.0, 0.0, 0.0)})
     flat, weak = px4_warnings(allocation(level))
     assert "rank 4 of 6 and cannot exert force x, nor force y" in flat
-    assert "ignores yaw" in weak  # 1.47 N at 27 mm is less than PX4 counts
+    assert "ignores yaw" in weak  # 1.47 N at 8 mm is less than PX4 counts
     two = read_json(Design, Path(__file__).parent / "designs" / "small-force.json")
     assert "rank 5 of 6 and cannot exert +0.47 force x -0.88 force y; " in px4_warnings(allocation(two))[0]
     for text in (flat, weak):

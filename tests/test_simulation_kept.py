@@ -2,10 +2,12 @@
 
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
+from nlp import lower_bound
 from topo_search.model import Design
-from topo_search.model.files import read_json
+from topo_search.model.files import read_json, read_task
 from topo_search.simulation.campaign import fly_all
 from topo_search.simulation.fly import Options
 from topo_search.simulation.result import FlightResult, digest_of
@@ -54,3 +56,11 @@ def test_designs_without_reserves_fail_and_the_table_says_why(name: str) -> None
     back = [one for one in told.scenarios if one.name.startswith("return")]
     assert any(one.verdict == "not held" and "rotors could not produce" in one.reason for one in back)
     assert told.weakest_force_share < 0.02
+
+
+def test_no_flown_design_costs_less_than_the_bound_of_the_task_that_its_row_names() -> None:
+    rows = pd.read_csv(ROOT / "notebooks/results/flights.csv")
+    for task, n, required, effort in rows[["task", "modules", "required", "effort"]].itertuples(index=False):
+        shipped = ROOT / f"tests/designs/{task}.toml" if required == "reserves" else task
+        bound = lower_bound(read_task(shipped, (f"modules={n}",)).resolve(n))
+        assert effort >= 0.999 * bound, (task, n, required)  # efforts are rounded to four digits

@@ -213,6 +213,26 @@ def test_accelerations_about_each_axis_can_be_had_either_way_and_no_more_one_way
             assert a <= case.angular_acceleration_at_most_rad_s2[k] <= a * (1 + 1e-6)
 
 
+@pytest.mark.filterwarnings("ignore:Importing from numpy.matlib")
+@pytest.mark.parametrize("name", ["wall-push", "survives-a-rotor"])
+def test_reserves_are_distances_to_facets_that_pycapacity_enumerates(name: str) -> None:
+    from pycapacity.algorithms import hyper_plane_shift_method
+
+    given = read_json(Design, Path(__file__).parent / f"designs/{name}.json")
+    at, task = platform(given), given.task
+    unit = np.repeat([task.force_unit(3), task.torque_unit(3)], 3)
+    A = wrench_map(at, task.module) * task.module.max_input(task.gravity) / unit[:, None]
+    normals, offsets = map(np.array, hyper_plane_shift_method(A, np.zeros(12), np.ones(12)))
+    for case, b in zip(flight(given).cases, asked(given), strict=True):
+        rest = offsets.ravel() - normals @ (b / unit)
+        for what, reserve, _ in reserves(case):
+            columns = np.array(
+                [added(what, x, at.p_e) / unit for x in np.eye(3)[: 2 if "horizontal" in what else 3]]
+            )
+            sizes = np.linalg.norm(normals @ columns.T, axis=1)
+            assert reserve == pytest.approx((rest[sizes > 1e-9] / sizes[sizes > 1e-9]).min(), rel=1e-5)
+
+
 @pytest.mark.parametrize("seed", few(ABLE, 2))
 def test_the_pseudo_inverse_stays_within_limits_up_to_its_reserves_and_not_beyond(seed: int) -> None:
     given = drawn(seed)

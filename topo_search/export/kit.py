@@ -52,7 +52,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
     acts, solids = allocation(design), printed_parts(design)
     left_out = reason_against(acts)
     kit_notes = px4_warnings(acts) if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
-    kit_notes = (*kit_notes, mass_note(parts_list(design, solids)))
+    kit_notes = (*kit_notes, mass_note(design.task, parts_list(design, solids)))
     contents: dict[str, str | bytes] = {
         ALLOCATION: to_json(acts),
         "allocation.csv": acts.csv(),

@@ -34,7 +34,7 @@ from topo_search.model.shape import Cone, Hull, Polytope, Shape, convex_hull
 from verify.kinematics import platform
 
 ROTOR_ANGLES = tuple(math.radians(angle) for angle in (-45, -135, 135, 45))
-"""Direction of rotor q = 1..4 from the module's centre (X layout)."""
+"""Direction of rotor q = 0..3 from the module's centre (X layout)."""
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
+from topo_search.model.task import ResolvedTask
 from topo_search.model.text import csv_text, html_page, paragraph, table
 from topo_search.model.topology import PORT_NAMES
 
@@ -132,7 +133,8 @@ def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
     yield paragraph(
         f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
         f"up. Cut the rod to {1000 * rod.length:.1f} mm, push it in until it bottoms out, and close the clamp with "
-        "its bolt. Check with a square: "
+        f"its bolt. The end-effector of {1000 * design.task.end_effector.mass:.3g} g goes onto the tip; its fixture "
+        "is yours. Check with a square: "
         f"from the bottom of the bore, which is the connector, the tip is {1000 * rod.length * x:.1f} mm outwards, "
         f"{1000 * rod.length * y:.1f} mm to the left seen outwards, and {1000 * rod.length * z:.1f} mm up."
     )
@@ -244,11 +246,12 @@ def _autopilot(at: Poses) -> str:
     """Say where the autopilot goes, in the axes of module 0, which can be seen."""
     x, _, z = (_direction(axis) for axis in at.R[0])
     com = ", ".join(_millimetres(at.R[0].T @ at.p_com))
+    hub = ", ".join(f"{number:.3f}" for number in (at.p[0] - at.p_com) * (1, -1, -1))  # forward, right, down
     return (
         f"Autopilot: the centre of mass is at [{com}] mm from the centre of module 0, in the axes of that module "
         f"(x towards port 0, y towards port 1, z up). Mount the autopilot there, its arrow along {x} and its "
-        f"upper side along {z} in these axes: that is x and z of the task. If it sits elsewhere set "
-        "EKF2_IMU_POS_*, if it is turned SENS_BOARD_ROT."
+        f"upper side along {z} in these axes: that is x and z of the task. If no part is there, put it on "
+        f"the hub of module 0, with EKF2_IMU_POS_X, Y, Z = {hub} m; if it is turned set SENS_BOARD_ROT."
     )
 
 
@@ -333,18 +336,20 @@ def parts_list(design: Design, solids: Printed) -> list[Row]:
     return rows
 
 
-def mass_note(rows: Sequence[Row]) -> str:
-    """Return what all parts weigh beside the model, and the mass of a joint with which both agree."""
+def mass_note(task: ResolvedTask, rows: Sequence[Row]) -> str:
+    """Return what all parts weigh beside the model, and the fields with which both agree."""
     *parts, whole, model = rows
     note = f"all parts weigh {whole[4]} kg, the model of the search {model[4]} kg"
     joints = sum(int(row[1]) for row in parts if row[0] == "bracket")
     if not joints:
         return note
     joined = sum(float(row[4]) for row in parts if row[0] not in ("module", "rod", "end-effector"))
-    return (
-        f"{note}; with module.joint_mass={joined / joints:.3g} and "
-        'end_effector.rod_mass="included" a search counts what joins the modules'
-    )
+    fields = []
+    if abs(joined / joints - task.module.joint_mass) > 5e-4:
+        fields.append(f"module.joint_mass={joined / joints:.3g}")
+    if task.end_effector.rod_mass == "ignored":
+        fields.append('end_effector.rod_mass="included"')
+    return f"{note}; with {' and '.join(fields)} a search counts what joins the modules" if fields else note
 
 
 def parts_csv(rows: Sequence[Row]) -> str:

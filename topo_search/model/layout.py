@@ -16,6 +16,6 @@ PORT_DIRECTIONS = read_only([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0],
 ROTOR_DIRECTIONS = read_only(
     np.array([[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]]) / math.sqrt(2)
 )
-"""From the centre to rotors 1..4, which are arm_length from it; shape (4, 3)."""
+"""From the centre to rotors 0..3, which are arm_length from it; shape (4, 3)."""
 ROTOR_SPINS = read_only([-1.0, 1.0, -1.0, 1.0])
-"""(-1)^q: sign of the drag torque of rotors 1..4 along z; shape (4,)."""
+"""-(-1)^q: sign of the drag torque of rotors q = 0..3 along z; shape (4,)."""
