@@ -53,14 +53,12 @@ class Polish(NamedTuple):
     enough: int
     """Number after which the polish ends once one has become a design."""
     most: int
-    worth: float = math.inf
-    """Largest merit, over the least effort of a design, of a minimum that is polished."""
 
 
 class Polishing(NamedTuple):
     """Which local minima become designs."""
 
-    plain: Polish = Polish(enough=2, most=6, worth=1.05)
+    plain: Polish = Polish(enough=2, most=6)
     cornered: Polish = Polish(enough=8, most=8)
     """For tasks with reserves or failures, of which all local minima of the first phase go on.
 
@@ -78,6 +76,8 @@ class Polishing(NamedTuple):
     On push, push-two-paths and push-exterior-60 with five and seven modules, minima that became designs missed
     0.0063 at most; for one that misses more Ipopt takes five times the iterations to end nowhere.
     """
+    worth: float = 1.05
+    """Largest merit, over the least effort of a design, of a minimum that is polished for a task with limits on air."""
     first_up_to: float = 0.01
     """Largest violation at which a local minimum is polished before worse ones [l_arm, m_t g, l_arm m_t g]."""
 
@@ -132,6 +132,7 @@ class ReducedSearch:
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)
         limited = [shape for exposure in task.exposure if exposure.speed is not None for shape in exposure.shapes]
+        self._limited = bool(limited)
         self._extra = bool(constraints) or not all(isinstance(shape, Capsule) for shape in limited)
         self._most_merit = None if most_effort is None else most_effort / self.effort_unit
 
@@ -194,7 +195,8 @@ class ReducedSearch:
         for minimum in _one_of_each(minima)[: which.most]:
             if tried >= which.enough and least < math.inf:
                 return
-            if tried and (minimum.missing > POLISHING.most_missed or minimum.merit > which.worth * least):
+            costly = self._limited and minimum.merit > POLISHING.worth * least
+            if tried and (costly or minimum.missing > POLISHING.most_missed):
                 continue
             outcome = take_in_corners(
                 self._task,

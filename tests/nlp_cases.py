@@ -201,6 +201,8 @@ DISTINCT = (
 
 def push(n: int = 5, **fields: Any) -> ResolvedTask:
     """The push task of the paper for n modules, with other fields beside or instead."""
+    if "torque_to_thrust" not in (module := fields.get("module", {})):
+        fields["module"] = {"torque_coefficient": 1.06e-8, **module}
     fields["end_effector"] = {"rod": "none", "largest_reach": False, **fields.get("end_effector", {})}
     return Task.model_validate({"name": "push", "modules": n, "load_cases": PUSH, **fields}).resolve(n)
 

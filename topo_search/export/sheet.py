@@ -133,8 +133,9 @@ def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
     yield paragraph(
         f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
         f"up. Cut the rod to {1000 * rod.length:.1f} mm, push it in until it bottoms out, and close the clamp with "
-        f"its bolt. The end-effector of {1000 * design.task.end_effector.mass:.3g} g goes onto the tip; its fixture "
-        "is yours. Check with a square: "
+        "its bolt. The end-effector of "
+        f"{1000 * design.task.end_effector.mass:.3g} g goes onto the tip; its fixture is yours. "
+        "Check with a square: "
         f"from the bottom of the bore, which is the connector, the tip is {1000 * rod.length * x:.1f} mm outwards, "
         f"{1000 * rod.length * y:.1f} mm to the left seen outwards, and {1000 * rod.length * z:.1f} mm up."
     )
