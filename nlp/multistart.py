@@ -77,7 +77,7 @@ class Polishing(NamedTuple):
     0.0063 at most; for one that misses more Ipopt takes five times the iterations to end nowhere.
     """
     worth: float = 1.05
-    """Largest merit, over the least effort of a design, of a minimum that is polished for a task with limits on air."""
+    """Largest merit, over the least effort of a design, of a minimum that is polished where air is limited."""
     first_up_to: float = 0.01
     """Largest violation at which a local minimum is polished before worse ones [l_arm, m_t g, l_arm m_t g]."""
 
