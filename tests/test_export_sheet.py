@@ -56,6 +56,9 @@ def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:
         np.testing.assert_allclose([float(x) for x in row[1:4]], 1000 * place, atol=0.051)
         axes = [[float(x) for x in cell[1:-1].split(",")] for cell in row[4:]]
         np.testing.assert_allclose(axes, R.T, atol=1e-3)
+    forward, left, up = (float(cell) / 1000 for cell in lie[0][1:4])  # module 0 from the centre of mass
+    (hub,) = re.findall(r"EKF2_IMU_POS_X, Y, Z = (\S+), (\S+), (\S+) m;", text)
+    assert [float(x) for x in hub] == pytest.approx([forward, -left, -up], abs=6e-4)
     drawing = next(svg for svg in page.iter(SVG + "svg") if svg.get("aria-label") == "strut of 86.4 mm")
     assert [words.text for words in drawing.iter(SVG + "text")] == ["40.00", "126.40"]
     com, arrow, upper = (
