@@ -121,9 +121,7 @@ def test_what_is_odd_about_the_task_is_on_the_page(audited, tmp_path):
     """`check` warns about two load cases of push, which do not carry the weight; the toy task is plain."""
     page = Reader(render(design_page(*audited, "mine.json")))
     assert page.text.count("Warning: load_cases[") == 2
-    # but for the figure of merit of the default module
-    plain = Reader(toy_page(tmp_path / "plain")).text
-    assert plain.count("Warning:") == plain.count("Warning: module.torque_coefficient:") == 1
+    assert "Warning:" not in Reader(toy_page(tmp_path / "plain")).text
     odd = read_task("push", ("gravity=1.62", "modules=3"))
     toy_run(tmp_path / "run", task=odd)
     with RunFolder.load(tmp_path / "run") as folder:

@@ -26,6 +26,7 @@ from verify.wrench import required_wrench, wrench_map
 
 Array = NDArray[np.float64]
 
+MODULE = {"max_thrust_to_weight": 4.0, "torque_coefficient": 1.06e-8}
 PUSH = {"end_effector": {"force": [0.01, 0.005, 0.0]}, "com": {"force": [0.0, 0.0, 1.0]}}
 
 
@@ -35,15 +36,14 @@ def drawn(seed: int, n: int = 5, **task: Any) -> Design:
     (tree,) = sample(n, 1, seed)
     hinges = tuple(rng.uniform(-0.7, 0.7, n - 1).tolist())
     tip = tuple(rng.uniform(-0.5, 0.5, 3).tolist())
-    module = {"max_thrust_to_weight": 4.0, "torque_coefficient": 1.06e-8}
-    leaning = design(tree, {"module": module}, hinges=hinges, end_effector=tip)
+    leaning = design(tree, {"module": MODULE}, hinges=hinges, end_effector=tip)
     z = platform(leaning).poses.z.sum(axis=0)
     z /= np.linalg.norm(z)
     up = np.array([0.0, 0.0, 1.0])
     R = np.eye(3) - np.outer(z + up, z + up) / (1 + z[2]) + 2 * np.outer(up, z)  # takes z to up
     alpha_0 = math.asin(R[2, 1])
     root = (math.atan2(-R[0, 1], R[1, 1]), alpha_0, math.atan2(-R[2, 0], R[2, 2]))
-    task = {"load_cases": [PUSH], "module": module, **task}
+    task = {"load_cases": [PUSH], "module": MODULE, **task}
     return design(tree, task, hinges=hinges, root=root, end_effector=tip)
 
 
@@ -436,7 +436,7 @@ def test_a_mirrored_platform_has_mirrored_figures(seed: int, n: int) -> None:
     other = design(
         Topology(tuple(rows)),
         {
-            "module": {"max_thrust_to_weight": 4.0},
+            "module": MODULE,
             "load_cases": [{**pushed, "com": {"force": [0.0, 0.0, 1.0], "torque": [-0.03, 0.02, -0.01]}}],
         },
         hinges=tuple(sign * alpha for sign, alpha in zip(signs, given.hinge_angles_rad, strict=True)),
