@@ -1,4 +1,4 @@
-"""What keeps a proof open: the best effort over the lower bound with one requirement left out at a time.
+"""Best effort over the lower bound without one requirement at a time: what keeps a proof open.
 
     python tests/benchmarks/left_out.py TASK --modules N [--starts 12] [--trees KEY ...]
 
@@ -33,18 +33,18 @@ def less(task: ResolvedTask) -> Iterator[tuple[str, ResolvedTask]]:
     yield "the whole task", task
     regions = task.exposure
     for r, region in enumerate(regions):
-        yield f"without exposure {r} ({region.kind})", _changed(task, exposure=regions[:r] + regions[r + 1 :])
+        rest = regions[:r] + regions[r + 1 :]
+        yield f"without exposure {r} ({region.kind})", task.model_copy(update={"exposure": rest})
     if len(regions) > 1:
-        yield "without exposure", _changed(task, exposure=())
+        yield "without exposure", task.model_copy(update={"exposure": ()})
     for name, (field, update) in FIELDS.items():
         held = getattr(task, field)
         if (changed := held.model_copy(update=update)) != held:
-            yield f"without {name}", _changed(task, **{field: changed})
+            yield f"without {name}", task.model_copy(update={field: changed})
     walls = tuple(one.model_copy(update={"solid": False}) for one in regions if half_spaces([one]))
+    bounded = {"exposure": walls, "end_effector": task.end_effector.model_copy(update=FREE_TIP)}
     for about in get_args(Problem):
-        tip = task.end_effector.model_copy(update=FREE_TIP)
-        bounded = _changed(proof_task(task, about), exposure=walls, end_effector=tip)
-        yield f"what bounds about the {about} take in", bounded
+        yield f"what bounds about the {about} take in", proof_task(task, about).model_copy(update=bounded)
 
 
 def main() -> None:
@@ -71,10 +71,6 @@ def main() -> None:
             share = 100 * (1 - best.objective / whole)
             cells = f"{best.objective / bound:.4f} | {share:.2f} % | `{best.topology.key}`"
         print(f"| {name} | {cells} | {time.process_time() - began:.0f} |", flush=True)
-
-
-def _changed(task: ResolvedTask, **update: object) -> ResolvedTask:
-    return task.model_copy(update=update)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ RUN is the folder of a finished run; nothing is written to it. The first line sa
 load cases and airflow. The compilation is done before the first tree. With
 --check every chunk is checked as it is proven. With --sample M only M trees are, drawn at random, and what all of
 them take is extrapolated, with the standard error. Chunks of one tree differ too much to be a sample.
-A tree ends at its first chunk that stays open; with --most-boxes all its chunks are tried, each with so many boxes.
+A tree ends at its first open chunk; --most-boxes N tries every chunk with at most N boxes.
 """
 
 from __future__ import annotations
