@@ -6,7 +6,7 @@ from dataclasses import astuple
 from pathlib import Path
 
 from topo_search.experiments import results
-from topo_search.experiments.folder import COLUMNS, Measured
+from topo_search.experiments.conducting import COLUMNS, Measured
 
 
 def frame(*rows):

@@ -12,8 +12,7 @@ from dask_cluster import Cluster, free_port
 from engine_jobs import LONG, cache_folder, environment, mark, misbehave, pause, report_pid, square
 from processes import eventually, gone
 
-from topo_search.engine import DaskWorkers, Failed, WorkersLost, dask_connection
-from topo_search.engine.dask_workers import TRIM
+from topo_search.engine import DaskWorkers, Failed, WorkersLost, dask_workers
 from topo_search.model import BadInput
 
 
@@ -70,9 +69,10 @@ def test_every_dask_worker_prepares_once_and_says_once_where_compiled_code_is(tm
 
 
 def test_a_child_keeps_memory_for_its_next_job(cluster):
-    assert TRIM in distributed.config["distributed"]["nanny"]["pre-spawn-environ"]
+    trim = "MALLOC_TRIM_THRESHOLD_"
+    assert trim in distributed.config["distributed"]["nanny"]["pre-spawn-environ"]
     with DaskWorkers(cluster.address, {}) as workers:
-        assert workers.run_one(environment, (TRIM,), deadline=LONG) == {TRIM: None}
+        assert workers.run_one(environment, (trim,), deadline=LONG) == {trim: None}
 
 
 def test_a_worker_that_joins_late_is_waited_for(tmp_path):
@@ -97,7 +97,7 @@ def test_a_scheduler_that_ends_is_named(tmp_path):
 
 
 def test_no_scheduler_at_an_address(monkeypatch):
-    monkeypatch.setattr(dask_connection, "CONNECT", 1.0)
+    monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(answer=1.0))
     address = f"tcp://127.0.0.1:{free_port()}"
     with DaskWorkers(address, {}) as workers:
         assert list(workers.run(square, [], deadline=lambda _: LONG)) == []  # nothing to do, nobody to ask

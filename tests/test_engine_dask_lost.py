@@ -16,7 +16,7 @@ from engine_jobs import LONG, pause, square
 from processes import eventually
 from wording import says
 
-from topo_search.engine import DaskWorkers, WorkersLost, computing_versions, dask_connection, dask_workers
+from topo_search.engine import DaskWorkers, WorkersLost, computing_versions, dask_workers
 from topo_search.engine.dask_workers import COMPUTING
 
 
@@ -37,7 +37,7 @@ def mute(listener):
 
 
 def test_a_scheduler_that_accepts_and_says_nothing_is_given_up(mute, monkeypatch):
-    monkeypatch.setattr(dask_connection, "CONNECT", 1.0)
+    monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(answer=1.0))
     with (
         DaskWorkers(mute, {}) as workers,
         pytest.raises(WorkersLost, match=f"no Dask scheduler answers at {mute}: "),
@@ -54,7 +54,7 @@ def test_another_program_at_the_port_is_no_scheduler(monkeypatch, speaks_first):
             if speaks_first or self.request.recv(1):
                 self.request.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
 
-    monkeypatch.setattr(dask_connection, "CONNECT", 2.0)
+    monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(answer=2.0))
     with socketserver.ThreadingTCPServer(("127.0.0.1", 0), Web) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         address = f"tcp://127.0.0.1:{server.server_address[1]}"
@@ -67,7 +67,7 @@ def test_a_scheduler_that_falls_silent_is_given_up(tmp_path, monkeypatch):
     with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}) as workers:
         cluster.add_worker()
         assert workers.run_one(square, 3, deadline=LONG) == 9
-        monkeypatch.setattr(dask_connection, "CONNECT", 1.0)
+        monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(answer=1.0))
         os.kill(cluster.scheduler.pid, signal.SIGSTOP)
         with pytest.raises(WorkersLost, match="has not answered for 1 s"):
             workers.run_one(square, 3, deadline=LONG)

@@ -15,7 +15,7 @@ from toy_problem import toy_task
 
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.engine import Certificates, DaskWorkers, WorkersLost, dask_connection
+from topo_search.engine import Certificates, DaskWorkers, WorkersLost, dask_workers
 from topo_search.model import BadInput
 from topo_search.model.files import to_toml
 
@@ -72,7 +72,7 @@ def test_certificates_of_dasks_own_configuration_are_used(encrypted, certificate
 
 
 def test_another_authority_is_not_trusted(encrypted, others, monkeypatch):
-    monkeypatch.setattr(dask_connection, "CONNECT", 5.0)
+    monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(answer=5.0))
     with (
         DaskWorkers(encrypted.address, {}, certificates=others) as workers,
         pytest.raises(WorkersLost, match=f"no Dask scheduler answers at {encrypted.address}: "),
@@ -94,7 +94,7 @@ def abandoned(cluster):
 
 @pytest.mark.usefixtures("abandoned")
 def test_a_scheduler_without_tls_gets_no_job(cluster, certificates, monkeypatch):
-    monkeypatch.setattr(dask_connection, "CONNECT", 5.0)
+    monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(answer=5.0))
     address = cluster.address.replace("tcp://", "tls://")
     with (
         DaskWorkers(address, {}, certificates=certificates) as workers,

@@ -21,8 +21,7 @@ from own_code import make_brute_force, make_grid, make_groups, make_qmc, make_ra
 from suites import few
 from toy_problem import follow
 
-from topo_search.engine.proposals import OptunaSearch, moves
-from topo_search.engine.proposals.study import LEARNT
+from topo_search.engine.proposals import LEARNT, OptunaSearch, moves
 from topo_search.engine.proposals.trials import HALVING
 from topo_search.engine.strategy import Proposal, Scored, Space, Strategy
 from topo_search.model import Topology

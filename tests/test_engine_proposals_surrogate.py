@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from topo_search.engine.proposals.moves import Moves, part_of
-from topo_search.engine.proposals.surrogate import PATTERNS, REGRESSION, Surrogate, descriptors
+from topo_search.engine.proposals.moves import PATTERNS, REGRESSION, Moves, Surrogate, descriptors, part_of
 from topo_search.engine.proposals.trials import Idea
 from topo_search.engine.strategy import Scored, Space
 from topo_search.model import Topology

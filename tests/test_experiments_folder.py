@@ -7,8 +7,7 @@ import pytest
 from topo_search.cli.experiment import NAMES
 from topo_search.engine import Failed
 from topo_search.experiments import Settings, experiment, results
-from topo_search.experiments.conducting import failure_row
-from topo_search.experiments.folder import ABOUT, COLUMNS, RESULTS, Measured, Results, identify
+from topo_search.experiments.conducting import ABOUT, COLUMNS, RESULTS, Measured, Results, failure_row, identify
 from topo_search.experiments.plan import Variant, plan
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput

@@ -12,7 +12,7 @@ from benchmarks import keep_results
 
 from topo_search.cli.experiment import NAMES
 from topo_search.experiments import Settings, experiment, results
-from topo_search.experiments.folder import COLUMNS, METHOD
+from topo_search.experiments.conducting import COLUMNS, METHOD
 from topo_search.experiments.paper import FULLY, REACHED
 from topo_search.experiments.plan import FEW_ABOVE, IDENTITY
 from topo_search.model.proven import gap_percent

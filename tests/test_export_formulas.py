@@ -59,7 +59,7 @@ def test_the_audit_command_names_files_harmlessly(in_process, tmp_path, monkeypa
 
 def test_the_table_of_candidates_has_no_formulas(tmp_path, monkeypatch) -> None:
     from topo_search.study import ledger
-    from topo_search.study.row import COLUMNS
+    from topo_search.study.ledger import COLUMNS
 
     ranked = ledger.Ledger.ranking
 

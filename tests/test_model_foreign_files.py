@@ -16,7 +16,7 @@ import trimesh
 from click.testing import CliRunner
 
 from topo_search.cli import main
-from topo_search.experiments.folder import Results, identify
+from topo_search.experiments.conducting import Results, identify
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Task
 from topo_search.model.files import read_json, read_task, validate, write_atomically

@@ -8,8 +8,8 @@ import pytest
 from nlp.numbers.geometry import fold_excess, nearest_angles, ranges, turns
 from topo_search.model import BadInput, Topology
 from topo_search.model.files import read_task, to_toml
-from topo_search.model.relaxable import relaxable
 from topo_search.model.task_warnings import task_warnings
+from topo_search.study.relaxing import relaxable
 
 TREE = Topology.from_key("a300")
 

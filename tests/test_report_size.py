@@ -12,7 +12,7 @@ from topo_search.model import Design, Infeasible
 from topo_search.report.run_page import write_run_page
 from topo_search.study import Request, RunFolder
 from topo_search.study.answer import SHOWN
-from topo_search.study.row import Row, row_of
+from topo_search.study.ledger import Row, row_of
 from topo_search.topologies import Candidate, candidates
 
 NUMBER = 10_000

@@ -15,7 +15,7 @@ from toy_problem import solved_keys, toy_run, toy_task
 import topo_search
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.engine import DaskWorkers, WorkersLost, dask_connection
+from topo_search.engine import DaskWorkers, WorkersLost, dask_workers
 from topo_search.model.files import read_task, to_toml
 
 
@@ -77,7 +77,7 @@ def test_the_command_searches_on_a_cluster_and_answers_without_it_once_it_has_en
 
 
 def test_no_scheduler_is_a_status_of_its_own(command, monkeypatch):
-    monkeypatch.setattr(dask_connection, "CONNECT", 0.5)
+    monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(answer=0.5))
     address = f"tcp://127.0.0.1:{free_port()}"
     result = command("--dask", address)
     assert result.exit_code == 70

@@ -158,7 +158,7 @@ def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys
 
 
 def test_a_design_as_near_that_is_not_audited_is_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr("topo_search.study.audits.AUDITED", 2)
+    monkeypatch.setattr("topo_search.study.solving.AUDITED", 2)
     (size,) = toy_run(tmp_path / "run", backends=BACKENDS).sizes
     assert [row.key for row in size.near_ties] == ["a500", "a600"]
     assert size.near_ties_unaudited == 1

@@ -12,7 +12,7 @@ from topo_search.export.picture import Picture
 from topo_search.model import Topology
 from topo_search.model.proven import gap_percent, lower_text
 from topo_search.study import Solved, solve_single
-from topo_search.study.row import FLIGHT, kind_of
+from topo_search.study.ledger import FLIGHT, kind_of
 from verify import audit
 
 

@@ -5,7 +5,7 @@ import pytest
 import toy_problem
 from toy_problem import solved_keys, toy_run
 
-from topo_search.engine.strategy import PRUNED_AFTER
+from topo_search.engine import ExhaustiveSearch
 from topo_search.model import BadInput
 from topo_search.study import RunFolder
 
@@ -17,7 +17,9 @@ def table(path):
 
 def test_a_design_that_meets_the_bound_spares_the_rest_which_is_counted(tmp_path, monkeypatch, log):
     keys = sorted(table_of_all(tmp_path))
-    ahead = PRUNED_AFTER + 3  # for each result before the one that meets the bound another one was proposed
+    ahead = (
+        ExhaustiveSearch.ahead + 3
+    )  # for each result before the one that meets the bound another one was proposed
     monkeypatch.setenv("TOY_OPTIMAL", keys[3])
     log.write_text("")
     answer = toy_run(tmp_path / "run", modules=5, prune=True)

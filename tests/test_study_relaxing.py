@@ -14,10 +14,9 @@ from topo_search.engine import Failed
 from topo_search.model import Design, Infeasible, Task, Topology
 from topo_search.model.design import STARTS, Relaxation, Relaxed
 from topo_search.model.files import to_json
-from topo_search.model.relaxable import relaxable
 from topo_search.model.text import apply_settings
 from topo_search.study import Silent
-from topo_search.study.relaxing import TREES, relax
+from topo_search.study.relaxing import RELAXING, relax, relaxable
 from topo_search.study.solving import Tools
 
 
@@ -164,10 +163,10 @@ def test_the_number_of_solves_is_bounded_whatever_comes_of_them(monkeypatch, hel
     backends = replace(toy_problem.BACKENDS, solve=solve)
     found = relaxed_limits(task, "a11210", "a31010", "af0000", backends=backends, engine=engine, starts=100)
     limits = len(relaxable(task, 5))
-    assert engine.jobs <= TREES * limits * 5
+    assert engine.jobs <= RELAXING.trees * limits * 5
     assert bool(found.relaxations) is helps
     if not helps:
-        assert engine.jobs == TREES * limits  # what does not help at its most is not tried with less
+        assert engine.jobs == RELAXING.trees * limits  # what does not help at its most is not tried with less
         assert len(found.in_vain) == limits
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from topo_search.model import Topology
 from topo_search.topologies import Connectors, Root, Symmetry, candidate_of, candidates, count, sample
-from topo_search.topologies.sampling import fixed_trees, rooted_trees, ternary_trees
+from topo_search.topologies.candidates import fixed_trees, rooted_trees, ternary_trees
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 9, 11)
 TABLE: dict[Symmetry, tuple[int, ...]] = {

@@ -1,7 +1,9 @@
-"""Upper limits of inputs; the documentation lists them under "Limits of input".
+"""Upper limits of inputs, which the documentation lists under "Limits of input", and counts in words.
 
 What is within these limits is worked on to its end, in time and memory that are known. What is beyond them is
 refused by name before any work is done for it.
+
+`--help` loads this file, so it loads nothing itself.
 """
 
 from __future__ import annotations
@@ -96,3 +98,8 @@ class Limits:
 
 
 LIMITS = Limits()
+
+
+def quantity(number: int, noun: str) -> str:
+    """Return a number with its noun."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

@@ -46,8 +46,6 @@ class ExitStatus(IntEnum):
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
 """Signals that end a command: Ctrl-C, and the one by which a scheduler ends a job."""
-MEMORY_FAULTS = (signal.SIGABRT, signal.SIGBUS, signal.SIGILL, signal.SIGSEGV, signal.SIGTRAP)
-"""Signals by which native code ends when an allocation fails: C++ and LLVM abort, others use a null pointer."""
 AGAIN = 0.05
 """Delay after which KeyboardInterrupt is raised instead [s]."""
 
@@ -182,7 +180,9 @@ def _explain_death(status: int) -> int:
     limit = _limit()
     number = None if status >= 0 else signal.Signals(-status)
     by = f"a library, with status {status}" if number is None else number.name
-    if limit is not None and (number is None or number in MEMORY_FAULTS):
+    # native code ends so when an allocation fails: C++ and LLVM abort, others use a null pointer
+    of_memory = (signal.SIGABRT, signal.SIGBUS, signal.SIGILL, signal.SIGSEGV, signal.SIGTRAP)
+    if limit is not None and (number is None or number in of_memory):
         tell(f"out of memory: ended by {by}, with a limit of {limit:.0f} MB (`ulimit -v`)")
         return ExitStatus.OUT_OF_MEMORY
     tell(f"ended by {by}{', by hand or because memory ran out' if number == signal.SIGKILL else ''}")
@@ -240,23 +240,21 @@ def _silence(stop: Stop) -> None:
     sys.warnoptions.append("ignore:resource_tracker:UserWarning")
 
 
-OUT_OF_MEMORY_WORDS = (
-    "bad_alloc",
-    "can't start new thread",
-    "cannot allocate memory",
-    "failed to map segment",
-    "out of memory",
-)
-"""Messages of libraries that cannot be mapped, of threads that cannot be started, and of C++."""
-
-
 def is_out_of_memory(error: BaseException) -> bool:
     """True if an error, or its cause, says that there is no more memory."""
+    # messages of C++, of threads that cannot be started, and of libraries that cannot be mapped
+    words = (
+        "bad_alloc",
+        "can't start new thread",
+        "cannot allocate memory",
+        "failed to map segment",
+        "out of memory",
+    )
     seen: BaseException | None = error
     known: set[int] = set()
     while seen is not None and id(seen) not in known:
         known.add(id(seen))
-        if isinstance(seen, MemoryError) or any(word in str(seen).lower() for word in OUT_OF_MEMORY_WORDS):
+        if isinstance(seen, MemoryError) or any(word in str(seen).lower() for word in words):
             return True
         if isinstance(seen, SystemError) and _limit() is not None:  # native code failed, and does not know why
             return True

@@ -19,7 +19,7 @@ from attempts import Stated, attempts
 from children import Child, Row
 
 from topo_search.experiments import experiment
-from topo_search.experiments.folder import Measured, Results, identify
+from topo_search.experiments.conducting import Measured, Results, identify
 from topo_search.experiments.plan import Cell
 
 METHOD = "direct"

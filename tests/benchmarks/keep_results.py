@@ -28,8 +28,8 @@ Rows of `topo-search experiment NAME`, a file each, with the command, versions a
 file beside it; rows called `direct` are of the paper's formulation written directly. The command, with `--out DIR`
 behind it, makes the same rows but for seconds and megabytes, in `DIR/results.csv`, as long as the solver is the
 same; `python tests/benchmarks/keep_results.py NAME=DIR` puts them here, writes this text and draws the pictures of
-the documentation. `topo_search/experiments/folder.py` explains the columns. In Python, with a picture of the rows
-that are here:
+the documentation. `topo_search/experiments/conducting.py` explains the columns. In Python, with a picture of the
+rows that are here:
 
 ```python
 from topo_search.experiments import experiment, results

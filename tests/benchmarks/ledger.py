@@ -23,7 +23,7 @@ from topo_search.engine import ExhaustiveSearch
 from topo_search.model import Design
 from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.directory import digest_of
-from topo_search.study.row import row_of
+from topo_search.study.ledger import row_of
 from topo_search.study.solving import Candidates
 
 BATCH = 1000

@@ -39,8 +39,8 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
         from topo_search.export.audits import flight_lines
         from topo_search.model import BadInput
         from topo_search.model.files import read_task, write_atomically
+        from topo_search.model.flight import read_vehicle
         from topo_search.model.proven import lower_text
-        from topo_search.model.vehicle import read_vehicle
         from verify.flight import capability as capability_of
 
         options.require_writable(page)

@@ -18,8 +18,8 @@ from topo_search.cli.errors import note
 
 if TYPE_CHECKING:
     from topo_search.report.progress import Words
+    from topo_search.study.ledger import Row
     from topo_search.study.progress import Observer, Phase, Plan, TimeLeft
-    from topo_search.study.row import Row
 
 
 @contextmanager

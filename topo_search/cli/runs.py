@@ -142,7 +142,7 @@ def compare(first: Path, second: Path, out: Path, as_json: bool) -> None:
 
 def _figures(design: Compared) -> dict[str, object]:
     """Return the figures of a design by their columns in `candidates.csv`."""
-    from topo_search.study.row import figures_of, flight_of
+    from topo_search.study.ledger import figures_of, flight_of
 
     audit = design.audit
     return {

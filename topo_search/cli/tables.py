@@ -19,7 +19,7 @@ from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
 from topo_search.report.wording import NEAR_TIES, length, modules, near_tie_cells, quantity
 from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
-from topo_search.study.row import proven_cell
+from topo_search.study.ledger import proven_cell
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
 """End of the line about a design whose end-effector no such rod carries."""

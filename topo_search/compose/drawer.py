@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from topo_search.compose.designs import audits, brackets_note
-from topo_search.compose.drawer_page import change_page, drawer_page
+from topo_search.compose.pages import change_page, drawer_page
 from topo_search.compose.searching import search
 from topo_search.export.brackets import DIGITS, Part, bracket, bracket_file, bracket_turns
 from topo_search.export.kit import BRACKETS, write_kit

@@ -50,12 +50,6 @@ from topo_search.topologies import OwnTopology, Symmetry, improper_isometry, own
 
 AnyTask = TypeVar("AnyTask", Task, ResolvedTask)
 
-DEFAULT_TRIALS = 512
-"""Candidates that are proposed by default when not all are solved."""
-
-DEFAULT_GAP = 0.003
-"""To which a tree is proven that cannot be excluded."""
-
 
 def search(
     task: Task | str | Path,
@@ -64,7 +58,7 @@ def search(
     symmetry: Symmetry = "task",
     strategy: StrategyName | None = None,
     sampler: AnySampler = "moves",
-    trials: int | None = DEFAULT_TRIALS,
+    trials: int | None = 512,
     round_size: int = DEFAULT_ROUND,
     prune: bool = False,
     starts: int | None = None,
@@ -158,7 +152,7 @@ def search(
         refuse_unprovable(request, base_task.name)
         _refuse_gap("prove", prove)
     if own_sampler is not None:
-        from topo_search.engine.proposals.study import make_own
+        from topo_search.engine.proposals import make_own
 
         make_own(own_sampler.make, seed)
     for n in base_task.sizes if checked else ():
@@ -197,7 +191,7 @@ def search(
 def prove(
     folder: str | Path,
     *,
-    gap: float = DEFAULT_GAP,
+    gap: float = 0.003,
     problem: Problem = "task",
     topology: str | None = None,
     lender: str | Path | None = None,

@@ -1,7 +1,6 @@
 """The search engine: solves candidates in worker processes and hands their outcomes on, storing nothing."""
 
-from topo_search.engine.dask_connection import Certificates
-from topo_search.engine.dask_workers import DaskWorkers, computing_versions
+from topo_search.engine.dask_workers import Certificates, DaskWorkers, computing_versions
 from topo_search.engine.jobs import (
     AuditDesign,
     Backends,

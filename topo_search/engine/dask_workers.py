@@ -2,6 +2,8 @@
 
 Each Dask worker hands jobs one by one to a child process, that of `Workers`, so that a crash or a hang costs one
 job. Jobs and results pass through the Dask worker as bytes: only the child loads what solves.
+
+The connection to the scheduler, with TLS if it has certificates, answers in a limited time, or is lost.
 """
 
 from __future__ import annotations
@@ -10,21 +12,254 @@ import math
 import os
 import pickle
 import platform
+import re
+import socket
+import ssl
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, fields
 from importlib import metadata
 from multiprocessing import current_process
-from typing import Any, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from topo_search.engine.dask_connection import Certificates, Connection
 from topo_search.engine.jobs import Engine, Failed, Item, Result, WorkersLost
 from topo_search.engine.workers import Workers
+from topo_search.limits import quantity
+from topo_search.model import BadInput
 from topo_search.supervisor import tell
-from topo_search.words import quantity
+
+if TYPE_CHECKING:
+    from distributed import Client, Security
+
+Reply = TypeVar("Reply")
+
+
+@dataclass(frozen=True)
+class Certificates:
+    """PEM files. Whoever has a certificate of the authority is trusted, whatever host it names."""
+
+    ca: Path
+    """Certificate of the authority that both ends trust."""
+    cert: Path
+    """Certificate of this end, signed by it."""
+    key: Path
+    """Private key of this end, without a passphrase."""
+
+    def __post_init__(self) -> None:
+        """Refuse files that cannot be used.
+
+        Raises:
+            BadInput: one is missing, or is no such file, or key and certificate are not of each other.
+        """
+        for field in fields(self):
+            path = getattr(self, field.name)
+            try:
+                with open(path, "rb"):
+                    pass
+            except OSError as error:
+                raise BadInput(f"dask-{field.name}", f"{path}: {error.strerror}") from None
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        try:
+            context.load_verify_locations(cafile=self.ca)
+        except ssl.SSLError as error:
+            rule = f"must be a certificate in PEM format, but got {self.ca} ({error})"
+            raise BadInput("dask-ca", rule) from None
+        try:
+            context.load_cert_chain(self.cert, self.key, password="")  # no passphrase is asked for
+        except ssl.SSLError as error:
+            rule = f"must be a certificate and its key in PEM format, but got {self.cert}, {self.key} ({error})"
+            raise BadInput("dask-cert, dask-key", rule) from None
+
+
+def security_of(address: str, certificates: Certificates | None) -> Security | None:
+    """Return how a scheduler is connected to; None: as Dask's own configuration has it.
+
+    Raises:
+        BadInput: certificates without TLS, or TLS without certificates.
+    """
+    encrypted = address.startswith("tls://")
+    if certificates is None:
+        if encrypted:
+            _require_configuration()
+        return None
+    if not encrypted:
+        raise BadInput("dask", f"must be tls://HOST:PORT for certificates, but got {address!r}")
+    from distributed import Security
+
+    return Security(
+        require_encryption=True,
+        tls_ca_file=str(certificates.ca),
+        tls_client_cert=str(certificates.cert),
+        tls_client_key=str(certificates.key),
+    )
+
+
+def _require_configuration() -> None:
+    """Refuse TLS if Dask's own configuration has no certificates either; a key may be in the certificate's file."""
+    import distributed  # noqa: F401 (has the defaults of the configuration)
+    from dask import config
+
+    lacking = [
+        name
+        for name in ("distributed.comm.tls.ca-file", "distributed.comm.tls.client.cert")
+        if config.get(name) is None
+    ]
+    if lacking:
+        rule = (
+            "needs certificates with tls://HOST:PORT: give --dask-ca, --dask-cert and --dask-key (in Python: "
+            f"dask_tls), or set {' and '.join(lacking)} in Dask's configuration"
+        )
+        raise BadInput("dask", rule)
+
+
+class Connection:
+    """A client of a Dask scheduler, made when it is first needed."""
+
+    def __init__(self, address: str, certificates: Certificates | None) -> None:
+        """Name the scheduler.
+
+        Raises:
+            BadInput: it is no address, or its certificates are missing, or of no use.
+        """
+        if re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", address) is None:
+            rule = f"must be the address of a Dask scheduler, tcp://HOST:PORT, but got {address!r}"
+            raise BadInput("dask", rule)
+        self.address = address
+        self._security = security_of(address, certificates)
+        self._client: Client | None = None
+
+    @property
+    def made(self) -> bool:
+        """True if the client was made."""
+        return self._client is not None
+
+    @property
+    def stands(self) -> bool:
+        """True if the scheduler can be reached."""
+        return self._client is not None and self._client.status == "running"
+
+    def client(self) -> Client:
+        """Return the client; the first call connects it.
+
+        Raises:
+            WorkersLost: nobody answers, or the scheduler is gone.
+        """
+        if self._client is None:
+            self._client = self._connect()
+        if not self.stands:
+            raise self.loss()
+        return self._client
+
+    def _connect(self) -> Client:
+        """Connect. Dask's own limit is none for a scheduler that accepts the connection and then says nothing."""
+        from distributed import Client
+
+        def connect() -> Client:
+            _require_scheduler(self.address)
+            return Client(self.address, timeout=DURATIONS.answer, set_as_default=False, security=self._security)
+
+        try:
+            return _call_within(DURATIONS.answer, connect)
+        except TimeoutError as error:
+            why = str(error) or f"no answer within {DURATIONS.answer:.0f} s"
+        except (OSError, ValueError) as error:  # ValueError: words arrived before the handshake of TLS
+            why = str(error)
+        raise WorkersLost(f"no Dask scheduler answers at {self.address}: {why}")
+
+    def threads(self) -> dict[str, int]:
+        """Return how many jobs each Dask worker runs at a time."""
+        return self._reply(self.client().nthreads)
+
+    def run(self, function: Callable[[], Reply], workers: Iterable[str]) -> dict[str, Reply]:
+        """Return what a function returns in each of some Dask workers; those that are just leaving are left out."""
+        client, addresses = self.client(), list(workers)
+        return self._reply(lambda: client.run(function, workers=addresses, on_error="ignore")) if addresses else {}
+
+    def submit(
+        self, function: Callable[[Any], Reply], argument: Any, *, worker: str | None = None
+    ) -> Future[Reply]:
+        """Hand a call to the scheduler, for one Dask worker or whichever is free.
+
+        Not by Dask's own executor: of a worker that ends once its result has arrived, that one makes a TypeError.
+        """
+        sent = self.client().submit(function, argument, workers=worker, pure=False)
+        future: Future[Reply] = Future()
+
+        def settle(_: object) -> None:
+            if sent.cancelled():
+                future.cancel()
+            if future.set_running_or_notify_cancel():
+                _settle(future, sent.result)
+
+        sent.add_done_callback(settle)
+        future.add_done_callback(lambda done: sent.cancel() if done.cancelled() else None)
+        return future
+
+    def close(self) -> None:
+        """End the connection, if there is one."""
+        if self._client is not None:
+            self._client.close(timeout=1.0)
+            self._client = None
+
+    def loss(self) -> WorkersLost:
+        """Return the error that says that there is no scheduler any more."""
+        return WorkersLost(f"the Dask scheduler at {self.address} is gone")
+
+    def _reply(self, ask: Callable[[], Reply]) -> Reply:
+        """Return what the scheduler answers."""
+        try:
+            return _call_within(DURATIONS.answer, ask)
+        except TimeoutError:
+            text = f"the Dask scheduler at {self.address} has not answered for {DURATIONS.answer:.0f} s"
+            raise WorkersLost(text) from None
+        except OSError:
+            raise self.loss() from None
+
+
+def _require_scheduler(address: str) -> None:
+    """Refuse another program's port: a scheduler speaks first, and begins with the length of what it says.
+
+    A port that is closed is left to Dask, which tries again: the scheduler may only just be starting.
+
+    Raises:
+        ValueError: something else answers, or nothing does.
+    """
+    scheme, end = address.split("://")
+    if scheme == "tls":
+        return  # the handshake of TLS refuses other programs
+    host, port = end.rsplit(":", 1)
+    with (
+        suppress(ConnectionError),
+        socket.create_connection((host.strip("[]"), int(port)), DURATIONS.answer) as stream,
+    ):
+        greeting = stream.recv(8, socket.MSG_WAITALL)
+        if len(greeting) == 8 and int.from_bytes(greeting, "little") > 1 << 20:  # a scheduler's is far shorter
+            raise ValueError("another program answers there")
+
+
+def _call_within(seconds: float, call: Callable[[], Reply]) -> Reply:
+    """Return what a call returns, which runs in a thread that is left to itself after a time.
+
+    Raises:
+        TimeoutError: the time is over.
+    """
+    ended: Future[Reply] = Future()
+    threading.Thread(target=_settle, args=(ended, call), daemon=True).start()
+    return ended.result(seconds)
+
+
+def _settle(future: Future[Reply], call: Callable[[], Reply]) -> None:
+    """Give a future what a call returns or raises."""
+    try:
+        future.set_result(call())
+    except BaseException as error:  # noqa: BLE001 (whatever it is, it is raised where the result is waited for)
+        future.set_exception(error)
+
 
 COMPUTING = (
     "topo-search",
@@ -39,9 +274,6 @@ COMPUTING = (
     "trimesh",
 )
 """Distributions that a job computes with, from the task to the audit; Python counts with them."""
-TRIM = "MALLOC_TRIM_THRESHOLD_"
-"""Dask sets it for its workers, which may hold much data: the C library then gives memory back to the system as
-soon as it is free. A solver needs it again at once, and takes a sixth longer: children do without."""
 _first_child = threading.Lock()
 _thread = threading.local()
 """Keeps, for each thread of a Dask worker, which runs one task at a time, a child that ends with the Dask worker,
@@ -52,6 +284,8 @@ and the versions that it was found to have: they must not be changed under it.""
 class Durations:
     """Durations in dealing with a Dask cluster [s]."""
 
+    answer: float = 60.0
+    """Longest wait for the scheduler to answer: it may only just be starting."""
     batch: float = 2.0
     """Target of a batch of jobs: long compared with a child's wait for the next one."""
     away: float = 600.0
@@ -100,7 +334,9 @@ def run_guarded(batch: Batch) -> Ended:
             raise WorkersLost(f"the Dask worker {current_process().name} {fault}")
         _thread.versions = batch.versions
     if not hasattr(_thread, "child"):
-        os.environ.pop(TRIM, None)
+        # Dask sets it for its workers, which may hold much data: the C library then gives memory back to the system
+        # as soon as it is free. A solver needs it again at once, and takes a sixth longer: children do without.
+        os.environ.pop("MALLOC_TRIM_THRESHOLD_", None)
         from topo_search.model.compiled_code import choose_folder
 
         with _first_child:

@@ -36,9 +36,6 @@ from topo_search.topologies import (
 )
 from topo_search.topologies.rooted import Root
 
-PRUNED_AFTER = 32
-"""Number of candidates proposed ahead of the results that may rule them out."""
-
 
 @dataclass(frozen=True)
 class Proposal:
@@ -118,6 +115,9 @@ class Strategy(ABC):
 class ExhaustiveSearch(Strategy):
     """Solves every candidate."""
 
+    ahead = 32
+    """Number of candidates proposed ahead of the results that may rule them out."""
+
     def __init__(self, space: Space, *, starts: int, timed: bool, bound: float = -math.inf) -> None:
         """Begin a search.
 
@@ -138,7 +138,7 @@ class ExhaustiveSearch(Strategy):
         self.stage = Stage(self._space.count(), first)
         candidates, scores, least = list[Candidate](), list[Scored](), math.inf
         for candidate in self._space.candidates():  # there may be millions: enumerated as they are solved
-            if math.isfinite(bound) and len(candidates) - len(scores) == PRUNED_AFTER:
+            if math.isfinite(bound) and len(candidates) - len(scores) == self.ahead:
                 scores += yield from self.results(1)
                 least = min(least, _least(scores[-1:]))
             if not may_beat(least, bound):

@@ -29,16 +29,16 @@ from topo_search.engine.jobs import Engine, Failed, Item, Result, WorkersLost
 from topo_search.limits import LIMITS
 from topo_search.supervisor import AGAIN, ONE_THREAD, STOPS, call_pickled, die_with_parent, is_out_of_memory
 
-_LAUNCH = threading.Lock()
-
 
 class _Process(SpawnProcess):
     """A process that does not import the script that starts it."""
 
+    _launch = threading.Lock()
+
     @staticmethod
     def _Popen(process_obj: BaseProcess) -> popen_spawn_posix.Popen:
         script = sys.modules["__main__"]
-        with _LAUNCH:
+        with _Process._launch:
             spec, script.__spec__ = script.__spec__, ModuleSpec("__main__", None)  # a name that is never imported
             try:
                 return SpawnProcess._Popen(process_obj)

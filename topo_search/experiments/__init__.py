@@ -5,8 +5,7 @@ its row is on the disk before the next one counts, so that the same command cont
 it was stopped.
 """
 
-from topo_search.experiments.conducting import Experiment, conduct
-from topo_search.experiments.folder import results
+from topo_search.experiments.conducting import Experiment, conduct, results
 from topo_search.experiments.plan import Settings
 
 

@@ -1,31 +1,297 @@
-"""An experiment, and how its cells are measured: solved, audited and timed in worker processes."""
+"""An experiment: cells solved, audited and timed in worker processes, and the folder that holds what came of them.
+
+`results.csv` has a row per cell, `about.json` the conditions that made it. Both are regular files, and no symbolic
+link is followed to them. Rows are appended to one file, held open; after each row the file is checked to be still
+there.
+"""
 
 from __future__ import annotations
 
+import csv
 import functools
+import io
+import json
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+import os
+import platform
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import astuple, dataclass, fields, replace
+from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import nlp
 from topo_search.compose import BACKENDS, available_cores
 from topo_search.engine import Backends, Failed, Workers, audit_deadline, merge, record_of, solve_deadline
-from topo_search.experiments.folder import Measured, Results, identify, results
-from topo_search.experiments.plan import Cell, Settings
+from topo_search.experiments.plan import IDENTITY, Cell, Settings
 from topo_search.export.poses import poses
-from topo_search.model import Audit, Design, Infeasible, Status, Topology
-from topo_search.model.files import read_task
+from topo_search.limits import LIMITS
+from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, Status, Topology
+from topo_search.model.bad_input import show
+from topo_search.model.files import load_json, read_task
+from topo_search.model.text import NotReadable, decode, escape_formula, read_regular
 from topo_search.study import Observer, Phase, Silent
-from topo_search.study.ledger_file import KEPT
+from topo_search.study.directory import Directory
+from topo_search.study.folder import refusal
+from topo_search.study.ledger_file import KEPT, LedgerLost
+from topo_search.study.request import installed_versions
 from topo_search.supervisor import Clock, peak_mb
 from topo_search.topologies import sample
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+RESULTS, ABOUT = "results.csv", "about.json"
+METHOD = "topo-search"
+"""The method of this package; rows made by `tests/benchmarks/direct_scaling.py` say `direct`."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A row of `results.csv`; a missing value is an empty cell."""
+
+    variant: str
+    """The problem, where an experiment compares several."""
+    task: str
+    distance_m: float
+    """Connector distance [m]."""
+    n: int
+    key: str
+    task_seed: int | None
+    """Seed of the ten wrenches."""
+    status: str
+    """feasible, infeasible, impossible (proven) or failed."""
+    method: str = METHOD
+    starts: int = 0
+    """Starts that were solved."""
+    solve_s: float = 0.0
+    """CPU seconds of all starts, building included unless `build_s` has it."""
+    build_s: float | None = None
+    """CPU seconds of building the program before the first start, for a method that does."""
+    audit_s: float | None = None
+    """CPU seconds of the audit."""
+    iterations: int = 0
+    """Ipopt iterations; only of the best start where all starts are solved at once."""
+    peak_mb: float | None = None
+    """Peak memory of the worker process so far [MB]. It solves small platforms before large ones."""
+    objective: float | None = None
+    """J [rad^4/s^4]."""
+    lower_bound: float | None = None
+    """[rad^4/s^4]"""
+    gap: float | None = None
+    offset_m: float | None = None
+    """Distance of the end-effector from the centre of mass [m]."""
+    verdict: str | None = None
+    """Verdict of the audit; `failed` with the reason in `worst_constraint` if there is none."""
+    colliding_pairs: int | None = None
+    """Pairs of airflow envelopes proven to overlap."""
+    largest_cluster: int | None = None
+    """Modules in the largest cluster of overlapping envelopes; 0 without overlap."""
+    deepest_percent: float | None = None
+    """Deepest overlap in percent of the deepest possible."""
+    depths_percent: str | None = None
+    """Depths of all colliding pairs in the same percent, deepest first, separated by spaces."""
+    worst_constraint: str | None = None
+    """The constraint missed by the start that came closest; the reason if the cell failed."""
+    violation: float | None = None
+    unit: str | None = None
+
+
+KINDS = {field.name: str(field.type) for field in fields(Measured)}
+COLUMNS = tuple(KINDS)
+
+
+class ResultsLost(LedgerLost):
+    """The rows, or their folder, were removed, moved, replaced or cut off while an experiment worked."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.args = (
+            f"{path}: was removed, moved, replaced or truncated while the experiment ran; it stopped, and "
+            "only the rows still in that file are kept",
+        )
+
+
+class Results:
+    """The rows of one experiment, held by this process alone."""
+
+    def __init__(self, path: Path, handle: int, done: set[tuple[str, ...]]) -> None:
+        """Take a file that is open for appending, and the identities of its rows."""
+        self._path = path
+        self._handle = handle
+        self._done = done
+        self._size = os.fstat(handle).st_size
+
+    @classmethod
+    @contextmanager
+    def open(cls, folder: Path, about: dict[str, Any]) -> Iterator[Self]:
+        """Make an experiment's folder, or resume one.
+
+        Args:
+            folder: its path.
+            about: the conditions of `identify`; a folder with rows of other conditions is refused.
+
+        Raises:
+            BadInput: the folder cannot be used; it is left unchanged.
+        """
+        if folder.exists() and not folder.is_dir():
+            raise refusal(folder, "is a file")
+        for name in (RESULTS, ABOUT):
+            if (folder / name).is_symlink():
+                raise refusal(folder, f"has a symbolic link in place of its {name}")
+        if (folder / RESULTS).exists() and not (folder / ABOUT).exists():
+            raise refusal(folder, f"has a {RESULTS} but no {ABOUT}: it is not an experiment folder")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise refusal(folder, f"cannot be made: {error.strerror}") from None
+        with Directory.open(folder) as directory, directory.lock():
+            directory.tidy()
+            if (folder / ABOUT).exists():
+                _compare(folder, load_json(folder / ABOUT), about)
+            else:
+                machine = {  # it has a part in the measured times
+                    "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+                    "python": platform.python_version(),
+                    "machine": platform.machine(),
+                    "cores": os.cpu_count(),
+                }
+                directory.write(ABOUT, f"{json.dumps({**about, **machine}, indent=1)}\n".encode())
+            if not (folder / RESULTS).exists():
+                directory.write(RESULTS, f"{','.join(COLUMNS)}\n".encode())
+            path = folder / RESULTS
+            size, done = _rows(path)
+            handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC)
+            try:
+                os.ftruncate(handle, size)  # a row that a kill tore
+                yield cls(path, handle, done)
+            finally:
+                os.close(handle)
+
+    def has(self, cell: Cell) -> bool:
+        """Return whether a cell has its row."""
+        return _identity(cell.identity) in self._done
+
+    def add(self, row: Measured) -> None:
+        """Append a row; it is on the disk when this returns.
+
+        Raises:
+            ResultsLost: it is not: the file is gone.
+            OSError: it cannot be written; names the file.
+        """
+        line = io.StringIO()
+        csv.writer(line, lineterminator="\n").writerow(map(escape_formula, astuple(row)))
+        content = memoryview(line.getvalue().encode())
+        self._size += len(content)
+        try:
+            while content:
+                content = content[os.write(self._handle, content) :]
+            os.fsync(self._handle)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
+        self.require()
+        self._done.add(_identity(vars(row)))
+
+    def require(self) -> None:
+        """Make sure that the file is still there with all rows; ResultsLost if not."""
+        held = os.fstat(self._handle)
+        try:
+            there = os.lstat(self._path)
+        except OSError:
+            raise ResultsLost(self._path) from None
+        if not os.path.samestat(held, there) or held.st_size != self._size:
+            raise ResultsLost(self._path)
+
+
+def identify(name: str, settings: dict[str, Any], command: str) -> dict[str, Any]:
+    """Return the conditions of an experiment's rows, and the command for them."""
+    return {
+        "format": "topo-search/experiment",
+        "version": 1,
+        "experiment": name,
+        "command": command,
+        "settings": settings,
+        "versions": installed_versions(),
+    }
+
+
+def results(folder: str | Path) -> pd.DataFrame:
+    """Return the rows of an experiment's folder, or of its `results.csv`, with the columns of `Measured`.
+
+    Raises:
+        BadInput: that is no regular file, is too large or no table.
+    """
+    import pandas as pd
+
+    path = Path(folder) / RESULTS if Path(folder).is_dir() else Path(folder)
+    kinds = {"key": "str", "task_seed": "Int64", "colliding_pairs": "Int64", "largest_cluster": "Int64"}
+    kinds |= dict.fromkeys(("verdict", "depths_percent", "worst_constraint", "unit"), "str")
+    try:
+        content = read_regular(path, most_bytes=LIMITS.result_bytes)
+        frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
+    except (NotReadable, UnicodeDecodeError, pd.errors.ParserError) as error:
+        raise BadInput(str(path), str(error)) from None
+    tried_again = frame["status"].eq("failed") & frame.duplicated(list(IDENTITY), keep="last")
+    frame = frame[~tried_again]
+    return frame.sort_values(["n", "distance_m", "task", "variant"], kind="stable", ignore_index=True)
+
+
+def _compare(folder: Path, held: Any, about: dict[str, Any]) -> None:
+    """Refuse a folder that holds another experiment."""
+    if not isinstance(held, dict) or any(held.get(name) != about[name] for name in ("format", "version")):
+        raise refusal(folder, f"has an {ABOUT} of another program or version")
+    if held.get("experiment") != about["experiment"]:
+        raise refusal(folder, f"holds the experiment {held.get('experiment')}, not {about['experiment']}")
+    for group in ("settings", "versions"):
+        if not isinstance(values := held.get(group), dict):
+            raise refusal(folder, f"has an {ABOUT} whose {group} is not a table")
+        for name, value in about[group].items():
+            if values.get(name) != value:
+                kind = "results of version" if group == "versions" else "an experiment with"
+                raise refusal(folder, f"holds {kind} {name} {show(values.get(name))}, not {show(value)}")
+
+
+def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
+    """Return the bytes of a file that are whole rows, and what they answer; BadInput names a damaged row."""
+    try:
+        content = read_regular(path, most_bytes=LIMITS.result_bytes)
+        size = content.rfind(b"\n") + 1
+        text = decode(content[:size])
+    except NotReadable as error:
+        raise BadInput(str(path), str(error)) from None
+    lines = text.split("\n")[:-1]
+    if not lines or tuple(lines[0].split(",")) != COLUMNS:
+        raise refusal(path.parent, f"has a {RESULTS} with other columns")
+    rows = [_cells(path, number, line) for number, line in enumerate(lines[1:], start=2)]
+    return size, {_identity(row) for row in rows if row["status"] != "failed"}  # those are tried again
+
+
+def _cells(path: Path, number: int, line: str) -> dict[str, str]:
+    """Return the cells of a line by their columns; BadInput names the line if it is damaged, and why."""
+    try:
+        (cells,) = csv.reader([line], strict=True)
+    except (csv.Error, ValueError):  # none or several rows
+        cells = []
+    if len(cells) != len(COLUMNS):
+        rule = f"must have {len(COLUMNS)} cells in each row, but has {len(cells)} in line {number}: it is damaged"
+        raise BadInput(str(path), rule)
+    row = dict(zip(COLUMNS, cells, strict=True))
+    readers: dict[str, Callable[[str], object]] = {"int": int, "float": float, "str": str}
+    for name, kind in KINDS.items():
+        try:
+            readers[kind.removesuffix(" | None")](row[name])
+        except ValueError:
+            if row[name] or not kind.endswith(" | None"):
+                rule = f"must be of kind {kind}, but got {show(row[name])} in line {number}: it is damaged"
+                raise BadInput(str(path), [Fault(name, rule)]) from None
+    return row
+
+
+def _identity(values: dict[str, Any]) -> tuple[str, ...]:
+    return tuple("" if values[name] is None else str(escape_formula(values[name])) for name in IDENTITY)
 
 
 @dataclass(frozen=True)

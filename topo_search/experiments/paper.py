@@ -25,8 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from topo_search.experiments.conducting import Experiment
-from topo_search.experiments.folder import METHOD
+from topo_search.experiments.conducting import METHOD, Experiment
 from topo_search.experiments.plan import AIRFLOW_ALONE, IDENTITY, Settings, Variant, plan
 from topo_search.export import palette
 from topo_search.model.proven import gap_percent
@@ -45,8 +44,6 @@ REACHED = 95.0
 """Percent of the deepest overlap from which it counts as nearly reached."""
 FULLY = 99.9
 """Percent of the deepest overlap from which it counts as reached."""
-OFTEN = 0.25
-"""Smallest share of the designs that counts as often."""
 
 
 def scaling_summary(rows: pd.DataFrame) -> pd.DataFrame:
@@ -218,18 +215,19 @@ def ablation_findings(rows: pd.DataFrame) -> list[str]:
         return ["No design was found."]
     deepest, depths = designs["deepest_percent"], _pairs(rows)["depth_percent"]
     low, high = 0.4, 0.6  # shares of the modules that count as about half
+    often = 0.25  # smallest share of the designs that counts as often
     share = designs["cluster_share"]
     reached, fully = ((deepest >= depth).mean() for depth in (REACHED, FULLY))
     sentences = [
         f"{(designs['colliding_pairs'] > 0).mean():.0%} of {len(designs)} designs have overlapping airflow.",
         f"The deepest overlap reaches {REACHED:.0f} % of the deepest possible in {reached:.0%} of the designs and "
         f"{FULLY} % in {fully:.0%}; its median is {deepest.median():.0f} %, its least {deepest.min():.0f} %. That "
-        f"the deepest possible is often reached, as the paper finds, is {_confirmation(reached >= OFTEN)} where "
-        f"{REACHED:.0f} % counts as reached, and {_confirmation(fully >= OFTEN)} where {FULLY} % does.",
+        f"the deepest possible is often reached, as the paper finds, is {_confirmation(reached >= often)} where "
+        f"{REACHED:.0f} % counts as reached, and {_confirmation(fully >= often)} where {FULLY} % does.",
         f"The largest cluster holds {share.median():.0%} of the modules in the median; it is about half "
         f"({low:.0%} to {high:.0%}) of them in {share.between(low, high).mean():.0%} of the designs, "
         f"more in {(share > high).mean():.0%}. That clusters of about half of the modules, or more, are "
-        f"frequent, as the paper finds, is {_confirmation((share >= low).mean() >= OFTEN)}.",
+        f"frequent, as the paper finds, is {_confirmation((share >= low).mean() >= often)}.",
     ]
     if len(depths):
         sentences.append(

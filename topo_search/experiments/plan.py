@@ -15,8 +15,6 @@ from topo_search.model.bad_input import nearest, show
 from topo_search.model.files import examples, read_task
 from topo_search.topologies import candidates, count, draws
 
-LARGEST_SEED = LIMITS.largest_integer - LIMITS.trees
-"""Tree number k draws its wrenches with the seed + k."""
 FEW_ABOVE = 40
 """Number of modules above which the second number of `Settings.topologies` holds."""
 AIRFLOW_ALONE = "search.body_clearance=false"
@@ -63,8 +61,9 @@ class Settings:
                     rule = f"must be at most {most:,}" if positive else "must be positive and finite"
                     text = f"{value:g}" if isinstance(value, float) else show(value)
                     faults.append(Fault(f"--{option}", f"{rule}, but got {text}"))
-        if not 0 <= self.seed <= LARGEST_SEED:
-            faults.append(Fault("--seed", f"must be from 0 to {LARGEST_SEED:,}, but got {show(self.seed)}"))
+        largest_seed = LIMITS.largest_integer - LIMITS.trees  # tree number k draws its wrenches with the seed + k
+        if not 0 <= self.seed <= largest_seed:
+            faults.append(Fault("--seed", f"must be from 0 to {largest_seed:,}, but got {show(self.seed)}"))
         named = {"task": [name for name, _ in self.tasks], "distances": self.distances}
         faults += [
             Fault(f"--{option}", f"must have no value twice, but got {value} {values.count(value)} times")

@@ -20,8 +20,6 @@ from topo_search.model.value import OMIT_EMPTY, Index, Number, Value
 
 CHUNK_SPLITS = 6
 """All hinges are halved in turn, so many times in all; chunk c is what the bits of c choose, the highest first."""
-MOST_BYTES = 1 << 28
-"""Limit of one record; this program writes none beyond it."""
 
 Text = Annotated[str, Field(strict=True)]
 Ended = Literal["closed", "many", "stuck"]
@@ -83,13 +81,14 @@ class Chunk(Value):
     @property
     def record(self) -> bytes:
         """The record; ValueError if it is none."""
+        most_bytes = 1 << 28  # this program writes no longer record
         try:
             unpacking = zlib.decompressobj()
-            record = unpacking.decompress(base64.b64decode(self.packed, validate=True), MOST_BYTES)
+            record = unpacking.decompress(base64.b64decode(self.packed, validate=True), most_bytes)
         except (zlib.error, ValueError):
             raise ValueError(f"the record of chunk {self.number} cannot be unpacked") from None
         if not unpacking.eof:
-            raise ValueError(f"the record of chunk {self.number} is longer than {MOST_BYTES:,} boxes, or cut off")
+            raise ValueError(f"the record of chunk {self.number} is longer than {most_bytes:,} boxes, or cut off")
         return record
 
 

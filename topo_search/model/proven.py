@@ -10,12 +10,11 @@ Every proven figure is printed by way of `at_least` or `at_most`.
 
 from __future__ import annotations
 
+import sys
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 
 SOLVER_PRECISION = 1.0e-6
 """Relative error of an objective that the solver does not care about: efforts that differ by no more are equal."""
-SIGNIFICANT = 15
-"""Digits that any double has."""
 
 
 def at_least(value: float, digits: int) -> float:
@@ -48,7 +47,7 @@ def upper_text(value: float, digits: int = 6) -> str:
 
 def excess_texts(above: float, below: float, digits: int = 4) -> tuple[str, str]:
     """Return `above`, rounded down, and `below`, rounded up, with enough digits to show which is larger."""
-    while digits < SIGNIFICANT and at_least(above, digits) <= at_most(below, digits):
+    while digits < sys.float_info.dig and at_least(above, digits) <= at_most(below, digits):
         digits += 1
     return lower_text(above, digits), upper_text(below, digits)
 
@@ -70,4 +69,4 @@ def improvement(gap: float) -> str:
 
 
 def _round(value: float, digits: int, rounding: str) -> float:
-    return float(Context(prec=digits, rounding=rounding).create_decimal(f"{value:.{SIGNIFICANT}g}"))
+    return float(Context(prec=digits, rounding=rounding).create_decimal(f"{value:.{sys.float_info.dig}g}"))

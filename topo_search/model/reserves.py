@@ -46,15 +46,11 @@ if TYPE_CHECKING:
     from topo_search.model.search import Level
     from topo_search.model.task import ResolvedTask
 
-SIDES = 8
-"""Sides of the polygon around a disc: its corners are 8 % farther out."""
 AXES, DIAGONALS = math.sqrt(5) / 2, math.sqrt(5 / 3)
 """Radii of the corners of a tetrakis hexahedron around the unit ball, 12 and 29 % over 1; it is the polar dual of a
 truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and sqrt(3/2) from its centre."""
 UNSEEN = 5 * TOLERANCE
 """Tolerance of a reserve, to either side, in an audit [m_t g, l_arm m_t g]."""
-LEFT = 0.01
-"""Torque that can be added with a rotor dead, by default [l_arm m_t g]."""
 
 LargestLoad = Annotated[
     Annotated[Positive, Tag("<number>")] | Annotated[Literal["rated"], Tag("<rated>")],
@@ -157,7 +153,7 @@ class AskedFlight(Value):
         }
         if self.rotor_out != "none":
             left = self.rotor_out_torque
-            changed["rotor_out_torque"] = LEFT * torque_unit if left is None else left * t
+            changed["rotor_out_torque"] = 0.01 * torque_unit if left is None else left * t
         return self.model_copy(update=changed)
 
     def regrow(self, ratio: float) -> AskedFlight:
@@ -300,8 +296,9 @@ def _acceleration_corners(label: str, case: LoadCase, sizes: Vector) -> Iterator
 def _circumscribe(*, disc: bool) -> Array:
     """Return the corners of a polytope around the unit ball, or of a polygon around the unit disc, shape (c, 3)."""
     if disc:
-        angles, out = 2 * np.pi / SIDES * np.arange(SIDES), 1 / math.cos(math.pi / SIDES)
-        return out * np.stack([np.cos(angles), np.sin(angles), np.zeros(SIDES)], axis=1)
+        sides = 8  # corners of the polygon are then 8 % farther out
+        angles, out = 2 * np.pi / sides * np.arange(sides), 1 / math.cos(math.pi / sides)
+        return out * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
     return np.concatenate([AXES * np.eye(3), -AXES * np.eye(3), DIAGONALS * box_corners(1 / math.sqrt(3))])
 
 

@@ -29,6 +29,7 @@ from collections.abc import Iterator
 from itertools import chain, starmap
 from typing import NamedTuple
 
+from topo_search.limits import quantity
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import Allowed, Directional, Exterior, Local, segment_of
 from topo_search.model.load_case import LoadCase
@@ -36,7 +37,6 @@ from topo_search.model.module import Body, Module
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, OUTWARDS, frame_reach, in_words, packed_width
 from topo_search.model.task import Task
-from topo_search.words import quantity
 
 
 class TaskWarning(NamedTuple):

@@ -21,15 +21,6 @@ from typing import Any, TypeVar
 from topo_search.limits import LIMITS
 from topo_search.model.bad_input import BadInput, Fault, show
 
-KINDS = {
-    stat.S_IFBLK: "a block device",
-    stat.S_IFCHR: "a character device",
-    stat.S_IFDIR: "a folder",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-}
-"""Names of files that are not regular."""
-
 
 class NotReadable(ValueError):
     """A file that is not read; says which rule it breaks, and what it is."""
@@ -69,7 +60,14 @@ def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
 
 def _require_regular(status: os.stat_result, most_bytes: int) -> None:
     if not stat.S_ISREG(status.st_mode):
-        kind = KINDS.get(stat.S_IFMT(status.st_mode), "of another kind")
+        kinds = {
+            stat.S_IFBLK: "a block device",
+            stat.S_IFCHR: "a character device",
+            stat.S_IFDIR: "a folder",
+            stat.S_IFIFO: "a pipe",
+            stat.S_IFSOCK: "a socket",
+        }
+        kind = kinds.get(stat.S_IFMT(status.st_mode), "of another kind")
         raise NotReadable(f"must be a regular file, but is {kind}")
     if status.st_size > most_bytes:
         raise NotReadable(f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}")

@@ -20,8 +20,8 @@ from topo_search.report.page import render
 from topo_search.report.progress import describe, period, stage
 from topo_search.report.run_page import run_page
 from topo_search.study import Observer, RunFolder
+from topo_search.study.ledger import Row
 from topo_search.study.progress import Phase, Plan, TimeLeft
-from topo_search.study.row import Row
 
 LOOPBACK = "127.0.0.1"
 """The only address that is served: no other machine reaches it."""

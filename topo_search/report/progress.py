@@ -9,8 +9,8 @@ from itertools import groupby
 
 from topo_search.model.proven import gap_percent
 from topo_search.report.wording import modules, quantity
+from topo_search.study.ledger import Row
 from topo_search.study.progress import Phase, Plan, TimeLeft
-from topo_search.study.row import Row
 
 EVERY = 10.0
 """Least time between two plain lines [s]."""

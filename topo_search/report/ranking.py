@@ -14,8 +14,8 @@ from topo_search.report.headline import fragile
 from topo_search.report.page import Chart
 from topo_search.report.scene import closest
 from topo_search.study import Row
+from topo_search.study.ledger import figures_of
 from topo_search.study.proofs import ProofState
-from topo_search.study.row import figures_of
 
 Candidate = tuple[Row, ProofState, Audit | None]
 

@@ -20,7 +20,7 @@ from topo_search.report.ranking import ranking
 from topo_search.report.scene import shared_meshes
 from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, sentence
 from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
-from topo_search.study.row import kind_of
+from topo_search.study.ledger import kind_of
 
 
 def write_run_page(folder: RunFolder) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from topo_search.model.flight import Capability
 from topo_search.model.proven import lower_text
 from topo_search.model.text import html_page, paragraph, table
-from topo_search.model.vehicle import Capability
 from topo_search.report.design_part import flight_part
 
 STYLE = """

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from topo_search.words import quantity as quantity
+from topo_search.limits import quantity as quantity
 
 if TYPE_CHECKING:
     from topo_search.model import Clearance

@@ -4,6 +4,7 @@ from topo_search.study.answer import NEAR, Answer, SizeAnswer
 from topo_search.study.checking import Checked, check
 from topo_search.study.folder import REPORT, RunFolder
 from topo_search.study.front import FrontPoint, front
+from topo_search.study.ledger import COLUMNS, Row, SolveEvent
 from topo_search.study.ledger_file import LedgerLost
 from topo_search.study.progress import Observer, Phase, Plan, Silent, TimeLeft
 from topo_search.study.proving import prove
@@ -17,7 +18,6 @@ from topo_search.study.request import (
     StrategyName,
     larger_margin,
 )
-from topo_search.study.row import COLUMNS, Row, SolveEvent
 from topo_search.study.run import run
 from topo_search.study.single import Solved, solve_single
 from topo_search.study.summary import answer_of, read_answer

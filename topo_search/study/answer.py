@@ -8,15 +8,15 @@ from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from topo_search.limits import quantity
 from topo_search.model import Audit, Design, Infeasible, Relaxed
 from topo_search.model.proven import gap_percent, improvement
 from topo_search.model.search import Level
 from topo_search.model.text import heading, paragraph, table
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import FRONT_COLUMNS, FrontPoint, idle_goals
-from topo_search.study.row import AUDITED, COLUMNS, FLIGHT, Row, SolveEvent, kind_of, proven_cell
+from topo_search.study.ledger import AUDITED, COLUMNS, FLIGHT, Row, SolveEvent, kind_of, proven_cell
 from topo_search.topologies import Resolution
-from topo_search.words import quantity
 
 if TYPE_CHECKING:
     import pandas as pd

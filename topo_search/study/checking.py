@@ -17,9 +17,9 @@ from topo_search.model.proof import Problem, chunk_count
 from topo_search.model.proven import improvement
 from topo_search.study.directory import CHANGED, RunFile
 from topo_search.study.folder import RunFolder
+from topo_search.study.ledger import Row
 from topo_search.study.progress import Observer
 from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, problem, sizes_with_best, subject_of, weakest_problem
-from topo_search.study.row import Row
 from topo_search.study.summary import check_designs
 
 CheckChunk = Callable[[ResolvedTask, Topology, int, float, Chunk, Problem], CheckedChunk]

@@ -22,16 +22,14 @@ from topo_search.model.files import to_json, to_toml, validate
 from topo_search.model.task import before_requirement
 from topo_search.model.text import NotParsed, NotReadable, csv_text, decode, toml_data
 from topo_search.study.directory import Directory, ReadOnlyFolder, RunFile
-from topo_search.study.ledger import Ledger
+from topo_search.study.ledger import COLUMNS, Ledger, Row
 from topo_search.study.ledger_file import blank
 from topo_search.study.proofs import ProofState, bounded_alike, cells, proof_state
 from topo_search.study.request import NOTHING, Own, Request, installed_versions
-from topo_search.study.row import COLUMNS, Row
 
 REPORT = "report.html"
 RESULTS = ("best.json", "candidates.csv", RunFile.FRONT, REPORT, RunFile.TASK)
 """Files that tell of a run; with a range of sizes there is a `best-nN.json` of each besides."""
-LEFT = "it is left unchanged"
 PARTS = ("designs", "audits")
 """Folders with a file per candidate."""
 Model = TypeVar("Model", bound=BaseModel)
@@ -45,13 +43,14 @@ def holds_run(directory: Directory) -> bool:
     others = [name for name in names if name not in (RunFile.LOCK, RunFile.PARTIAL)]
     if not others:
         return False
+    left = "it is left unchanged"
     shown = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
     if any(name in (*RESULTS, *PARTS) or name.startswith((RunFile.LEDGER, "best-n")) for name in others):
         raise refusal(
             directory.path,
-            f"has {shown} but no {RunFile.LEDGER}: the ledger was removed, or this is not a run folder; {LEFT}",
+            f"has {shown} but no {RunFile.LEDGER}: the ledger was removed, or this is not a run folder; {left}",
         )
-    raise refusal(directory.path, f"is not a run folder, and not empty: it has {shown}; {LEFT}")
+    raise refusal(directory.path, f"is not a run folder, and not empty: it has {shown}; {left}")
 
 
 def last_request(path: Path, directory: Directory, ledger: Ledger) -> Request:

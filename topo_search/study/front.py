@@ -28,7 +28,7 @@ from topo_search.model.reserves import PLACES, Failing, centres_of
 from topo_search.model.search import GOALS, Goal, Level
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
-from topo_search.study.row import Row, proven_cell
+from topo_search.study.ledger import Row, proven_cell
 
 FRONT_COLUMNS = (
     *("key", "modules", "objective", "lower_bound", "gap"),

@@ -40,7 +40,6 @@ PLACES = {"run": "rowid", "contexts": "context", "candidates": "context, key", "
 """The tables that an answer is made from, and what a row of each is found by."""
 KEY = re.compile(r"[ap][0-9a-f]+")
 """Pattern of a topology's key, which also names files."""
-KINDS = {"TEXT": str, "INTEGER": int, "REAL": float, "BLOB": bytes}
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
 VERSION = 7
@@ -84,8 +83,6 @@ results and audits, in JSON; `..._checksum` of a candidate is that of its text, 
 one row per solve, in the order of their ends, with what the candidate had reached after `asked` starts; a strategy
 is replayed from them. `ended_...`: what the strategy was asked for when it last came to its end. `tallies`: of the
 tables with a `checksum`. `files`: what the run itself wrote into its folder (`directory`)."""
-BESIDE = ("-wal", "-shm")
-"""Ends of the names of what SQLite keeps beside a ledger in use."""
 ADVICE = "choose another folder with --out, or move it away"
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -130,8 +127,9 @@ def seal_changes(database: sqlite3.Connection) -> None:
 
 def fault(database: sqlite3.Connection, table: str) -> str | None:
     """Return what is wrong with a table, if its rows are not those that were written; `files` has no tally."""
+    types_of = {"TEXT": str, "INTEGER": int, "REAL": float, "BLOB": bytes}
     kinds = [  # types that the values of each column may have
-        {KINDS[declared]} if not_null or key else {KINDS[declared], type(None)}
+        {types_of[declared]} if not_null or key else {types_of[declared], type(None)}
         for _, _, declared, not_null, _, key in database.execute(f"PRAGMA table_info({table})")
     ]
     known: set[tuple[type, ...]] = set()
@@ -212,7 +210,7 @@ def _make_lasting(database: sqlite3.Connection, path: Path) -> None:
 
 def _check_file(path: Path) -> None:
     """Refuse what is no ledger's file before SQLite looks at it: it would follow links, play back journals."""
-    for each in (path, *(path.with_name(f"{path.name}{end}") for end in BESIDE)):
+    for each in (path, *(path.with_name(f"{path.name}{end}") for end in ("-wal", "-shm"))):
         try:
             status = each.lstat()
         except FileNotFoundError:

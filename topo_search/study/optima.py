@@ -16,17 +16,14 @@ from topo_search.engine import AuditDesign, Failed, Job, LocalOptima, audit_dead
 from topo_search.model import Design, Topology
 from topo_search.model.files import to_json
 from topo_search.model.proof import Text
+from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.value import Index, Number, Value
-from topo_search.study.audits import audit_best
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
+from topo_search.study.ledger import Row, row_of
 from topo_search.study.progress import Phase, solving_seconds
 from topo_search.study.request import Context
-from topo_search.study.row import Row, row_of
-from topo_search.study.solving import Tools
-
-SAME_EFFORT = 1e-6
-"""Relative difference of efforts that counts as none: the audit's tolerance."""
+from topo_search.study.solving import Tools, audit_best
 
 
 class TreeOptima(Value):
@@ -131,7 +128,7 @@ def clear_designs(folder: RunFolder, row: Row) -> list[Design]:
         return designs
     kept = (folder.read_own(f"{RunFile.OPTIMA}/{row.key}-{k}.json", Design) for k in range(1, held.kept + 1))
     known = [design.objective for design in designs]
-    differ = (one for one in kept if one and not any(isclose(one.objective, J, rel_tol=SAME_EFFORT) for J in known))
+    differ = (one for one in kept if one and not any(isclose(one.objective, J, rel_tol=TOLERANCE) for J in known))
     return [*designs, *differ]
 
 
@@ -151,7 +148,7 @@ def _take_better(folder: RunFolder, row: Row, clear: list[Design]) -> bool:
     """Put an optimum that costs less than its tree's design into the ledger; return whether there was one."""
     context = folder.request.contexts(row.modules)[row.step]
     held = folder.ledger.result(context, row.key)
-    if not clear or not isinstance(held, Design) or clear[0].objective >= (1 - SAME_EFFORT) * held.objective:
+    if not clear or not isinstance(held, Design) or clear[0].objective >= (1 - TOLERANCE) * held.objective:
         return False
     design = clear[0].model_copy(update={"solver": held.solver})
     bound = row.lower_bound or 0.0

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 from topo_search.engine import rounds
 from topo_search.model import ResolvedTask
-from topo_search.study.row import Row
+from topo_search.study.ledger import Row
 
 if TYPE_CHECKING:
     from topo_search.study.folder import RunFolder

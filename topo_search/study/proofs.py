@@ -10,8 +10,8 @@ from topo_search.model import Audit, Proof, ResolvedTask
 from topo_search.model.exposure import half_spaces
 from topo_search.model.proof import Problem
 from topo_search.model.proven import improvement, upper_text
+from topo_search.study.ledger import AUDITED, COLUMNS, Row, figures_of
 from topo_search.study.request import Request
-from topo_search.study.row import AUDITED, COLUMNS, Row, figures_of
 
 if TYPE_CHECKING:
     from topo_search.study.folder import RunFolder

@@ -15,11 +15,11 @@ from topo_search.model.proof import Aim, Problem
 from topo_search.model.proven import gap_percent
 from topo_search.study.answer import Answer
 from topo_search.study.folder import RunFolder
+from topo_search.study.ledger import Row
 from topo_search.study.ledger_file import KEPT
 from topo_search.study.progress import EXPECTED, Observer, Phase
 from topo_search.study.proofs import IMPOSSIBLE, NO_GOALS, sizes_with_best, target
 from topo_search.study.request import Request
-from topo_search.study.row import Row
 from topo_search.study.summary import answer_of, refuse_lost
 
 ProveChunk = Callable[[ResolvedTask, Topology, int, float, Problem], Chunk]

@@ -286,8 +286,6 @@ class Request:
 
 LARGER_MARGINS = 3
 """Repairs of a design that fails its audit, each with a larger margin."""
-RUNG = 1.25
-"""A margin over the one before where the clearances must survive the tolerances."""
 
 
 def larger_margin(margin: float) -> float:
@@ -308,8 +306,9 @@ def margins(task: ResolvedTask) -> list[float]:
     farthest = 2 * n * (module.connector_distance + module.arm_length) + module.reach
     least = max(ladder[0], delta * module.arm_length + shift / 4)
     most = 2 * (shift + delta * n * farthest)
-    steps = max(LARGER_MARGINS, math.ceil(math.log(most / least, RUNG)))
-    return ladder + [least * RUNG**k for k in range(1, steps + 1)]
+    rung = 1.25  # a margin over the one before
+    steps = max(LARGER_MARGINS, math.ceil(math.log(most / least, rung)))
+    return ladder + [least * rung**k for k in range(1, steps + 1)]
 
 
 def with_margin(task: ResolvedTask, margin: float) -> ResolvedTask:

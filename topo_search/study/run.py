@@ -17,7 +17,6 @@ from pathlib import Path
 
 from topo_search.engine import Backends, Engine, Strategy, WorkersLost
 from topo_search.study.answer import Answer, quotient_remark
-from topo_search.study.audits import audit_best
 from topo_search.study.directory import ReadOnlyFolder
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import write_front
@@ -26,7 +25,7 @@ from topo_search.study.optima import keep_optima
 from topo_search.study.progress import WRITING, Observer, proof_phase, remaining_plan
 from topo_search.study.relaxing import find_causes
 from topo_search.study.request import Request
-from topo_search.study.solving import Candidates, Tools, record_proof, record_pruned, strategy_of
+from topo_search.study.solving import Candidates, Tools, audit_best, record_proof, record_pruned, strategy_of
 from topo_search.study.summary import answer_of, finished_answer, refuse_lost
 
 

@@ -36,16 +36,15 @@ from topo_search.study.answer import (
     remark,
     statement,
 )
-from topo_search.study.audits import audits_left
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.front import front_of
-from topo_search.study.ledger import Ledger
+from topo_search.study.ledger import FLIGHT, Ledger, Row, flight_of
 from topo_search.study.ledger_file import LedgerLost, damage
 from topo_search.study.proofs import ProofSummary, subject_of, summarize
 from topo_search.study.relaxing import causes
 from topo_search.study.request import Context, Request
-from topo_search.study.row import FLIGHT, Row, flight_of
+from topo_search.study.solving import audits_left
 
 
 def check_rows(rows: Iterable[Row], space: Space, lower_bound: float, path: Path) -> Iterator[Row]:

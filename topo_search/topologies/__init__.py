@@ -13,6 +13,5 @@ from topo_search.topologies.candidates import (
     quotient_of,
     sample,
 )
-from topo_search.topologies.rooted import Connectors, Root
-from topo_search.topologies.symmetry import Quotient, Symmetry
+from topo_search.topologies.rooted import Connectors, Quotient, Root, Symmetry
 from topo_search.topologies.task_symmetry import Resolution, improper_isometry, resolve_symmetry

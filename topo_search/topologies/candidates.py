@@ -1,27 +1,250 @@
 """The candidates of a search: enumerated, counted, looked up and drawn, or listed by a user.
 
 A user's list holds keys, trees or graphs; it is checked against the task before anything is solved.
+
+Their numbers have closed forms, and draws are exactly uniform:
+
+| symbol | meaning |
+|---|---|
+| n | number of modules |
+| T(x) = 1 + x T(x)^3 | generating function of ternary trees: a slot is free or holds a module with three slots |
+| F(n) | fixed trees: nothing but the choice of the root is the same; OEIS A000139 |
+| n F(n) | rooted trees: x T(x)^4; OEIS A006629 (offset 1) |
+| L, k | modules on the axis of a mirror; pairs of modules beside it, n = L + 2k |
+
+A quotient by a group has (1/|G|) sum over g of Fix(g) classes (Burnside's lemma). For one family there are OEIS
+sequences to compare with: C4 is A005034 and D4 is A005036 = (A005034 + A047749) / 2.
+
+With connectors of any port every joint has a parity: a tree counts 2^e times, e the number of joints that can be
+chosen freely. As the root's own spin is fixed, c2 then stands for all quarter turns with the spin flip: with the
+free root (2^n F(n) + 2^ceil(n/2) Fix180(n)) / 4 classes.
+
+To sample a class, draw an element of the group with probability proportional to the number of trees that it leaves
+as they are, then one of these trees uniformly: its class is uniform, because each class is met in |G| ways (the
+stabiliser of a tree times the size of its class; Burnside). All numbers are integers.
+
+Forests of ternary trees are drawn by the cycle lemma (Dvoretzky and Motzkin 1947): of the 3m + s rotations of a
+word with m modules and 2m + s free slots exactly s are the preorder text of a forest of s trees.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import islice, repeat
+from math import comb, factorial
 from random import Random
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
 from topo_search.model.bad_input import show
-from topo_search.topologies.rooted import Connectors, Root, Rooted, key_of, rooted_at, rooted_of, text_of
-from topo_search.topologies.sampling import classes, draw_tree
-from topo_search.topologies.symmetry import Quotient, Symmetry, group_of
+from topo_search.topologies.rooted import (
+    GROUPS,
+    Connectors,
+    Group,
+    Quotient,
+    Root,
+    Rooted,
+    Symmetry,
+    group_of,
+    key_of,
+    mirror_code,
+    plant,
+    rooted_at,
+    rooted_of,
+    text_of,
+    turn,
+)
 from topo_search.topologies.task_symmetry import improper_isometry
 
 if TYPE_CHECKING:
     import networkx as nx
+
+
+def forests(trees: int, modules: int) -> int:
+    """Return the number of sequences of `trees` >= 1 ternary trees, some perhaps empty: [x^modules] T(x)^trees."""
+    return trees * comb(3 * modules + trees, modules) // (3 * modules + trees)
+
+
+def ternary_trees(modules: int) -> int:
+    """Return the number of ternary trees, C(3k, k) / (2k + 1); OEIS A001764."""
+    return forests(1, modules)
+
+
+def fixed_trees(n: int) -> int:
+    """Return F(n) = 2 (3n)! / ((2n+1)! (n+1)!); OEIS A000139."""
+    return 2 * factorial(3 * n) // (factorial(2 * n + 1) * factorial(n + 1))
+
+
+def rooted_trees(n: int) -> int:
+    """Return n F(n), also 4 C(3n+1, n-1) / (3n+1); OEIS A006629 with offset 1."""
+    return n * fixed_trees(n)
+
+
+def mirror_paths(n: int, *, connectors: Connectors = "aligned", root: Root = "free") -> list[int]:
+    """Return, for L = 1..n, the number of trees with L modules on the x axis that are their own mirror image in it.
+
+    They stand in a row, each between a tree and its mirror image: [x^k] T(x)^L. With the paper's root any of the
+    L modules can be the root.
+    """
+    numbers = []
+    for on_axis in range(1, n + 1):
+        pairs, rest = divmod(n - on_axis, 2)
+        number = 0 if rest else forests(on_axis, pairs)
+        if connectors == "any":
+            number <<= on_axis - 1 + pairs
+        numbers.append(number if root == "free" else number * on_axis)
+    return numbers
+
+
+def mirror_bridges(n: int, *, connectors: Connectors = "aligned", root: Root = "free") -> int:
+    """Return the number of trees that are mirror images in the x axis of themselves with no module on the axis.
+
+    A joint across the axis, at modules of one spin, holds two mirror images together.
+    """
+    if n % 2 or root == "paper":
+        return 0
+    return ternary_trees(n // 2) << (n // 2 - 1 if connectors == "any" else 0)
+
+
+def count_fixed(
+    quarters: int, mirror: bool, n: int, *, connectors: Connectors = "aligned", root: Root = "free"
+) -> int:
+    """Return the number of trees that an element (q, mirror) of a group leaves as they are."""
+    if mirror and quarters % 2 == 0:
+        paths = mirror_paths(n, connectors=connectors, root=root)
+        return sum(paths) + mirror_bridges(n, connectors=connectors, root=root)
+    number, joints = _count_fixed_by_turn(quarters, mirror, n, root)
+    return number << joints if connectors == "any" else number
+
+
+def _count_fixed_by_turn(quarters: int, mirror: bool, n: int, root: Root) -> tuple[int, int]:
+    """Return how many aligned trees an element that is no axis mirror leaves as they are, and their free joints."""
+    if not mirror and quarters == 0:
+        return (fixed_trees(n) if root == "free" else rooted_trees(n)), n - 1
+    if not mirror and quarters % 2:  # one tree at all four ports of a centre
+        return (ternary_trees(n // 4) if n % 4 == 1 else 0), n // 4
+    if n % 2:  # two trees at the ports of a centre, each with its image
+        return forests(2, n // 2), n // 2
+    if mirror or root == "paper":
+        return 0, 0
+    return 2 * ternary_trees(n // 2), n // 2 - 1  # a joint along x or y, with the same half at both ends
+
+
+def classes(n: int, group: Group, *, connectors: Connectors = "aligned", root: Root = "free") -> int:
+    """Return the number of trees of n modules up to a group."""
+    elements = GROUPS[group]
+    return sum(count_fixed(q, mirror, n, connectors=connectors, root=root) for q, mirror in elements) // len(
+        elements
+    )
+
+
+def draw_tree(random: Random, n: int, quotient: Quotient, connectors: Connectors) -> Rooted:
+    """Return the representative of a class of n modules, drawn uniformly from all classes."""
+    weights = _weights(n, quotient, connectors)
+    quarters, mirror = GROUPS[quotient.group][_pick(random, weights)]
+    return quotient.representative(_Draw(random, n, connectors, quotient.root).draw_fixed(quarters, mirror))
+
+
+@lru_cache(maxsize=64)
+def _weights(n: int, quotient: Quotient, connectors: Connectors) -> tuple[int, ...]:
+    elements = GROUPS[quotient.group]
+    return tuple(count_fixed(q, mirror, n, connectors=connectors, root=quotient.root) for q, mirror in elements)
+
+
+@lru_cache(maxsize=64)
+def _mirror_weights(n: int, connectors: Connectors, root: Root) -> tuple[int, ...]:
+    """Return the numbers of trees by what lies on the mirror's axis: nothing, or 1..n modules."""
+    paths = mirror_paths(n, connectors=connectors, root=root)
+    return (mirror_bridges(n, connectors=connectors, root=root), *paths)
+
+
+def _pick(random: Random, weights: Sequence[int]) -> int:
+    """Return an index with probability proportional to its weight, of any size."""
+    left = random.randrange(sum(weights))
+    for index, weight in enumerate(weights):
+        left -= weight
+        if left < 0:
+            return index
+    raise AssertionError("a number under the sum of the weights lies within one of them")
+
+
+@dataclass(frozen=True)
+class _Draw:
+    """Uniform draws of trees that an element of a group leaves as they are."""
+
+    random: Random
+    n: int
+    connectors: Connectors
+    root: Root
+
+    def draw_fixed(self, quarters: int, mirror: bool) -> Rooted:
+        """Return a tree that an element (q, mirror) leaves as it is."""
+        n = self.n
+        if mirror and quarters % 2 == 0:
+            return turn(self._mirror_image(), quarters // 2)  # the mirrors in the x and in the y axis
+        if mirror:
+            first, third = self._forest(2, n // 2)
+            return turn((first, mirror_code(first), third, mirror_code(third)), quarters // 2)
+        if quarters == 0:
+            east, north, west, south = self._forest(4, n - 1)
+            return east, north, west, south
+        if quarters % 2:
+            (code,) = self._forest(1, n // 4)
+            return code, code, code, code
+        if n % 2:
+            first, second = self._forest(2, n // 2)
+            return first, second, first, second
+        right, ahead, left = self._forest(3, n // 2 - 1)
+        half = plant((right, ahead, left))
+        return turn((half, right, ahead, left), self.random.randrange(2))
+
+    def _mirror_image(self) -> Rooted:
+        """Return a tree that is its own mirror image in the x axis."""
+        on_axis = _pick(self.random, _mirror_weights(self.n, self.connectors, self.root))
+        if on_axis == 0:
+            right, ahead, left = self._forest(3, self.n // 2 - 1)
+            return left, mirror_code(plant((right, ahead, left))), right, ahead
+        sides = self._forest(on_axis, (self.n - on_axis) // 2)
+        at = self.random.randrange(on_axis)
+        east = west = ""
+        for side in reversed(sides[at + 1 :]):
+            east = plant((mirror_code(side), east, side), self._odd())
+        for side in sides[:at]:
+            west = plant((side, west, mirror_code(side)), self._odd())
+        return east, sides[at], west, mirror_code(sides[at])
+
+    def _odd(self) -> int:
+        """Return the parity of a joint's kappa."""
+        return self.random.randrange(2) if self.connectors == "any" else 0
+
+    def _forest(self, trees: int, modules: int) -> list[str]:
+        """Return the codes of `trees` ternary trees with `modules` modules in all; empty trees have empty codes."""
+        length = 3 * modules + trees
+        word = [-1] * length
+        for position in self.random.sample(range(length), modules):
+            word[position] = 2
+        waiting: list[str] = []
+        for step in reversed(self._rotate(word, trees)):
+            if step < 0:
+                waiting.append("")
+            else:
+                right, ahead, left = waiting.pop(), waiting.pop(), waiting.pop()
+                waiting.append(plant((right, ahead, left), self._odd()))
+        return waiting[::-1]
+
+    def _rotate(self, word: list[int], trees: int) -> list[int]:
+        """Return one of the `trees` rotations of a word that only end when as many trees are complete."""
+        height, heights = 0, []
+        for step in word:
+            height += step
+            heights.append(height)
+        # each begins behind the first place of one of the lowest heights
+        start = heights.index(min(heights) + self.random.randrange(trees)) + 1
+        return word[start:] + word[:start]
 
 
 @dataclass(frozen=True)

@@ -33,17 +33,12 @@ from numpy.typing import NDArray
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.corners import to_corners
 from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope
-from topo_search.topologies.symmetry import Group, Symmetry, group_of
+from topo_search.topologies.rooted import Group, Symmetry, group_of
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9
 """Largest difference of two vectors that count as equal, relative to the longer one: each on its own scale."""
-NOTHING = 1.0e-12
-"""Length of a vector that counts as zero: what rounding leaves of a sum [l_arm, m_t g, l_arm m_t g].
-
-Corners count as zero where they are that short relative to the farthest corner of their region."""
-
 REGION = "region"
 """The kind of a feature whose vectors have no order: a convex target region."""
 
@@ -205,8 +200,8 @@ def _are_same(one: Array, other: Array) -> NDArray[np.bool_]:
 
 
 def _clean(vectors: Array, unit: float) -> Array:
-    """Return vectors (m, 3) with zeros in place of those that count as zero."""
-    return np.where(np.linalg.norm(vectors, axis=1, keepdims=True) > NOTHING * unit, vectors, 0.0)
+    """Return vectors (m, 3) with zeros in place of those that rounding leaves of a sum, in units of their own."""
+    return np.where(np.linalg.norm(vectors, axis=1, keepdims=True) > 1.0e-12 * unit, vectors, 0.0)
 
 
 def _rotations(features: list[_Feature]) -> Iterator[Array]:
