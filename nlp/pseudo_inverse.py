@@ -36,7 +36,7 @@ from nlp.symbols.platform import of_platform
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.reserves import AT, PLACES, box_corners, centres, centres_of
+from topo_search.model.load_case import AT, PLACES, box_corners, centres, centres_of
 from topo_search.model.tolerances import TOLERANCE
 from topo_search.protocols import OwnConstraint, SymbolicPlatform
 

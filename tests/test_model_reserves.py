@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from topo_search.model import BadInput, ResolvedTask, Task
 from topo_search.model.corners import to_corners
 from topo_search.model.files import to_toml, validate
-from topo_search.model.reserves import UNSEEN, centres, reserve_corners
+from topo_search.model.load_case import UNSEEN, centres, reserve_corners
 
 HOVER = {"carries_weight": True}
 PUSH = {"name": "push", "carries_weight": True, "units": "SI", "end_effector": {"force": [2.0, 0.0, 0.0]}}

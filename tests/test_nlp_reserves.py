@@ -14,7 +14,7 @@ from nlp.numbers.point import Point
 from nlp.pseudo_inverse import pseudo_inverse_constraints
 from nlp.user_constraints import rows_of
 from topo_search.model import Status, Topology
-from topo_search.model.reserves import AskedFlight
+from topo_search.model.load_case import AskedFlight
 from topo_search.topologies.task_symmetry import improper_isometry
 from verify import audit
 

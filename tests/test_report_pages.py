@@ -13,7 +13,7 @@ from toy_problem import toy_run
 from nlp import lower_bound
 from topo_search.cli.tables import print_answer
 from topo_search.compose import audit, read_design, write_report
-from topo_search.compose.pages import write_page
+from topo_search.compose.designs import write_page
 from topo_search.export import palette
 from topo_search.export.poses import poses
 from topo_search.model import BadInput, Design, Status, Topology

@@ -17,8 +17,7 @@ from suites import few
 from topo_search.cli import main
 from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
-from topo_search.model.load_case import ForceCone
-from topo_search.model.reserves import AskedFlight
+from topo_search.model.load_case import AskedFlight, ForceCone
 from topo_search.simulation.authority import load_factor, tell_losses, wake_losses
 from topo_search.simulation.campaign import CORNERS, fly_all, plan
 from topo_search.simulation.fly import Options, fly

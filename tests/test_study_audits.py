@@ -12,7 +12,7 @@ from topo_search.cli.tables import print_answer
 from topo_search.engine import CallingProcess
 from topo_search.model import BadInput, Design, Task, Tolerances, Topology
 from topo_search.model.files import read_json
-from topo_search.model.reserves import AskedFlight
+from topo_search.model.load_case import AskedFlight
 from topo_search.model.task import before_requirement
 from topo_search.study import LARGER_MARGINS, Silent, solve_single
 from topo_search.study.folder import RunFolder

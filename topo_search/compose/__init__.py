@@ -5,10 +5,13 @@ from topo_search.compose.designs import (
     audit,
     audits,
     brackets_note,
+    compare,
+    figure,
+    plot_platform,
     read_completed,
     read_design,
     round_angles,
     solve,
+    write_report,
 )
-from topo_search.compose.pages import compare, figure, plot_platform, write_report
 from topo_search.compose.searching import check_proofs, prove, search

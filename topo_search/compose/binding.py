@@ -21,7 +21,7 @@ import cloudpickle
 import nlp
 import verify
 from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Workers, computing_versions
-from topo_search.engine.jobs import Given
+from topo_search.engine.workers import Given
 from topo_search.limits import LIMITS
 from topo_search.model import (
     Audit,

@@ -1,24 +1,37 @@
-"""Single designs: the best of one tree, its audit, and what becomes of it with rounded angles or with brackets."""
+"""Single designs: solved, audited, rounded, with brackets; pages and pictures of designs and of runs."""
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import nlp
 import verify
 from topo_search.compose.binding import backends, enclose_speed, own_constraints, processes, starting_points
 from topo_search.engine import Failed, Outcome, audit_deadline, audit_job
+from topo_search.export.brackets import DIGITS
+from topo_search.export.sheet import STYLE
+from topo_search.export.tree_drawing import tree_svg
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Status, Task
-from topo_search.model.files import load_json, read_task, to_geometry
+from topo_search.model.files import load_json, read_task, to_geometry, write_atomically
 from topo_search.model.proven import lower_text
+from topo_search.model.text import html_page, paragraph, table
 from topo_search.protocols import OwnConstraint
-from topo_search.study import Solved, solve_single
+from topo_search.study import REPORT, Observer, RunFolder, Solved, answer_of, solve_single
+from topo_search.study.directory import CHANGED
 from topo_search.topologies import OwnTopology, own_topology
+
+if TYPE_CHECKING:
+    from topo_search.compose.drawer import Change, SharedKit
+    from topo_search.report.compare_page import Compared
 
 
 def solve(
@@ -247,3 +260,191 @@ def audits(
             while due in ended:
                 yield ended.pop(due)
                 due += 1
+
+
+def write_report(
+    source: str | Path,
+    *,
+    out: str | Path | None = None,
+    flight: str | Path | None = None,
+    note: Callable[[str], None] = warnings.warn,
+) -> Path:
+    """Write the report of a run, or of a single design after auditing it, and return its path.
+
+    Args:
+        source: a run's folder or a design's file.
+        out: the page; default: `report.html` in the folder, or the design's name with `.html`.
+        flight: a folder that `fly --out` wrote for the design, whose flights are shown too.
+        note: receives each file in a run's folder that differs from the ledger, which the page is made from.
+
+    Raises:
+        BadInput: the source is neither, or the flights are not of it; or the page would go into a folder that a
+            run is using, or replace a file that the run did not write.
+        RuntimeError: the audit failed; the message gives the reason.
+
+    Example:
+        >>> from topo_search import write_report
+        >>> print(write_report("hover-2/best.json", out="best.html"))
+        best.html
+    """
+    from topo_search.report.design_page import design_page, read_simulated
+    from topo_search.report.page import render
+    from topo_search.report.run_page import run_page, write_run_page
+
+    source = Path(source)
+    if source.is_dir() and flight is not None:
+        rule = f"must come with the file of the design that was flown, but got the folder {source}"
+        raise BadInput("--flight", rule)
+    if source.is_dir() and out is None:
+        with RunFolder.load(source, writes=True) as folder:
+            _name_changed(folder, note)
+            write_run_page(folder)
+        return source / REPORT
+    if source.is_dir():
+        with RunFolder.load(source) as folder:
+            _name_changed(folder, note)
+            page = run_page(folder)
+    else:
+        design = read_completed(source)
+        simulated = None if flight is None else read_simulated(Path(flight), design)
+        page = design_page(with_bound(design, nlp.proven_bound(design.task)), audit(design), source.name, simulated)
+    path = Path(out or source.with_suffix(".html"))
+    write_atomically(path, render(page))
+    return path
+
+
+def _name_changed(folder: RunFolder, note: Callable[[str], None]) -> None:
+    for name in folder.changed_files():
+        note(f"warning: {name} {CHANGED}; the page shows what the run wrote")
+
+
+def write_page(folder: RunFolder) -> None:
+    """Write a run's page, unless it shows what it would again; only the coordinator loads what it takes."""
+    if folder.page_is_current():
+        return
+    from topo_search.report.run_page import write_run_page
+
+    write_run_page(folder)
+
+
+@contextmanager
+def follow_live(path: Path, observer: Observer, *, live: bool) -> Iterator[Observer]:
+    """Return who observes a run: the same, or one that serves the page as well while the block runs."""
+    if not live:
+        yield observer
+        return
+    from topo_search.report.live import serve_live
+
+    with serve_live(path, observer) as serving:
+        yield serving
+
+
+def plot_platform(design: Design, audited: Audit | None = None) -> Any:
+    """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod.
+
+    Example:
+        >>> from topo_search import plot_platform, read_answer
+        >>> figure = plot_platform(read_answer("hover-2").design)
+        >>> type(figure).__name__
+        'Figure'
+    """
+    from topo_search.export.poses import poses_to_draw
+    from topo_search.report.scene import closest, figure
+
+    if not isinstance(design, Design):
+        raise BadInput("design", f"must be a Design, but got {type(design).__name__}")
+    return figure(design, poses_to_draw(design), closest(audited), None if audited is None else audited.assembly)
+
+
+figure = plot_platform
+"""Its name of old."""
+
+
+def compare(first: str | Path, second: str | Path, *, out: str | Path | None = None) -> list[list[Compared]]:
+    """Compare two runs, or designs, and return the designs of each, the best first.
+
+    Args:
+        first: a run's folder or a design's file.
+        second: the other.
+        out: where to write the page that shows them side by side; None for no page.
+
+    Raises:
+        BadInput: one of them is neither, or a run without a design.
+        RuntimeError: the audit of a design failed; the message gives the reason.
+
+    Example:
+        >>> from topo_search import compare
+        >>> [side[0].name for side in compare("hover-2", "hover-2/best.json")]
+        ['hover-2/a10', 'best']
+    """
+    from topo_search.report.compare_page import compare_page
+    from topo_search.report.page import render
+
+    sides = [_designs(Path(source)) for source in (first, second)]
+    if out is not None:
+        write_atomically(Path(out), render(compare_page(*sides)))
+    return sides
+
+
+def _designs(source: Path) -> list[Compared]:
+    from topo_search.report.compare_page import Compared
+    from topo_search.report.headline import rows_to_show
+
+    if not source.is_dir():
+        design = read_completed(source)
+        design = with_bound(design, nlp.proven_bound(design.task))
+        judged = audit(design)
+        return [Compared(source.stem, design, judged, design.gap if judged.verdict == "clear" else None)]
+    with RunFolder.load(source) as folder:
+        answer = answer_of(folder).at_level
+        if answer.shown is None:
+            raise BadInput(str(source), "holds no design yet")
+        gaps = {size.modules: size.gap_of for size in answer.sizes}
+        level = folder.levels[answer.level]
+        read = ((row, *level.result_of(row)) for row in rows_to_show(answer, answer.shown))
+        name = source.resolve().name
+        return [
+            Compared(f"{name}/{row.key}", design, audited, gaps[row.modules](row))
+            for row, design, audited in read
+            if design is not None
+        ]
+
+
+def drawer_page(shared: SharedKit, designs: Sequence[Design]) -> str:
+    """Return the page of a drawer: what is in it, the design of each task, and every change."""
+    lines = [paragraph(text) for text in shared.lines[:2]]
+    brackets = [(f"{kind.angle_deg:.{DIGITS}f}", kind.count, kind.file) for kind in shared.brackets]
+    lines += ["<h2>Drawer</h2>", table(("hinge angle [deg]", "brackets", "to print"), brackets), "<h2>Tasks</h2>"]
+    captions = [
+        f'<a href="{escape(task.design.replace("design.json", "assembly.html"))}">{escape(task.task)}</a>'
+        for task in shared.tasks
+    ]
+    lines.append(_side_by_side(zip(captions, map(tree_svg, designs), strict=True)))
+    for number, change in enumerate(shared.changes):
+        lines += change_lines(change, designs[number], designs[number + 1])
+    return html_page(f"One drawer for {len(designs)} tasks", STYLE, lines)
+
+
+def change_page(change: Change, before: Design, after: Design) -> str:
+    """Return the sheet of one change."""
+    return html_page(f"From {change.before} to {change.after}", STYLE, change_lines(change, before, after))
+
+
+def change_lines(change: Change, before: Design, after: Design) -> Iterator[str]:
+    """Yield the two platforms with the joints that stay in one colour, and the steps in order."""
+    yield f"<h2>From {escape(change.before)} to {escape(change.after)}</h2>"
+    stays = zip((before, after), zip(*change.stay, strict=True), strict=True)
+    yield _side_by_side((escape(design.task.name), tree_svg(design, marked=stay)) for design, stay in stays)
+    yield paragraph(
+        "Joints that stay are green. Every module comes off the end of a piece, and is added to one piece."
+    )
+    yield from (paragraph(text) for text in change.instructions)
+    yield paragraph(
+        f"Then rod and end-effector go where the last step of the assembly sheet of {escape(change.after)} says, "
+        "and the autopilot gets the allocation of that kit."
+    )
+
+
+def _side_by_side(drawings: Iterable[tuple[str, str]]) -> str:
+    figures = (f"<figure><figcaption>{caption}</figcaption>{svg}</figure>" for caption, svg in drawings)
+    return f"<section>{''.join(figures)}</section>"

@@ -30,8 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
-from topo_search.compose.designs import audits, brackets_note
-from topo_search.compose.pages import change_page, drawer_page
+from topo_search.compose.designs import audits, brackets_note, change_page, drawer_page
 from topo_search.compose.searching import search
 from topo_search.export.brackets import DIGITS, Part, bracket, bracket_file, bracket_turns
 from topo_search.export.kit import BRACKETS, write_kit

@@ -22,7 +22,7 @@ from topo_search.compose.binding import (
     own_constraints,
     starting_points,
 )
-from topo_search.compose.pages import follow_live, write_page
+from topo_search.compose.designs import follow_live, write_page
 from topo_search.engine import Certificates, DaskWorkers, Workers
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task

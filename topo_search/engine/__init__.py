@@ -1,14 +1,17 @@
 """The search engine: solves candidates in worker processes and hands their outcomes on, storing nothing."""
 
 from topo_search.engine.dask_workers import Certificates, DaskWorkers, computing_versions
-from topo_search.engine.jobs import (
+from topo_search.engine.strategy import ExhaustiveSearch, Listed, Proposal, Scored, Space, Strategy, may_beat
+from topo_search.engine.workers import (
     AuditDesign,
     Backends,
+    CallingProcess,
     Engine,
     Failed,
     Job,
     LocalOptima,
     Outcome,
+    Workers,
     WorkersLost,
     audit_deadline,
     audit_job,
@@ -19,5 +22,3 @@ from topo_search.engine.jobs import (
     solve_deadline,
     solve_job,
 )
-from topo_search.engine.strategy import ExhaustiveSearch, Listed, Proposal, Scored, Space, Strategy, may_beat
-from topo_search.engine.workers import CallingProcess, Workers

@@ -27,8 +27,7 @@ from multiprocessing import current_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from topo_search.engine.jobs import Engine, Failed, Item, Result, WorkersLost
-from topo_search.engine.workers import Workers
+from topo_search.engine.workers import Engine, Failed, Item, Result, Workers, WorkersLost
 from topo_search.limits import quantity
 from topo_search.model import BadInput
 from topo_search.supervisor import tell

@@ -21,7 +21,7 @@ from functools import cached_property
 from random import Random
 from typing import Any, NamedTuple
 
-from topo_search.engine.jobs import rounds
+from topo_search.engine.workers import rounds
 from topo_search.model import ResolvedTask, Topology
 from topo_search.topologies import (
     Candidate,

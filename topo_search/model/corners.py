@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import lru_cache
 
-from topo_search.model.load_case import LoadCase
-from topo_search.model.reserves import AskedFlight, Corner, failure_corners, reserve_corners
+from topo_search.model.load_case import AskedFlight, Corner, LoadCase, failure_corners, reserve_corners
 from topo_search.model.task import ResolvedTask
 from topo_search.model.value import Vector
 

@@ -1,4 +1,4 @@
-"""Load cases: the whole wrench that the rotors must produce, at the end-effector, at the COM, or both.
+"""Load cases, wrenches that the rotors must produce at the end-effector, at the COM, or both; reserves around them.
 
 Gravity is added only where a load case says that it `carries_weight`. `f_E` is the force that the platform exerts
 at the end-effector; carrying the weight is a load case (or a part of one) like any other, with the COM force
@@ -16,32 +16,58 @@ Forces f with a . f <= F within a pyramid of m sides around the cone hold all of
 their corners are zero and F (a + tan(theta) / cos(pi / m) e_j), with e_j at even angles across the axis. If all
 corners can be produced, so can all between them: the wrenches of fixed angles are a convex set. So the cone is
 covered with something to spare, a corner being sqrt(1 + tan(theta)^2 / cos(pi / m)^2) times F.
+
+Beyond the load cases a task may require reserves around some of them, and flight with a rotor dead.
+
+| symbol | meaning | unit |
+|---|---|---|
+| r | radius of the ball, or of the horizontal disc, of what can be added | N, N m |
+
+A ball is no polytope. A design keeps a reserve if all corners of a polytope around the ball can be added: a
+tetrakis hexahedron, a cube with a low pyramid on each face, or of a disc an octagon. Both have every mirror of a
+cube, so that a task that has one keeps it. A tilt asks for a cap of a sphere of forces, which a frustum holds.
+Where the centre of mass may be off, forces that act there have levers, in which torques are linear: the corners of
+the box of errors decide.
+Whoever proves that something is impossible may count on points of the ball itself alone: `inner`. The audit
+measures ball and cap themselves.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
-from typing import Annotated, Literal
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, Tag
 
 from topo_search.limits import LIMITS
+from topo_search.model.arrays import Array
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import Direction
+from topo_search.model.shape import NOWHERE
+from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.value import (
     OMIT_EMPTY,
+    Angle,
     Broken,
     Flag,
+    NonNegative,
     Omitted,
     Positive,
     PositiveOrZero,
     Value,
     Vector,
     at_most,
+    omit_if,
+    one_of,
 )
+
+if TYPE_CHECKING:
+    from topo_search.model.search import Level
+    from topo_search.model.task import ResolvedTask
 
 
 class ForceCone(Value):
@@ -219,3 +245,269 @@ def ten_wrenches(task_seed: int) -> tuple[LoadCase, ...]:
     rows = np.random.default_rng(task_seed).uniform(low, high, size=(9, 6)).tolist()
     drawn = [LoadCase(end_effector=Wrench(force=tuple(row[:3]), torque=tuple(row[3:]))) for row in rows]
     return (*drawn, LoadCase(com=Wrench(force=(0.0, 0.0, 1.0))))
+
+
+AXES, DIAGONALS = math.sqrt(5) / 2, math.sqrt(5 / 3)
+"""Radii of the corners of a tetrakis hexahedron around the unit ball, 12 and 29 % over 1; it is the polar dual of a
+truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and sqrt(3/2) from its centre."""
+UNSEEN = 5 * TOLERANCE
+"""Tolerance of a reserve, to either side, in an audit [m_t g, l_arm m_t g]."""
+
+LargestLoad = Annotated[
+    Annotated[Positive, Tag("<number>")] | Annotated[Literal["rated"], Tag("<rated>")],
+    one_of('must be a number or "rated"'),
+]
+Failing = Literal["none", "hover", "all"]
+Place = Literal["", "_com"]
+PLACES: dict[str, tuple[Place, ...]] = {"tip": ("",), "com": ("_com",), "both": ("", "_com")}
+"""Suffixes of a force reserve's name in an audit, by `flight.at`: at the end-effector, at the centre of mass."""
+AT: dict[Place, str] = {"": "", "_com": " at the centre of mass"}
+"""Words for a place, after those for the reserve."""
+Centre = tuple[int, str, LoadCase]
+"""Centre of a required reserve: number (0: hover, k + 1: load case k), name, wrench."""
+
+
+class Corner(NamedTuple):
+    """A wrench that must be possible."""
+
+    label: str
+    """Name of the wrench."""
+    case: LoadCase
+    dead: int | None = None
+    """Rotor that does not run, counted module by module."""
+    acceleration: Vector = (0.0, 0.0, 0.0)
+    """Angular acceleration of the platform: its inertia times this is added to the torque [rad/s^2]."""
+
+
+class AskedFlight(Value):
+    """Capabilities required of a design beyond its load cases; what is left out is measured, but not required."""
+
+    units: Literal["weight", "SI"] = "weight"
+    """Units of the reserves: `weight`: m_t g and l_arm m_t g; `SI`: N and N m."""
+    around: Literal["hover", "all"] = "hover"
+    """Cases with required reserves: `hover`, or `all`: hover and every load case that carries the weight."""
+    force_reserve: NonNegative = 0.0
+    """Any force of this size can be added, with unchanged torque about where it acts."""
+    at: Annotated[Literal["tip", "com", "both"], omit_if("tip")] = "tip"
+    """Point of action of the force reserve: the end-effector (`tip`), the centre of mass, where gusts and position
+    control act (`com`), or either (`both`)."""
+    directions: Literal["all", "horizontal"] = "all"
+    """Directions of the force reserve: `all`, or `horizontal`: in the xy plane."""
+    torque_reserve: NonNegative = 0.0
+    """Any torque of this size can be added, with unchanged force."""
+    com_error: Annotated[NonNegative, omit_if(0.0)] = 0.0
+    """Largest offset of the centre of mass along each axis of the body: hover, and the reserves, tilt and
+    accelerations required here with all rotors alive, remain possible [m]."""
+    tilt_deg: Annotated[Angle, omit_if(0.0)] = 0.0
+    """Hover can be held at any tilt up to this, to every side [deg]."""
+    angular_acceleration: Annotated[tuple[NonNegative, NonNegative, NonNegative], omit_if(NOWHERE)] = NOWHERE
+    """About x, y and z of the body, one at a time and either way, with unchanged force [rad/s^2]."""
+    allocator: Annotated[Literal["optimal", "pseudo-inverse"], omit_if("optimal")] = "optimal"
+    """Inputs for the reserves, tilt and accelerations above: `optimal`: the best; `pseudo-inverse`: those of
+    autopilots before they desaturate. Both are measured."""
+    rotor_out: Annotated[Failing, omit_if("none")] = "none"
+    """Required after any single rotor failure: `hover`, or `all`: also every load case that carries the weight."""
+    rotor_out_torque: Omitted[NonNegative] = None
+    """Any torque of this size can be added then, for attitude control; default: 0.01 l_arm m_t g."""
+    joint_moment: Omitted[LargestLoad] = None
+    """Largest moment in a joint, about its connector, in any load case [N m]; `rated`: module.joint_moment."""
+    joint_force: Omitted[LargestLoad] = None
+    """Largest force in a joint [N]; `rated`: module.joint_force."""
+
+    grows: Annotated[Flag, OMIT_EMPTY] = False
+    """True if reserves grow with the weight of the rod that a design counts. Designs have it, tasks do not."""
+    tolerances: Omitted[Flag] = None
+    """True if clearances must provably survive all errors within [tolerances], which costs effort like a margin;
+    false: they are only measured; default: required where a new task has tolerances, measured in older files."""
+
+    @property
+    def keeps_reserves(self) -> bool:
+        """True if reserves are asked for with all rotors alive."""
+        sizes = self.force_reserve, self.torque_reserve, self.com_error, *self.angular_acceleration
+        return any(size > 0 for size in sizes)
+
+    @property
+    def asks(self) -> bool:
+        """True if anything is asked for."""
+        how = {"units", "around", "at", "directions", "allocator", "grows"}
+        return self != AskedFlight(**{name: getattr(self, name) for name in how})
+
+    def at_level(self, level: Level) -> AskedFlight:
+        """Return the same with what a level of goals sets; without failures no torque is left for them."""
+        set_ = {name: value for name, value in level._asdict().items() if value is not None and hasattr(self, name)}
+        held = self.model_copy(update=set_)
+        return held.model_copy(update={"rotor_out_torque": None}) if held.rotor_out == "none" else held
+
+    def to_si(self, force_unit: float, torque_unit: float, *, grows: bool = False) -> AskedFlight:
+        """Return the same in N and N m, given m_t g [N] and l_arm m_t g [N m]; where nothing is asked, nothing.
+
+        `grows`: whether a design adds to m_t.
+        """
+        if not self.asks:
+            return AskedFlight()
+        f, t = (force_unit, torque_unit) if self.units == "weight" else (1.0, 1.0)
+        changed: dict[str, object] = {
+            "units": "SI",
+            "force_reserve": self.force_reserve * f,
+            "torque_reserve": self.torque_reserve * t,
+            "grows": self.grows or (grows and self.units == "weight"),
+        }
+        if self.rotor_out != "none":
+            left = self.rotor_out_torque
+            changed["rotor_out_torque"] = 0.01 * torque_unit if left is None else left * t
+        return self.model_copy(update=changed)
+
+    def regrow(self, ratio: float) -> AskedFlight:
+        """Return the same for a platform whose weight is so many times what it was."""
+        if not self.grows:
+            return self
+        names = ("force_reserve", "torque_reserve", "rotor_out_torque")
+        given = {name: getattr(self, name) for name in names}
+        return self.model_copy(update={name: r * ratio for name, r in given.items() if r is not None})
+
+
+def centres(task: ResolvedTask) -> list[Centre]:
+    """Return where reserves are asked for."""
+    return centres_of(task, task.flight.around) if task.flight.keeps_reserves else []
+
+
+def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[Centre]:
+    """Return hover, or hover and every load case that carries the weight, none of which weighs anything."""
+    weight = task.force_unit(task.n)
+    hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, weight)), weight=0.0)
+    centres = [(0, "hover", hover)]
+    if which == "all":
+        for k, (label, case) in enumerate(zip(task.case_labels, task.load_cases, strict=True)):
+            if case.at_com.force[2] >= weight * (1 - 1e-9):  # up to rounding
+                plain = {"name": None, "weight": 0.0, "cone": None, "vertices": ()}
+                centres.append((k + 1, label, case.model_copy(update=plain)))
+    return centres
+
+
+def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, torque_unit: float) -> Broken:
+    """Yield what is wrong with reserves, for so many load cases and corners of their sets, and n modules."""
+    for field, r, unit in (
+        ("force_reserve", flight.force_reserve, force_unit),
+        ("torque_reserve", flight.torque_reserve, torque_unit),
+        ("rotor_out_torque", flight.rotor_out_torque, torque_unit),
+    ):
+        factor, of = (unit, " weights") if flight.units == "weight" else (1.0, "")
+        if r is not None and not r * factor <= MOST:
+            yield ("flight", field), f"must be at most {MOST:g} N and N m, but got {r:g}{of}"
+    around = len(_circumscribe(disc=flight.directions == "horizontal")) * (flight.force_reserve > 0)
+    around *= len(PLACES[flight.at])
+    around += len(_circumscribe(disc=False)) * (flight.torque_reserve > 0)
+    around += 2 * sum(map(bool, flight.angular_acceleration))
+    around *= 1 + cases * (flight.around == "all")
+    around += len(_cover_cap(flight.tilt_deg)) * (flight.tilt_deg > 0)
+    if around and (number := cases + around) > LIMITS.load_cases:
+        text = f"must ask for at most {LIMITS.load_cases} wrenches with all load cases, but got up to {number:,}"
+        yield ("flight",), text
+    failures = 4 * n * len(_circumscribe(disc=False)) * (1 + cases * (flight.rotor_out == "all"))
+    if flight.rotor_out != "none" and failures > LIMITS.failures:
+        text = f"must ask for at most {LIMITS.failures:,} wrenches with a rotor dead, but got up to {failures:,}"
+        yield ("flight", "rotor_out"), text
+
+
+def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
+    """Return the corners around each reserve, or points of the balls themselves, as where rows have the balls.
+
+    `inner`: points of balls alone, and nothing of tilts, accelerations and errors of the centre of mass.
+    """
+    flight, groups = task.flight, list[list[Corner]]()
+    on_balls = inner or flight.allocator == "pseudo-inverse"
+    level = flight.directions == "horizontal"
+    for _, label, case in centres(task):
+        for field, point, r, unit, disc in (
+            *(("force", at, flight.force_reserve, task.force_unit(task.n), level) for at in PLACES[flight.at]),
+            ("torque", "", flight.torque_reserve, task.torque_unit(task.n), False),
+        ):
+            around = _circumscribe(disc=disc)
+            if on_balls:
+                r, around = max(0.0, r - UNSEEN * unit), around / np.linalg.norm(around, axis=1, keepdims=True)
+            if r > 0:
+                groups.append(_corners(f"{label}, {field} reserve{AT[point]}", case, field, r * around, point))
+        if not inner:
+            groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
+            groups += [[Corner(label, case)]] if flight.com_error else []
+    if flight.tilt_deg and not on_balls:
+        (_, label, case), weight = centres_of(task, "hover")[0], task.force_unit(task.n)
+        around = weight * (_cover_cap(flight.tilt_deg) - np.array([0.0, 0.0, 1.0]))
+        groups.append(_corners(f"{label}, tilt", case, "force", around, "_com"))
+    if flight.com_error and not inner:
+        groups = [[off for corner in group for off in _off_centre(corner, flight.com_error)] for group in groups]
+    return groups
+
+
+def box_corners(half: float) -> Array:
+    """Return the corners of a cube about zero, shape (8, 3)."""
+    return half * np.array(list(product((1.0, -1.0), repeat=3)))
+
+
+def failure_corners(task: ResolvedTask) -> list[list[Corner]]:
+    """Return what must be possible with each rotor dead: corners around the torques that are left, or the case."""
+    flight, groups = task.flight, list[list[Corner]]()
+    if flight.rotor_out == "none":
+        return groups
+    around = (flight.rotor_out_torque or 0.0) * _circumscribe(disc=False)
+    for _, label, case in centres_of(task, flight.rotor_out):
+        for rotor in range(4 * task.n):
+            words = f"{label}, {rotor_name(rotor)} dead"
+            corners = [Corner(words, case)]
+            if around.any():
+                corners = _corners(f"{words}, torque", case, "torque", around)
+            groups.append([corner._replace(dead=rotor) for corner in corners])
+    return groups
+
+
+def rotor_name(rotor: int) -> str:
+    """Return what a rotor is called, given its place among all, module by module."""
+    return f"rotor {rotor % 4} of module {rotor // 4}"
+
+
+def _corners(words: str, case: LoadCase, field: str, around: Array, point: Place = "") -> list[Corner]:
+    """Return corners around a load case, in its force or torque at a place, shape (c, 3) [N, N m]."""
+    given, side = (case.at_com, "com") if point else (case.at_end_effector, "end_effector")
+    corners = list[Corner]()
+    for number, corner in enumerate((np.array(getattr(given, field)) + around).tolist()):
+        x, y, z = corner
+        wrench = given.model_copy(update={field: (x, y, z)})
+        corners.append(Corner(f"{words} {number}", case.model_copy(update={side: wrench})))
+    return corners
+
+
+def _off_centre(corner: Corner, error: float) -> Iterator[Corner]:
+    """Yield a corner with its centre of mass off to every side; errors along its force make no difference."""
+    com = corner.case.at_com
+    for number, torque in enumerate(np.unique(np.cross(box_corners(error), com.force), axis=0)):
+        x, y, z = np.add(com.torque, torque).tolist()
+        case = corner.case.model_copy(update={"com": com.model_copy(update={"torque": (x, y, z)})})
+        yield corner._replace(label=f"{corner.label}, centre of mass off {number}", case=case)
+
+
+def _acceleration_corners(label: str, case: LoadCase, sizes: Vector) -> Iterator[Corner]:
+    """Yield the corners of accelerations about x, y and z, either way [rad/s^2]."""
+    for axis, size, unit in zip("xyz", sizes, np.eye(3), strict=True):
+        for way, a in (("+", size * unit), ("-", -size * unit)):
+            if size:
+                x, y, z = a.tolist()
+                yield Corner(f"{label}, angular acceleration about {way}{axis}", case, acceleration=(x, y, z))
+
+
+def _circumscribe(*, disc: bool) -> Array:
+    """Return the corners of a polytope around the unit ball, or of a polygon around the unit disc, shape (c, 3)."""
+    if disc:
+        sides = 8  # corners of the polygon are then 8 % farther out
+        angles, out = 2 * np.pi / sides * np.arange(sides), 1 / math.cos(math.pi / sides)
+        return out * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
+    return np.concatenate([AXES * np.eye(3), -AXES * np.eye(3), DIAGONALS * box_corners(1 / math.sqrt(3))])
+
+
+def _cover_cap(half_angle_deg: float) -> Array:
+    """Return the corners of a polytope around a cap of the unit sphere about z, shape (c, 3).
+
+    No corner is higher than the cap: planes that touch it at its rim, and the one at its top, are its sides.
+    """
+    t, disc = math.radians(half_angle_deg), _circumscribe(disc=True)
+    z = np.array([0.0, 0.0, 1.0])
+    return np.concatenate([math.sin(t) * disc + math.cos(t) * z, math.tan(t / 2) * disc + z])

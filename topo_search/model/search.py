@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field, Tag
 
 from topo_search.limits import LIMITS
 from topo_search.model.bad_input import show
-from topo_search.model.reserves import Failing
+from topo_search.model.load_case import Failing
 from topo_search.model.value import (
     OMIT_EMPTY,
     Angle,

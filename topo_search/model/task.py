@@ -20,9 +20,8 @@ from pydantic import AfterValidator, BeforeValidator, Tag, model_validator
 from topo_search.limits import LIMITS
 from topo_search.model.bad_input import show
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
-from topo_search.model.load_case import LoadCase, broken_rules, labels, ten_wrenches
+from topo_search.model.load_case import AskedFlight, LoadCase, broken_reserves, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AGREE, AIR_DENSITY, CountedRod, EndEffector, Module, ResolvedEndEffector
-from topo_search.model.reserves import AskedFlight, broken_reserves
 from topo_search.model.room import (
     LARGE,
     Balls,

@@ -14,8 +14,8 @@ from topo_search.model.proven import gap_percent, improvement
 from topo_search.model.search import Level
 from topo_search.model.text import heading, paragraph, table
 from topo_search.study.folder import RunFolder
-from topo_search.study.front import FRONT_COLUMNS, FrontPoint, idle_goals
 from topo_search.study.ledger import AUDITED, COLUMNS, FLIGHT, Row, SolveEvent, kind_of, proven_cell
+from topo_search.study.optima import FRONT_COLUMNS, FrontPoint, idle_goals
 from topo_search.topologies import Resolution
 
 if TYPE_CHECKING:

@@ -19,9 +19,8 @@ from topo_search.engine import Backends, Engine, Strategy, WorkersLost
 from topo_search.study.answer import Answer, quotient_remark
 from topo_search.study.directory import ReadOnlyFolder
 from topo_search.study.folder import RunFolder
-from topo_search.study.front import write_front
 from topo_search.study.ledger_file import KEPT
-from topo_search.study.optima import keep_optima
+from topo_search.study.optima import keep_optima, write_front
 from topo_search.study.progress import WRITING, Observer, proof_phase, remaining_plan
 from topo_search.study.relaxing import find_causes
 from topo_search.study.request import Request

@@ -38,9 +38,9 @@ from topo_search.study.answer import (
 )
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
-from topo_search.study.front import front_of
 from topo_search.study.ledger import FLIGHT, Ledger, Row, flight_of
 from topo_search.study.ledger_file import LedgerLost, damage
+from topo_search.study.optima import front_of
 from topo_search.study.proofs import ProofSummary, subject_of, summarize
 from topo_search.study.relaxing import causes
 from topo_search.study.request import Context, Request

@@ -41,7 +41,7 @@ from topo_search.model import (
     Sensitivity,
     Wrench,
 )
-from topo_search.model.reserves import centres_of
+from topo_search.model.load_case import centres_of
 from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
 from verify.flight.balls import Ball, largest_balls, largest_caps

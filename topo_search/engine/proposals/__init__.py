@@ -35,7 +35,6 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
 
-from topo_search.engine.jobs import rounds
 from topo_search.engine.proposals.moves import Moves
 from topo_search.engine.proposals.trials import (
     HALVING,
@@ -53,6 +52,7 @@ from topo_search.engine.proposals.trials import (
     violation,
 )
 from topo_search.engine.strategy import Proposal, Scored, Space, Stage, Strategy
+from topo_search.engine.workers import rounds
 from topo_search.model import BadInput, Fault, Topology
 from topo_search.protocols import SamplerFactory, TopologySampler
 from topo_search.supervisor import is_out_of_memory
