@@ -43,8 +43,7 @@ from nlp.requirements.rod import BestRod
 from nlp.symbols.platform import of_module, of_platform, of_rod, poses, rod_vector, scale, thrust, tip_and_com
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.room import part_cover
 
 FITTING = 2.0

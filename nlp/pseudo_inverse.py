@@ -37,7 +37,7 @@ from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.load_case import AT, PLACES, box_corners, centres, centres_of
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
 ROUND = 1e-16

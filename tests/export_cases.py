@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import Design, Mount, Task, Topology
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.topologies import sample
 from verify.kinematics import platform
 

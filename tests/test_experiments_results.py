@@ -14,7 +14,7 @@ from topo_search.cli.experiment import NAMES
 from topo_search.experiments import Settings, experiment, results
 from topo_search.experiments.conducting import COLUMNS, METHOD
 from topo_search.experiments.paper import FULLY, REACHED
-from topo_search.experiments.plan import FEW_ABOVE, IDENTITY
+from topo_search.experiments.plan import IDENTITY
 from topo_search.model.proven import gap_percent
 
 FOLDER = Path(__file__).parents[1] / "notebooks" / "results"
@@ -107,7 +107,7 @@ def test_the_documentation_says_how_many_trees_the_scaling_study_has():
     few, fewer = json.loads((FOLDER / "scaling.json").read_text())["settings"]["topologies"]
     sizes = results(FOLDER / "scaling-direct.csv")["n"]
     words = " ".join(documented.TEXT.split())
-    assert f"{few} trees per size, above {FEW_ABOVE} modules {fewer}" in words
+    assert f"{few} trees per size, above {Settings.few_above} modules {fewer}" in words
     assert f"for {sizes.min()} to {sizes.max()} modules also the paper's formulation written directly" in words
 
 

@@ -23,7 +23,7 @@ from topo_search.export.brackets import (
 )
 from topo_search.export.sheet import parts_list, sheet
 from topo_search.model import BadInput, Design, Task, Topology
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
 from topo_search.topologies import sample
 from verify.kinematics import platform

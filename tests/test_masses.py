@@ -27,8 +27,8 @@ from topo_search.export.allocation import allocation
 from topo_search.export.mjcf import mjcf
 from topo_search.export.urdf import urdf
 from topo_search.model import BadInput, Design, Status, Topology
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.files import validate
-from topo_search.model.layout import PORT_DIRECTIONS
 from verify import audit
 from verify.flight.joints import inertia, joint_loads
 from verify.kinematics import platform

@@ -19,8 +19,8 @@ from nlp.bounds.branch.proof import chunk_box, prove_chunk
 from nlp.numbers.point import Point
 from nlp.units import Units
 from topo_search.model import Design, Topology
+from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.files import read_json, read_task
-from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import chunk_count, proof_task
 from verify.beside_airflow import beside_airflow, certify_beside
 from verify.bodies import ConeSphere

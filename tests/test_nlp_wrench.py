@@ -13,7 +13,7 @@ from nlp.numbers.point import Point
 from nlp.problem import problem
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from topo_search.model import Topology
-from topo_search.model.layout import ROTOR_DIRECTIONS
+from topo_search.model.arrays import ROTOR_DIRECTIONS
 from verify.kinematics import platform
 from verify.residuals import residuals
 from verify.wrench import wrench_errors

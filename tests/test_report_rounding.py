@@ -37,9 +37,9 @@ from topo_search.report.ranking import ranking
 from topo_search.report.wording import near_tie_cells
 from topo_search.study import Answer, FrontPoint
 from topo_search.study.answer import LevelAnswer
-from topo_search.study.checking import Checked, CheckedTree
 from topo_search.study.ledger import Row
 from topo_search.study.proofs import ProofState, problem
+from topo_search.study.proving import Checked, CheckedTree
 
 UNITS = {"mm": 1e-3, "cm": 1e-2}
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")

@@ -12,7 +12,7 @@ from topo_search import BadInput, Design, Geometry, audit, read_design, read_jso
 from topo_search.cli import main
 from topo_search.model import Status
 from topo_search.model.files import to_geometry
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 from verify.wrench import objective
 
 DESIGNS = Path(__file__).parent / "designs"

@@ -9,7 +9,7 @@ from verify_cases import design
 from topo_search.export.brackets import MILLIMETRES, TURNS, bracket, connector_turn
 from topo_search.export.poses import poses
 from topo_search.model import Design, Status, Task, Topology
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS
 from verify import audit
 from verify.contacts import bracket_hulls
 from verify.kinematics import platform

@@ -12,7 +12,7 @@ from suites import few
 from verify_cases import design, unit
 
 from topo_search.model import Status, Topology
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS
 from verify import audit
 from verify.convex import CLIPPING, Polyhedron, box, clip
 from verify.kinematics import platform

@@ -5,8 +5,8 @@ import pytest
 from verify_cases import FAN, changed, design, fan, unit
 
 from topo_search.model import BadInput, Design, Mount, Status, Topology
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.files import validate
-from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.topologies import sample
 from verify import audit, choose_mount
 from verify.kinematics import platform, poses

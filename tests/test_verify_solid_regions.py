@@ -16,8 +16,8 @@ from nlp.joints import holder
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
 from topo_search.model import Design, Status, Task, Topology
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.files import to_toml
-from topo_search.model.layout import PORT_DIRECTIONS
 from verify import audit, choose_mount
 from verify.bodies import Cone
 from verify.cones import certify_parts_inside, lowest_point

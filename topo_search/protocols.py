@@ -22,9 +22,9 @@ from typing import Any, Literal, Protocol, runtime_checkable
 from pydantic import ValidationError
 
 from topo_search.model import Design, ResolvedTask, Topology
-from topo_search.model.bad_input import faults_of
 from topo_search.model.design import Stated, Versioned
 from topo_search.model.room import FOLD
+from topo_search.model.value import faults_of
 
 Expression = Any
 """`casadi.SX`: a symbol, or what is made of symbols."""

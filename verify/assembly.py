@@ -18,9 +18,9 @@ from topo_search.model import (
     Rod,
     Status,
 )
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model.proven import TOLERANCE
 from topo_search.model.room import LARGE, packed_width
-from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.value import Vector
 from verify.bodies import Array
 from verify.kinematics import Platform, platform

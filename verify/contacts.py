@@ -35,7 +35,7 @@ from itertools import combinations, product
 import numpy as np
 
 from topo_search.model import AllowedContact, Design, Mount
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.room import INWARDS, OUTWARDS
 from verify.bodies import Array
 from verify.certificate import Row, Solid

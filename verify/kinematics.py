@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import Design, Topology
-from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from topo_search.model import Design, Module
-from topo_search.model.layout import ROTOR_DIRECTIONS
+from topo_search.model.arrays import ROTOR_DIRECTIONS
 from verify.bodies import Array
 from verify.compounds import Compound
 from verify.convex import Convex, Polyhedron, box, cylinder

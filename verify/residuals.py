@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from topo_search.model import LEAST_OFFSET, Design, Residual, Status, needs_offset
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 from verify.kinematics import Platform
 from verify.wrench import objective, wrench_errors
 

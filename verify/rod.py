@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Design, FreeConnector, Mount, Obstacle
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS
 from verify.bodies import Array, Rows
 from verify.certificate import FLOOR
 from verify.clearance import clearances_of

@@ -60,9 +60,9 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Design, Topology, needs_offset
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.audit import Kind
 from topo_search.model.exposure import EXPOSURE_KINDS
-from topo_search.model.layout import PORT_DIRECTIONS
 from verify.bodies import Array, Cone, Rows
 from verify.certificate import Solid, witnesses
 from verify.hulls import Hull, witness

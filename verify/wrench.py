@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from topo_search.model import Design, LoadCase, Module
-from topo_search.model.layout import ROTOR_SPINS
+from topo_search.model.arrays import ROTOR_SPINS
 from verify.bodies import Array
 from verify.kinematics import Platform
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from topo_search.model import Design, Residual, Status
 from topo_search.model.corners import corners_of
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 from verify.flight.programs import LARGEST, Box, find_solutions
 from verify.kinematics import Platform
 from verify.residuals import residual

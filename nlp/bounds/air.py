@@ -34,9 +34,8 @@ from nlp.bounds.refutation import (
     unseen_thrust,
 )
 from topo_search.model import ResolvedTask
-from topo_search.model.proven import excess_texts, lower_text
+from topo_search.model.proven import TOLERANCE, excess_texts, lower_text
 from topo_search.model.shape import Capsule, Cone, Shape
-from topo_search.model.tolerances import TOLERANCE
 
 
 def windy(task: ResolvedTask) -> Refutation | None:

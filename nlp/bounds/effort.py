@@ -14,7 +14,7 @@ from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.module import CountedRod
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 
 
 class EffortBound(NamedTuple):

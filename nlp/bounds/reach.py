@@ -41,8 +41,7 @@ from nlp.numbers.geometry import Swept, clearance, rotation
 from topo_search.model import AirflowEnvelope, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.exposure import Local
-from topo_search.model.proven import excess_texts, lower_text, upper_text
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE, excess_texts, lower_text, upper_text
 
 
 class PathSearch(NamedTuple):

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from topo_search.model import ResolvedTask
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 
 
 @dataclass(frozen=True)

@@ -62,8 +62,7 @@ from nlp.bounds.refutation import (
 )
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask, Topology
-from topo_search.model.proven import excess_texts, lower_text
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE, excess_texts, lower_text
 
 
 class ForceProof(NamedTuple):

@@ -37,8 +37,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from topo_search.model import AirflowEnvelope, Module, ResolvedTask, Topology
-from topo_search.model.arrays import Array
-from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
+from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
 from topo_search.model.room import FOLD, Folds, nearest_fold
 from topo_search.model.shape import Hull
 

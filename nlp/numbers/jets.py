@@ -26,9 +26,8 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Module
-from topo_search.model.arrays import Array
+from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
 from topo_search.model.compiled_code import njit
-from topo_search.model.layout import ROTOR_DIRECTIONS
 
 
 class JetRounding(NamedTuple):

@@ -21,8 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import EndEffector, Module, Topology
-from topo_search.model.arrays import Array, read_only
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
 
 TINY = 1e-12
 """Square of a rod's length below which its turn about itself no longer matters [l_arm^2]."""

@@ -12,9 +12,8 @@ from nlp.numbers.geometry import Swept, envelopes, poses, root_rotation
 from nlp.numbers.masses import Masses, masses
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.corners import CorneredTask, to_corners
-from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import CountedRod
 
 

@@ -24,8 +24,7 @@ from nlp.numbers.point import Point
 from nlp.symbols.platform import Pose, force_residual, torque_residual
 from nlp.units import Units
 from topo_search.model import LoadCase, Module, ResolvedTask
-from topo_search.model.arrays import Array
-from topo_search.model.layout import ROTOR_DIRECTIONS, ROTOR_SPINS
+from topo_search.model.arrays import ROTOR_DIRECTIONS, ROTOR_SPINS, Array
 from topo_search.model.value import Vector
 
 WRENCH_TOLERANCE = 1e-8

@@ -44,8 +44,7 @@ from nlp.requirements.statement import (
 )
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology, segment_of
-from topo_search.model.arrays import Array
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.module import TIP
 from topo_search.model.shape import Shape
 

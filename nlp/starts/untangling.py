@@ -29,8 +29,7 @@ from nlp.requirements.statement import Distance
 from nlp.starts.tabu_search import Poses, Rules, Tree, straighten, tabu_search
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 
 CLEAR = 0.02
 """Clearance at which a pair counts as free [l_arm]."""

@@ -47,7 +47,7 @@ from nlp.numbers.geometry import torque_map
 from nlp.numbers.masses import TINY, Body, Masses, RodMass, masses
 from nlp.units import Units
 from topo_search.model import EndEffector, LoadCase, Module, Topology
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.value import Vector
 
 

@@ -97,7 +97,7 @@ class DesignFile:
     @property
     def name(self) -> str:
         """The path as it can be printed: Unicode without control characters."""
-        from topo_search.model.bad_input import to_printable
+        from topo_search.model.value import to_printable
 
         return to_printable(self.path)
 

@@ -29,9 +29,9 @@ from topo_search.experiments.plan import IDENTITY, Cell, Settings
 from topo_search.export.poses import poses
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, Status, Topology
-from topo_search.model.bad_input import show
 from topo_search.model.files import load_json, read_task
 from topo_search.model.text import NotReadable, decode, escape_formula, read_regular
+from topo_search.model.value import show
 from topo_search.study import Observer, Phase, Silent
 from topo_search.study.directory import Directory
 from topo_search.study.folder import refusal

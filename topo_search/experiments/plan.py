@@ -7,16 +7,14 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault, ResolvedTask
-from topo_search.model.bad_input import nearest, show
 from topo_search.model.files import examples, read_task
+from topo_search.model.value import nearest, show
 from topo_search.topologies import candidates, count, draws
 
-FEW_ABOVE = 40
-"""Number of modules above which the second number of `Settings.topologies` holds."""
 AIRFLOW_ALONE = "search.body_clearance=false"
 """The paper's clearances: only airflow keeps modules apart."""
 IDENTITY = ("variant", "task", "distance_m", "n", "key", "task_seed")
@@ -27,10 +25,13 @@ IDENTITY = ("variant", "task", "distance_m", "n", "key", "task_seed")
 class Settings:
     """The conditions of an experiment, and its random numbers."""
 
+    few_above: ClassVar = 40
+    """Number of modules above which the second number of `topologies` holds."""
+
     tasks: tuple[tuple[str, tuple[int, ...]], ...]
     """Shipped examples, each with its numbers of modules."""
     topologies: tuple[int, int]
-    """Trees per size, up to FEW_ABOVE modules and above; all trees where there are no more."""
+    """Trees per size, up to `few_above` modules and above; all trees where there are no more."""
     starts: int
     """Largest number of starts per topology."""
     distances: tuple[float, ...] = ()
@@ -76,7 +77,7 @@ class Settings:
 
     def trees(self, n: int) -> int:
         """Return the largest number of trees of n modules."""
-        return self.topologies[n > FEW_ABOVE]
+        return self.topologies[n > self.few_above]
 
     def as_json(self) -> dict[str, Any]:
         """Return them as a JSON value."""

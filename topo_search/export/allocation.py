@@ -25,9 +25,8 @@ import numpy as np
 
 from topo_search.export import allocator
 from topo_search.export.poses import Poses, poses
-from topo_search.model.arrays import Array
+from topo_search.model.arrays import ROTOR_SPINS, Array
 from topo_search.model.design import Design
-from topo_search.model.layout import ROTOR_SPINS
 from topo_search.model.module import Module
 from topo_search.model.text import csv_text
 from topo_search.model.value import Index, Number, Value, Vector

@@ -27,11 +27,10 @@ from trimesh import Trimesh
 
 from topo_search.export.poses import Rod, poses, rod_of, rotation_to
 from topo_search.export.solids import pose_matrix
-from topo_search.model.arrays import Array
-from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
-from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket, Module
+from topo_search.model.value import BadInput, Fault
 from verify.kinematics import rotation
 
 MILLIMETRES = 1000.0

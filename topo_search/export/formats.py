@@ -10,9 +10,9 @@ from collections.abc import Callable
 from importlib import import_module, metadata
 from pathlib import Path
 
-from topo_search.model.bad_input import BadInput
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
+from topo_search.model.value import BadInput
 from topo_search.protocols import DesignWriter, OwnFormat
 from topo_search.supervisor import is_out_of_memory
 

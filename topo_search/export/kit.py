@@ -13,9 +13,9 @@ from topo_search.export.mjcf import mjcf
 from topo_search.export.px4 import px4_parameters, px4_warnings, reason_against
 from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet
 from topo_search.export.simulator_xml import AS_SEARCHED, Physics
-from topo_search.model.bad_input import BadInput
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
+from topo_search.model.value import BadInput
 
 DESIGN, ALLOCATION, PARAMETERS = "design.json", "allocation.json", "platform.params"
 ALLOCATOR = "allocator.py"

@@ -35,8 +35,8 @@ from topo_search.export.simulator_xml import (
     rgba,
     xml_text,
 )
+from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.design import Design
-from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.module import Module
 
 SPIN_CLASSES = {-1: "drag_against_thrust_axis", 1: "drag_along_thrust_axis"}

@@ -44,10 +44,9 @@ from topo_search.export.poses import (
     towards_viewer,
 )
 from topo_search.export.tree_drawing import draw_tree
-from topo_search.model.arrays import Array
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
-from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Module
 from topo_search.model.proven import gap_percent
 from topo_search.model.shape import Capsule, Cone, Polytope

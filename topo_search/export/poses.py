@@ -28,8 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from topo_search.model import BadInput, Design, Fault, ResolvedTask
-from topo_search.model.arrays import Array, read_only
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
 from topo_search.model.shape import Cone, Hull, Polytope, Shape, convex_hull
 from verify.kinematics import platform
 

@@ -33,7 +33,7 @@ import numpy as np
 
 from topo_search.export.allocation import RANK_TOLERANCE, Allocation, Rotor
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import BadInput, Fault
+from topo_search.model.value import BadInput, Fault
 
 MOST_ROTORS = 12
 WEAK = 0.05

@@ -28,9 +28,8 @@ from topo_search.export.brackets import (
     has_clamp,
 )
 from topo_search.export.poses import ROTOR_ANGLES, Poses, poses, rod_of
-from topo_search.model.arrays import Array
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
-from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
 from topo_search.model.task import ResolvedTask
 from topo_search.model.text import csv_text, html_page, paragraph, table

@@ -16,8 +16,7 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.model import Assembly, Design
-from topo_search.model.arrays import Array
-from topo_search.model.layout import PORT_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.topology import PORT_NAMES, Topology
 
 if TYPE_CHECKING:

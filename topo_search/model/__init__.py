@@ -17,7 +17,6 @@ from topo_search.model.audit import (
     Status,
     WorstCase,
 )
-from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import (
     Design,
     Geometry,
@@ -46,3 +45,4 @@ from topo_search.model.proof import CheckedChunk, Chunk, Proof
 from topo_search.model.search import Search
 from topo_search.model.task import ResolvedTask, Task, Tolerances
 from topo_search.model.topology import Topology
+from topo_search.model.value import BadInput, Fault

@@ -26,12 +26,11 @@ from pydantic import (
 
 from topo_search.limits import quantity
 from topo_search.model.arrays import Array, read_only
-from topo_search.model.bad_input import show
 from topo_search.model.proven import at_least, gap_percent, lower_text, upper_text
 from topo_search.model.task import ResolvedTask, Task, before_requirement
 from topo_search.model.text import heading, paragraph, table
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
-from topo_search.model.value import OMIT_EMPTY, Broken, Flag, Index, Location, Number, Omitted, Value, Vector
+from topo_search.model.value import OMIT_EMPTY, Broken, Flag, Index, Location, Number, Omitted, Value, Vector, show
 
 NOT_CERTIFIED = "stated by the user, not certified"
 """Wording for a claim that nothing proves."""

@@ -15,7 +15,6 @@ from pydantic import AfterValidator, ConfigDict, Field, Tag, ValidationInfo, mod
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import show
 from topo_search.model.mesh_file import FARTHEST, convex_pieces, mesh_schema, take_mesh
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape, has_volume, unit
 from topo_search.model.value import (
@@ -33,6 +32,7 @@ from topo_search.model.value import (
     is_zero,
     one_of,
     refuse,
+    show,
 )
 
 

@@ -13,11 +13,11 @@ import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import LIMITS
-from topo_search.model.bad_input import BadInput, Fault, faults_of, nearest
 from topo_search.model.design import Design, Geometry
 from topo_search.model.mesh_file import Folder
 from topo_search.model.task import Task
 from topo_search.model.text import NotParsed, NotReadable, apply_settings, json_data, read_text, toml_data
+from topo_search.model.value import BadInput, Fault, faults_of, nearest
 
 Model = TypeVar("Model", bound=BaseModel)
 

@@ -25,11 +25,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from topo_search.limits import LIMITS
-from topo_search.model.bad_input import BadInput
 from topo_search.model.files import load_text, validate
 from topo_search.model.proven import lower_text
 from topo_search.model.text import NotParsed, toml_data
 from topo_search.model.value import (
+    BadInput,
     Broken,
     Index,
     NonEmpty,

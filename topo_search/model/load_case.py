@@ -45,10 +45,9 @@ from pydantic import AfterValidator, Field, Tag
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import show
 from topo_search.model.exposure import Direction
+from topo_search.model.proven import TOLERANCE
 from topo_search.model.shape import NOWHERE
-from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.value import (
     OMIT_EMPTY,
     Angle,
@@ -63,6 +62,7 @@ from topo_search.model.value import (
     at_most,
     omit_if,
     one_of,
+    show,
 )
 
 if TYPE_CHECKING:

@@ -23,10 +23,20 @@ from pydantic import AfterValidator
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import of_file, show, to_printable
 from topo_search.model.shape import has_volume, outer_hull
 from topo_search.model.text import read_regular
-from topo_search.model.value import Broken, Index, Positive, Value, Vector, at_most, refuse
+from topo_search.model.value import (
+    Broken,
+    Index,
+    Positive,
+    Value,
+    Vector,
+    at_most,
+    of_file,
+    refuse,
+    show,
+    to_printable,
+)
 
 Triangles = NDArray[np.intp]
 
@@ -35,11 +45,6 @@ FARTHEST = 1e15
 HEADER, FACET = 84, 50
 """Bytes of a binary STL before its facets, and of each facet."""
 NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
-PASSED_OVER = frozenset(
-    b"vt vn vp o g s mg l p end usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj "
-    b"trace_obj".split()
-)
-"""Words that an OBJ may have beside vertices and facets."""
 NO_VOLUME = "must be the mesh of a body with a volume"
 
 
@@ -302,7 +307,11 @@ def _is_facet(behind: bytes) -> bool:
 
 def _obj(content: bytes) -> tuple[bytes, int]:
     """Return an OBJ of vertices and facets alone, its corners counted from 1, and how many triangles it has."""
-    lines, statements = list[bytes](), PASSED_OVER | {b"v", b"f"}
+    passed_over = frozenset(
+        b"vt vn vp o g s mg l p end usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj "
+        b"trace_obj".split()
+    )
+    lines, statements = list[bytes](), passed_over | {b"v", b"f"}
     vertices = facets = 0
     for number, line in enumerate(_lines(content.rstrip(b"\0\x1a\r\n")), start=1):
         word, *rest = line.split() or [b""]
@@ -319,7 +328,7 @@ def _obj(content: bytes) -> tuple[bytes, int]:
                     raise ValueError(f"must have at least three corners per facet, but got {len(rest)}")
                 lines.append(b"f " + b" ".join(b"%d" % _corner(corner, vertices) for corner in rest))
                 facets += len(rest) - 2
-            elif word and word not in PASSED_OVER:
+            elif word and word not in passed_over:
                 raise ValueError(f"must be an OBJ of vertices and facets, but has {show(_text(word))}")
         except ValueError as error:
             raise ValueError(f"{error} (line {number})") from None

@@ -1,6 +1,7 @@
-"""Rounding of a proven number before a person reads it: to the side on which it is still proven.
+"""Accuracy of what is proven: required of a design, and kept where a number is rounded for a reader.
 
-Every proven figure is printed by way of `at_least` or `at_most`.
+Audit and proofs require the same accuracy, so that they agree. A proven number is rounded to the side on which it
+is still proven: every proven figure is printed by way of `at_least` or `at_most`.
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -70,3 +71,16 @@ def improvement(gap: float) -> str:
 
 def _round(value: float, digits: int, rounding: str) -> float:
     return float(Context(prec=digits, rounding=rounding).create_decimal(f"{value:.{sys.float_info.dig}g}"))
+
+
+TOLERANCE = 1e-6
+"""Largest deviation of a clear design, in units of its scale.
+
+Forces in m_t g; torques in l_arm m_t g, about the COM and about p_E; inputs in the largest allowed one; lengths in
+l_arm; the objective relative to itself; angles in rad.
+"""
+FARTHEST = 100.0
+"""Farthest that p_E may be from the COM, in lengths of the platform stretched out.
+
+Far beyond, the COM itself is far from every rotor, and forces within the tolerance make up for torques.
+"""

@@ -72,8 +72,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model.arrays import Array, read_only
-from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
+from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, Array, read_only
 from topo_search.model.module import AirflowEnvelope, Module
 from topo_search.model.proven import excess_texts
 

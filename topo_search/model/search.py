@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 from pydantic import AfterValidator, Field, Tag
 
 from topo_search.limits import LIMITS
-from topo_search.model.bad_input import show
 from topo_search.model.load_case import Failing
 from topo_search.model.value import (
     OMIT_EMPTY,
@@ -27,6 +26,7 @@ from topo_search.model.value import (
     Value,
     at_most,
     one_of,
+    show,
 )
 
 BodyClearance = Annotated[

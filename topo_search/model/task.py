@@ -18,10 +18,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Tag, model_validator
 
 from topo_search.limits import LIMITS
-from topo_search.model.bad_input import show
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
 from topo_search.model.load_case import AskedFlight, LoadCase, broken_reserves, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AGREE, AIR_DENSITY, CountedRod, EndEffector, Module, ResolvedEndEffector
+from topo_search.model.proven import FARTHEST, TOLERANCE
 from topo_search.model.room import (
     LARGE,
     Balls,
@@ -36,7 +36,6 @@ from topo_search.model.room import (
     whole_cover,
 )
 from topo_search.model.search import Goals, Level, Search
-from topo_search.model.tolerances import FARTHEST, TOLERANCE
 from topo_search.model.value import (
     Angle,
     Broken,
@@ -50,6 +49,7 @@ from topo_search.model.value import (
     at_most,
     omit_if,
     one_of,
+    show,
 )
 
 

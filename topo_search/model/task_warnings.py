@@ -30,13 +30,13 @@ from itertools import chain, starmap
 from typing import NamedTuple
 
 from topo_search.limits import quantity
-from topo_search.model.bad_input import show
 from topo_search.model.exposure import Allowed, Directional, Exterior, Local, segment_of
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Body, Module
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, OUTWARDS, frame_reach, in_words, packed_width
 from topo_search.model.task import Task
+from topo_search.model.value import show
 
 
 class TaskWarning(NamedTuple):
@@ -222,10 +222,6 @@ def _angles(task: Task) -> Doubts:
             yield path, f"{small}: is it in degrees?"
 
 
-SAME = 1e-9
-"""Relative tolerance of comparisons between forces."""
-
-
 def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
     """Return the warnings about a task, in the order of its file."""
     n = task.sizes[-1]
@@ -346,11 +342,10 @@ def _load_cases(task: Task, n: int) -> Doubts:
     unnamed = [case.model_copy(update={"name": None}) for case in task.load_cases]
     cases = [case.to_si(weight, task.torque_unit(n)) for case in unnamed]
     for k, case in enumerate(cases):
-        path = f"load_cases[{k}]"
+        path, upwards = f"load_cases[{k}]", case.at_com.force[2] + case.at_end_effector.force[2]
         if case.largest == 0:
             yield path, "asks for no force and no torque: every design meets that with its rotors off"
-        elif _falls(case, weight):
-            upwards = case.at_end_effector.force[2] + case.at_com.force[2]
+        elif max(case.at_com.force[2], upwards) < weight * (1 - 1e-9):  # up to rounding
             yield (
                 path,
                 f"its upward force of {upwards:.4g} N is less than the weight, {weight:.4g} N of {_platform(n)}; "
@@ -404,13 +399,8 @@ def largest_thrust(task: Task, n: int) -> float:
     return 4 * n * task.module.thrust_coefficient * task.max_input
 
 
-def _falls(case: LoadCase, weight: float) -> bool:
-    at_com = case.at_com.force[2]
-    return max(at_com, at_com + case.at_end_effector.force[2]) < weight * (1 - SAME)
-
-
 def _hovers(case: LoadCase, weight: float) -> bool:
     """True if a load case asks for nothing but to carry the weight."""
     wrench = case.at_com
     others = (*case.at_end_effector.force, *case.at_end_effector.torque, *wrench.force[:2], *wrench.torque)
-    return not any(others) and math.isclose(wrench.force[2], weight, rel_tol=SAME)
+    return not any(others) and math.isclose(wrench.force[2], weight)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from topo_search.limits import LIMITS
-from topo_search.model.bad_input import BadInput, Fault, show
+from topo_search.model.value import BadInput, Fault, show
 
 
 class NotReadable(ValueError):

@@ -16,11 +16,11 @@ from topo_search.export import palette
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Status, Task
 from topo_search.model.arrays import Array
-from topo_search.model.bad_input import BadInput, Fault, show
 from topo_search.model.files import load_text, read_json, to_toml
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, gap_percent
 from topo_search.model.task_warnings import task_warnings
+from topo_search.model.value import BadInput, Fault, show
 from topo_search.report.charts import MOST_POINTS
 from topo_search.report.design_part import design_part
 from topo_search.report.headline import fragile, headline, tally

@@ -24,8 +24,7 @@ from topo_search.export.poses import (
 )
 from topo_search.export.solids import airflow, cone_sphere, frame, join, pose_matrix, region_mesh, rotor_discs
 from topo_search.model import Assembly, Audit, Clearance, Design
-from topo_search.model.arrays import Array
-from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
+from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
 from topo_search.model.module import Module
 from topo_search.model.shape import Cone
 from topo_search.report.wording import clearance

@@ -15,8 +15,7 @@ from trimesh import Trimesh
 from topo_search.export import palette
 from topo_search.export.poses import Poses, azimuth_deg, towards_viewer
 from topo_search.model import Assembly, Audit, Design
-from topo_search.model.arrays import Array
-from topo_search.model.layout import ROTOR_DIRECTIONS
+from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
 from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.arrows import arrows, force_polytope, metres_per_newton

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import get_args
 
-from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.load_case import labels
+from topo_search.model.value import BadInput, Fault
 from topo_search.simulation.authority import (
     MET,
     hardest_rotor,

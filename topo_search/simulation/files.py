@@ -12,10 +12,10 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.export.poses import poses
-from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.text import csv_text
+from topo_search.model.value import BadInput, Fault
 from topo_search.simulation.campaign import Campaign, Flown
 from topo_search.simulation.fly import Watch
 from topo_search.simulation.plant import Plant

@@ -1,13 +1,12 @@
 """A run and its folder: what was asked, every candidate's row in the ledger, and the answer."""
 
 from topo_search.study.answer import NEAR, Answer, SizeAnswer
-from topo_search.study.checking import Checked, check
 from topo_search.study.folder import REPORT, RunFolder
 from topo_search.study.ledger import COLUMNS, Row, SolveEvent
 from topo_search.study.ledger_file import LedgerLost
 from topo_search.study.optima import FrontPoint, front
 from topo_search.study.progress import Observer, Phase, Plan, Silent, TimeLeft
-from topo_search.study.proving import prove
+from topo_search.study.proving import Checked, check, prove
 from topo_search.study.request import (
     DEFAULT_ROUND,
     LARGER_MARGINS,

@@ -17,10 +17,10 @@ from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Proof, ResolvedTask, Task
-from topo_search.model.bad_input import faults_of
 from topo_search.model.files import to_json, to_toml, validate
 from topo_search.model.task import before_requirement
 from topo_search.model.text import NotParsed, NotReadable, csv_text, decode, toml_data
+from topo_search.model.value import faults_of
 from topo_search.study.directory import Directory, ReadOnlyFolder, RunFile
 from topo_search.study.ledger import COLUMNS, Ledger, Row
 from topo_search.study.ledger_file import blank

@@ -107,8 +107,10 @@ class Row:
 
 
 ROW_FIELDS = tuple(field.name for field in fields(Row))
-PROVEN = ("proven_bound", "proven_gap", "proof", "proven_problem")
-COLUMNS = (*ROW_FIELDS[: ROW_FIELDS.index("asked")], *FLIGHT, *AUDITED, *PROVEN)
+COLUMNS = (
+    *(*ROW_FIELDS[: ROW_FIELDS.index("asked")], *FLIGHT, *AUDITED),
+    *("proven_bound", "proven_gap", "proof", "proven_problem"),
+)
 """The columns of `candidates.csv`: fields of a row before `asked`, then what audits say, last what proofs do."""
 
 

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from topo_search.model import BadInput
-from topo_search.model.bad_input import faults_of
+from topo_search.model.value import faults_of
 
 if TYPE_CHECKING:
     from topo_search.model import Design

@@ -35,8 +35,8 @@ from topo_search.model import Audit, Design, Flight, ResolvedTask, Topology
 from topo_search.model.files import to_json
 from topo_search.model.load_case import PLACES, Failing, centres_of
 from topo_search.model.proof import Text
+from topo_search.model.proven import TOLERANCE
 from topo_search.model.search import GOALS, Goal, Level
-from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.value import Index, Number, Value
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder

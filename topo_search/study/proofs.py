@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from topo_search.study.folder import RunFolder
 
 EXCLUDED, WITHIN, OPEN, IMPOSSIBLE = "excluded", "within", "open", "impossible"
-NO_GOALS = "has goals: a proof needs a single objective; run the task without goals"
 
 
 class ProofState(NamedTuple):

@@ -40,7 +40,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
 
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
-from topo_search.model.bad_input import show
+from topo_search.model.value import show
 from topo_search.topologies.rooted import (
     GROUPS,
     Connectors,

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from topo_search.model import Design, JointLoad, LoadCase
-from topo_search.model.layout import ROTOR_SPINS
+from topo_search.model.arrays import ROTOR_SPINS
 from verify.bodies import Array
 from verify.kinematics import Platform
 from verify.residuals import clamp

@@ -42,7 +42,7 @@ from topo_search.model import (
     Wrench,
 )
 from topo_search.model.load_case import centres_of
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
 from verify.flight.balls import Ball, largest_balls, largest_caps
 from verify.flight.failures import remainder

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
 from verify.flight.balls import half_angles
 from verify.flight.programs import Box

@@ -11,7 +11,7 @@ import numpy as np
 from topo_search.model import CaseFlight, Design, Flight, Residual, Sensitivity, Status
 from topo_search.model.audit import WITHIN_TOLERANCES
 from topo_search.model.load_case import AT, PLACES, AskedFlight, centres
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 from verify.flight.joints import inertia
 from verify.kinematics import platform
 

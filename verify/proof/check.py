@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from topo_search.model import CheckedChunk, Chunk, ResolvedTask, Topology, tolerances
+from topo_search.model import CheckedChunk, Chunk, ResolvedTask, Topology, proven
 from topo_search.model.compiled_code import is_kept, refresh
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, proof_task
 from topo_search.model.topology import straight_chain
@@ -16,7 +16,7 @@ from verify.bodies import Array
 from verify.proof import replay
 from verify.proof.platform import all_angles, angles_around, angles_of_hinges, effort_unit, hang, numbers
 
-refresh(replay.replay, Path(__file__).parent, Path(tolerances.__file__))
+refresh(replay.replay, Path(__file__).parent, Path(proven.__file__))
 
 MOST_MODULES = 12
 """The allowances for rounding hold for so many (`verify.proof.dual`)."""

@@ -37,7 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model.compiled_code import njit
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
 from verify.proof.arcs import Frames, root_turn
 from verify.proof.platform import Numbers

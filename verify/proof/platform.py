@@ -34,11 +34,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import Allowed, Exterior, ResolvedTask, Topology
+from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.compiled_code import njit
 from topo_search.model.corners import CorneredTask
-from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.proof import Problem, proof_task
-from topo_search.model.tolerances import TOLERANCE
+from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
 
 Indices = NDArray[np.int64]

@@ -27,12 +27,11 @@ from nlp.numbers.geometry import torque_map
 from nlp.numbers.masses import Masses, masses
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
-from topo_search.model.arrays import Array
+from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, Array
 from topo_search.model.exposure import half_spaces
-from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import Problem, proof_task
+from topo_search.model.proven import TOLERANCE
 from topo_search.model.shape import NOWHERE
-from topo_search.model.tolerances import TOLERANCE
 from topo_search.model.topology import ROOT, Joint
 from topo_search.model.value import Vector
 
