@@ -3,9 +3,9 @@ import math
 import pytest
 from toy_problem import follow, toy_task
 
-from topo_search.engine import ExhaustiveSearch, Scored, Space
+from topo_search.engine import Candidates, ExhaustiveSearch, Tried
 
-SPACE = Space(toy_task(6).resolve(6), "c2")
+SPACE = Candidates(toy_task(6).resolve(6), "c2")
 KEYS = [candidate.key for candidate in SPACE.candidates()]
 
 
@@ -32,7 +32,7 @@ class Solver:
     def result(self, key, starts):
         objectives = [J for start in range(starts) if (J := self.value(key, start)) is not None]
         status = "feasible" if objectives else self.status
-        self.reached[key] = Scored(key, starts, status, min(objectives, default=None), None)
+        self.reached[key] = Tried(key, starts, status, min(objectives, default=None), None)
         return self.reached[key]
 
 

@@ -23,10 +23,9 @@ from toy_problem import follow
 
 from topo_search.engine.proposals import LEARNT, OptunaSearch, moves
 from topo_search.engine.proposals.trials import HALVING
-from topo_search.engine.strategy import Proposal, Scored, Space, Strategy
+from topo_search.engine.strategy import Candidates, Proposal, SamplerFactory, Strategy, Tried
 from topo_search.model import Topology
 from topo_search.model.files import read_task
-from topo_search.protocols import SamplerFactory
 
 SAMPLERS = ("moves", "tpe", "nsga2", "random")
 FIRST = {"moves": 1} | dict.fromkeys(SAMPLERS[1:], HALVING.few)
@@ -35,17 +34,17 @@ STARTS = 10
 
 ROUND = 8
 
-Objective = Callable[[str, int], Scored]
+Objective = Callable[[str, int], Tried]
 Search = Callable[[], Strategy]
 
 
-def study_of(space: Space, *, round_size: int = ROUND, **options: Any) -> Search:
+def study_of(space: Candidates, *, round_size: int = ROUND, **options: Any) -> Search:
     return partial(OptunaSearch, space, round_size=round_size, **options)
 
 
-def space(n: int, connectors: str = "aligned") -> Space:
+def space(n: int, connectors: str = "aligned") -> Candidates:
     changes = (f"modules={n}", f"search.connectors={connectors}")
-    return Space(read_task("push", changes).resolve(n), "task")
+    return Candidates(read_task("push", changes).resolve(n), "task")
 
 
 def spread(key: str) -> float:
@@ -59,16 +58,16 @@ def spread(key: str) -> float:
     return float(np.var(at, axis=0).sum())
 
 
-def scored(key: str, starts: int) -> Scored:
+def scored(key: str, starts: int) -> Tried:
     """Long trees are best; the very longest fail, the shortest are infeasible, and more starts help a little."""
     value = spread(key)
     if value > 0.95 * (Topology.from_key(key).n ** 2 - 1) / 12:
-        return Scored(key, starts, "failed", None, None)
+        return Tried(key, starts, "failed", None, None)
     if value < 0.8:
-        return Scored(key, starts, "impossible", None, 0.0)
+        return Tried(key, starts, "impossible", None, 0.0)
     if value < 1.0:
-        return Scored(key, starts, "infeasible", None, 1.0 - value)
-    return Scored(key, starts, "feasible", 10.0 / value + 0.1 / starts, None)
+        return Tried(key, starts, "infeasible", None, 1.0 - value)
+    return Tried(key, starts, "feasible", 10.0 / value + 0.1 / starts, None)
 
 
 @dataclass
@@ -103,7 +102,7 @@ class Replayed:
             self.searched.append(proposal)
             self.known.append(self.collected)
 
-    def results(self, number: int) -> list[Scored]:
+    def results(self, number: int) -> list[Tried]:
         due = self.proposals[self.collected : self.collected + number]
         assert len(due) == number
         self.collected += number
@@ -186,7 +185,7 @@ def test_a_sampler_of_optunas_is_called_as_optuna_calls_it(make: SamplerFactory)
             setattr(sampler, name, watch(name, getattr(sampler, name)))
         return sampler
 
-    every = Space(read_task("push", ("modules=3",)).resolve(3), "none", rooted=True)
+    every = Candidates(read_task("push", ("modules=3",)).resolve(3), "none", rooted=True)
     replayed = replay(study_of(every, sampler=watched, trials=1000, starts=1, seed=0, round_size=4))
     assert sorted(replayed.new) == sorted(candidate.key for candidate in every.candidates())
     assert called[:2] == ["before_trial", "infer_relative_search_space"]
@@ -195,13 +194,13 @@ def test_a_sampler_of_optunas_is_called_as_optuna_calls_it(make: SamplerFactory)
 
 def test_a_sampler_of_a_user_does_not_hear_of_trees_that_are_solved_again(tmp_path: Path) -> None:
     """Optuna's grid sampler looks for its own number in every trial that it hears of."""
-    every = Space(read_task("push", ("modules=3",)).resolve(3), "none", rooted=True)
+    every = Candidates(read_task("push", ("modules=3",)).resolve(3), "none", rooted=True)
     grid = {"port 1": range(4), "port 2": range(3)}
     journal = tmp_path / "study.journal"
     strategy = study_of(
         every, sampler=lambda seed: GridSampler(grid, seed=seed), trials=11, starts=8, seed=0, journal=journal
     )
-    replayed = replay(strategy, lambda key, starts: Scored(key, starts, "feasible", spread(key), 0.0))
+    replayed = replay(strategy, lambda key, starts: Tried(key, starts, "feasible", spread(key), 0.0))
     assert len(replayed.new) == 11
     assert replayed.stages
 
@@ -267,10 +266,10 @@ def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_plac
         moves, "BREEDING", moves.Breeding(repeats=1)
     )  # the more there are, the more often one's source is another one
 
-    def missing(key: str, starts: int) -> Scored:
+    def missing(key: str, starts: int) -> Tried:
         """More starts help much or not at all, so that some trees are tried again."""
         miss = min(Random(f"{key} {start}").random() for start in range(starts))
-        return Scored(key, starts, "feasible", 10.0 / spread(key) * (1.0 + 0.6 * miss), None)
+        return Tried(key, starts, "feasible", 10.0 / spread(key) * (1.0 + 0.6 * miss), None)
 
     new_ones = repeats = 0
     for n, seed, objective in ((7, 2, scored), (6, 0, missing), (6, 4, missing)):
@@ -325,9 +324,9 @@ def test_what_is_kept_of_trials_is_what_the_study_says(
         compared.append((len(failed), len(over) - len(best), len(running)))
         return ideas(sampler, study, trial)
 
-    def objective(key: str, starts: int) -> Scored:
+    def objective(key: str, starts: int) -> Tried:
         fails = Random(key).random() < 0.1
-        return Scored(key, starts, "failed", None, None) if fails else scored(key, starts)
+        return Tried(key, starts, "failed", None, None) if fails else scored(key, starts)
 
     monkeypatch.setattr(moves.Moves, "ideas", watched)
     strategy = study_of(searched, round_size=round_size, sampler="moves", trials=trials, starts=STARTS, seed=0)
@@ -363,11 +362,11 @@ def test_a_tree_whose_starts_miss_is_found_by_its_twin() -> None:
     def found(seed: int) -> bool:
         met: list[str] = []
 
-        def objective(key: str, starts: int) -> Scored:
+        def objective(key: str, starts: int) -> Tried:
             if key in (first, second):
                 met.append(key)
                 if key == met[0]:
-                    return Scored(key, starts, "feasible", 10.0, None)
+                    return Tried(key, starts, "feasible", 10.0, None)
             return scored(key, starts)
 
         replayed = replay(study_of(space(8), sampler="moves", trials=64, starts=4, seed=seed), objective)
@@ -382,10 +381,10 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
     trees = sorted(space(8).candidates(), key=lambda one: scored(one.key, 4).objective or math.inf)
     hidden = {tree.key for tree in trees[:2]}
 
-    def objective(key: str, starts: int) -> Scored:
+    def objective(key: str, starts: int) -> Tried:
         if key in hidden and starts <= HALVING.few:
             bad = (None, 1.0) if at_first == "infeasible" else (10.0, None)
-            return Scored(key, starts, at_first, *bad)
+            return Tried(key, starts, at_first, *bad)
         return scored(key, starts)
 
     def found(sampler: str, seed: int) -> bool:
@@ -412,7 +411,7 @@ def test_more_starts_that_fail_are_not_asked_for_again_and_again(monkeypatch: py
 def test_what_is_known_from_more_starts_than_asked_for_is_not_asked_for_again(sampler: str) -> None:
     """A folder that another version began may know more."""
 
-    def known(key: str, starts: int) -> Scored:
+    def known(key: str, starts: int) -> Tried:
         return scored(key, max(starts, 4))
 
     replayed = replay(study_of(space(7), sampler=sampler, trials=100, starts=STARTS, seed=0), known)
@@ -444,9 +443,9 @@ def test_a_population_that_finds_nothing_better_is_given_up(
         moved.append(False)
         return sample_relative(*options)
 
-    def objective(key: str, starts: int) -> Scored:
+    def objective(key: str, starts: int) -> Tried:
         met.append(key)
-        return Scored(key, starts, "feasible", 1.0 if key == met[0] else 2.0, None)
+        return Tried(key, starts, "feasible", 1.0 if key == met[0] else 2.0, None)
 
     monkeypatch.setattr(moves, "BREEDING", moves.Breeding(stale=stale))
     monkeypatch.setattr(moves, "draw_move", counted)

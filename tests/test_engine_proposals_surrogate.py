@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from topo_search.engine.proposals.moves import PATTERNS, REGRESSION, Moves, Surrogate, descriptors, part_of
 from topo_search.engine.proposals.trials import Idea
-from topo_search.engine.strategy import Scored, Space
+from topo_search.engine.strategy import Candidates, Tried
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, candidate_of, sample
@@ -130,7 +130,7 @@ def test_trees_that_stand_alike_are_told_apart_by_nothing_but_what_they_look_lik
 
 
 def test_by_how_much_trees_without_a_design_miss_it_counts_only_while_none_has_one() -> None:
-    space = Space(read_task("push", ("modules=6",)).resolve(6), "task")
+    space = Candidates(read_task("push", ("modules=6",)).resolve(6), "task")
     keys = [candidate.key for candidate in space.sample(12, 0)]
 
     def bounds(violations: list[float], designs: int) -> list[float]:
@@ -139,7 +139,7 @@ def test_by_how_much_trees_without_a_design_miss_it_counts_only_while_none_has_o
             found = number < designs
             moves.note_idea(number, Idea(key))
             status, value = ("feasible", float(number)) if found else ("infeasible", None)
-            moves.note_score(number, Scored(key, 1, status, value, None if found else violation))
+            moves.note_score(number, Tried(key, 1, status, value, None if found else violation))
         learnt = moves._learn()
         return learnt.surrogate.lower_confidence_bounds(
             moves._descriptors([one.key for one in space.sample(20, 1)])

@@ -7,7 +7,7 @@ import pytest
 import toy_problem
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
-from topo_search.engine import Proposal, Space, Strategy
+from topo_search.engine import Candidates, Proposal, Strategy
 from topo_search.model import BadInput
 from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.run import solve_proposals
@@ -101,7 +101,9 @@ def warm_starting(strategy, space, told):
 
 def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
     run_strategy(tmp_path / "run", strategy=warm_starting)
-    first, second, third = (c.key for c in itertools.islice(Space(toy_task(4).resolve(4), "c2").candidates(), 3))
+    first, second, third = (
+        c.key for c in itertools.islice(Candidates(toy_task(4).resolve(4), "c2").candidates(), 3)
+    )
     carried = [(line.split()[0], line.split()[3:]) for line in log.read_text().splitlines()]
     assert carried == [(first, []), (second, [first]), (third, []), (first, []), (third, [second])]
     with RunFolder.load(tmp_path / "run") as folder:
@@ -128,7 +130,7 @@ def test_designs_may_stand_for_all_of_the_first_starts(tmp_path, log):
 
 
 def test_a_tree_without_a_design_is_no_warm_start(tmp_path, monkeypatch, log):
-    first = next(Space(toy_task(4).resolve(4), "c2").candidates()).key
+    first = next(Candidates(toy_task(4).resolve(4), "c2").candidates()).key
     monkeypatch.setenv("TOY_NONE", first)
     _, told = run_strategy(tmp_path / "run", strategy=warm_starting)
     assert [scored.starts for scored in told[1]] == [3, 1]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from topo_search.engine import Space
+from topo_search.engine import Candidates
 from topo_search.engine.proposals.moves import draw_move, graft, part_of
 from topo_search.engine.strategy import with_spins_reversed
 from topo_search.model import Topology
@@ -106,7 +106,7 @@ def test_reversed_spins_are_a_quarter_turn_of_an_aligned_tree(tree: Topology) ->
 @pytest.mark.parametrize("symmetry", ["task", "none", "c2", "d2", "c4"])
 def test_the_twin_of_a_twin_is_the_candidate_itself(symmetry: Symmetry, connectors: Connectors) -> None:
     task = read_task("push", ("modules=4", f"search.connectors={connectors}")).resolve(4)
-    space = Space(task, symmetry)
+    space = Candidates(task, symmetry)
     twins = {candidate: space.twin_of(candidate.topology) for candidate in space.candidates()}
     assert all(twins[twin] == candidate for candidate, twin in twins.items())
     if symmetry == "none":

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         write_report,
     )
     from topo_search.engine import Certificates, WorkersLost
+    from topo_search.engine.strategy import Candidates, OwnSampler, TopologySampler, Tried
     from topo_search.export.audits import clearances, residuals
     from topo_search.export.formats import export_design, register_format
     from topo_search.model import (
@@ -57,13 +58,9 @@ if TYPE_CHECKING:
     from topo_search.model.module import Airflow, Body, Bracket, CountedRod, Jet, RegionAirflow
     from topo_search.model.search import Goals
     from topo_search.protocols import (
-        Candidates,
         OwnConstraint,
         OwnFormat,
-        OwnSampler,
         SymbolicPlatform,
-        TopologySampler,
-        Tried,
     )
     from topo_search.report.plots import plot_candidates, plot_front, plot_history
     from topo_search.report.progress import Lines

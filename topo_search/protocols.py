@@ -1,4 +1,4 @@
-"""Interfaces for a user's own code: constraints, samplers and formats, and what they are called with.
+"""Interfaces for a user's own code: constraints and formats, and what they are called with.
 
 A function, or an object with the right method, is enough: nothing has to be subclassed. Code that changes the
 result of a run has a name and, if the run is to be resumed, a version.
@@ -6,23 +6,21 @@ result of a run has a name and, if the run is to be resumed, a version.
 | interface | passed to | is |
 |---|---|---|
 | `OwnConstraint` | `solve`, `search`, `audit`: `constraints=` | a `ConstraintExpression` with name and bounds |
-| `OwnSampler` | `search`: `sampler=` | a `SamplerFactory`: it makes an Optuna sampler or a `TopologySampler` |
 | `OwnFormat` | `register_format`, or an entry point `topo_search.formats` | a `DesignWriter` with a name |
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
-from random import Random
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol
 
 from pydantic import ValidationError
 
 from topo_search.model import Design, ResolvedTask, Topology
-from topo_search.model.design import Stated, Versioned
+from topo_search.model.design import Stated
 from topo_search.model.room import FOLD
 from topo_search.model.value import faults_of
 
@@ -79,8 +77,8 @@ class ConstraintExpression(Protocol):
         ...
 
 
-def _require_stated(extension: OwnConstraint | OwnSampler) -> None:
-    """Raise a ValueError that names the texts that files could not store, with their rules."""
+def require_stated(extension: Any) -> None:
+    """Raise a ValueError that names the texts of what is `stated` that files could not store, with their rules."""
     try:
         _ = extension.stated
     except ValidationError as error:
@@ -131,7 +129,7 @@ class OwnConstraint:
             raise ValueError(f"lower or upper leaves nothing, but got lower={self.lower}, upper={self.upper}")
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise ValueError(f"`0 < scale < inf` must hold, but got {self.scale}")
-        _require_stated(self)
+        require_stated(self)
 
     @property
     def stated(self) -> Stated:
@@ -145,107 +143,6 @@ class OwnConstraint:
             unit=self.unit,
             invariant=self.invariant,
         )
-
-
-class Candidates(Protocol):
-    """The trees that a search may propose, of one number of modules."""
-
-    @property
-    def task(self) -> ResolvedTask:
-        """The task, with its connectors and root."""
-        ...
-
-    @property
-    def n(self) -> int:
-        """The number of modules."""
-        ...
-
-    def count(self) -> int:
-        """Return how many there are."""
-        ...
-
-    def sample(self, m: int, seed: int) -> list[Topology]:
-        """Return m of them, drawn independently and uniformly."""
-        ...
-
-
-class Tried(Protocol):
-    """The result of a candidate after some number of starts."""
-
-    @property
-    def key(self) -> str:
-        """Key of its topology."""
-        ...
-
-    @property
-    def starts(self) -> int:
-        """Number of starts so far."""
-        ...
-
-    @property
-    def status(self) -> str:
-        """Feasible, infeasible, impossible or failed."""
-        ...
-
-    @property
-    def objective(self) -> float | None:
-        """J of its best design [rad^4/s^4]."""
-        ...
-
-    @property
-    def violation(self) -> float | None:
-        """Constraint violation of its closest start; None if there is a design."""
-        ...
-
-
-@runtime_checkable
-class TopologySampler(Protocol):
-    """Proposes trees one by one.
-
-    To continue a stopped run, its proposals are replayed: the same arguments must give the same proposal.
-    """
-
-    def propose(self, candidates: Candidates, tried: Sequence[Tried], random: Random, /) -> Topology | str:
-        """Return a tree to solve, or its key.
-
-        Args:
-            candidates: the available trees.
-            tried: results of completed rounds, in the order of the proposals; a tree with several solves has
-                several rows.
-            random: the only random generator to use.
-
-        A tree that was proposed before is rejected and another one requested; after 64 in a row one is drawn.
-        """
-        ...
-
-
-class SamplerFactory(Protocol):
-    """Makes a sampler for one number of modules."""
-
-    def __call__(self, seed: int, /) -> Any:
-        """Return a `TopologySampler`, or an Optuna sampler, which receives the fixed-length encoding of trees."""
-        ...
-
-
-@dataclass(frozen=True)
-class OwnSampler:
-    """A sampler of your own, with the name and version that identify its runs."""
-
-    name: str
-    make: SamplerFactory
-    version: str | None = None
-    """Change it when its proposals change. A run with an unversioned sampler is never resumed."""
-
-    def __post_init__(self) -> None:
-        """Check the fields; ValueError names the rule and the value."""
-        if not callable(self.make):
-            raise ValueError(f"make must be a function that returns a sampler for a seed, but got {self.make!r}")
-        _require_stated(self)
-
-    @property
-    def stated(self) -> Versioned:
-        """Record of it in a run's folder."""
-        return Versioned(name=self.name, version=self.version)
 
 
 DesignWriter = Callable[[Design], str | bytes]

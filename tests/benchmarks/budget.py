@@ -28,7 +28,7 @@ import nlp
 from nlp.assembled import AssembledProgram
 from nlp.evaluation import correct, violations, worst
 from nlp.starts.random_starts import draw, generator
-from topo_search.engine import Space
+from topo_search.engine import Candidates
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.files import read_task
 
@@ -77,7 +77,7 @@ def all_solved(task: ResolvedTask, starts: int, kept: Path | None) -> Iterator[S
     known = {}
     if kept is not None and kept.exists():
         known = {(row := json.loads(line))["key"]: Solved(**row) for line in kept.read_text().splitlines()}
-    for candidate in Space(task, "task").candidates():
+    for candidate in Candidates(task, "task").candidates():
         found = known.get(candidate.key)
         if found is None:
             found = solve(task, candidate.topology, starts)

@@ -24,7 +24,7 @@ from engine_jobs import timed
 
 from nlp import default_starts
 from topo_search.compose import BACKENDS
-from topo_search.engine import Engine, Failed, Job, Space, Workers
+from topo_search.engine import Candidates, Engine, Failed, Job, Workers
 from topo_search.model.files import read_task
 from topo_search.study import Request, Silent, run
 from topo_search.study.request import Own
@@ -62,7 +62,7 @@ def main() -> None:
     arguments = parser.parse_args()
     n = arguments.modules
     task = read_task(arguments.example, (f"modules={n}",))
-    drawn = sorted({tree.key for tree in Space(task.resolve(n), "task").sample(arguments.trees, 0)})
+    drawn = sorted({tree.key for tree in Candidates(task.resolve(n), "task").sample(arguments.trees, 0)})
     print(f"{task.name}, n = {n}, {default_starts(task)} starts")
     print("| | solves | CPU of a solve | coordinator's CPU a solve | share |")
     print("|---|---|---|---|---|")

@@ -21,7 +21,7 @@ from random import Random
 from typing import NamedTuple
 
 import nlp
-from topo_search.engine import Proposal, Scored, Space, scaled_violation
+from topo_search.engine import Candidates, Proposal, Tried, scaled_violation
 from topo_search.engine.proposals import OptunaSearch
 from topo_search.engine.proposals.moves import BREEDING
 from topo_search.model import Design, ResolvedTask
@@ -63,7 +63,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, nargs="+", default=[64, 128, 256, 384])
     arguments = parser.parse_args()
     task = read_task(arguments.example, (f"modules={arguments.modules}",)).resolve(arguments.modules)
-    space = Space(task, "task")
+    space = Candidates(task, "task")
     print(f"{task.name}, n = {task.n}, {arguments.trials} trees, {arguments.workers} workers")
     busy = "busy till the last proposal | till the end"
     print(f"| unsolved at a time | starts; CPU s, at most | {busy} | a proposal, CPU ms | of the jobs' CPU |")
@@ -80,7 +80,7 @@ def main() -> None:
         print(f"| {cells} | {came.proposed:.0%} | {came.ended:.0%} | {each:.1f} | {share:.1%} |", flush=True)
 
 
-def measured(space: Space, task: ResolvedTask, number: int, starts: int) -> list[Job]:
+def measured(space: Candidates, task: ResolvedTask, number: int, starts: int) -> list[Job]:
     """Return what solves of trees take and lead to; the first, which loads code, does not count."""
     jobs = []
     for tree in space.sample(number + 1, 0):
@@ -102,7 +102,7 @@ class SimulatedWorkers:
         self.jobs, self.now, self.proposing = jobs, 0.0, 0.0
         self.spans: list[tuple[float, float]] = []
         self.free = [0.0] * workers
-        self._uncollected: deque[tuple[float, Scored]] = deque()
+        self._uncollected: deque[tuple[float, Tried]] = deque()
         self._since = time.process_time()
 
     def submit(self, proposal: Proposal, *, again: bool) -> None:
@@ -116,10 +116,10 @@ class SimulatedWorkers:
         end = self.now + job.seconds
         heapq.heapreplace(self.free, end)
         self.spans.append((self.now, end))
-        self._uncollected.append((end, Scored(key, starts, job.status, job.objective, job.violation)))
+        self._uncollected.append((end, Tried(key, starts, job.status, job.objective, job.violation)))
         self._since = time.process_time()
 
-    def results(self, number: int) -> list[Scored]:
+    def results(self, number: int) -> list[Tried]:
         """Wait for results."""
         self._pass_time()
         ended = [self._uncollected.popleft() for _ in range(number)]
@@ -132,7 +132,7 @@ class SimulatedWorkers:
         self.now, self.proposing = self.now + spent, self.proposing + spent
 
 
-def simulated(space: Space, jobs: list[Job], size: int, trials: int, workers: int) -> Busy:
+def simulated(space: Candidates, jobs: list[Job], size: int, trials: int, workers: int) -> Busy:
     """Return how busy workers are that take jobs in the order in which they are proposed."""
     starts = nlp.default_starts(space.task)
     search = OptunaSearch(space, sampler="moves", trials=trials, round_size=size, starts=starts, seed=0)

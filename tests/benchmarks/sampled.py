@@ -20,7 +20,7 @@ from typing import NamedTuple
 import nlp
 import nlp.reduced
 from nlp.solve import REDUCED_STARTS, UNTANGLED_STARTS
-from topo_search.engine import Space
+from topo_search.engine import Candidates
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.files import read_task
 
@@ -55,7 +55,7 @@ def main() -> None:
     arguments = parser.parse_args()
     n, settings = arguments.modules, (f"modules={arguments.modules}", *arguments.settings)
     task = read_task(arguments.example, settings)
-    space = Space(task.resolve(n), "task")
+    space = Candidates(task.resolve(n), "task")
     ways = [Way("as a run does", nlp.reduced.REDUCED_UP_TO, nlp.default_starts(task))]
     if arguments.both:
         ways = [Way("reduced", n, max(REDUCED_STARTS.values())), Way("untangled", 0, UNTANGLED_STARTS)]

@@ -25,7 +25,7 @@ from statistics import median
 from typing import NamedTuple, Protocol
 
 import nlp
-from topo_search.engine import Proposal, Scored, Space, merge, record_of, scaled_violation
+from topo_search.engine import Candidates, Proposal, Tried, merge, record_of, scaled_violation
 from topo_search.engine.proposals import OptunaSearch
 from topo_search.model import Design, Infeasible, ResolvedTask, Task
 from topo_search.model.files import read_task
@@ -115,7 +115,7 @@ class Source(Protocol):
     least: float
     """The least J so far [rad^4/s^4]."""
 
-    def __call__(self, proposal: Proposal) -> Scored:
+    def __call__(self, proposal: Proposal) -> Tried:
         """Return what became of a candidate."""
 
 
@@ -125,7 +125,7 @@ class LookedUp:
     def __init__(self, table: Table) -> None:
         self.tried, self.least, self._reached = dict[str, int](), math.inf, table.reached
 
-    def __call__(self, proposal: Proposal) -> Scored:
+    def __call__(self, proposal: Proposal) -> Tried:
         """Return what a candidate reaches."""
         key = proposal.candidate.key
         reached = self._reached[key]
@@ -142,7 +142,7 @@ class Solved:
         self._outcomes: dict[str, Design | Infeasible] = {}
         self._starts: dict[str, int] = {}
 
-    def __call__(self, proposal: Proposal) -> Scored:
+    def __call__(self, proposal: Proposal) -> Tried:
         """Solve a candidate from the starts that it lacks."""
         key = proposal.candidate.key
         first = self._starts.get(key, 0)
@@ -163,7 +163,7 @@ class Solved:
 def replay(path: Path, ways: Sequence[Way], seeds: int, most: float) -> None:
     """Print how many trees are solved until one within 0.1 % of the best of a table is found."""
     table = read_table(path)
-    space, enough = Space(table.task, "task"), table.best * (1 + WITHIN)
+    space, enough = Candidates(table.task, "task"), table.best * (1 + WITHIN)
 
     def ends(source: Source) -> bool:
         return source.least <= enough or sum(source.tried.values()) >= most
@@ -212,24 +212,26 @@ def best_of(task: ResolvedTask, way: Way, starts: int, seed: int, budget: int) -
         least = source.least if solves <= budget else least
         return solves >= budget
 
-    explore(Space(task, "task"), way, starts, seed, Solved(task, seed), ends)
+    explore(Candidates(task, "task"), way, starts, seed, Solved(task, seed), ends)
     return least
 
 
-def score(key: str, starts: int, reached: Reached) -> Scored:
+def score(key: str, starts: int, reached: Reached) -> Tried:
     """Return what a strategy is told."""
     if reached.status == "feasible":
-        return Scored(key, starts, reached.status, reached.objective, None)
-    return Scored(key, starts, reached.status, None, reached.violation)
+        return Tried(key, starts, reached.status, reached.objective, None)
+    return Tried(key, starts, reached.status, None, reached.violation)
 
 
-def explore(space: Space, way: Way, starts: int, seed: int, source: Source, ends: Callable[[Source], bool]) -> None:
+def explore(
+    space: Candidates, way: Way, starts: int, seed: int, source: Source, ends: Callable[[Source], bool]
+) -> None:
     """Follow a sampler's proposals, and look after each whether it was enough."""
     trials = space.count() - 1  # where all are proposed all get all starts in the end, whatever the sampler
     search = OptunaSearch(
         space, sampler=way.sampler, trials=trials, round_size=way.round_size, starts=starts, seed=seed
     )
-    results = deque[Scored]()
+    results = deque[Tried]()
     while not search.over:
         if (proposal := search.ask()) is not None:
             results.append(source(proposal))

@@ -21,6 +21,7 @@ import cloudpickle
 import nlp
 import verify
 from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Workers, computing_versions
+from topo_search.engine.strategy import OwnSampler, SamplerFactory, TopologySampler
 from topo_search.engine.workers import Given
 from topo_search.limits import LIMITS
 from topo_search.model import (
@@ -43,10 +44,7 @@ from topo_search.protocols import (
     ConstraintExpression,
     Expression,
     OwnConstraint,
-    OwnSampler,
-    SamplerFactory,
     SymbolicPlatform,
-    TopologySampler,
 )
 from topo_search.study import Observer, Sampler
 from verify.air import Unreached, enclose

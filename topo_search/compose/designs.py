@@ -24,6 +24,7 @@ from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Status, 
 from topo_search.model.files import load_json, read_task, to_geometry, write_atomically
 from topo_search.model.proven import lower_text
 from topo_search.model.text import html_page, paragraph, table
+from topo_search.model.value import naming
 from topo_search.protocols import OwnConstraint
 from topo_search.study import REPORT, Observer, RunFolder, Solved, answer_of, solve_single
 from topo_search.study.directory import CHANGED
@@ -78,10 +79,8 @@ def solve(
     """
     if starts is not None and not 1 <= starts <= LIMITS.starts:
         raise ValueError(f"`1 <= starts <= {LIMITS.starts:,}` must hold, but got {starts:,}")
-    try:
+    with naming("topology"):
         tree = own_topology(topology)
-    except ValueError as error:
-        raise BadInput("topology", str(error)) from None
     if tree.n > LIMITS.modules:
         raise BadInput("topology", f"must have at most {LIMITS.modules} modules, but got {tree.n:,}")
     user_task = enclose_speed(task if isinstance(task, Task) else read_task(task))

@@ -1,7 +1,7 @@
 """The search engine: solves candidates in worker processes and hands their outcomes on, storing nothing."""
 
 from topo_search.engine.dask_workers import Certificates, DaskWorkers, computing_versions
-from topo_search.engine.strategy import ExhaustiveSearch, Listed, Proposal, Scored, Space, Strategy, may_beat
+from topo_search.engine.strategy import Candidates, ExhaustiveSearch, Listed, Proposal, Strategy, Tried, may_beat
 from topo_search.engine.workers import (
     AuditDesign,
     Backends,

@@ -133,11 +133,6 @@ class Connection:
         self._client: Client | None = None
 
     @property
-    def made(self) -> bool:
-        """True if the client was made."""
-        return self._client is not None
-
-    @property
     def stands(self) -> bool:
         """True if the scheduler can be reached."""
         return self._client is not None and self._client.status == "running"
@@ -551,7 +546,7 @@ class DaskWorkers(Engine):
         """
         if time.monotonic() - self._looked < DURATIONS.poll:
             return
-        first = not self._connection.made
+        first = self._looked == -math.inf
         threads = self._connection.threads()
         joined = [address for address in threads if address not in self._known]
         for address, fault in self._connection.run(find_fault(self._versions), joined).items():

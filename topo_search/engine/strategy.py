@@ -1,4 +1,4 @@
-"""Search strategies and their search space: what they have in common, and the exhaustive one.
+"""Search strategies: what they have in common, the exhaustive one, their candidates, and samplers of a user's own.
 
 A strategy is asked for proposals and told their results in the order of its proposals, whichever job ended first.
 It knows neither workers nor files, and it is deterministic: with the same results it makes the same proposals. So a
@@ -8,6 +8,9 @@ what is proposed.
 An exhaustive search gives all candidates the same number of starts: after a few starts, a tree's best effort says
 little about what more starts will find, and giving more to the trees ahead finds the best designs less surely than
 giving the same to all (`tests/benchmarks/budget.py`).
+
+`search` takes an `OwnSampler` as `sampler=`: a `SamplerFactory`, which makes an Optuna sampler or a
+`TopologySampler`, with a name and a version.
 """
 
 from __future__ import annotations
@@ -15,14 +18,16 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from random import Random
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from topo_search.engine.workers import rounds
 from topo_search.model import ResolvedTask, Topology
+from topo_search.model.design import Versioned
+from topo_search.protocols import require_stated
 from topo_search.topologies import (
     Candidate,
     Quotient,
@@ -53,10 +58,11 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class Scored:
+class Tried:
     """The result of a candidate after a number of starts."""
 
     key: str
+    """Key of its topology."""
     starts: int
     """Number of starts that need no more solving: tried, replaced by designs carried over, or given up."""
     status: str
@@ -87,7 +93,7 @@ class Strategy(ABC):
     """True if no more will be proposed, and all results were told."""
 
     def __init__(self) -> None:
-        self._results = deque[Scored]()
+        self._results = deque[Tried]()
         self._proposals = self.proposals()
 
     def ask(self) -> Proposal | None:
@@ -97,7 +103,7 @@ class Strategy(ABC):
         self.over = True
         return None
 
-    def tell(self, scored: Scored) -> None:
+    def tell(self, scored: Tried) -> None:
         """Take the result of the earliest proposal whose result was not told."""
         self._results.append(scored)
 
@@ -105,7 +111,7 @@ class Strategy(ABC):
     def proposals(self) -> Iterator[Proposal | None]:
         """Yield what `ask` returns."""
 
-    def results(self, number: int) -> Generator[None, None, list[Scored]]:
+    def results(self, number: int) -> Generator[None, None, list[Tried]]:
         """Return so many results in the order of their proposals, once they were told (with `yield from`)."""
         while len(self._results) < number:
             yield None
@@ -118,7 +124,7 @@ class ExhaustiveSearch(Strategy):
     ahead = 32
     """Number of candidates proposed ahead of the results that may rule them out."""
 
-    def __init__(self, space: Space, *, starts: int, timed: bool, bound: float = -math.inf) -> None:
+    def __init__(self, space: Candidates, *, starts: int, timed: bool, bound: float = -math.inf) -> None:
         """Begin a search.
 
         Args:
@@ -136,7 +142,7 @@ class ExhaustiveSearch(Strategy):
         """Yield every candidate, then those that may still win from more starts."""
         bound, (first, *later) = self._bound, self._stops
         self.stage = Stage(self._space.count(), first)
-        candidates, scores, least = list[Candidate](), list[Scored](), math.inf
+        candidates, scores, least = list[Candidate](), list[Tried](), math.inf
         for candidate in self._space.candidates():  # there may be millions: enumerated as they are solved
             if math.isfinite(bound) and len(candidates) - len(scores) == self.ahead:
                 scores += yield from self.results(1)
@@ -165,13 +171,13 @@ def may_beat(objective: float, bound: float) -> bool:
     return bound < objective * (1.0 - 1e-5)  # a bound's allowance for tolerances is mostly less
 
 
-def _least(scores: Iterable[Scored]) -> float:
+def _least(scores: Iterable[Tried]) -> float:
     return min((score.objective for score in scores if score.objective is not None), default=math.inf)
 
 
 @dataclass(frozen=True)
-class Space:
-    """All candidates for a task."""
+class Candidates:
+    """The trees of one number of modules that a search may propose: all candidates for a task."""
 
     task: ResolvedTask
     """It fixes the number of modules, the connectors and the root."""
@@ -244,7 +250,7 @@ def with_spins_reversed(topology: Topology) -> Topology:
 
 
 @dataclass(frozen=True)
-class Listed(Space):
+class Listed(Candidates):
     """Candidates that somebody listed: each is solved as it stands, and stands for itself."""
 
     keys: tuple[str, ...] = ()
@@ -272,3 +278,53 @@ class Listed(Space):
     def sample(self, m: int, seed: int) -> list[Topology]:
         """Return m candidates, drawn independently and uniformly."""
         return [Topology.from_key(key) for key in Random(seed).choices(self.keys, k=m)]
+
+
+@runtime_checkable
+class TopologySampler(Protocol):
+    """Proposes trees one by one.
+
+    To continue a stopped run, its proposals are replayed: the same arguments must give the same proposal.
+    """
+
+    def propose(self, candidates: Candidates, tried: Sequence[Tried], random: Random, /) -> Topology | str:
+        """Return a tree to solve, or its key.
+
+        Args:
+            candidates: the available trees.
+            tried: results of completed rounds, in the order of the proposals; a tree with several solves has
+                several rows.
+            random: the only random generator to use.
+
+        A tree that was proposed before is rejected and another one requested; after 64 in a row one is drawn.
+        """
+        ...
+
+
+class SamplerFactory(Protocol):
+    """Makes a sampler for one number of modules."""
+
+    def __call__(self, seed: int, /) -> Any:
+        """Return a `TopologySampler`, or an Optuna sampler, which receives the fixed-length encoding of trees."""
+        ...
+
+
+@dataclass(frozen=True)
+class OwnSampler:
+    """A sampler of your own, with the name and version that identify its runs."""
+
+    name: str
+    make: SamplerFactory
+    version: str | None = None
+    """Change it when its proposals change. A run with an unversioned sampler is never resumed."""
+
+    def __post_init__(self) -> None:
+        """Check the fields; ValueError names the rule and the value."""
+        if not callable(self.make):
+            raise ValueError(f"make must be a function that returns a sampler for a seed, but got {self.make!r}")
+        require_stated(self)
+
+    @property
+    def stated(self) -> Versioned:
+        """Record of it in a run's folder."""
+        return Versioned(name=self.name, version=self.version)

@@ -30,8 +30,8 @@ from topo_search.export.poses import poses
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, Status, Topology
 from topo_search.model.files import load_json, read_task
-from topo_search.model.text import NotReadable, decode, escape_formula, read_regular
-from topo_search.model.value import show
+from topo_search.model.text import decode, escape_formula, read_regular
+from topo_search.model.value import naming, show
 from topo_search.study import Observer, Phase, Silent
 from topo_search.study.directory import Directory
 from topo_search.study.folder import refusal
@@ -229,11 +229,9 @@ def results(folder: str | Path) -> pd.DataFrame:
     path = Path(folder) / RESULTS if Path(folder).is_dir() else Path(folder)
     kinds = {"key": "str", "task_seed": "Int64", "colliding_pairs": "Int64", "largest_cluster": "Int64"}
     kinds |= dict.fromkeys(("verdict", "depths_percent", "worst_constraint", "unit"), "str")
-    try:
+    with naming(str(path)):
         content = read_regular(path, most_bytes=LIMITS.result_bytes)
         frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
-    except (NotReadable, UnicodeDecodeError, pd.errors.ParserError) as error:
-        raise BadInput(str(path), str(error)) from None
     tried_again = frame["status"].eq("failed") & frame.duplicated(list(IDENTITY), keep="last")
     frame = frame[~tried_again]
     return frame.sort_values(["n", "distance_m", "task", "variant"], kind="stable", ignore_index=True)
@@ -256,12 +254,10 @@ def _compare(folder: Path, held: Any, about: dict[str, Any]) -> None:
 
 def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
     """Return the bytes of a file that are whole rows, and what they answer; BadInput names a damaged row."""
-    try:
+    with naming(str(path)):
         content = read_regular(path, most_bytes=LIMITS.result_bytes)
         size = content.rfind(b"\n") + 1
         text = decode(content[:size])
-    except NotReadable as error:
-        raise BadInput(str(path), str(error)) from None
     lines = text.split("\n")[:-1]
     if not lines or tuple(lines[0].split(",")) != COLUMNS:
         raise refusal(path.parent, f"has a {RESULTS} with other columns")

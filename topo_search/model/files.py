@@ -16,8 +16,8 @@ from topo_search.limits import LIMITS
 from topo_search.model.design import Design, Geometry
 from topo_search.model.mesh_file import Folder
 from topo_search.model.task import Task
-from topo_search.model.text import NotParsed, NotReadable, apply_settings, json_data, read_text, toml_data
-from topo_search.model.value import BadInput, Fault, faults_of, nearest
+from topo_search.model.text import NotReadable, apply_settings, json_data, read_text, toml_data
+from topo_search.model.value import BadInput, Fault, faults_of, naming, nearest
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -64,10 +64,8 @@ def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     else:
         hint = f"no such file, nor a shipped example; {nearest(name, examples())}"
         text = load_text(path, most_bytes=LIMITS.task_bytes, if_missing=hint)
-    try:
+    with naming(name):
         data = toml_data(text)
-    except NotParsed as error:
-        raise BadInput(name, str(error)) from None
     apply_settings(data, settings)
     folder = Path() if name in examples() else Path(path).parent
     task = validate(Task, data, name, Folder(folder))
@@ -128,10 +126,8 @@ def load_json(path: str | Path, *, most_bytes: int = LIMITS.result_bytes) -> Any
         BadInput: it cannot be read, is too large, no regular file or no JSON.
     """
     text = load_text(path, most_bytes=most_bytes)
-    try:
+    with naming(str(path)):
         return json_data(text)
-    except NotParsed as error:
-        raise BadInput(str(path), str(error)) from None
 
 
 def to_toml(task: Task) -> str:

@@ -27,9 +27,8 @@ from pydantic import Field
 from topo_search.limits import LIMITS
 from topo_search.model.files import load_text, validate
 from topo_search.model.proven import lower_text
-from topo_search.model.text import NotParsed, toml_data
+from topo_search.model.text import toml_data
 from topo_search.model.value import (
-    BadInput,
     Broken,
     Index,
     NonEmpty,
@@ -40,6 +39,7 @@ from topo_search.model.value import (
     Value,
     Vector,
     at_most,
+    naming,
 )
 
 Size = Annotated[float, Field(strict=True, ge=0)]
@@ -303,10 +303,8 @@ def read_vehicle(path: str | Path) -> Vehicle:
     path = Path(path)
     if path.suffix.lower() != ".toml":
         return validate(Vehicle, {"rotors": _rows(path)}, str(path))
-    try:
+    with naming(str(path)):
         data = toml_data(load_text(path, most_bytes=LIMITS.task_bytes))
-    except NotParsed as error:
-        raise BadInput(str(path), str(error)) from None
     if isinstance(name := data.get("rotors"), str):
         data = {**data, "rotors": _rows(path.parent / name)}
     return validate(Vehicle, data, str(path))

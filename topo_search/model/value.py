@@ -15,6 +15,7 @@ import re
 import reprlib
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -90,6 +91,15 @@ class BadInput(Exception):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return BadInput, (self.source, self.faults)
+
+
+@contextmanager
+def naming(source: str) -> Iterator[None]:
+    """Name the source of a text in what is wrong with it: BadInput for a ValueError."""
+    try:
+        yield
+    except ValueError as error:
+        raise BadInput(source, str(error)) from None
 
 
 def faults_of(error: ValidationError, model: type[BaseModel]) -> list[Fault]:

@@ -19,8 +19,8 @@ from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Proof, ResolvedTask, Task
 from topo_search.model.files import to_json, to_toml, validate
 from topo_search.model.task import before_requirement
-from topo_search.model.text import NotParsed, NotReadable, csv_text, decode, toml_data
-from topo_search.model.value import faults_of
+from topo_search.model.text import csv_text, decode, toml_data
+from topo_search.model.value import faults_of, naming
 from topo_search.study.directory import Directory, ReadOnlyFolder, RunFile
 from topo_search.study.ledger import COLUMNS, Ledger, Row
 from topo_search.study.ledger_file import blank
@@ -104,10 +104,8 @@ def _read_task(path: Path, directory: Directory) -> Task:
     content, name = directory.read(RunFile.TASK, most_bytes=LIMITS.task_bytes), str(path / RunFile.TASK)
     if content is None:
         raise BadInput(name, "no such file")
-    try:
+    with naming(name):
         data = toml_data(decode(content))
-    except (NotParsed, NotReadable) as error:
-        raise BadInput(name, str(error)) from None
     return validate(Task, before_requirement(data), name)
 
 

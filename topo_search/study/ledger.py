@@ -20,7 +20,7 @@ from itertools import starmap
 from pathlib import Path
 from typing import Self
 
-from topo_search.engine import Failed, Outcome, Scored, record_of, scaled_violation
+from topo_search.engine import Failed, Outcome, Tried, record_of, scaled_violation
 from topo_search.model import Audit, Design, Flight, Infeasible, ResolvedTask
 from topo_search.model.files import to_json
 from topo_search.model.proven import lower_text, upper_text
@@ -175,10 +175,10 @@ def figures_of(audit: Audit) -> dict[str, float | None]:
     }
 
 
-def score(row: Row, task: ResolvedTask) -> Scored:
+def score(row: Row, task: ResolvedTask) -> Tried:
     """Return what a strategy learns of a candidate."""
     violation = None if row.violation is None else scaled_violation(row.violation, row.unit or "", task)
-    return Scored(row.key, row.asked, row.status, row.objective, violation)
+    return Tried(row.key, row.asked, row.status, row.objective, violation)
 
 
 def kind_of(constraint: str) -> str:
@@ -343,13 +343,13 @@ class Ledger:
         number: int = self._database.execute(query, (context.name, starts)).fetchone()[0]
         return number
 
-    def scores(self, context: Context) -> Iterator[Scored]:
+    def scores(self, context: Context) -> Iterator[Tried]:
         """Return what candidates had reached after each solve that did not fail, in the order of their ends."""
         query = (
             "SELECT key, asked, status, objective, violation FROM solves "
             "WHERE context = ? AND status <> 'failed' ORDER BY number"
         )
-        return starmap(Scored, self._database.execute(query, (context.name,)))
+        return starmap(Tried, self._database.execute(query, (context.name,)))
 
     def row(self, context: Context, key: str) -> Row | None:
         """Return one candidate's row in a context."""

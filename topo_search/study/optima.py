@@ -41,7 +41,7 @@ from topo_search.model.value import Index, Number, Value
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row, proven_cell, row_of
-from topo_search.study.progress import Phase, solving_seconds
+from topo_search.study.progress import solving_phase
 from topo_search.study.request import Context
 from topo_search.study.solving import Tools, audit_best
 
@@ -281,8 +281,7 @@ def keep_optima(folder: RunFolder, n: int, percent: float, tools: Tools) -> None
         near = (design, *request.near) if isinstance(design, Design) else request.near
         topology = Topology.from_key(row.key)
         jobs.append(Job(context.task, topology, row.orbit, range(request.starts), context.seed, near))
-    seconds = solving_seconds(contexts[0].task, request.starts)
-    tools.observer.phase(Phase("polishing", n, len(jobs), request.starts, seconds))
+    tools.observer.phase(solving_phase("polishing", contexts[0].task, len(jobs), request.starts))
     solved = tools.engine.run(
         partial(_solve_and_audit, tools.backends.local_optima, tools.backends.audit, most),
         jobs,

@@ -128,6 +128,11 @@ def solving_seconds(task: ResolvedTask, starts: int) -> float:
     return cases * starts * 0.135 * growth
 
 
+def solving_phase(name: PhaseName, task: ResolvedTask, candidates: int, starts: int, before: int = 0) -> Phase:
+    """Return the phase that solves candidates of a task from so many starts, some of them solved before."""
+    return Phase(name, task.n, candidates, starts, solving_seconds(task, starts - before))
+
+
 def audit_phase(n: int, designs: int) -> Phase:
     """Return the phase that audits designs of n modules."""
     return Phase("auditing", n, designs, seconds=0.6 * (n / 5) ** 1.5)
@@ -167,7 +172,7 @@ def remaining_plan(folder: RunFolder, workers: int | None, time_limit: float) ->
                 left = candidates - ledger.count_solved(context, stop)
                 name: PhaseName = "polishing" if before else "searching"
                 if left > 0:
-                    phases.append(Phase(name, n, left, stop, solving_seconds(context.task, stop - before)))
+                    phases.append(solving_phase(name, context.task, left, stop, before))
             phases.append(audit_phase(n, min(AUDITED, candidates)))
     return Plan((*phases, WRITING), workers, time_limit)
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
-from topo_search.engine import AuditDesign, Engine, Failed, Space, WorkersLost, audit_deadline
+from topo_search.engine import AuditDesign, Candidates, Engine, Failed, WorkersLost, audit_deadline
 from topo_search.engine.workers import Result
 from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
 from topo_search.model.proof import Aim, Problem, chunk_count
@@ -419,7 +419,9 @@ def check(
     return checked
 
 
-def _examine(folder: RunFolder, row: Row, task: ResolvedTask, space: Space) -> tuple[CheckedTree, Proof | None]:
+def _examine(
+    folder: RunFolder, row: Row, task: ResolvedTask, space: Candidates
+) -> tuple[CheckedTree, Proof | None]:
     """Return what can be said of a tree without checking chunks, and its proof if they are to be checked."""
     tree = CheckedTree(row.key, row.modules)
     try:

@@ -27,7 +27,7 @@ from topo_search.model.exposure import Allowed, Exterior, Local
 from topo_search.model.files import to_json
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
-from topo_search.study.progress import Phase, solving_seconds
+from topo_search.study.progress import solving_phase
 from topo_search.study.request import LARGER_MARGINS, Margins, margins, with_margin
 from topo_search.study.solving import Tools
 
@@ -322,7 +322,7 @@ def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: i
 
     over = False
     while not over and (due := _possible_attempts(attempts, backends if proven else None)):
-        observer.phase(Phase("relaxing", n, len(due), len(few), solving_seconds(resolved, len(few))))
+        observer.phase(solving_phase("relaxing", resolved, len(due), len(few)))
         jobs = [(k, rung, Job(attempts[k].task_at(rung), attempts[k].topology, 1, few, seed)) for k, rung in due]
         over = True
         ended = tools.engine.run(partial(_leads_to_a_design, backends), jobs, deadline=deadline, until=tools.until)

@@ -19,13 +19,13 @@ from typing import Any, Literal, get_args
 
 from pydantic import Field
 
-from topo_search.engine import Listed, Space
+from topo_search.engine import Candidates, Listed
+from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Task
 from topo_search.model.design import Stated, Versioned
 from topo_search.model.search import Level
 from topo_search.model.value import Value
-from topo_search.protocols import SamplerFactory
 from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 
 StrategyName = Literal["exhaustive", "optuna"]
@@ -225,14 +225,14 @@ class Request:
             requests.append(replace(self, task=self.task.at(level), level=level, previous=previous))
         return tuple(requests)
 
-    def space(self, n: int) -> Space:
+    def space(self, n: int) -> Candidates:
         """Return the candidates of n modules."""
         task, symmetry, user_inputs = self.task.resolve(n), self.symmetry, self.user_inputs
         if user_inputs.topologies is not None:
             return Listed(task, symmetry, keys=tuple(key for key in user_inputs.topologies if len(key) - 1 == n))
         if symmetry == "task" and user_inputs.telling is not None:
-            return Space(task, "none", rooted=True)
-        return Space(task, "c2" if self._proper else symmetry)
+            return Candidates(task, "none", rooted=True)
+        return Candidates(task, "c2" if self._proper else symmetry)
 
     def quotient(self, n: int) -> Resolution:
         """Return which trees stand for one candidate, whether that is exact, and why."""

@@ -24,7 +24,7 @@ from topo_search.study.optima import keep_optima, write_front
 from topo_search.study.progress import WRITING, Observer, proof_phase, remaining_plan
 from topo_search.study.relaxing import find_causes
 from topo_search.study.request import Request
-from topo_search.study.solving import Candidates, Tools, audit_best, record_proof, record_pruned, strategy_of
+from topo_search.study.solving import Proposals, Tools, audit_best, record_proof, record_pruned, strategy_of
 from topo_search.study.summary import answer_of, finished_answer, refuse_lost
 
 
@@ -133,7 +133,7 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
 
 def solve_proposals(strategy: Strategy, folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> bool:
     """Solve and record what a strategy proposes; return whether it came to its end in time."""
-    candidates = Candidates(strategy, folder, n, lower_bound, tools.observer)
+    candidates = Proposals(strategy, folder, n, lower_bound, tools.observer)
     jobs = candidates.jobs()
     with closing(tools.solve(jobs)) as outcomes:
         for job, outcome in outcomes:

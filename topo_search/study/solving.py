@@ -26,8 +26,8 @@ from topo_search.engine import (
     Job,
     Outcome,
     Proposal,
-    Scored,
     Strategy,
+    Tried,
     audit_deadline,
     audit_job,
     may_beat,
@@ -37,7 +37,7 @@ from topo_search.engine import (
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import FLIGHT, Ledger, Row, row_of, score
-from topo_search.study.progress import AUDITED, Observer, Phase, PhaseName, audit_phase, solving_seconds
+from topo_search.study.progress import AUDITED, Observer, PhaseName, audit_phase, solving_phase
 from topo_search.study.request import Context, Margins, Request
 
 
@@ -83,7 +83,7 @@ def strategy_of(folder: RunFolder, n: int, *, bound: float = -math.inf, timed: b
     )
 
 
-class Candidates:
+class Proposals:
     """The candidates of one context that a strategy proposes: what is to be solved, and its outcome."""
 
     def __init__(
@@ -105,7 +105,7 @@ class Candidates:
         """Candidates of the present stage that the observer has seen."""
         self._unknown = deque[Proposal]()
         """Proposals whose results the strategy was not told."""
-        self._scores = defaultdict[str, list[Scored]](list)
+        self._scores = defaultdict[str, list[Tried]](list)
         for scored in ledger.scores(context):
             self._scores[scored.key].append(scored)
 
@@ -141,10 +141,9 @@ class Candidates:
     def _begin_stage(self, starts_before: int) -> None:
         if (stage := self._strategy.stage) is None:
             return
-        task = self._context.task
         name: PhaseName = "polishing" if stage.again else "searching"
-        new = (stage.starts - starts_before if stage.again else stage.starts) or stage.starts
-        self._observer.phase(Phase(name, task.n, stage.candidates, stage.starts, solving_seconds(task, new)))
+        before = starts_before if stage.again and starts_before != stage.starts else 0
+        self._observer.phase(solving_phase(name, self._context.task, stage.candidates, stage.starts, before))
         self._shown.clear()
 
     def _tell(self) -> None:
@@ -179,7 +178,7 @@ class Candidates:
             self._shown.add(key)
             self._observer.settled(self._incumbent, known=known)
 
-    def _result(self, proposal: Proposal) -> Scored | None:
+    def _result(self, proposal: Proposal) -> Tried | None:
         """Return what is known of a candidate after as many starts as proposed, or the next known number."""
         known = self._scores[proposal.candidate.key]
         after = bisect_left(known, proposal.starts, key=lambda scored: scored.starts)
@@ -267,8 +266,7 @@ def audit_best(folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> N
                 if time.monotonic() >= tools.until:
                     break
                 ledger.begin(context, lower_bound, None)
-                seconds = solving_seconds(context.task, request.starts)
-                tools.observer.phase(Phase("polishing", n, len(jobs), request.starts, seconds))
+                tools.observer.phase(solving_phase("polishing", context.task, len(jobs), request.starts))
                 for job, outcome in tools.solve(jobs):
                     record(ledger, context, job, outcome, lower_bound=lower_bound)
                     tools.observer.settled(best)

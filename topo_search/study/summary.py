@@ -22,7 +22,7 @@ from dataclasses import asdict, replace
 from itertools import count
 from pathlib import Path
 
-from topo_search.engine import Space, scaled_violation
+from topo_search.engine import Candidates, scaled_violation
 from topo_search.model import BadInput, Design, Topology
 from topo_search.study.answer import (
     NEAR,
@@ -47,7 +47,7 @@ from topo_search.study.request import Context, Request
 from topo_search.study.solving import audits_left
 
 
-def check_rows(rows: Iterable[Row], space: Space, lower_bound: float, path: Path) -> Iterator[Row]:
+def check_rows(rows: Iterable[Row], space: Candidates, lower_bound: float, path: Path) -> Iterator[Row]:
     """Yield the ranked rows of one size, none of which may contradict the bound, the ranking or their number.
 
     Raises:
@@ -74,7 +74,7 @@ def check_rows(rows: Iterable[Row], space: Space, lower_bound: float, path: Path
         raise damage(path, f"its {number} candidates represent {orbits} trees, but there are {classes}")
 
 
-def check_designs(ledger: Ledger, contexts: list[Context], space: Space, rows: Iterable[Row]) -> None:
+def check_designs(ledger: Ledger, contexts: list[Context], space: Candidates, rows: Iterable[Row]) -> None:
     """Make sure that rows, designs, audits and trees say the same of each other.
 
     Raises:
@@ -85,7 +85,7 @@ def check_designs(ledger: Ledger, contexts: list[Context], space: Space, rows: I
             raise damage(ledger.path, f"{row.key}: its {difference}")
 
 
-def _difference(ledger: Ledger, contexts: list[Context], space: Space, row: Row) -> str | None:
+def _difference(ledger: Ledger, contexts: list[Context], space: Candidates, row: Row) -> str | None:
     """Return the first thing in which a row, its design, its audit and its tree differ."""
     if not 0 <= row.step < len(contexts):
         return f"margin has place {row.step} of {len(contexts)}"

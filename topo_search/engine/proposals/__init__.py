@@ -51,10 +51,17 @@ from topo_search.engine.proposals.trials import (
     value,
     violation,
 )
-from topo_search.engine.strategy import Proposal, Scored, Space, Stage, Strategy
+from topo_search.engine.strategy import (
+    Candidates,
+    Proposal,
+    SamplerFactory,
+    Stage,
+    Strategy,
+    TopologySampler,
+    Tried,
+)
 from topo_search.engine.workers import rounds
 from topo_search.model import BadInput, Fault, Topology
-from topo_search.protocols import SamplerFactory, TopologySampler
 from topo_search.supervisor import is_out_of_memory
 from topo_search.topologies import Candidate
 
@@ -77,7 +84,7 @@ class OptunaSearch(Strategy):
 
     def __init__(
         self,
-        space: Space,
+        space: Candidates,
         *,
         sampler: str | SamplerFactory,
         trials: int,
@@ -183,7 +190,7 @@ def _trial_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna
     return study.ask(proposer.distributions)
 
 
-def _tell(study: optuna.Study, trial: optuna.Trial, score: Scored) -> FrozenTrial:
+def _tell(study: optuna.Study, trial: optuna.Trial, score: Tried) -> FrozenTrial:
     """Tell the study the outcome of a candidate; without a design it misses a constraint, at an infinite value."""
     trial.set_user_attr(Attribute.STATUS, score.status)
     trial.set_user_attr(Attribute.STARTS, score.starts)
@@ -228,7 +235,7 @@ class Uniform(TreeSampler):
 class Optunas(TreeSampler):
     """Has the numbers of a tree proposed by one of Optuna's samplers, after some trees drawn uniformly."""
 
-    def __init__(self, space: Space, seed: int, sampler: BaseSampler) -> None:
+    def __init__(self, space: Candidates, seed: int, sampler: BaseSampler) -> None:
         super().__init__(space, seed)
         self._sampler = sampler
 
@@ -311,13 +318,13 @@ class _Endless:
 class Owned(TreeSampler):
     """Has trees proposed by a user's own sampler; what it names that is no candidate is told to the user."""
 
-    def __init__(self, space: Space, seed: int, sampler: TopologySampler) -> None:
+    def __init__(self, space: Candidates, seed: int, sampler: TopologySampler) -> None:
         super().__init__(space, seed)
         self._sampler = sampler
-        self._tried: dict[int, Scored] = {}
+        self._tried: dict[int, Tried] = {}
         """Results of the trials that are over, by number."""
 
-    def note_score(self, number: int, score: Scored) -> None:
+    def note_score(self, number: int, score: Tried) -> None:
         """Take note of what a trial led to: how far from feasible it was, where that says anything."""
         super().note_score(number, score)
         missed = violation(score) if score.status == "infeasible" else None
@@ -345,7 +352,7 @@ class Owned(TreeSampler):
 
 
 def sampler_of(
-    sampler: str | SamplerFactory, space: Space, *, starts: int, seed: int, round_size: int
+    sampler: str | SamplerFactory, space: Candidates, *, starts: int, seed: int, round_size: int
 ) -> TreeSampler:
     """Return the sampler of a name, or that a user's factory makes.
 

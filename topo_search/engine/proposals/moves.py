@@ -72,7 +72,7 @@ from scipy.spatial.distance import cdist
 from scipy.special import ndtri
 
 from topo_search.engine.proposals.trials import HALVING, Idea, Merit, TreeSampler, steps
-from topo_search.engine.strategy import Scored, Space
+from topo_search.engine.strategy import Candidates, Tried
 from topo_search.model import Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.topologies.rooted import Connectors
@@ -337,7 +337,7 @@ class Moves(TreeSampler):
 
     promotes = False
 
-    def __init__(self, space: Space, *, starts: int, seed: int, round_size: int) -> None:
+    def __init__(self, space: Candidates, *, starts: int, seed: int, round_size: int) -> None:
         """Begin a search.
 
         Args:
@@ -377,7 +377,7 @@ class Moves(TreeSampler):
         super().note_idea(number, idea)
         self._settled |= {idea.key, self._twin(idea.key)}
 
-    def note_score(self, number: int, score: Scored) -> None:
+    def note_score(self, number: int, score: Tried) -> None:
         """Take note of what a trial led to: one that failed says nothing of the candidate's twin."""
         super().note_score(number, score)
         if score.status == "failed":

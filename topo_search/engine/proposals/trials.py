@@ -37,7 +37,7 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial
 
-from topo_search.engine.strategy import Scored, Space
+from topo_search.engine.strategy import Candidates, Tried
 from topo_search.model import Topology
 from topo_search.model.topology import ROOT, Joint
 from topo_search.topologies import Connectors
@@ -108,7 +108,7 @@ def _spin(k: int) -> str:
     return f"spin {k}"
 
 
-def rank(score: Scored) -> Rank:
+def rank(score: Tried) -> Rank:
     """Return how a candidate stands."""
     return violation(score), value(score)
 
@@ -122,7 +122,7 @@ def steps(starts: int, few: int) -> Iterator[int]:
     yield starts
 
 
-def goes_on(score: Scored, others: Sequence[Rank], step: int) -> bool:
+def goes_on(score: Tried, others: Sequence[Rank], step: int) -> bool:
     """True if a candidate is given more starts.
 
     Args:
@@ -191,7 +191,7 @@ class Trials:
         self.running[number] = idea
         self.lent[idea.key].update(idea.warm_starts)
 
-    def tell(self, number: int, score: Scored) -> None:
+    def tell(self, number: int, score: Tried) -> None:
         """Note what a trial led to."""
         del self.running[number]
         if score.status == "failed":
@@ -208,12 +208,12 @@ class Trials:
             self._best[score.key] = merit
 
 
-def value(score: Scored) -> float:
+def value(score: Tried) -> float:
     """Return what a trial that did not fail is worth; less is better."""
     return math.inf if score.objective is None else score.objective
 
 
-def violation(score: Scored) -> float:
+def violation(score: Tried) -> float:
     """Return by how much a design was missed: 0 with one."""
     if score.objective is not None:
         return 0.0
@@ -241,7 +241,7 @@ class TreeSampler(BaseSampler):
     promotes = True
     """True if candidates that do well are given more starts at once."""
 
-    def __init__(self, space: Space, seed: int) -> None:
+    def __init__(self, space: Candidates, seed: int) -> None:
         self.space = space
         self.random = Random(seed)
         self.connectors = space.task.search.connectors
@@ -268,7 +268,7 @@ class TreeSampler(BaseSampler):
         """Take note of what is proposed in a trial."""
         self.trials.ask(number, idea)
 
-    def note_score(self, number: int, score: Scored) -> None:
+    def note_score(self, number: int, score: Tried) -> None:
         """Take note of what a trial of this sampler led to."""
         self.trials.tell(number, score)
 
