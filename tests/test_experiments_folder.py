@@ -3,6 +3,7 @@ import json
 import os
 
 import pytest
+from benchmarks.keep_results import settings_of
 
 from topo_search.cli.experiment import NAMES
 from topo_search.engine import Failed
@@ -144,7 +145,7 @@ def test_what_made_the_rows_is_said_without_where(tmp_path):
 @pytest.mark.parametrize("name", NAMES)
 def test_settings_come_back_from_files_and_options(name):
     for settings in (experiment(name).full, experiment(name).small, SETTINGS.override(distances=(0.22, 0.3))):
-        assert Settings.from_json(json.loads(json.dumps(settings.as_json()))) == settings
+        assert settings_of(json.loads(json.dumps(settings.as_json()))) == settings
         words = settings.as_options().split()
         assert tuple(Settings.task_of(word) for word in words[1::2] if ":" in word) == settings.tasks
 

@@ -34,7 +34,11 @@ def test_every_file_has_its_description():
 )
 def test_rows_are_those_of_the_command(path):
     about = json.loads(path.with_suffix(".json").read_text())
-    asked, settings, rows = experiment(about["experiment"]), Settings.from_json(about["settings"]), results(path)
+    asked, settings, rows = (
+        experiment(about["experiment"]),
+        keep_results.settings_of(about["settings"]),
+        results(path),
+    )
     if set(rows["method"]) == {METHOD}:
         assert about["command"] == f"topo-search experiment {asked.name} {settings.as_options()}"
     else:

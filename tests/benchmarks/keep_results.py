@@ -13,6 +13,7 @@ import argparse
 import json
 import textwrap
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -65,6 +66,13 @@ def keep(name: str, folder: Path) -> None:
     (KEPT / f"{name}.json").write_bytes((folder / "about.json").read_bytes())
 
 
+def settings_of(value: dict[str, Any]) -> Settings:
+    """Return the settings that a JSON value of `Settings.as_json` holds."""
+    tasks = tuple((name, tuple(sizes)) for name, sizes in value["tasks"].items())
+    few, fewer = value["topologies"]
+    return Settings(**{**value, "tasks": tasks, "topologies": (few, fewer), "distances": tuple(value["distances"])})
+
+
 def section(name: str) -> str:
     """Return what the rows of an experiment show, those of other methods beside them."""
     asked = experiment(name)
@@ -72,7 +80,7 @@ def section(name: str) -> str:
     for table in tables(name):
         rows = results(table)
         about = json.loads(table.with_suffix(".json").read_text(encoding="utf-8"))
-        planned = len(asked.cells(Settings.from_json(about["settings"])))
+        planned = len(asked.cells(settings_of(about["settings"])))
         parts.append(f"\n`{table.name}`, {len(rows)} of {planned} problems of\n\n    {about['command']}\n")
     parts += ["\n", *(f"{bullet(finding)}\n" for finding in asked.findings(kept(name)))]
     return "".join(parts)

@@ -70,11 +70,11 @@ def open_page(run: Path) -> None:
     """
     with explain_errors():
         from topo_search.model import BadInput
-        from topo_search.study import REPORT
+        from topo_search.study import RunFile
 
-        page = run / REPORT
+        page = run / RunFile.REPORT
         if not page.is_file():
-            raise BadInput(str(run), f"has no {REPORT} yet: topo-search report {run} writes it")
+            raise BadInput(str(run), f"has no {RunFile.REPORT} yet: topo-search report {run} writes it")
         if click.launch(str(page)):
             raise BadInput(str(page), "no program on this machine opens it")
 

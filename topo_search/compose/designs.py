@@ -26,7 +26,7 @@ from topo_search.model.proven import lower_text
 from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.value import naming
 from topo_search.protocols import OwnConstraint
-from topo_search.study import REPORT, Observer, RunFolder, Solved, answer_of, solve_single
+from topo_search.study import Observer, RunFile, RunFolder, Solved, answer_of, solve_single
 from topo_search.study.directory import CHANGED
 from topo_search.topologies import OwnTopology, own_topology
 
@@ -298,7 +298,7 @@ def write_report(
         with RunFolder.load(source, writes=True) as folder:
             _name_changed(folder, note)
             write_run_page(folder)
-        return source / REPORT
+        return source / RunFile.REPORT
     if source.is_dir():
         with RunFolder.load(source) as folder:
             _name_changed(folder, note)

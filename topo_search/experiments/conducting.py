@@ -100,8 +100,7 @@ class Measured:
     unit: str | None = None
 
 
-KINDS = {field.name: str(field.type) for field in fields(Measured)}
-COLUMNS = tuple(KINDS)
+COLUMNS = tuple(field.name for field in fields(Measured))
 
 
 class ResultsLost(LedgerLost):
@@ -276,7 +275,7 @@ def _cells(path: Path, number: int, line: str) -> dict[str, str]:
         raise BadInput(str(path), rule)
     row = dict(zip(COLUMNS, cells, strict=True))
     readers: dict[str, Callable[[str], object]] = {"int": int, "float": float, "str": str}
-    for name, kind in KINDS.items():
+    for name, kind in ((field.name, str(field.type)) for field in fields(Measured)):
         try:
             readers[kind.removesuffix(" | None")](row[name])
         except ValueError:

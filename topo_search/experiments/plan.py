@@ -84,13 +84,6 @@ class Settings:
         value: dict[str, Any] = json.loads(json.dumps({**asdict(self), "tasks": dict(self.tasks)}))
         return value
 
-    @classmethod
-    def from_json(cls, value: dict[str, Any]) -> Self:
-        """Return the settings that a JSON value of `as_json` holds."""
-        tasks = tuple((name, tuple(sizes)) for name, sizes in value["tasks"].items())
-        few, fewer = value["topologies"]
-        return cls(**{**value, "tasks": tasks, "topologies": (few, fewer), "distances": tuple(value["distances"])})
-
     def as_options(self) -> str:
         """Return the command-line options for these settings."""
         options = [f"--task {name}:{_join(sizes)}" for name, sizes in self.tasks]

@@ -91,11 +91,6 @@ def read_text(path: str | Path, *, most_bytes: int) -> str:
     return decode(read_regular(path, most_bytes=most_bytes), "utf-8-sig")
 
 
-PART = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
-DOTTED = re.compile(rf"""(?<![A-Za-z0-9_."'-]){PART}(?:[ \t]*+\.[ \t]*+{PART}){{{LIMITS.key_parts}}}""")
-"""A key of too many parts. The parser would take hours for it: its time grows with the cube of their number."""
-
-
 class NotParsed(ValueError):
     """A text that is not what it is to be; says why."""
 
@@ -113,7 +108,10 @@ def toml_data(text: str) -> dict[str, Any]:
     """
     if (lists := text.count("[")) > LIMITS.lists:
         raise NotParsed(f"must have at most {LIMITS.lists:,} lists, but has {lists:,}", beyond=True)
-    if (dotted := DOTTED.search(text)) is not None:
+    # A key of too many parts: the parser would take hours for it, as its time grows with the cube of their number.
+    part = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
+    too_many = rf"""(?<![A-Za-z0-9_."'-]){part}(?:[ \t]*+\.[ \t]*+{part}){{{LIMITS.key_parts}}}"""
+    if (dotted := re.search(too_many, text)) is not None:
         rule = f"must have at most {LIMITS.key_parts} parts in a key, but got {show(dotted[0])}"
         raise NotParsed(rule, beyond=True)
     try:

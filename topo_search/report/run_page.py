@@ -19,13 +19,13 @@ from topo_search.report.page import Chart, Table, Tile, render
 from topo_search.report.ranking import ranking
 from topo_search.report.scene import shared_meshes
 from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, sentence
-from topo_search.study import NEAR, NOTHING, REPORT, Answer, Own, Row, RunFolder, SizeAnswer, answer_of
+from topo_search.study import NEAR, NOTHING, Answer, Own, Row, RunFile, RunFolder, SizeAnswer, answer_of
 from topo_search.study.ledger import kind_of
 
 
 def write_run_page(folder: RunFolder) -> None:
     """Write `report.html` into a run's folder."""
-    folder.keep(REPORT, render(run_page(folder)) + folder.page_mark())
+    folder.keep(RunFile.REPORT, render(run_page(folder)) + folder.page_mark())
 
 
 def run_page(folder: RunFolder) -> dict[str, Any]:

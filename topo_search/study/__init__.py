@@ -1,7 +1,8 @@
 """A run and its folder: what was asked, every candidate's row in the ledger, and the answer."""
 
 from topo_search.study.answer import NEAR, Answer, SizeAnswer
-from topo_search.study.folder import REPORT, RunFolder
+from topo_search.study.directory import RunFile
+from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import COLUMNS, Row, SolveEvent
 from topo_search.study.ledger_file import LedgerLost
 from topo_search.study.optima import FrontPoint, front

@@ -43,6 +43,11 @@ class RunFile:
     LEDGER = "ledger.sqlite"
     TASK = "task.toml"
     FRONT = "front.csv"
+    REPORT = "report.html"
+    RESULTS = ("best.json", "candidates.csv", FRONT, REPORT, TASK)
+    """Files that tell of a run; with a range of sizes there is a `best-nN.json` of each besides."""
+    PARTS = ("designs", "audits")
+    """Folders with a file per candidate."""
     PROOFS = "proof"
     """The folder of the proofs, one file per candidate that was looked at."""
     OPTIMA = "optima"

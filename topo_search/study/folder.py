@@ -27,11 +27,6 @@ from topo_search.study.ledger_file import blank
 from topo_search.study.proofs import ProofState, bounded_alike, cells, proof_state
 from topo_search.study.request import NOTHING, Own, Request, installed_versions
 
-REPORT = "report.html"
-RESULTS = ("best.json", "candidates.csv", RunFile.FRONT, REPORT, RunFile.TASK)
-"""Files that tell of a run; with a range of sizes there is a `best-nN.json` of each besides."""
-PARTS = ("designs", "audits")
-"""Folders with a file per candidate."""
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -45,7 +40,9 @@ def holds_run(directory: Directory) -> bool:
         return False
     left = "it is left unchanged"
     shown = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
-    if any(name in (*RESULTS, *PARTS) or name.startswith((RunFile.LEDGER, "best-n")) for name in others):
+    if any(
+        name in (*RunFile.RESULTS, *RunFile.PARTS) or name.startswith((RunFile.LEDGER, "best-n")) for name in others
+    ):
         raise refusal(
             directory.path,
             f"has {shown} but no {RunFile.LEDGER}: the ledger was removed, or this is not a run folder; {left}",
@@ -161,7 +158,7 @@ class RunFolder:
                     folder = cls(path, request, ledger, directory)
                     directory.tidy()
                     sizes = [f"best-n{n}.json" for n in request.task.sizes]
-                    folder._files.require((*RESULTS, *sizes))
+                    folder._files.require((*RunFile.RESULTS, *sizes))
                     ledger.ask(request.starts, request.trials)
                     folder.keep(RunFile.TASK, to_toml(request.task))
                     yield folder
@@ -222,15 +219,15 @@ class RunFolder:
 
     def page_mark(self) -> str:
         """Return the last line of a page that is written now: a digest of all that it shows."""
-        return f"<!-- {self.ledger.fingerprint(but=REPORT)} -->\n"
+        return f"<!-- {self.ledger.fingerprint(but=RunFile.REPORT)} -->\n"
 
     def page_is_current(self) -> bool:
         """Return whether the page is there, as the run wrote it, and nothing that it shows has changed since."""
-        page = self._directory.read(REPORT)
+        page = self._directory.read(RunFile.REPORT)
         return (
             page is not None
             and page.endswith(self.page_mark().encode())
-            and not self._files.is_changed(REPORT, page)
+            and not self._files.is_changed(RunFile.REPORT, page)
         )
 
     def drop(self, name: str) -> None:
@@ -256,20 +253,20 @@ class RunFolder:
         """
         self.keep_table("candidates.csv", COLUMNS, (row for n in self.request.task.sizes for row in self.cells(n)))
         self._write_best()
-        for part in PARTS:
+        for part in RunFile.PARTS:
             self._directory.make(self._level + part)
         valid = set[str]()
 
         def contents() -> Iterator[tuple[str, bytes]]:
             for n in self.request.task.sizes:
                 for key, *texts in self.ledger.texts(n):
-                    for part, text in zip(PARTS, texts, strict=True):
+                    for part, text in zip(RunFile.PARTS, texts, strict=True):
                         if text is not None:
                             valid.add(name := f"{self._level}{part}/{key}.json")
                             yield name, text.encode()
 
         self._files.keep(contents(), lasting=False)
-        for part in PARTS:
+        for part in RunFile.PARTS:
             self._files.remove(name for name in self._files.names_in(self._level + part) if name not in valid)
 
     def candidates(self, n: int) -> Iterator[tuple[Row, ProofState, Audit | None]]:

@@ -219,8 +219,6 @@ def _new_study(**options: Any) -> optuna.Study:
 
 SEEDS = 2**32
 """Number of seeds that Optuna's samplers know."""
-FIXED = "fixed_params"
-"""Optuna's key for a trial whose numbers are given: a tree that is solved again from more starts."""
 
 
 class Uniform(TreeSampler):
@@ -260,7 +258,7 @@ class OwnOptunas(Optunas):
 
     def before_trial(self, study: Study, trial: FrozenTrial) -> None:
         """Let the sampler prepare, if the trial is its own."""
-        if FIXED in trial.system_attrs:
+        if _is_again(trial):
             return
         with _naming(self._sampler, "before_trial"):
             self._sampler.before_trial(study, trial)
@@ -296,10 +294,16 @@ class OwnOptunas(Optunas):
         self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None
     ) -> None:
         """Report the result of one of its own trials to the sampler."""
-        if FIXED in trial.system_attrs:
+        if _is_again(trial):
             return
         with _naming(self._sampler, "after_trial"):
             self._sampler.after_trial(cast("Study", _Endless(study)), trial, state, values)
+
+
+def _is_again(trial: FrozenTrial) -> bool:
+    return (
+        "fixed_params" in trial.system_attrs
+    )  # a tree that is solved again from more starts: its numbers are given
 
 
 class _Endless:
