@@ -23,12 +23,10 @@ from topo_search.model.files import read_json, read_task
 from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.proof import chunk_count, proof_task
 from verify.beside_airflow import beside_airflow, certify_beside
-from verify.bodies import ConeSphere
-from verify.clearance import clearances
-from verify.kinematics import Platform, platform, poses
+from verify.bodies import ConeSphere, clearances
+from verify.kinematics import Platform, platform, poses, required_wrench, wrench_map
 from verify.parts import rigid_parts
 from verify.requirements import Scene
-from verify.wrench import required_wrench, wrench_map
 
 
 def seen(stated, lower, upper):

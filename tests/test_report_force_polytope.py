@@ -9,11 +9,9 @@ from verify_cases import FAN, design, fan
 from topo_search.export.allocation import thrust_matrix
 from topo_search.export.poses import poses
 from topo_search.model import Design, Topology
-from topo_search.report.arrows import force_polytope, metres_per_newton
-from topo_search.report.view import view
+from topo_search.report.view import force_polytope, metres_per_newton, view
 from verify import audit
-from verify.kinematics import platform
-from verify.wrench import wrench_map
+from verify.kinematics import platform, wrench_map
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,8 @@ from topo_search.compose import audit
 from topo_search.export.poses import poses
 from topo_search.model import Audit, Design, LoadCase, Topology, Wrench
 from topo_search.model.layout import PORT_DIRECTIONS
-from topo_search.report.arrows import arrows, reach
 from topo_search.report.scene import closest, figure, meshes, ring, scene, shared_meshes, straight_arrow
-from topo_search.report.view import view
+from topo_search.report.view import arrows, reach, view
 
 
 @pytest.fixture(scope="module")

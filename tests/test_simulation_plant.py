@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from topo_search.model import Design, Topology
-from topo_search.simulation.authority import hardest_rotor, hover_residual, weakest_force
+from topo_search.simulation.campaign import hardest_rotor, hover_residual, weakest_force
 from topo_search.simulation.controller import (
     EFFORT,
     TORQUE_FIRST,

@@ -21,8 +21,7 @@ from topo_search.model.files import read_json
 from topo_search.topologies import sample
 from verify import audit
 from verify.flight.balls import half_angles
-from verify.kinematics import platform
-from verify.wrench import required_wrench, wrench_map
+from verify.kinematics import platform, required_wrench, wrench_map
 
 Array = NDArray[np.float64]
 

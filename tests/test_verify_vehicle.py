@@ -17,7 +17,7 @@ from topo_search.export.poses import poses
 from topo_search.model import Design
 from topo_search.model.files import read_json
 from topo_search.model.vehicle import Vehicle, read_vehicle
-from topo_search.report.vehicle_page import vehicle_page
+from topo_search.report.design_page import vehicle_page
 from verify import audit
 from verify.flight import capability
 from verify.flight.vehicle import rotor_map

@@ -29,8 +29,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis
-from verify.fcl_queries import Shape
-from verify.meshes import ROUNDING, ConvexMesh, Indices, box_corners, inner_mesh, outer_mesh
+from verify.meshes import ROUNDING, ConvexMesh, Indices, Shape, box_corners, inner_mesh, outer_mesh
 
 
 class SolidMeshes(NamedTuple):

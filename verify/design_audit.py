@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import itertools
 import platform as python_platform
+import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from importlib import metadata
@@ -26,37 +27,30 @@ from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
 from verify.air import air, speed_residuals
 from verify.assembly import assembly, rod_residuals
-from verify.bare import complete
-from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
+from verify.bare import complete, corner_residuals, power
+from verify.beside_airflow import BesideAirflow, beside_airflow, certify_beside
 from verify.bodies import Array
 from verify.certificate import Certificate, Solid
-from verify.compounds import compound_evidence
-from verify.cones import cone_evidence
 from verify.contacts import (
+    InsideCone,
     RigidRequirement,
     allowed_contacts,
     beside_brackets,
     bracket_hulls,
-    keep_apart,
-    rotors_beside_brackets,
-)
-from verify.evidence import evidence
-from verify.flight import failure_residuals, flight, load_residuals, reserve_residuals, tolerance_residuals
-from verify.kinematics import platform
-from verify.parts import RigidParts, rigid_parts
-from verify.power import power
-from verify.requirements import Requirement, Scene
-from verify.residuals import clamp, residuals
-from verify.sensitivity import sensitivity
-from verify.solid_regions import (
-    InsideCone,
     certify_all,
     certify_parts,
     certify_rigid,
+    keep_apart,
     parts_beside_regions,
     rod_beside_regions,
+    rotors_beside_brackets,
 )
-from verify.wrench_sets import corner_residuals
+from verify.flight import failure_residuals, flight, load_residuals, reserve_residuals, tolerance_residuals
+from verify.kinematics import platform
+from verify.parts import rigid_parts
+from verify.requirements import Requirement, Scene
+from verify.residuals import clamp, residuals
+from verify.sensitivity import sensitivity
 
 
 def percent_of_deepest(clearance: float, module: Module) -> float:
@@ -123,7 +117,7 @@ def _audit(design: Design, started: float) -> Audit:
     holder = 0 if mount is None else mount.module
     middle = placed.p_com + placed.o.mean(axis=0)  # of the scene, in W
     closest = _closest_points(checks, certificates, module.arm_length, middle)
-    pairs = tuple(_clearance(*row, module, parts) for row in zip(checks, certificates, closest, strict=True))
+    pairs = tuple(_clearance(*row, module) for row in zip(checks, certificates, closest, strict=True))
     requirements = [row for row in listed[0] if isinstance(row, Requirement)]
     errors = sensitivity(design, placed, scene, requirements, holder)
     measured = flight(design, placed, sheet, errors)
@@ -187,10 +181,8 @@ def _clearance(
     certificate: Certificate,
     closest: tuple[Vector, Vector] | None,
     module: Module,
-    parts: RigidParts,
 ) -> Clearance:
     l_arm, d = module.arm_length, clamp(certificate.analytic * module.arm_length)
-    inconsistent = certificate.status == Status.INCONSISTENT
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
     return Clearance(
         kind=requirement.kind,
@@ -203,19 +195,17 @@ def _clearance(
         analytic_m=d,
         level=certificate.level,
         percent=clamp(percent_of_deepest(d, module)) if requirement.kind == "airflow" else None,
-        evidence=_evidence(requirement, parts) if inconsistent else (),
+        evidence=(*_describe(requirement), *certificate.evidence) if certificate.evidence else (),
         closest_m=closest,
     )
 
 
-def _evidence(requirement: Asked, parts: RigidParts) -> tuple[str, ...]:
-    if isinstance(requirement, BesideAirflow):
-        return beside_evidence(requirement, parts)
-    if isinstance(requirement, InsideCone):
-        return cone_evidence(requirement.body, requirement.against)
-    if isinstance(requirement, RigidRequirement):
-        return compound_evidence(requirement.body, requirement.against, requirement.bolted)
-    return evidence(requirement.body, requirement.against)
+def _describe(row: Asked) -> tuple[str, str]:
+    """Return both sides of a row with all their digits, in l_arm from the mean of the module centres."""
+    sides = (side.body if isinstance(side, Solid) else side for side in (row.body, row.against))
+    with np.printoptions(floatmode="unique", threshold=sys.maxsize):
+        body, against = (" ".join(repr(side).split()) for side in sides)
+    return f"body: {body}", f"against: {against}"
 
 
 def _mesh_excess(design: Design) -> tuple[MeshExcess, ...]:

@@ -19,8 +19,7 @@ from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import Row, Solid
 from verify.hulls import Hull, hull
 from verify.kinematics import Platform
-from verify.parts import RigidParts
-from verify.rod import straight_rod
+from verify.parts import RigidParts, straight_rod
 
 
 class Requirement(Row[Solid, Solid | Cone | Hull]):

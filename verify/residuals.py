@@ -16,8 +16,7 @@ import numpy as np
 
 from topo_search.model import LEAST_OFFSET, Design, Residual, Status, needs_offset
 from topo_search.model.tolerances import TOLERANCE
-from verify.kinematics import Platform
-from verify.wrench import objective, wrench_errors
+from verify.kinematics import Platform, objective, wrench_errors
 
 
 def residuals(design: Design, platform: Platform) -> tuple[Residual, ...]:

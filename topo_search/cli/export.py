@@ -11,7 +11,7 @@ from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, needs_extras, note
 
 if TYPE_CHECKING:
-    from topo_search.export.simulator_xml import Physics
+    from topo_search.export.mjcf import Physics
     from topo_search.model import Audit, Design
 
 SUFFIXES = {
@@ -140,7 +140,7 @@ def export(
     with explain_errors():
         from topo_search.compose import audit, read_completed, read_design
         from topo_search.export.formats import formats
-        from topo_search.export.simulator_xml import Physics
+        from topo_search.export.mjcf import Physics
         from topo_search.model import BadInput
 
         suffix = out.suffix.lower()

@@ -12,7 +12,7 @@ from topo_search.cli.errors import explain_errors, note
 from topo_search.cli.run import answer_as_json, echo_answer
 
 if TYPE_CHECKING:
-    from topo_search.report.compare_page import Compared
+    from topo_search.report.design_page import Compared
 
 run_folder = click.argument("run", type=click.Path(path_type=Path, exists=True, file_okay=False))
 

@@ -9,10 +9,9 @@ from typing import Literal
 
 from topo_search.export.allocation import allocation, allocator_file
 from topo_search.export.brackets import printed_parts
-from topo_search.export.mjcf import mjcf
+from topo_search.export.mjcf import AS_SEARCHED, Physics, mjcf
 from topo_search.export.px4 import px4_parameters, px4_warnings, reason_against
 from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet
-from topo_search.export.simulator_xml import AS_SEARCHED, Physics
 from topo_search.model.bad_input import BadInput
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically

@@ -22,8 +22,8 @@ from xml.etree.ElementTree import Comment, Element, SubElement
 import numpy as np
 
 from topo_search.export import palette
+from topo_search.export.mjcf import numbers, rgba, xml_text
 from topo_search.export.poses import ROTOR_ANGLES, mass_of, poses, rod_of, rotation_to
-from topo_search.export.simulator_xml import numbers, rgba, xml_text
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.layout import PORT_DIRECTIONS

@@ -19,9 +19,8 @@ import mujoco
 import numpy as np
 
 from topo_search.export.allocation import Allocation, allocation
-from topo_search.export.mjcf import mjcf
+from topo_search.export.mjcf import Physics, mjcf, numbers
 from topo_search.export.poses import mass_of, poses, rod_of, rotation_to
-from topo_search.export.simulator_xml import Physics, numbers
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.design import Design
 

@@ -23,6 +23,23 @@ which is the middle of the cap:
 
 A half-space with s >= 1 holds the whole sphere; any other a cap up to t = theta - arccos(s), beyond which an arc
 lies outside, even if its far end does not. The least t of all d is that of P.
+
+An allocator that only multiplies has inputs A^+ w, and nothing where one is beyond its limits:
+
+| symbol | meaning | shape |
+|---|---|---|
+| A, A^+ | wrench map and its pseudo-inverse | (6, N), (N, 6) |
+| b | wrench that is held, hover with its load | (6,) |
+| E | wrenches of unit forces or torques that are added | (6, D) |
+| v | A^+ b | (N,) |
+| s_i | what is left of input i: the least of high_i - v_i and v_i - low_i | |
+
+Input i is v_i + (A^+ E)_i d for an added d, so that the largest ball has the radius min_i s_i / |(A^+ E)_i|: no
+program is needed. Wrenches that A A^+ does not return are not exerted at all. PX4 allocates so before it
+desaturates.
+
+With a rotor dead, the torques that can be added show that attitude remains controllable. A dead rotor's bounds are
+both zero, whatever the least input.
 """
 
 from __future__ import annotations
@@ -32,10 +49,12 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
-from verify.flight.programs import Box, greatest
+from verify.flight.programs import Box, find_solutions, greatest
 from verify.meshes import Indices
 
 ACCURACY = 1e-7
@@ -217,3 +236,86 @@ def _surrounds(normals: Array, corners: Array) -> bool:
     volume = np.abs(np.einsum("fd,fd->f", a, np.cross(b, c)))
     inner = A * B * C + np.sum(a * b, axis=1) * C + np.sum(b * c, axis=1) * A + np.sum(c * a, axis=1) * B
     return bool(abs(2 * np.arctan2(volume, inner).sum() - 4 * math.pi) < COVERED)
+
+
+FORCES, TORQUES = np.eye(6)[:, :3], np.eye(6)[:, 3:]
+"""Wrenches about the COM of forces and torques there."""
+RANK = 1e-9
+"""Singular values below this share of the largest are zero."""
+
+
+class PseudoInverse:
+    """The allocator.
+
+    Args:
+        A: wrench map, shape (6, N) [m_t g, l_arm m_t g].
+        box: bounds of the inputs, shape (N,) each.
+    """
+
+    def __init__(self, A: Array, box: Box) -> None:
+        self._A, self._box, self._inverse = A, box, np.linalg.pinv(A, rcond=RANK)
+
+    def ball(self, b: Array, E: Array) -> float:
+        """Return the radius of the largest ball of additions to b; 0 if there is none."""
+        v, rows = self._inverse @ b, self._inverse @ E
+        missed = self._A @ np.column_stack([v, rows]) - np.column_stack([b, E])
+        left = np.minimum(self._box.high - v, v - self._box.low)
+        if np.abs(missed).max() > TOLERANCE or left.min() < 0:
+            return 0.0
+        sizes = np.linalg.norm(rows, axis=1)
+        moved = sizes > 0
+        return float((left[moved] / sizes[moved]).min(initial=math.inf))
+
+    def cap(self, b: Array) -> float:
+        """Return the half-angle of the largest cap of forces as large as that of b around it, without torque [rad].
+
+        Each limit of an input is a half-space of forces.
+        """
+        if self.ball(b, FORCES) == 0:
+            return 0.0
+        v, rows = self._inverse @ b, self._inverse @ FORCES
+        sizes = np.linalg.norm(rows, axis=1)
+        moved = sizes > 0
+        normals = rows[moved] / sizes[moved, None]
+        up, down = (side[moved] / sizes[moved] for side in (self._box.high - v, v - self._box.low))
+        return min(float(half_angles(n, h, b[:3]).min()) for n, h in ((normals, up), (-normals, down)))
+
+
+TOGETHER = 20
+"""Polytopes that are looked at at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class Left:
+    """Remaining capability at a wrench, with each rotor dead."""
+
+    yes: NDArray[np.bool_]
+    """Proven to be possible, shape (N,)."""
+    no: NDArray[np.bool_]
+    """Proven to be impossible; neither: undecided."""
+    lower: Array
+    """Radius of the largest ball of torques that can be added, at least [l_arm m_t g]; 0 without a proof."""
+    upper: Array
+    """And at most."""
+
+
+def remainder(A: Array, b: Array, box: Box) -> Left:
+    """Return what is left of a wrench with each of the rotors dead, one at a time.
+
+    Args:
+        A: wrench map, shape (6, N).
+        b: the wrench, shape (6,).
+        box: bounds of the inputs of rotors that run, shape (N,) each.
+    """
+    N = A.shape[1]
+    alive = 1.0 - np.eye(N)
+    low, high = box.low * alive, box.high * alive
+    reached = find_solutions(A, np.tile(b, (N, 1)), Box(low, high))
+    lower, upper = np.zeros(N), np.where(reached.no, 0.0, np.inf)
+    able = np.flatnonzero(reached.yes)
+    for start in range(0, len(able), TOGETHER):
+        dead = able[start : start + TOGETHER]
+        made = reached.v[dead] @ A.T  # within the audit's tolerance of b, and produced exactly
+        balls = largest_balls(A[3:], A[:3], made[:, 3:], made[:, :3], Box(low[dead], high[dead]))
+        lower[dead], upper[dead] = [ball.lower for ball in balls], [max(ball.upper, 0.0) for ball in balls]
+    return Left(reached.yes, reached.no, lower, upper)

@@ -44,15 +44,11 @@ from topo_search.model import (
 from topo_search.model.reserves import centres_of
 from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
-from verify.flight.balls import Ball, largest_balls, largest_caps
-from verify.flight.failures import remainder
-from verify.flight.inputs import least_inputs
+from verify.flight.balls import FORCES, TORQUES, Ball, PseudoInverse, largest_balls, largest_caps, remainder
 from verify.flight.joints import inertia, joint_loads
-from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest
-from verify.flight.pseudo_inverse import FORCES, TORQUES, PseudoInverse
-from verify.kinematics import Platform
+from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest, least_inputs
+from verify.kinematics import Platform, required_wrench, wrench_map
 from verify.residuals import clamp
-from verify.wrench import required_wrench, wrench_map
 
 HOVER = "hover"
 AT_LIMIT = 1e-3
