@@ -15,7 +15,7 @@ from wording import says
 import verify
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.cli.audit import DesignFile
+from topo_search.cli.runs import DesignFile
 from topo_search.export.audits import escape, tolerance_lines
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Topology

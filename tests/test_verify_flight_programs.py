@@ -11,8 +11,7 @@ from scipy.spatial import ConvexHull
 
 import verify.flight.programs
 from verify.flight.balls import largest_balls
-from verify.flight.programs import GAP, Box, find_solutions, greatest, least_inputs
-from verify.flight.simplex import Ends, solve
+from verify.flight.programs import GAP, Box, Ends, find_solutions, greatest, least_inputs, solve
 from verify.meshes import Indices
 
 Array = NDArray[np.float64]

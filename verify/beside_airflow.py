@@ -38,8 +38,6 @@ from verify.meshes import ConvexMesh, Indices, Shape, encloses, inner_mesh, lies
 from verify.parts import RigidParts
 
 ROTORS = 4
-LEVELS = 2 + len(TURNED_LEVELS)
-"""0: a box around the whole module; 1: common meshes of the parts; then meshes turned towards the witness."""
 
 
 class BesideAirflow(Row[Compound, Solid]):
@@ -118,7 +116,8 @@ def certify_beside(requirements: Sequence[BesideAirflow], parts: RigidParts) -> 
 
 def _certify(pair: BesideAirflow, parts: RigidParts, at: _Found, closest: Array) -> Certificate:
     upper = None if np.isnan(at.upper) else float(at.upper)
-    return judge(float(at.d), upper, closest, functools.partial(_proof, pair, parts, at), LEVELS)
+    # a box, the parts' common meshes, then meshes turned towards the witness
+    return judge(float(at.d), upper, closest, functools.partial(_proof, pair, parts, at), 2 + len(TURNED_LEVELS))
 
 
 def _row(columns: _Found, k: int) -> _Found:

@@ -41,9 +41,6 @@ from verify.bodies import Array, ConeSphere, clearances
 from verify.certificate import ROUNDING, TURNED_LEVELS, Certificate, Solid, Witness, judge
 from verify.meshes import FARTHEST, ConvexMesh, Indices, Shape, encloses, inner_mesh, lies_within, outer_mesh
 
-PLANARITY = 1e-11
-"""Largest offset of corners from their faces' planes, over the scene size: less than proofs allow for rounding."""
-
 
 @dataclass(frozen=True, eq=False)
 class Hull:
@@ -123,7 +120,8 @@ def hull(points: Array) -> Hull:
     off_face = np.abs(np.einsum("fkx,fx->fk", points[triangles], normals) - offsets[:, None]).max()
     sides = {(i, j) for face in triangles.tolist() for i, j in zip(face, face[1:] + face[:1], strict=True)}
     closed = len(sides) == triangles.size and all((j, i) in sides for i, j in sides)
-    if not closed or off_face > PLANARITY * (1.0 + float(np.abs(points).max())):
+    # less than proofs allow for rounding, over the scene's size
+    if not closed or off_face > 1e-11 * (1.0 + float(np.abs(points).max())):
         raise ValueError("a target region's corners are too close to one another for a hull with exact faces")
     # FCL walks from vertex to vertex along faces, and would be lost on one that no face has.
     used, compact = np.unique(triangles, return_inverse=True)

@@ -6,13 +6,12 @@ import itertools
 
 import click
 
-from topo_search.cli.audit import audit
 from topo_search.cli.experiment import experiment
 from topo_search.cli.export import export
 from topo_search.cli.fly import fly
 from topo_search.cli.hardware import airflow, capability, kit
 from topo_search.cli.run import run
-from topo_search.cli.runs import compare, list_runs, open_page, report, show
+from topo_search.cli.runs import audit, compare, list_runs, open_page, report, show
 from topo_search.cli.solve import prove, solve
 from topo_search.cli.tasks import check, examples, init, topologies
 

@@ -31,7 +31,6 @@ SUFFIXES = {
 }
 """Kind of file by the end of its name; installed packages add more."""
 PICTURES = ("png", "svg")
-SOLIDS = ("glb", "stl")
 TABLES = ("assembly", "csv", "parquet")
 KIT = ("kit", "allocation", "rotors", "px4", "brackets", "sheet", "parts")
 """The lab kit, and its parts that are files of their own."""
@@ -151,7 +150,7 @@ def export(
         if form is None:
             rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
             raise BadInput("--out", rule)
-        if parts is not None and form not in SOLIDS:
+        if parts is not None and form not in ("glb", "stl"):
             raise BadInput("--parts", f"applies only to glb and stl, but got {parts}")
         if air_speed is not None and form not in ("glb", *PICTURES):
             raise BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {form}")
@@ -288,7 +287,7 @@ def _write_table(source: str, kind: Any, out: Path) -> None:
 
 def _audit_of(source: str) -> Audit:
     """Return the audit that a file holds, or that of the design that it holds."""
-    from topo_search.cli.audit import AUDIT
+    from topo_search.cli.runs import AUDIT
     from topo_search.compose import audits, read_completed
     from topo_search.engine import Failed
     from topo_search.model import Audit, BadInput

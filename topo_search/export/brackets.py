@@ -39,8 +39,6 @@ SIDES = 64
 """Sides of a round hole: its corners lie on the circle."""
 TURNS = (1.0, -1.0, -1.0, 1.0)
 """phi over alpha at the ports 0..3."""
-FIT = 1e-4
-"""Excess of a mount's bore over the rod, in radius [m]."""
 SLOT = 1e-3
 """Width of the slot that a clamp closes [m]."""
 DIGITS = 3
@@ -220,7 +218,8 @@ def mark_places(sizes: Bracket, marks: int) -> Array:
 def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
     """Return the flange with a socket for the rod, which begins at c and leaves along v, and a clamp at its end."""
     r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
-    bore, outside = MILLIMETRES * (radius + FIT), MILLIMETRES * (radius + sizes.wall)
+    # excess of the bore over the rod, in radius
+    bore, outside = MILLIMETRES * (radius + 1e-4), MILLIMETRES * (radius + sizes.wall)
     reach = MILLIMETRES * grip
     along = pose_matrix(rotation_to(v), np.zeros(3))
     foot = _move(Manifold.cylinder(t, min(outside, r), circular_segments=SIDES), _x_from_z(-d))

@@ -143,8 +143,6 @@ def rod_of(design: Design, at: Poses) -> Rod | None:
 
 
 ELEVATION_DEG = 20.0
-AZIMUTHS_DEG = (-60, -30, 30, 60)
-"""Azimuths of the camera; none is close to an axis, whose labels would then run into each other."""
 
 
 def poses_to_draw(design: Design) -> Poses:
@@ -160,8 +158,9 @@ def poses_to_draw(design: Design) -> Poses:
 def azimuth_deg(at: Poses) -> float:
     """Return the azimuth [deg] that looks across the line from the centre of mass to p_E, and along no axis."""
     x, y, _ = at.p_E
-    across = y * np.cos(np.radians(AZIMUTHS_DEG)) - x * np.sin(np.radians(AZIMUTHS_DEG))
-    return AZIMUTHS_DEG[int(np.argmax(np.abs(across)))]
+    azimuths = (-60, -30, 30, 60)  # none is close to an axis, whose labels would then run into each other
+    across = y * np.cos(np.radians(azimuths)) - x * np.sin(np.radians(azimuths))
+    return azimuths[int(np.argmax(np.abs(across)))]
 
 
 def towards_viewer(azimuth_deg: float) -> Array:

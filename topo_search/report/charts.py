@@ -23,8 +23,6 @@ from topo_search.study import Answer, FrontPoint, SolveEvent, front
 
 IN_CELLS = 7
 """Largest matrix whose values are written into its cells, so that they fit."""
-TIGHT = 0.01
-"""A clearance up to this has a colour [m]."""
 MOST_POINTS = 4000
 """Largest number of points of a chart; of more solves, evenly many are left out."""
 PAIRWISE = {
@@ -71,7 +69,7 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
     hover = np.full((n, len(columns)), "", dtype=object)
     written: list[tuple[str, str, str, str]] = []
     for (i, j), pair in cells.items():
-        level = 2 if pair.status != "clear" else int(pair.analytic_m <= TIGHT)
+        level = 2 if pair.status != "clear" else int(pair.analytic_m <= 0.01)
         levels[i, j] = level
         lower = "none" if pair.lower_m is None else length(at_least(pair.lower_m, 3))
         upper = "none" if pair.upper_m is None else length(at_most(pair.upper_m, 3))

@@ -25,10 +25,6 @@ from topo_search.study.row import Row
 
 LOOPBACK = "127.0.0.1"
 """The only address that is served: no other machine reaches it."""
-REFRESH_S = 5.0
-"""Least age of a page before it is made anew [s]."""
-MOST_SHARE = 0.1
-"""Largest share of the time that may go into making pages."""
 
 
 class Live:
@@ -82,7 +78,7 @@ class Live:
             if began >= self._due:
                 self._page = self._render()
                 now = time.monotonic()
-                self._due = now + max(REFRESH_S, (now - began) / MOST_SHARE)
+                self._due = now + max(5.0, 10 * (now - began))  # a tenth of the time at most
             return self._page
 
     def _render(self) -> str:

@@ -20,9 +20,6 @@ from trimesh.viewer import scene_to_html
 
 from topo_search.export import palette
 
-FIRST_TILES = 6
-"""Number of tiles beside the view."""
-
 
 class Chart(NamedTuple):
     """A figure with what it shows in words."""
@@ -75,7 +72,7 @@ def render(page: dict[str, Any]) -> str:
     return environment.get_template("page.html.j2").render(
         page={**absent, "fragile": (), "notes": (), **page},
         palette=palette,
-        FIRST_TILES=FIRST_TILES,
+        FIRST_TILES=6,  # beside the view
         style=_template("page.css"),
         script=Markup("\n").join(_template(f"{name}.js") for name in scripts),
         libraries=_libraries(),

@@ -49,13 +49,10 @@ from verify.air.jets import MODEL, jets
 from verify.flight.programs import Box
 from verify.flight.vehicle import force_hull
 
-SHARE = 0.6
-"""Length of the longest arrow, over the reach of the platform."""
-
 
 def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
     """Yield every load case as arrows: its name, its words, the label and position of each arrow, its parts."""
-    S = SHARE * reach(design, at)
+    S = longest_arrow(design, at)
     least, thick, radius = 0.15, 0.025, 0.3  # shortest arrow, shaft, torque's ring, over the longest arrow
     largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
     for k, wrenches in itertools.groupby(load_wrenches(design, at), key=lambda wrench: wrench[0]):
@@ -94,13 +91,14 @@ def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Itera
 def metres_per_newton(design: Design, at: Poses) -> float:
     """Return the scale of the arrows of forces; without any force that of the platform's weight [m/N]."""
     force = largest_wrench(design, at, "force") or design.task.force_unit(design.topology.n)
-    return SHARE * reach(design, at) / force
+    return longest_arrow(design, at) / force
 
 
-def reach(design: Design, at: Poses) -> float:
-    """Return the largest distance of a rotor or the end-effector from the centre of mass [m]."""
+def longest_arrow(design: Design, at: Poses) -> float:
+    """Return the length of the longest arrow: 0.6 of the platform's reach from its centre of mass [m]."""
     places = np.vstack([at.p, at.end_effector])
-    return float(np.linalg.norm(places - at.p_com, axis=1).max()) + design.task.module.arm_length
+    reach = float(np.linalg.norm(places - at.p_com, axis=1).max()) + design.task.module.arm_length
+    return 0.6 * reach
 
 
 def force_polytope(design: Design, at: Poses) -> tuple[Array, Array] | None:

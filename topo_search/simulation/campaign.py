@@ -21,7 +21,7 @@ from topo_search.model.load_case import labels
 from topo_search.simulation.controller import Allocator
 from topo_search.simulation.fly import Options, Track, Watch, fly, judge
 from topo_search.simulation.plant import Nominal, nominal
-from topo_search.simulation.result import NO_DOWNWASH, ONLY_WAKES, FlightResult, Outcome, ScenarioResult, digest_of
+from topo_search.simulation.result import NO_DOWNWASH, FlightResult, Outcome, ScenarioResult, digest_of
 from topo_search.simulation.scenarios import (
     TILT,
     Scenario,
@@ -171,6 +171,10 @@ def fly_all(
     counting = (one.outcome for one in results if one.counts and one.outcome)
     outcome: Outcome = min(counting, key=get_args(Outcome).index, default="not flown")
     rod = known.mass - design.task.total_mass(design.topology.n)
+    model = (
+        "The simulator models one effect of downwash, the thrust that rotors lose to wakes (by the audit's air "
+        "model); against all others it relies on the airflow envelopes of the audit."
+    )
     return Campaign(
         FlightResult(
             design=digest_of(design),
@@ -196,7 +200,7 @@ def fly_all(
             },
             versions={name: version(name) for name in ("mujoco", "casadi", "numpy")},
             notes=(
-                ONLY_WAKES if options.wake else NO_DOWNWASH,
+                model if options.wake else NO_DOWNWASH,
                 *([tell_losses(known, losses)] if any(losses) else []),
             ),
         ),

@@ -25,8 +25,6 @@ FRAMES_EVERY = 16
 """Steps of the controller a frame: 12.5 Hz, in real time."""
 WIDTH, HEIGHT = 400, 300
 """Size of a frame [pixels]."""
-FILMED = ("return from +x", "load case", "rotor")
-"""Scenarios that are filmed, by the beginnings of their names."""
 
 
 def write_flight(campaign: Campaign, folder: Path) -> None:
@@ -92,7 +90,7 @@ class Film:
 
     def watch(self, name: str) -> Watch | None:
         """Return what films a scenario; None if it is not one of those."""
-        return self._watch() if name.startswith(FILMED) else None
+        return self._watch() if name.startswith(("return from +x", "load case", "rotor")) else None
 
     def _watch(self) -> Watch:
         import mujoco

@@ -112,7 +112,3 @@ def digest_of(design: Design) -> str:
 NO_DOWNWASH = (
     "Flown without downwash (--no-wake): against it the simulation relies on the airflow envelopes of the audit."
 )
-ONLY_WAKES = (
-    "The simulator models one effect of downwash, the thrust that rotors lose to wakes (by the audit's air model); "
-    "against all others it relies on the airflow envelopes of the audit."
-)

@@ -8,12 +8,13 @@ Points alone prove nothing.
 
 Of a region without end all that is farther than D is dropped where the jets' decay bounds it.
 
-A rotor loses LOSS of its thrust per m/s of wake along its axis: 0.04 to 0.06 s/m were measured of two quadrotors
+A rotor loses 0.05 of its thrust per m/s of wake along its axis: 0.04 to 0.06 s/m were measured of two quadrotors
 one above the other (arXiv 2507.09463). Averages over a disc are of degree 5 (Abramowitz and Stegun, 25.4.61).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
@@ -55,10 +56,6 @@ class SpeedSearch(NamedTuple):
 
 
 SEARCH = SpeedSearch()
-
-
-EIGHT = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-"""From the centre of a cube to those of its eighths, in their half edges."""
 
 
 class SpeedBound(NamedTuple):
@@ -108,7 +105,8 @@ def bound_speed(
         settled = (bounds <= enough) | (left < 0)
         dropped = max(dropped, float(bounds[settled].max(initial=0.0)))
         half /= 2
-        cubes = (cubes[~settled][:, None] + half * EIGHT).reshape(-1, 3)
+        eighths = half * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # their centres from the cube's
+        cubes = (cubes[~settled][:, None] + eighths).reshape(-1, 3)
     return SpeedBound(speed, max(dropped, speed * (1 + SEARCH.rounding)), best)
 
 
@@ -190,12 +188,8 @@ def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
     return np.asarray(nearest + share[:, None] * away)
 
 
-LOSS = 0.05
-"""Share of its thrust that a rotor loses per m/s of wake along its axis [s/m]."""
 DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a in np.arange(6) * math.pi / 3)])
 """Points of the unit disc, shape (7, 2)."""
-WEIGHTS = np.array([2.0, *[1.0] * 6]) / 8
-"""Their weights in its average, shape (7,)."""
 
 
 def air(design: Design, platform: Platform, scene: Scene) -> AirSpeeds | None:
@@ -275,11 +269,12 @@ def _rotors(blown: Jets) -> list[RotorAir]:
     for module, (R, discs) in enumerate(zip(blown.poses, blown.rotors, strict=True)):
         others = blown.drop(module)
         points = discs[:, None] + blown.radius * DISC @ R[:, :2].T
-        through = WEIGHTS @ wakes(others, points.reshape(-1, 3)).reshape(4, len(DISC), len(others.centres))
+        weights = np.array([2.0, *[1.0] * 6]) / 8  # of the disc's points in its average
+        through = weights @ wakes(others, points.reshape(-1, 3)).reshape(4, len(DISC), len(others.centres))
         along = np.maximum(through @ (others.axes @ R[:, 2]), 0.0)
         rows += [
             RotorAir(
-                module=module, rotor=q, ingested_m_s=clamp(float(sum_)), thrust_loss=min(1.0, LOSS * float(axial))
+                module=module, rotor=q, ingested_m_s=clamp(float(sum_)), thrust_loss=min(1.0, 0.05 * float(axial))
             )
             for q, (sum_, axial) in enumerate(zip(through.sum(axis=1), along, strict=True))
         ]

@@ -58,9 +58,6 @@ class LeastSearch(NamedTuple):
 LEAST = LeastSearch()
 
 
-QUARTERS = np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) / 2
-
-
 class Least(NamedTuple):
     """A cone-sphere, and what none around the points is smaller than."""
 
@@ -92,7 +89,8 @@ def least_cone_sphere(z: Array, r: Array) -> Least:
             best, best_volume = held[np.argmin(volumes)], float(volumes.min())
         if best_volume <= LEAST.enough * bounds.min():
             return Least(float(best[0]), float(best[1]), float(best[2]), float(bounds.min()))
-        corners = (corners[bounds < best_volume][:, None] + size * QUARTERS).reshape(-1, 2)
+        quarters = size * np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) / 2
+        corners = (corners[bounds < best_volume][:, None] + quarters).reshape(-1, 2)
         size = size / 2
 
 

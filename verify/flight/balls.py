@@ -61,12 +61,6 @@ ACCURACY = 1e-7
 """Distance between both bounds of r, in weights, or of t that is good enough."""
 ROUNDS = 60
 """Largest number of refinements of the normals."""
-ASKED = 12
-"""Normals that are asked at a time."""
-SAME = 1e-13
-"""One minus the cosine of the angle between normals that are one."""
-COVERED = 1e-6
-"""Largest gap in a full (solid) angle around zero [rad], [sr]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +187,7 @@ class _Polytope:
         sizes = self.size(normals, offsets)
         self.lower = max(self.lower, float(sizes.min()) if _surrounds(normals, corners) else 0.0)
         near = np.flatnonzero(sizes < self.upper - ACCURACY)
-        return self._new_directions(normals[near[np.argsort(sizes[near], kind="stable")]])[:ASKED]
+        return self._new_directions(normals[near[np.argsort(sizes[near], kind="stable")]])
 
     def _flat_direction(self) -> Array | None:
         """Return a direction across which no points lie, if there is one."""
@@ -204,9 +198,9 @@ class _Polytope:
         kept: list[Array] = []
         for n in normals:
             known = np.concatenate([self.directions, *[one[None] for one in kept]])
-            if not np.any(known @ n > 1 - SAME):
+            if not np.any(known @ n > 1 - 1e-13):  # nearer normals are one
                 kept.append(n)
-            if len(kept) == ASKED:
+            if len(kept) == 12:  # so many are asked at a time
                 break
         return np.array(kept).reshape(-1, self.D)
 
@@ -229,19 +223,17 @@ def _surrounds(normals: Array, corners: Array) -> bool:
     if corners.shape[1] == 2:
         a, b = corners[:, 0], corners[:, 1]
         angles = np.arctan2(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b, axis=1))
-        return bool(abs(angles.sum() - 2 * math.pi) < COVERED)
+        return bool(abs(angles.sum() - 2 * math.pi) < 1e-6)  # the largest gap [rad], below [sr]
     # Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983)
     a, b, c = (corners[:, k] for k in range(3))
     A, B, C = (np.linalg.norm(x, axis=1) for x in (a, b, c))
     volume = np.abs(np.einsum("fd,fd->f", a, np.cross(b, c)))
     inner = A * B * C + np.sum(a * b, axis=1) * C + np.sum(b * c, axis=1) * A + np.sum(c * a, axis=1) * B
-    return bool(abs(2 * np.arctan2(volume, inner).sum() - 4 * math.pi) < COVERED)
+    return bool(abs(2 * np.arctan2(volume, inner).sum() - 4 * math.pi) < 1e-6)
 
 
 FORCES, TORQUES = np.eye(6)[:, :3], np.eye(6)[:, 3:]
 """Wrenches about the COM of forces and torques there."""
-RANK = 1e-9
-"""Singular values below this share of the largest are zero."""
 
 
 class PseudoInverse:
@@ -253,7 +245,8 @@ class PseudoInverse:
     """
 
     def __init__(self, A: Array, box: Box) -> None:
-        self._A, self._box, self._inverse = A, box, np.linalg.pinv(A, rcond=RANK)
+        # singular values below this share of the largest are zero
+        self._A, self._box, self._inverse = A, box, np.linalg.pinv(A, rcond=1e-9)
 
     def ball(self, b: Array, E: Array) -> float:
         """Return the radius of the largest ball of additions to b; 0 if there is none."""

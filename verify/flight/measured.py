@@ -51,14 +51,9 @@ from verify.kinematics import Platform, required_wrench, wrench_map
 from verify.residuals import clamp
 
 HOVER = "hover"
-AT_LIMIT = 1e-3
-"""Share of its range by which an input may be off its limit and count as at it."""
 
 CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
 """Corners of a box, shape (8, 3)."""
-KINDS = "force", "horizontal", "torque", "tilt", "angular"
-LEFT = tuple(name for name in CaseFlight.model_fields if name.startswith(KINDS))
-"""Fields of what is left with the centre of mass off."""
 CASES = 20
 """Cases whose reserves are looked for at once."""
 TOGETHER = 200
@@ -324,7 +319,7 @@ class Measured:
         """Return the extremes of some inputs, and how many are at a limit."""
         if v is None:
             return {}
-        near = AT_LIMIT * (self.box.high - self.box.low)
+        near = 1e-3 * (self.box.high - self.box.low)  # so near to its limit an input counts as at it
         limited = (v <= self.box.low + near) | (v >= self.box.high - near)
         return {
             "largest_input": clamp(float(v.max())),
@@ -354,7 +349,9 @@ def _torques_about(p: Array, W: Array) -> Array:
 def _least(nominal: CaseFlight, *off: CaseFlight) -> CaseFlight:
     """Return a case with the least that is left with the centre of mass off: nothing where it is impossible."""
     least, weakest = dict[str, Any](), 0
-    for name in LEFT:
+    for name in CaseFlight.model_fields:
+        if not name.startswith(("force", "horizontal", "torque", "tilt", "angular")):
+            continue
         values = [getattr(one, name) for one in off]
         if any(one.possible is False for one in off):
             nothing = np.zeros_like(getattr(nominal, name), dtype=float).tolist()
