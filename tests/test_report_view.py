@@ -9,7 +9,7 @@ from topo_search.export.poses import poses
 from topo_search.model import Audit, Design, LoadCase, Topology, Wrench
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.report.scene import closest, figure, meshes, ring, scene, shared_meshes, straight_arrow
-from topo_search.report.view import arrows, reach, view
+from topo_search.report.view import arrows, longest_arrow, view
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_the_largest_force_has_the_longest_arrow() -> None:
         for tip, start in ((end, at.end_effector), (second["ends"][0][1], at.p_com))
     ]
     assert lengths[0] == pytest.approx(2 * lengths[1], rel=1e-3)
-    assert lengths[0] == pytest.approx(0.6 * reach(made, at), rel=1e-3)
+    assert lengths[0] == pytest.approx(longest_arrow(made, at), rel=1e-3)
     assert (nothing["told"], nothing["parts"]) == ("nothing", [])
 
 

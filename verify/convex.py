@@ -115,10 +115,6 @@ class Convex(ABC):
     def place(self, R: Array, p: Array) -> Self:
         """Return the solid turned by R, shape (3, 3), then moved by p, shape (3,)."""
 
-    @abstractmethod
-    def grow(self, factor: float) -> Self:
-        """Return the solid scaled about its centre."""
-
 
 @dataclass(frozen=True, eq=False)
 class Polyhedron(Convex):
@@ -158,10 +154,6 @@ class Polyhedron(Convex):
     def place(self, R: Array, p: Array) -> Polyhedron:
         """Return the solid turned by R, then moved by p."""
         return Polyhedron(self.name, self.vertices @ R.T + p, self.triangles, copied=(self, R, p))
-
-    def grow(self, factor: float) -> Polyhedron:
-        """Return the solid scaled about its centre."""
-        return Polyhedron(self.name, self.centre + factor * (self.vertices - self.centre), self.triangles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,11 +217,6 @@ class Cylinder(Convex):
         moved = self.vertices @ R.T + p
         return Cylinder(self.name, moved, axis=R @ self.axis, disc=self.disc, copied=(self, R, p))
 
-    def grow(self, factor: float) -> Cylinder:
-        """Return the solid scaled about its centre."""
-        vertices = self.centre + factor * (self.vertices - self.centre)
-        return Cylinder(self.name, vertices, axis=self.axis, disc=factor * self.disc)
-
 
 def cylinder(name: str, centre: Array, axis: Array, radius: float, height: float) -> Cylinder:
     """Return a cylinder around a unit axis."""
@@ -263,11 +250,6 @@ class Capsule(Convex):
     def place(self, R: Array, p: Array) -> Capsule:
         """Return the solid turned by R, then moved by p."""
         return Capsule(self.name, self.vertices @ R.T + p, ball=self.ball, copied=(self, R, p))
-
-    def grow(self, factor: float) -> Capsule:
-        """Return the solid scaled about its centre."""
-        vertices = self.centre + factor * (self.vertices - self.centre)
-        return Capsule(self.name, vertices, ball=factor * self.ball)
 
 
 def capsule(name: str, start: Array, end: Array, radius: float) -> Capsule:

@@ -31,7 +31,7 @@ from verify.hulls import Hull
 from verify.kinematics import Platform
 from verify.meshes import FARTHEST
 from verify.requirements import Scene
-from verify.residuals import clamp
+from verify.residuals import clamp, residual
 
 
 class SpeedSearch(NamedTuple):
@@ -218,16 +218,9 @@ def speed_residuals(design: Design, measured: AirSpeeds | None) -> Iterator[Resi
             status = Status(region.status) if region is not None and region.status else Status.UNDECIDED
             at_most = math.inf if region is None else region.speed_at_most_m_s
             excess = 0.0 if status is Status.CLEAR else at_most - exposure.speed
-            yield Residual(
-                name=f"air over exposure {number} ({exposure.kind}), {label}",
-                value=clamp(excess),
-                unit="m/s",
-                scaled=clamp(excess / exposure.speed),
-                tolerance=0.0,
-                status=status,
-                stated=exposure.speed,
-                derived=clamp(at_most),
-            )
+            name, limits = f"air over exposure {number} ({exposure.kind}), {label}", {"derived": at_most}
+            limits |= {"tolerance": 0.0, "claim": exposure.speed}
+            yield residual(name, excess, "m/s", exposure.speed, status=status, **limits)
 
 
 def _case(name: str, scene: Scene, blown: Jets) -> CaseAir:
