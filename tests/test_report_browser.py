@@ -22,7 +22,7 @@ from topo_search.model import Audit, Clearance, Design, Status, Topology
 from topo_search.model.files import read_json
 from topo_search.report.design_page import design_page, read_simulated
 from topo_search.report.page import render
-from verify.air import case_jets
+from verify.air.bound import case_jets
 from verify.air.jets import speeds
 from verify.kinematics import platform
 from verify.requirements import Scene

@@ -19,8 +19,7 @@ from topo_search.model.files import read_json
 from topo_search.model.vehicle import Vehicle, read_vehicle
 from topo_search.report.design_page import vehicle_page
 from verify import audit
-from verify.flight import capability
-from verify.flight.vehicle import rotor_map
+from verify.flight.vehicle import capability, rotor_map
 
 SPOILT = ("x_m,y_m,z_m,ax,ay,az,spin,k_f,k_tau,u_max\n0,0,0,0,0,0,2,1,0,1\n", "spin")
 

@@ -25,7 +25,7 @@ from topo_search.model import Audit, Clearance, Design, Geometry, Interference, 
 from topo_search.model.audit import MeshExcess
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
-from verify.air import air, speed_residuals
+from verify.air.bound import air, speed_residuals
 from verify.assembly import assembly, rod_residuals
 from verify.bare import complete, corner_residuals, power
 from verify.beside_airflow import BesideAirflow, beside_airflow, certify_beside
@@ -45,7 +45,8 @@ from verify.contacts import (
     rod_beside_regions,
     rotors_beside_brackets,
 )
-from verify.flight import failure_residuals, flight, load_residuals, reserve_residuals, tolerance_residuals
+from verify.flight.measured import flight
+from verify.flight.residuals import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
 from verify.kinematics import platform
 from verify.parts import rigid_parts
 from verify.requirements import Requirement, Scene

@@ -38,7 +38,7 @@ class Grouped(click.Group):
 @click.group(
     cls=Grouped,
     epilog="Example: topo-search run push",
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 @click.version_option(package_name="topo-search")
 def main() -> None:

@@ -30,14 +30,12 @@ if TYPE_CHECKING:
     "--noise",
     type=options.Real(0, 100),
     default=1.0,
-    show_default=True,
     help="Scale factor for the sensor noise.",
 )
 @click.option(
     "--model-error",
     type=options.Real(0, 0.5),
     default=0.0,
-    show_default=True,
     help="Relative standard deviation of masses and thrusts from the controller's model.",
 )
 @click.option(
@@ -49,7 +47,6 @@ if TYPE_CHECKING:
     "--detection-time",
     type=options.Real(0, 10),
     default=0.1,
-    show_default=True,
     metavar="SECONDS",
     help="Time until the controller knows that a rotor has failed.",
 )
@@ -57,13 +54,11 @@ if TYPE_CHECKING:
     "--allocator",
     type=click.Choice(["bounded", "pseudo-inverse"]),
     default="bounded",
-    show_default=True,
     help="Thrusts by least squares within limits, or by PX4's rule: the pseudo-inverse, cut off at the limits.",
 )
 @click.option(
     "--wake/--no-wake",
     default=True,
-    show_default=True,
     help="Rotors lose the thrust that wakes of other modules cost them by the audit's air model.",
 )
 @click.option(

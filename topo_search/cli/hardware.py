@@ -42,7 +42,7 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
         from topo_search.model.files import read_task, write_atomically
         from topo_search.model.proven import lower_text
         from topo_search.model.vehicle import read_vehicle
-        from verify.flight import capability as capability_of
+        from verify.flight.vehicle import capability as capability_of
 
         options.require_writable(page)
         loaded = read_vehicle(vehicle)
@@ -81,7 +81,6 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
 @click.option(
     "--at",
     default="hover",
-    show_default=True,
     metavar="hover|full|T",
     help="Thrust of the module: its weight, the most that it has, or a multiple of its weight.",
 )
@@ -104,7 +103,7 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
         from topo_search.model.module import AIR_DENSITY
         from topo_search.model.proven import lower_text, upper_text
         from topo_search.model.task import Task
-        from verify.air import envelope_air
+        from verify.air.envelope import envelope_air
 
         module, density, gravity = Module(), AIR_DENSITY, Task.model_fields["gravity"].default
         if task is not None:
@@ -161,7 +160,6 @@ def _thrust_to_weight(at: str, most: float) -> float:
     "--within",
     type=options.Real(0, LIMITS.percent),
     default=2.0,
-    show_default=True,
     metavar="PERCENT",
     help="Largest extra effort over the best design of a task.",
 )
@@ -170,7 +168,6 @@ def _thrust_to_weight(at: str, most: float) -> float:
     "tolerance_deg",
     type=options.Real(0, 10),
     default=0.0,
-    show_default=True,
     metavar="DEG",
     help="Range of hinge angles that one bracket may serve, where designs with its middle are clear.",
 )

@@ -49,7 +49,6 @@ seed = click.option(
     "--seed",
     type=click.IntRange(0, LIMITS.largest_integer),
     default=0,
-    show_default=True,
     help="Seed of all random numbers.",
 )
 time_limit = click.option(

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     "--symmetry",
     type=click.Choice(["task", *options.SYMMETRIES]),
     default="task",
-    show_default=True,
     help="Symmetries under which trees count as one candidate; `task`: all that are exact for the task.",
 )
 @click.option(

@@ -121,7 +121,6 @@ def report(source: Path, out: Path | None, flight: Path | None) -> None:
     "--out",
     type=options.FILE,
     default=Path("compare.html"),
-    show_default=True,
     metavar="FILE",
     help="Where to write the page.",
 )

@@ -122,14 +122,12 @@ def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bo
     "--gap",
     type=options.Real(*LIMITS.gaps),
     default=0.003,
-    show_default=True,
     help="Gap at which a tree counts as settled: how far its bound may lie below its own best control effort.",
 )
 @click.option(
     "--problem",
     type=click.Choice(["task", "solver"]),
     default="task",
-    show_default=True,
     help="Designs that the proof covers: all that the audit may call clear, or those that also keep the solver's "
     "margin and distance between centres.",
 )

@@ -112,7 +112,7 @@ def _explain(task: Task) -> None:
         _group(*group)
     if any(exposure.geometry for exposure in first.exposure):
         from topo_search.cli.hardware import speeds_on
-        from verify.air import envelope_air
+        from verify.air.envelope import envelope_air
 
         hover = first.module.mass * first.gravity
         speeds = speeds_on(envelope_air(first.module, first.air_density, hover))
@@ -177,7 +177,6 @@ def _size(task: Task, n: int) -> dict[str, Any]:
     "--symmetry",
     type=click.Choice(options.SYMMETRIES),
     default="c2",
-    show_default=True,
     help="Trees that count as one.",
 )
 @options.connectors

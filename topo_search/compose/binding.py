@@ -49,7 +49,7 @@ from topo_search.protocols import (
     TopologySampler,
 )
 from topo_search.study import Observer, Sampler
-from verify.air import Unreached, enclose
+from verify.air.envelope import Unreached, enclose
 
 
 def solve_mounted(

@@ -34,7 +34,7 @@ from topo_search.simulation.scenarios import (
     imbalance,
     tilts,
 )
-from verify.air import air
+from verify.air.bound import air
 from verify.kinematics import platform
 from verify.requirements import Scene
 
