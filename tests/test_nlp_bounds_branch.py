@@ -66,7 +66,7 @@ def dual_value_in(unit, task, tree, theta, tip, y, walls, cases):
         tip = p_COM + np.array(fixed)
     o = at.p - p_COM
     rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * ROTOR_DIRECTIONS)
-    platform = Platform(at, p_COM, o, tip - p_COM, rotors, joints - p_COM)
+    platform = Platform(at, p_COM, o, tip - p_COM, tip, rotors, joints - p_COM)
     A, most = wrench_map(platform, module) * unit.input, max(case.weight for case in task.load_cases)
     total, air, planes = 0.0, module.region_envelope, list(half_spaces(task))
     for i, end, normal, sigma in walls:

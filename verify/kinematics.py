@@ -61,12 +61,29 @@ class Platform(NamedTuple):
     """Module centres from the COM, shape (n, 3) [m]."""
     p_e: Array
     """End-effector from the COM, shape (3,) [m]."""
+    end_effector: Array
+    """End-effector in W, shape (3,) [m]."""
     rotors: Array
     """o_iq, rotor positions from the COM, shape (n, 4, 3) [m]."""
     joints: Array
     """Connectors of the modules 1..n-1 and their parents from the COM, shape (n - 1, 3) [m]."""
     rod: Array = np.zeros((0, 2, 3))
     """Middle of the rod that counts from the COM, and from there to the end-effector, shape (1, 2, 3) [m]."""
+
+    @property
+    def R(self) -> Array:
+        """Orientations, shape (n, 3, 3)."""
+        return self.poses.R
+
+    @property
+    def p(self) -> Array:
+        """Module centres in W, shape (n, 3) [m]."""
+        return self.poses.p
+
+    @property
+    def z(self) -> Array:
+        """Thrust axes, shape (n, 3)."""
+        return self.poses.z
 
 
 def rotation(axis: int, angle: float) -> Array:
@@ -141,7 +158,7 @@ def platform(design: Design, built: Poses | None = None) -> Platform:
     o = poses.p - p_com
     deltas = module.arm_length * ROTOR_DIRECTIONS
     rotors = o[:, None, :] + np.einsum("nij,qj->nqi", poses.R, deltas)
-    return Platform(poses, p_com, o, p_E_in_W - p_com, rotors, joints - p_com, rod)
+    return Platform(poses, p_com, o, p_E_in_W - p_com, p_E_in_W, rotors, joints - p_com, rod)
 
 
 def wrench_map(platform: Platform, module: Module) -> Array:

@@ -50,7 +50,6 @@ from typing import Literal
 import numpy as np
 
 from topo_search.export import allocator
-from topo_search.export.poses import Poses, poses
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
@@ -59,7 +58,7 @@ from topo_search.model.module import Module
 from topo_search.model.text import csv_text
 from topo_search.model.value import Index, Number, Value, Vector
 from verify.flight.joints import inertia
-from verify.kinematics import platform
+from verify.kinematics import Platform, platform
 
 RANK_TOLERANCE = 1e-9
 """Singular values below this share of the largest are zero: a flat platform has some that rounding leaves."""
@@ -154,7 +153,7 @@ class Allocation(Value):
 
 def allocation(design: Design) -> Allocation:
     """Return how the rotors of a design act on it."""
-    task, module, at, n = design.task, design.task.module, poses(design), design.topology.n
+    task, module, at, n = design.task, design.task.module, platform(design), design.topology.n
     k_f, k_tau = module.thrust_coefficient, module.torque_coefficient
     o, z, s = at.rotors.reshape(-1, 3), np.repeat(at.z, 4, axis=0), np.tile(ROTOR_SPINS, n)
     B_T = thrust_matrix(module, at)
@@ -195,7 +194,7 @@ def allocation(design: Design) -> Allocation:
     )
 
 
-def thrust_matrix(module: Module, at: Poses) -> Array:
+def thrust_matrix(module: Module, at: Platform) -> Array:
     """Return B_T, shape (6, 4n) [N and N m per N]."""
     o, z = at.rotors.reshape(-1, 3), np.repeat(at.z, 4, axis=0)
     drag = np.tile(ROTOR_SPINS, len(at.p)) * module.torque_coefficient / module.thrust_coefficient

@@ -25,14 +25,14 @@ import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 from trimesh import Trimesh
 
-from topo_search.export.poses import Rod, poses, rod_of, rotation_to
+from topo_search.export.poses import Rod, rod_of, rotation_to
 from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.module import Bracket, Module
-from verify.kinematics import rotation
+from verify.kinematics import platform, rotation
 
 MILLIMETRES = 1000.0
 SIDES = 64
@@ -118,7 +118,7 @@ def struts(design: Design) -> list[Part]:
     None where the frame is the user's own, or without room between rotors.
     """
     module, used = design.task.module, [port for h, i, a, b in design.topology.edges() for port in (a, b)]
-    if design.mount is not None and rod_of(design, poses(design)) is not None:
+    if design.mount is not None and rod_of(design, platform(design)) is not None:
         used.append(design.mount.port)
     sizes, outer = module.bracket_sizes, module.connector_distance - module.bracket_sizes.set_back
     beside_discs = 0.002  # least distance of a strut from the discs of rotors beside it [m]
@@ -154,7 +154,7 @@ def strut(sizes: Bracket, inner: float, outer: float, width: float) -> Trimesh:
 
 def mount(design: Design) -> Part | None:
     """Return the mount of the end-effector's rod; None without one."""
-    at = poses(design)
+    at = platform(design)
     rod = rod_of(design, at)
     if rod is None or design.mount is None:
         return None

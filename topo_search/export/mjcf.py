@@ -43,7 +43,7 @@ from xml.etree.ElementTree import Comment, Element, SubElement
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import ROTOR_ANGLES, Poses, Rod, hull, mass_of, poses, rod_of, rotation_to
+from topo_search.export.poses import ROTOR_ANGLES, Rod, hull, mass_of, rod_of, rotation_to
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.exposure import segment_of
@@ -51,6 +51,7 @@ from topo_search.model.layout import PORT_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.module import TIP, Module
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape
 from verify.contacts import tip_distances
+from verify.kinematics import Platform, platform
 
 COLLISION = "3"
 """Group of geometries that are for contacts alone, which viewers do not show at first."""
@@ -97,13 +98,13 @@ def add_lag(motor: dict[str, str], lag: float | None) -> dict[str, str]:
     return {**motor, "dyntype": "filterexact", "dynprm": numbers(lag), "actearly": "true"}
 
 
-def add_rod_mass(platform: Element, rod: Rod, design: Design, at: Poses) -> None:
+def add_rod_mass(floating: Element, rod: Rod, design: Design, at: Platform) -> None:
     """Add the rod's mass as a body of its own, the z axis along it."""
     weighs = mass_of(rod, design, at)
     v = (rod.end - rod.start) / rod.length
     along = float(v @ weighs.inertia @ v)
     across = (float(weighs.inertia.trace()) - along) / 2
-    body = SubElement(platform, "body", name="rod_mass", pos=numbers(*weighs.middle), zaxis=numbers(*v))
+    body = SubElement(floating, "body", name="rod_mass", pos=numbers(*weighs.middle), zaxis=numbers(*v))
     moments = numbers(across, across, min(along, 2 * across))  # as MuJoCo checks them; a stub is no thin tube
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(weighs.mass), diaginertia=moments)
 
@@ -149,7 +150,7 @@ SIDES = 48
 """Planes about a cone."""
 
 
-def add_solid_regions(model: Element, asset: Element, world: Element, design: Design, at: Poses) -> bool:
+def add_solid_regions(model: Element, asset: Element, world: Element, design: Design, at: Platform) -> bool:
     """Add every solid region as a body `exposure_K`, or `exposure_K_P` where it has several parts.
 
     Returns:
@@ -163,8 +164,8 @@ def add_solid_regions(model: Element, asset: Element, world: Element, design: De
         for part, task_shape in enumerate(exposure.shapes):
             segment = segment_of(exposure, part)
             name = f"exposure_{number}" if segment is None else f"exposure_{number}_{segment}"
-            shape = task_shape.at(at.p_E)
-            body = SubElement(world, "body", name=name, pos=numbers(*at.p_E))
+            shape = task_shape.at(at.p_e)
+            body = SubElement(world, "body", name=name, pos=numbers(*at.p_e))
             _add(body, asset, name, shape)
             distance = distances[number, segment]
             if distance < -touching:
@@ -231,7 +232,7 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         physics: what it is to have beyond the model of the search.
     """
     task, module = design.task, design.task.module
-    at, counts = poses(design), task.end_effector.counted_rod is not None
+    at, counts = platform(design), task.end_effector.counted_rod is not None
     model = Element("mujoco", model=f"{task.name} {design.topology.key}")
     model.append(Comment(ABOUT + replace(physics, rod_mass=physics.rod_mass and not counts).about))
     SubElement(model, "compiler", angle="radian", eulerseq="zxy", inertiafromgeom="false")
@@ -248,18 +249,18 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         SubElement(asset, "mesh", {"name": f"frame_{k}", **corners})
     world = SubElement(model, "worldbody")
     SubElement(world, "light", pos="0 0 5", dir="0 0 -1", directional="true")
-    platform = SubElement(world, "body", name="platform")
-    SubElement(platform, "freejoint", name="platform")
-    SubElement(platform, "site", name="centre_of_mass", rgba=rgba(palette.CENTRE_OF_MASS))
+    floating = SubElement(world, "body", name="platform")
+    SubElement(floating, "freejoint", name="platform")
+    SubElement(floating, "site", name="centre_of_mass", rgba=rgba(palette.CENTRE_OF_MASS))
     at_root = {"pos": numbers(*-at.p_com), "euler": numbers(*design.root_orientation_rad)}
-    bodies = [_module_body(platform, 0, at_root, module)]
+    bodies = [_module_body(floating, 0, at_root, module)]
     for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
         hinge = _hinge(bodies[h], i, a, alpha, module)
         behind = {"pos": numbers(*module.connector_distance * PORT_DIRECTIONS[a])}
         if kappa := (a + 2 - b) % 4:
             behind["euler"] = numbers(kappa * math.pi / 2, 0, 0)
         bodies.append(_module_body(hinge, i, behind, module))
-    end_effector = SubElement(platform, "body", name="end_effector", pos=numbers(*at.p_E))
+    end_effector = SubElement(floating, "body", name="end_effector", pos=numbers(*at.p_e))
     SubElement(end_effector, "inertial", pos="0 0 0", mass=numbers(task.end_effector.mass), diaginertia="0 0 0")
     rod = rod_of(design, at)
     if design.mount is not None and rod is not None:
@@ -269,7 +270,7 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
         SubElement(end_effector, "geom", {"name": "rod", "fromto": endpoints, **shape, **passing})
         _bar(bodies[design.mount.module], design.mount.port, module)
         if physics.rod_mass or counts:
-            add_rod_mass(platform, rod, design, at)
+            add_rod_mass(floating, rod, design, at)
     met = physics.solid_regions and add_solid_regions(model, asset, world, design, at)
     if physics.contacts:
         add_tip(end_effector, design, rod, on_solid=met)

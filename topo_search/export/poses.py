@@ -1,6 +1,6 @@
 """Geometry that pictures, pages and files for other programs share: poses of modules and rod, regions, viewpoint.
 
-Poses are from the audit's kinematics.
+Platform are from the audit's kinematics.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -31,46 +31,13 @@ from topo_search.model import BadInput, Design, Fault, ResolvedTask
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.shape import Cone, Hull, Polytope, Shape, convex_hull
-from verify.kinematics import platform
+from verify.kinematics import Platform, platform
 
 ROTOR_ANGLES = tuple(math.radians(angle) for angle in (-45, -135, 135, 45))
 """Direction of rotor q = 0..3 from the module's centre (X layout)."""
 
 
-@dataclass(frozen=True)
-class Poses:
-    """A platform in the task frame W, whose origin is the root module's centre."""
-
-    R: Array
-    """Orientations, (n, 3, 3)."""
-    p: Array
-    """Centres of the modules, (n, 3) [m]."""
-    p_com: Array
-    """Centre of mass with the end-effector, (3,) [m]."""
-    end_effector: Array
-    """p'_E, (3,) [m]."""
-    rotors: Array
-    """Rotors from the centre of mass, (n, 4, 3) [m]."""
-
-    @property
-    def p_E(self) -> Array:
-        """End-effector from the centre of mass, (3,) [m]."""
-        return self.end_effector - self.p_com
-
-    @property
-    def z(self) -> Array:
-        """Thrust axes, (n, 3)."""
-        return self.R[:, :, 2]
-
-
-def poses(design: Design) -> Poses:
-    """Return the pose of every module by the audit's forward kinematics."""
-    placed = platform(design)
-    places = placed.poses.p, placed.p_com, design.end_effector_m, placed.rotors
-    return Poses(read_only(placed.poses.R), *map(read_only, places))
-
-
-def load_wrenches(design: Design, at: Poses) -> Iterator[tuple[int, str, str, Array, Array]]:
+def load_wrenches(design: Design, at: Platform) -> Iterator[tuple[int, str, str, Array, Array]]:
     """Yield load case, "force" or "torque", where it acts (in words; as a point, (3,) [m]), the vector [N, N m]."""
     for k, case in enumerate(design.task.load_cases):
         for wrench, where, point in (
@@ -81,7 +48,7 @@ def load_wrenches(design: Design, at: Poses) -> Iterator[tuple[int, str, str, Ar
             yield k, "torque", where, point, np.array(wrench.torque)
 
 
-def largest_wrench(design: Design, at: Poses, kind: str) -> float:
+def largest_wrench(design: Design, at: Platform, kind: str) -> float:
     """Return the largest force [N] or torque [N m] of all load cases."""
     return max(float(np.linalg.norm(v)) for _, name, _, _, v in load_wrenches(design, at) if name == kind)
 
@@ -122,7 +89,7 @@ class RodMass:
     """From the COM of the design, (3,) [m]."""
 
 
-def mass_of(rod: Rod, design: Design, at: Poses) -> RodMass:
+def mass_of(rod: Rod, design: Design, at: Platform) -> RodMass:
     """Return mass and inertia of the rod of a design."""
     counted = design.task.end_effector.counted_rod
     m = design.task.end_effector.rod_linear_density * rod.length if counted is None else counted.mass
@@ -132,7 +99,7 @@ def mass_of(rod: Rod, design: Design, at: Poses) -> RodMass:
     return RodMass(m, read_only(inertia), read_only((rod.start + rod.end) / 2 - at.p_com))
 
 
-def rod_of(design: Design, at: Poses) -> Rod | None:
+def rod_of(design: Design, at: Platform) -> Rod | None:
     """Return the rod of a design; None if the design names no connector for it, or it has no length."""
     if design.mount is None:
         return None
@@ -145,19 +112,19 @@ def rod_of(design: Design, at: Poses) -> Rod | None:
 ELEVATION_DEG = 20.0
 
 
-def poses_to_draw(design: Design) -> Poses:
+def poses_to_draw(design: Design) -> Platform:
     """Return the poses of a design; BadInput if the end-effector is so far away that nothing else could be seen."""
     module = design.task.module
     limit = 1000.0 * (2 * module.connector_distance * design.topology.n + module.reach)
     if max(map(abs, design.end_effector_m)) > limit:
         rule = f"must be within {limit:.3g} m of the root module to be drawn, but got {list(design.end_effector_m)}"
         raise BadInput(design.task.name, [Fault("end_effector_m", rule)])
-    return poses(design)
+    return platform(design)
 
 
-def azimuth_deg(at: Poses) -> float:
+def azimuth_deg(at: Platform) -> float:
     """Return the azimuth [deg] that looks across the line from the centre of mass to p_E, and along no axis."""
-    x, y, _ = at.p_E
+    x, y, _ = at.p_e
     azimuths = (-60, -30, 30, 60)  # none is close to an axis, whose labels would then run into each other
     across = y * np.cos(np.radians(azimuths)) - x * np.sin(np.radians(azimuths))
     return azimuths[int(np.argmax(np.abs(across)))]
@@ -196,7 +163,7 @@ def cone(shape: Cone, slant: float, *, sides: int = 48) -> Array:
     return np.stack([np.broadcast_to(apex, rim[1:].shape), rim[:-1], rim[1:]], axis=1)
 
 
-def cone_slant(design: Design, at: Poses) -> float:
+def cone_slant(design: Design, at: Platform) -> float:
     """Return how far an infinite cone is drawn, so that it holds most of the airflow [m]."""
     return float(np.linalg.norm(at.p - at.end_effector, axis=1).max()) + 2 * design.task.module.reach / 3
 

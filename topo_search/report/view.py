@@ -35,7 +35,7 @@ from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.allocation import thrust_matrix
-from topo_search.export.poses import Poses, azimuth_deg, largest_wrench, load_wrenches, rotation_to, towards_viewer
+from topo_search.export.poses import azimuth_deg, largest_wrench, load_wrenches, rotation_to, towards_viewer
 from topo_search.export.solids import join, pose_matrix
 from topo_search.model import Assembly, Audit, Design, LoadCase
 from topo_search.model.arrays import Array
@@ -48,9 +48,10 @@ from topo_search.report.wording import clearance, figures, length, modules
 from verify.air.jets import MODEL, jets
 from verify.flight.programs import Box
 from verify.flight.vehicle import force_hull
+from verify.kinematics import Platform
 
 
-def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
+def arrows(design: Design, at: Platform) -> Iterator[dict[str, Any]]:
     """Yield every load case as arrows: its name, its words, the label and position of each arrow, its parts."""
     S = longest_arrow(design, at)
     least, thick, radius = 0.15, 0.025, 0.3  # shortest arrow, shaft, torque's ring, over the longest arrow
@@ -77,7 +78,7 @@ def arrows(design: Design, at: Poses) -> Iterator[dict[str, Any]]:
         }
 
 
-def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Iterator[Part]:
+def _contact(design: Design, case: LoadCase, at: Platform, longest: float) -> Iterator[Part]:
     """Yield the contact plane of a push while it hovers: a disc at the end-effector, across the force."""
     f = np.array(case.at_end_effector.force)
     weight = design.task.force_unit(design.topology.n)
@@ -88,20 +89,20 @@ def _contact(design: Design, case: LoadCase, at: Poses, longest: float) -> Itera
     yield Part("contact", "contact plane", palette.CONTACT, disc, opacity=0.5)
 
 
-def metres_per_newton(design: Design, at: Poses) -> float:
+def metres_per_newton(design: Design, at: Platform) -> float:
     """Return the scale of the arrows of forces; without any force that of the platform's weight [m/N]."""
     force = largest_wrench(design, at, "force") or design.task.force_unit(design.topology.n)
     return longest_arrow(design, at) / force
 
 
-def longest_arrow(design: Design, at: Poses) -> float:
+def longest_arrow(design: Design, at: Platform) -> float:
     """Return the length of the longest arrow: 0.6 of the platform's reach from its centre of mass [m]."""
     places = np.vstack([at.p, at.end_effector])
     reach = float(np.linalg.norm(places - at.p_com, axis=1).max()) + design.task.module.arm_length
     return 0.6 * reach
 
 
-def force_polytope(design: Design, at: Poses) -> tuple[Array, Array] | None:
+def force_polytope(design: Design, at: Platform) -> tuple[Array, Array] | None:
     """Return the polytope's vertices, (m, 3) [N], and triangles, (t, 3) indices of them.
 
     None where the platform cannot hover, or where all forces lie in a plane.
@@ -110,7 +111,7 @@ def force_polytope(design: Design, at: Poses) -> tuple[Array, Array] | None:
     scale = np.repeat([weight, weight * module.arm_length], 3)[:, None]
     largest = module.max_input(design.task.gravity) * module.thrust_coefficient
     F, T = np.split(largest * thrust_matrix(module, at) / scale, 2)
-    x, y, z = at.p_E / module.arm_length
+    x, y, z = at.p_e / module.arm_length
     lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # lever @ f = p_E x f
     carried, bounds = np.array([0.0, 0.0, 1.0]), Box(np.zeros(F.shape[1]), np.ones(F.shape[1]))
     # of large platforms the hull has thousands of facets; five rounds come within a few percent of its volume
@@ -118,7 +119,7 @@ def force_polytope(design: Design, at: Poses) -> tuple[Array, Array] | None:
     return None if hull is None else (weight * (hull.points - carried), hull.simplices)
 
 
-def view(name: str, design: Design, at: Poses, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
+def view(name: str, design: Design, at: Platform, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
     """Return the picture of a design.
 
     Args:
@@ -175,7 +176,7 @@ def _air(design: Design) -> dict[str, Any]:
     }
 
 
-def _forces(design: Design, at: Poses, audit: Audit | None) -> dict[str, Any] | None:
+def _forces(design: Design, at: Platform, audit: Audit | None) -> dict[str, Any] | None:
     """Return the forces that can be added at the end-effector in hover, to the scale of the load cases' arrows."""
     polytope = force_polytope(design, at)
     if polytope is None:
@@ -194,7 +195,7 @@ def _forces(design: Design, at: Poses, audit: Audit | None) -> dict[str, Any] | 
     return {"told": caption, "parts": [part.dump() for part in parts]}
 
 
-def _modules(design: Design, at: Poses, audit: Audit | None) -> list[str]:
+def _modules(design: Design, at: Platform, audit: Audit | None) -> list[str]:
     """Return the tooltip of each module."""
     hinges = {
         i: f"port {PORT_NAMES[b]} bolted to port {PORT_NAMES[a]} of module {h}, "
@@ -257,7 +258,7 @@ def _vector(values: np.ndarray[Any, Any]) -> str:
     return f"[{', '.join(f'{x:.3f}' for x in (values + 0.0).tolist())}]".replace("-", "−")
 
 
-def thumbnail(design: Design, at: Poses, side: int = 36) -> Markup:
+def thumbnail(design: Design, at: Platform, side: int = 36) -> Markup:
     """Return a small picture, which tells designs apart in a table: inline SVG, seen as in the page's view.
 
     Args:

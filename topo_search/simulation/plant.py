@@ -20,9 +20,10 @@ import numpy as np
 
 from topo_search.export.allocation import Allocation, allocation
 from topo_search.export.mjcf import Physics, mjcf, numbers
-from topo_search.export.poses import mass_of, poses, rod_of, rotation_to
+from topo_search.export.poses import mass_of, rod_of, rotation_to
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.design import Design
+from verify.kinematics import platform
 
 STEP = 0.001
 """Time step of the simulation [s]."""
@@ -182,7 +183,7 @@ class Plant:
 def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
     """Return what the controller knows of a design: the model about its own COM, with the rod's mass or without."""
     acts: Allocation = allocation(design)
-    at = poses(design)
+    at = platform(design)
     m, J, c = acts.mass_kg, np.array(acts.inertia_kg_m2), np.zeros(3)
     ignored = design.task.end_effector.counted_rod is None
     rod = rod_of(design, at) if rod_mass and ignored else None
@@ -202,7 +203,7 @@ def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
         least_share=acts.least_input / acts.largest_input,
         gravity=design.task.gravity,
         arm=design.task.module.arm_length,
-        tip=read_only(at.p_E - c),
+        tip=read_only(at.p_e - c),
     )
 
 
@@ -227,9 +228,9 @@ def _world(design: Design, wall: Wall | None, lag: float) -> str:
     """Return the MJCF of the platform with all that `Physics` has, and a wall."""
     root = ElementTree.fromstring(mjcf(design, Physics(motor_lag=lag, rod_mass=True, contacts=True)))
     _find(root, "option").set("timestep", numbers(STEP))
-    at, radius = poses(design), design.task.end_effector.rod_radius
+    at, radius = platform(design), design.task.end_effector.rod_radius
     if wall is not None:
-        centre = at.p_E + (radius + wall.gap + 0.01) * wall.towards
+        centre = at.p_e + (radius + wall.gap + 0.01) * wall.towards
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, rotation_to(wall.towards).ravel())
         shape = {"type": "box", "size": numbers(0.25, 0.25, 0.01), "rgba": "0.7 0.75 0.8 0.25"}
