@@ -52,7 +52,7 @@ from topo_search.model.room import INWARDS, OUTWARDS
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import FLOOR, Certificate, Row, Solid, certify_pairs
 from verify.compounds import Compound, certify_compounds
-from verify.cones import certify_inside, certify_parts_inside
+from verify.cones import certify_inside
 from verify.convex import CLIPPING, Convex, Polyhedron, capsule, clip
 from verify.hulls import Hull, approach, certify_outside, hull
 from verify.kinematics import platform
@@ -188,10 +188,7 @@ class InsideCone(Row[Compound, Cone]):
     """The parts of a module that must stay inside a cone, beyond which all is solid."""
 
 
-PartsRow = RigidRequirement | InsideCone
-
-
-def parts_beside_regions(scene: Scene, parts: RigidParts) -> Iterator[PartsRow]:
+def parts_beside_regions(scene: Scene, parts: RigidParts) -> Iterator[RigidRequirement | InsideCone]:
     """Yield every module against every solid region."""
     for number, segment, region in _regions(scene):
         for a, module in enumerate(parts.modules):
@@ -260,15 +257,6 @@ def certify_all(requirements: list[Requirement]) -> list[Certificate]:
 def certify_rigid(rows: list[RigidRequirement]) -> list[Certificate]:
     """Return one certificate a row, all at once."""
     return certify_compounds([(row.body, row.against) for row in rows], [row.bolted for row in rows])
-
-
-def certify_parts(rows: list[PartsRow]) -> list[Certificate]:
-    """Return the certificates of what `parts_beside_regions` yields."""
-    certified = iter(certify_rigid([row for row in rows if isinstance(row, RigidRequirement)]))
-    return [
-        next(certified) if isinstance(row, RigidRequirement) else certify_parts_inside(row.body, row.against)
-        for row in rows
-    ]
 
 
 def _regions(scene: Scene) -> Iterator[tuple[int, int | None, Solid | Cone | Hull]]:
