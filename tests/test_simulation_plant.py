@@ -85,7 +85,7 @@ def test_motors_lag(wall_press: Design) -> None:
     plant = Plant(wall_press, Errors())
     for _ in range(50):
         plant.step(np.ones(20), np.zeros(6), np.zeros(6))
-    np.testing.assert_allclose(plant.thrusts, 1 - math.exp(-1), rtol=1e-12)
+    np.testing.assert_allclose(plant.data.act, 1 - math.exp(-1), rtol=1e-12)
 
 
 def test_a_wall_feels_the_force_of_the_tip(wall_press: Design) -> None:

@@ -74,7 +74,7 @@ def test_wrong_points_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def wrong(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None) -> Ends:
         drawn = rng.integers(0, M.shape[1], m.shape)
-        return Ends(rng.uniform(low, high), rng.normal(size=m.shape), rng.normal(size=m.shape), drawn)
+        return (rng.uniform(low, high), rng.normal(size=m.shape), rng.normal(size=m.shape), drawn)
 
     monkeypatch.setattr(verify.flight.programs, "solve", wrong)
     by_highs_alone = greatest(c, M, m, box)

@@ -51,12 +51,6 @@ seed = click.option(
     default=0,
     help="Seed of all random numbers.",
 )
-time_limit = click.option(
-    "--time-limit",
-    type=Real(0, LIMITS.seconds, min_open=True),
-    metavar="SECONDS",
-    help="Stop after this time with the best design so far, audited; every tree gets a few starts first.",
-)
 workers = click.option(
     "--workers", type=click.IntRange(1, LIMITS.workers), help="Worker processes (default: the cores available)."
 )
@@ -92,6 +86,14 @@ topologies = click.option(
 def starts(text: str) -> Callable[..., Any]:
     """Return the option for the number of starts; its default is not the same everywhere."""
     return click.option("--starts", type=click.IntRange(1, LIMITS.starts), help=text)
+
+
+def time_limit(
+    text: str = "Stop after this time with the best design so far, audited; every tree gets a few starts first.",
+) -> Callable[..., Any]:
+    """Return the option for the time after which a command stops."""
+    limit = Real(0, LIMITS.seconds, min_open=True)
+    return click.option("--time-limit", type=limit, metavar="SECONDS", help=text)
 
 
 def out(option: str, name: str, text: str) -> Callable[..., Any]:

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 @options.paper
 @options.starts("Number of starts (default: until more starts no longer help, or time is up).")
 @options.seed
-@options.time_limit
+@options.time_limit(
+    "Stop after this time with the best design so far, audited; every tree gets a few starts first."
+)
 @options.near
 @click.option("--out", type=options.FILE, help="Output file for the design.")
 @options.as_json
@@ -140,12 +142,7 @@ def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bo
     help="Use the complete proofs of another run where they are enough for --gap; its task may differ only in name "
     "and exposure.",
 )
-@click.option(
-    "--time-limit",
-    type=options.Real(0, LIMITS.seconds, min_open=True),
-    metavar="SECONDS",
-    help="Stop after this time and keep what is proven by then.",
-)
+@options.time_limit("Stop after this time and keep what is proven by then.")
 @click.option(
     "--check",
     "checks",

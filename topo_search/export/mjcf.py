@@ -100,13 +100,13 @@ def add_lag(motor: dict[str, str], lag: float | None) -> dict[str, str]:
 
 def add_rod_mass(floating: Element, rod: Rod, design: Design, at: Platform) -> None:
     """Add the rod's mass as a body of its own, the z axis along it."""
-    weighs = mass_of(rod, design, at)
+    mass, inertia, middle = mass_of(rod, design, at)
     v = (rod.end - rod.start) / rod.length
-    along = float(v @ weighs.inertia @ v)
-    across = (float(weighs.inertia.trace()) - along) / 2
-    body = SubElement(floating, "body", name="rod_mass", pos=numbers(*weighs.middle), zaxis=numbers(*v))
+    along = float(v @ inertia @ v)
+    across = (float(inertia.trace()) - along) / 2
+    body = SubElement(floating, "body", name="rod_mass", pos=numbers(*middle), zaxis=numbers(*v))
     moments = numbers(across, across, min(along, 2 * across))  # as MuJoCo checks them; a stub is no thin tube
-    SubElement(body, "inertial", pos="0 0 0", mass=numbers(weighs.mass), diaginertia=moments)
+    SubElement(body, "inertial", pos="0 0 0", mass=numbers(mass), diaginertia=moments)
 
 
 def add_tip(end_effector: Element, design: Design, rod: Rod | None, *, on_solid: bool) -> None:

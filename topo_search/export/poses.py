@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from topo_search.model import BadInput, Design, Fault, ResolvedTask
-from topo_search.model.arrays import Array, read_only
+from topo_search.model.arrays import Array
 from topo_search.model.layout import PORT_DIRECTIONS
 from topo_search.model.shape import Cone, Hull, Polytope, Shape, convex_hull
 from verify.kinematics import Platform, platform
@@ -77,26 +77,17 @@ class Rod:
         return float(np.linalg.norm(self.end - self.start))
 
 
-@dataclass(frozen=True)
-class RodMass:
-    """Mass of a rod, as a thin tube."""
+def mass_of(rod: Rod, design: Design, at: Platform) -> tuple[float, Array, Array]:
+    """Return mass [kg], inertia about its middle (3, 3) [kg m^2] and that middle from the COM (3,) [m] of a rod.
 
-    mass: float
-    """At `end_effector.rod_linear_density` [kg]."""
-    inertia: Array
-    """About its middle, in W's axes, (3, 3) [kg m^2]."""
-    middle: Array
-    """From the COM of the design, (3,) [m]."""
-
-
-def mass_of(rod: Rod, design: Design, at: Platform) -> RodMass:
-    """Return mass and inertia of the rod of a design."""
+    The rod is a thin tube, its inertia in W's axes.
+    """
     counted = design.task.end_effector.counted_rod
     m = design.task.end_effector.rod_linear_density * rod.length if counted is None else counted.mass
     v = (rod.end - rod.start) / rod.length
     across = m * rod.length**2 / 12 * (np.eye(3) - np.outer(v, v))
     inertia = across + m * rod.radius**2 * np.outer(v, v)
-    return RodMass(m, read_only(inertia), read_only((rod.start + rod.end) / 2 - at.p_com))
+    return m, inertia, (rod.start + rod.end) / 2 - at.p_com
 
 
 def rod_of(design: Design, at: Platform) -> Rod | None:

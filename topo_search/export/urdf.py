@@ -71,8 +71,8 @@ def urdf(design: Design) -> str:
         R = rotation_to((rod.end - rod.start) / rod.length)
         _shape(tip, tube, (rod.start - rod.end) / 2, R, "end_effector")
         if task.end_effector.counted_rod is not None:
-            weighs = mass_of(rod, design, at)
-            _inertial(SubElement(robot, "link", name="rod"), weighs.mass, weighs.inertia)
+            mass, inertia, _ = mass_of(rod, design, at)
+            _inertial(SubElement(robot, "link", name="rod"), mass, inertia)
             _joint(robot, "module_0", "rod", (rod.start + rod.end) / 2, np.eye(3))
     return xml_text(robot)
 

@@ -75,7 +75,7 @@ def fly(
     home = nominal.com.copy()  # the design's COM is the origin
     quaternion = np.array([1.0, 0.0, 0.0, 0.0])
     plant.place(home, quaternion)
-    plant.run_at(_trim(plant, controller, allocator, home))
+    plant.data.act[:] = _trim(plant, controller, allocator, home)
     if scenario.axis.any() and not scenario.tilt:
         mujoco.mju_axisAngle2Quat(quaternion, scenario.axis, math.radians(TILT))
     plant.place(home + scenario.start, quaternion)
@@ -93,7 +93,7 @@ def fly(
         controller.learn(seen, reference, bool(np.abs(scaled).max() <= MISSED))
         share = T / nominal.largest_thrust
         if dead is not None:
-            plant.stop_rotor(dead)
+            plant.model.actuator_ctrlrange[dead] = 0.0  # it has no least thrust any more
             T[dead] = 0.0
         # a wall pushes back by itself
         load = np.zeros(6) if scenario.wall is not None else -scenario.share_at(t) * scenario.exerted
@@ -206,7 +206,7 @@ def _record(
     if scenario.wall is not None:
         track.force.append(plant.contact_force)
     else:  # that of the rotors less the weight
-        F = plant.R @ (plant.nominal.B @ (plant.thrusts * plant.gain))[:3]
+        F = plant.R @ (plant.nominal.B @ (plant.data.act * plant.gain))[:3]
         track.force.append(np.asarray(F + plant.model.body_mass.sum() * plant.model.opt.gravity))
     track.shares.append(share)
     track.missing.append(missing)

@@ -125,19 +125,6 @@ class Plant:
         lacking = np.concatenate([self.R.T @ weight, self.R.T @ cross(at, weight)])
         return np.asarray(lacking - self.nominal.B @ (self.gain * thrusts))
 
-    @property
-    def thrusts(self) -> Array:
-        """Thrusts of the rotors, without their errors, (N,) [N]."""
-        return np.asarray(self.data.act)
-
-    def run_at(self, thrusts: Array) -> None:
-        """Let the rotors pull so much from now on, (N,) [N]."""
-        self.data.act[:] = thrusts
-
-    def stop_rotor(self, rotor: int) -> None:
-        """Let a rotor die: it has no least thrust any more."""
-        self.model.actuator_ctrlrange[rotor] = 0.0
-
     def step(self, commanded: Array, at_tip: Array, at_com: Array) -> None:
         """Go on by STEP.
 
@@ -188,10 +175,10 @@ def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
     ignored = design.task.end_effector.counted_rod is None
     rod = rod_of(design, at) if rod_mass and ignored else None
     if rod is not None:
-        weighs = mass_of(rod, design, at)
-        c = weighs.mass / (m + weighs.mass) * weighs.middle
-        J = J + m * _spread(c) + weighs.inertia + weighs.mass * _spread(weighs.middle - c)
-        m += weighs.mass
+        mass, inertia, middle = mass_of(rod, design, at)
+        c = mass / (m + mass) * middle
+        J = J + m * _spread(c) + inertia + mass * _spread(middle - c)
+        m += mass
     B = np.array(acts.thrust_matrix)
     B[3:] -= np.cross(c, B[:3].T).T
     return Nominal(

@@ -90,13 +90,9 @@ class FlightResult(Value):
 
     def _repr_html_(self) -> str:
         """Show a notebook the table."""
-        columns = ("scenario", "outcome", "drift [m]", "tilt [deg]", "force error", "saturated", "missed", "why")
-        shown = ("drift_m", "tilt_deg", "force_error_share", "saturated_share", "missed_share")
-        rows = [
-            (one.name, word(one), *(getattr(one, name) for name in shown), one.reason) for one in self.scenarios
-        ]
-        notes = "".join(map(paragraph, self.notes))
-        return heading(f"flight in simulation: {word(self)}") + table(columns, rows) + notes
+        rows = [(one.name, word(one), *one.cells, one.reason) for one in self.scenarios]
+        shown = table(("scenario", "outcome", *CELLS, "why"), rows)
+        return heading(f"flight in simulation: {word(self)}") + shown + "".join(map(paragraph, self.notes))
 
 
 def word(result: ScenarioResult | FlightResult) -> str:

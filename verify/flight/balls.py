@@ -274,26 +274,11 @@ class PseudoInverse:
         return min(float(half_angles(n, h, b[:3]).min()) for n, h in ((normals, up), (-normals, down)))
 
 
-TOGETHER = 20
-"""Polytopes that are looked at at once."""
-
-
-@dataclass(frozen=True, eq=False)
-class Left:
-    """Remaining capability at a wrench, with each rotor dead."""
-
-    yes: NDArray[np.bool_]
-    """Proven to be possible, shape (N,)."""
-    no: NDArray[np.bool_]
-    """Proven to be impossible; neither: undecided."""
-    lower: Array
-    """Radius of the largest ball of torques that can be added, at least [l_arm m_t g]; 0 without a proof."""
-    upper: Array
-    """And at most."""
-
-
-def remainder(A: Array, b: Array, box: Box) -> Left:
+def remainder(A: Array, b: Array, box: Box) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array, Array]:
     """Return what is left of a wrench with each of the rotors dead, one at a time.
+
+    Whether it is proven to be possible, and impossible; the radius of the largest ball of torques that can be
+    added, at least (0 without a proof) and at most [l_arm m_t g]; shape (N,) each.
 
     Args:
         A: wrench map, shape (6, N).
@@ -306,9 +291,8 @@ def remainder(A: Array, b: Array, box: Box) -> Left:
     reached = find_solutions(A, np.tile(b, (N, 1)), Box(low, high))
     lower, upper = np.zeros(N), np.where(reached.no, 0.0, np.inf)
     able = np.flatnonzero(reached.yes)
-    for start in range(0, len(able), TOGETHER):
-        dead = able[start : start + TOGETHER]
+    for dead in np.array_split(able, math.ceil(len(able) / 20) or 1):  # polytopes that are looked at at once
         made = reached.v[dead] @ A.T  # within the audit's tolerance of b, and produced exactly
         balls = largest_balls(A[3:], A[:3], made[:, 3:], made[:, :3], Box(low[dead], high[dead]))
         lower[dead], upper[dead] = [ball.lower for ball in balls], [max(ball.upper, 0.0) for ball in balls]
-    return Left(reached.yes, reached.no, lower, upper)
+    return reached.yes, reached.no, lower, upper

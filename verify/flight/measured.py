@@ -374,9 +374,8 @@ def _rotors_asked(measured: Measured, design: Design) -> RotorsOut | None:
         return None
     numbers = [number for number, _, _ in centres_of(design.task, rotor_out)]
     wrenches = measured.wrenches[np.unique(measured.same[numbers])]
-    remainders = [remainder(measured.A, b, measured.box) for b in wrenches]
-    lower, upper = (np.min([getattr(one, side) for one in remainders], axis=0) for side in ("lower", "upper"))
-    keep, lose = np.all([one.yes for one in remainders], axis=0), np.any([one.no for one in remainders], axis=0)
+    yes, no, lower, upper = zip(*(remainder(measured.A, b, measured.box) for b in wrenches), strict=True)
+    keep, lose, lower, upper = np.all(yes, axis=0), np.any(no, axis=0), np.min(lower, axis=0), np.min(upper, axis=0)
     least = int(np.argmin(lower))
     return RotorsOut(
         survive=int(keep.sum()),

@@ -53,6 +53,8 @@ from topo_search.model.tolerances import TOLERANCE
 from verify.bodies import Array
 from verify.meshes import Indices
 
+Ends = tuple[Array, Array, Array, Indices]
+
 LARGEST = 1e6
 """Forces in m_t g and torques in l_arm m_t g beyond it have lost the digits that programs need."""
 RESIDUAL = 1e-9
@@ -108,12 +110,12 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
         bases: to start from.
     """
     bounds = box.rows(len(c))
-    result = solve(c, M, m, bounds.low, bounds.high, bases)
-    judged = _bracket(c, M, m, bounds, result.v, result.y, result.bases)
+    v, y, _, bases = solve(c, M, m, bounds.low, bounds.high, bases)
+    judged = _bracket(c, M, m, bounds, v, y, bases)
     loose = np.flatnonzero(~(judged.upper - judged.attained <= GAP))
     if not len(loose):
         return judged
-    v, y = result.v.copy(), result.y.copy()
+    v, y = v.copy(), y.copy()
     for row in loose:
         solution = linprog(
             -c[row], A_eq=M, b_eq=m[row], bounds=np.stack([bounds.low[row], bounds.high[row]], axis=1)
@@ -121,13 +123,13 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
         if solution.status == 0:
             v[row] = np.clip(solution.x, bounds.low[row], bounds.high[row])
             y[row] = -solution.eqlin.marginals
-    again = _bracket(c, M, m, bounds, v, y, result.bases)
+    again = _bracket(c, M, m, bounds, v, y, bases)
     better = again.attained > judged.attained
     return Greatest(
         np.where(better[:, None], again.v, judged.v),
         np.maximum(judged.attained, again.attained),
         np.minimum(judged.upper, again.upper),
-        result.bases,
+        bases,
     )
 
 
@@ -158,15 +160,14 @@ def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -
     bounds = box.rows(len(m))
     # any costs would do; different ones make the solution one vertex
     c = np.broadcast_to(-1.0 - np.arange(M.shape[1]) / M.shape[1], (len(m), M.shape[1]))
-    result = solve(c, M, m, bounds.low, bounds.high, bases)
-    v = result.v
-    yes, no = _meets(M, m, v), _excludes(M, m, bounds, result.rays)
+    v, _, rays, bases = solve(c, M, m, bounds.low, bounds.high, bases)
+    yes, no = _meets(M, m, v), _excludes(M, m, bounds, rays)
     for row in np.flatnonzero(~yes & ~no):
         v[row], y = nearest(M, m[row], bounds.low[row], bounds.high[row])
         one = slice(row, row + 1)
         yes[one] = _meets(M, m[one], v[one])
         no[one] = _excludes(M, m[one], Box(bounds.low[one], bounds.high[one]), y[None])
-    return Solvable(yes, no, v, result.bases)
+    return Solvable(yes, no, v, bases)
 
 
 def _meets(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:
@@ -226,20 +227,6 @@ def least_inputs(A: Array, b: Array, box: Box) -> Array | None:
     return None
 
 
-@dataclass(frozen=True, eq=False)
-class Ends:
-    """Final state of the method, one row per program."""
-
-    v: Array
-    """Variables, within their bounds, shape (B, N)."""
-    y: Array
-    """Multipliers, shape (B, k)."""
-    rays: Array
-    """Directions of y that show that no variables meet the equations; zero where none was found, shape (B, k)."""
-    bases: Indices
-    """The variables of each basis: where to start from for costs that differ a little, shape (B, k)."""
-
-
 def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None = None) -> Ends:
     """Return where the method ends for each program.
 
@@ -250,6 +237,11 @@ def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices 
         low: finite, shape (B, N).
         high: finite, at least `low`, shape (B, N).
         bases: to start from, shape (B, k); default: the unit vectors.
+
+    Returns:
+        Variables within their bounds, (B, N); multipliers, (B, k); directions of y that show that no variables meet
+        the equations, zero where none was found, (B, k); the variables of each basis, to start from for costs that
+        differ a little, (B, k).
     """
     programs, (k, N) = len(c), M.shape
     unit = np.zeros((programs, k))
@@ -276,7 +268,7 @@ def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices 
         v[numbers], y[numbers], rays[numbers], bases[numbers] = state.v, state.y, ray, state.basis
         numbers = numbers[~ended]
         state.keep(~ended)
-    return Ends(np.clip(v[:, :N], low, high), y, rays, bases)
+    return np.clip(v[:, :N], low, high), y, rays, bases
 
 
 class _State:
