@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -225,8 +224,7 @@ AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
 
 
-@dataclass(frozen=True)
-class DesignFile:
+class DesignFile(NamedTuple):
     """A file that is to hold a design."""
 
     path: str
@@ -234,29 +232,6 @@ class DesignFile:
     """True if it was found in a folder, where it may be an audit that a run keeps beside its designs."""
     fault: str | None = None
     """Fault that was found before it was opened."""
-
-    @property
-    def name(self) -> str:
-        """The path as it can be printed: Unicode without control characters."""
-        from topo_search.model.bad_input import to_printable
-
-        return to_printable(self.path)
-
-    def read(self) -> Geometry | None:
-        """Return the design, or its geometry; None for an audit in a folder.
-
-        Raises:
-            BadInput: it is no design; names every fault.
-        """
-        from topo_search.model import BadInput
-        from topo_search.model.files import load_json, stated_format, to_geometry
-
-        if self.fault is not None:
-            raise BadInput(self.name, self.fault)
-        data = load_json(self.path, most_bytes=LIMITS.design_bytes)
-        if self.listed and stated_format(data) == AUDIT:
-            return None
-        return to_geometry(data, self.name)
 
 
 def _designs(
@@ -270,17 +245,24 @@ def _designs(
         refused: gets every file that is wrong, with its faults.
     """
     from topo_search.model import BadInput
+    from topo_search.model.bad_input import to_printable
+    from topo_search.model.files import load_json, stated_format, to_geometry
 
-    for file in files:
+    for path, listed, fault in files:
+        name = to_printable(path)
         try:
-            design = file.read()
+            if fault is not None:
+                raise BadInput(name, fault)
+            data = load_json(path, most_bytes=LIMITS.design_bytes)
+            if listed and stated_format(data) == AUDIT:
+                continue
+            design = to_geometry(data, name)
         except BadInput as error:
-            refused.append((file.name, "; ".join(map(str, error.faults))))
-            note("\n".join(f"{file.name}: {fault}" for fault in error.faults))
+            refused.append((name, "; ".join(map(str, error.faults))))
+            note("\n".join(f"{name}: {each}" for each in error.faults))
             continue
-        if design is not None:
-            read.append((file.name, design))
-            yield design
+        read.append((name, design))
+        yield design
 
 
 def design_files(words: Sequence[str]) -> list[DesignFile]:

@@ -18,7 +18,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.bad_input import BadInput, Fault
 from topo_search.model.design import Design
 from topo_search.model.load_case import labels
-from topo_search.simulation.controller import Allocator
+from topo_search.simulation.controller import Allocator, Controller
 from topo_search.simulation.fly import Options, Track, Watch, fly, judge
 from topo_search.simulation.plant import Nominal, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, Outcome, ScenarioResult, digest_of
@@ -195,8 +195,8 @@ def fly_all(
                 "motor_lag_s": options.lag,
                 "detection_time_s": options.detection,
                 "wake_loss_share": max(losses, default=0.0),
-                "position_bandwidth_rad_s": options.bandwidths.position,
-                "attitude_bandwidth_rad_s": options.bandwidths.attitude,
+                "position_bandwidth_rad_s": Controller.omega_p,
+                "attitude_bandwidth_rad_s": Controller.omega_a,
             },
             versions={name: version(name) for name in ("mujoco", "casadi", "numpy")},
             notes=(

@@ -17,7 +17,7 @@ import numpy as np
 
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
-from topo_search.simulation.controller import Allocator, Bandwidths, Controller, Reference
+from topo_search.simulation.controller import Allocator, Controller, Reference
 from topo_search.simulation.plant import LAG, STEP, Errors, Nominal, Plant, orientation
 from topo_search.simulation.result import Outcome, ScenarioResult
 from topo_search.simulation.scenarios import APPROACH, TILT, Scenario
@@ -54,7 +54,6 @@ class Options:
     """Options of the flights."""
 
     errors: Errors = field(default_factory=Errors)
-    bandwidths: Bandwidths = field(default_factory=Bandwidths)
     lag: float = LAG
     detection: float = 0.1
     """Time from a rotor's death until the controller knows of it [s]."""
@@ -71,7 +70,7 @@ def fly(
     plant = Plant(design, options.errors, scenario.wall, options.lag)
     rng = np.random.default_rng([options.errors.seed, 1])
     nominal, allocator = plant.nominal, options.allocator(plant.nominal)
-    controller = Controller(nominal, options.bandwidths, EVERY * STEP)
+    controller = Controller(nominal, EVERY * STEP)
     home = nominal.com.copy()  # the design's COM is the origin
     quaternion = np.array([1.0, 0.0, 0.0, 0.0])
     plant.place(home, quaternion)
