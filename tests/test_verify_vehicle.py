@@ -106,7 +106,7 @@ def test_a_kit_can_do_what_the_audit_says(tmp_path: Path) -> None:
     design = read_json(Design, Path(__file__).parent / "designs/push-a70010.json")
     assert design.task.min_input == 0
     (tmp_path / "rotors.csv").write_text(allocation(design).rotor_csv())
-    told, p_E = f"mass = {design.task.total_mass(5)!r}", platform(design).p_E.tolist()
+    told, p_E = f"mass = {design.task.total_mass(5)!r}", platform(design).p_e.tolist()
     (tmp_path / "kit.toml").write_text(f'{told}\nend_effector = {p_E}\nrotors = "rotors.csv"\n')
     found, expected = capability(read_vehicle(tmp_path / "kit.toml")), audit(design).flight
     assert found is not None
@@ -133,7 +133,7 @@ def test_the_command_judges_a_vehicle_by_a_task(tmp_path: Path, monkeypatch: pyt
     monkeypatch.chdir(tmp_path)
     design = read_json(Design, Path(__file__).parent / "designs/wall-push.json")
     Path("rotors.csv").write_text(allocation(design).rotor_csv())
-    p_E = platform(design).p_E.tolist()
+    p_E = platform(design).p_e.tolist()
     Path("strong.toml").write_text(
         f'mass = {design.task.total_mass(3)!r}\nend_effector = {p_E}\nrotors = "rotors.csv"\n'
     )
