@@ -109,19 +109,13 @@ def certify_beside(requirements: Sequence[BesideAirflow], parts: RigidParts) -> 
             elif apart and ok[k]:
                 certificates.append(Certificate(Status.CLEAR, lower[k], upper[k], d[k], 0, closest[side][k]))
             else:
-                one = requirements[k * (ROTORS + 1) + side]
-                certificates.append(_certify(one, parts, _row(distances[side], k), closest[side][k]))
+                at = _Found(*(column[k] for column in distances[side]))
+                proof = functools.partial(_proof, requirements[k * (ROTORS + 1) + side], parts, at)
+                proven_upper = None if np.isnan(at.upper) else float(at.upper)
+                # a box, the parts' common meshes, then meshes turned towards the witness
+                levels = 2 + len(TURNED_LEVELS)
+                certificates.append(judge(float(at.d), proven_upper, closest[side][k], proof, levels))
     return certificates
-
-
-def _certify(pair: BesideAirflow, parts: RigidParts, at: _Found, closest: Array) -> Certificate:
-    upper = None if np.isnan(at.upper) else float(at.upper)
-    # a box, the parts' common meshes, then meshes turned towards the witness
-    return judge(float(at.d), upper, closest, functools.partial(_proof, pair, parts, at), 2 + len(TURNED_LEVELS))
-
-
-def _row(columns: _Found, k: int) -> _Found:
-    return _Found(*(column[k] for column in columns))
 
 
 def _proof(pair: BesideAirflow, parts: RigidParts, at: _Found, level: int) -> tuple[float, bool]:

@@ -141,7 +141,14 @@ class Witness(NamedTuple):
 
 def certify_pairs(pairs: Sequence[tuple[Solid, Solid]]) -> list[Certificate]:
     """Return the certificates of pairs of cone-spheres."""
-    return [_certify(A, B, witness) for (A, B), witness in zip(pairs, witnesses(pairs), strict=True)]
+    certificates = []
+    for (A, B), at in zip(pairs, witnesses(pairs), strict=True):
+        if not (A.in_range and B.in_range):
+            certificates.append(Certificate(Status.UNDECIDED, None, None, at.d, 0))
+            continue
+        proof = functools.partial(_separating_gap if at.d > 0 else _common_point, A, B, at)
+        certificates.append(judge(at.d, at.upper, at.closest, proof, levels=1 + len(TURNED_LEVELS)))
+    return certificates
 
 
 def witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
@@ -166,14 +173,6 @@ def witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
     proven = np.where(gap, reached, shared)
     for k, value in enumerate(d.tolist()):
         yield Witness(value, n[k], x[k], float(upper[k]) if proven[k] else None, closest[k])
-
-
-def _certify(A: Solid, B: Solid, at: Witness) -> Certificate:
-    if not (A.in_range and B.in_range):
-        return Certificate(Status.UNDECIDED, None, None, at.d, 0)
-    prove = _separating_gap if at.d > 0 else _common_point
-    proof = functools.partial(prove, A, B, at)
-    return judge(at.d, at.upper, at.closest, proof, levels=1 + len(TURNED_LEVELS))
 
 
 def judge(d: float, upper: float | None, closest: Array, proof: Proof, levels: int) -> Certificate:

@@ -418,7 +418,8 @@ def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:
     """
     if min(part_A.depth(x), part_B.depth(x)) > ROUNDING:
         return x
-    planes = [_planes(part.place(np.eye(3), -x)) for part in (part_A, part_B)]
+    inner = [part.place(np.eye(3), -x).inner(np.zeros(3)) for part in (part_A, part_B)]
+    planes = [Polyhedron("inside", mesh.vertices, mesh.triangles).faces for mesh in inner]
     normals, offsets = (np.concatenate(columns) for columns in zip(*planes, strict=True))
     unit = max(float(np.abs(offsets).min()), 1e-9)  # [l_arm]
     rows = np.column_stack([normals, np.ones(len(normals))])
@@ -426,9 +427,3 @@ def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:
 
     solution = linprog([0, 0, 0, -1], A_ub=rows, b_ub=offsets / unit, bounds=[(None, None)] * 4)
     return x + unit * solution.x[:3] if solution.success else x
-
-
-def _planes(part: Convex) -> tuple[Array, Array]:
-    """Return outward unit normals and offsets of the faces of the polytope inside a part near the origin."""
-    inner = part.inner(np.zeros(3))
-    return Polyhedron(part.name, inner.vertices, inner.triangles).faces

@@ -299,14 +299,9 @@ def clip(solid: Polyhedron, n: Array, b: float) -> Polyhedron | None:
             if min(h[i], h[j]) < -CLIPPING.on and max(h[i], h[j]) > CLIPPING.on:
                 face.append(cut(i, j))
         triangles += [(face[0], *face[k : k + 2]) for k in range(1, len(face) - 1)]
-    rim = _open_edges(triangles)
+    sides = {(t[k], t[(k + 1) % 3]) for t in triangles for k in range(3)}
+    rim = sorted((i, j) for i, j in sides if (j, i) not in sides)  # no triangle runs along them the other way
     vertices.append(np.mean([vertices[i] for i, _ in rim], axis=0))
     triangles += [(j, i, len(vertices) - 1) for i, j in rim]
     used, numbers = np.unique(np.array(triangles, dtype=np.intp), return_inverse=True)
     return Polyhedron(solid.name, np.array(vertices)[used], numbers.reshape(-1, 3).astype(np.intp))
-
-
-def _open_edges(triangles: list[tuple[int, ...]]) -> list[tuple[int, int]]:
-    """Return the edges of a surface that no triangle runs along the other way."""
-    there = {(t[k], t[(k + 1) % 3]) for t in triangles for k in range(3)}
-    return sorted((i, j) for i, j in there if (j, i) not in there)

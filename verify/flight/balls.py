@@ -171,12 +171,14 @@ class _Polytope:
     def questions(self) -> Array:
         """Return the directions to ask in next, shape (q, D); none at the end."""
         if not len(self.directions):
-            return _first(self.D)
+            around = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=self.D) if any(d)])
+            around = around[np.abs(around).sum(axis=1) != 2] if self.D == 3 else around
+            return np.asarray(around / np.linalg.norm(around, axis=1, keepdims=True))
         if self.upper <= ACCURACY or not len(self.points):
             return np.empty((0, self.D))
-        thin = self._flat_direction()
-        if thin is not None:
-            return self._new_directions(np.stack([thin, -thin]))
+        _, sizes, axes = np.linalg.svd(np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))]))
+        if sizes[-1] <= ACCURACY / 10:  # no points lie across the last axis
+            return self._new_directions(np.stack([axes[-1], -axes[-1]]))
         try:
             hull = ConvexHull(self.points)
         except QhullError:
@@ -188,11 +190,6 @@ class _Polytope:
         self.lower = max(self.lower, float(sizes.min()) if _surrounds(normals, corners) else 0.0)
         near = np.flatnonzero(sizes < self.upper - ACCURACY)
         return self._new_directions(normals[near[np.argsort(sizes[near], kind="stable")]])
-
-    def _flat_direction(self) -> Array | None:
-        """Return a direction across which no points lie, if there is one."""
-        _, sizes, axes = np.linalg.svd(np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))]))
-        return None if sizes[-1] > ACCURACY / 10 else np.asarray(axes[-1])
 
     def _new_directions(self, normals: Array) -> Array:
         kept: list[Array] = []
@@ -207,13 +204,6 @@ class _Polytope:
     def ball(self) -> Ball:
         """Return what is proven."""
         return Ball(min(self.lower, max(self.upper, 0.0)), self.upper, self.weakest)
-
-
-def _first(D: int) -> Array:
-    """Return unit vectors all around."""
-    around = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=D) if any(d)])
-    around = around[np.abs(around).sum(axis=1) != 2] if D == 3 else around
-    return np.asarray(around / np.linalg.norm(around, axis=1, keepdims=True))
 
 
 def _surrounds(normals: Array, corners: Array) -> bool:

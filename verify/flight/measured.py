@@ -94,6 +94,8 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
         cases = tuple(_least(*rows) for rows in zip(cases, *off, strict=True))
     rod = None if tip is None else tip.rod
     angle = None if errors is None else errors.hinge_angle_deg
+    at = platform.rotors.reshape(-1, 3)
+    span = max(float(np.linalg.norm(at - one, axis=1).max()) for one in at)  # of the rotors' centres
     return Flight(
         cases=cases,
         rotors_out_hover=measured.rotors_out(1),
@@ -105,7 +107,7 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
         hover_power_ratio=measured.hover_power_ratio,
         rod_length_m=None if rod is None else rod.length_m,
         rod_mass_share=None if rod is None else rod.mass_kg / task.total_mass(task.n),
-        span_m=_span(design, platform),
+        span_m=clamp(span + 2 * task.module.body.rotor_radius),
     )
 
 
@@ -423,10 +425,3 @@ def _ball(name: str, weakest: str, ball: Ball, size: float) -> dict[str, Any]:
 def _rotors(which: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
     """Return module and rotor of those that are meant, shape (4n,)."""
     return tuple((int(j) // 4, int(j) % 4) for j in np.flatnonzero(which))
-
-
-def _span(design: Design, platform: Platform) -> float:
-    """Return the largest distance between the centres of two rotors, and the width of one [m]."""
-    at = platform.rotors.reshape(-1, 3)
-    apart = max(float(np.linalg.norm(at - one, axis=1).max()) for one in at)
-    return clamp(apart + 2 * design.task.module.body.rotor_radius)
