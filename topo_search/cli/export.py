@@ -60,29 +60,32 @@ def _require_known(context: click.Context, parameter: click.Parameter, value: st
     metavar=f"[{'|'.join(OURS)}|...]",
     help="File format (default: by the suffix of --out).",
 )
-@click.option(
+@options.choice(
     "--parts",
-    type=click.Choice(["all", "platform", "airflow"]),
-    help="Solids of a glb or stl; `all` includes the target regions (default: all; stl: platform).",
+    ["all", "platform", "airflow"],
+    "Solids of a glb or stl; `all` includes the target regions (default: all; stl: platform).",
 )
-@click.option(
+@options.real(
     "--air-speed",
-    type=options.Real(0, min_open=True),
+    (0, None),
+    "Draw all air faster than this into a glb or a picture, there instead of the airflow envelopes.",
     metavar="M/S",
-    help="Draw all air faster than this into a glb or a picture, there instead of the airflow envelopes.",
+    above=True,
 )
-@click.option("--load-case", type=click.IntRange(0), metavar="K", help="Load case of that air (default: 0).")
-@click.option(
+@options.whole("--load-case", (0, None), "Load case of that air (default: 0).", metavar="K")
+@options.real(
     "--angle-step",
-    type=options.Real(0, 45, min_open=True),
+    (0, 45),
+    "Round the hinge angles of a kit to this step, recompute the inputs, audit again and report what changed.",
     metavar="DEG",
-    help="Round the hinge angles of a kit to this step, recompute the inputs, audit again and report what changed.",
+    above=True,
 )
-@click.option(
+@options.real(
     "--motor-lag",
-    type=options.Real(0, 10, min_open=True),
+    (0, 10),
+    "Time constant of a rotor's thrust in the model for MuJoCo (default: none).",
     metavar="SECONDS",
-    help="Time constant of a rotor's thrust in the model for MuJoCo (default: none).",
+    above=True,
 )
 @click.option("--rod-mass", is_flag=True, help="Give the rod its mass in that model; the design neglects it.")
 @click.option(

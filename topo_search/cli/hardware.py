@@ -71,13 +71,7 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
 
 @click.command(epilog="Example: topo-search airflow push-local --speed 2 --at full")
 @click.argument("task", required=False)
-@click.option(
-    "--speed",
-    type=options.Real(min=1e-6),
-    required=True,
-    metavar="V",
-    help="Air speed that the envelope encloses [m/s].",
-)
+@options.real("--speed", (1e-6, None), "Air speed that the envelope encloses [m/s].", required=True, metavar="V")
 @click.option(
     "--at",
     default="hover",
@@ -156,20 +150,20 @@ def _thrust_to_weight(at: str, most: float) -> float:
 @click.argument("tasks", metavar="TASK|RUN...", nargs=-1, required=True)
 @options.modules
 @options.set_field
-@click.option(
+@options.real(
     "--within",
-    type=options.Real(0, LIMITS.percent),
+    (0, LIMITS.percent),
+    "Largest extra effort over the best design of a task.",
     default=2.0,
     metavar="PERCENT",
-    help="Largest extra effort over the best design of a task.",
 )
-@click.option(
+@options.real(
     "--bracket-tolerance",
+    (0, 10),
+    "Range of hinge angles that one bracket may serve, where designs with its middle are clear.",
     "tolerance_deg",
-    type=options.Real(0, 10),
     default=0.0,
     metavar="DEG",
-    help="Range of hinge angles that one bracket may serve, where designs with its middle are clear.",
 )
 @options.workers
 @click.option("--out", type=options.PATH, required=True, metavar="DIR", help="A new or empty folder.")

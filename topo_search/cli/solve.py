@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 @click.option(
     "--topology", "key", metavar="KEY", help="Key of the topology, as `topo-search topologies` prints it."
 )
-@click.option(
+@options.whole(
     "--sample-seed",
-    type=click.IntRange(0, LIMITS.largest_integer),
+    (0, LIMITS.largest_integer),
+    "The tree of `topologies N --sample 1 --seed S`, with the root and the connectors of the task.",
     metavar="S",
-    help="The tree of `topologies N --sample 1 --seed S`, with the root and the connectors of the task.",
 )
 @options.modules
 @options.set_field
@@ -120,18 +120,18 @@ def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bo
 
 @click.command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01")
 @click.argument("folder", metavar="RUN", type=options.PATH)
-@click.option(
+@options.real(
     "--gap",
-    type=options.Real(*LIMITS.gaps),
+    LIMITS.gaps,
+    "Gap at which a tree counts as settled: how far its bound may lie below its own best control effort.",
     default=0.003,
-    help="Gap at which a tree counts as settled: how far its bound may lie below its own best control effort.",
 )
-@click.option(
+@options.choice(
     "--problem",
-    type=click.Choice(["task", "solver"]),
-    default="task",
-    help="Designs that the proof covers: all that the audit may call clear, or those that also keep the solver's "
+    ["task", "solver"],
+    "Designs that the proof covers: all that the audit may call clear, or those that also keep the solver's "
     "margin and distance between centres.",
+    default="task",
 )
 @click.option("--topology", metavar="KEY", help="Prove only this tree (default: all).")
 @click.option(
