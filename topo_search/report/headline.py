@@ -122,6 +122,10 @@ def _rod(flight: Flight, audit: Audit | None) -> Tile:
     return Tile("Rod", length(flight.rod_length_m), route)
 
 
+LARGEST = 2_500_000
+"""Characters that all cards may take: what would lead beyond is left out, the least effort first to stay."""
+
+
 def rows_to_show(answer: Answer, shown: Row) -> list[Row]:
     """Return which designs get a card: the winner, the best of its size and those near it, some of other sizes."""
     shown_size = next(size for size in answer.sizes if size.modules == shown.modules)
@@ -150,7 +154,7 @@ def cards(
             continue
         if row.key != best.key:
             taken += len(json_in_script(shown["view"]["value"])) + len(shown["tree"])
-        if taken > 2_500_000:  # characters: what would lead beyond is left out
+        if taken > LARGEST:
             return
         yield shown
 

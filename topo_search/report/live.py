@@ -30,6 +30,11 @@ LOOPBACK = "127.0.0.1"
 class Live:
     """An observer that hands progress on to another, and knows the page of the run as it stands."""
 
+    refresh_s = 5.0
+    """Least age of a page before it is made anew [s]."""
+    most_share = 0.1
+    """Largest share of the time that may go into making pages."""
+
     def __init__(self, path: Path, observer: Observer) -> None:
         """Take the run's folder, and who else observes it."""
         self._path, self._observer = path, observer
@@ -78,7 +83,7 @@ class Live:
             if began >= self._due:
                 self._page = self._render()
                 now = time.monotonic()
-                self._due = now + max(5.0, 10 * (now - began))  # a tenth of the time at most
+                self._due = now + max(self.refresh_s, (now - began) / self.most_share)
             return self._page
 
     def _render(self) -> str:
