@@ -365,7 +365,7 @@ def _certify(A: Compound, B: Compound, proximity: Proximity) -> Certificate:
     if proximity.d > 0:
         upper, closest = math.dist(proximity.x_A, proximity.x_B), np.stack([proximity.x_A, proximity.x_B])
         proven = min(part_A.depth(proximity.x_A), part_B.depth(proximity.x_B)) > -ROUNDING
-        agrees = functools.partial(_apart, A, B, proximity)
+        agrees = functools.partial(_see_apart, A, B, proximity)
     else:
         x = _common_point(part_A, part_B, (proximity.x_A + proximity.x_B) / 2)
         depths = part_A.depth(x), part_B.depth(x)
@@ -376,7 +376,7 @@ def _certify(A: Compound, B: Compound, proximity: Proximity) -> Certificate:
     return judge(proximity.d, upper if proven else None, closest, lambda level: (bound, agrees(level)), levels=2)
 
 
-def _apart(A: Compound, B: Compound, proximity: Proximity, level: int) -> bool:
+def _see_apart(A: Compound, B: Compound, proximity: Proximity, level: int) -> bool:
     """Return whether FCL sees the bodies apart: boxes around them; at level 1 all parts that must not touch."""
     if level == 0:
         return bool(proximity.relevant.all()) and not A.bounds.shape.overlaps(B.bounds.shape)

@@ -65,22 +65,22 @@ def _require_known(context: click.Context, parameter: click.Parameter, value: st
     ["all", "platform", "airflow"],
     "Solids of a glb or stl; `all` includes the target regions (default: all; stl: platform).",
 )
-@options.real(
+@options.real_number(
     "--air-speed",
     (0, None),
     "Draw all air faster than this into a glb or a picture, there instead of the airflow envelopes.",
     metavar="M/S",
     above=True,
 )
-@options.whole("--load-case", (0, None), "Load case of that air (default: 0).", metavar="K")
-@options.real(
+@options.whole_number("--load-case", (0, None), "Load case of that air (default: 0).", metavar="K")
+@options.real_number(
     "--angle-step",
     (0, 45),
     "Round the hinge angles of a kit to this step, recompute the inputs, audit again and report what changed.",
     metavar="DEG",
     above=True,
 )
-@options.real(
+@options.real_number(
     "--motor-lag",
     (0, 10),
     "Time constant of a rotor's thrust in the model for MuJoCo (default: none).",

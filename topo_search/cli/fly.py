@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 )
 @options.out("--video", "video", "Render some of the flights to a film (.gif); needs no display.")
 @options.seed
-@options.real("--noise", (0, 100), "Scale factor for the sensor noise.", default=1.0)
-@options.real(
+@options.real_number("--noise", (0, 100), "Scale factor for the sensor noise.", default=1.0)
+@options.real_number(
     "--model-error",
     (0, 0.5),
     "Relative standard deviation of masses and thrusts from the controller's model.",
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Require that a rotor failure is survived, as with `flight.rotor_out`; otherwise it is only reported.",
 )
-@options.real(
+@options.real_number(
     "--detection-time",
     (0, 10),
     "Time until the controller knows that a rotor has failed.",

@@ -71,7 +71,9 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
 
 @click.command(epilog="Example: topo-search airflow push-local --speed 2 --at full")
 @click.argument("task", required=False)
-@options.real("--speed", (1e-6, None), "Air speed that the envelope encloses [m/s].", required=True, metavar="V")
+@options.real_number(
+    "--speed", (1e-6, None), "Air speed that the envelope encloses [m/s].", required=True, metavar="V"
+)
 @click.option(
     "--at",
     default="hover",
@@ -150,14 +152,14 @@ def _thrust_to_weight(at: str, most: float) -> float:
 @click.argument("tasks", metavar="TASK|RUN...", nargs=-1, required=True)
 @options.modules
 @options.set_field
-@options.real(
+@options.real_number(
     "--within",
     (0, LIMITS.percent),
     "Largest extra effort over the best design of a task.",
     default=2.0,
     metavar="PERCENT",
 )
-@options.real(
+@options.real_number(
     "--bracket-tolerance",
     (0, 10),
     "Range of hinge angles that one bracket may serve, where designs with its middle are clear.",

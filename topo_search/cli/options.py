@@ -34,14 +34,16 @@ class Real(click.FloatRange):
         return read
 
 
-def real(
+def real_number(
     option: str, within: tuple[float, float | None], text: str, *names: str, above: bool = False, **rest: Any
 ) -> Callable[..., Any]:
     """Return the option for a number in a range; `above`: its lower end is not allowed."""
     return click.option(option, *names, type=Real(*within, min_open=above), help=text, **rest)
 
 
-def whole(option: str, within: tuple[int, int | None], text: str, *names: str, **rest: Any) -> Callable[..., Any]:
+def whole_number(
+    option: str, within: tuple[int, int | None], text: str, *names: str, **rest: Any
+) -> Callable[..., Any]:
     """Return the option for a whole number in a range."""
     return click.option(option, *names, type=click.IntRange(*within), help=text, **rest)
 
@@ -62,8 +64,8 @@ set_field = click.option(
     metavar="FIELD=VALUE",
     help="Override a field of the task, e.g. search.margin=1e-3 (repeatable).",
 )
-seed = whole("--seed", (0, LIMITS.largest_integer), "Seed of all random numbers.", default=0)
-workers = whole("--workers", (1, LIMITS.workers), "Worker processes (default: the cores available).")
+seed = whole_number("--seed", (0, LIMITS.largest_integer), "Seed of all random numbers.", default=0)
+workers = whole_number("--workers", (1, LIMITS.workers), "Worker processes (default: the cores available).")
 connectors = choice(
     "--connectors", ["aligned", "any"], "Ports by which a child may be joined: the opposite one only, or any."
 )
@@ -89,14 +91,14 @@ topologies = click.option(
 
 def starts(text: str) -> Callable[..., Any]:
     """Return the option for the number of starts; its default is not the same everywhere."""
-    return whole("--starts", (1, LIMITS.starts), text)
+    return whole_number("--starts", (1, LIMITS.starts), text)
 
 
 def time_limit(
     text: str = "Stop after this time with the best design so far, audited; every tree gets a few starts first.",
 ) -> Callable[..., Any]:
     """Return the option for the time after which a command stops."""
-    return real("--time-limit", (0, LIMITS.seconds), text, above=True, metavar="SECONDS")
+    return real_number("--time-limit", (0, LIMITS.seconds), text, above=True, metavar="SECONDS")
 
 
 def out(option: str, name: str, text: str) -> Callable[..., Any]:

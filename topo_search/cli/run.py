@@ -40,12 +40,12 @@ if TYPE_CHECKING:
     ["moves", "tpe", "nsga2", "random"],
     "Sampling algorithm: moves on the best trees so far (default), TPE, NSGA-II, or uniform draws.",
 )
-@options.whole(
+@options.whole_number(
     "--trials",
     (1, LIMITS.trials),
     "Number of candidates to propose (default: 512); if fewer exist, all are solved with all starts.",
 )
-@options.whole(
+@options.whole_number(
     "--round",
     (1, LIMITS.round),
     "Proposals that may be unsolved at a time (default: 8). More keep more workers busy but learn later.",
@@ -56,13 +56,13 @@ if TYPE_CHECKING:
     is_flag=True,
     help="Skip candidates that the lower bound proves no better than the best design so far.",
 )
-@options.real(
+@options.real_number(
     "--prove",
     LIMITS.gaps,
     "Then prove by branch and bound that no design is better by more than this share; see `prove`.",
     metavar="GAP",
 )
-@options.real(
+@options.real_number(
     "--keep-within",
     (0, LIMITS.percent),
     "Keep clear local optima with up to this much more effort than the best, in the folder `optima`.",

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @click.option(
     "--topology", "key", metavar="KEY", help="Key of the topology, as `topo-search topologies` prints it."
 )
-@options.whole(
+@options.whole_number(
     "--sample-seed",
     (0, LIMITS.largest_integer),
     "The tree of `topologies N --sample 1 --seed S`, with the root and the connectors of the task.",
@@ -120,7 +120,7 @@ def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bo
 
 @click.command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01")
 @click.argument("folder", metavar="RUN", type=options.PATH)
-@options.real(
+@options.real_number(
     "--gap",
     LIMITS.gaps,
     "Gap at which a tree counts as settled: how far its bound may lie below its own best control effort.",

@@ -165,7 +165,9 @@ def _size(task: Task, n: int) -> dict[str, Any]:
 @click.command(epilog="Example: topo-search topologies 8 --count")
 @click.argument("n", type=click.IntRange(1, LIMITS.listed_modules), metavar="N")
 @click.option("--count", "only_count", is_flag=True, help="Print only the number of topologies.")
-@options.whole("--sample", (1, LIMITS.drawn_trees), "Print M topologies, drawn uniformly.", "size", metavar="M")
+@options.whole_number(
+    "--sample", (1, LIMITS.drawn_trees), "Print M topologies, drawn uniformly.", "size", metavar="M"
+)
 @options.seed
 @options.choice("--symmetry", options.SYMMETRIES, "Trees that count as one.", default="c2")
 @options.connectors
