@@ -26,7 +26,6 @@ from topo_search.export import palette
 from topo_search.export.brackets import bracket
 from topo_search.export.picture import Scene
 from topo_search.export.poses import circle, cone_sphere_outline
-from topo_search.export.poses import poses as poses_of
 from topo_search.export.tree_drawing import layout
 from topo_search.model import Design, Module, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
@@ -34,6 +33,7 @@ from topo_search.model.files import read_json
 from topo_search.model.module import Bracket
 from topo_search.model.topology import PORT_NAMES
 from verify.air.jets import jets, speeds
+from verify.kinematics import platform as poses_of
 from verify.kinematics import poses, rotation
 
 OUT = Path(__file__).parent / "pages/figures"

@@ -18,8 +18,7 @@ from topo_search.model import Module
 from topo_search.model.audit import SpeedEnvelope
 from topo_search.model.files import read_task, to_toml
 from topo_search.model.proven import upper_text
-from verify.air import enclose, envelope_air
-from verify.air.envelope import volume
+from verify.air.envelope import enclose, envelope_air, volume
 from verify.air.jets import jets, speeds
 
 WEIGHT = 0.24 * 9.81

@@ -35,10 +35,10 @@ from topo_search.compose.drawer import (
     shared_part,
 )
 from topo_search.export import palette
-from topo_search.export.poses import poses
 from topo_search.model import Design, Module, Topology
 from topo_search.model.files import read_json
 from topo_search.topologies import sample
+from verify.kinematics import platform
 
 ANGLES = (-45.0, -30.0, 0.0, 30.0, 30.0004)
 
@@ -132,7 +132,7 @@ def test_a_shared_part_is_congruent_and_the_largest(seed):
 
 def same_place(one: Design, other: Design, part: dict[int, int]) -> None:
     """Hold the modules of a part against each other: where each sees the others, up to half a turn of its own."""
-    at, there = poses(one), poses(other)
+    at, there = platform(one), platform(other)
     for (i, j), (k, m) in product(part.items(), repeat=2):
         mine, theirs = (p.R[u].T @ (p.p[v] - p.p[u]) for p, u, v in ((at, i, k), (there, j, m)))
         assert min(np.abs(theirs - mine * [s, s, 1]).max() for s in (1, -1)) < 1e-5

@@ -22,7 +22,7 @@ MODULES = (
     "topo_search.model.files",
     "topo_search.model.proven",
     "topo_search.model.topology",
-    "topo_search.report.plots",
+    "topo_search.report.charts",
     "topo_search.report.progress",
     "topo_search.study.summary",
     "topo_search.topologies.candidates",

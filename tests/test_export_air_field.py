@@ -15,7 +15,7 @@ from topo_search.export.air_field import air_field, air_surface, npz, vti
 from topo_search.model import Design
 from topo_search.model.files import read_json
 from verify import audit
-from verify.air import case_jets
+from verify.air.bound import case_jets
 from verify.air.jets import speeds
 from verify.kinematics import platform
 from verify.requirements import Scene

@@ -12,8 +12,7 @@ from topo_search.export.allocation import Allocation, allocation
 from topo_search.export.mjcf import mjcf
 from topo_search.model import Design, Topology
 from topo_search.model.files import to_json
-from verify.kinematics import platform
-from verify.wrench import wrench_map
+from verify.kinematics import platform, wrench_map
 
 TREES = [*drawn_trees(), Topology.from_key("af" + "0" * 4)]
 

@@ -10,13 +10,11 @@ from export_cases import BLOCK, OWN_FRAME, WEDGE, drawn_trees, inertia_about_com
 from numpy.typing import NDArray
 
 import nlp
-from topo_search.export.mjcf import mjcf
-from topo_search.export.simulator_xml import Physics
+from topo_search.export.mjcf import Physics, mjcf
 from topo_search.model import Design, LoadCase, Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import sample
-from verify.kinematics import platform
-from verify.wrench import wrench_map
+from verify.kinematics import platform, wrench_map
 
 Array = NDArray[np.float64]
 

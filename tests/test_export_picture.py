@@ -14,10 +14,11 @@ from matplotlib.text import Text
 from report_cases import grown
 
 from topo_search.export.picture import Scene, draw, figure_of, frame_faces, rotor_faces, title, wrenches
-from topo_search.export.poses import cone_sphere_outline, poses
+from topo_search.export.poses import cone_sphere_outline
 from topo_search.export.tree_drawing import flat_layout, layered_layout
 from topo_search.model import BadInput, Design, Module, Topology
 from topo_search.model.files import examples, read_task
+from verify.kinematics import platform
 
 
 def design(topology: Topology, name: str = "push", *settings: str, **given: Any) -> Design:
@@ -56,7 +57,7 @@ def test_the_legend_explains_the_exposure(name: str) -> None:
 
 def test_load_cases_are_arrows_in_their_colours() -> None:
     made = design(CROSS)
-    at = poses(made)
+    at = platform(made)
     found = wrenches(made, at)
     assert [(k, torque) for k, torque, _, _ in found] == [(0, False), (1, False), (2, False)]
     weight = np.array(made.task.load_cases[2].at_com.force)
@@ -71,12 +72,12 @@ def test_load_cases_are_arrows_in_their_colours() -> None:
 
 def test_torques_are_drawn_and_what_has_no_colour_is_left_out() -> None:
     made = design(CROSS, "ten-wrenches")
-    found = wrenches(made, poses(made))
+    found = wrenches(made, platform(made))
     assert {k for k, *_ in found} == set(range(5))
     torques = [float(np.linalg.norm(v)) for _, torque, _, v in found if torque]
     assert len(torques) == 5
     assert max(torques) <= 1
-    close = Scene(Figure(), (0.0, 0.0, 1.0, 1.0), made, poses(made))
+    close = Scene(Figure(), (0.0, 0.0, 1.0, 1.0), made, platform(made))
     close.load_cases()
     assert len(close.axes.collections) == 5 + 5 + 5  # arrows of forces and torques, rings
 
@@ -209,7 +210,7 @@ def test_overlapping_trees_are_laid_in_layers() -> None:
 def test_the_viewer_looks_across_the_offset(angle_deg: int) -> None:
     angle = math.radians(angle_deg)
     sideways = design(Topology.from_key("a0"), end_effector_m=[math.cos(angle), math.sin(angle), 0.0])
-    scene = Scene(Figure(), (0.0, 0.0, 1.0, 1.0), sideways, poses(sideways))
+    scene = Scene(Figure(), (0.0, 0.0, 1.0, 1.0), sideways, platform(sideways))
     assert np.linalg.norm(scene.v) == pytest.approx(1)
     assert abs(scene.v @ sideways.end_effector_m) < 0.75
 

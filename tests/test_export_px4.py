@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from export_cases import random_design
 
-from topo_search.export.allocation import allocation
-from topo_search.export.px4 import px4_parameters, px4_warnings, set_points
+from topo_search.export.allocation import allocation, px4_parameters, px4_warnings, set_points
 from topo_search.model import BadInput, Design, Topology
 from topo_search.model.files import read_json
 

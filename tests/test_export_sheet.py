@@ -12,11 +12,11 @@ import pytest
 from topo_search.export.allocation import allocation
 from topo_search.export.brackets import printed_parts
 from topo_search.export.mjcf import mjcf
-from topo_search.export.poses import poses
 from topo_search.export.sheet import bolt_of, mass_note, parts_csv, parts_list, sheet
 from topo_search.export.urdf import urdf
 from topo_search.model import Design
 from topo_search.model.files import read_json
+from verify.kinematics import platform
 
 DESIGN = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
 SVG = "{http://www.w3.org/2000/svg}"
@@ -44,7 +44,7 @@ def test_the_parts_list_has_every_mass_and_the_total_beside_the_models() -> None
 def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:
     page = ElementTree.fromstring(sheet(DESIGN, SOLIDS, ()).split("\n", 1)[1])
     text = " ".join("".join(page.itertext()).split())
-    at = poses(DESIGN)
+    at = platform(DESIGN)
     tables = [[[cell.text or "" for cell in row] for row in table.iter("tr")] for table in page.iter("table")]
     head, *rows = next(one for one in tables if one[0][-1] == "to the tip [mm]")
     assert head[1:] == ["to module 0 [mm]", "to module 1 [mm]", "to module 2 [mm]", "to the tip [mm]"]

@@ -13,8 +13,7 @@ from export_cases import random_design, with_rod
 from numpy.typing import NDArray
 
 from topo_search.cli import main
-from topo_search.export.mjcf import mjcf
-from topo_search.export.simulator_xml import POINT, Physics
+from topo_search.export.mjcf import POINT, Physics, mjcf
 from topo_search.model import Design, Mount, Task, Topology
 from topo_search.model.files import to_json
 from topo_search.simulation.plant import Errors, Plant, Wall

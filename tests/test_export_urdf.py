@@ -16,8 +16,7 @@ from suites import few
 
 from topo_search.export.urdf import roll_pitch_yaw, urdf
 from topo_search.model import Design, Topology
-from verify.kinematics import platform, rotation
-from verify.wrench import wrench_map
+from verify.kinematics import platform, rotation, wrench_map
 
 Array = NDArray[np.float64]
 

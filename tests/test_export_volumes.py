@@ -11,13 +11,13 @@ import trimesh
 from verify_cases import fan
 
 from topo_search.export.picture import figure_of
-from topo_search.export.poses import poses
 from topo_search.export.solids import glb
 from topo_search.export.task_picture import task_figure
 from topo_search.model import Local
 from topo_search.report.scene import scene
 from topo_search.report.task_facts import requirement
 from verify import audit
+from verify.kinematics import platform
 
 CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
 REGIONS = [
@@ -49,7 +49,7 @@ def test_pictures_show_regions() -> None:
     finally:
         for figure in figures:
             plt.close(figure)
-    assert any("keep-out" in part.name for part in scene(DESIGN, poses(DESIGN)))
+    assert any("keep-out" in part.name for part in scene(DESIGN, platform(DESIGN)))
 
 
 def test_the_closest_points_of_a_region_are_as_far_apart_as_the_audit_says() -> None:

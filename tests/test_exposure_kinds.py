@@ -27,12 +27,13 @@ from nlp_cases import (
 )
 from suites import few
 
-from topo_search.export.poses import poses, shapes
+from topo_search.export.poses import shapes
 from topo_search.export.solids import region_mesh
 from topo_search.model import Design, Topology
 from topo_search.model.files import to_json
 from topo_search.report.task_facts import facts
 from verify import audit
+from verify.kinematics import platform
 
 KINDS = {
     "ball": LOCAL,
@@ -131,8 +132,8 @@ def test_every_kind_is_told_drawn_and_stored(kind):
     point = random_design(kind, 7)
     design = as_design(point)
     assert Design.model_validate_json(to_json(design)) == design
-    at = poses(design)
-    for _, shape in shapes(design.task, at.p_E):
+    at = platform(design)
+    for _, shape in shapes(design.task, at.p_e):
         assert len(region_mesh(shape, 1.0).faces) > 0
     words = next(rows[0][1] for _, rows in facts(point.task) if rows[0][0] == "requirement 0")
     assert len(words) > 10

@@ -18,7 +18,7 @@ from nlp.reduced.descent import Evaluated, evaluate
 from nlp.reduced.search import LocalMinimum, point_of
 from topo_search.model import Design, ResolvedTask, Status, Topology
 from verify import audit
-from verify.air import air, case_jets
+from verify.air.bound import air, case_jets
 from verify.air.jets import speeds
 from verify.kinematics import platform
 from verify.requirements import Scene

@@ -23,12 +23,10 @@ from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS
 from topo_search.model.files import read_json, read_task
 from topo_search.model.proof import chunk_count, proof_task
 from verify.beside_airflow import beside_airflow, certify_beside
-from verify.bodies import ConeSphere
-from verify.clearance import clearances
-from verify.kinematics import Platform, platform, poses
+from verify.bodies import ConeSphere, clearances
+from verify.kinematics import Platform, platform, poses, required_wrench, wrench_map
 from verify.parts import rigid_parts
 from verify.requirements import Scene
-from verify.wrench import required_wrench, wrench_map
 
 
 def seen(stated, lower, upper):
@@ -68,7 +66,7 @@ def dual_value_in(unit, task, tree, theta, tip, y, walls, cases):
         tip = p_COM + np.array(fixed)
     o = at.p - p_COM
     rotors = o[:, None] + np.einsum("nij,qj->nqi", at.R, module.arm_length * ROTOR_DIRECTIONS)
-    platform = Platform(at, p_COM, o, tip - p_COM, rotors, joints - p_COM)
+    platform = Platform(at, p_COM, o, tip - p_COM, tip, rotors, joints - p_COM)
     A, most = wrench_map(platform, module) * unit.input, max(case.weight for case in task.load_cases)
     total, air, planes = 0.0, module.region_envelope, list(half_spaces(task))
     for i, end, normal, sigma in walls:

@@ -27,8 +27,8 @@ from nlp.numbers.geometry import clearance as solvers_clearance
 from nlp.symbols.clearance import EPSILON, Ball, ConeSphere, clearance
 from topo_search.model import Module
 from verify import bodies
-from verify.clearance import clearances
-from verify.clearance import cone_clearance as audited_cone_clearance
+from verify.bodies import clearances
+from verify.bodies import cone_clearance as audited_cone_clearance
 
 COUNT = 60
 

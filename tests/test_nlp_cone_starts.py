@@ -17,8 +17,7 @@ from nlp.starts.random_starts import DRAWING, draw, generator, root_of
 from nlp.starts.untangling import CLEAR, lever, shorten_lever, untangle
 from topo_search.model import Topology
 from topo_search.topologies import sample
-from verify.bodies import Cone, ConeSphere
-from verify.clearance import cone_clearance
+from verify.bodies import Cone, ConeSphere, cone_clearance
 
 
 def cone(half_angle_deg=60.0, axis="com"):

@@ -15,8 +15,7 @@ from nlp.requirements.balances import wrench_matrix
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, ResolvedTask, Topology
 from verify import audit
-from verify.kinematics import platform
-from verify.wrench import required_wrench, wrench_map
+from verify.kinematics import platform, required_wrench, wrench_map
 
 TREE = Topology.from_key("a70200")
 SHARE = 0.1

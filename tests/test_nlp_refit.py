@@ -10,8 +10,7 @@ from scipy.optimize import minimize
 from nlp.evaluation import NotPossible, refit
 from topo_search.model import Design, Status, Topology
 from verify import audit
-from verify.kinematics import platform
-from verify.wrench import wrench_map
+from verify.kinematics import platform, wrench_map
 
 
 def test_the_same_angles_give_the_same_design(solved_push: Design) -> None:

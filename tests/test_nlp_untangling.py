@@ -16,8 +16,7 @@ from nlp.starts.tabu_search import Rules, clearance
 from nlp.starts.untangling import CLEAR, untangle
 from topo_search.model import Topology
 from topo_search.topologies import sample
-from verify.bodies import ConeSphere
-from verify.clearance import clearances
+from verify.bodies import ConeSphere, clearances
 
 FREE = np.array([[-1.0, 1.0]])
 """Folds that hinges may have."""

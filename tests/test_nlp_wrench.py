@@ -14,9 +14,8 @@ from nlp.problem import problem
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from topo_search.model import Topology
 from topo_search.model.arrays import ROTOR_DIRECTIONS
-from verify.kinematics import platform
+from verify.kinematics import platform, wrench_errors
 from verify.residuals import residuals
-from verify.wrench import wrench_errors
 
 EVERYTHING = [
     {

@@ -17,8 +17,7 @@ from topo_search.model.corners import to_corners
 from topo_search.topologies import sample
 from topo_search.topologies.task_symmetry import improper_isometry
 from verify import audit
-from verify.kinematics import platform
-from verify.wrench import wrench_map
+from verify.kinematics import platform, wrench_map
 
 UP = np.array([0.0, 0.0, 1.0])
 TREE = Topology.from_key("a70200")

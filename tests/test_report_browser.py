@@ -17,12 +17,11 @@ from toy_problem import BACKENDS
 from verify_cases import design as solved
 
 from topo_search.compose import audit
-from topo_search.export.poses import poses
 from topo_search.model import Audit, Clearance, Design, Status, Topology
 from topo_search.model.files import read_json
 from topo_search.report.design_page import design_page, read_simulated
 from topo_search.report.page import render
-from verify.air import case_jets
+from verify.air.bound import case_jets
 from verify.air.jets import speeds
 from verify.kinematics import platform
 from verify.requirements import Scene
@@ -140,7 +139,7 @@ def copies(page: Page, kind: str) -> list[list[float]]:
 
 def test_the_view_opens_on_the_platform_and_shows_what_is_chosen(opened: Open) -> None:
     made = design(Topology.from_key("af0000"), "push-two-paths")
-    at = poses(made)
+    at = platform(made)
     page = opened(render(design_page(made, audit(made), "mine.json")))
     assert {"regions", "modules", "rotors", "spin", "joints", "tip"} <= {*parts(page)}
     assert not {"airflow", "closest", "connectors"} & {*parts(page)}
@@ -220,7 +219,7 @@ POINTS_AT = f"(l => [l.getAttribute('x1'), l.getAttribute('y1')].map(Number))({T
 
 def test_air_has_the_speeds_of_the_audit_and_the_platform_keeps_its_size(opened: Open) -> None:
     made = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
-    at, whole = poses(made), Scene(made, platform(made))
+    at, whole = platform(made), Scene(made, platform(made))
     points = at.end_effector + np.random.default_rng(0).normal(0.0, (0.3, 0.3, 0.6), (300, 3))
     cases = list(case_jets(made, platform(made), whole))
     page = opened(render(design_page(made, audit(made), "mine.json")))

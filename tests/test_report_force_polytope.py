@@ -7,13 +7,10 @@ from scipy.spatial import ConvexHull
 from verify_cases import FAN, design, fan
 
 from topo_search.export.allocation import thrust_matrix
-from topo_search.export.poses import poses
 from topo_search.model import Design, Topology
-from topo_search.report.arrows import force_polytope, metres_per_newton
-from topo_search.report.view import view
+from topo_search.report.view import force_polytope, metres_per_newton, view
 from verify import audit
-from verify.kinematics import platform
-from verify.wrench import wrench_map
+from verify.kinematics import platform, wrench_map
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +27,12 @@ def able() -> Design:
 def test_wrenches_of_inputs_are_those_of_the_audit() -> None:
     made = random_design(Topology.from_key("a31040"), "push")
     module = made.task.module
-    B = module.thrust_coefficient * thrust_matrix(module, poses(made))
+    B = module.thrust_coefficient * thrust_matrix(module, platform(made))
     np.testing.assert_allclose(B, wrench_map(platform(made), module), rtol=1e-12, atol=1e-20)
 
 
 def test_the_nearest_facet_is_the_reserve_that_the_audit_proves(able: Design) -> None:
-    found, flight = force_polytope(able, poses(able)), audit(able).flight
+    found, flight = force_polytope(able, platform(able)), audit(able).flight
     assert found is not None
     vertices, _ = found
     assert flight is not None
@@ -51,22 +48,22 @@ def test_the_nearest_facet_is_the_reserve_that_the_audit_proves(able: Design) ->
 def test_all_thrust_at_once_is_the_highest_vertex() -> None:
     """One module that carries its tip at its own centre: only its thrust can change, and no torque."""
     made = design(Topology.from_key("a0"), {}, hinges=(), end_effector=(0.0, 0.0, 0.6))
-    assert force_polytope(made, poses(made)) is None  # a line
+    assert force_polytope(made, platform(made)) is None  # a line
 
 
 def test_modules_that_lean_in_one_plane_have_no_volume_of_forces() -> None:
     assert FAN.n == 3
     made = fan()
-    assert force_polytope(made, poses(made)) is None
+    assert force_polytope(made, platform(made)) is None
 
 
 def test_what_cannot_hover_has_none() -> None:
     made = design(Topology.from_key("a0"), {}, hinges=(), root=(0.0, 1.0, 0.0))
-    assert force_polytope(made, poses(made)) is None
+    assert force_polytope(made, platform(made)) is None
 
 
 def test_the_picture_has_the_scale_of_the_arrows(able: Design) -> None:
-    at, found = poses(able), audit(able)
+    at, found = platform(able), audit(able)
     shown = view("view", able, at, found, forces=True)
     assert shown["forces"]
     assert not view("view", able, at, found)["forces"]

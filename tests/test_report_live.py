@@ -48,8 +48,8 @@ class Browser(Silent):
 @pytest.fixture
 def eager(monkeypatch):
     """Pages as new as can be."""
-    monkeypatch.setattr(live, "REFRESH_S", 0.0)
-    monkeypatch.setattr(live, "MOST_SHARE", 1e9)
+    monkeypatch.setattr(live.Live, "refresh_s", 0.0)
+    monkeypatch.setattr(live.Live, "most_share", 1e9)
 
 
 def test_a_search_is_seen_from_its_first_step_to_its_audits_and_no_longer(in_process, eager, tmp_path):

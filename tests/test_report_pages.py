@@ -15,7 +15,6 @@ from topo_search.cli.tables import print_answer
 from topo_search.compose import audit, read_design, write_report
 from topo_search.compose.designs import write_page
 from topo_search.export import palette
-from topo_search.export.poses import poses
 from topo_search.model import BadInput, Design, Status, Topology
 from topo_search.model.files import read_json, read_task
 from topo_search.model.proven import gap_percent
@@ -27,6 +26,7 @@ from topo_search.report.page import render
 from topo_search.report.run_page import run_page, write_run_page
 from topo_search.report.scene import closest_words, scene
 from topo_search.study import RunFolder, answer_of
+from verify.kinematics import platform
 
 
 @pytest.fixture(scope="module")
@@ -164,7 +164,7 @@ def test_any_size_has_a_page():
 
 def test_a_half_space_is_not_called_a_cone():
     made = design(grown(2), "push-exterior-90")
-    names = {part.name for part in scene(made, poses(made))}
+    names = {part.name for part in scene(made, platform(made))}
     assert "half-space that must contain all airflow" in names
     assert "cone that must contain all airflow" not in names
 
@@ -196,12 +196,12 @@ def test_the_rod_and_the_blocked_connectors_are_shown(audited):
 def test_the_mark_is_where_the_audit_says(audited):
     made, verdict = audited
     pair = next(pair for pair in verdict.pairs if pair.kind == "directional")
-    *_, mark = scene(made, poses(made), pair)
+    *_, mark = scene(made, platform(made), pair)
     radius = 0.08 * made.task.module.arm_length
     for end in np.array(pair.closest_m):
         assert np.linalg.norm(mark.mesh.vertices - end, axis=1).min() == pytest.approx(radius / 4, rel=0.02)
     without = pair.model_copy(update={"closest_m": None})  # as in files of programs that do not tell
-    assert "closest" not in {part.kind for part in scene(made, poses(made), without)}
+    assert "closest" not in {part.kind for part in scene(made, platform(made), without)}
 
 
 def test_a_distance_that_is_marked_is_told_from_a_gap(audited):
@@ -213,7 +213,7 @@ def test_a_distance_that_is_marked_is_told_from_a_gap(audited):
 
 def test_a_solid_plane_is_a_wall_beside_the_platform():
     made = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
-    at = poses(made)
+    at = platform(made)
     (wall,) = (part for part in scene(made, at) if part.kind == "walls")
     assert wall.name == "wall"
     assert wall.mesh.bounds[0, 0] == pytest.approx(at.end_effector[0])  # it begins where the platform ends

@@ -31,9 +31,9 @@ from topo_search.model.proven import excess_texts
 from topo_search.model.search import Level
 from topo_search.report.design_page import bound
 from topo_search.report.design_part import design_part, flight_part
-from topo_search.report.front_part import front_part
 from topo_search.report.page import figure_json
 from topo_search.report.ranking import ranking
+from topo_search.report.run_page import front_part
 from topo_search.report.wording import near_tie_cells
 from topo_search.study import Answer, FrontPoint
 from topo_search.study.answer import LevelAnswer

@@ -5,12 +5,11 @@ import pytest
 from report_cases import design, grown
 
 from topo_search.compose import audit
-from topo_search.export.poses import poses
 from topo_search.model import Audit, Design, LoadCase, Topology, Wrench
 from topo_search.model.arrays import PORT_DIRECTIONS
-from topo_search.report.arrows import arrows, reach
 from topo_search.report.scene import closest, figure, meshes, ring, scene, shared_meshes, straight_arrow
-from topo_search.report.view import view
+from topo_search.report.view import arrows, longest_arrow, view
+from verify.kinematics import platform
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +32,7 @@ def with_cases(*cases: LoadCase) -> Design:
 
 def test_a_figure_has_the_parts_of_the_page(audited: tuple[Design, Audit]) -> None:
     made, found = audited
-    at = poses(made)
+    at = platform(made)
     shared = meshes(made.task.module, sides=24)
     parts = list(scene(made, at, closest(found), found.assembly))
     assert {part.mesh for part in parts if isinstance(part.mesh, str)} <= {*shared_meshes(made)}
@@ -46,7 +45,7 @@ def test_a_figure_has_the_parts_of_the_page(audited: tuple[Design, Audit]) -> No
 
 def test_joints_meet_where_two_modules_are_bolted_together(audited: tuple[Design, Audit]) -> None:
     made, _ = audited
-    at = poses(made)
+    at = platform(made)
     halves = [part for part in scene(made, at) if part.kind == "joints"]
     ends: dict[int, list[np.ndarray]] = {}
     for part in halves:
@@ -91,7 +90,7 @@ def test_the_largest_force_has_the_longest_arrow() -> None:
         LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, 2.5))),
         LoadCase(units="SI", com=Wrench()),
     )
-    at = poses(made)
+    at = platform(made)
     first, second, nothing = arrows(made, at)
     (force, end), (torque, _) = first["ends"]
     assert (force, torque, second["ends"][0][0]) == ("5 N", "0.2 N m", "2.5 N")
@@ -101,25 +100,25 @@ def test_the_largest_force_has_the_longest_arrow() -> None:
         for tip, start in ((end, at.end_effector), (second["ends"][0][1], at.p_com))
     ]
     assert lengths[0] == pytest.approx(2 * lengths[1], rel=1e-3)
-    assert lengths[0] == pytest.approx(0.6 * reach(made, at), rel=1e-3)
+    assert lengths[0] == pytest.approx(longest_arrow(made, at), rel=1e-3)
     assert (nothing["told"], nothing["parts"]) == ("nothing", [])
 
 
 def test_an_assembly_has_a_step_for_each_module_and_the_rod(audited: tuple[Design, Audit]) -> None:
     made, found = audited
-    steps = view("view", made, poses(made), found)["value"]["steps"]
+    steps = view("view", made, platform(made), found)["value"]["steps"]
     assert len(steps) == made.topology.n + 1
     for (h, i, *_), step in zip(made.topology.edges(), steps[1:-1], strict=True):
         assert f"of module {i} to port" in step
         assert f"of module {h};" in step
     mount = found.assembly.mount
     assert ("rod" in steps[-1]) == (mount is None or f"of module {mount.module}" in steps[-1])
-    assert "no straight rod is known" in view("view", made, poses(made), None)["value"]["steps"][-1]
+    assert "no straight rod is known" in view("view", made, platform(made), None)["value"]["steps"][-1]
 
 
 def test_the_pointer_tells_a_modules_least_clearance(audited: tuple[Design, Audit]) -> None:
     made, found = audited
-    told = view("view", made, poses(made), found)["value"]["modules"]
+    told = view("view", made, platform(made), found)["value"]["modules"]
     assert len(told) == made.topology.n
     least = min(found.pairs, key=lambda pair: pair.analytic_m)
     assert any(f": {least.name}" in text for text in told)
@@ -130,7 +129,7 @@ def test_the_pointer_tells_a_modules_least_clearance(audited: tuple[Design, Audi
 
 def test_throttles_are_shares_of_the_largest_input(audited: tuple[Design, Audit]) -> None:
     made, _ = audited
-    found = np.array(view("view", made, poses(made), None)["value"]["throttle"])
+    found = np.array(view("view", made, platform(made), None)["value"]["throttle"])
     assert found.shape == (len(made.task.load_cases), 5, 4)
     np.testing.assert_allclose(found, made.inputs / made.task.module.max_input(9.81), atol=1e-4)
 
@@ -139,14 +138,14 @@ def test_throttles_are_shares_of_the_largest_input(audited: tuple[Design, Audit]
 def test_many_load_cases_are_a_list(number: int, listed: bool) -> None:
     cases = [LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, 1.0 + k))) for k in range(number)]
     made = with_cases(*cases)
-    found = view("view", made, poses(made), None)
+    found = view("view", made, platform(made), None)
     assert (found["listed"], len(found["cases"])) == (listed, number)
 
 
 def test_many_modules_have_no_labels() -> None:
     for n, numbered in ((9, True), (31, False)):
         made = design(grown(n), "push")
-        assert view("view", made, poses(made), None)["value"]["numbered"] is numbered
+        assert view("view", made, platform(made), None)["value"]["numbered"] is numbered
 
 
 def test_a_push_while_hovering_has_its_contact_plane_across_the_force(audited: tuple[Design, Audit]) -> None:
@@ -160,7 +159,7 @@ def test_a_push_while_hovering_has_its_contact_plane_across_the_force(audited: t
     carried = made.task.load_cases[0].model_copy(update={"com": Wrench(force=(0.0, 0.0, weight))})
     cases = (carried, *made.task.load_cases[1:])
     made = made.model_copy(update={"task": made.task.model_copy(update={"load_cases": cases})})
-    at = poses(made)
+    at = platform(made)
     push, other = arrows(made, at)
     assert push["name"] == "load case 0 (push)"
     (plane,) = (part.mesh for part in push["parts"] if part.kind == "contact")

@@ -18,8 +18,7 @@ from topo_search.cli import main
 from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
 from topo_search.model.load_case import AskedFlight, ForceCone
-from topo_search.simulation.authority import load_factor, tell_losses, wake_losses
-from topo_search.simulation.campaign import CORNERS, fly_all, plan
+from topo_search.simulation.campaign import CORNERS, fly_all, load_factor, plan, tell_losses, wake_losses
 from topo_search.simulation.fly import Options, fly
 from topo_search.simulation.plant import Errors, Plant, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from topo_search.model import Design, Topology
-from topo_search.simulation.authority import hardest_rotor, hover_residual, weakest_force
+from topo_search.simulation.campaign import hardest_rotor, hover_residual, weakest_force
 from topo_search.simulation.controller import (
     EFFORT,
     TORQUE_FIRST,
     Allocator,
-    Bandwidths,
     Controller,
     PseudoInverse,
     Reference,
@@ -85,7 +84,7 @@ def test_motors_lag(wall_press: Design) -> None:
     plant = Plant(wall_press, Errors())
     for _ in range(50):
         plant.step(np.ones(20), np.zeros(6), np.zeros(6))
-    np.testing.assert_allclose(plant.thrusts, 1 - math.exp(-1), rtol=1e-12)
+    np.testing.assert_allclose(plant.data.act, 1 - math.exp(-1), rtol=1e-12)
 
 
 def test_a_wall_feels_the_force_of_the_tip(wall_press: Design) -> None:
@@ -147,7 +146,7 @@ def test_px4_multiplies_by_the_pseudo_inverse_and_cuts_off(wall_press: Design) -
 
 def test_the_controller_asks_for_hover_at_rest_and_for_a_way_back_elsewhere(wall_press: Design) -> None:
     known = nominal(wall_press)
-    controller = Controller(known, Bandwidths(3.0, 8.0), 0.005)
+    controller = Controller(known, 0.005)
     here = Reference(np.zeros(3), np.zeros(6), np.zeros(3))
     still = np.zeros(3), np.zeros(3), np.eye(3), np.zeros(3)
     np.testing.assert_allclose(controller.wrench(still, here), [0, 0, known.weight, 0, 0, 0], atol=1e-12)

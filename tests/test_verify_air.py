@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 from topo_search.model import Allowed, Audit, Design, Module
 from topo_search.model.files import read_json, to_json
 from verify import audit
-from verify.air.bound import bound_speed
+from verify.air.bound import _rotors, bound_speed
 from verify.air.jets import Jets, jets, speeds, wakes
-from verify.air.measured import _rotors
 from verify.bodies import Cone, ConeSphere
 from verify.certificate import Solid
 from verify.hulls import hull
@@ -230,7 +229,7 @@ def test_a_task_without_these_fields_has_the_file_that_it_had() -> None:
 
 def test_a_rotor_in_a_wake_loses_thrust() -> None:
     """Two rotors over each other: 0.05 of the thrust per m/s of wake through the lower disc, none for the upper."""
-    from verify.air.measured import _rotors
+    from verify.air.bound import _rotors
 
     both = blow(np.array([[0, 0, 0], [0, 0, -6.0]]), np.stack([np.eye(3)] * 2), np.full((2, 4), 1e6))
     upper, lower = _rotors(both)[:4], _rotors(both)[4:]

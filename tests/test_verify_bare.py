@@ -13,7 +13,7 @@ from topo_search.cli import main
 from topo_search.model import Status
 from topo_search.model.files import to_geometry
 from topo_search.model.proven import TOLERANCE
-from verify.wrench import objective
+from verify.kinematics import objective
 
 DESIGNS = Path(__file__).parent / "designs"
 HOVER = {

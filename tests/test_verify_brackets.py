@@ -7,7 +7,6 @@ from export_cases import drawn_trees, random_design
 from verify_cases import design
 
 from topo_search.export.brackets import MILLIMETRES, TURNS, bracket, connector_turn
-from topo_search.export.poses import poses
 from topo_search.model import Design, Status, Task, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from verify import audit
@@ -22,7 +21,7 @@ KINDS = ("bracket-airflow", "bracket-rotor")
 
 def printed(given: Design) -> dict[int, trimesh.Trimesh]:
     """The kit's brackets where they are on the platform, from its centre of mass [m]."""
-    at, found = poses(given), {}
+    at, found = platform(given), {}
     edges = zip(given.topology.edges(), given.hinge_angles_rad, strict=True)
     for (h, i, a, _), alpha in edges:
         mesh = bracket(given.task.module.bracket_sizes, TURNS[a] * alpha)

@@ -10,14 +10,11 @@ from verify_cases import FAMILIES, GAPS, SCALES, at_clearance, brute_clearance, 
 
 import verify.certificate
 import verify.cones
-import verify.evidence
 from topo_search.model import Status
-from verify.bodies import Cone, ConeSphere, ball
+from verify.bodies import Cone, ConeSphere, Nearest, ball, clearances, cone_clearance
 from verify.certificate import FLOOR, Certificate, Solid, certify_pairs
-from verify.clearance import Nearest, clearances, cone_clearance
 from verify.cones import certify_inside
-from verify.evidence import evidence
-from verify.fcl_queries import FARTHEST, Shape
+from verify.meshes import FARTHEST, Shape
 
 AWKWARD = ("generic", "nearly parallel", "growth as large as length", "nested")
 """Families of which the fast suite has examples: those that the others are limits of."""
@@ -221,34 +218,35 @@ def test_a_wrong_cone_value_is_never_believed(monkeypatch):
 
 def test_a_disagreement_is_written_out_with_what_each_side_says(monkeypatch):
     A, B = ConeSphere(np.zeros(3), np.array([0.0, 0.0, -5.0]), 1.0, 0.5), ball(np.array([4.0, 0.0, -1.0]), 0.3)
-    honest = evidence(Solid(A), Solid(B))
-    assert honest[0] == "A: ball of radius 1.0 at [0.0, 0.0, 0.0], swept by [0.0, 0.0, -5.0], growing by 0.5"
-    assert honest[1] == "B: ball of radius 0.3 at [4.0, 0.0, -1.0], swept by [0.0, 0.0, 0.0], growing by 0.0"
-    assert f"clearance {clearances([(A, B)]).d.tolist()[0]!r}," in honest[2]
-    assert sum("FCL: apart" in line for line in honest) == 2 * 4
+
+    def certificate():
+        return certify_pairs([(Solid(A), Solid(B))])[0]
+
+    assert certificate().evidence == ()
     monkeypatch.setattr(Shape, "overlaps", lambda self, other: True)
-    assert sum("FCL: overlap" in line for line in evidence(Solid(A), Solid(B))) == 2 * 4
+    first, *levels = certificate().evidence
+    assert f"clearance {clearances([(A, B)]).d.tolist()[0]!r} at" in first
+    assert len(levels) == 4
+    assert all("FCL disagrees" in line for line in levels)
     monkeypatch.setattr(verify.certificate, "encloses", lambda mesh, body: False)
-    assert "level 1: an outer mesh does not hold its body" in evidence(Solid(A), Solid(B))
-    monkeypatch.setattr(verify.certificate, "lies_within", lambda mesh, body: False)
-    assert "level 3: an inner mesh is not within its body" in evidence(Solid(A), Solid(B))
+    assert "level 1: a mesh fails its own check" in certificate().evidence
 
 
 @pytest.mark.parametrize("half_angle", [60.0, 90.0])
 def test_a_disagreement_about_a_cone_is_written_out(half_angle, monkeypatch):
     cone = Cone(np.zeros(3), np.array([0.0, 0.0, 1.0]), half_angle)
-    inside, outside = (ball(np.array([0.0, 0.0, z]), 0.5) for z in (3.0, -3.0))
-    held, out = evidence(Solid(inside), cone), evidence(Solid(outside), cone)
-    assert f"half-angle {half_angle}" in held[1]
-    assert sum("outer mesh off it" in line for line in held) == sum("mesh reaches" in line for line in out) == 2
-    assert not any("mesh reaches" in line for line in held)
-    assert not any("outer mesh off it" in line for line in out)
-    monkeypatch.setattr(verify.evidence, "cone_clearance", lambda *_: (-0.25, 1.0))
-    assert evidence(Solid(inside), cone)[2] == "closed form: clearance -0.25 at the last ball"
+    inside, outside = (Solid(ball(np.array([0.0, 0.0, z]), 0.5)) for z in (3.0, -3.0))
+    assert certify_inside(inside, cone).evidence == certify_inside(outside, cone).evidence == ()
+    with monkeypatch.context() as patch:
+        patch.setattr(Shape, "overlaps", lambda self, other: True)
+        assert all("FCL disagrees" in line for line in certify_inside(inside, cone).evidence[1:])
+        assert certify_inside(outside, cone).evidence == ()
+    monkeypatch.setattr(verify.cones, "cone_clearance", lambda *_: (-0.25, 1.0))
+    assert "clearance -0.25 at" in certify_inside(inside, cone).evidence[0]
 
 
 def test_evidence_is_given_even_of_a_closed_form_that_is_no_number(monkeypatch):
     pair = Solid(ball(np.zeros(3), 1.0)), Solid(ball(np.array([5.0, 0.0, 0.0]), 1.0))
     monkeypatch.setattr(verify.certificate, "clearances", lambda given: LIES["nothing"](clearances(given)))
     with np.errstate(invalid="ignore"):
-        assert "closed form: clearance nan" in evidence(*pair)[2]
+        assert "clearance nan" in certify_pairs([pair])[0].evidence[0]

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from verify_cases import FAMILIES, brute_clearance, random_pair, unit
 
-from verify.bodies import Cone, ConeSphere, ball
-from verify.clearance import clearances, cone_clearance
+from verify.bodies import Cone, ConeSphere, ball, clearances, cone_clearance
 
 
 def clearance(A: ConeSphere, B: ConeSphere) -> float:

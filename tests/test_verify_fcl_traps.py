@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from verify_cases import at_clearance, fan, random_pair
 
-import verify.fcl_queries
+import verify.meshes
 from topo_search.model import Status
 from verify import audit
 from verify.bodies import ConeSphere, ball
 from verify.certificate import Solid, certify_pairs
-from verify.fcl_queries import Shape
-from verify.meshes import ConvexMesh, inner_mesh, outer_mesh
+from verify.meshes import ConvexMesh, Shape, inner_mesh, outer_mesh
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -30,7 +29,7 @@ def judged(A: ConeSphere, B: ConeSphere) -> Status:
 
 def test_only_the_query_that_is_right_is_used():
     used = set()
-    for path in pathlib.Path(verify.fcl_queries.__file__).parent.glob("*.py"):
+    for path in pathlib.Path(verify.meshes.__file__).parent.glob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "fcl":
                 used.add(node.attr)
@@ -39,7 +38,7 @@ def test_only_the_query_that_is_right_is_used():
 
 def test_requests_are_left_at_their_defaults():
     # A request may name another solver: `distance` ignores that, and in `collide` INDEP misses thin pairs.
-    tree = ast.parse(pathlib.Path(verify.fcl_queries.__file__).read_text(encoding="utf-8"))
+    tree = ast.parse(pathlib.Path(verify.meshes.__file__).read_text(encoding="utf-8"))
     requests = [
         node
         for node in ast.walk(tree)

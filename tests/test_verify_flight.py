@@ -15,14 +15,12 @@ from scipy.optimize import linprog
 from suites import few
 from verify_cases import FAN, HOVER, changed, design, fan
 
-from topo_search.export.poses import poses
 from topo_search.model import Audit, CaseFlight, Design, Flight, Topology
 from topo_search.model.files import read_json
 from topo_search.topologies import sample
 from verify import audit
 from verify.flight.balls import half_angles
-from verify.kinematics import platform
-from verify.wrench import required_wrench, wrench_map
+from verify.kinematics import platform, required_wrench, wrench_map
 
 Array = NDArray[np.float64]
 
@@ -500,7 +498,7 @@ def by_mujoco(given: Design, holder: int, u: Array) -> list[tuple[float, float, 
     Thrusts and drags act on modules, the reaction on the end-effector; gravity is MuJoCo's. Each module's frame has
     its origin at the connector that holds it, so that the sensor there reads moments about the connector.
     """
-    task, at, tree = given.task, poses(given), given.topology
+    task, at, tree = given.task, platform(given), given.topology
     module, l_c = task.module, task.module.connector_distance
     ports = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
     origins, children = [np.zeros(3)], {i: [] for i in range(tree.n)}

@@ -19,8 +19,7 @@ from topo_search.model import Chunk, Design, Topology
 from topo_search.model.files import read_json
 from topo_search.model.proof import chunk_count, proof_task
 from verify import check_chunk
-from verify.bodies import ConeSphere
-from verify.clearance import clearances
+from verify.bodies import ConeSphere, clearances
 from verify.kinematics import poses
 from verify.proof import arcs, ascent, dual, nearness
 from verify.proof import replay as ends

@@ -10,8 +10,7 @@ from topo_search.model.files import validate
 from topo_search.topologies import sample
 from verify import audit, choose_mount
 from verify.kinematics import platform, poses
-from verify.parts import rigid_parts
-from verify.rod import free_connectors, straight_rod
+from verify.parts import free_connectors, rigid_parts, straight_rod
 
 ONE = Topology(((-1, -1, -1),))
 

@@ -13,14 +13,13 @@ from scipy.spatial import ConvexHull
 
 from topo_search.cli import main
 from topo_search.export.allocation import allocation
-from topo_search.export.poses import poses
 from topo_search.model import Design
 from topo_search.model.files import read_json
 from topo_search.model.flight import Vehicle, read_vehicle
-from topo_search.report.vehicle_page import vehicle_page
+from topo_search.report.design_page import vehicle_page
 from verify import audit
-from verify.flight import capability
-from verify.flight.vehicle import rotor_map
+from verify.flight.vehicle import capability, rotor_map
+from verify.kinematics import platform
 
 SPOILT = ("x_m,y_m,z_m,ax,ay,az,spin,k_f,k_tau,u_max\n0,0,0,0,0,0,2,1,0,1\n", "spin")
 
@@ -107,7 +106,7 @@ def test_a_kit_can_do_what_the_audit_says(tmp_path: Path) -> None:
     design = read_json(Design, Path(__file__).parent / "designs/push-a70010.json")
     assert design.task.min_input == 0
     (tmp_path / "rotors.csv").write_text(allocation(design).rotor_csv())
-    told, p_E = f"mass = {design.task.total_mass(5)!r}", poses(design).p_E.tolist()
+    told, p_E = f"mass = {design.task.total_mass(5)!r}", platform(design).p_e.tolist()
     (tmp_path / "kit.toml").write_text(f'{told}\nend_effector = {p_E}\nrotors = "rotors.csv"\n')
     found, expected = capability(read_vehicle(tmp_path / "kit.toml")), audit(design).flight
     assert found is not None
@@ -134,7 +133,7 @@ def test_the_command_judges_a_vehicle_by_a_task(tmp_path: Path, monkeypatch: pyt
     monkeypatch.chdir(tmp_path)
     design = read_json(Design, Path(__file__).parent / "designs/wall-push.json")
     Path("rotors.csv").write_text(allocation(design).rotor_csv())
-    p_E = poses(design).p_E.tolist()
+    p_E = platform(design).p_e.tolist()
     Path("strong.toml").write_text(
         f'mass = {design.task.total_mass(3)!r}\nend_effector = {p_E}\nrotors = "rotors.csv"\n'
     )

@@ -13,7 +13,6 @@ from topo_search.model import Audit, Status, Topology
 from verify import audit
 from verify.bodies import ConeSphere, ball
 from verify.certificate import Certificate, Solid
-from verify.evidence import evidence
 from verify.hulls import approach, certify_outside, hull
 
 CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
@@ -96,8 +95,9 @@ def test_a_wrong_closed_form_is_found_out(monkeypatch: pytest.MonkeyPatch, wrong
     true = approach
     monkeypatch.setattr(under_test, "approach", lambda K, Q: true(K, Q)._replace(d=true(K, Q).d + wrong))
     body = ball(np.array([1.0 + 0.5 - wrong / 2, 0.0, 0.0]), 0.5)
-    assert certify_outside(Solid(body), BOX).status == Status.INCONSISTENT
-    assert any("FCL" in line for line in evidence(Solid(body), BOX))
+    certificate = certify_outside(Solid(body), BOX)
+    assert certificate.status == Status.INCONSISTENT
+    assert f"clearance {certificate.analytic!r}" in certificate.evidence[0]
 
 
 def test_one_inside_the_other_is_violated() -> None:

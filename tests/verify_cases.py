@@ -7,10 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model import Audit, Design, Status, Task, Topology
-from verify.bodies import ConeSphere
-from verify.clearance import clearances
-from verify.kinematics import platform
-from verify.wrench import objective, required_wrench, wrench_map
+from verify.bodies import ConeSphere, clearances
+from verify.kinematics import objective, platform, required_wrench, wrench_map
 
 Array = NDArray[np.float64]
 

@@ -62,7 +62,7 @@ if TYPE_CHECKING:
         OwnFormat,
         SymbolicPlatform,
     )
-    from topo_search.report.plots import plot_candidates, plot_front, plot_history
+    from topo_search.report.charts import plot_candidates, plot_front, plot_history
     from topo_search.report.progress import Lines
     from topo_search.study import Answer, LedgerLost, Observer, Row, SizeAnswer, Solved, read_answer
 

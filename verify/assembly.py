@@ -23,12 +23,11 @@ from topo_search.model.proven import TOLERANCE
 from topo_search.model.room import LARGE, packed_width
 from topo_search.model.value import Vector
 from verify.bodies import Array
+from verify.contacts import rod_keeps_out
 from verify.kinematics import Platform, platform
-from verify.parts import RigidParts, rigid_parts
+from verify.parts import RigidParts, free_connectors, rigid_parts, straight_rod
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
-from verify.rod import free_connectors, straight_rod
-from verify.solid_regions import rod_keeps_out
 
 
 def assembly(design: Design, platform: Platform, parts: RigidParts) -> Assembly:

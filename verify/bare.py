@@ -1,26 +1,43 @@
-"""The best inputs found for a platform that came without any: one convex program a load case.
+"""The rotor inputs of a design: the best for a platform without any, those of corners, and the power they take.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | v | inputs over the largest input of a rotor, between the least and the largest that a design may use | (4n,) | |
 | A | wrench map about the COM, W = A v | (6, 4n) | m_t g, l_arm m_t g |
-| b | required wrench of each load case | (K, 6) | the same |
+| b | required wrench of each load case, or of each corner of a set | (K, 6) | the same |
+
+The best inputs come from one convex program a load case. The wrenches of all v are a convex set, so the corners of
+a set decide. A design has no inputs for them: each is a linear
+program of the audit's own, with inputs that produce the corner, or multipliers that show that none do, in hand.
+What neither shows is undecided.
+
+The power:
+
+| symbol | meaning | unit |
+|---|---|---|
+| u | squared speeds of all rotors; in hover those of least effort | rad^2/s^2 |
+| P_0, P | ideal power, sum_j (k_f u_j)^1.5 / sqrt(2 rho pi R^2); shaft power, sum_j k_tau u_j^1.5 | W |
+| FM | figure of merit, P_0 / P | |
+
+Motors, controllers and wires take more than P, so that a battery lasts no longer than it says here.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from topo_search.model import Design, Geometry, ResolvedTask
+from topo_search.model import CasePower, Design, Flight, Geometry, Residual, ResolvedTask, Status
+from topo_search.model.corners import corners_of
 from topo_search.model.module import CountedRod
+from topo_search.model.proven import TOLERANCE
 from verify.assembly import choose_mount
 from verify.bodies import Array
-from verify.flight.inputs import least_inputs
-from verify.flight.programs import LARGEST, Box, find_solutions, nearest
-from verify.kinematics import Platform, platform
-from verify.parts import rigid_parts
-from verify.rod import straight_rod
-from verify.wrench import objective, required_wrench, wrench_map
+from verify.flight.programs import LARGEST, Box, find_solutions, least_inputs, nearest
+from verify.kinematics import Platform, objective, platform, required_wrench, wrench_map
+from verify.parts import rigid_parts, straight_rod
+from verify.residuals import clamp, residual
 
 
 def complete(geometry: Geometry) -> Design:
@@ -69,3 +86,53 @@ def _least(task: ResolvedTask, at: Platform) -> Array:
         else:
             v[k], _ = nearest(A, b_k, box.low, box.high)
     return np.asarray(v * task.max_input)
+
+
+def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
+    """Yield by how much the best inputs miss each corner: the largest of its equations."""
+    task, n = design.task, design.topology.n
+    corners = corners_of(task)
+    if not corners:
+        return
+    unit = np.repeat([task.force_unit(n), task.torque_unit(n)], 3)
+    A = wrench_map(platform, task.module) * task.module.max_input(task.gravity) / unit[:, None]
+    b = np.array([required_wrench(case, platform.p_e) for _, case in corners]) / unit
+    box = Box(np.full(4 * n, task.module.min_input), np.full(4 * n, task.search.peak_input))
+    if np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST:
+        solvable = find_solutions(A, b, box)
+        error = solvable.v @ A.T - b
+        about_tip = error[:, 3:] - np.cross(platform.p_e / task.module.arm_length, error[:, :3])
+        parts = np.linalg.norm([error[:, :3], error[:, 3:], about_tip], axis=2)
+        yes, no = solvable.yes & np.all(parts <= TOLERANCE, axis=0), solvable.no
+        missed = np.abs(error).max(axis=1)
+    else:  # the digits that programs need are lost
+        yes, no, missed = np.zeros(len(b), dtype=bool), np.zeros(len(b), dtype=bool), np.zeros(len(b))
+    for k, (label, _) in enumerate(corners):
+        status = Status.CLEAR if yes[k] else Status.VIOLATED if no[k] else Status.UNDECIDED
+        yield residual(label, float(missed[k]), "m_t g, l_arm m_t g", 1.0, status=status)
+
+
+def power(design: Design, measured: Flight | None) -> tuple[CasePower, ...]:
+    """Return the power in hover, where the platform can hover, and in every load case."""
+    return tuple(_powers(design, measured))
+
+
+def _powers(design: Design, measured: Flight | None) -> Iterator[CasePower]:
+    task, module, rotors = design.task, design.task.module, 4 * design.topology.n
+    battery_Ws = 3600 * design.topology.n * module.battery_Wh if module.battery_Wh else None
+    sums = [
+        (label, float(np.sum(np.maximum(u, 0.0) ** 1.5)))
+        for label, u in zip(task.case_labels, design.inputs, strict=True)
+    ]
+    if measured is not None and measured.hover_power_ratio is not None:
+        straight_up = task.force_unit(task.n) / (rotors * module.thrust_coefficient)
+        sums.insert(0, (measured.hover.name, rotors * straight_up**1.5 * measured.hover_power_ratio))
+    for name, cubes in sums:
+        shaft = clamp(module.torque_coefficient * cubes)
+        yield CasePower(
+            name=name,
+            ideal_W=clamp(module.ideal_power(1.0, task.air_density) * cubes),
+            shaft_W=shaft,
+            figure_of_merit=clamp(module.figure_of_merit(task.air_density)),
+            endurance_min=clamp(battery_Ws / shaft / 60) if battery_Ws and shaft > 0 else None,
+        )

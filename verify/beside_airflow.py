@@ -33,14 +33,11 @@ from verify.bodies import Array, Rows, nearest_on_axis
 from verify.certificate import ROUNDING, TURNED_LEVELS, Certificate, Row, Solid, judge
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
-from verify.fcl_queries import Shape
 from verify.gjk import Cores, cores, nearest
-from verify.meshes import ConvexMesh, Indices, encloses, inner_mesh, lies_within, outer_mesh
+from verify.meshes import ConvexMesh, Indices, Shape, encloses, inner_mesh, lies_within, outer_mesh
 from verify.parts import RigidParts
 
 ROTORS = 4
-LEVELS = 2 + len(TURNED_LEVELS)
-"""0: a box around the whole module; 1: common meshes of the parts; then meshes turned towards the witness."""
 
 
 class BesideAirflow(Row[Compound, Solid]):
@@ -112,43 +109,21 @@ def certify_beside(requirements: Sequence[BesideAirflow], parts: RigidParts) -> 
             elif apart and ok[k]:
                 certificates.append(Certificate(Status.CLEAR, lower[k], upper[k], d[k], 0, closest[side][k]))
             else:
-                one = requirements[k * (ROTORS + 1) + side]
-                certificates.append(_certify(one, parts, _row(distances[side], k), closest[side][k]))
+                at = _Found(*(column[k] for column in distances[side]))
+                proof = functools.partial(_proof, requirements[k * (ROTORS + 1) + side], parts, at)
+                proven_upper = None if np.isnan(at.upper) else float(at.upper)
+                # a box, the parts' common meshes, then meshes turned towards the witness
+                levels = 2 + len(TURNED_LEVELS)
+                certificates.append(judge(float(at.d), proven_upper, closest[side][k], proof, levels))
     return certificates
 
 
-def beside_evidence(pair: BesideAirflow, parts: RigidParts) -> tuple[str, ...]:
-    """Return what to look at when bisection, planes and FCL disagree; one finding a line [l_arm]."""
-    at = _row(_find(parts, [pair])[ROTORS if pair.segment is None else pair.segment], 0)
-    part = pair.body.parts[int(at.part)]
-    return (
-        f"A, {part.name}: {part!r}",
-        f"K: {pair.against.body!r}",
-        f"bisection: clearance {float(at.d)!r}, in A's frame normal to A {at.n.tolist()}, at {at.x.tolist()}",
-        f"gap across a plane {float(at.lower)!r}, upper bound {float(at.upper)!r}",
-        *(
-            f"level {level}: FCL proves {'it' if _proof(pair, parts, at, level) is not None else 'nothing'}"
-            for level in range(LEVELS)
-        ),
-    )
-
-
-def _certify(pair: BesideAirflow, parts: RigidParts, at: _Found, closest: Array) -> Certificate:
-    upper = None if np.isnan(at.upper) else float(at.upper)
-    return judge(float(at.d), upper, closest, functools.partial(_proof, pair, parts, at), LEVELS)
-
-
-def _row(columns: _Found, k: int) -> _Found:
-    return _Found(*(column[k] for column in columns))
-
-
-def _proof(pair: BesideAirflow, parts: RigidParts, at: _Found, level: int) -> float | None:
-    """Return the gap across the plane, if FCL agrees with its sign at this level."""
-    R, centre = parts.R[pair.a], parts.centres[pair.a]
+def _proof(pair: BesideAirflow, parts: RigidParts, at: _Found, level: int) -> tuple[float, bool]:
+    """Return the gap across the plane, and whether FCL agrees with its sign at this level."""
+    n, x = parts.R[pair.a] @ at.n, parts.R[pair.a] @ at.x + parts.centres[pair.a]
     if at.d > 0:
-        clear = float(at.lower) > ROUNDING and _fcl_apart(pair, R @ at.n, R @ at.x + centre, level)
-        return float(at.lower) if clear else None
-    return float(at.lower) if level >= 2 and _fcl_overlap(pair, at, R @ at.n, R @ at.x + centre, level) else None
+        return float(at.lower), _fcl_apart(pair, n, x, level)
+    return float(at.lower), level >= 2 and _fcl_overlap(pair, at, n, x, level)
 
 
 def _fcl_apart(pair: BesideAirflow, n: Array, x: Array, level: int) -> bool:

@@ -26,10 +26,8 @@ import numpy as np
 
 from topo_search.model import Status
 from topo_search.model.audit import Kind
-from verify.bodies import Array, ConeSphere, Rows
-from verify.clearance import clearances
-from verify.fcl_queries import FARTHEST, Shape
-from verify.meshes import ConvexMesh, encloses, inner_mesh, lies_within, outer_mesh
+from verify.bodies import Array, ConeSphere, Rows, clearances
+from verify.meshes import FARTHEST, ConvexMesh, Shape, encloses, inner_mesh, lies_within, outer_mesh
 
 FLOOR = 1e-7
 """Clearances of a smaller size may stay undecided [l_arm]: FCL's tolerance at its scale."""
@@ -56,7 +54,12 @@ class Certificate:
     """Number of refinements of the meshes: 0 is the common mesh."""
     closest: Array | None = None
     """Closest points: of a gap, the nearest of either side; of an overlap, a point in both, twice; shape (2, 3)."""
+    evidence: tuple[str, ...] = ()
+    """What closed form, meshes and FCL say where they disagree, with all digits, to find the fault by."""
 
+
+Proof = Callable[[int], tuple[float, bool] | None]
+"""From a level of meshes to a lower bound and whether FCL agrees with its sign; None: a mesh fails its check."""
 
 Body = TypeVar("Body")
 Other = TypeVar("Other")
@@ -138,7 +141,14 @@ class Witness(NamedTuple):
 
 def certify_pairs(pairs: Sequence[tuple[Solid, Solid]]) -> list[Certificate]:
     """Return the certificates of pairs of cone-spheres."""
-    return [_certify(A, B, witness) for (A, B), witness in zip(pairs, witnesses(pairs), strict=True)]
+    certificates = []
+    for (A, B), at in zip(pairs, witnesses(pairs), strict=True):
+        if not (A.in_range and B.in_range):
+            certificates.append(Certificate(Status.UNDECIDED, None, None, at.d, 0))
+            continue
+        proof = functools.partial(_separating_gap if at.d > 0 else _common_point, A, B, at)
+        certificates.append(judge(at.d, at.upper, at.closest, proof, levels=1 + len(TURNED_LEVELS)))
+    return certificates
 
 
 def witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
@@ -165,81 +175,78 @@ def witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
         yield Witness(value, n[k], x[k], float(upper[k]) if proven[k] else None, closest[k])
 
 
-def _certify(A: Solid, B: Solid, at: Witness) -> Certificate:
-    if not (A.in_range and B.in_range):
-        return Certificate(Status.UNDECIDED, None, None, at.d, 0)
-    prove = _separating_gap if at.d > 0 else _common_point
-    return judge(at.d, at.upper, at.closest, lambda level: prove(A, B, at, level), levels=1 + len(TURNED_LEVELS))
-
-
-def judge(
-    d: float, upper: float | None, closest: Array, proof: Callable[[int], float | None], levels: int
-) -> Certificate:
+def judge(d: float, upper: float | None, closest: Array, proof: Proof, levels: int) -> Certificate:
     """Refine until a proof of what the closed form says succeeds, then hold its value against the bounds.
 
     Args:
         d: the closed form's value.
         upper: a proven upper bound, or None.
         closest: the points that prove it.
-        proof: from the level to a proven lower bound, positive if clear; None if the proof fails.
+        proof: tried level by level.
         levels: number of levels to try.
     """
-    for level in range(levels if upper is not None else 0):
-        lower = proof(level)
-        if lower is not None and upper is not None:
-            proven = Status.CLEAR if lower > 0 else Status.VIOLATED
-            agrees = lower - ROUNDING <= d <= upper + ROUNDING
-            status = proven if agrees else Status.INCONSISTENT
-            return Certificate(status, lower if proven == Status.CLEAR else None, upper, d, level, closest)
-    unproven = Status.UNDECIDED if abs(d) <= FLOOR else Status.INCONSISTENT
-    return Certificate(unproven, None, upper, d, levels - 1, closest)
+    status, lower, level = Status.UNDECIDED if abs(d) <= FLOOR else Status.INCONSISTENT, None, levels - 1
+    results: list[tuple[float, bool] | None] = []
+    while upper is not None and len(results) < levels:
+        results.append(result := proof(len(results)))
+        if result is not None and result[1] and (result[0] > ROUNDING or not d > 0):
+            bound, level = result[0], len(results) - 1
+            status = Status.CLEAR if bound > 0 else Status.VIOLATED
+            lower = bound if status == Status.CLEAR else None
+            if not bound - ROUNDING <= d <= upper + ROUNDING:
+                status = Status.INCONSISTENT
+            break
+    evidence: tuple[str, ...] = ()
+    if status == Status.INCONSISTENT:
+        evidence = (
+            f"closed form: clearance {d!r} at {closest.tolist()}, upper bound proven there {upper!r}",
+            *(
+                f"level {k}: a mesh fails its own check"
+                if result is None
+                else f"level {k}: lower bound {result[0]!r}, FCL {'agrees' if result[1] else 'disagrees'}"
+                for k, result in enumerate(results)
+            ),
+        )
+    return Certificate(status, lower, upper, d, level, closest, evidence)
 
 
-def _separating_gap(A: Solid, B: Solid, at: Witness, level: int) -> float | None:
-    """Return the gap between the outer meshes of a level across a plane normal to n, if FCL sees them apart too."""
-    meshes = outer_meshes(A, B, at, level)
-    if meshes is None:
-        return None
-    (mesh_A, shape_A), (mesh_B, shape_B) = meshes
-    gap = plane_gap(mesh_A, mesh_B, at.n)
-    return gap if gap > ROUNDING and not shape_A.overlaps(shape_B) else None
-
-
-def _common_point(A: Solid, B: Solid, at: Witness, level: int) -> float | None:
-    """Return the supports' (negative) gap along n, if FCL sees the inner meshes of a level overlap."""
-    shapes = inner_shapes(A, B, at, level)
-    if shapes is None or not shapes[0].overlaps(shapes[1]):
-        return None
-    body_A, body_B = A.body.move(-at.x), B.body.move(-at.x)
-    return -float(body_A.support(at.n) + body_B.support(-at.n))
-
-
-def plane_gap(mesh_A: ConvexMesh, mesh_B: ConvexMesh, n: Array) -> float:
-    """Return how far the vertices of two meshes are apart along n."""
-    return float((mesh_B.vertices @ n).min() - (mesh_A.vertices @ n).max())
-
-
-def outer_meshes(
-    A: Solid, B: Solid, at: Witness, level: int
-) -> tuple[tuple[ConvexMesh, Shape], tuple[ConvexMesh, Shape]] | None:
-    """Return the outer meshes of a level, 0 the common ones; None if one fails its own check."""
+def _separating_gap(A: Solid, B: Solid, at: Witness, level: int) -> tuple[float, bool] | None:
+    """Return the gap between the outer meshes across a plane normal to n, and whether FCL sees them apart."""
     if level == 0:
-        return None if A.outer is None or B.outer is None else (A.outer, B.outer)
-    body_A, body_B = A.body.move(-at.x), B.body.move(-at.x)  # the digits are needed around x
-    mesh_A = outer_mesh(body_A, TURNED_LEVELS[level - 1], at.n)
-    mesh_B = outer_mesh(body_B, TURNED_LEVELS[level - 1], -at.n)
-    if not (encloses(mesh_A, body_A) and encloses(mesh_B, body_B)):
-        return None
-    return (mesh_A, Shape(mesh_A)), (mesh_B, Shape(mesh_B))
+        if A.outer is None or B.outer is None:
+            return None
+        (mesh_A, shape_A), (mesh_B, shape_B) = A.outer, B.outer
+    else:
+        meshes = _turned_meshes(A, B, at, level, outer_mesh, encloses)
+        if meshes is None:
+            return None
+        mesh_A, mesh_B = meshes
+        shape_A, shape_B = Shape(mesh_A), Shape(mesh_B)
+    gap = float((mesh_B.vertices @ at.n).min() - (mesh_A.vertices @ at.n).max())
+    return gap, not shape_A.overlaps(shape_B)
 
 
-def inner_shapes(A: Solid, B: Solid, at: Witness, level: int) -> tuple[Shape, Shape] | None:
-    """Return the inner meshes of a level, 0 the common ones; None if one fails its own check."""
-    if level == 0:
-        return None if A.inner is None or B.inner is None else (A.inner, B.inner)
-    body_A, body_B = A.body.move(-at.x), B.body.move(-at.x)
-    mesh_A = inner_mesh(body_A, TURNED_LEVELS[level - 1], at.n)
-    mesh_B = inner_mesh(body_B, TURNED_LEVELS[level - 1], -at.n)
-    if not (lies_within(mesh_A, body_A) and lies_within(mesh_B, body_B)):
+def _common_point(A: Solid, B: Solid, at: Witness, level: int) -> tuple[float, bool] | None:
+    """Return the supports' (negative) gap along n, and whether FCL sees the inner meshes overlap."""
+    shapes = A.inner, B.inner
+    if level > 0:
+        meshes = _turned_meshes(A, B, at, level, inner_mesh, lies_within)
+        shapes = (None, None) if meshes is None else (Shape(meshes[0]), Shape(meshes[1]))
+    if shapes[0] is None or shapes[1] is None:
         return None
-    return Shape(mesh_A), Shape(mesh_B)
+    gap = -float(A.body.move(-at.x).support(at.n) + B.body.move(-at.x).support(-at.n))
+    return gap, shapes[0].overlaps(shapes[1])
+
+
+def _turned_meshes(
+    A: Solid,
+    B: Solid,
+    at: Witness,
+    level: int,
+    make: Callable[[ConeSphere, int, Array], ConvexMesh],
+    check: Callable[[ConvexMesh, ConeSphere], bool],
+) -> list[ConvexMesh] | None:
+    """Return meshes of a level turned towards the witness, their origin; None if one fails its own check."""
+    bodies = A.body.move(-at.x), B.body.move(-at.x)  # the digits are needed around x
+    meshes = [make(body, TURNED_LEVELS[level - 1], n) for body, n in zip(bodies, (at.n, -at.n), strict=True)]
+    return meshes if all(map(check, meshes, bodies)) else None

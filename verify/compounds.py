@@ -48,9 +48,8 @@ from topo_search.model import Status
 from verify.bodies import Array
 from verify.certificate import ROUNDING, Certificate, judge
 from verify.convex import Convex, Polyhedron
-from verify.fcl_queries import FARTHEST, Shape
 from verify.gjk import ITERATION, Cores, Flags, cores, nearest
-from verify.meshes import Indices
+from verify.meshes import FARTHEST, Indices, Shape
 
 
 class ProximitySettings(NamedTuple):
@@ -343,18 +342,6 @@ def _unit(v: Array) -> Array:
     return np.where(length > 0, v / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 1.0]))
 
 
-class CompoundProof(NamedTuple):
-    """The proofs about compounds."""
-
-    levels: int = 2
-    """0: boxes around whole bodies; 1: every part, with meshes turned towards its witness."""
-    least_unit: float = 1e-9
-    """Least unit of length in which a deeper common point is looked for [l_arm]."""
-
-
-PROOF = CompoundProof()
-
-
 def certify_compounds(pairs: Sequence[tuple[Compound, Compound]], bolted: Sequence[bool]) -> list[Certificate]:
     """Return the certificates of pairs of rigid bodies.
 
@@ -373,52 +360,30 @@ def certify_compounds(pairs: Sequence[tuple[Compound, Compound]], bolted: Sequen
     ]
 
 
-def compound_evidence(A: Compound, B: Compound, bolted: bool) -> tuple[str, ...]:
-    """Return what to look at when search, planes and FCL disagree about two bodies; one finding a line [l_arm]."""
-    (at,) = proximities([(A, B)], [bolted])
-    part_A, part_B, x = A.parts[at.a], B.parts[at.b], (at.x_A + at.x_B) / 2
-    meshes = ("outer", part_A.outer(at.n), part_B.outer(-at.n)), ("inner", part_A.inner(x), part_B.inner(x))
-    return (
-        f"A, {part_A.name}: {part_A!r}",
-        f"B, {part_B.name}: {part_B!r}",
-        f"search: clearance {at.d!r}, normal from A to B {at.n.tolist()}",
-        f"nearest points, or the common one: {at.x_A.tolist()} and {at.x_B.tolist()}",
-        f"depth of the places in their parts {part_A.depth(at.x_A)!r} and {part_B.depth(at.x_B)!r}",
-        f"least gap across a plane between any two parts {at.lower!r}",
-        *(
-            f"{name} meshes of the two parts, FCL: {'overlap' if Shape(a).overlaps(Shape(b)) else 'apart'}"
-            for name, a, b in meshes
-        ),
-    )
-
-
 def _certify(A: Compound, B: Compound, proximity: Proximity) -> Certificate:
     part_A, part_B = A.parts[proximity.a], B.parts[proximity.b]
     if proximity.d > 0:
         upper, closest = math.dist(proximity.x_A, proximity.x_B), np.stack([proximity.x_A, proximity.x_B])
         proven = min(part_A.depth(proximity.x_A), part_B.depth(proximity.x_B)) > -ROUNDING
-        proof = functools.partial(_least_gap, A, B, proximity)
+        agrees = functools.partial(_see_apart, A, B, proximity)
     else:
         x = _common_point(part_A, part_B, (proximity.x_A + proximity.x_B) / 2)
         depths = part_A.depth(x), part_B.depth(x)
         upper, closest = -sum(depths), np.stack([x, x])
         proven = min(depths) > ROUNDING
-        proof = functools.partial(_overlap, A, B, proximity, x)
-    return judge(proximity.d, upper if proven else None, closest, proof, PROOF.levels)
+        agrees = functools.partial(_overlap, part_A, part_B, x)
+    bound = proximity.lower if proximity.d > 0 else proximity.d
+    return judge(proximity.d, upper if proven else None, closest, lambda level: (bound, agrees(level)), levels=2)
 
 
-def _least_gap(A: Compound, B: Compound, proximity: Proximity, level: int) -> float | None:
-    """Return the least gap across the planes between parts, if FCL sees the bodies apart too."""
-    if proximity.lower <= ROUNDING:
-        return None
+def _see_apart(A: Compound, B: Compound, proximity: Proximity, level: int) -> bool:
+    """Return whether FCL sees the bodies apart: boxes around them; at level 1 all parts that must not touch."""
     if level == 0:
-        apart = bool(proximity.relevant.all()) and not A.bounds.shape.overlaps(B.bounds.shape)
-    else:
-        apart = all(
-            _keep_off(A.parts[i], B.parts[j], proximity.normals[i, j], _point_between(A, B, proximity, i, j))
-            for i, j in np.argwhere(proximity.relevant).tolist()
-        )
-    return proximity.lower if apart else None
+        return bool(proximity.relevant.all()) and not A.bounds.shape.overlaps(B.bounds.shape)
+    return all(
+        _keep_off(A.parts[i], B.parts[j], proximity.normals[i, j], _point_between(A, B, proximity, i, j))
+        for i, j in np.argwhere(proximity.relevant).tolist()
+    )
 
 
 def _point_between(A: Compound, B: Compound, proximity: Proximity, i: int, j: int) -> Array:
@@ -440,11 +405,10 @@ def _keep_off(part_A: Convex, part_B: Convex, n: Array, x: Array) -> bool:
     return not Shape(near_A.outer(n)).overlaps(Shape(near_B.outer(-n)))
 
 
-def _overlap(A: Compound, B: Compound, proximity: Proximity, x: Array, level: int) -> float | None:
-    """Return the (negative) gap of the deepest parts, if FCL sees meshes inside them overlap around x."""
-    near = [part.place(np.eye(3), -x) for part in (A.parts[proximity.a], B.parts[proximity.b])]
-    inner_A, inner_B = (part.inner(np.zeros(3)) for part in near)
-    return proximity.d if level > 0 and Shape(inner_A).overlaps(Shape(inner_B)) else None
+def _overlap(part_A: Convex, part_B: Convex, x: Array, level: int) -> bool:
+    """Return whether FCL sees meshes inside the deepest parts overlap around x."""
+    inner_A, inner_B = (Shape(part.place(np.eye(3), -x).inner(np.zeros(3))) for part in (part_A, part_B))
+    return level > 0 and inner_A.overlaps(inner_B)
 
 
 def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:
@@ -454,17 +418,12 @@ def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:
     """
     if min(part_A.depth(x), part_B.depth(x)) > ROUNDING:
         return x
-    planes = [_planes(part.place(np.eye(3), -x)) for part in (part_A, part_B)]
+    inner = [part.place(np.eye(3), -x).inner(np.zeros(3)) for part in (part_A, part_B)]
+    planes = [Polyhedron("inside", mesh.vertices, mesh.triangles).faces for mesh in inner]
     normals, offsets = (np.concatenate(columns) for columns in zip(*planes, strict=True))
-    unit = max(float(np.abs(offsets).min()), PROOF.least_unit)
+    unit = max(float(np.abs(offsets).min()), 1e-9)  # [l_arm]
     rows = np.column_stack([normals, np.ones(len(normals))])
     from scipy.optimize import linprog  # slow to load, and few audits need it
 
     solution = linprog([0, 0, 0, -1], A_ub=rows, b_ub=offsets / unit, bounds=[(None, None)] * 4)
     return x + unit * solution.x[:3] if solution.success else x
-
-
-def _planes(part: Convex) -> tuple[Array, Array]:
-    """Return outward unit normals and offsets of the faces of the polytope inside a part near the origin."""
-    inner = part.inner(np.zeros(3))
-    return Polyhedron(part.name, inner.vertices, inner.triangles).faces

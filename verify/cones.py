@@ -37,21 +37,18 @@ part must reach into it.
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import NamedTuple
 
 import numpy as np
 
 from topo_search.model import Status
-from verify.bodies import Array, Cone, ConeSphere, basis_across
+from verify.bodies import Array, Cone, ConeSphere, basis_across, cone_clearance
 from verify.certificate import COMMON_LEVEL, ROUNDING, Certificate, Solid, judge
-from verify.clearance import cone_clearance
 from verify.compounds import Compound
 from verify.convex import Convex, Cylinder
-from verify.fcl_queries import FARTHEST, Shape
+from verify.meshes import FARTHEST, Shape, box_below, encloses, inner_mesh, lies_within, outer_mesh
 from verify.meshes import ROUNDING as MESH_ROUNDING
-from verify.meshes import box_below, encloses, inner_mesh, lies_within, outer_mesh
 
 
 class ConeMeshes(NamedTuple):
@@ -82,23 +79,13 @@ def certify_inside(solid: Solid, cone: Cone) -> Certificate:
     x = body.centre(worst) - body.radius(worst) * m
     upper = float(cone.s(x))
     proven = body.depth(x) > -ROUNDING and (d > 0 or upper < -ROUNDING)
-    proof = (
-        functools.partial(_depth_inside, solid, cone)
-        if d > 0
-        else functools.partial(_reach_outside, body, cone, worst)
-    )
+
+    def proof(level: int) -> tuple[float, bool]:
+        """Return the least s over a mesh, and whether FCL sees the body inside, or its worst end reach beyond."""
+        inside = d > 0 and all(keeps_off(solid, cone, eta) for eta in (0.0, 1.0))
+        return least_s(body, cone, MESHES.sides[level]), inside if d > 0 else reaches_beyond(body, cone, worst)
+
     return judge(d, upper if proven else None, np.stack([x, x - upper * m]), proof, levels=len(MESHES.sides))
-
-
-def _depth_inside(solid: Solid, cone: Cone, level: int) -> float | None:
-    """Return the least s over a mesh of a level, if it is positive and FCL sees the body inside too."""
-    least = least_s(solid.body, cone, MESHES.sides[level])
-    return least if least > ROUNDING and all(keeps_off(solid, cone, eta) for eta in (0.0, 1.0)) else None
-
-
-def _reach_outside(body: ConeSphere, cone: Cone, worst: float, level: int) -> float | None:
-    """Return the least s over a mesh of a level, if FCL sees the body reach beyond the cone at its worst end."""
-    return least_s(body, cone, MESHES.sides[level]) if reaches_beyond(body, cone, worst) else None
 
 
 def least_s(body: ConeSphere, cone: Cone, sides: int) -> float:
@@ -183,29 +170,16 @@ def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:
     k = int(np.argmin(heights))
     d, x = heights[k], lowest[k]
     within = module.parts[k].depth(x) > -ROUNDING and (d > 0 or d < -ROUNDING)
-    inwards, beyond = (
-        functools.partial(_parts_inside, module, cone, lowest),
-        functools.partial(_part_reaches_outside, module, cone, x, k),
-    )
+
+    def proof(level: int) -> tuple[float, bool]:
+        """Return the least s over corners, and whether FCL sees all parts inside, or the deepest reach beyond."""
+        least = _least_corner(module.parts, cone, MESHES.part_sides[level])
+        if d > 0:
+            return least, all(_keeps_off(part, cone, y) for part, y in zip(module.parts, lowest, strict=True))
+        return least, _reaches_beyond(module.parts[k], cone, x)
+
     closest = np.stack([x, x - d * cone.inward_normal(x)])
-    return judge(d, d if within else None, closest, inwards if d > 0 else beyond, levels=len(MESHES.part_sides))
-
-
-def cone_evidence(module: Compound, cone: Cone) -> tuple[str, ...]:
-    """Return what to look at when points, corners and FCL disagree; one finding a line [l_arm]."""
-    lowest = [(part, lowest_point(part, cone)) for part in module.parts]
-    part, x = min(lowest, key=lambda each: float(cone.s(each[1])))
-    return (
-        f"{part.name}: {part!r}",
-        f"cone: {cone!r}",
-        f"lowest point {x.tolist()}, s {float(cone.s(x))!r}, depth in the part {part.depth(x)!r}",
-        *(
-            f"least s of corners, {sides} sides: {_least_corner([part], cone, sides)!r}"
-            for sides in MESHES.part_sides
-        ),
-        f"FCL, polytope around it: {'apart' if _keeps_off(part, cone, x) else 'overlaps'} beyond the cone",
-        f"FCL, polytope inside it: {'overlaps' if _reaches_beyond(part, cone, x) else 'apart'} beyond the cone",
-    )
+    return judge(d, d if within else None, closest, proof, levels=len(MESHES.part_sides))
 
 
 def lowest_point(part: Convex, cone: Cone) -> Array:
@@ -234,7 +208,7 @@ def _rings(part: Cylinder, angles: Array, radius: float) -> Array:
     return np.asarray(part.vertices[:, None] + radius * ring)
 
 
-def _least_corner(parts: list[Convex], cone: Cone, sides: int) -> float:
+def _least_corner(parts: tuple[Convex, ...], cone: Cone, sides: int) -> float:
     """Return the least s over corners of polytopes around parts."""
     least = math.inf
     for part in parts:
@@ -247,22 +221,6 @@ def _least_corner(parts: list[Convex], cone: Cone, sides: int) -> float:
             corners = _rings(part, angles, (1 + MESH_ROUNDING) * part.disc / math.cos(math.pi / sides))
         least = min(least, float(cone.s(corners).min()))
     return least
-
-
-def _parts_inside(module: Compound, cone: Cone, lowest: list[Array], level: int) -> float | None:
-    """Return the least s over the corners of a level, if it is positive and FCL sees all parts inside too."""
-    least = _least_corner(list(module.parts), cone, MESHES.part_sides[level])
-    apart = (_keeps_off(part, cone, x) for part, x in zip(module.parts, lowest, strict=True))
-    return least if least > ROUNDING and all(apart) else None
-
-
-def _part_reaches_outside(module: Compound, cone: Cone, x: Array, k: int, level: int) -> float | None:
-    """Return the least s over the corners of a level, if FCL sees the deepest part reach beyond the cone."""
-    return (
-        _least_corner(list(module.parts), cone, MESHES.part_sides[level])
-        if _reaches_beyond(module.parts[k], cone, x)
-        else None
-    )
 
 
 def _keeps_off(part: Convex, cone: Cone, x: Array) -> bool:

@@ -29,8 +29,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis
-from verify.fcl_queries import Shape
-from verify.meshes import ROUNDING, ConvexMesh, Indices, box_corners, inner_mesh, outer_mesh
+from verify.meshes import ROUNDING, ConvexMesh, Indices, Shape, box_corners, inner_mesh, outer_mesh
 
 
 class SolidMeshes(NamedTuple):
@@ -116,10 +115,6 @@ class Convex(ABC):
     def place(self, R: Array, p: Array) -> Self:
         """Return the solid turned by R, shape (3, 3), then moved by p, shape (3,)."""
 
-    @abstractmethod
-    def grow(self, factor: float) -> Self:
-        """Return the solid scaled about its centre."""
-
 
 @dataclass(frozen=True, eq=False)
 class Polyhedron(Convex):
@@ -159,10 +154,6 @@ class Polyhedron(Convex):
     def place(self, R: Array, p: Array) -> Polyhedron:
         """Return the solid turned by R, then moved by p."""
         return Polyhedron(self.name, self.vertices @ R.T + p, self.triangles, copied=(self, R, p))
-
-    def grow(self, factor: float) -> Polyhedron:
-        """Return the solid scaled about its centre."""
-        return Polyhedron(self.name, self.centre + factor * (self.vertices - self.centre), self.triangles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,11 +217,6 @@ class Cylinder(Convex):
         moved = self.vertices @ R.T + p
         return Cylinder(self.name, moved, axis=R @ self.axis, disc=self.disc, copied=(self, R, p))
 
-    def grow(self, factor: float) -> Cylinder:
-        """Return the solid scaled about its centre."""
-        vertices = self.centre + factor * (self.vertices - self.centre)
-        return Cylinder(self.name, vertices, axis=self.axis, disc=factor * self.disc)
-
 
 def cylinder(name: str, centre: Array, axis: Array, radius: float, height: float) -> Cylinder:
     """Return a cylinder around a unit axis."""
@@ -264,11 +250,6 @@ class Capsule(Convex):
     def place(self, R: Array, p: Array) -> Capsule:
         """Return the solid turned by R, then moved by p."""
         return Capsule(self.name, self.vertices @ R.T + p, ball=self.ball, copied=(self, R, p))
-
-    def grow(self, factor: float) -> Capsule:
-        """Return the solid scaled about its centre."""
-        vertices = self.centre + factor * (self.vertices - self.centre)
-        return Capsule(self.name, vertices, ball=factor * self.ball)
 
 
 def capsule(name: str, start: Array, end: Array, radius: float) -> Capsule:
@@ -318,14 +299,9 @@ def clip(solid: Polyhedron, n: Array, b: float) -> Polyhedron | None:
             if min(h[i], h[j]) < -CLIPPING.on and max(h[i], h[j]) > CLIPPING.on:
                 face.append(cut(i, j))
         triangles += [(face[0], *face[k : k + 2]) for k in range(1, len(face) - 1)]
-    rim = _open_edges(triangles)
+    sides = {(t[k], t[(k + 1) % 3]) for t in triangles for k in range(3)}
+    rim = sorted((i, j) for i, j in sides if (j, i) not in sides)  # no triangle runs along them the other way
     vertices.append(np.mean([vertices[i] for i, _ in rim], axis=0))
     triangles += [(j, i, len(vertices) - 1) for i, j in rim]
     used, numbers = np.unique(np.array(triangles, dtype=np.intp), return_inverse=True)
     return Polyhedron(solid.name, np.array(vertices)[used], numbers.reshape(-1, 3).astype(np.intp))
-
-
-def _open_edges(triangles: list[tuple[int, ...]]) -> list[tuple[int, int]]:
-    """Return the edges of a surface that no triangle runs along the other way."""
-    there = {(t[k], t[(k + 1) % 3]) for t in triangles for k in range(3)}
-    return sorted((i, j) for i, j in there if (j, i) not in there)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import functools
 import itertools
 import platform as python_platform
+import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from importlib import metadata
@@ -24,39 +25,33 @@ from topo_search.model import Audit, Clearance, Design, Geometry, Interference, 
 from topo_search.model.audit import MeshExcess
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
-from verify.air import air, speed_residuals
+from verify.air.bound import air, speed_residuals
 from verify.assembly import assembly, rod_residuals
-from verify.bare import complete
-from verify.beside_airflow import BesideAirflow, beside_airflow, beside_evidence, certify_beside
+from verify.bare import complete, corner_residuals, power
+from verify.beside_airflow import BesideAirflow, beside_airflow, certify_beside
 from verify.bodies import Array
 from verify.certificate import Certificate, Solid
-from verify.compounds import compound_evidence
-from verify.cones import cone_evidence
+from verify.cones import certify_parts_inside
 from verify.contacts import (
+    InsideCone,
     RigidRequirement,
     allowed_contacts,
     beside_brackets,
     bracket_hulls,
+    certify_all,
+    certify_rigid,
     keep_apart,
+    parts_beside_regions,
+    rod_beside_regions,
     rotors_beside_brackets,
 )
-from verify.evidence import evidence
-from verify.flight import failure_residuals, flight, load_residuals, reserve_residuals, tolerance_residuals
+from verify.flight.measured import flight
+from verify.flight.residuals import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
 from verify.kinematics import platform
 from verify.parts import RigidParts, rigid_parts
-from verify.power import power
 from verify.requirements import Requirement, Scene
 from verify.residuals import clamp, residuals
 from verify.sensitivity import sensitivity
-from verify.solid_regions import (
-    InsideCone,
-    certify_all,
-    certify_parts,
-    certify_rigid,
-    parts_beside_regions,
-    rod_beside_regions,
-)
-from verify.wrench_sets import corner_residuals
 
 
 def percent_of_deepest(clearance: float, module: Module) -> float:
@@ -105,26 +100,27 @@ def _audit(design: Design, started: float) -> Audit:
     sheet = assembly(design, placed, parts)
     rows = (*rows, *rod_residuals(design, parts, sheet))
     brackets, counts = bracket_hulls(design, parts), design.task.parts_off_airflow
-    kinds: list[tuple[Iterable[Asked], Callable[[list[Any]], list[Certificate]]]] = [
-        (scene.requirements(), certify_all),
-        (keep_apart(design, parts, sheet.mount), certify_rigid),
-        (beside_airflow(parts, scene.envelopes, counts=counts), functools.partial(certify_beside, parts=parts)),
-        (scene.rod(parts, sheet.mount), certify_all),
-        (beside_brackets(brackets, scene.envelopes), certify_all),
-        (rotors_beside_brackets(brackets, parts), certify_rigid),
-        (parts_beside_regions(scene, parts), certify_parts),
-        (rod_beside_regions(scene, parts, sheet.mount), certify_all),
-    ]
-    listed = _require_few([of_kind for of_kind, _ in kinds])
-    checks = [row for of_kind in listed for row in of_kind]
-    certificates = [one for of_kind, (_, certify) in zip(listed, kinds, strict=True) for one in certify(of_kind)]
+    rows_of_all_kinds: Iterable[Asked] = itertools.chain(
+        scene.requirements(),
+        keep_apart(design, parts, sheet.mount),
+        beside_airflow(parts, scene.envelopes, counts=counts),
+        scene.rod(parts, sheet.mount),
+        beside_brackets(brackets, scene.envelopes),
+        rotors_beside_brackets(brackets, parts),
+        parts_beside_regions(scene, parts),
+        rod_beside_regions(scene, parts, sheet.mount),
+    )
+    checks = list(itertools.islice(rows_of_all_kinds, MOST_CLEARANCES + 1))
+    if len(checks) > MOST_CLEARANCES:
+        raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
+    certificates = _certify(checks, parts)
     statuses = [c.status for requirement, c in zip(checks, certificates, strict=True) if requirement.counts]
     mount, module = sheet.mount, design.task.module
     holder = 0 if mount is None else mount.module
     middle = placed.p_com + placed.o.mean(axis=0)  # of the scene, in W
     closest = _closest_points(checks, certificates, module.arm_length, middle)
-    pairs = tuple(_clearance(*row, module, parts) for row in zip(checks, certificates, closest, strict=True))
-    requirements = [row for row in listed[0] if isinstance(row, Requirement)]
+    pairs = tuple(_clearance(*row, module) for row in zip(checks, certificates, closest, strict=True))
+    requirements = [row for row in checks if isinstance(row, Requirement)]
     errors = sensitivity(design, placed, scene, requirements, holder)
     measured = flight(design, placed, sheet, errors)
     judged = (reserve_residuals, failure_residuals, load_residuals)
@@ -150,15 +146,18 @@ def _audit(design: Design, started: float) -> Audit:
     )
 
 
-def _require_few(kinds: Iterable[Iterable[Asked]]) -> list[list[Asked]]:
-    """Return the rows of every kind; a ValueError if they are too many together."""
-    listed, left = [], MOST_CLEARANCES
-    for rows in kinds:
-        listed.append(list(itertools.islice(rows, left + 1)))
-        left -= len(listed[-1])
-        if left < 0:
-            raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
-    return listed
+def _certify(checks: list[Asked], parts: RigidParts) -> list[Certificate]:
+    """Return one certificate a row, those of all rows of a class at once."""
+    certifiers: dict[type[Asked], Callable[[list[Any]], list[Certificate]]] = {
+        Requirement: certify_all,
+        RigidRequirement: certify_rigid,
+        BesideAirflow: functools.partial(certify_beside, parts=parts),
+        InsideCone: lambda rows: [certify_parts_inside(row.body, row.against) for row in rows],
+    }
+    certified = {
+        kind: iter(certify([row for row in checks if type(row) is kind])) for kind, certify in certifiers.items()
+    }
+    return [next(certified[type(row)]) for row in checks]
 
 
 def _closest_points(
@@ -187,10 +186,8 @@ def _clearance(
     certificate: Certificate,
     closest: tuple[Vector, Vector] | None,
     module: Module,
-    parts: RigidParts,
 ) -> Clearance:
     l_arm, d = module.arm_length, clamp(certificate.analytic * module.arm_length)
-    inconsistent = certificate.status == Status.INCONSISTENT
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
     return Clearance(
         kind=requirement.kind,
@@ -203,19 +200,17 @@ def _clearance(
         analytic_m=d,
         level=certificate.level,
         percent=clamp(percent_of_deepest(d, module)) if requirement.kind == "airflow" else None,
-        evidence=_evidence(requirement, parts) if inconsistent else (),
+        evidence=(*_describe(requirement), *certificate.evidence) if certificate.evidence else (),
         closest_m=closest,
     )
 
 
-def _evidence(requirement: Asked, parts: RigidParts) -> tuple[str, ...]:
-    if isinstance(requirement, BesideAirflow):
-        return beside_evidence(requirement, parts)
-    if isinstance(requirement, InsideCone):
-        return cone_evidence(requirement.body, requirement.against)
-    if isinstance(requirement, RigidRequirement):
-        return compound_evidence(requirement.body, requirement.against, requirement.bolted)
-    return evidence(requirement.body, requirement.against)
+def _describe(row: Asked) -> tuple[str, str]:
+    """Return both sides of a row with all their digits, in l_arm from the mean of the module centres."""
+    sides = (side.body if isinstance(side, Solid) else side for side in (row.body, row.against))
+    with np.printoptions(floatmode="unique", threshold=sys.maxsize):
+        body, against = (" ".join(repr(side).split()) for side in sides)
+    return f"body: {body}", f"against: {against}"
 
 
 def _mesh_excess(design: Design) -> tuple[MeshExcess, ...]:

@@ -37,14 +37,9 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Status
-from verify.bodies import Array, ConeSphere
+from verify.bodies import Array, ConeSphere, clearances
 from verify.certificate import ROUNDING, TURNED_LEVELS, Certificate, Solid, Witness, judge
-from verify.clearance import clearances
-from verify.fcl_queries import FARTHEST, Shape
-from verify.meshes import ConvexMesh, Indices, encloses, inner_mesh, lies_within, outer_mesh
-
-PLANARITY = 1e-11
-"""Largest offset of corners from their faces' planes, over the scene size: less than proofs allow for rounding."""
+from verify.meshes import FARTHEST, ConvexMesh, Indices, Shape, encloses, inner_mesh, lies_within, outer_mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +120,8 @@ def hull(points: Array) -> Hull:
     off_face = np.abs(np.einsum("fkx,fx->fk", points[triangles], normals) - offsets[:, None]).max()
     sides = {(i, j) for face in triangles.tolist() for i, j in zip(face, face[1:] + face[:1], strict=True)}
     closed = len(sides) == triangles.size and all((j, i) in sides for i, j in sides)
-    if not closed or off_face > PLANARITY * (1.0 + float(np.abs(points).max())):
+    # less than proofs allow for rounding, over the scene's size
+    if not closed or off_face > 1e-11 * (1.0 + float(np.abs(points).max())):
         raise ValueError("a target region's corners are too close to one another for a hull with exact faces")
     # FCL walks from vertex to vertex along faces, and would be lost on one that no face has.
     used, compact = np.unique(triangles, return_inverse=True)
@@ -205,33 +201,19 @@ def witness(body: ConeSphere, region: Hull) -> Witness:
     return Witness(closest.d, n, x, -depth if depth > ROUNDING else None, np.stack([x, x]))
 
 
-def outer_gap(body: ConeSphere, region: Hull, at: Witness, level: int) -> tuple[float, bool] | None:
-    """Return the gap of a plane across n between K's outer mesh and Q, and whether FCL sees them overlap.
-
-    None if the mesh fails its own check.
-    """
+def _separating_gap(body: ConeSphere, region: Hull, at: Witness, level: int) -> tuple[float, bool] | None:
+    """Return the gap of a plane across n between K's outer mesh and Q, and whether FCL sees them apart."""
     body, Q = body.move(-at.x), region.move(-at.x).mesh  # the digits are needed around x
     mesh = outer_mesh(body, TURNED_LEVELS[level], at.n)
     if not encloses(mesh, body):
         return None
-    return float((Q.vertices @ at.n).min() - (mesh.vertices @ at.n).max()), Shape(mesh).overlaps(Shape(Q))
+    return float((Q.vertices @ at.n).min() - (mesh.vertices @ at.n).max()), not Shape(mesh).overlaps(Shape(Q))
 
 
-def inner_overlap(body: ConeSphere, region: Hull, at: Witness, level: int) -> bool | None:
-    """Return whether FCL sees K's inner mesh and Q overlap; None if the mesh fails its own check."""
+def _common_point(body: ConeSphere, region: Hull, at: Witness, level: int) -> tuple[float, bool] | None:
+    """Return the supports' (negative) gap along n, and whether FCL sees K's inner mesh and Q overlap."""
     body, Q = body.move(-at.x), region.move(-at.x).mesh
     mesh = inner_mesh(body, TURNED_LEVELS[level], at.n)
-    return Shape(mesh).overlaps(Shape(Q)) if lies_within(mesh, body) else None
-
-
-def _separating_gap(body: ConeSphere, region: Hull, at: Witness, level: int) -> float | None:
-    """Return the gap across a plane, if it is one and FCL sees the two apart too."""
-    result = outer_gap(body, region, at, level)
-    return result[0] if result is not None and result[0] > ROUNDING and not result[1] else None
-
-
-def _common_point(body: ConeSphere, region: Hull, at: Witness, level: int) -> float | None:
-    """Return the supports' (negative) gap along n, if FCL sees an overlap too."""
-    if not inner_overlap(body, region, at, level):
+    if not lies_within(mesh, body):
         return None
-    return float((region.mesh.vertices @ at.n).min() - body.support(at.n))
+    return float((Q.vertices @ at.n).min() - body.support(at.n)), Shape(mesh).overlaps(Shape(Q))

@@ -1,4 +1,4 @@
-"""Forward kinematics in plain numbers, from angles to poses (paper, Sec. II).
+"""Forward kinematics and the wrenches of rotors in plain numbers (paper, Sec. II).
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -14,6 +14,14 @@
 
 A joint turns about an axis that lies in the plane of the parent's arms, across the arm: from the x ports about
 y, from the y ports about x. Half of the step to the child, l_c e_a, lies before the hinge and half behind it.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| u_k | squared rotor speeds of load case k | (n, 4) | rad^2/s^2 |
+| A | wrench map about the COM, W_k = A u_k | (6, 4n) | N, N m per rad^2/s^2 |
+| b_k | required wrench about the COM: force f_E + f_C, torque tau_E + p_E x f_E + tau_C | (6,) | N, N m |
+
+Column (i, q) of A is k_f z_i over k_f o_iq x z_i + (-1)^q k_tau z_i. Gravity is a load case like any other.
 """
 
 from __future__ import annotations
@@ -23,12 +31,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from topo_search.model import Design, Topology
-from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS
-
-Array = NDArray[np.float64]
+from topo_search.model import Design, LoadCase, Module, Topology
+from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
+from verify.bodies import Array
 
 
 class Poses(NamedTuple):
@@ -55,12 +61,29 @@ class Platform(NamedTuple):
     """Module centres from the COM, shape (n, 3) [m]."""
     p_e: Array
     """End-effector from the COM, shape (3,) [m]."""
+    end_effector: Array
+    """End-effector in W, shape (3,) [m]."""
     rotors: Array
     """o_iq, rotor positions from the COM, shape (n, 4, 3) [m]."""
     joints: Array
     """Connectors of the modules 1..n-1 and their parents from the COM, shape (n - 1, 3) [m]."""
     rod: Array = np.zeros((0, 2, 3))
     """Middle of the rod that counts from the COM, and from there to the end-effector, shape (1, 2, 3) [m]."""
+
+    @property
+    def R(self) -> Array:
+        """Orientations, shape (n, 3, 3)."""
+        return self.poses.R
+
+    @property
+    def p(self) -> Array:
+        """Module centres in W, shape (n, 3) [m]."""
+        return self.poses.p
+
+    @property
+    def z(self) -> Array:
+        """Thrust axes, shape (n, 3)."""
+        return self.poses.z
 
 
 def rotation(axis: int, angle: float) -> Array:
@@ -135,4 +158,34 @@ def platform(design: Design, built: Poses | None = None) -> Platform:
     o = poses.p - p_com
     deltas = module.arm_length * ROTOR_DIRECTIONS
     rotors = o[:, None, :] + np.einsum("nij,qj->nqi", poses.R, deltas)
-    return Platform(poses, p_com, o, p_E_in_W - p_com, rotors, joints - p_com, rod)
+    return Platform(poses, p_com, o, p_E_in_W - p_com, p_E_in_W, rotors, joints - p_com, rod)
+
+
+def wrench_map(platform: Platform, module: Module) -> Array:
+    """Return A, shape (6, 4n), rotors module by module."""
+    n = len(platform.o)
+    z = np.broadcast_to(platform.poses.z[:, None, :], (n, 4, 3))
+    force = module.thrust_coefficient * z
+    drag = module.torque_coefficient * ROTOR_SPINS[None, :, None] * z
+    torque = module.thrust_coefficient * np.cross(platform.rotors, z) + drag
+    return np.concatenate([force, torque], axis=-1).reshape(4 * n, 6).T
+
+
+def required_wrench(case: LoadCase, p_E: Array) -> Array:
+    """Return b_k, shape (6,), of a load case in SI."""
+    f_E, tau_E = np.array(case.at_end_effector.force), np.array(case.at_end_effector.torque)
+    f_C, tau_C = np.array(case.at_com.force), np.array(case.at_com.torque)
+    return np.concatenate([f_E + f_C, tau_E + np.cross(p_E, f_E) + tau_C])
+
+
+def wrench_errors(design: Design, platform: Platform) -> Array:
+    """Return what each load case's inputs produce beyond what it asks for, shape (K, 6) [N, N m]."""
+    u = design.inputs.reshape(len(design.task.load_cases), -1)
+    required = [required_wrench(case, platform.p_e) for case in design.task.load_cases]
+    return np.asarray(u @ wrench_map(platform, design.task.module).T - np.array(required))
+
+
+def objective(design: Design) -> float:
+    """Return J = sum_k lambda_k ||u_k||^2 [rad^4/s^4]."""
+    weights = np.array([case.weight for case in design.task.load_cases])
+    return float(weights @ np.sum(design.inputs**2, axis=(1, 2)))

@@ -19,8 +19,7 @@ from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import Row, Solid
 from verify.hulls import Hull, hull
 from verify.kinematics import Platform
-from verify.parts import RigidParts
-from verify.rod import straight_rod
+from verify.parts import RigidParts, straight_rod
 
 
 class Requirement(Row[Solid, Solid | Cone | Hull]):
@@ -50,11 +49,26 @@ class Scene:
 
     def requirements(self) -> Iterator[Requirement]:
         """Yield every requirement: airflow, exposure, exclusion, separation."""
-        yield from self._airflow()
-        for number, exposure in enumerate(self.design.task.exposure):
-            yield from self._exposure(number, exposure)
-        yield from self._exclusion()
-        yield from self._separation()
+        task, pairs = self.design.task, list(combinations(range(len(self.centres)), 2))
+        kind = task.search.interference
+        for a, b in pairs if kind != "parts" else ():
+            yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=kind == "airflow")
+        for number, exposure in enumerate(task.exposure):
+            for segment, region in self.regions(exposure) if exposure.geometry else ():
+                for a, envelope in enumerate(self.region_envelopes):
+                    yield Requirement(exposure.kind, a, number, envelope, region, segment)
+        if (distance := task.exclusion_radius) is not None:
+            *around, tip = _balls([*self.centres, self.p_E], distance / self.l_arm / 2)
+            for a, ball in enumerate(around):
+                yield Requirement("exclusion", a, -1, ball, tip)
+        ablation = kind == "separation"
+        distance = task.separation if ablation else task.body_clearance
+        if distance is not None:
+            exempt = frozenset() if ablation else self.design.topology.bolted
+            balls = _balls(self.centres, distance / self.l_arm / 2)
+            for a, b in pairs:
+                if (a, b) not in exempt:
+                    yield Requirement("separation", a, b, balls[a], balls[b])
 
     def counterpart(self, other: Requirement) -> Requirement:
         """Return the same requirement as one of another platform of the same task and tree."""
@@ -77,16 +91,6 @@ class Scene:
             for piece, points in enumerate(exposure.polytopes):
                 region = hull(points / self.l_arm).move(self.p_E)  # far away corners lose their digits
                 yield None if exposure.pieces is None else piece, region
-
-    def _airflow(self) -> Iterator[Requirement]:
-        kind = self.design.task.search.interference
-        for a, b in combinations(range(len(self.envelopes)), 2) if kind != "parts" else ():
-            yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=kind == "airflow")
-
-    def _exposure(self, number: int, exposure: Exposure) -> Iterator[Requirement]:
-        for segment, region in self.regions(exposure) if exposure.geometry else ():
-            for a, envelope in enumerate(self.region_envelopes):
-                yield Requirement(exposure.kind, a, number, envelope, region, segment)
 
     def _capsules(self, exposure: Directional) -> list[Solid]:
         r = exposure.radius / self.l_arm
@@ -129,25 +133,6 @@ class Scene:
     def _outward_direction(self) -> Array | None:
         """Return p_E / ||p_E||; None where it has no direction, which the residuals report as a violation."""
         return _unit(self.offset) if np.abs(self.offset).max() > 1e-12 else None
-
-    def _exclusion(self) -> Iterator[Requirement]:
-        distance = self.design.task.exclusion_radius
-        if distance is not None:
-            *around, tip = _balls([*self.centres, self.p_E], distance / self.l_arm / 2)
-            for a, ball in enumerate(around):
-                yield Requirement("exclusion", a, -1, ball, tip)
-
-    def _separation(self) -> Iterator[Requirement]:
-        task = self.design.task
-        ablation = task.search.interference == "separation"
-        distance = task.separation if ablation else task.body_clearance
-        if distance is None:
-            return
-        exempt = frozenset() if ablation else self.design.topology.bolted
-        balls = _balls(self.centres, distance / self.l_arm / 2)
-        for a, b in combinations(range(len(balls)), 2):
-            if (a, b) not in exempt:
-                yield Requirement("separation", a, b, balls[a], balls[b])
 
 
 def _balls(centres: Sequence[Array] | Array, radius: float) -> list[Solid]:

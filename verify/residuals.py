@@ -16,19 +16,22 @@ import numpy as np
 
 from topo_search.model import LEAST_OFFSET, Design, Residual, Status, needs_offset
 from topo_search.model.proven import TOLERANCE
-from verify.kinematics import Platform
-from verify.wrench import objective, wrench_errors
+from verify.kinematics import Platform, objective, wrench_errors
 
 
 def residuals(design: Design, platform: Platform) -> tuple[Residual, ...]:
     """Return all residuals of a design, in the order of the task's fields."""
+    connectors, J = design.task.search.connectors, objective(design)
+    # a quarter turn breaks `connectors = "aligned"`, a half turn changes nothing
+    turned = sum(kappa % 2 for kappa in design.topology.kappas) if connectors == "aligned" else 0
+    off, scale = abs(design.objective - J), max(J, sys.float_info.min)
     return (
         *_wrenches(design, platform),
         *_inputs(design),
         *_angles(design),
         *_end_effector(design, platform),
-        _ports(design),
-        _objective(design),
+        residual(f'joints against connectors = "{connectors}"', turned, "joints", 1.0, tolerance=0.0),
+        residual("objective", off, "rad^4/s^4", scale, claim=design.objective, derived=J),
     )
 
 
@@ -122,20 +125,3 @@ def _end_effector(design: Design, platform: Platform) -> Iterator[Residual]:
     if any(needs_offset(exposure) for exposure in design.task.exposure):
         offset, least = float(np.linalg.norm(platform.p_e)), LEAST_OFFSET * l_arm
         yield residual("end-effector's distance from the COM", max(0.0, least - offset), "m", l_arm, derived=offset)
-
-
-def _ports(design: Design) -> Residual:
-    """Return how many joints break `connectors = "aligned"`: a quarter turn does, a half turn changes nothing."""
-    aligned = design.task.search.connectors == "aligned"
-    turned = sum(kappa % 2 for kappa in design.topology.kappas) if aligned else 0
-    return residual(
-        f'joints against connectors = "{design.task.search.connectors}"', turned, "joints", 1.0, tolerance=0.0
-    )
-
-
-def _objective(design: Design) -> Residual:
-    derived = objective(design)
-    off = abs(design.objective - derived)
-    return residual(
-        "objective", off, "rad^4/s^4", max(derived, sys.float_info.min), claim=design.objective, derived=derived
-    )

@@ -23,9 +23,8 @@ from typing import NamedTuple
 
 from topo_search.model import Design, Limit, Sensitivity, Status, WorstCase
 from topo_search.model.module import RegionAirflow
-from verify.bodies import Array, Cone
+from verify.bodies import Array, Cone, clearances, cone_clearance
 from verify.certificate import ROUNDING
-from verify.clearance import clearances, cone_clearance
 from verify.hulls import Hull, approach
 from verify.kinematics import Platform, Poses, platform, poses_of
 from verify.requirements import Requirement, Scene

@@ -70,9 +70,6 @@ from verify.kinematics import Platform, Poses
 from verify.meshes import Indices
 from verify.requirements import Requirement, Scene
 
-CHUNK = 500_000
-"""Arms that are held at a time."""
-
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -132,7 +129,7 @@ class Levers:
             n: unit vectors, shape (N, 2, 3).
         """
         L, S, C = (np.zeros((len(carrier), 2)) for _ in range(3))
-        step = max(1, CHUNK // max(1, len(self.moves)))
+        step = max(1, 500_000 // max(1, len(self.moves)))  # arms that are held at a time
         for start in range(0, len(carrier), step):
             rows = slice(start, start + step)
             i, j = carrier[rows], held[rows]

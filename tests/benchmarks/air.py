@@ -28,8 +28,7 @@ from topo_search.model import Design, Task
 from topo_search.model.files import read_json, read_task
 from topo_search.topologies import candidates
 from verify import audit
-from verify.air import case_jets
-from verify.air.bound import _points_in, bound_speed
+from verify.air.bound import _points_in, bound_speed, case_jets
 from verify.air.jets import speeds
 from verify.kinematics import platform
 from verify.requirements import Scene

@@ -26,9 +26,10 @@ from PIL import Image
 
 import topo_search
 from topo_search.export.picture import Scene, figure_of
-from topo_search.export.poses import Poses, azimuth_deg, poses_to_draw
+from topo_search.export.poses import azimuth_deg, poses_to_draw
 from topo_search.model import Design
 from topo_search.model.files import examples, read_json, read_task, write_atomically
+from verify.kinematics import Platform
 
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "notebooks/pictures"
@@ -98,7 +99,7 @@ def turning(design: Design) -> bytes:
     return out.getvalue()
 
 
-def _drawn(design: Design, at: Poses, azimuth: float) -> tuple[Figure, Scene, float]:
+def _drawn(design: Design, at: Platform, azimuth: float) -> tuple[Figure, Scene, float]:
     figure = Figure(figsize=(4.4, 4.4))
     scene = Scene(figure, (0.0, 0.0, 1.0, 1.0), design, at, azimuth=azimuth)
     scene.exposure()

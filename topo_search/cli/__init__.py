@@ -6,16 +6,13 @@ import itertools
 
 import click
 
-from topo_search.cli.audit import audit
 from topo_search.cli.experiment import experiment
 from topo_search.cli.export import export
 from topo_search.cli.fly import fly
-from topo_search.cli.hardware import airflow, capability
-from topo_search.cli.kit import kit
-from topo_search.cli.prove import prove
+from topo_search.cli.hardware import airflow, capability, kit
 from topo_search.cli.run import run
-from topo_search.cli.runs import compare, list_runs, open_page, report, show
-from topo_search.cli.solve import solve
+from topo_search.cli.runs import audit, compare, list_runs, open_page, report, show
+from topo_search.cli.solve import prove, solve
 from topo_search.cli.tasks import check, examples, init, topologies
 
 GROUPS = {
@@ -41,7 +38,7 @@ class Grouped(click.Group):
 @click.group(
     cls=Grouped,
     epilog="Example: topo-search run push",
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 @click.version_option(package_name="topo-search")
 def main() -> None:

@@ -10,7 +10,6 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import explain_errors
-from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,11 +58,8 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
 @options.starts("Starts per topology (default: the experiment's).")
 @options.seed
 @options.workers
-@click.option(
-    "--time-limit",
-    type=options.Real(0, LIMITS.seconds, min_open=True),
-    metavar="SECONDS",
-    help="CPU time per topology after which no further start begins; scaling and ablation only (default: 600).",
+@options.time_limit(
+    "CPU time per topology after which no further start begins; scaling and ablation only (default: 600)."
 )
 @options.picture("Draw the results as a .png or .svg")
 @options.as_json

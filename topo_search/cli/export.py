@@ -11,7 +11,7 @@ from topo_search.cli import options
 from topo_search.cli.errors import explain_errors, needs_extras, note
 
 if TYPE_CHECKING:
-    from topo_search.export.simulator_xml import Physics
+    from topo_search.export.mjcf import Physics
     from topo_search.model import Audit, Design
 
 SUFFIXES = {
@@ -31,7 +31,6 @@ SUFFIXES = {
 }
 """Kind of file by the end of its name; installed packages add more."""
 PICTURES = ("png", "svg")
-SOLIDS = ("glb", "stl")
 TABLES = ("assembly", "csv", "parquet")
 KIT = ("kit", "allocation", "rotors", "px4", "brackets", "sheet", "parts")
 """The lab kit, and its parts that are files of their own."""
@@ -61,29 +60,32 @@ def _require_known(context: click.Context, parameter: click.Parameter, value: st
     metavar=f"[{'|'.join(OURS)}|...]",
     help="File format (default: by the suffix of --out).",
 )
-@click.option(
+@options.choice(
     "--parts",
-    type=click.Choice(["all", "platform", "airflow"]),
-    help="Solids of a glb or stl; `all` includes the target regions (default: all; stl: platform).",
+    ["all", "platform", "airflow"],
+    "Solids of a glb or stl; `all` includes the target regions (default: all; stl: platform).",
 )
-@click.option(
+@options.real_number(
     "--air-speed",
-    type=options.Real(0, min_open=True),
+    (0, None),
+    "Draw all air faster than this into a glb or a picture, there instead of the airflow envelopes.",
     metavar="M/S",
-    help="Draw all air faster than this into a glb or a picture, there instead of the airflow envelopes.",
+    above=True,
 )
-@click.option("--load-case", type=click.IntRange(0), metavar="K", help="Load case of that air (default: 0).")
-@click.option(
+@options.whole_number("--load-case", (0, None), "Load case of that air (default: 0).", metavar="K")
+@options.real_number(
     "--angle-step",
-    type=options.Real(0, 45, min_open=True),
+    (0, 45),
+    "Round the hinge angles of a kit to this step, recompute the inputs, audit again and report what changed.",
     metavar="DEG",
-    help="Round the hinge angles of a kit to this step, recompute the inputs, audit again and report what changed.",
+    above=True,
 )
-@click.option(
+@options.real_number(
     "--motor-lag",
-    type=options.Real(0, 10, min_open=True),
+    (0, 10),
+    "Time constant of a rotor's thrust in the model for MuJoCo (default: none).",
     metavar="SECONDS",
-    help="Time constant of a rotor's thrust in the model for MuJoCo (default: none).",
+    above=True,
 )
 @click.option("--rod-mass", is_flag=True, help="Give the rod its mass in that model; the design neglects it.")
 @click.option(
@@ -140,7 +142,7 @@ def export(
     with explain_errors():
         from topo_search.compose import audit, read_completed, read_design
         from topo_search.export.formats import formats
-        from topo_search.export.simulator_xml import Physics
+        from topo_search.export.mjcf import Physics
         from topo_search.model import BadInput
 
         suffix = out.suffix.lower()
@@ -151,7 +153,7 @@ def export(
         if form is None:
             rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
             raise BadInput("--out", rule)
-        if parts is not None and form not in SOLIDS:
+        if parts is not None and form not in ("glb", "stl"):
             raise BadInput("--parts", f"applies only to glb and stl, but got {parts}")
         if air_speed is not None and form not in ("glb", *PICTURES):
             raise BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {form}")
@@ -288,7 +290,7 @@ def _write_table(source: str, kind: Any, out: Path) -> None:
 
 def _audit_of(source: str) -> Audit:
     """Return the audit that a file holds, or that of the design that it holds."""
-    from topo_search.cli.audit import AUDIT
+    from topo_search.cli.runs import AUDIT
     from topo_search.compose import audits, read_completed
     from topo_search.engine import Failed
     from topo_search.model import Audit, BadInput

@@ -26,44 +26,34 @@ if TYPE_CHECKING:
 )
 @options.out("--video", "video", "Render some of the flights to a film (.gif); needs no display.")
 @options.seed
-@click.option(
-    "--noise",
-    type=options.Real(0, 100),
-    default=1.0,
-    show_default=True,
-    help="Scale factor for the sensor noise.",
-)
-@click.option(
+@options.real_number("--noise", (0, 100), "Scale factor for the sensor noise.", default=1.0)
+@options.real_number(
     "--model-error",
-    type=options.Real(0, 0.5),
+    (0, 0.5),
+    "Relative standard deviation of masses and thrusts from the controller's model.",
     default=0.0,
-    show_default=True,
-    help="Relative standard deviation of masses and thrusts from the controller's model.",
 )
 @click.option(
     "--rotor-out",
     is_flag=True,
     help="Require that a rotor failure is survived, as with `flight.rotor_out`; otherwise it is only reported.",
 )
-@click.option(
+@options.real_number(
     "--detection-time",
-    type=options.Real(0, 10),
+    (0, 10),
+    "Time until the controller knows that a rotor has failed.",
     default=0.1,
-    show_default=True,
     metavar="SECONDS",
-    help="Time until the controller knows that a rotor has failed.",
 )
-@click.option(
+@options.choice(
     "--allocator",
-    type=click.Choice(["bounded", "pseudo-inverse"]),
+    ["bounded", "pseudo-inverse"],
+    "Thrusts by least squares within limits, or by PX4's rule: the pseudo-inverse, cut off at the limits.",
     default="bounded",
-    show_default=True,
-    help="Thrusts by least squares within limits, or by PX4's rule: the pseudo-inverse, cut off at the limits.",
 )
 @click.option(
     "--wake/--no-wake",
     default=True,
-    show_default=True,
     help="Rotors lose the thrust that wakes of other modules cost them by the audit's air model.",
 )
 @click.option(

@@ -1,16 +1,17 @@
-"""`topo-search airflow` and `capability`: the air of one module, and what any vehicle with fixed rotors can do."""
+"""`topo-search airflow`, `capability` and `kit`: a module's air, any vehicle's flight, one drawer of brackets."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors
+from topo_search.cli.errors import explain_errors, note
+from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     from topo_search.model.audit import EnvelopeAir
@@ -41,7 +42,7 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
         from topo_search.model.files import read_task, write_atomically
         from topo_search.model.flight import read_vehicle
         from topo_search.model.proven import lower_text
-        from verify.flight import capability as capability_of
+        from verify.flight.vehicle import capability as capability_of
 
         options.require_writable(page)
         loaded = read_vehicle(vehicle)
@@ -49,7 +50,7 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
         if result is None:
             raise BadInput(vehicle, "has wrenches too large, in its weight and size, to compute with")
         if page is not None:
-            from topo_search.report.vehicle_page import vehicle_page
+            from topo_search.report.design_page import vehicle_page
 
             write_atomically(page, vehicle_page(Path(vehicle).name, len(loaded.rotors), result))
         if as_json:
@@ -70,17 +71,12 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
 
 @click.command(epilog="Example: topo-search airflow push-local --speed 2 --at full")
 @click.argument("task", required=False)
-@click.option(
-    "--speed",
-    type=options.Real(min=1e-6),
-    required=True,
-    metavar="V",
-    help="Air speed that the envelope encloses [m/s].",
+@options.real_number(
+    "--speed", (1e-6, None), "Air speed that the envelope encloses [m/s].", required=True, metavar="V"
 )
 @click.option(
     "--at",
     default="hover",
-    show_default=True,
     metavar="hover|full|T",
     help="Thrust of the module: its weight, the most that it has, or a multiple of its weight.",
 )
@@ -103,7 +99,7 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
         from topo_search.model.module import AIR_DENSITY
         from topo_search.model.proven import lower_text, upper_text
         from topo_search.model.task import Task
-        from verify.air import envelope_air
+        from verify.air.envelope import envelope_air
 
         module, density, gravity = Module(), AIR_DENSITY, Task.model_fields["gravity"].default
         if task is not None:
@@ -150,3 +146,74 @@ def _thrust_to_weight(at: str, most: float) -> float:
         rule = f'must be "hover", "full" or a thrust over the weight, above 0 and at most {most:g}'
         raise click.BadParameter(f"{rule}, but got {at}", param_hint="'--at'")
     return ratio
+
+
+@click.command(epilog="Example: topo-search kit push wall-push --out kit")
+@click.argument("tasks", metavar="TASK|RUN...", nargs=-1, required=True)
+@options.modules
+@options.set_field
+@options.real_number(
+    "--within",
+    (0, LIMITS.percent),
+    "Largest extra effort over the best design of a task.",
+    default=2.0,
+    metavar="PERCENT",
+)
+@options.real_number(
+    "--bracket-tolerance",
+    (0, 10),
+    "Range of hinge angles that one bracket may serve, where designs with its middle are clear.",
+    "tolerance_deg",
+    default=0.0,
+    metavar="DEG",
+)
+@options.workers
+@click.option("--out", type=options.PATH, required=True, metavar="DIR", help="A new or empty folder.")
+@options.as_json
+def kit(
+    tasks: tuple[str, ...],
+    modules: str | None,
+    settings: tuple[str, ...],
+    out: Path,
+    as_json: bool,
+    **option_values: Any,
+) -> None:
+    """Choose one design per task so that a few brackets build them all.
+
+    TASK is a file or the name of a shipped example, which `run TASK --keep-within` searches first; RUN is the
+    folder of a finished run. Candidates are clear designs with as many modules as the best one, within --within of
+    its effort. The drawer has the fewest brackets; among those choices the fewest joints change from task to task,
+    in the order given; then effort decides. A kind of bracket is the size of a hinge angle, to a thousandth of a
+    degree; the drawer holds as many as the task that needs most of them. DIR gets `kit.json`, the page
+    `index.html`, the drawer's `brackets` to print, a sheet per change and a kit per task, as from
+    `export --format kit`.
+
+    Exit status: 0; 2 bad input; 3 no common kit, because a run has no clear design.
+    """
+    folders = [task for task in tasks if Path(task).is_dir()]
+    if folders and (modules or settings):
+        raise click.UsageError(f"--modules and --set are for tasks, but {folders[0]} is the folder of a run")
+    with explain_errors(resumes=True):
+        from topo_search.cli.progress import shown_progress
+        from topo_search.compose.drawer import NoCommonKit
+        from topo_search.compose.drawer import kit as make_kit
+
+        try:
+            with shown_progress() as observer:
+                shared = make_kit(
+                    [
+                        task if task in folders else options.task_of(task, settings, modules=modules)
+                        for task in tasks
+                    ],
+                    out=out,
+                    observer=observer,
+                    note=note,
+                    **option_values,
+                )
+        except NoCommonKit as error:
+            note(str(error))
+            raise SystemExit(3) from None
+        if as_json:
+            options.echo_json(shared.model_dump(mode="json"))
+        else:
+            options.echo_lines((*shared.lines, f"the kits are in {out}"))

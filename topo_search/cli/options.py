@@ -7,7 +7,7 @@ import json
 import math
 import re
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +34,25 @@ class Real(click.FloatRange):
         return read
 
 
+def real_number(
+    option: str, within: tuple[float, float | None], text: str, *names: str, above: bool = False, **rest: Any
+) -> Callable[..., Any]:
+    """Return the option for a number in a range; `above`: its lower end is not allowed."""
+    return click.option(option, *names, type=Real(*within, min_open=above), help=text, **rest)
+
+
+def whole_number(
+    option: str, within: tuple[int, int | None], text: str, *names: str, **rest: Any
+) -> Callable[..., Any]:
+    """Return the option for a whole number in a range."""
+    return click.option(option, *names, type=click.IntRange(*within), help=text, **rest)
+
+
+def choice(option: str, values: Sequence[str], text: str, **rest: Any) -> Callable[..., Any]:
+    """Return the option for one of some words."""
+    return click.option(option, type=click.Choice(values), help=text, **rest)
+
+
 PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -45,32 +64,12 @@ set_field = click.option(
     metavar="FIELD=VALUE",
     help="Override a field of the task, e.g. search.margin=1e-3 (repeatable).",
 )
-seed = click.option(
-    "--seed",
-    type=click.IntRange(0, LIMITS.largest_integer),
-    default=0,
-    show_default=True,
-    help="Seed of all random numbers.",
+seed = whole_number("--seed", (0, LIMITS.largest_integer), "Seed of all random numbers.", default=0)
+workers = whole_number("--workers", (1, LIMITS.workers), "Worker processes (default: the cores available).")
+connectors = choice(
+    "--connectors", ["aligned", "any"], "Ports by which a child may be joined: the opposite one only, or any."
 )
-time_limit = click.option(
-    "--time-limit",
-    type=Real(0, LIMITS.seconds, min_open=True),
-    metavar="SECONDS",
-    help="Stop after this time with the best design so far, audited; every tree gets a few starts first.",
-)
-workers = click.option(
-    "--workers", type=click.IntRange(1, LIMITS.workers), help="Worker processes (default: the cores available)."
-)
-connectors = click.option(
-    "--connectors",
-    type=click.Choice(["aligned", "any"]),
-    help="Ports by which a child may be joined: the opposite one only, or any.",
-)
-root = click.option(
-    "--root",
-    type=click.Choice(["free", "paper"]),
-    help="Root orientation: free, or limited to the paper's two angles.",
-)
+root = choice("--root", ["free", "paper"], "Root orientation: free, or limited to the paper's two angles.")
 paper = click.option(
     "--paper", is_flag=True, help="The paper's literal problem: its root, no margin, no body clearance, no rod."
 )
@@ -92,7 +91,14 @@ topologies = click.option(
 
 def starts(text: str) -> Callable[..., Any]:
     """Return the option for the number of starts; its default is not the same everywhere."""
-    return click.option("--starts", type=click.IntRange(1, LIMITS.starts), help=text)
+    return whole_number("--starts", (1, LIMITS.starts), text)
+
+
+def time_limit(
+    text: str = "Stop after this time with the best design so far, audited; every tree gets a few starts first.",
+) -> Callable[..., Any]:
+    """Return the option for the time after which a command stops."""
+    return real_number("--time-limit", (0, LIMITS.seconds), text, above=True, metavar="SECONDS")
 
 
 def out(option: str, name: str, text: str) -> Callable[..., Any]:

@@ -24,50 +24,49 @@ if TYPE_CHECKING:
 @options.modules
 @options.set_field
 @options.paper
-@click.option(
+@options.choice(
     "--symmetry",
-    type=click.Choice(["task", *options.SYMMETRIES]),
+    ["task", *options.SYMMETRIES],
+    "Symmetries under which trees count as one candidate; `task`: all that are exact for the task.",
     default="task",
-    show_default=True,
-    help="Symmetries under which trees count as one candidate; `task`: all that are exact for the task.",
 )
-@click.option(
+@options.choice(
     "--strategy",
-    type=click.Choice(["exhaustive", "optuna"]),
-    help="Solve all candidates (default, if it takes less than a day), or those that a sampler proposes.",
+    ["exhaustive", "optuna"],
+    "Solve all candidates (default, if it takes less than a day), or those that a sampler proposes.",
 )
-@click.option(
+@options.choice(
     "--sampler",
-    type=click.Choice(["moves", "tpe", "nsga2", "random"]),
-    help="Sampling algorithm: moves on the best trees so far (default), TPE, NSGA-II, or uniform draws.",
+    ["moves", "tpe", "nsga2", "random"],
+    "Sampling algorithm: moves on the best trees so far (default), TPE, NSGA-II, or uniform draws.",
 )
-@click.option(
+@options.whole_number(
     "--trials",
-    type=click.IntRange(1, LIMITS.trials),
-    help="Number of candidates to propose (default: 512); if fewer exist, all are solved with all starts.",
+    (1, LIMITS.trials),
+    "Number of candidates to propose (default: 512); if fewer exist, all are solved with all starts.",
 )
-@click.option(
+@options.whole_number(
     "--round",
+    (1, LIMITS.round),
+    "Proposals that may be unsolved at a time (default: 8). More keep more workers busy but learn later.",
     "round_size",
-    type=click.IntRange(1, LIMITS.round),
-    help="Proposals that may be unsolved at a time (default: 8). More keep more workers busy but learn later.",
 )
 @click.option(
     "--prune",
     is_flag=True,
     help="Skip candidates that the lower bound proves no better than the best design so far.",
 )
-@click.option(
+@options.real_number(
     "--prove",
-    type=options.Real(*LIMITS.gaps),
+    LIMITS.gaps,
+    "Then prove by branch and bound that no design is better by more than this share; see `prove`.",
     metavar="GAP",
-    help="Then prove by branch and bound that no design is better by more than this share; see `prove`.",
 )
-@click.option(
+@options.real_number(
     "--keep-within",
-    type=options.Real(0, LIMITS.percent),
+    (0, LIMITS.percent),
+    "Keep clear local optima with up to this much more effort than the best, in the folder `optima`.",
     metavar="PERCENT",
-    help="Keep clear local optima with up to this much more effort than the best, in the folder `optima`.",
 )
 @options.starts("Starts per topology (default: by the number of modules).")
 @options.seed
@@ -76,7 +75,9 @@ if TYPE_CHECKING:
 @click.option("--out", type=options.PATH, help="The run's folder (default: runs/NAME-HASH).")
 @options.root
 @options.connectors
-@options.time_limit
+@options.time_limit(
+    "Stop after this time with the best design so far, audited; every tree gets a few starts first."
+)
 @options.topologies
 @options.near
 @click.option("--live", is_flag=True, help="Serve the page while the search runs, to this machine only.")

@@ -1,15 +1,17 @@
-"""`topo-search solve`: one topology."""
+"""`topo-search solve`, one topology, and `prove`: by branch and bound no tree of a run beats its best design."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors, note
+from topo_search.cli.errors import explain_errors, needs_extras, note
 from topo_search.limits import LIMITS
+from topo_search.supervisor import ExitStatus
 
 if TYPE_CHECKING:
     from topo_search.model import Task, Topology
@@ -20,18 +22,20 @@ if TYPE_CHECKING:
 @click.option(
     "--topology", "key", metavar="KEY", help="Key of the topology, as `topo-search topologies` prints it."
 )
-@click.option(
+@options.whole_number(
     "--sample-seed",
-    type=click.IntRange(0, LIMITS.largest_integer),
+    (0, LIMITS.largest_integer),
+    "The tree of `topologies N --sample 1 --seed S`, with the root and the connectors of the task.",
     metavar="S",
-    help="The tree of `topologies N --sample 1 --seed S`, with the root and the connectors of the task.",
 )
 @options.modules
 @options.set_field
 @options.paper
 @options.starts("Number of starts (default: until more starts no longer help, or time is up).")
 @options.seed
-@options.time_limit
+@options.time_limit(
+    "Stop after this time with the best design so far, audited; every tree gets a few starts first."
+)
 @options.near
 @click.option("--out", type=options.FILE, help="Output file for the design.")
 @options.as_json
@@ -112,3 +116,121 @@ def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bo
         (topology,) = sample(task.sizes[0], 1, sample_seed, connectors=search.connectors, root=search.root)
         return topology
     raise click.UsageError("give either --topology or --sample-seed")
+
+
+@click.command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01")
+@click.argument("folder", metavar="RUN", type=options.PATH)
+@options.real_number(
+    "--gap",
+    LIMITS.gaps,
+    "Gap at which a tree counts as settled: how far its bound may lie below its own best control effort.",
+    default=0.003,
+)
+@options.choice(
+    "--problem",
+    ["task", "solver"],
+    "Designs that the proof covers: all that the audit may call clear, or those that also keep the solver's "
+    "margin and distance between centres.",
+    default="task",
+)
+@click.option("--topology", metavar="KEY", help="Prove only this tree (default: all).")
+@click.option(
+    "--from",
+    "lender",
+    metavar="RUN",
+    type=options.PATH,
+    help="Use the complete proofs of another run where they are enough for --gap; its task may differ only in name "
+    "and exposure.",
+)
+@options.time_limit("Stop after this time and keep what is proven by then.")
+@click.option(
+    "--check",
+    "checks",
+    is_flag=True,
+    help="Only check the proofs in RUN, with code that shares nothing with the prover.",
+)
+@options.workers
+@options.dask
+@options.as_json
+def prove(
+    folder: Path,
+    topology: str | None,
+    checks: bool,
+    as_json: bool,
+    **option_values: Any,
+) -> None:
+    """Prove that no tree of a finished RUN beats its best audited design, or bound by how much one could.
+
+    Branch and bound over root orientation and hinge angles, with all load cases and torques. Proofs are written to
+    proof/KEY in the run's folder; candidates.csv gets one result per tree: excluded (it cannot beat the best),
+    within (its own best is proven to within --gap), open, or impossible. Run the same command to resume.
+
+    With --check, every record is followed box by box, and every box is excluded again by multipliers, bounds and
+    geometry of the checker's own. A proof that does not hold is refused with the box where it fails.
+
+    Exit status: 0 all trees are excluded, within the gap or impossible (with --check: and their proofs hold);
+    4 some are open; 1 the checker refuses a proof; 2 bad input;
+    70 workers or the Dask scheduler do not start, answer or return.
+    """
+    if checks:
+        for name, option in (("--time-limit", "time_limit"), ("--from", "lender")):
+            if option_values[option] is not None:
+                raise click.UsageError(f"{name} cannot be combined with --check")
+        engine = {name: option_values[name] for name in ("workers", "dask", "dask_tls")}
+        _check(folder, as_json=as_json, topology=topology, **engine)
+        return
+    with explain_errors(resumes=True):
+        from topo_search.cli.progress import shown_progress
+
+        with shown_progress() as observer, needs_extras("--dask"):
+            from topo_search.compose import prove as prove_run
+
+            answer = prove_run(folder, topology=topology, observer=observer, **options.without_none(option_values))
+        from topo_search.model.proven import lower_text
+        from topo_search.study.answer import candidates
+
+        table = candidates(folder)
+        table = table if topology is None else table[table["key"] == topology]
+        if as_json:
+            names = ["key", "modules", "objective", "proven_bound", "proven_gap", "proof", "proven_problem"]
+            rows = table[names].astype(object).where(table[names].notna(), None).to_dict("records")
+            options.echo_json({"sentences": [size.proven for size in answer.sizes], "candidates": rows})
+        else:
+            columns = (table[name].tolist() for name in ("key", "proof", "proven_bound"))
+            for key, proof, bound in zip(*columns, strict=True):
+                by = f", J >= {lower_text(bound)} rad^4/s^4" if bound > 0 else ""
+                click.echo(f"{key}: {proof if isinstance(proof, str) else 'not examined'}{by}")
+            for size in answer.sizes:
+                if size.proven is not None:
+                    click.echo(size.proven)
+        settled = table["proof"].isin(["excluded", "within", "impossible"]).all()
+        if not settled or (topology is None and not answer.proven):
+            resumable = any(topology in (None, key) for size in answer.sizes for key in size.proof_resumable)
+            note("some trees are still open" + "; run the same command to continue" * resumable)
+            raise SystemExit(ExitStatus.OPEN)
+
+
+def _check(folder: Path, *, as_json: bool, **option_values: Any) -> None:
+    """Check the proofs of a run, and end with the status that this comes to."""
+    with explain_errors():
+        from topo_search.cli.progress import shown_progress
+        from topo_search.compose import check_proofs
+        from topo_search.model.proven import lower_text
+
+        with shown_progress() as observer, needs_extras("--dask"):
+            result = check_proofs(folder, observer=observer, **option_values)
+    if as_json:
+        trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in result.trees]
+        options.echo_json({"sentences": result.sentences, "faults": result.faults, "trees": trees})
+    else:
+        for fault in result.faults:
+            click.echo(f"refused: {fault}")
+        for tree in result.trees:
+            by = "" if tree.bound is None else f", J >= {lower_text(tree.bound)} rad^4/s^4"
+            click.echo(f"{tree.key}: {tree.verdict}{by}" + (f": {tree.fault}" if tree.fault else ""))
+        options.echo_lines(result.sentences)
+    if result.refused:
+        raise SystemExit(1)
+    if not result.settled:
+        note("some trees are still open; run `topo-search prove` to continue")
+        raise SystemExit(ExitStatus.OPEN)

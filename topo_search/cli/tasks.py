@@ -112,7 +112,7 @@ def _explain(task: Task) -> None:
         _group(*group)
     if any(exposure.geometry for exposure in first.exposure):
         from topo_search.cli.hardware import speeds_on
-        from verify.air import envelope_air
+        from verify.air.envelope import envelope_air
 
         hover = first.module.mass * first.gravity
         speeds = speeds_on(envelope_air(first.module, first.air_density, hover))
@@ -165,21 +165,11 @@ def _size(task: Task, n: int) -> dict[str, Any]:
 @click.command(epilog="Example: topo-search topologies 8 --count")
 @click.argument("n", type=click.IntRange(1, LIMITS.listed_modules), metavar="N")
 @click.option("--count", "only_count", is_flag=True, help="Print only the number of topologies.")
-@click.option(
-    "--sample",
-    "size",
-    type=click.IntRange(1, LIMITS.drawn_trees),
-    metavar="M",
-    help="Print M topologies, drawn uniformly.",
+@options.whole_number(
+    "--sample", (1, LIMITS.drawn_trees), "Print M topologies, drawn uniformly.", "size", metavar="M"
 )
 @options.seed
-@click.option(
-    "--symmetry",
-    type=click.Choice(options.SYMMETRIES),
-    default="c2",
-    show_default=True,
-    help="Trees that count as one.",
-)
+@options.choice("--symmetry", options.SYMMETRIES, "Trees that count as one.", default="c2")
 @options.connectors
 @options.root
 @options.as_json

@@ -47,7 +47,7 @@ from topo_search.protocols import (
     SymbolicPlatform,
 )
 from topo_search.study import Observer, Sampler
-from verify.air import Unreached, enclose
+from verify.air.envelope import Unreached, enclose
 
 
 def solve_mounted(

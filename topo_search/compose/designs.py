@@ -32,7 +32,7 @@ from topo_search.topologies import OwnTopology, own_topology
 
 if TYPE_CHECKING:
     from topo_search.compose.drawer import Change, SharedKit
-    from topo_search.report.compare_page import Compared
+    from topo_search.report.design_page import Compared
 
 
 def solve(
@@ -376,7 +376,7 @@ def compare(first: str | Path, second: str | Path, *, out: str | Path | None = N
         >>> [side[0].name for side in compare("hover-2", "hover-2/best.json")]
         ['hover-2/a10', 'best']
     """
-    from topo_search.report.compare_page import compare_page
+    from topo_search.report.design_page import compare_page
     from topo_search.report.page import render
 
     sides = [_designs(Path(source)) for source in (first, second)]
@@ -386,7 +386,7 @@ def compare(first: str | Path, second: str | Path, *, out: str | Path | None = N
 
 
 def _designs(source: Path) -> list[Compared]:
-    from topo_search.report.compare_page import Compared
+    from topo_search.report.design_page import Compared
     from topo_search.report.headline import rows_to_show
 
     if not source.is_dir():

@@ -26,7 +26,6 @@ import nlp
 from topo_search.compose import BACKENDS, available_cores
 from topo_search.engine import Backends, Failed, Workers, audit_deadline, merge, record_of, solve_deadline
 from topo_search.experiments.plan import IDENTITY, Cell, Settings
-from topo_search.export.poses import poses
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, Status, Topology
 from topo_search.model.files import load_json, read_task
@@ -39,6 +38,7 @@ from topo_search.study.ledger_file import KEPT, LedgerLost
 from topo_search.study.request import installed_versions
 from topo_search.supervisor import Clock, peak_mb
 from topo_search.topologies import sample
+from verify import kinematics
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -388,7 +388,7 @@ def measure(backends: Backends, cell: Cell) -> Measured:
     )
     if not isinstance(best, Design):
         return replace(row, worst_constraint=best.worst_constraint, violation=best.violation, unit=best.unit)
-    offset = round(math.hypot(*poses(best).p_E), 6)
+    offset = round(math.hypot(*kinematics.platform(best).p_e), 6)
     row = replace(row, objective=best.objective, lower_bound=best.lower_bound, gap=best.gap, offset_m=offset)
     audit = backends.audit(best)
     return replace(row, audit_s=round(clock.lap(), 4), peak_mb=round(peak_mb(), 1), **_audit_columns(audit))

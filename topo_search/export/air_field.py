@@ -15,7 +15,7 @@ from trimesh import Trimesh
 from topo_search.model import BadInput, Design
 from topo_search.model.arrays import Array
 from topo_search.model.proven import upper_text
-from verify.air import case_jets
+from verify.air.bound import case_jets
 from verify.air.jets import speeds
 from verify.kinematics import platform
 from verify.requirements import Scene

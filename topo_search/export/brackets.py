@@ -25,21 +25,19 @@ import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 from trimesh import Trimesh
 
-from topo_search.export.poses import Rod, poses, rod_of, rotation_to
+from topo_search.export.poses import Rod, rod_of, rotation_to
 from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.module import Bracket, Module
 from topo_search.model.value import BadInput, Fault
-from verify.kinematics import rotation
+from verify.kinematics import platform, rotation
 
 MILLIMETRES = 1000.0
 SIDES = 64
 """Sides of a round hole: its corners lie on the circle."""
 TURNS = (1.0, -1.0, -1.0, 1.0)
 """phi over alpha at the ports 0..3."""
-FIT = 1e-4
-"""Excess of a mount's bore over the rod, in radius [m]."""
 SLOT = 1e-3
 """Width of the slot that a clamp closes [m]."""
 DIGITS = 3
@@ -119,7 +117,7 @@ def struts(design: Design) -> list[Part]:
     None where the frame is the user's own, or without room between rotors.
     """
     module, used = design.task.module, [port for h, i, a, b in design.topology.edges() for port in (a, b)]
-    if design.mount is not None and rod_of(design, poses(design)) is not None:
+    if design.mount is not None and rod_of(design, platform(design)) is not None:
         used.append(design.mount.port)
     sizes, outer = module.bracket_sizes, module.connector_distance - module.bracket_sizes.set_back
     beside_discs = 0.002  # least distance of a strut from the discs of rotors beside it [m]
@@ -155,7 +153,7 @@ def strut(sizes: Bracket, inner: float, outer: float, width: float) -> Trimesh:
 
 def mount(design: Design) -> Part | None:
     """Return the mount of the end-effector's rod; None without one."""
-    at = poses(design)
+    at = platform(design)
     rod = rod_of(design, at)
     if rod is None or design.mount is None:
         return None
@@ -219,7 +217,8 @@ def mark_places(sizes: Bracket, marks: int) -> Array:
 def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
     """Return the flange with a socket for the rod, which begins at c and leaves along v, and a clamp at its end."""
     r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
-    bore, outside = MILLIMETRES * (radius + FIT), MILLIMETRES * (radius + sizes.wall)
+    # excess of the bore over the rod, in radius
+    bore, outside = MILLIMETRES * (radius + 1e-4), MILLIMETRES * (radius + sizes.wall)
     reach = MILLIMETRES * grip
     along = pose_matrix(rotation_to(v), np.zeros(3))
     foot = _move(Manifold.cylinder(t, min(outside, r), circular_segments=SIDES), _x_from_z(-d))

@@ -40,8 +40,6 @@ OURS = (
 )
 """The formats of this package that are one file of a design."""
 
-RESERVED = ("air", "allocation", "assembly", "brackets", "csv", "kit", "parquet", "parts", "px4", "rotors", "sheet")
-"""Other kinds that the command line knows."""
 
 _registered: dict[str, OwnFormat] = {one.name: one for one in OURS}
 
@@ -62,7 +60,8 @@ def register_format(own: OwnFormat) -> None:
         raise ValueError(f"must be an OwnFormat, but got {type(own).__name__}")
     if not re.fullmatch(r"[a-z0-9][a-z0-9-]*", own.name):
         raise ValueError(f"name must be small letters, digits and dashes, but got {own.name!r}")
-    if own.name in _registered or own.name in RESERVED:
+    reserved = "air allocation assembly brackets csv kit parquet parts px4 rotors sheet"  # of the command line
+    if own.name in _registered or own.name in reserved.split():
         raise ValueError(f"name must be new, but there is a format {own.name!r}")
     for suffix in own.suffixes:
         if not re.fullmatch(r"\.[A-Za-z0-9]+", suffix):

@@ -7,20 +7,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from topo_search.export.allocation import allocation, allocator_file
+from topo_search.export.allocation import allocation, allocator_file, px4_parameters, px4_warnings, reason_against
 from topo_search.export.brackets import printed_parts
-from topo_search.export.mjcf import mjcf
-from topo_search.export.px4 import px4_parameters, px4_warnings, reason_against
+from topo_search.export.mjcf import AS_SEARCHED, Physics, mjcf
 from topo_search.export.sheet import mass_note, parts_csv, parts_list, sheet
-from topo_search.export.simulator_xml import AS_SEARCHED, Physics
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.value import BadInput
 
 DESIGN, ALLOCATION, PARAMETERS = "design.json", "allocation.json", "platform.params"
-ALLOCATOR = "allocator.py"
 SHEET, PARTS, BRACKETS = "assembly.html", "parts.csv", "brackets"
-FILES = (DESIGN, ALLOCATION, "allocation.csv", "rotors.csv", ALLOCATOR, PARAMETERS, SHEET, PARTS, "platform.xml")
+FILES = (
+    DESIGN,
+    ALLOCATION,
+    "allocation.csv",
+    "rotors.csv",
+    "allocator.py",
+    PARAMETERS,
+    SHEET,
+    PARTS,
+    "platform.xml",
+)
 """Files of a kit, besides the folder of brackets."""
 
 
@@ -57,7 +64,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
         ALLOCATION: to_json(acts),
         "allocation.csv": acts.csv(),
         "rotors.csv": acts.rotor_csv(),
-        ALLOCATOR: allocator_file(design, acts),
+        "allocator.py": allocator_file(design, acts),
         **({} if left_out else {PARAMETERS: px4_parameters(acts)}),
         **{f"{BRACKETS}/{part.file}": part.stl() for part in solids.parts},
         PARTS: parts_csv(parts_list(design, solids)),

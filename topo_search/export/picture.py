@@ -29,7 +29,6 @@ from topo_search.export.air_field import AirSurface
 from topo_search.export.poses import (
     ELEVATION_DEG,
     ROTOR_ANGLES,
-    Poses,
     azimuth_deg,
     circle,
     cone,
@@ -50,6 +49,7 @@ from topo_search.model.files import write_atomically
 from topo_search.model.module import Module
 from topo_search.model.proven import gap_percent
 from topo_search.model.shape import Capsule, Cone, Polytope
+from verify.kinematics import Platform
 
 
 def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | None = None) -> None:
@@ -205,7 +205,7 @@ class Scene:
         figure: Figure,
         part: tuple[float, float, float, float],
         design: Design,
-        at: Poses,
+        at: Platform,
         *,
         azimuth: float | None = None,
     ) -> None:
@@ -252,7 +252,7 @@ class Scene:
     def exposure(self) -> None:
         """Draw every region that the airflow must not reach; of a cone, the surface that encloses all airflow."""
         apex, up = self.at.end_effector, np.array([0.0, 0.0, 1.0])
-        for _, shape in shapes(self.design.task, self.at.p_E):
+        for _, shape in shapes(self.design.task, self.at.p_e):
             match shape:
                 case Capsule(radius=r):
                     start, end = apex + shape.start, apex + shape.end
@@ -386,7 +386,7 @@ class Scene:
         self._drawn.extend(np.asarray(points).reshape(-1, 3) for points in drawn)
 
 
-def wrenches(design: Design, at: Poses) -> list[tuple[int, bool, Array, Array]]:
+def wrenches(design: Design, at: Platform) -> list[tuple[int, bool, Array, Array]]:
     """Return number, whether it is a torque, place (3,) [m] and vector of what the first load cases exert.
 
     Vectors are over the largest force, or the largest torque, of all load cases; of more load cases than there are

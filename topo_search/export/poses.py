@@ -1,6 +1,6 @@
 """Geometry that pictures, pages and files for other programs share: poses of modules and rod, regions, viewpoint.
 
-Poses are from the audit's kinematics.
+Platform are from the audit's kinematics.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -28,48 +28,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from topo_search.model import BadInput, Design, Fault, ResolvedTask
-from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
+from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.shape import Cone, Hull, Polytope, Shape, convex_hull
-from verify.kinematics import platform
+from verify.kinematics import Platform, platform
 
 ROTOR_ANGLES = tuple(math.radians(angle) for angle in (-45, -135, 135, 45))
 """Direction of rotor q = 0..3 from the module's centre (X layout)."""
 
 
-@dataclass(frozen=True)
-class Poses:
-    """A platform in the task frame W, whose origin is the root module's centre."""
-
-    R: Array
-    """Orientations, (n, 3, 3)."""
-    p: Array
-    """Centres of the modules, (n, 3) [m]."""
-    p_com: Array
-    """Centre of mass with the end-effector, (3,) [m]."""
-    end_effector: Array
-    """p'_E, (3,) [m]."""
-    rotors: Array
-    """Rotors from the centre of mass, (n, 4, 3) [m]."""
-
-    @property
-    def p_E(self) -> Array:
-        """End-effector from the centre of mass, (3,) [m]."""
-        return self.end_effector - self.p_com
-
-    @property
-    def z(self) -> Array:
-        """Thrust axes, (n, 3)."""
-        return self.R[:, :, 2]
-
-
-def poses(design: Design) -> Poses:
-    """Return the pose of every module by the audit's forward kinematics."""
-    placed = platform(design)
-    places = placed.poses.p, placed.p_com, design.end_effector_m, placed.rotors
-    return Poses(read_only(placed.poses.R), *map(read_only, places))
-
-
-def load_wrenches(design: Design, at: Poses) -> Iterator[tuple[int, str, str, Array, Array]]:
+def load_wrenches(design: Design, at: Platform) -> Iterator[tuple[int, str, str, Array, Array]]:
     """Yield load case, "force" or "torque", where it acts (in words; as a point, (3,) [m]), the vector [N, N m]."""
     for k, case in enumerate(design.task.load_cases):
         for wrench, where, point in (
@@ -80,7 +47,7 @@ def load_wrenches(design: Design, at: Poses) -> Iterator[tuple[int, str, str, Ar
             yield k, "torque", where, point, np.array(wrench.torque)
 
 
-def largest_wrench(design: Design, at: Poses, kind: str) -> float:
+def largest_wrench(design: Design, at: Platform, kind: str) -> float:
     """Return the largest force [N] or torque [N m] of all load cases."""
     return max(float(np.linalg.norm(v)) for _, name, _, _, v in load_wrenches(design, at) if name == kind)
 
@@ -109,29 +76,20 @@ class Rod:
         return float(np.linalg.norm(self.end - self.start))
 
 
-@dataclass(frozen=True)
-class RodMass:
-    """Mass of a rod, as a thin tube."""
+def mass_of(rod: Rod, design: Design, at: Platform) -> tuple[float, Array, Array]:
+    """Return mass [kg], inertia about its middle (3, 3) [kg m^2] and that middle from the COM (3,) [m] of a rod.
 
-    mass: float
-    """At `end_effector.rod_linear_density` [kg]."""
-    inertia: Array
-    """About its middle, in W's axes, (3, 3) [kg m^2]."""
-    middle: Array
-    """From the COM of the design, (3,) [m]."""
-
-
-def mass_of(rod: Rod, design: Design, at: Poses) -> RodMass:
-    """Return mass and inertia of the rod of a design."""
+    The rod is a thin tube, its inertia in W's axes.
+    """
     counted = design.task.end_effector.counted_rod
     m = design.task.end_effector.rod_linear_density * rod.length if counted is None else counted.mass
     v = (rod.end - rod.start) / rod.length
     across = m * rod.length**2 / 12 * (np.eye(3) - np.outer(v, v))
     inertia = across + m * rod.radius**2 * np.outer(v, v)
-    return RodMass(m, read_only(inertia), read_only((rod.start + rod.end) / 2 - at.p_com))
+    return m, inertia, (rod.start + rod.end) / 2 - at.p_com
 
 
-def rod_of(design: Design, at: Poses) -> Rod | None:
+def rod_of(design: Design, at: Platform) -> Rod | None:
     """Return the rod of a design; None if the design names no connector for it, or it has no length."""
     if design.mount is None:
         return None
@@ -142,25 +100,24 @@ def rod_of(design: Design, at: Poses) -> Rod | None:
 
 
 ELEVATION_DEG = 20.0
-AZIMUTHS_DEG = (-60, -30, 30, 60)
-"""Azimuths of the camera; none is close to an axis, whose labels would then run into each other."""
 
 
-def poses_to_draw(design: Design) -> Poses:
+def poses_to_draw(design: Design) -> Platform:
     """Return the poses of a design; BadInput if the end-effector is so far away that nothing else could be seen."""
     module = design.task.module
     limit = 1000.0 * (2 * module.connector_distance * design.topology.n + module.reach)
     if max(map(abs, design.end_effector_m)) > limit:
         rule = f"must be within {limit:.3g} m of the root module to be drawn, but got {list(design.end_effector_m)}"
         raise BadInput(design.task.name, [Fault("end_effector_m", rule)])
-    return poses(design)
+    return platform(design)
 
 
-def azimuth_deg(at: Poses) -> float:
+def azimuth_deg(at: Platform) -> float:
     """Return the azimuth [deg] that looks across the line from the centre of mass to p_E, and along no axis."""
-    x, y, _ = at.p_E
-    across = y * np.cos(np.radians(AZIMUTHS_DEG)) - x * np.sin(np.radians(AZIMUTHS_DEG))
-    return AZIMUTHS_DEG[int(np.argmax(np.abs(across)))]
+    x, y, _ = at.p_e
+    azimuths = (-60, -30, 30, 60)  # none is close to an axis, whose labels would then run into each other
+    across = y * np.cos(np.radians(azimuths)) - x * np.sin(np.radians(azimuths))
+    return azimuths[int(np.argmax(np.abs(across)))]
 
 
 def towards_viewer(azimuth_deg: float) -> Array:
@@ -196,7 +153,7 @@ def cone(shape: Cone, slant: float, *, sides: int = 48) -> Array:
     return np.stack([np.broadcast_to(apex, rim[1:].shape), rim[:-1], rim[1:]], axis=1)
 
 
-def cone_slant(design: Design, at: Poses) -> float:
+def cone_slant(design: Design, at: Platform) -> float:
     """Return how far an infinite cone is drawn, so that it holds most of the airflow [m]."""
     return float(np.linalg.norm(at.p - at.end_effector, axis=1).max()) + 2 * design.task.module.reach / 3
 

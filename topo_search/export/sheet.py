@@ -27,13 +27,14 @@ from topo_search.export.brackets import (
     grip_of,
     has_clamp,
 )
-from topo_search.export.poses import ROTOR_ANGLES, Poses, poses, rod_of
+from topo_search.export.poses import ROTOR_ANGLES, rod_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.module import Bracket
 from topo_search.model.task import ResolvedTask
 from topo_search.model.text import csv_text, html_page, paragraph, table
 from topo_search.model.topology import PORT_NAMES
+from verify.kinematics import Platform, platform
 
 STYLE = """
 body { font: 11pt/1.35 sans-serif; max-width: 180mm; margin: 10mm auto; color: #111; background: #fff }
@@ -122,7 +123,7 @@ def _steps(design: Design) -> Iterator[str]:
 
 def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
     """Yield the step of the end-effector."""
-    at = poses(design)
+    at = platform(design)
     rod = rod_of(design, at)
     if mount is None or rod is None or design.mount is None:
         yield paragraph("No connector is named for a straight rod to the end-effector: it is not part of this kit.")
@@ -209,7 +210,7 @@ def _text(x: float, y: float, text: str, size: float) -> str:
 
 def overview(design: Design) -> Iterator[str]:
     """Yield the lines of the section."""
-    at = poses(design)
+    at = platform(design)
     views = [_view(design, at, *axes) for axes in ((0, 1, "from above"), (0, 2, "from the side"))]
     yield f'<section class="convention">{"".join(views)}</section>'
     yield paragraph(
@@ -242,7 +243,7 @@ def overview(design: Design) -> Iterator[str]:
     yield table(names, rows)
 
 
-def _autopilot(at: Poses) -> str:
+def _autopilot(at: Platform) -> str:
     """Say where the autopilot goes, in the axes of module 0, which can be seen."""
     x, _, z = (_direction(axis) for axis in at.R[0])
     com = ", ".join(_millimetres(at.R[0].T @ at.p_com))
@@ -255,7 +256,7 @@ def _autopilot(at: Poses) -> str:
     )
 
 
-def _view(design: Design, at: Poses, across: int, up: int, words: str) -> str:
+def _view(design: Design, at: Platform, across: int, up: int, words: str) -> str:
     """Return the platform projected on two axes of the task."""
     module = design.task.module
     ports = at.p[:, None] + module.connector_distance * np.einsum("nij,kj->nki", at.R, PORT_DIRECTIONS)
@@ -318,7 +319,7 @@ def parts_list(design: Design, solids: Printed) -> list[Row]:
     rows += [_part_row("bracket", part) for part in brackets]
     rows += [_part_row("strut", part) for part in struts]
     flanges = 2 * (design.topology.n - 1) + sum(part.count for part in struts)
-    rod = rod_of(design, poses(design))
+    rod = rod_of(design, platform(design))
     if mount is not None and rod is not None:
         flanges += 1
         rows.append(_part_row("rod mount", mount))

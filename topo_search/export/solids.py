@@ -28,12 +28,12 @@ from trimesh.visual.material import PBRMaterial
 
 from topo_search.export import palette
 from topo_search.export.air_field import AirSurface
-from topo_search.export.poses import ROTOR_ANGLES, Poses, cone, cone_slant, hull, poses, rod_of, rotation_to, shapes
+from topo_search.export.poses import ROTOR_ANGLES, cone, cone_slant, hull, rod_of, rotation_to, shapes
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.module import Module
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape
-from verify.kinematics import rotation
+from verify.kinematics import Platform, platform, rotation
 
 Parts = Literal["all", "platform", "airflow"]
 """Solids to write: `all` adds to platform and airflow the regions and marks at the target."""
@@ -81,7 +81,7 @@ def stl(design: Design, parts: Parts = "platform") -> bytes:
 
 def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
     """Yield what some parts of a design are made of."""
-    module, at = design.task.module, poses(design)
+    module, at = design.task.module, platform(design)
     here = [pose_matrix(R, p) for R, p in zip(at.R, at.p, strict=True)]
     if parts != "airflow":
         yield Solid("frame", frame(module), palette.MODULE, here)
@@ -103,9 +103,9 @@ def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
             yield _region(design, number, at)
 
 
-def _region(design: Design, number: int, at: Poses) -> Solid:
+def _region(design: Design, number: int, at: Platform) -> Solid:
     """Return the region that a requirement keeps out of the airflow; of a cone, the surface that encloses it."""
-    pieces = [shape for of, shape in shapes(design.task, at.p_E) if of == number]
+    pieces = [shape for of, shape in shapes(design.task, at.p_e) if of == number]
     surface = join([region_mesh(shape, cone_slant(design, at)) for shape in pieces])
     opacity = 0.15 if isinstance(pieces[0], Cone) else 0.3
     here = [pose_matrix(np.eye(3), at.end_effector)]

@@ -22,12 +22,12 @@ from xml.etree.ElementTree import Comment, Element, SubElement
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import ROTOR_ANGLES, mass_of, poses, rod_of, rotation_to
-from topo_search.export.simulator_xml import numbers, rgba, xml_text
+from topo_search.export.mjcf import numbers, rgba, xml_text
+from topo_search.export.poses import ROTOR_ANGLES, mass_of, rod_of, rotation_to
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.module import Module
-from verify.kinematics import rotation
+from verify.kinematics import platform, rotation
 
 ABOUT = """
 Link `module_0`: origin at the root module's centre, axes of the task frame. Other module links: their own frames.
@@ -39,7 +39,7 @@ A rotor Q = 0..3 at the squared speed u [rad^2/s^2] pushes along z of the link `
 
 def urdf(design: Design) -> str:
     """Return a design as the text of a URDF file."""
-    task, module, at = design.task, design.task.module, poses(design)
+    task, module, at = design.task, design.task.module, platform(design)
     robot = Element("robot", name=task.name)
     u_max = module.max_input(task.gravity)
     about = ABOUT.format(k_f=module.thrust_coefficient, k_tau=module.torque_coefficient, u_max=u_max)
@@ -70,8 +70,8 @@ def urdf(design: Design) -> str:
         R = rotation_to((rod.end - rod.start) / rod.length)
         _shape(tip, tube, (rod.start - rod.end) / 2, R, "end_effector")
         if task.end_effector.counted_rod is not None:
-            weighs = mass_of(rod, design, at)
-            _inertial(SubElement(robot, "link", name="rod"), weighs.mass, weighs.inertia)
+            mass, inertia, _ = mass_of(rod, design, at)
+            _inertial(SubElement(robot, "link", name="rod"), mass, inertia)
             _joint(robot, "module_0", "rod", (rod.start + rod.end) / 2, np.eye(3))
     return xml_text(robot)
 

@@ -1,25 +1,28 @@
-"""Charts of the page: clearances as matrices, rotor inputs against their limits, the progress of a search."""
+"""Charts of the page, and plots of an answer for notebooks and scripts.
+
+Clearances as matrices, rotor inputs against their limits, the progress of a search, effort against a goal.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from topo_search.export import palette
-from topo_search.model import Audit, Clearance, Design
-from topo_search.model.proven import at_least, at_most
-from topo_search.report.wording import clearance, figures, length, millimetres
-from topo_search.study import SolveEvent
+from topo_search.model import Audit, BadInput, Clearance, Design, Fault
+from topo_search.model.proven import at_least, at_most, upper_text
+from topo_search.report.page import style
+from topo_search.report.wording import clearance, figures, length, millimetres, modules
+from topo_search.study import Answer, FrontPoint, SolveEvent, front
 
 IN_CELLS = 7
 """Largest matrix whose values are written into its cells, so that they fit."""
-TIGHT = 0.01
-"""A clearance up to this has a colour [m]."""
 MOST_POINTS = 4000
 """Largest number of points of a chart; of more solves, evenly many are left out."""
 PAIRWISE = {
@@ -66,7 +69,7 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
     hover = np.full((n, len(columns)), "", dtype=object)
     written: list[tuple[str, str, str, str]] = []
     for (i, j), pair in cells.items():
-        level = 2 if pair.status != "clear" else int(pair.analytic_m <= TIGHT)
+        level = 2 if pair.status != "clear" else int(pair.analytic_m <= 0.01)
         levels[i, j] = level
         lower = "none" if pair.lower_m is None else length(at_least(pair.lower_m, 3))
         upper = "none" if pair.upper_m is None else length(at_most(pair.upper_m, 3))
@@ -192,16 +195,161 @@ def _thin(indices: Any) -> Any:
     return indices[np.linspace(0, len(indices) - 1, MOST_POINTS).round().astype(int)]
 
 
-def style(figure: go.Figure) -> go.Figure:
-    """Give a figure the look of the page."""
-    figure.update_layout(
-        template="plotly_white",
-        font={"family": "system-ui, sans-serif", "size": 13, "color": "#222222"},
-        paper_bgcolor="rgba(0,0,0,0)",
-        plot_bgcolor="rgba(0,0,0,0)",
-        modebar={"bgcolor": "rgba(0,0,0,0)", "color": "#777777", "activecolor": "#0072b2"},
-        autosize=True,
+AXES = {
+    "clearance": ("clearance", "least clearance [mm]", 1e3),
+    "stand_off": ("stand-off", "least distance of the end-effector from a module's centre [cm]", 1e2),
+    "peak_input": ("peak input", "largest rotor input / u_max", 1.0),
+    "force_reserve": ("reserve of force", "any force that can be added at the end-effector [N]", 1.0),
+    "torque_reserve": ("reserve of torque", "any torque that can be added [N m]", 1.0),
+    "rotor_out": ("failures", "possible with any one rotor dead", 1.0),
+    "joint_moment": ("joint moment", "largest moment in a joint [N m]", 1.0),
+    "hinge_angle_deg": ("hinge error", "error of every hinge angle that is survived [deg]", 1.0),
+    "speed": ("air speed", "air over the regions, proven bound [m/s]", 1.0),
+    "modules": ("modules", "modules", 1.0),
+}
+
+
+def front_chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
+    """Return effort over a goal: all points, and what each value of the goal takes, whatever the other goals."""
+    least = points[0].row.objective or 1.0
+    _, title, scale = AXES[name]
+
+    def at(chosen: Sequence[FrontPoint]) -> dict[str, list[Any]]:
+        values = [point.cells[name] for point in chosen]
+        x = [scale * value if isinstance(value, int | float) else value for value in values]
+        return {"x": x, "y": [(point.row.objective or 0.0) / least for point in chosen]}
+
+    figure = go.Figure()
+    figure.add_scatter(
+        **at(front(points, [name])),
+        name="least control effort for as good a value",
+        mode="lines",
+        line={"color": palette.CONNECTOR, "width": 1.5, "dash": "dot", "shape": "vh"},
+        hoverinfo="skip",
     )
-    if not figure.layout.scene.aspectmode:
-        figure.update_layout(margin={"l": 60, "r": 20, "t": 36, "b": 50})
+    figure.add_scatter(
+        **at(points),
+        name="designs of the front",
+        mode="markers",
+        marker={"color": palette.CONNECTOR, "size": 9},
+        text=["<br>".join(_describe(point)) for point in points],
+        hovertemplate="%{text}<extra></extra>",
+    )
+    figure.update_layout(
+        xaxis={"title": {"text": title}, "dtick": 1 if name == "modules" else None},
+        yaxis={"title": {"text": "J / least J of the front"}},
+        legend={"orientation": "h", "y": -0.25},
+    )
     return figure
+
+
+def _describe(point: FrontPoint) -> Iterator[str]:
+    """Yield one design in lines, for the pointer."""
+    yield f"{point.row.key}, {modules(point.row.modules)}"
+    yield f"J = {figures(point.row.objective or 0.0, 5)} rad⁴/s⁴"
+    yield f"clearance {length_or_none(point.clearance)}, stand-off {length_or_none(point.stand_off)}"
+    yield f"largest input {upper_text(point.peak_input, 4)} u_max"
+    yield f"any one rotor dead: {point.rotor_out}"
+    yield f"level {point.number}: {point.level.words}"
+
+
+def length_or_none(metres: float | None) -> str:
+    """Return a length in its unit, rounded down; of nothing "none"."""
+    return "none" if metres is None else length(at_least(metres, 3))
+
+
+Value = TypeVar("Value")
+
+
+def plot_front(answer: Answer, goal: str | None = None) -> go.Figure:
+    """Return the front of a run with goals: J over one of them, as a Plotly figure.
+
+    Args:
+        answer: the answer of a run with goals.
+        goal: the goal's name; default: the first that the front has figures for.
+
+    Raises:
+        BadInput: the run has no goals or no design, or its front has no such figure.
+
+    Example:
+        >>> from topo_search import plot_front, search
+        >>> answer = search("goals-front", out="goals")  # doctest: +SKIP
+        >>> plot_front(answer, "clearance").show()  # doctest: +SKIP
+    """
+    names = [name for name in AXES if any(point.cells[name] is not None for point in answer.points)]
+    return style(front_chart(answer.points, _choose("goal", names, goal or next(iter(names), None))))
+
+
+def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
+    """Return the best effort over the number of solves, and how the solves ended, as a Plotly figure.
+
+    Args:
+        answer: the answer of a run; of a run with goals, the level of its best design is shown.
+        modules: size to show; default: that of the best design, or the smallest.
+
+    Raises:
+        BadInput: the run has no such size.
+
+    Example:
+        >>> from topo_search import plot_history, read_answer
+        >>> type(plot_history(read_answer("hover-2"))).__name__
+        'Figure'
+    """
+    bounds = {size.modules: size.lower_bound for size in answer.at_level.sizes}
+    n = _choose("modules", list(bounds), modules or (answer.best.modules if answer.best else min(bounds)))
+    candidates, solves = (_of_level(answer, frame) for frame in (answer.candidates, answer.solves))
+    keys = candidates.loc[candidates["modules"] == n, "key"]
+    events = [SolveEvent(*row) for row in solves[solves["key"].isin(keys)].itertuples(index=False)]
+    return style(progress(events, bounds[n]))
+
+
+def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "objective") -> go.Figure:
+    """Return one figure of all candidates over another, coloured by size, as a Plotly figure.
+
+    Args:
+        answer: the answer of a run; of a run with goals, the level of its best design is shown.
+        x: a column of numbers of `answer.candidates`.
+        y: another.
+
+    Raises:
+        BadInput: there is no such column of numbers.
+
+    Example:
+        >>> from topo_search import plot_candidates, read_answer
+        >>> plot_candidates(read_answer("hover-2"), x="rod_length_m").layout.xaxis.title.text
+        'rod_length_m'
+    """
+    candidates = _of_level(answer, answer.candidates)
+    numbers = list(candidates.select_dtypes("number").columns)
+    for name, column in (("x", x), ("y", y)):
+        _choose(name, numbers, column)
+    figure = go.Figure()
+    for colour, size in zip(palette.SERIES, answer.at_level.sizes, strict=False):
+        rows = candidates[candidates["modules"] == size.modules].dropna(subset=[x, y])
+        figure.add_scatter(
+            x=rows[x],
+            y=rows[y],
+            name=f"{size.modules} modules",
+            mode="markers",
+            marker={
+                "color": colour,
+                "size": 9,
+                "symbol": ["circle" if audit == "clear" else "x" for audit in rows["audit"]],
+            },
+            text=rows["key"] + ", audit " + rows["audit"].fillna("none"),
+            hovertemplate=f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}<extra></extra>",
+        )
+    figure.update_layout(xaxis={"title": {"text": x}}, yaxis={"title": {"text": y}}, showlegend=True)
+    return style(figure)
+
+
+def _of_level(answer: Answer, frame: pd.DataFrame) -> pd.DataFrame:
+    return frame[frame["level"] == answer.level].drop(columns="level") if answer.levels else frame
+
+
+def _choose(field: str, valid: Sequence[Value], chosen: Value | None) -> Value:
+    """Return what was chosen, if it is valid."""
+    if chosen is None or chosen not in valid:
+        names = ", ".join(map(str, valid)) or "none"
+        raise BadInput("plot", [Fault(field, f"must be one of {names}, but got {chosen}")])
+    return chosen

@@ -1,30 +1,33 @@
-"""The page of a single audited design, with what `fly` showed of it."""
+"""Pages without a run's own: a design with what `fly` showed of it, designs beside each other, any vehicle."""
 
 from __future__ import annotations
 
 import csv
 import io
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from topo_search.export import palette
+from topo_search.export.sheet import STYLE
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Status, Task
 from topo_search.model.arrays import Array
 from topo_search.model.files import load_text, read_json, to_toml
-from topo_search.model.flight import direction
-from topo_search.model.proven import at_least, gap_percent
+from topo_search.model.flight import Capability, direction
+from topo_search.model.proven import at_least, gap_percent, lower_text
 from topo_search.model.task_warnings import task_warnings
+from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.value import BadInput, Fault, show
 from topo_search.report.charts import MOST_POINTS
-from topo_search.report.design_part import design_part
-from topo_search.report.headline import fragile, headline, tally
-from topo_search.report.page import Chart, Table
+from topo_search.report.design_part import design_part, flight_part
+from topo_search.report.headline import card, fragile, headline, tally
+from topo_search.report.page import Chart, Table, Tile
 from topo_search.report.scene import shared_meshes
 from topo_search.report.task_facts import facts, load_cases
 from topo_search.report.wording import EFFORT, figures, modules
@@ -200,3 +203,75 @@ def _figure(course: dict[str, Array]) -> go.Figure:
     figure.update_xaxes(title={"text": "time [s]"}, row=3, col=1)
     figure.update_layout(legend={"orientation": "h", "y": -0.15})
     return figure
+
+
+def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
+    """Return the page.
+
+    Args:
+        name: the vehicle's file.
+        rotors: how many it has.
+        capability: what it can do.
+    """
+    shown = flight_part(capability.flight)
+    verdict = {True: "meets every load case of the task.", False: "does not meet the task.", None: ""}[
+        capability.met
+    ]
+    lines = [
+        paragraph(f"{rotors} rotors, rank {capability.rank} of 6. {verdict and f'The vehicle {verdict}'}".strip()),
+        paragraph(
+            f"Without torque it exerts any force up to {lower_text(capability.zero_torque_ball_N, 5)} N; all such "
+            f"forces have a volume of {lower_text(capability.zero_torque_volume_N3, 5)} N³."
+        ),
+        paragraph(shown["summary"].replace(" of module 0", "")),
+        table(shown["cases"].columns, shown["cases"].rows),
+        *(paragraph(sentence.replace(" of module 0", "")) for sentence in shown["sentences"]),
+    ]
+    return html_page(name, f"{STYLE}body {{ max-width: 260mm }}", lines)
+
+
+class Compared(NamedTuple):
+    """A design with the name that tells it from the others."""
+
+    name: str
+    design: Design
+    audit: Audit | None
+    gap: float | None
+    """Largest share of its effort that another platform of its size can save."""
+
+
+def compare_page(first: Sequence[Compared], second: Sequence[Compared]) -> dict[str, Any]:
+    """Return the page.
+
+    Args:
+        first: designs of the first run, the best first; or the first design alone.
+        second: those of the second.
+    """
+    most = 10  # designs of one run
+    shown = {one.name: one for one in (*first[:most], *reversed(second[:most]))}
+    cards = []
+    for one in shown.values():
+        made = card(one.name, one.design, one.audit, _effort(one.design), one.gap)
+        made["view"]["value"]["meshes"] = shared_meshes(one.design)
+        cards.append(made)
+    return {
+        "title": f"{first[0].name} beside {second[0].name}",
+        "answer": "Designs of two sources in linked views; figures that differ are marked.",
+        "tiles": (),
+        "compared": {"figures": figure_table(first[0], second[0]), "cards": cards},
+    }
+
+
+def figure_table(first: Compared, second: Compared) -> Table:
+    """Return every figure of two designs, a row each."""
+    sides = [
+        {"Control effort": _effort(one.design).figure}
+        | {tile.name: tile.figure for tile in headline(one.design, one.audit, one.gap, "")}
+        for one in (first, second)
+    ]
+    rows = [[name, *(side.get(name, "") for side in sides)] for name in sides[0] | sides[1]]
+    return Table(("figure", first.name, second.name), rows)
+
+
+def _effort(design: Design) -> Tile:
+    return Tile("Control effort", f"{figures(design.objective, 5)} rad⁴/s⁴", EFFORT)

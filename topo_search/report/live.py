@@ -25,14 +25,15 @@ from topo_search.study.progress import Phase, Plan, TimeLeft
 
 LOOPBACK = "127.0.0.1"
 """The only address that is served: no other machine reaches it."""
-REFRESH_S = 5.0
-"""Least age of a page before it is made anew [s]."""
-MOST_SHARE = 0.1
-"""Largest share of the time that may go into making pages."""
 
 
 class Live:
     """An observer that hands progress on to another, and knows the page of the run as it stands."""
+
+    refresh_s = 5.0
+    """Least age of a page before it is made anew [s]."""
+    most_share = 0.1
+    """Largest share of the time that may go into making pages."""
 
     def __init__(self, path: Path, observer: Observer) -> None:
         """Take the run's folder, and who else observes it."""
@@ -82,7 +83,7 @@ class Live:
             if began >= self._due:
                 self._page = self._render()
                 now = time.monotonic()
-                self._due = now + max(REFRESH_S, (now - began) / MOST_SHARE)
+                self._due = now + max(self.refresh_s, (now - began) / self.most_share)
             return self._page
 
     def _render(self) -> str:

@@ -19,10 +19,6 @@ from plotly.offline import get_plotlyjs
 from trimesh.viewer import scene_to_html
 
 from topo_search.export import palette
-from topo_search.report.charts import style
-
-FIRST_TILES = 6
-"""Number of tiles beside the view."""
 
 
 class Chart(NamedTuple):
@@ -76,11 +72,26 @@ def render(page: dict[str, Any]) -> str:
     return environment.get_template("page.html.j2").render(
         page={**absent, "fragile": (), "notes": (), **page},
         palette=palette,
-        FIRST_TILES=FIRST_TILES,
+        FIRST_TILES=6,  # beside the view
         style=_template("page.css"),
         script=Markup("\n").join(_template(f"{name}.js") for name in scripts),
         libraries=_libraries(),
     )
+
+
+def style(figure: go.Figure) -> go.Figure:
+    """Give a figure the look of the page."""
+    figure.update_layout(
+        template="plotly_white",
+        font={"family": "system-ui, sans-serif", "size": 13, "color": "#222222"},
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        modebar={"bgcolor": "rgba(0,0,0,0)", "color": "#777777", "activecolor": "#0072b2"},
+        autosize=True,
+    )
+    if not figure.layout.scene.aspectmode:
+        figure.update_layout(margin={"l": 60, "r": 20, "t": 36, "b": 50})
+    return figure
 
 
 @functools.cache

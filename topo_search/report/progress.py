@@ -12,8 +12,6 @@ from topo_search.report.wording import modules, quantity
 from topo_search.study.ledger import Row
 from topo_search.study.progress import Phase, Plan, TimeLeft
 
-EVERY = 10.0
-"""Least time between two plain lines [s]."""
 Words = Callable[[Row | None], str]
 """Words for the best design so far."""
 
@@ -108,7 +106,7 @@ class Lines:
         self._left.step(time.monotonic(), known=known)
         self._done += 1
         now = time.monotonic()
-        if now - self._last < EVERY or self._phase is None:
+        if now - self._last < 10.0 or self._phase is None:  # [s]
             return
         self._last = now
         best = self._words(incumbent)

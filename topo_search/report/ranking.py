@@ -38,7 +38,7 @@ def ranking(candidates: Sequence[Candidate], *, proofs: bool) -> dict[str, Any]:
         candidates: all candidates with their proofs and audits, in the order of the ranking.
         proofs: whether the table shows what branch and bound has proven.
     """
-    columns = COLUMNS if proofs else COLUMNS[: -len(_PROVEN)]
+    columns = COLUMNS if proofs else COLUMNS[:-3]
     return {
         "candidates": {
             "columns": [(column.name, column.kind, column.better) for column in columns],
@@ -90,11 +90,6 @@ def _air(audit: Audit | None) -> float | None:
     return None if audit is None else _most(figures_of(audit)["air_tip_m_s"])
 
 
-_PROVEN = (
-    Column("proof", lambda row, proven, audit: proven.proof, "text"),
-    Column("proven J at least", lambda row, proven, audit: _least(proven.proven_bound, 6)),
-    Column("proven gap [%]", lambda row, proven, audit: _percent(proven.proven_gap)),
-)
 COLUMNS = (
     Column("tree", lambda row, proven, audit: row.key, "text"),
     Column("modules", lambda row, proven, audit: row.modules),
@@ -117,6 +112,8 @@ COLUMNS = (
     Column("missed constraint", lambda row, proven, audit: row.worst_constraint, "text"),
     Column("by", lambda row, proven, audit: _round(row.violation, 3)),
     Column("unit", lambda row, proven, audit: row.unit, "text"),
-    *_PROVEN,
+    Column("proof", lambda row, proven, audit: proven.proof, "text"),
+    Column("proven J at least", lambda row, proven, audit: _least(proven.proven_bound, 6)),
+    Column("proven gap [%]", lambda row, proven, audit: _percent(proven.proven_gap)),
 )
-"""Columns of the ranking, those of branch and bound last."""
+"""Columns of the ranking; the last three are those of branch and bound."""

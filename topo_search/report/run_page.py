@@ -9,17 +9,16 @@ from typing import Any
 from topo_search.model import Infeasible
 from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.files import to_toml
-from topo_search.model.proven import at_least, gap_percent
-from topo_search.report.charts import progress
+from topo_search.model.proven import at_least, gap_percent, upper_text
+from topo_search.report.charts import AXES, front_chart, length_or_none, progress
 from topo_search.report.design_page import bound, task_part, title
 from topo_search.report.design_part import design_part
-from topo_search.report.front_part import front_part
 from topo_search.report.headline import cards, fragile, headline, rows_to_show, tally
 from topo_search.report.page import Chart, Table, Tile, render
 from topo_search.report.ranking import ranking
 from topo_search.report.scene import shared_meshes
 from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, sentence
-from topo_search.study import NEAR, NOTHING, Answer, Own, Row, RunFile, RunFolder, SizeAnswer, answer_of
+from topo_search.study import NEAR, NOTHING, Answer, FrontPoint, Own, Row, RunFile, RunFolder, SizeAnswer, answer_of
 from topo_search.study.ledger import kind_of
 
 
@@ -245,6 +244,62 @@ def _reproduction(folder: RunFolder) -> dict[str, Any]:
         "versions": request.versions,
         "notes": notes,
     }
+
+
+def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
+    """Return all that is shown of a front.
+
+    Args:
+        answer: of a run with goals.
+        names: the goals.
+    """
+    charts = [
+        Chart(f"front-{name.replace('_', '-')}", f"J against {AXES[name][0]}", front_chart(answer.points, name))
+        for name in names
+        if any(point.cells[name] is not None for point in answer.points)
+    ]
+    return {"charts": charts, "designs": _designs(answer.points), "levels": _levels(answer)}
+
+
+def _designs(points: Sequence[FrontPoint]) -> Table:
+    least = points[0].row.objective if points else None
+    rows = [
+        [
+            point.row.key,
+            str(point.row.modules),
+            figures(point.row.objective or 0.0, 5),
+            f"{(point.row.objective or 0.0) / least:.4f}" if least else "",
+            length_or_none(point.clearance),
+            length_or_none(point.stand_off),
+            upper_text(point.peak_input, 4),
+            str(point.number),
+            point.row.audit or "",
+        ]
+        for point in points
+    ]
+    reached = ("least clearance", "stand-off", "largest input / u_max")
+    columns = ("tree", "modules", "J [rad⁴/s⁴]", "J / least J", *reached, "level", "audit")
+    return Table(columns, rows, range(1, 8))
+
+
+def _levels(answer: Answer) -> Table:
+    """Return a row for every level and size, with the reason where nothing was found."""
+    on_front = [point.number for point in answer.points]
+    rows = [
+        {
+            "level": str(at.number),
+            "held at": at.level.words,
+            "modules": str(size.modules),
+            "candidates": size.counts,
+            "best there": size.best.key if size.best else "none",
+            "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
+            "gives the front": quantity(on_front.count(at.number), "design"),
+            "why none": size.reason or "",
+        }
+        for at in answer.levels
+        for size in at.sizes
+    ]
+    return Table.from_rows(rows, {0, 2, 5})
 
 
 def relaxed_limits(size: SizeAnswer) -> tuple[str, Table] | None:

@@ -13,21 +13,14 @@ import trimesh
 from trimesh import Trimesh
 
 from topo_search.export import palette
-from topo_search.export.poses import (
-    Poses,
-    azimuth_deg,
-    cone_slant,
-    region_words,
-    rotation_to,
-    shapes,
-    towards_viewer,
-)
+from topo_search.export.poses import azimuth_deg, cone_slant, region_words, rotation_to, shapes, towards_viewer
 from topo_search.export.solids import airflow, cone_sphere, frame, join, pose_matrix, region_mesh, rotor_discs
 from topo_search.model import Assembly, Audit, Clearance, Design
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
 from topo_search.model.module import Module
 from topo_search.model.shape import Cone
 from topo_search.report.wording import clearance
+from verify.kinematics import Platform
 
 TURN = math.radians(300)
 """Angle of a ring that is drawn [rad]."""
@@ -59,7 +52,7 @@ class Part(NamedTuple):
 
 
 def scene(
-    design: Design, at: Poses, nearest: Clearance | None = None, assembly: Assembly | None = None
+    design: Design, at: Platform, nearest: Clearance | None = None, assembly: Assembly | None = None
 ) -> Iterator[Part]:
     """Yield the parts of the picture of a design.
 
@@ -87,7 +80,7 @@ def scene(
         yield Part("closest", "closest pair", palette.CLOSEST_PAIR, mark)
 
 
-def figure(design: Design, at: Poses, nearest: Clearance | None, assembly: Assembly | None) -> go.Figure:
+def figure(design: Design, at: Platform, nearest: Clearance | None, assembly: Assembly | None) -> go.Figure:
     """Return the picture as a figure of Plotly; see `scene`."""
     shared = meshes(design.task.module, sides=sides(design.topology.n))
     drawn, named = go.Figure(), set()
@@ -166,10 +159,10 @@ def sides(n: int) -> int:
     return 24 if n <= NUMBERED else 12
 
 
-def _regions(design: Design, at: Poses) -> Iterator[Part]:
+def _regions(design: Design, at: Platform) -> Iterator[Part]:
     """Yield the exposure regions: things, places that must not be blown at, and bounds of all airflow."""
     groups: dict[tuple[str, str, float], list[Trimesh]] = {}
-    for number, shape in shapes(design.task, at.p_E):
+    for number, shape in shapes(design.task, at.p_e):
         solid = design.task.exposure[number].solid
         if isinstance(shape, Cone) and solid and shape.half_angle_deg == 90:
             yield _wall(shape, at)
@@ -186,7 +179,7 @@ def _regions(design: Design, at: Poses) -> Iterator[Part]:
         yield Part(kind, words, palette.EXPOSURE, join(surfaces), opacity=opacity)
 
 
-def _wall(shape: Cone, at: Poses) -> Part:
+def _wall(shape: Cone, at: Platform) -> Part:
     """Return a piece of the plane that bounds a half-space, as wide as the platform is far from its tip."""
     inwards = np.array(shape.axis)
     width = 1.2 * float(np.linalg.norm(at.p - at.end_effector, axis=1).max())
@@ -213,7 +206,7 @@ def _connectors(design: Design, assembly: Assembly | None) -> Iterator[Part]:
             yield Part(kind, name, colour, f"{mesh} {port}", modules, steps)
 
 
-def _end_effector(design: Design, at: Poses, assembly: Assembly | None) -> Iterator[Part]:
+def _end_effector(design: Design, at: Platform, assembly: Assembly | None) -> Iterator[Part]:
     """Yield the rod, the end-effector, the centre of mass and the line between, there in the last step."""
     module, tip, last = design.task.module, at.end_effector, (design.topology.n,)
     mount = None if assembly is None else assembly.mount

@@ -46,14 +46,6 @@ after a hover in which they have learnt.
 """
 
 
-@dataclass(frozen=True)
-class Bandwidths:
-    """Rates at which errors die out [rad/s]."""
-
-    position: float = 3.0
-    attitude: float = 8.0
-
-
 @dataclass(frozen=True, eq=False)
 class Reference:
     """Pose of the platform to hold at rest, and the wrench to exert there."""
@@ -80,16 +72,17 @@ class Controller:
     """The loop from state to thrusts."""
 
     nominal: Nominal
-    bandwidths: Bandwidths
     period: float
     """[s]"""
+    omega_p: float = 3.0
+    omega_a: float = 8.0
     integral_p: Array = field(default_factory=lambda: np.zeros(3))
     integral_R: Array = field(default_factory=lambda: np.zeros(3))
 
     def wrench(self, state: tuple[Array, Array, Array, Array], reference: Reference) -> Array:
         """Return F in body axes and tau about the COM, (6,)."""
         p, v, R, omega = state
-        m, J, wp, wa = self.nominal.mass, self.nominal.J, self.bandwidths.position, self.bandwidths.attitude
+        m, J, wp, wa = self.nominal.mass, self.nominal.J, self.omega_p, self.omega_a
         kept = np.eye(3) - np.outer(reference.free, reference.free)
         e_p, e_R = reference.errors(p, R)
         e_p *= min(1.0, FARTHEST / max(float(np.linalg.norm(e_p)), 1e-12))
@@ -110,7 +103,7 @@ class Controller:
 
     def trim(self, lacking: Array) -> None:
         """Let the integrals ask for so much more in hover, level, (6,)."""
-        m, J, wp, wa = self.nominal.mass, self.nominal.J, self.bandwidths.position, self.bandwidths.attitude
+        m, J, wp, wa = self.nominal.mass, self.nominal.J, self.omega_p, self.omega_a
         self.integral_p -= INTEGRAL / wp**3 / m * lacking[:3]
         self.integral_R -= INTEGRAL / wa**3 * np.linalg.solve(J, lacking[3:])
 

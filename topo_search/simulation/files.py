@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import poses
 from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.text import csv_text
@@ -20,13 +19,12 @@ from topo_search.simulation.campaign import Campaign, Flown
 from topo_search.simulation.fly import Watch
 from topo_search.simulation.plant import Plant
 from topo_search.simulation.result import FlightResult, word
+from verify.kinematics import platform
 
 FRAMES_EVERY = 16
 """Steps of the controller a frame: 12.5 Hz, in real time."""
 WIDTH, HEIGHT = 400, 300
 """Size of a frame [pixels]."""
-FILMED = ("return from +x", "load case", "rotor")
-"""Scenarios that are filmed, by the beginnings of their names."""
 
 
 def write_flight(campaign: Campaign, folder: Path) -> None:
@@ -92,7 +90,7 @@ class Film:
 
     def watch(self, name: str) -> Watch | None:
         """Return what films a scenario; None if it is not one of those."""
-        return self._watch() if name.startswith(FILMED) else None
+        return self._watch() if name.startswith(("return from +x", "load case", "rotor")) else None
 
     def _watch(self) -> Watch:
         import mujoco
@@ -144,7 +142,7 @@ def film(path: Path, radius: float) -> Film:
 
 def radius(design: Design) -> float:
     """Return how far the parts of a design reach from its centre of mass [m]."""
-    at, module = poses(design), design.task.module
+    at, module = platform(design), design.task.module
     reach = max(module.arm_length + module.body.rotor_radius, module.connector_distance)
-    apart = np.linalg.norm(np.concatenate([at.p - at.p_com, at.p_E[None]]), axis=1)
+    apart = np.linalg.norm(np.concatenate([at.p - at.p_com, at.p_e[None]]), axis=1)
     return float(apart.max()) + reach

@@ -17,7 +17,7 @@ import numpy as np
 
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
-from topo_search.simulation.controller import Allocator, Bandwidths, Controller, Reference
+from topo_search.simulation.controller import Allocator, Controller, Reference
 from topo_search.simulation.plant import LAG, STEP, Errors, Nominal, Plant, orientation
 from topo_search.simulation.result import Outcome, ScenarioResult
 from topo_search.simulation.scenarios import APPROACH, TILT, Scenario
@@ -54,7 +54,6 @@ class Options:
     """Options of the flights."""
 
     errors: Errors = field(default_factory=Errors)
-    bandwidths: Bandwidths = field(default_factory=Bandwidths)
     lag: float = LAG
     detection: float = 0.1
     """Time from a rotor's death until the controller knows of it [s]."""
@@ -71,11 +70,11 @@ def fly(
     plant = Plant(design, options.errors, scenario.wall, options.lag)
     rng = np.random.default_rng([options.errors.seed, 1])
     nominal, allocator = plant.nominal, options.allocator(plant.nominal)
-    controller = Controller(nominal, options.bandwidths, EVERY * STEP)
+    controller = Controller(nominal, EVERY * STEP)
     home = nominal.com.copy()  # the design's COM is the origin
     quaternion = np.array([1.0, 0.0, 0.0, 0.0])
     plant.place(home, quaternion)
-    plant.run_at(_trim(plant, controller, allocator, home))
+    plant.data.act[:] = _trim(plant, controller, allocator, home)
     if scenario.axis.any() and not scenario.tilt:
         mujoco.mju_axisAngle2Quat(quaternion, scenario.axis, math.radians(TILT))
     plant.place(home + scenario.start, quaternion)
@@ -93,7 +92,7 @@ def fly(
         controller.learn(seen, reference, bool(np.abs(scaled).max() <= MISSED))
         share = T / nominal.largest_thrust
         if dead is not None:
-            plant.stop_rotor(dead)
+            plant.model.actuator_ctrlrange[dead] = 0.0  # it has no least thrust any more
             T[dead] = 0.0
         # a wall pushes back by itself
         load = np.zeros(6) if scenario.wall is not None else -scenario.share_at(t) * scenario.exerted
@@ -206,7 +205,7 @@ def _record(
     if scenario.wall is not None:
         track.force.append(plant.contact_force)
     else:  # that of the rotors less the weight
-        F = plant.R @ (plant.nominal.B @ (plant.thrusts * plant.gain))[:3]
+        F = plant.R @ (plant.nominal.B @ (plant.data.act * plant.gain))[:3]
         track.force.append(np.asarray(F + plant.model.body_mass.sum() * plant.model.opt.gravity))
     track.shares.append(share)
     track.missing.append(missing)

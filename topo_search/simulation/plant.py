@@ -19,11 +19,11 @@ import mujoco
 import numpy as np
 
 from topo_search.export.allocation import Allocation, allocation
-from topo_search.export.mjcf import mjcf
-from topo_search.export.poses import mass_of, poses, rod_of, rotation_to
-from topo_search.export.simulator_xml import Physics, numbers
+from topo_search.export.mjcf import Physics, mjcf, numbers
+from topo_search.export.poses import mass_of, rod_of, rotation_to
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.design import Design
+from verify.kinematics import platform
 
 STEP = 0.001
 """Time step of the simulation [s]."""
@@ -125,19 +125,6 @@ class Plant:
         lacking = np.concatenate([self.R.T @ weight, self.R.T @ cross(at, weight)])
         return np.asarray(lacking - self.nominal.B @ (self.gain * thrusts))
 
-    @property
-    def thrusts(self) -> Array:
-        """Thrusts of the rotors, without their errors, (N,) [N]."""
-        return np.asarray(self.data.act)
-
-    def run_at(self, thrusts: Array) -> None:
-        """Let the rotors pull so much from now on, (N,) [N]."""
-        self.data.act[:] = thrusts
-
-    def stop_rotor(self, rotor: int) -> None:
-        """Let a rotor die: it has no least thrust any more."""
-        self.model.actuator_ctrlrange[rotor] = 0.0
-
     def step(self, commanded: Array, at_tip: Array, at_com: Array) -> None:
         """Go on by STEP.
 
@@ -183,15 +170,15 @@ class Plant:
 def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
     """Return what the controller knows of a design: the model about its own COM, with the rod's mass or without."""
     acts: Allocation = allocation(design)
-    at = poses(design)
+    at = platform(design)
     m, J, c = acts.mass_kg, np.array(acts.inertia_kg_m2), np.zeros(3)
     ignored = design.task.end_effector.counted_rod is None
     rod = rod_of(design, at) if rod_mass and ignored else None
     if rod is not None:
-        weighs = mass_of(rod, design, at)
-        c = weighs.mass / (m + weighs.mass) * weighs.middle
-        J = J + m * _spread(c) + weighs.inertia + weighs.mass * _spread(weighs.middle - c)
-        m += weighs.mass
+        mass, inertia, middle = mass_of(rod, design, at)
+        c = mass / (m + mass) * middle
+        J = J + m * _spread(c) + inertia + mass * _spread(middle - c)
+        m += mass
     B = np.array(acts.thrust_matrix)
     B[3:] -= np.cross(c, B[:3].T).T
     return Nominal(
@@ -203,7 +190,7 @@ def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
         least_share=acts.least_input / acts.largest_input,
         gravity=design.task.gravity,
         arm=design.task.module.arm_length,
-        tip=read_only(at.p_E - c),
+        tip=read_only(at.p_e - c),
     )
 
 
@@ -228,9 +215,9 @@ def _world(design: Design, wall: Wall | None, lag: float) -> str:
     """Return the MJCF of the platform with all that `Physics` has, and a wall."""
     root = ElementTree.fromstring(mjcf(design, Physics(motor_lag=lag, rod_mass=True, contacts=True)))
     _find(root, "option").set("timestep", numbers(STEP))
-    at, radius = poses(design), design.task.end_effector.rod_radius
+    at, radius = platform(design), design.task.end_effector.rod_radius
     if wall is not None:
-        centre = at.p_E + (radius + wall.gap + 0.01) * wall.towards
+        centre = at.p_e + (radius + wall.gap + 0.01) * wall.towards
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, rotation_to(wall.towards).ravel())
         shape = {"type": "box", "size": numbers(0.25, 0.25, 0.01), "rgba": "0.7 0.75 0.8 0.25"}

@@ -90,13 +90,9 @@ class FlightResult(Value):
 
     def _repr_html_(self) -> str:
         """Show a notebook the table."""
-        columns = ("scenario", "outcome", "drift [m]", "tilt [deg]", "force error", "saturated", "missed", "why")
-        shown = ("drift_m", "tilt_deg", "force_error_share", "saturated_share", "missed_share")
-        rows = [
-            (one.name, word(one), *(getattr(one, name) for name in shown), one.reason) for one in self.scenarios
-        ]
-        notes = "".join(map(paragraph, self.notes))
-        return heading(f"flight in simulation: {word(self)}") + table(columns, rows) + notes
+        rows = [(one.name, word(one), *one.cells, one.reason) for one in self.scenarios]
+        shown = table(("scenario", "outcome", *CELLS, "why"), rows)
+        return heading(f"flight in simulation: {word(self)}") + shown + "".join(map(paragraph, self.notes))
 
 
 def word(result: ScenarioResult | FlightResult) -> str:
@@ -111,8 +107,4 @@ def digest_of(design: Design) -> str:
 
 NO_DOWNWASH = (
     "Flown without downwash (--no-wake): against it the simulation relies on the airflow envelopes of the audit."
-)
-ONLY_WAKES = (
-    "The simulator models one effect of downwash, the thrust that rotors lose to wakes (by the audit's air model); "
-    "against all others it relies on the airflow envelopes of the audit."
 )

@@ -58,9 +58,6 @@ class LeastSearch(NamedTuple):
 LEAST = LeastSearch()
 
 
-QUARTERS = np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) / 2
-
-
 class Least(NamedTuple):
     """A cone-sphere, and what none around the points is smaller than."""
 
@@ -92,7 +89,8 @@ def least_cone_sphere(z: Array, r: Array) -> Least:
             best, best_volume = held[np.argmin(volumes)], float(volumes.min())
         if best_volume <= LEAST.enough * bounds.min():
             return Least(float(best[0]), float(best[1]), float(best[2]), float(bounds.min()))
-        corners = (corners[bounds < best_volume][:, None] + size * QUARTERS).reshape(-1, 2)
+        quarters = size * np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) / 2
+        corners = (corners[bounds < best_volume][:, None] + quarters).reshape(-1, 2)
         size = size / 2
 
 
@@ -251,29 +249,23 @@ def _faster_outside(air: Jets, shape: Shape, near: float, speed: float, room: fl
         room: size of cells at which points end the search if there are any.
     """
     h, points = near / 2, [np.zeros((0, 2))]
-    z, r, phi, turn = (
-        np.array([-h, h]),
-        np.array([h, h]),
-        np.full(2, SEARCH.octant / 2),
-        np.full(2, SEARCH.octant / 2),
-    )
-    while len(z):
-        kept = shape.excess(z, r) > -math.sqrt(2) * h
-        z, r, phi, turn = z[kept], r[kept], phi[kept], turn[kept]
+    cells = np.array([[-h, h], [h, h], *[[SEARCH.octant / 2] * 2] * 2])
+    while cells.size:
+        cells = cells[:, shape.excess(*cells[:2]) > -math.sqrt(2) * h]
+        z, r, phi, turn = cells
         turned = (r + h) * turn
         wake, inflow = _bounds(air, z, r, phi, math.sqrt(2) * h, turned)
         kept, cut = np.maximum(wake, inflow) >= speed, (inflow >= speed) & (turned > h)
-        z, r, phi, turn, cut = z[kept], r[kept], phi[kept], turn[kept], cut[kept]
-        fast = (_speeds(air, z, r, phi) >= speed) & (shape.excess(z, r) > 0)
-        points.append(np.stack([z[fast], r[fast]], axis=1))
+        cells, cut = cells[:, kept], cut[kept]
+        fast = (_speeds(air, *cells[:3]) >= speed) & (shape.excess(*cells[:2]) > 0)
+        points.append(cells[:2, fast].T)
         if h < room and any(len(some) for some in points):
             break
-        if len(z) > SEARCH.most_cells:
-            raise ArithmeticError(f"{len(z):,} cells are not enough to prove an enclosure of {speed} m/s")
-        z, r, phi, turn, cut = z[~fast], r[~fast], phi[~fast], turn[~fast], cut[~fast]
-        h /= 2
+        if cells.shape[1] > SEARCH.most_cells:
+            raise ArithmeticError(f"{cells.shape[1]:,} cells are not enough to prove an enclosure of {speed} m/s")
+        (z, r, *angles), cut, h = cells[:, ~fast], cut[~fast], h / 2
         z, r = np.concatenate([z - h, z - h, z + h, z + h]), np.concatenate([r - h, r + h, r - h, r + h])
-        z, r, phi, turn = _cut_angles(np.tile(cut, 4), z, r, np.tile(phi, 4), np.tile(turn, 4))
+        cells = np.array(_cut_angles(np.tile(cut, 4), z, r, *(np.tile(angle, 4) for angle in angles)))
     return np.concatenate(points)
 
 

@@ -23,6 +23,23 @@ which is the middle of the cap:
 
 A half-space with s >= 1 holds the whole sphere; any other a cap up to t = theta - arccos(s), beyond which an arc
 lies outside, even if its far end does not. The least t of all d is that of P.
+
+An allocator that only multiplies has inputs A^+ w, and nothing where one is beyond its limits:
+
+| symbol | meaning | shape |
+|---|---|---|
+| A, A^+ | wrench map and its pseudo-inverse | (6, N), (N, 6) |
+| b | wrench that is held, hover with its load | (6,) |
+| E | wrenches of unit forces or torques that are added | (6, D) |
+| v | A^+ b | (N,) |
+| s_i | what is left of input i: the least of high_i - v_i and v_i - low_i | |
+
+Input i is v_i + (A^+ E)_i d for an added d, so that the largest ball has the radius min_i s_i / |(A^+ E)_i|: no
+program is needed. Wrenches that A A^+ does not return are not exerted at all. PX4 allocates so before it
+desaturates.
+
+With a rotor dead, the torques that can be added show that attitude remains controllable. A dead rotor's bounds are
+both zero, whatever the least input.
 """
 
 from __future__ import annotations
@@ -32,22 +49,18 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
+from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
-from verify.flight.programs import Box, greatest
+from verify.flight.programs import Box, find_solutions, greatest
 from verify.meshes import Indices
 
 ACCURACY = 1e-7
 """Distance between both bounds of r, in weights, or of t that is good enough."""
 ROUNDS = 60
 """Largest number of refinements of the normals."""
-ASKED = 12
-"""Normals that are asked at a time."""
-SAME = 1e-13
-"""One minus the cosine of the angle between normals that are one."""
-COVERED = 1e-6
-"""Largest gap in a full (solid) angle around zero [rad], [sr]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,12 +171,14 @@ class _Polytope:
     def questions(self) -> Array:
         """Return the directions to ask in next, shape (q, D); none at the end."""
         if not len(self.directions):
-            return _first(self.D)
+            around = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=self.D) if any(d)])
+            around = around[np.abs(around).sum(axis=1) != 2] if self.D == 3 else around
+            return np.asarray(around / np.linalg.norm(around, axis=1, keepdims=True))
         if self.upper <= ACCURACY or not len(self.points):
             return np.empty((0, self.D))
-        thin = self._flat_direction()
-        if thin is not None:
-            return self._new_directions(np.stack([thin, -thin]))
+        _, sizes, axes = np.linalg.svd(np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))]))
+        if sizes[-1] <= ACCURACY / 10:  # no points lie across the last axis
+            return self._new_directions(np.stack([axes[-1], -axes[-1]]))
         try:
             hull = ConvexHull(self.points)
         except QhullError:
@@ -174,33 +189,21 @@ class _Polytope:
         sizes = self.size(normals, offsets)
         self.lower = max(self.lower, float(sizes.min()) if _surrounds(normals, corners) else 0.0)
         near = np.flatnonzero(sizes < self.upper - ACCURACY)
-        return self._new_directions(normals[near[np.argsort(sizes[near], kind="stable")]])[:ASKED]
-
-    def _flat_direction(self) -> Array | None:
-        """Return a direction across which no points lie, if there is one."""
-        _, sizes, axes = np.linalg.svd(np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))]))
-        return None if sizes[-1] > ACCURACY / 10 else np.asarray(axes[-1])
+        return self._new_directions(normals[near[np.argsort(sizes[near], kind="stable")]])
 
     def _new_directions(self, normals: Array) -> Array:
         kept: list[Array] = []
         for n in normals:
             known = np.concatenate([self.directions, *[one[None] for one in kept]])
-            if not np.any(known @ n > 1 - SAME):
+            if not np.any(known @ n > 1 - 1e-13):  # nearer normals are one
                 kept.append(n)
-            if len(kept) == ASKED:
+            if len(kept) == 12:  # so many are asked at a time
                 break
         return np.array(kept).reshape(-1, self.D)
 
     def ball(self) -> Ball:
         """Return what is proven."""
         return Ball(min(self.lower, max(self.upper, 0.0)), self.upper, self.weakest)
-
-
-def _first(D: int) -> Array:
-    """Return unit vectors all around."""
-    around = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=D) if any(d)])
-    around = around[np.abs(around).sum(axis=1) != 2] if D == 3 else around
-    return np.asarray(around / np.linalg.norm(around, axis=1, keepdims=True))
 
 
 def _surrounds(normals: Array, corners: Array) -> bool:
@@ -210,10 +213,76 @@ def _surrounds(normals: Array, corners: Array) -> bool:
     if corners.shape[1] == 2:
         a, b = corners[:, 0], corners[:, 1]
         angles = np.arctan2(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b, axis=1))
-        return bool(abs(angles.sum() - 2 * math.pi) < COVERED)
+        return bool(abs(angles.sum() - 2 * math.pi) < 1e-6)  # the largest gap [rad], below [sr]
     # Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983)
     a, b, c = (corners[:, k] for k in range(3))
     A, B, C = (np.linalg.norm(x, axis=1) for x in (a, b, c))
     volume = np.abs(np.einsum("fd,fd->f", a, np.cross(b, c)))
     inner = A * B * C + np.sum(a * b, axis=1) * C + np.sum(b * c, axis=1) * A + np.sum(c * a, axis=1) * B
-    return bool(abs(2 * np.arctan2(volume, inner).sum() - 4 * math.pi) < COVERED)
+    return bool(abs(2 * np.arctan2(volume, inner).sum() - 4 * math.pi) < 1e-6)
+
+
+FORCES, TORQUES = np.eye(6)[:, :3], np.eye(6)[:, 3:]
+"""Wrenches about the COM of forces and torques there."""
+
+
+class PseudoInverse:
+    """The allocator.
+
+    Args:
+        A: wrench map, shape (6, N) [m_t g, l_arm m_t g].
+        box: bounds of the inputs, shape (N,) each.
+    """
+
+    def __init__(self, A: Array, box: Box) -> None:
+        # singular values below this share of the largest are zero
+        self._A, self._box, self._inverse = A, box, np.linalg.pinv(A, rcond=1e-9)
+
+    def ball(self, b: Array, E: Array) -> float:
+        """Return the radius of the largest ball of additions to b; 0 if there is none."""
+        v, rows = self._inverse @ b, self._inverse @ E
+        missed = self._A @ np.column_stack([v, rows]) - np.column_stack([b, E])
+        left = np.minimum(self._box.high - v, v - self._box.low)
+        if np.abs(missed).max() > TOLERANCE or left.min() < 0:
+            return 0.0
+        sizes = np.linalg.norm(rows, axis=1)
+        moved = sizes > 0
+        return float((left[moved] / sizes[moved]).min(initial=math.inf))
+
+    def cap(self, b: Array) -> float:
+        """Return the half-angle of the largest cap of forces as large as that of b around it, without torque [rad].
+
+        Each limit of an input is a half-space of forces.
+        """
+        if self.ball(b, FORCES) == 0:
+            return 0.0
+        v, rows = self._inverse @ b, self._inverse @ FORCES
+        sizes = np.linalg.norm(rows, axis=1)
+        moved = sizes > 0
+        normals = rows[moved] / sizes[moved, None]
+        up, down = (side[moved] / sizes[moved] for side in (self._box.high - v, v - self._box.low))
+        return min(float(half_angles(n, h, b[:3]).min()) for n, h in ((normals, up), (-normals, down)))
+
+
+def remainder(A: Array, b: Array, box: Box) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array, Array]:
+    """Return what is left of a wrench with each of the rotors dead, one at a time.
+
+    Whether it is proven to be possible, and impossible; the radius of the largest ball of torques that can be
+    added, at least (0 without a proof) and at most [l_arm m_t g]; shape (N,) each.
+
+    Args:
+        A: wrench map, shape (6, N).
+        b: the wrench, shape (6,).
+        box: bounds of the inputs of rotors that run, shape (N,) each.
+    """
+    N = A.shape[1]
+    alive = 1.0 - np.eye(N)
+    low, high = box.low * alive, box.high * alive
+    reached = find_solutions(A, np.tile(b, (N, 1)), Box(low, high))
+    lower, upper = np.zeros(N), np.where(reached.no, 0.0, np.inf)
+    able = np.flatnonzero(reached.yes)
+    for dead in np.array_split(able, math.ceil(len(able) / 20) or 1):  # polytopes that are looked at at once
+        made = reached.v[dead] @ A.T  # within the audit's tolerance of b, and produced exactly
+        balls = largest_balls(A[3:], A[:3], made[:, 3:], made[:, :3], Box(low[dead], high[dead]))
+        lower[dead], upper[dead] = [ball.lower for ball in balls], [max(ball.upper, 0.0) for ball in balls]
+    return reached.yes, reached.no, lower, upper

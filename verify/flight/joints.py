@@ -43,9 +43,11 @@ def joint_loads(
             of both sides that may carry it.
     """
     borne = _Borne(design, platform, case, u)
-    topology = design.topology
-    beyond = _outward_modules(design)
-    for h, i, a, _ in topology.edges():
+    edges = list(design.topology.edges())
+    beyond = np.eye(design.topology.n, dtype=bool)  # which modules, columns, hang at each module, rows
+    for h, i, _, _ in reversed(edges):
+        beyond[h] |= beyond[i]
+    for h, i, a, _ in edges:
         axis = platform.poses.R[h][:, 1 if a % 2 == 0 else 0]
         sides = (True, False) if holder is None else (bool(beyond[i, holder]),)
         loads = [borne.at(i, beyond[i], tip) for tip in sides]
@@ -59,14 +61,6 @@ def joint_loads(
             about_hinge_Nm=clamp(max(abs(float(tau @ axis)) for _, tau in loads)),
             across_hinge_Nm=clamp(max(float(np.linalg.norm(tau - (tau @ axis) * axis)) for _, tau in loads)),
         )
-
-
-def _outward_modules(design: Design) -> Array:
-    """Return which modules, columns, hang at each module, rows, itself included, shape (n, n)."""
-    beyond = np.eye(design.topology.n, dtype=bool)
-    for h, i, _, _ in reversed(list(design.topology.edges())):
-        beyond[h] |= beyond[i]
-    return beyond
 
 
 class _Borne:

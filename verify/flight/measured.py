@@ -44,25 +44,16 @@ from topo_search.model import (
 from topo_search.model.load_case import centres_of
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
-from verify.flight.balls import Ball, largest_balls, largest_caps
-from verify.flight.failures import remainder
-from verify.flight.inputs import least_inputs
+from verify.flight.balls import FORCES, TORQUES, Ball, PseudoInverse, largest_balls, largest_caps, remainder
 from verify.flight.joints import inertia, joint_loads
-from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest
-from verify.flight.pseudo_inverse import FORCES, TORQUES, PseudoInverse
-from verify.kinematics import Platform
+from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest, least_inputs
+from verify.kinematics import Platform, required_wrench, wrench_map
 from verify.residuals import clamp
-from verify.wrench import required_wrench, wrench_map
 
 HOVER = "hover"
-AT_LIMIT = 1e-3
-"""Share of its range by which an input may be off its limit and count as at it."""
 
 CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
 """Corners of a box, shape (8, 3)."""
-KINDS = "force", "horizontal", "torque", "tilt", "angular"
-LEFT = tuple(name for name in CaseFlight.model_fields if name.startswith(KINDS))
-"""Fields of what is left with the centre of mass off."""
 CASES = 20
 """Cases whose reserves are looked for at once."""
 TOGETHER = 200
@@ -103,6 +94,8 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
         cases = tuple(_least(*rows) for rows in zip(cases, *off, strict=True))
     rod = None if tip is None else tip.rod
     angle = None if errors is None else errors.hinge_angle_deg
+    at = platform.rotors.reshape(-1, 3)
+    span = max(float(np.linalg.norm(at - one, axis=1).max()) for one in at)  # of the rotors' centres
     return Flight(
         cases=cases,
         rotors_out_hover=measured.rotors_out(1),
@@ -114,7 +107,7 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
         hover_power_ratio=measured.hover_power_ratio,
         rod_length_m=None if rod is None else rod.length_m,
         rod_mass_share=None if rod is None else rod.mass_kg / task.total_mass(task.n),
-        span_m=_span(design, platform),
+        span_m=clamp(span + 2 * task.module.body.rotor_radius),
     )
 
 
@@ -328,7 +321,7 @@ class Measured:
         """Return the extremes of some inputs, and how many are at a limit."""
         if v is None:
             return {}
-        near = AT_LIMIT * (self.box.high - self.box.low)
+        near = 1e-3 * (self.box.high - self.box.low)  # so near to its limit an input counts as at it
         limited = (v <= self.box.low + near) | (v >= self.box.high - near)
         return {
             "largest_input": clamp(float(v.max())),
@@ -358,7 +351,9 @@ def _torques_about(p: Array, W: Array) -> Array:
 def _least(nominal: CaseFlight, *off: CaseFlight) -> CaseFlight:
     """Return a case with the least that is left with the centre of mass off: nothing where it is impossible."""
     least, weakest = dict[str, Any](), 0
-    for name in LEFT:
+    for name in CaseFlight.model_fields:
+        if not name.startswith(("force", "horizontal", "torque", "tilt", "angular")):
+            continue
         values = [getattr(one, name) for one in off]
         if any(one.possible is False for one in off):
             nothing = np.zeros_like(getattr(nominal, name), dtype=float).tolist()
@@ -381,9 +376,8 @@ def _rotors_asked(measured: Measured, design: Design) -> RotorsOut | None:
         return None
     numbers = [number for number, _, _ in centres_of(design.task, rotor_out)]
     wrenches = measured.wrenches[np.unique(measured.same[numbers])]
-    remainders = [remainder(measured.A, b, measured.box) for b in wrenches]
-    lower, upper = (np.min([getattr(one, side) for one in remainders], axis=0) for side in ("lower", "upper"))
-    keep, lose = np.all([one.yes for one in remainders], axis=0), np.any([one.no for one in remainders], axis=0)
+    yes, no, lower, upper = zip(*(remainder(measured.A, b, measured.box) for b in wrenches), strict=True)
+    keep, lose, lower, upper = np.all(yes, axis=0), np.any(no, axis=0), np.min(lower, axis=0), np.min(upper, axis=0)
     least = int(np.argmin(lower))
     return RotorsOut(
         survive=int(keep.sum()),
@@ -431,10 +425,3 @@ def _ball(name: str, weakest: str, ball: Ball, size: float) -> dict[str, Any]:
 def _rotors(which: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
     """Return module and rotor of those that are meant, shape (4n,)."""
     return tuple((int(j) // 4, int(j) % 4) for j in np.flatnonzero(which))
-
-
-def _span(design: Design, platform: Platform) -> float:
-    """Return the largest distance between the centres of two rotors, and the width of one [m]."""
-    at = platform.rotors.reshape(-1, 3)
-    apart = max(float(np.linalg.norm(at - one, axis=1).max()) for one in at)
-    return clamp(apart + 2 * design.task.module.body.rotor_radius)

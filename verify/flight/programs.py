@@ -1,4 +1,4 @@
-"""Linear programs whose solutions are proven: a primal and a dual point in hand for each.
+"""Linear and quadratic programs whose solutions are proven: a primal and a dual point in hand for each.
 
     maximise c . v  such that  M v = m,  low <= v <= high
 
@@ -10,8 +10,35 @@
 | h(c) | the greatest value: c . v <= h(c) <= sum_j max(low_j w_j, high_j w_j) + y . m | |
 
 So values are bracketed whoever found the points. Equations have no solution within TOLERANCE, the audit's own, if
-some y with sum |y| = 1 has y . m - sum_j max(low_j w_j, high_j w_j) > TOLERANCE with w = y M. `simplex` solves all
+some y with sum |y| = 1 has y . m - sum_j max(low_j w_j, high_j w_j) > TOLERANCE with w = y M. `solve` takes all
 programs of one kind at once; what its points do not decide HiGHS solves again, one by one.
+
+The least inputs that produce a wrench are a quadratic program:
+
+    minimise |v|^2 / 2  such that  A v = b,  low <= v <= high
+
+| symbol | meaning | shape |
+|---|---|---|
+| A, b | wrench map and wrench | (6, N), (6,) |
+| y | multipliers; the best v for them is A^T y, clipped to the bounds | (6,) |
+| L(y) | |v|^2 / 2 - y . (A v - b) at that v: never more than the least |v|^2 / 2 | |
+
+L is concave, and its gradient b - A v. Newton's method finds where it vanishes: v is then the answer, proven.
+
+`solve` finds the points of many small linear programs at once, by the dual simplex method for variables with
+bounds:
+
+| symbol | meaning | shape |
+|---|---|---|
+| B, N, k | programs, variables, equations | |
+| M | equations of all programs, and k unit vectors, whose variables are zero | (k, N + k) |
+| y | multipliers of the equations | (B, k) |
+| r | reduced costs, c - y M: outside the basis v is at `high` where r > 0, at `low` where r < 0 | (B, N + k) |
+| rho | row of the inverse basis that belongs to the leaving variable: the direction in which y moves | (B, k) |
+
+Every variable has two bounds, so that every basis is dual feasible and the unit vectors are one to start from: no
+first phase. A step goes past all breakpoints at which the dual objective still falls (the long step rule), so that
+the number of steps hardly grows with N. Nothing that this finds has to be believed.
 """
 
 from __future__ import annotations
@@ -24,8 +51,9 @@ from scipy.optimize import linprog
 
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
-from verify.flight.simplex import solve
 from verify.meshes import Indices
+
+Ends = tuple[Array, Array, Array, Indices]
 
 LARGEST = 1e6
 """Forces in m_t g and torques in l_arm m_t g beyond it have lost the digits that programs need."""
@@ -82,12 +110,12 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
         bases: to start from.
     """
     bounds = box.rows(len(c))
-    result = solve(c, M, m, bounds.low, bounds.high, bases)
-    judged = _bracket(c, M, m, bounds, result.v, result.y, result.bases)
+    v, y, _, bases = solve(c, M, m, bounds.low, bounds.high, bases)
+    judged = _bracket(c, M, m, bounds, v, y, bases)
     loose = np.flatnonzero(~(judged.upper - judged.attained <= GAP))
     if not len(loose):
         return judged
-    v, y = result.v.copy(), result.y.copy()
+    v, y = v.copy(), y.copy()
     for row in loose:
         solution = linprog(
             -c[row], A_eq=M, b_eq=m[row], bounds=np.stack([bounds.low[row], bounds.high[row]], axis=1)
@@ -95,13 +123,13 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
         if solution.status == 0:
             v[row] = np.clip(solution.x, bounds.low[row], bounds.high[row])
             y[row] = -solution.eqlin.marginals
-    again = _bracket(c, M, m, bounds, v, y, result.bases)
+    again = _bracket(c, M, m, bounds, v, y, bases)
     better = again.attained > judged.attained
     return Greatest(
         np.where(better[:, None], again.v, judged.v),
         np.maximum(judged.attained, again.attained),
         np.minimum(judged.upper, again.upper),
-        result.bases,
+        bases,
     )
 
 
@@ -132,15 +160,14 @@ def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -
     bounds = box.rows(len(m))
     # any costs would do; different ones make the solution one vertex
     c = np.broadcast_to(-1.0 - np.arange(M.shape[1]) / M.shape[1], (len(m), M.shape[1]))
-    result = solve(c, M, m, bounds.low, bounds.high, bases)
-    v = result.v
-    yes, no = _meets(M, m, v), _excludes(M, m, bounds, result.rays)
+    v, _, rays, bases = solve(c, M, m, bounds.low, bounds.high, bases)
+    yes, no = _meets(M, m, v), _excludes(M, m, bounds, rays)
     for row in np.flatnonzero(~yes & ~no):
         v[row], y = nearest(M, m[row], bounds.low[row], bounds.high[row])
         one = slice(row, row + 1)
         yes[one] = _meets(M, m[one], v[one])
         no[one] = _excludes(M, m[one], Box(bounds.low[one], bounds.high[one]), y[None])
-    return Solvable(yes, no, v, result.bases)
+    return Solvable(yes, no, v, bases)
 
 
 def _meets(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:
@@ -165,3 +192,152 @@ def nearest(M: Array, m: Array, low: Array, high: Array) -> tuple[Array, Array]:
         return low, np.zeros(k)
     over, under = solution.ineqlin.marginals[:k], solution.ineqlin.marginals[k:]
     return np.clip(solution.x[:N], low, high), np.asarray(over - under)
+
+
+def least_inputs(A: Array, b: Array, box: Box) -> Array | None:
+    """Return the least inputs, shape (N,), each equation met to RESIDUAL; None if they are not found."""
+
+    def at(y: Array) -> tuple[Array, Array, float]:
+        v = np.clip(y @ A, box.low, box.high)
+        missing = b - A @ v
+        return v, missing, float(v @ v / 2 + y @ missing)
+
+    y = np.zeros(len(A))
+    v, missing, value = at(y)
+    # in units of the largest entry: some wrenches may have no free rotors
+    damping = least = max(1e-12 * float(np.abs(A @ A.T).max()), 1e-300)
+    for _ in range(100):
+        if np.abs(missing).max() <= RESIDUAL:
+            return np.asarray(v)
+        free = A[:, (y @ A >= box.low) & (y @ A <= box.high)]
+        ahead = np.linalg.solve(free @ free.T + damping * np.eye(len(A)), missing)
+        share = 1.0
+        while share > 1e-3:  # shorter steps are none: the matrix is damped instead
+            nearer = at(y + share * ahead)
+            # share of the promised gain that a step must bring
+            if nearer[2] >= value + 1e-4 * share * float(ahead @ missing):
+                break
+            share /= 2
+        else:
+            damping *= 100
+            continue
+        damping = max(damping / 10, least)
+        y = y + share * ahead
+        v, missing, value = nearer
+    return None
+
+
+def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None = None) -> Ends:
+    """Return where the method ends for each program.
+
+    Args:
+        c: shape (B, N).
+        M: shape (k, N).
+        m: shape (B, k).
+        low: finite, shape (B, N).
+        high: finite, at least `low`, shape (B, N).
+        bases: to start from, shape (B, k); default: the unit vectors.
+
+    Returns:
+        Variables within their bounds, (B, N); multipliers, (B, k); directions of y that show that no variables meet
+        the equations, zero where none was found, (B, k); the variables of each basis, to start from for costs that
+        differ a little, (B, k).
+    """
+    programs, (k, N) = len(c), M.shape
+    unit = np.zeros((programs, k))
+    if bases is None:
+        bases = np.tile(np.arange(N, N + k), (programs, 1))
+    state = _State(
+        np.concatenate([c, unit], axis=1),
+        np.concatenate([M, np.eye(k)], axis=1),
+        m,
+        np.concatenate([low, unit], axis=1),
+        np.concatenate([high, unit], axis=1),
+        bases,
+    )
+    bases = bases.copy()
+    v, y, rays = np.zeros((programs, N + k)), np.zeros((programs, k)), np.zeros((programs, k))
+    numbers = np.arange(programs)
+    for _ in range(100 + k + N // 10):  # 100 more than one per equation and per ten variables
+        if not len(numbers):
+            break
+        try:
+            ended, ray = state.step()
+        except np.linalg.LinAlgError:  # a singular basis
+            break
+        v[numbers], y[numbers], rays[numbers], bases[numbers] = state.v, state.y, ray, state.basis
+        numbers = numbers[~ended]
+        state.keep(~ended)
+    return np.clip(v[:, :N], low, high), y, rays, bases
+
+
+class _State:
+    """The programs that have not ended."""
+
+    def __init__(self, c: Array, M: Array, m: Array, low: Array, high: Array, basis: Indices) -> None:
+        self.c, self.M, self.m, self.low, self.high = c, M, m, low, high
+        self.basis, self.in_basis = basis.copy(), np.zeros(c.shape, dtype=bool)
+        self.in_basis[np.arange(len(c))[:, None], basis] = True
+        self.at_high: NDArray[np.bool_] | None = None
+        self.v, self.y = np.zeros_like(c), np.zeros_like(m)
+
+    def keep(self, rows: NDArray[np.bool_]) -> None:
+        """Go on with some programs only."""
+        if not rows.all():
+            for name in ("c", "m", "low", "high", "basis", "in_basis", "at_high"):
+                setattr(self, name, getattr(self, name)[rows])
+
+    def step(self) -> tuple[NDArray[np.bool_], Array]:
+        """Make a step; return which programs have ended, and the rays of those without feasible variables."""
+        rows = np.arange(len(self.c))
+        at = rows[:, None], self.basis
+        inverse = np.linalg.inv(self.M.T[self.basis].transpose(0, 2, 1))
+        self.y = (self.c[at][:, None] @ inverse)[:, 0]
+        r = self.c - self.y @ self.M
+        r[at] = 0.0
+        if self.at_high is None:
+            self.at_high = r > 0
+        self.v = np.where(self.at_high, self.high, self.low)
+        self.v[at] = 0.0
+        inside = (inverse @ (self.m - self.v @ self.M.T)[:, :, None])[:, :, 0]
+        self.v[at] = inside
+        below = self.low[at] - inside
+        beyond = np.maximum(below, inside - self.high[at])
+        scale = (self.high - self.low).max(axis=1)
+        slot = np.argmax(beyond / np.linalg.norm(inverse, axis=2), axis=1)
+        missing = beyond[rows, slot]
+        # largest final violation of bounds, in units of the largest range of any
+        optimal = beyond.max(axis=1) <= 1e-11 * scale
+        rho = inverse[rows, slot]
+        sign = np.where(below[rows, slot] > 0, 1.0, -1.0)
+        alpha = sign[:, None] * (rho @ self.M)
+        entering, passed, enters = self._breakpoints(r, alpha, missing, self.at_high)
+        ended = optimal | ~enters
+        move = ~ended
+        leaving = self.basis[rows, slot]
+        self.at_high ^= passed & move[:, None]
+        self.in_basis[rows[move], leaving[move]] = False
+        self.at_high[rows[move], leaving[move]] = sign[move] < 0
+        self.basis[rows[move], slot[move]] = entering[move]
+        self.in_basis[rows[move], entering[move]] = True
+        return ended, np.where((~optimal & ~enters)[:, None], -sign[:, None] * rho, 0.0)
+
+    def _breakpoints(
+        self, r: Array, alpha: Array, missing: Array, at_high: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which variable enters, which ones are passed and change their bound, and whether any enters."""
+        width = self.high - self.low
+        towards = np.where(at_high, alpha, -alpha)
+        # smallest pivot, in units of the largest of its row
+        blocks = ~self.in_basis & (width > 0) & (towards > 1e-9 * np.abs(alpha).max(axis=1, keepdims=True))
+        at = np.where(blocks, np.abs(r) / np.where(blocks, towards, 1.0), np.inf)
+        order = np.argsort(at, axis=1, kind="stable")
+        rows = np.arange(len(order))[:, None]
+        gained = np.cumsum(np.where(blocks, towards * width, 0.0)[rows, order], axis=1)
+        turns = gained >= (1 - 1e-10) * missing[:, None]  # the others need not make up for rounding
+        enters = turns[:, -1]
+        first = np.argmax(turns, axis=1)
+        rank = np.empty_like(order)
+        rank[rows, order] = np.arange(order.shape[1])
+        passed = blocks & (rank < first[:, None])
+        return order[rows[:, 0], first], passed, enters

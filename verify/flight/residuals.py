@@ -14,6 +14,7 @@ from topo_search.model.load_case import AT, PLACES, AskedFlight, centres
 from topo_search.model.proven import TOLERANCE
 from verify.flight.joints import inertia
 from verify.kinematics import platform
+from verify.residuals import residual
 
 
 def reserve_residuals(design: Design, measured: Flight | None) -> Iterator[Residual]:
@@ -64,15 +65,10 @@ def failure_residuals(design: Design, measured: Flight | None) -> Iterator[Resid
     where = "hover" if flight.rotor_out == "hover" else "hover and cases that carry the weight"
     kept = 0 if out is None else out.survive
     status = Status.CLEAR if kept == 4 * task.n else Status.UNDECIDED
-    yield Residual(
-        name=f"{where}, any rotor dead",
-        value=float(4 * task.n - kept),
-        unit="rotors",
-        scaled=float(4 * task.n - kept),
-        tolerance=0.0,
-        status=Status.VIOLATED if out is not None and out.lost else status,
-        stated=float(4 * task.n),
-        derived=float(kept),
+    status = Status.VIOLATED if out is not None and out.lost else status
+    rotors = {"claim": float(4 * task.n), "derived": float(kept)}
+    yield residual(
+        f"{where}, any rotor dead", float(4 * task.n - kept), "rotors", 1.0, tolerance=0.0, status=status, **rotors
     )
     r, scale = flight.rotor_out_torque or 0.0, task.torque_unit(task.n)
     if r > 0:
@@ -90,18 +86,9 @@ def load_residuals(design: Design, measured: Flight | None) -> Iterator[Residual
             continue
         loads = () if measured is None else (load for load in measured.joints if load.case != measured.hover.name)
         largest = max((float(getattr(load, field)) for load in loads), default=0.0)
+        name, known = f"largest {what} in a joint", Status.UNDECIDED if measured is None else None
         beyond = max(0.0, largest - most)
-        known = Status.CLEAR if beyond <= TOLERANCE * scale(task.n) else Status.VIOLATED
-        yield Residual(
-            name=f"largest {what} in a joint",
-            value=beyond,
-            unit=unit,
-            scaled=beyond / scale(task.n),
-            tolerance=TOLERANCE,
-            status=Status.UNDECIDED if measured is None else known,
-            stated=most,
-            derived=largest,
-        )
+        yield residual(name, beyond, unit, scale(task.n), claim=most, derived=largest, status=known)
 
 
 def tolerance_residuals(design: Design, errors: Sensitivity | None) -> Iterator[Residual]:
@@ -110,16 +97,8 @@ def tolerance_residuals(design: Design, errors: Sensitivity | None) -> Iterator[
     if not design.task.flight.tolerances or worst is None:  # there is no clearance to lose
         return
     short = 0.0 if worst.status == Status.CLEAR else max(0.0, -worst.lower_m)
-    yield Residual(
-        name=WITHIN_TOLERANCES,
-        value=short,
-        unit="m",
-        scaled=short / design.task.module.arm_length,
-        tolerance=0.0,
-        status=worst.status,
-        stated=0.0,
-        derived=worst.lower_m,
-    )
+    limits = {"tolerance": 0.0, "claim": 0.0, "derived": worst.lower_m}
+    yield residual(WITHIN_TOLERANCES, short, "m", design.task.module.arm_length, status=worst.status, **limits)
 
 
 def _judge(name: str, unit: str, r: float, lower: float, upper: float | None, scale: float) -> Residual:
@@ -130,16 +109,7 @@ def _judge(name: str, unit: str, r: float, lower: float, upper: float | None, sc
         status = Status.CLEAR
     elif upper is not None and r - upper > TOLERANCE * scale:
         status = Status.VIOLATED
-    return Residual(
-        name=name,
-        value=short,
-        unit=unit,
-        scaled=short / scale,
-        tolerance=TOLERANCE,
-        status=status,
-        stated=r,
-        derived=lower,
-    )
+    return residual(name, short, unit, scale, claim=r, derived=lower, status=status)
 
 
 def _bracket(flight: AskedFlight, case: CaseFlight | None, name: str) -> tuple[Any, Any]:

@@ -27,12 +27,8 @@ from verify.flight.measured import Measured
 from verify.flight.programs import Box, greatest
 from verify.residuals import clamp
 
-RANK = 1e-9
-"""Singular values below this share of the largest are zero."""
 FOUND = 1e-9
 """Distance from a facet, in weights, up to which a corner lies on it."""
-ROUNDS = 200
-"""Largest number of refinements of a hull."""
 
 
 def capability(vehicle: Vehicle, task: Task | None = None) -> Capability | None:
@@ -56,8 +52,9 @@ def capability(vehicle: Vehicle, task: Task | None = None) -> Capability | None:
     F, T = measured.A[:3], measured.A[3:]
     ball = largest_balls(F, T, np.zeros((1, 3)), np.zeros((1, 3)), box)[0]
     rows, hull = measured.cases(), force_hull(F, T, np.zeros(3), box)
+    # singular values below this share of the largest are zero
     return Capability(
-        rank=int(np.linalg.matrix_rank(measured.A, rtol=RANK)),
+        rank=int(np.linalg.matrix_rank(measured.A, rtol=1e-9)),
         zero_torque_volume_N3=0.0 if hull is None else clamp(hull.volume * weight**3),
         zero_torque_ball_N=clamp(ball.lower * weight),
         flight=Flight(
@@ -109,7 +106,7 @@ def _count_through(out: RotorsOut) -> RotorsOut:
     return out.model_copy(update={"lost": lost, "undecided": undecided})
 
 
-def force_hull(F: Array, T: Array, t: Array, box: Box, *, rounds: int = ROUNDS) -> ConvexHull | None:
+def force_hull(F: Array, T: Array, t: Array, box: Box, *, rounds: int = 200) -> ConvexHull | None:
     """Return the hull of all forces F v with T v = t and v in the box; None if it has no volume.
 
     Args:
