@@ -121,24 +121,28 @@ def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_
     lo, hi, used, whole_rho = waiting.lower, waiting.upper, waiting.used, (upper[0] - lower[0]) / 2
     waiting.y[0] = work.first
     record, boxes, left = np.empty(1024, np.uint8), 0, 1
+    unsettled = False
     while left > 0:
-        if boxes == most_boxes:
+        if unsettled:
+            worst_vertex.search_from_start(
+                problem, work.roots, work.vertices, work.rho, cut, work.first, work.search, work.lifted
+            )
+        elif boxes == most_boxes:
             return Found(MANY, record[:boxes], lo[left - 1].copy(), hi[left - 1].copy(), used)
+        else:
+            left -= 1
+        what = _settle(problem, waiting, work, left, cut, whole_rho, unsettled)
+        unsettled = what == UNSETTLED
+        if unsettled:
+            continue
         if boxes == len(record):
             longer = np.empty(2 * boxes, np.uint8)
             longer[:boxes] = record
             record = longer
-        left -= 1
-        what = _settle(problem, waiting, work, left, cut, whole_rho, False)
-        if what == UNSETTLED:
-            worst_vertex.search_from_start(
-                problem, work.roots, work.vertices, work.rho, cut, work.first, work.search, work.lifted
-            )
-            what = _settle(problem, waiting, work, left, cut, whole_rho, True)
+        record[boxes] = max(what, 0)
+        boxes += 1
         if what < 0:
             return Found(OPEN, record[:boxes], lo[left].copy(), hi[left].copy(), used)
-        record[boxes] = what
-        boxes += 1
         if what >= SPLIT:
             left += 2
     return Found(CLOSED, record[:boxes], lower, upper, used)
