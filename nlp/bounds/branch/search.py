@@ -122,7 +122,7 @@ def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_
     waiting.y[0] = work.first
     record, boxes, left = np.empty(1024, np.uint8), 0, 1
     unsettled = False
-    while left > 0:
+    while left > 0 or unsettled:
         if unsettled:
             worst_vertex.search_from_start(
                 problem, work.roots, work.vertices, work.rho, cut, work.first, work.search, work.lifted
