@@ -108,7 +108,7 @@ def fastest(point: Point) -> Iterator[Fastest]:
     induced = jet.induced * np.sqrt(point.u / task.module.hover_input(task.gravity))
     for number, exposure in limited:
         regions = [
-            _region(shape.at(point.p_E - point.p_COM), l_arm, exposure.speed_reach) for shape in exposure.shapes
+            region_of(shape.at(point.p_E - point.p_COM), l_arm, exposure.speed_reach) for shape in exposure.shapes
         ]
         for case in range(len(task.declared.load_cases)):
             speeds, points = dict[SpeedPoint, float](), set[SpeedPoint]()
@@ -152,7 +152,8 @@ def _direction(centre: Array, radius: float, z: Array, p: Array, x: Array) -> tu
     return tuple((frame @ (x - centre) / radius).round(6).tolist())
 
 
-def _region(shape: Shape, l_arm: float, within: float | None) -> Region:
+def region_of(shape: Shape, l_arm: float, within: float | None) -> Region:
+    """Return a region of the air [l_arm] of a shape whose direction is known, and the reach of its limit [m]."""
     from nlp.numbers.jets import Region  # compiled code, which other commands need not load
 
     start, axis, radius, half_angle, planes = np.zeros(3), np.zeros(3), 0.0, 0.0, np.zeros((0, 3))

@@ -15,9 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from nlp.airspeed import fastest
 from nlp.assembled import polish_with
 from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.ipopt import IpoptResult
+from nlp.joints import Limits
+from nlp.numbers.jets import climb
 from nlp.numbers.point import Point
 from nlp.reduced.arrays import ReducedProblem, to_arrays
 from nlp.reduced.search import (
@@ -40,7 +43,6 @@ from nlp.user_constraints import UserConstraints, correct_point
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.model.compiled_code import is_kept
 from topo_search.model.corners import CorneredTask
-from topo_search.model.shape import Capsule
 from topo_search.model.topology import straight_chain
 
 DRAWS = 8
@@ -59,6 +61,8 @@ class Polishing(NamedTuple):
     """Which local minima become designs."""
 
     plain: Polish = Polish(enough=2, most=6)
+    limited: Polish = Polish(enough=2, most=2)
+    """Where air is limited, whose rows make Ipopt slow."""
     cornered: Polish = Polish(enough=8, most=8)
     """For tasks with reserves or failures, of which all local minima of the first phase go on.
 
@@ -66,8 +70,7 @@ class Polishing(NamedTuple):
     rod or exclusion the seven best of 61 minima become designs 1.5 % worse than those of 31 others.
     """
     constrained: Polish = Polish(enough=8, most=16)
-    """For what the descents do not know, the user's constraints and air speeds over other regions than balls and
-    paths: the best design may be far from the best minimum."""
+    """For the user's constraints, which descents do not know: the best design may be far from the best minimum."""
     every: Polish = Polish(enough=256, most=256)
     """Where all local optima are sought that cost little enough."""
     most_missed: float = 0.02
@@ -75,6 +78,11 @@ class Polishing(NamedTuple):
 
     On push, push-two-paths and push-exterior-60 with five and seven modules, minima that became designs missed
     0.0063 at most; for one that misses more Ipopt takes five times the iterations to end nowhere.
+    """
+    air_missed: float = 0.005
+    """The same where air is limited, and of the best, too: Ipopt takes longest where air is far too fast.
+
+    On push-local below 2 and 3 m/s with four modules, the best minima of trees with a design missed 0.0004 at most.
     """
     worth: float = 1.05
     """Largest merit, over the least effort of a design, of a minimum that is polished where air is limited."""
@@ -95,6 +103,11 @@ class DeepSearch(NamedTuple):
     """Starts a batch, for each module."""
     gain: float = 0.02
     """Least relative decrease of the merit by the later half of the batches; the search ends with less."""
+    most_missed: float = 0.1
+    """Largest violation of the best local minimum of starts after which it is made, where air is limited.
+
+    It gave none of 119 trees of push, push-local and push-exterior-60 with five to eight modules a design.
+    """
     close: float = 0.005
     """Largest violation of a local minimum that ends the search at once [l_arm, m_t g, l_arm m_t g]."""
 
@@ -131,9 +144,7 @@ class ReducedSearch:
         """Effort of a merit of 1 [rad^4/s^4]."""
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)
-        limited = [shape for exposure in task.exposure if exposure.speed is not None for shape in exposure.shapes]
-        self._limited = bool(limited)
-        self._extra = bool(constraints) or not all(isinstance(shape, Capsule) for shape in limited)
+        self._limited = any(exposure.speed is not None for exposure in task.exposure)
         self._most_merit = None if most_effort is None else most_effort / self.effort_unit
 
     def of_starts(self, starts: Sequence[int]) -> _Minima:
@@ -150,19 +161,22 @@ class ReducedSearch:
             minima += [replace(minimum, starts=(start,)) for minimum in best]
         return minima
 
-    def deep_minima(self) -> list[LocalMinimum]:
+    def deep_minima(self, missing: float) -> list[LocalMinimum]:
         """Return the best distinct local minima of many starts at high prices, whose hinges turn either way.
 
         They come in batches. The search ends when one misses next to nothing, or when its later half brought the
-        merit down by little.
+        merit down by little. Where air is limited, whose rows cost more, there is one batch, and none if `missing`,
+        the least violation of other starts, is large.
         """
         minima: list[LocalMinimum] = []
+        if self._limited and missing > DEEP.most_missed:
+            return minima
         least: list[float] = []  # of the merits after each batch
         size = DEEP.batch * self._topology.n
         for batch in range(0, DEEP.most_starts, size):
             starts = range(batch, min(batch + size, DEEP.most_starts))
             minima += self._descend(starts, f"{self._seed} deep", STIFF, anyhow=True).best
-            if min(minimum.missing for minimum in minima) <= DEEP.close:
+            if self._limited or min(minimum.missing for minimum in minima) <= DEEP.close:
                 break
             least.append(min(minimum.merit for minimum in minima))
             half = least[(len(least) - 1) // 2]
@@ -175,13 +189,13 @@ class ReducedSearch:
     ) -> _Minima:
         numbers = [DRAWS * start + k for start in starts for k in range(DRAWS)]
         drawn = draws(self._task, self._topology, self.problem, numbers, seed, anyhow=anyhow)
-        least = POLISHING.constrained.most if self._extra else SELECTION.least_kept
+        least = POLISHING.constrained.most if self._constraints else SELECTION.least_kept
         if (self._cornered and not anyhow) or self._most_merit is not None:
             least = len(drawn)
         best, others = local_minima(self.problem, drawn, phases, least=least)
         return _Minima(*([replace(each, starts=_starts(each, starts)) for each in side] for side in (best, others)))
 
-    def polish(self, minima: list[LocalMinimum], plain: Polish = POLISHING.plain) -> Iterator[StartResult]:
+    def polish(self, minima: list[LocalMinimum], plain: Polish | None = None) -> Iterator[StartResult]:
         """Yield the results of the best distinct minima, one for each of their starts.
 
         Args:
@@ -189,14 +203,15 @@ class ReducedSearch:
             plain: how many are polished where the descents know all that the task asks for.
         """
         tried, least = 0, math.inf
-        which = POLISHING.constrained if self._extra else POLISHING.cornered if self._cornered else plain
+        plain = plain or (POLISHING.limited if self._limited else POLISHING.plain)
+        which = POLISHING.constrained if self._constraints else POLISHING.cornered if self._cornered else plain
         if self._most_merit is not None:
             minima, which = [each for each in minima if each.merit <= self._most_merit], POLISHING.every
         for minimum in _one_of_each(minima)[: which.most]:
             if tried >= which.enough and least < math.inf:
                 return
-            costly = self._limited and minimum.merit > POLISHING.worth * least
-            if tried and (costly or minimum.missing > POLISHING.most_missed):
+            most = POLISHING.air_missed if self._limited else POLISHING.most_missed if tried else math.inf
+            if minimum.missing > most or (self._limited and minimum.merit > POLISHING.worth * least):
                 continue
             outcome = take_in_corners(
                 self._task,
@@ -236,7 +251,11 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     tree = straight_chain(task.n)
     problem = to_arrays(task, tree)
     best, _ = local_minima(problem, draws(task, tree, problem, range(1), "compile"))
-    point_of(task, tree, problem, best[0])
+    point = point_of(without_corners(task), tree, problem, best[0])
+    limited = any(exposure.speed is not None for exposure in task.exposure)
+    if limited and not is_kept(climb):  # the polish states air speeds
+        points = sorted({at for fast in fastest(point) for at in fast.points})
+        polish_with(())(point, Limits(None, (), tuple(points)))
 
 
 def solve_starts(
@@ -270,7 +289,8 @@ def solve_starts(
         best, others = best + reached.best, reached.others
     polished = list(search.polish(best))
     if DEEP.start in starts and not any(outcome.worst.met for outcome in polished):
-        polished += [replace(outcome, start=DEEP.start) for outcome in search.polish(search.deep_minima())]
+        deep = search.deep_minima(min(minimum.missing for minimum in best))
+        polished += [replace(outcome, start=DEEP.start) for outcome in search.polish(deep)]
     outcomes: dict[int, StartResult] = {}
     for outcome in sorted(polished, key=lambda outcome: outcome.rank):
         outcomes.setdefault(outcome.start, outcome)

@@ -31,6 +31,7 @@ REGIONS = [
     {"kind": "exterior", "half_angle_deg": 60.0},
     {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}], "speed_within": 1.0},
 ]
+SLANTED = {"kind": "exterior", "half_angle_deg": 40.0, "axis": [0.6, 0.0, 0.8], "speed_within": 0.4}
 BESIDE = [[0.2, 0.0, 0.0], [0.5, 0.0, 0.0], [0.2, 0.3, 0.0], [0.2, 0.0, 0.3]]
 
 
@@ -94,10 +95,16 @@ def test_derivatives_of_rows_are_differences(tip: str | list[float]) -> None:
 
 
 @pytest.mark.parametrize("tip", ["free", [0.0, 0.0, -0.6]])
-def test_derivatives_of_rows_of_the_reduced_search_are_differences(tip: str | list[float]) -> None:
+@pytest.mark.parametrize(
+    ("speed", "regions"),
+    [(0.03, [REGIONS[0], REGIONS[3]]), (0.1, [REGIONS[1]]), (0.2, REGIONS[4:]), (0.2, [SLANTED])],
+)
+def test_derivatives_of_rows_of_the_reduced_search_are_differences(
+    tip: str | list[float], speed: float, regions: list[dict]
+) -> None:
     """Inputs follow the platform."""
-    rng, step = np.random.default_rng(6), 1e-5
-    regions = [{**REGIONS[0], "speed": 0.03}, {**REGIONS[3], "speed": 0.05}]
+    rng, step = np.random.default_rng(6), 3e-5
+    regions = [{**region, "speed": speed} for region in regions]
     task = push(3, exposure=regions, end_effector={"position": tip})
     point = random_point(task, random_tree(3, rng), rng)
     reduced = to_arrays(task, point.topology)
@@ -122,7 +129,7 @@ def test_a_row_of_the_reduced_search_is_at_the_near_side_of_a_ball_that_an_axis_
     x = np.zeros(len(reduced.lower))
     row = evaluate(reduced, x, np.zeros((1, 6)), counting, 1e4).g[-1]
     (at,) = fastest(point_of(task, topology, reduced, LocalMinimum(x, 0.0, 0.0, (0,), counting)))
-    assert 1 - row == pytest.approx(at.speed / 2.0, rel=0.05)
+    assert np.exp(-row) == pytest.approx(at.speed / 2.0, rel=0.05)
 
 
 @pytest.mark.parametrize("geometry", [True, False])

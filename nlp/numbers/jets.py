@@ -120,6 +120,15 @@ def speed(jet: Jet, q: Array, v: Array, epsilon: float, slopes: Array) -> float:
 
 
 @njit(cache=True)
+def merged_jets(jet: Jet, q: Array) -> float:
+    """Return the speed of merged jets over U_H."""
+    S = -q[2] / 2 + jet.origin
+    profile = 1 + (math.sqrt(2) - 1) / (2 * jet.half_width * S) ** 2 * (q[0] * q[0] + q[1] * q[1])
+    speed: float = jet.decay / S / profile**2
+    return speed
+
+
+@njit(cache=True)
 def find_parts(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
     """Find merged jets over U_H; slipstreams and flow towards the discs, four each, over their v.
 
@@ -230,12 +239,13 @@ class Region(NamedTuple):
 @njit(cache=True)
 def pull_inside(region: Region, x: Array) -> bool:
     """Move x to a point of the region that is near, and return whether there is one."""
-    _pull_into_shape(region, x)
+    no_slopes = np.empty((0, 3))
+    to_shape(region, x, no_slopes)
     if region.within == math.inf:
         return True
     for _ in range(CLIMB.pulls):
-        x *= min(1.0, region.within / max(math.sqrt(_dot(x, x)), 1e-300))
-        _pull_into_shape(region, x)
+        to_ball(region.within, x, no_slopes)
+        to_shape(region, x, no_slopes)
     return math.sqrt(_dot(x, x)) <= region.within * (1 + 1e-6)
 
 
@@ -246,28 +256,93 @@ def _dot(a: Array, b: Array) -> float:
 
 
 @njit(cache=True)
-def _pull_into_shape(region: Region, x: Array) -> None:
-    d = x - region.start
-    if len(region.planes):
+def to_ball(radius: float, x: Array, slopes: Array) -> None:
+    """Move x into a ball about p'_E, and its derivatives with it; see `to_shape`."""
+    length = math.sqrt(_dot(x, x))
+    if length <= radius:
+        return
+    for a in range(3):
+        x[a] *= radius / length
+    if len(slopes):
+        slopes *= radius / length
+        _project(x / radius, slopes)
+
+
+@njit(cache=True)
+def to_shape(region: Region, x: Array, slopes: Array) -> None:
+    """Move x to a point of the region that is near, however far that is from p'_E, and its derivatives with it.
+
+    Of a path, a cone and a box it is the nearest.
+
+    Args:
+        region: the region.
+        x: shape (3,).
+        slopes: derivatives of x, a column each, shape (3, k), or empty where only x counts.
+    """
+    o0, o1, o2 = region.start
+    a0, a1, a2 = region.axis
+    d0, d1, d2 = x[0] - o0, x[1] - o1, x[2] - o2
+    planes = region.planes
+    if len(planes):
         beyond = 1.0
-        for face in range(len(region.planes)):
-            beyond = max(beyond, _dot(region.planes[face], d))
-        x[:] = region.start + d / beyond
+        for pull in range(CLIMB.pulls):
+            face, beyond = 0, 1.0
+            for f in range(len(planes)):
+                height = planes[f, 0] * d0 + planes[f, 1] * d1 + planes[f, 2] * d2
+                if height > beyond:
+                    face, beyond = f, height
+            if beyond <= 1.0 + 1e-12 or pull == CLIMB.pulls - 1:
+                break
+            square = _dot(planes[face], planes[face])
+            step = (beyond - 1.0) / square
+            d0, d1, d2 = d0 - step * planes[face, 0], d1 - step * planes[face, 1], d2 - step * planes[face, 2]
+            _project(planes[face] / math.sqrt(square), slopes)
+        x[0], x[1], x[2] = o0 + d0 / beyond, o1 + d1 / beyond, o2 + d2 / beyond
         return
-    along = _dot(d, region.axis)
+    along = d0 * a0 + d1 * a1 + d2 * a2
     if region.half_angle == 0.0:
-        d -= min(max(along / max(_dot(region.axis, region.axis), 1e-300), 0.0), 1.0) * region.axis
-        x += d * (min(1.0, region.radius / max(math.sqrt(_dot(d, d)), 1e-300)) - 1.0)
+        along = min(max(along / max(a0 * a0 + a1 * a1 + a2 * a2, 1e-300), 0.0), 1.0)
+        d0, d1, d2 = d0 - along * a0, d1 - along * a1, d2 - along * a2
+        back = min(1.0, region.radius / max(math.sqrt(d0 * d0 + d1 * d1 + d2 * d2), 1e-300)) - 1.0
+        x[0], x[1], x[2] = x[0] + back * d0, x[1] + back * d1, x[2] + back * d2
         return
-    d -= along * region.axis
-    r, sine, cosine = math.sqrt(_dot(d, d)), math.sin(region.half_angle), math.cos(region.half_angle)
-    depth = max(along * sine - r * cosine, 0.0)
+    d0, d1, d2 = d0 - along * a0, d1 - along * a1, d2 - along * a2
+    r, sine, cosine = (
+        math.sqrt(d0 * d0 + d1 * d1 + d2 * d2),
+        math.sin(region.half_angle),
+        math.cos(region.half_angle),
+    )
+    depth = along * sine - r * cosine
+    if depth <= 0.0:
+        return
     if r < 1e-9:  # on the axis, any way out is as short
-        d[:] = 0.0
-        d[np.argmin(np.abs(region.axis))] = 1.0
-        d = np.cross(region.axis, d)
-        r = math.sqrt(_dot(d, d))
-    x -= depth * (sine * region.axis - cosine / r * d)
+        if abs(a0) < 0.6:
+            d0, d1, d2 = 0.0, -a2, a1
+        else:
+            d0, d1, d2 = a2, 0.0, -a0
+        r = math.sqrt(d0 * d0 + d1 * d1 + d2 * d2)
+    d0, d1, d2 = d0 / r, d1 / r, d2 / r
+    out = (sine * a0 - cosine * d0, sine * a1 - cosine * d1, sine * a2 - cosine * d2)
+    for a in range(3):
+        x[a] -= depth * out[a]
+    if len(slopes):
+        around = (a1 * d2 - a2 * d1, a2 * d0 - a0 * d2, a0 * d1 - a1 * d0)
+        for column in range(slopes.shape[1]):
+            turned = 0.0
+            for a in range(3):
+                turned += depth * cosine / r * around[a] * slopes[a, column]
+            for a in range(3):
+                slopes[a, column] += turned * around[a]
+        _project(np.array(out), slopes)
+
+
+@njit(cache=True)
+def _project(normal: Array, slopes: Array) -> None:
+    """Take the part along a unit vector out of derivatives, shape (3, k) or empty."""
+    for column in range(slopes.shape[1] if len(slopes) else 0):
+        along = _dot(normal, slopes[:, column])
+        for a in range(3):
+            slopes[a, column] -= along * normal[a]
 
 
 @njit(cache=True)

@@ -11,15 +11,16 @@ Dimensionless as `nlp.problem`: lengths in l_arm, forces in m g, inputs in u_hov
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.airspeed import AIMED_AT
+from nlp.airspeed import AIMED_AT, region_of
 from nlp.numbers.geometry import torque_map
-from nlp.numbers.jets import Jet, jet_of
+from nlp.numbers.jets import Jet, Region, jet_of
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, variable_bounds
@@ -99,20 +100,30 @@ class Hulls(NamedTuple):
 
 
 class Speeds(NamedTuple):
-    """The rows of air speeds, for each load case of the task, region and module; they come after the clearances."""
+    """The rows of air speeds, for each load case of the task, region and module; they come after the clearances.
+
+    Each region is a `nlp.numbers.jets.Region`, with its axis along p_E where it turns with that.
+    """
 
     jet: Jet
     case: Indices
     module: Indices
+    region: Indices
     start: Array
-    """Start of the region's path from p'_E, shape (r, 3)."""
-    path: Array
-    """From there to its end, shape (r, 3)."""
+    """Shape (r, 3)."""
+    axis: Array
+    """Shape (r, 3)."""
     along: Array
-    """Length of a path along p_E, shape (r,)."""
+    """Length of a path along p_E, -1 of a cone's axis to the COM, else 0; shape (r,)."""
     radius: Array
+    half_angle: Array
+    within: Array
     over: Array
     """1 over the limit, shape (r,) [s/m]."""
+    planes: Array
+    """Of all regions, shape (f, 3)."""
+    first: Indices
+    """First plane of each region, and one past the last, shape (r + 1,)."""
 
 
 class ReducedProblem(NamedTuple):
@@ -225,22 +236,36 @@ def _columns(listed: list[Row], speeds: int) -> tuple[Rows, Hulls]:
         numbers[COLUMNS.planes : COLUMNS.planes + 4] = places[id(hull)]
     tables = Hulls(np.concatenate(planes), np.concatenate(edges))
     rods = max((row.kernel.rod.number for row in listed), default=-1) + 1
-    least = np.array([row.least for row in listed] + [1 - AIMED_AT] * speeds)
+    least = np.array([row.least for row in listed] + [-math.log(AIMED_AT)] * speeds)
     return Rows(kind, i, j, data, least, rods), tables
 
 
 def _speeds(task: ResolvedTask) -> Speeds:
-    l_arm, regions = task.module.arm_length, list[tuple[float, ...]]()
+    l_arm, regions, along, over = task.module.arm_length, list[Region](), list[float](), list[float]()
     for exposure in task.exposure:
+        if exposure.speed is None:
+            continue
         for shape in exposure.shapes:
-            if exposure.speed is not None and isinstance(shape, Capsule):
-                path = np.zeros(3) if shape.length else np.subtract(shape.end, shape.start)
-                sizes = *shape.start, *path, shape.length or 0.0, shape.radius
-                regions.append((*np.divide(sizes, l_arm), 1 / exposure.speed))
-    numbers = np.array(regions).reshape(-1, 9)
+            length = shape.length / l_arm if isinstance(shape, Capsule) and shape.length else -1.0
+            along.append(length if shape.takes_direction_from_com else 0.0)  # the axis is found with the platform
+            regions.append(region_of(shape.at(np.zeros(3)), l_arm, exposure.speed_reach))
+            over.append(1 / exposure.speed)
     case, region, module = (
-        index.ravel() for index in np.indices((len(task.declared.load_cases), len(numbers), task.n))
+        index.ravel() for index in np.indices((len(task.declared.load_cases), len(regions), task.n))
     )
-    start, path, rest = np.split(numbers[region], [3, 6], axis=1)
-    jet = jet_of(task.module, task.air_density, task.gravity)
-    return Speeds(jet, case, module, start.copy(), path.copy(), *rest.T.copy())
+    axes = np.array([each.axis for each in regions]).reshape(-1, 3) * (np.array(along) == 0.0)[:, None]
+    return Speeds(
+        jet_of(task.module, task.air_density, task.gravity),
+        case,
+        module,
+        region,
+        np.array([each.start for each in regions]).reshape(-1, 3),
+        axes,
+        np.array(along),
+        np.array([each.radius for each in regions]),
+        np.array([each.half_angle for each in regions]),
+        np.array([each.within for each in regions]),
+        np.array(over),
+        np.concatenate([np.empty((0, 3)), *(each.planes for each in regions)]),
+        np.cumsum([0, *(len(each.planes) for each in regions)]),
+    )

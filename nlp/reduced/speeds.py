@@ -1,11 +1,12 @@
 r"""Air speeds over regions as rows of the reduced problem.
 
-For each module, region and load case a row has the sum of all speeds at the region's point that is near the
-module's axis and, of those, near the module:
+For each module, region and load case a row has the sum of all speeds at one point of the region. In balls and along
+paths it is near the module's axis and, of those, near the module; beyond cones and in hulls it is, of points next
+to the axis, the one where the module's own air is fastest:
 
 .. math::
 
-    g = 1 - \frac{1}{U_{max}} \sum_i U_i(x, u(x))
+    g = -\ln \Big(\frac{1}{U_{max}} \sum_i U_i(x, u(x))\Big)
 
 The inputs are those of the least effort, u = clip(A^T mu). Those in U_i have their bend at u_min rounded, with the
 slopes b_j, for the speed of a disc is steepest where its input begins; mu follows the free inputs f within bounds:
@@ -29,8 +30,22 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.numbers.cholesky import factor, solve_factored
-from nlp.numbers.jets import ROUNDED, by_inputs, find_parts, join_parts, larger, point_of_ball
-from nlp.reduced.arrays import Mask, ReducedProblem
+from nlp.numbers.jets import (
+    JETS,
+    ROUNDED,
+    SHARP,
+    Jet,
+    Region,
+    by_inputs,
+    find_parts,
+    join_parts,
+    larger,
+    merged_jets,
+    point_of_ball,
+    to_ball,
+    to_shape,
+)
+from nlp.reduced.arrays import Mask, ReducedProblem, Speeds
 from nlp.reduced.clearance import GAPS, swept_gap
 from nlp.reduced.inputs import add_gradient, add_wrench_gradient, columns, to_unknowns
 from nlp.reduced.platform import Moved, Platform
@@ -43,9 +58,11 @@ class RowLimits(NamedTuple):
 
     far_down: float = 60.0
     """Length of a module's axis along which its nearest point to a path is sought [l_arm]."""
+    depths: tuple[float, ...] = (0.0, *np.geomspace(0.5, 60.0, 14).tolist())
+    """Depths whose points are compared beside cones and hulls [l_arm]."""
     slow: float = 0.2
-    """Rows farther from their limit, as a share of it, have no gradient."""
-    bend: float = 0.05
+    """Larger rows have no gradient."""
+    bend: float = 0.2
     """Width over which speeds round the bend of an input at its least: there its root is steep [u_hover]."""
 
 
@@ -80,22 +97,24 @@ def speed_rows(
     air, rotors, n = problem.speeds, problem.rotors, len(at.p)
     cases, first, mass = air.case[-1] + 1, len(g) - len(air.case), rotors.bodies + rotors.m_E
     points, jet, A = len(air.case) // cases, air.jet, columns(problem, at)
-    path, p, z, no_direction = np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
-    x, by_ball, share = np.empty((points, 3)), np.empty((points, 3, 6)), np.zeros(points)
+    p, z, no_direction = np.empty(3), np.empty(3), np.zeros(3)
+    x, by_point, share = np.empty((points, 3)), np.zeros((points, 3, 9)), np.zeros(points)
     d, q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, 3)), np.empty((points, n, 9)), np.empty((0, 3))
     p_E = at.p_E - at.p_COM
     offset = max(GAPS.least_distance, math.sqrt(p_E @ p_E))
     for point in range(points):  # of a region and module, the same in all load cases
-        i = air.module[point]
-        for a in range(3):
-            path[a] = air.path[point, a] + air.along[point] / offset * p_E[a]
-            p[a], z[a] = at.p[i, a] - at.p_E[a], at.z[i, a]
-        if path.any():
-            w = (p[0] - air.start[point, 0], p[1] - air.start[point, 1], p[2] - air.start[point, 2])
-            axis = (-ROWS.far_down * z[0], -ROWS.far_down * z[1], -ROWS.far_down * z[2])
-            _, _, share[point], _, _, _ = swept_gap(w, axis, 0.0, 0.0, (path[0], path[1], path[2]), 0.0, 0.0)
-        on_path = air.start[point] + share[point] * path
-        point_of_ball(on_path, air.radius[point], no_direction, p, z, x[point], by_ball[point])
+        i, region = air.module[point], _region(air, air.region[point], p_E / offset)
+        p[:], z[:] = at.p[i] - at.p_E, at.z[i]
+        if len(region.planes) or region.half_angle > 0.0:
+            _find_fastest_alone(jet, region, at.R[i], p, x[point], by_point[point])
+        else:
+            if region.axis.any():
+                w = (p[0] - region.start[0], p[1] - region.start[1], p[2] - region.start[2])
+                axis = (-ROWS.far_down * z[0], -ROWS.far_down * z[1], -ROWS.far_down * z[2])
+                path = (region.axis[0], region.axis[1], region.axis[2])
+                _, _, share[point], _, _, _ = swept_gap(w, axis, 0.0, 0.0, path, 0.0, 0.0)
+            centre = region.start + share[point] * region.axis
+            point_of_ball(centre, region.radius, no_direction, p, z, x[point], by_point[point, :, :6])
         for j in range(n):
             for a in range(3):
                 d[point, j, a] = x[point, a] + at.p_E[a] - at.p[j, a]
@@ -108,7 +127,7 @@ def speed_rows(
     v, rounded, by_dual, weights = np.empty((n, 4)), np.empty(4 * n), np.empty(4 * n), np.empty(4 * n)
     free, slopes, no_slopes = np.empty(4 * n, np.bool_), np.empty(7), np.empty(0)
     H, nu, F, T = np.empty((6, 6)), np.empty(6), np.empty((n, 3)), np.empty((n, 3))
-    X, E, by_axis = np.empty(3), np.empty(3), np.empty(6)
+    X, E, by = np.empty(3), np.empty(3), np.empty(9)
     for k in range(cases):
         for j in range(4 * n):
             s = 0.0
@@ -124,10 +143,10 @@ def speed_rows(
                 by_dual[4 * j + c] *= jet.induced**2 / (2 * v[j, c])
         factored = False
         for point in range(points):
-            row, i, over, total = first + k * points + point, air.module[point], air.over[point], 0.0
+            row, i, region, total = first + k * points + point, air.module[point], air.region[point], 0.0
             for j in range(n):
-                total += over * join_parts(C[point, j], no_dC, v[j], ROUNDED, no_slopes)
-            g[row] = 1.0 - total
+                total += join_parts(C[point, j], no_dC, v[j], ROUNDED, no_slopes)
+            g[row], by_total = -math.log(air.over[region] * total), 1 / total
             near[row] = g[row] < ROWS.slow
             if not near[row]:
                 continue
@@ -147,29 +166,79 @@ def speed_rows(
                 for a in range(3):
                     F[j, a] = 0.0
                     for b in range(3):
-                        F[j, a] += over * at.R[j, a, b] * slopes[b]
+                        F[j, a] += by_total * at.R[j, a, b] * slopes[b]
                     X[a] -= F[j, a]
                 for a in range(3):
                     b, c = (a + 1) % 3, (a + 2) % 3
                     T[j, a] = d[point, j, b] * F[j, c] - d[point, j, c] * F[j, b]
                 for c in range(4):
-                    weights[4 * j + c] = over * slopes[3 + c] * by_dual[4 * j + c]
+                    weights[4 * j + c] = by_total * slopes[3 + c] * by_dual[4 * j + c]
                     for a in range(6):
                         nu[a] -= weights[4 * j + c] * A[4 * j + c, a]
             solve_factored(H, nu, 6)
             for j in range(4 * n):
                 for a in range(6 if free[j] else 0):
                     weights[j] += nu[a] * A[j, a]
-            for b in range(6):
-                by_axis[b] = X[0] * by_ball[point, 0, b] + X[1] * by_ball[point, 1, b] + X[2] * by_ball[point, 2, b]
+            for b in range(9):
+                by[b] = X[0] * by_point[point, 0, b] + X[1] * by_point[point, 1, b] + X[2] * by_point[point, 2, b]
             for a in range(3):
                 b, c = (a + 1) % 3, (a + 2) % 3
-                F[i, a] += by_axis[a]
-                T[i, a] += at.z[i, b] * by_axis[3 + c] - at.z[i, c] * by_axis[3 + b]
-                E[a] = X[a] - by_axis[a]
-            if air.along[point] != 0.0:
-                by_path = share[point] * air.along[point] / offset * E
-                E += by_path - (by_path @ p_E) / offset**2 * p_E
+                F[i, a] += by[a]
+                T[i, a] += at.z[i, b] * by[3 + c] - at.z[i, c] * by[3 + b]
+                E[a] = X[a] - by[a]
+            if air.along[region] != 0.0:
+                turned = air.along[region] / offset * (share[point] * E + by[6:])
+                E += turned - (turned @ p_E) / offset**2 * p_E
             add_wrench_gradient(problem, at, k, 1 / mass, nu, u[k], F, T, E)
             add_gradient(problem, at, 1 / mass, mu[k], weights, F, T)
             to_unknowns(problem, at, moved, F, T, E, J[row])
+
+
+@njit(cache=True)
+def _region(air: Speeds, k: int, to_tip: Array) -> Region:
+    """Return region k, where the tip is in a direction from the COM."""
+    axis = air.axis[k] + air.along[k] * to_tip
+    planes = air.planes[air.first[k] : air.first[k + 1]]
+    return Region(air.start[k], axis, air.radius[k], air.half_angle[k], planes, air.within[k])
+
+
+@njit(cache=True)
+def _find_fastest_alone(jet: Jet, region: Region, R: Array, p: Array, x: Array, slopes: Array) -> None:
+    """Find the point of a region next to a module's axis where its own air is fastest.
+
+    Args:
+        jet: of the module.
+        region: the outside of a cone, or a hull.
+        R: orientation of the module.
+        p: its place from p'_E.
+        x: the point from p'_E, shape (3,).
+        slopes: its derivatives by p, by the module's axis and by that of the region, shape (3, 9).
+    """
+    q, C, v, best, deepest = np.empty(3), np.empty(9), np.ones(4), -1.0, 0.0
+    no_slopes, no_dC, none = np.empty((0, 9)), np.empty((0, 3)), np.empty(0)
+    for depth in ROWS.depths:
+        for a in range(3):
+            x[a] = p[a] - depth * R[a, 2]
+        to_shape(region, x, no_slopes)
+        to_ball(region.within, x, no_slopes)
+        for a in range(3):
+            q[a] = R[0, a] * (x[0] - p[0]) + R[1, a] * (x[1] - p[1]) + R[2, a] * (x[2] - p[2])
+        if q[2] < -2 * JETS.merged_at:  # all but the merged jets is slow there
+            speed = merged_jets(jet, q)
+        else:
+            find_parts(jet, q, SHARP, C, no_dC)
+            speed = join_parts(C, no_dC, v, SHARP, none)
+        if speed > best:
+            best, deepest = speed, depth
+    x[:] = p - deepest * R[:, 2]
+    turns = np.zeros((3, 3))  # turn of the axis by each of its components: x turns with it and what is next to x
+    slopes[:] = 0.0
+    for a in range(3):
+        slopes[a, a], slopes[a, 3 + a] = 1.0, -deepest
+        turns[a, a] = 1.0
+        turns[a] = np.cross(region.axis, turns[a])
+        slopes[:, 6 + a] = -np.cross(turns[a], x - region.start)
+    to_shape(region, x, slopes)
+    for a in range(3):
+        slopes[:, 6 + a] += np.cross(turns[a], x - region.start)
+    to_ball(region.within, x, slopes)
