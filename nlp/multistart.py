@@ -192,7 +192,8 @@ class ReducedSearch:
         least = POLISHING.constrained.most if self._constraints else SELECTION.least_kept
         if (self._cornered and not anyhow) or self._most_merit is not None:
             least = len(drawn)
-        best, others = local_minima(self.problem, drawn, phases, least=least)
+        halved = SELECTION.least_halved_in_air if self._limited else SELECTION.least_halved
+        best, others = local_minima(self.problem, drawn, phases, least=least, least_halved=halved)
         return _Minima(*([replace(each, starts=_starts(each, starts)) for each in side] for side in (best, others)))
 
     def polish(self, minima: list[LocalMinimum], plain: Polish | None = None) -> Iterator[StartResult]:
