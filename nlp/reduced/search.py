@@ -143,7 +143,7 @@ class Selection(NamedTuple):
     least_halved_in_air: int = 48
     """The same where air is limited, whose rows cost more.
 
-    Over a box below three hovering modules at 2 m/s the mean effort of 15 searches, by five seeds of three trees, is
+    Over a box below three hovering modules at 2 m/s the mean effort of 15 searches (five seeds of three trees) is
     1.43 of the bound as with 64, with 32 it is 1.59.
     """
 
