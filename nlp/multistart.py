@@ -17,6 +17,7 @@ import numpy as np
 
 from nlp.airspeed import fastest
 from nlp.assembled import polish_with
+from nlp.assembled.air import derive_speeds
 from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits
@@ -80,7 +81,7 @@ class Polishing(NamedTuple):
     0.0063 at most; for one that misses more Ipopt takes five times the iterations to end nowhere.
     """
     air_missed: float = 0.005
-    """The same where air is limited, and of the best, too: Ipopt takes longest where air is far too fast.
+    """The same where air is limited, and of the best, too, but for designs carried over.
 
     On push-local below 2 and 3 m/s with four modules, the best minima of trees with a design missed 0.0004 at most.
     """
@@ -208,11 +209,14 @@ class ReducedSearch:
         which = POLISHING.constrained if self._constraints else POLISHING.cornered if self._cornered else plain
         if self._most_merit is not None:
             minima, which = [each for each in minima if each.merit <= self._most_merit], POLISHING.every
+        choosy = self._limited and self._most_merit is None
+        if choosy:
+            minima = [each for each in minima if each.missing <= POLISHING.air_missed or each.starts[0] < 0]
         for minimum in _one_of_each(minima)[: which.most]:
             if tried >= which.enough and least < math.inf:
                 return
-            most = POLISHING.air_missed if self._limited else POLISHING.most_missed if tried else math.inf
-            if minimum.missing > most or (self._limited and minimum.merit > POLISHING.worth * least):
+            costly = choosy and minimum.merit > POLISHING.worth * least
+            if tried and (costly or minimum.missing > POLISHING.most_missed):
                 continue
             outcome = take_in_corners(
                 self._task,
@@ -247,14 +251,15 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         task: a task that the reduced search expresses.
         tell: is told if it takes a while.
     """
-    if not is_kept(descend_all):
+    limited = any(exposure.speed is not None for exposure in task.exposure)
+    kept = is_kept(descend_all) and (not limited or (is_kept(climb) and is_kept(derive_speeds)))
+    if not kept:
         tell("compiling the solver (once per installation, about two minutes)")
     tree = straight_chain(task.n)
     problem = to_arrays(task, tree)
     best, _ = local_minima(problem, draws(task, tree, problem, range(1), "compile"))
     point = point_of(without_corners(task), tree, problem, best[0])
-    limited = any(exposure.speed is not None for exposure in task.exposure)
-    if limited and not is_kept(climb):  # the polish states air speeds
+    if limited and not kept:  # the polish states air speeds
         points = sorted({at for fast in fastest(point) for at in fast.points})
         polish_with(())(point, Limits(None, (), tuple(points)))
 

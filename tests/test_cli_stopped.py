@@ -41,8 +41,8 @@ COMMANDS = (
     ("topologies", "11"),
     ("topologies", "1000", "--count"),
     ("experiment", "scaling", "--small", "--out", "experiment"),
-    ("examples",),
 )
+"""Commands that outlast the wait for the signal's handler."""
 
 
 class Command:

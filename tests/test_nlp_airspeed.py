@@ -31,6 +31,7 @@ REGIONS = [
     {"kind": "exterior", "half_angle_deg": 60.0},
     {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}], "speed_within": 1.0},
 ]
+BEYOND = {"kind": "allowed", "planes": [{"normal": [1.0, 0.2, 0.0], "offset": 0.3}], "speed_within": 0.4}
 SLANTED = {"kind": "exterior", "half_angle_deg": 40.0, "axis": [0.6, 0.0, 0.8], "speed_within": 0.4}
 BESIDE = [[0.2, 0.0, 0.0], [0.5, 0.0, 0.0], [0.2, 0.3, 0.0], [0.2, 0.0, 0.3]]
 
@@ -97,7 +98,7 @@ def test_derivatives_of_rows_are_differences(tip: str | list[float]) -> None:
 @pytest.mark.parametrize("tip", ["free", [0.0, 0.0, -0.6]])
 @pytest.mark.parametrize(
     ("speed", "regions"),
-    [(0.03, [REGIONS[0], REGIONS[3]]), (0.1, [REGIONS[1]]), (0.2, REGIONS[4:]), (0.2, [SLANTED])],
+    [(0.03, [REGIONS[0], REGIONS[3]]), (0.1, [REGIONS[1]]), (0.2, REGIONS[4:]), (0.2, [SLANTED]), (0.05, [BEYOND])],
 )
 def test_derivatives_of_rows_of_the_reduced_search_are_differences(
     tip: str | list[float], speed: float, regions: list[dict]

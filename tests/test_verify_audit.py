@@ -244,7 +244,7 @@ def test_a_fault_of_the_audit_itself_comes_with_its_evidence(monkeypatch):
     assert {pair.status for pair in result.pairs} == {Status.INCONSISTENT}
     for pair in result.pairs:
         assert pair.evidence[0].startswith("body: ")
-        assert any("FCL disagrees" in line for line in pair.evidence)
+        assert any("not confirmed by FCL" in line for line in pair.evidence)
     assert Audit.model_validate_json(to_json(result)) == result
 
 

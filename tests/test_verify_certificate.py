@@ -227,7 +227,7 @@ def test_a_disagreement_is_written_out_with_what_each_side_says(monkeypatch):
     first, *levels = certificate().evidence
     assert f"clearance {clearances([(A, B)]).d.tolist()[0]!r} at" in first
     assert len(levels) == 4
-    assert all("FCL disagrees" in line for line in levels)
+    assert all("not confirmed by FCL" in line for line in levels)
     monkeypatch.setattr(verify.certificate, "encloses", lambda mesh, body: False)
     assert "level 1: a mesh fails its own check" in certificate().evidence
 
@@ -239,7 +239,7 @@ def test_a_disagreement_about_a_cone_is_written_out(half_angle, monkeypatch):
     assert certify_inside(inside, cone).evidence == certify_inside(outside, cone).evidence == ()
     with monkeypatch.context() as patch:
         patch.setattr(Shape, "overlaps", lambda self, other: True)
-        assert all("FCL disagrees" in line for line in certify_inside(inside, cone).evidence[1:])
+        assert all("not confirmed by FCL" in line for line in certify_inside(inside, cone).evidence[1:])
         assert certify_inside(outside, cone).evidence == ()
     monkeypatch.setattr(verify.cones, "cone_clearance", lambda *_: (-0.25, 1.0))
     assert "clearance -0.25 at" in certify_inside(inside, cone).evidence[0]

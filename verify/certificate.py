@@ -203,7 +203,7 @@ def judge(d: float, upper: float | None, closest: Array, proof: Proof, levels: i
             *(
                 f"level {k}: a mesh fails its own check"
                 if result is None
-                else f"level {k}: lower bound {result[0]!r}, FCL {'agrees' if result[1] else 'disagrees'}"
+                else f"level {k}: lower bound {result[0]!r}, {'' if result[1] else 'not '}confirmed by FCL"
                 for k, result in enumerate(results)
             ),
         )

@@ -406,9 +406,11 @@ def _keep_off(part_A: Convex, part_B: Convex, n: Array, x: Array) -> bool:
 
 
 def _overlap(part_A: Convex, part_B: Convex, x: Array, level: int) -> bool:
-    """Return whether FCL sees meshes inside the deepest parts overlap around x."""
+    """Return whether FCL sees meshes inside the deepest parts overlap around x; level 0 does not ask."""
+    if level == 0:
+        return False
     inner_A, inner_B = (Shape(part.place(np.eye(3), -x).inner(np.zeros(3))) for part in (part_A, part_B))
-    return level > 0 and inner_A.overlaps(inner_B)
+    return inner_A.overlaps(inner_B)
 
 
 def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:

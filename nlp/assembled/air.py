@@ -82,7 +82,7 @@ class SpeedRows:
     def _derive(self, order: int, variables: Array) -> tuple[Array, Array, Array]:
         """Return every module's speed over the limit at each point, with derivatives by (y, u)."""
         at, u = self._program.at(variables)
-        return _derive(
+        return derive_speeds(
             order, self._jet, differences(at.V, self._plus, self._minus), u.ravel()[self._inputs], self._numbers
         )
 
@@ -96,7 +96,7 @@ class SpeedRows:
 
 
 @njit(cache=True)
-def _derive(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> tuple[Array, Array, Array]:
+def derive_speeds(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> tuple[Array, Array, Array]:
     """Return speeds over limits, with gradients and Hessians by (y, u) up to an order.
 
     Args:

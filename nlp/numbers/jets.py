@@ -63,6 +63,8 @@ class Climb(NamedTuple):
     """The same with smaller ones."""
     same: float = 0.1
     """Distance between two searches that are one [steps]."""
+    turns: float = 30.0
+    """Largest slope of the point nearest to a place inside a cone, which turns about the axis next to it."""
     pulls: int = 30
     """Number of projections, in turns, that bring a point into a region and a ball."""
 
@@ -237,15 +239,14 @@ class Region(NamedTuple):
 
 
 @njit(cache=True)
-def pull_inside(region: Region, x: Array) -> bool:
-    """Move x to a point of the region that is near, and return whether there is one."""
-    no_slopes = np.empty((0, 3))
-    to_shape(region, x, no_slopes)
-    if region.within == math.inf:
-        return True
+def pull_inside(region: Region, x: Array, slopes: Array) -> bool:
+    """Move x to a point of the region that is near, its derivatives with it, and return whether there is one."""
+    to_shape(region, x, slopes)
     for _ in range(CLIMB.pulls):
-        to_ball(region.within, x, no_slopes)
-        to_shape(region, x, no_slopes)
+        if math.sqrt(_dot(x, x)) <= region.within * (1 + 1e-6):
+            return True
+        to_ball(region.within, x, slopes)
+        to_shape(region, x, slopes)
     return math.sqrt(_dot(x, x)) <= region.within * (1 + 1e-6)
 
 
@@ -277,7 +278,7 @@ def to_shape(region: Region, x: Array, slopes: Array) -> None:
     Args:
         region: the region.
         x: shape (3,).
-        slopes: derivatives of x, a column each, shape (3, k), or empty where only x counts.
+        slopes: derivatives of x beside cones and hulls, a column each, shape (3, k), or empty where only x counts.
     """
     o0, o1, o2 = region.start
     a0, a1, a2 = region.axis
@@ -327,10 +328,11 @@ def to_shape(region: Region, x: Array, slopes: Array) -> None:
         x[a] -= depth * out[a]
     if len(slopes):
         around = (a1 * d2 - a2 * d1, a2 * d0 - a0 * d2, a0 * d1 - a1 * d0)
+        turns = min(depth * cosine / r, CLIMB.turns)
         for column in range(slopes.shape[1]):
             turned = 0.0
             for a in range(3):
-                turned += depth * cosine / r * around[a] * slopes[a, column]
+                turned += turns * around[a] * slopes[a, column]
             for a in range(3):
                 slopes[a, column] += turned * around[a]
         _project(np.array(out), slopes)
@@ -384,7 +386,7 @@ def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array,
         Points and speeds; -1 where a search could not begin in the region.
     """
     n = len(p)
-    tops, x, best = np.full((n, 4), -1.0), np.empty(3), np.empty(3)
+    tops, x, best, no_slopes = np.full((n, 4), -1.0), np.empty(3), np.empty(3), np.empty((0, 3))
     for i in range(n):
         for disc in range(5):
             alone = 0.0
@@ -393,7 +395,7 @@ def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array,
                     x[a] = p[i, a] - depth * R[i, a, 2]
                     if disc < 4:
                         x[a] += DISCS[disc, 0] * R[i, a, 0] + DISCS[disc, 1] * R[i, a, 1]
-                if pull_inside(region, x):
+                if pull_inside(region, x, no_slopes):
                     blown = total_speed(jet, R[i : i + 1], p[i : i + 1], v[i : i + 1], x)
                     if blown > alone:
                         alone, best[:] = blown, x
@@ -413,7 +415,7 @@ def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array,
                         x[a] = tops[i, a]
                         for b in range(3):
                             x[a] += step * R[i, a, b] * around[k, b]
-                    if not pull_inside(region, x):
+                    if not pull_inside(region, x, no_slopes):
                         continue
                     total = total_speed(jet, R, p, v, x)
                     if total > tops[i, 3] * (1 + CLIMB.gain):

@@ -121,7 +121,7 @@ class Speeds(NamedTuple):
     over: Array
     """1 over the limit, shape (r,) [s/m]."""
     planes: Array
-    """Of all regions, shape (f, 3)."""
+    """Those of all regions, shape (f, 3)."""
     first: Indices
     """First plane of each region, and one past the last, shape (r + 1,)."""
 

@@ -2,7 +2,7 @@ r"""Air speeds over regions as rows of the reduced problem.
 
 For each module, region and load case a row has the sum of all speeds at one point of the region. In balls and along
 paths it is near the module's axis and, of those, near the module; beyond cones and in hulls it is, of points next
-to the axis, the one where the module's own air is fastest:
+to the axis at some depths, the one where the module's own air would be fastest with all its rotors alike:
 
 .. math::
 
@@ -42,8 +42,7 @@ from nlp.numbers.jets import (
     larger,
     merged_jets,
     point_of_ball,
-    to_ball,
-    to_shape,
+    pull_inside,
 )
 from nlp.reduced.arrays import Mask, ReducedProblem, Speeds
 from nlp.reduced.clearance import GAPS, swept_gap
@@ -219,8 +218,8 @@ def _find_fastest_alone(jet: Jet, region: Region, R: Array, p: Array, x: Array, 
     for depth in ROWS.depths:
         for a in range(3):
             x[a] = p[a] - depth * R[a, 2]
-        to_shape(region, x, no_slopes)
-        to_ball(region.within, x, no_slopes)
+        if not pull_inside(region, x, no_slopes):
+            continue
         for a in range(3):
             q[a] = R[0, a] * (x[0] - p[0]) + R[1, a] * (x[1] - p[1]) + R[2, a] * (x[2] - p[2])
         if q[2] < -2 * JETS.merged_at:  # all but the merged jets is slow there
@@ -238,7 +237,6 @@ def _find_fastest_alone(jet: Jet, region: Region, R: Array, p: Array, x: Array, 
         turns[a, a] = 1.0
         turns[a] = np.cross(region.axis, turns[a])
         slopes[:, 6 + a] = -np.cross(turns[a], x - region.start)
-    to_shape(region, x, slopes)
+    pull_inside(region, x, slopes)
     for a in range(3):
         slopes[:, 6 + a] += np.cross(turns[a], x - region.start)
-    to_ball(region.within, x, slopes)

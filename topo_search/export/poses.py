@@ -1,6 +1,6 @@
 """Geometry that pictures, pages and files for other programs share: poses of modules and rod, regions, viewpoint.
 
-Platform are from the audit's kinematics.
+Poses are from the audit's kinematics.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|

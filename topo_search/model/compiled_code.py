@@ -44,7 +44,7 @@ def njit(
         cache: whether it is kept.
         literals: whether compiled callers that pass different numbers or flags as literals get a copy each.
         allocates: whether it makes arrays; one that does not need not count references, two for every array of
-            every tuple it touches.
+            every tuple it touches. It must return none either, for the caller drops a reference that was not taken.
         options: those of numba.
 
     Raises:

@@ -169,7 +169,7 @@ def bound(
         middle: frames at the middle of the box.
         axes: the angles' axes there.
         vertices: frames at the vertices of the hinges.
-        rho: half widths, under pi / 2 [rad].
+        rho: half widths, under 1/2 [rad].
         work: arrays, for `gains` too.
         cut: what ends the search for the least vertex.
     """
@@ -182,12 +182,12 @@ def bound(
     _add_bodies(problem, y, sigma, roots, middle, axes, vertices, rho, work)
     _fill_thrusts(problem, y, roots, vertices, count, work)
     if cut < math.inf:
-        least = constant + _least(problem, work, work.t, count, cut - constant)
+        least = _least(problem, work, work.t, count, constant, cut)
         if least < cut:
             return least
     _fill_most(problem, y, roots[0], axes, count, work)
     _add_remainders(problem, roots, axes, rho, count, work)
-    return constant + _least(problem, work, work.above, count, cut - constant if cut < math.inf else -math.inf)
+    return _least(problem, work, work.above, count, constant, cut if cut < math.inf else -math.inf)
 
 
 @njit(cache=True, allocates=False)
@@ -383,8 +383,8 @@ def _add_remainders(problem: BranchProblem, roots: Array, axes: Axes, rho: Array
 
 
 @njit(cache=True, allocates=False)
-def _least(problem: BranchProblem, work: Sums, thrusts: Array, count: int, limit: float) -> float:
-    """Return the least sum over the modules of all vertices, or one under the limit."""
+def _least(problem: BranchProblem, work: Sums, thrusts: Array, count: int, constant: float, cut: float) -> float:
+    """Return the constant and the least sum over the modules of all vertices, or of some that are under the cut."""
     first, parent, U, weights = problem.tree.first, problem.tree.parent, problem.u_max, problem.loads.weight
     active, added, least, result = work.active, work.added, work.least, math.inf
     for root in range(8):
@@ -404,8 +404,8 @@ def _least(problem: BranchProblem, work: Sums, thrusts: Array, count: int, limit
             for v in range(first[h + 1] - first[h]):
                 at = first[i] + 2 * v
                 least[first[h] + v] += min(least[at], least[at + 1])
-        result = min(result, least[0])
-        if result < limit:
+        result = min(result, constant + least[0])
+        if result < cut:
             break
     return result
 
