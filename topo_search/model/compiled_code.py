@@ -35,12 +35,16 @@ CACHE_DIR = "NUMBA_CACHE_DIR"
 """Environment variable of numba: the folder to keep compiled functions in."""
 
 
-def njit(*, cache: bool, literals: bool = True, **options: Any) -> Callable[[Function], Function]:
+def njit(
+    *, cache: bool, literals: bool = True, allocates: bool = True, **options: Any
+) -> Callable[[Function], Function]:
     """Return a decorator like `numba.njit`, whose files are checked when they are read and always have a folder.
 
     Args:
         cache: whether it is kept.
         literals: whether compiled callers that pass different numbers or flags as literals get a copy each.
+        allocates: whether it makes arrays; one that does not need not count references, two for every array of
+            every tuple it touches. It must return none either, for the caller drops a reference that was not taken.
         options: those of numba.
 
     Raises:
@@ -48,7 +52,7 @@ def njit(*, cache: bool, literals: bool = True, **options: Any) -> Callable[[Fun
     """
 
     def compile_lazily(function: Function) -> Function:
-        dispatcher: Any = numba.njit(**options)(function)
+        dispatcher: Any = numba.njit(**options | {"_nrt": allocates})(function)
         if cache:
             dispatcher._cache = _cache_of(function)
         if not literals:

@@ -20,8 +20,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.box import CUBIC
 from nlp.bounds.branch.frames import Axes, Frames
@@ -36,7 +34,7 @@ ROUNDS = 20
 """Rounds of the search for the two points."""
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def crowding(problem: BranchProblem, middle: Frames, axes: Axes, vertices: Frames, rho: Array, gain: Array) -> int:
     """Return NOWHERE, AT_MIDDLE or ALL_OVER: where in a box of hinges two modules are too close.
 
@@ -74,7 +72,7 @@ def crowding(problem: BranchProblem, middle: Frames, axes: Axes, vertices: Frame
     return where
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _nearest(problem: BranchProblem, at: Frames, i: int, j: int) -> tuple[float, float]:
     """Return shares of the two axes where the envelopes are about deepest in each other."""
     L, grow = problem.separation.length, problem.separation.growth
@@ -92,8 +90,11 @@ def _nearest(problem: BranchProblem, at: Frames, i: int, j: int) -> tuple[float,
     for start in (0.0, 1.0):  # axes next to parallel are too close at their ends, if anywhere
         eta = gamma = start
         for _ in range(ROUNDS):
+            before = gamma
             eta = min(1.0, max(0.0, (L * along_i + r * grow - mixed * gamma) / square))
             gamma = min(1.0, max(0.0, (-L * along_j + r * grow - mixed * eta) / square))
+            if gamma == before:
+                break
         f = square * (eta * eta + gamma * gamma) / 2 + mixed * eta * gamma
         f -= (L * along_i + r * grow) * eta + (-L * along_j + r * grow) * gamma
         if f < deepest:
@@ -101,7 +102,7 @@ def _nearest(problem: BranchProblem, at: Frames, i: int, j: int) -> tuple[float,
     return best
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _part_in_air(
     problem: BranchProblem,
     middle: Frames,
@@ -117,20 +118,17 @@ def _part_in_air(
     separation = problem.separation
     L, grow = separation.length, separation.growth
     x, y, z, radius = separation.parts[b]
-    w, a = np.empty(3), middle.z[j]
-    _point(middle, i, (x, y, z), w)
-    for k in range(3):
-        w[k] -= middle.p[j, k]
+    w, a, p = _point(middle, i, (x, y, z)), middle.z[j], middle.p[j]
     r, gamma = separation.start_radius + radius, 1.0
     if grow < L:  # where (w + gamma L a)^2 - (r + gamma grow)^2 is least
-        along = w[0] * a[0] + w[1] * a[1] + w[2] * a[2]
+        along = (w[0] - p[0]) * a[0] + (w[1] - p[1]) * a[1] + (w[2] - p[2]) * a[2]
         gamma = min(1.0, max(0.0, (r * grow - L * along) / (L * L - grow * grow)))
     r += gamma * grow
     r = math.sqrt(r * (r + 2 * separation.margin))
     return _closeness(problem, middle, axes, vertices, rho, i, j, (x, y, z), (0.0, 0.0, -gamma * L), r, gain)
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _closeness(
     problem: BranchProblem,
     middle: Frames,
@@ -146,9 +144,7 @@ def _closeness(
 ) -> int:
     """Return where in the box two points, q_i and q_j in the frames of their modules, are nearer than so much."""
     tree = problem.tree
-    A, B = np.empty(3), np.empty(3)
-    _point(middle, i, q_i, A)
-    _point(middle, j, q_j, B)
+    A, B = _point(middle, i, q_i), _point(middle, j, q_j)
     stretched = 2 * problem.l_c * (tree.depth[i] + tree.depth[j]) + _length(q_i) + _length(q_j)
     limit = radii * radii - MARGIN * (1 + stretched * stretched)
     if _squared_norm(A, B) >= limit:
@@ -166,15 +162,15 @@ def _closeness(
     if _squared_norm(A, B) >= limit:
         return AT_MIDDLE
     for v in range(2 ** (tree.depth[i] - shared)):
-        _point(vertices, tree.first[i] + v, q_i, A)
+        A = _point(vertices, tree.first[i] + v, q_i)
         for w in range(2 ** (tree.depth[j] - shared)):
-            _point(vertices, tree.first[j] + w, q_j, B)
+            B = _point(vertices, tree.first[j] + w, q_j)
             if _squared_norm(A, B) >= limit:
                 return AT_MIDDLE
     return ALL_OVER
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _remainder(
     problem: BranchProblem,
     axes: Axes,
@@ -183,8 +179,8 @@ def _remainder(
     far: int,
     shared: int,
     at: int,
-    A: Array,
-    B: Array,
+    A: Vector,
+    B: Vector,
     q_near: Vector,
     q_far: Vector,
 ) -> float:
@@ -217,7 +213,7 @@ def _remainder(
     return part
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _reach(l_c: float, modules: int, q: Vector) -> float:
     """Return the largest distance of a point q of a module from a hinge, over the modules between them."""
     if modules == 0:  # the module's axis is at a right angle to the arm
@@ -225,19 +221,23 @@ def _reach(l_c: float, modules: int, q: Vector) -> float:
     return l_c * (1 + 2 * modules) + _length(q)
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _length(q: Vector) -> float:
     return math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
 
 
-@njit(cache=True)
-def _point(at: Frames, frame: int, q: Vector, into: Array) -> None:
-    for k in range(3):
-        into[k] = at.p[frame, k] + q[0] * at.x[frame, k] + q[1] * at.y[frame, k] + q[2] * at.z[frame, k]
+@njit(cache=True, allocates=False)
+def _point(at: Frames, frame: int, q: Vector) -> Vector:
+    (px, py, pz), (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = at.p[frame], at.x[frame], at.y[frame], at.z[frame]
+    return (
+        px + q[0] * xx + q[1] * yx + q[2] * zx,
+        py + q[0] * xy + q[1] * yy + q[2] * zy,
+        pz + q[0] * xz + q[1] * yz + q[2] * zz,
+    )
 
 
-@njit(cache=True)
-def _squared_norm(A: Array, B: Array) -> float:
+@njit(cache=True, allocates=False)
+def _squared_norm(A: Vector, B: Vector) -> float:
     x, y, z = A[0] - B[0], A[1] - B[1], A[2] - B[2]
     squared: float = x * x + y * y + z * z
     return squared

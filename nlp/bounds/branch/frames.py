@@ -32,7 +32,7 @@ class Axes(NamedTuple):
     c: Array
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def moment(at: Frames, v: int, body: Array) -> tuple[float, float, float]:
     """Return the moment of a module's body (`BranchProblem.bodies`) in frame v."""
     w, a, b = body
@@ -49,7 +49,7 @@ def blank(count: int) -> Frames:
     return Frames(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)))
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def at_vertices(tree: Tree, l_c: float, lower: Array, upper: Array, into: Frames) -> None:
     """Fill the frames of all modules at all vertices of their hinges."""
     _root(into)
@@ -73,7 +73,7 @@ def at_vertices(tree: Tree, l_c: float, lower: Array, upper: Array, into: Frames
                 )
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def at_middle(tree: Tree, l_c: float, middle: Array, into: Frames, axes: Axes) -> None:
     """Fill one frame for every module, and the axes, at given angles."""
     _root(into)
@@ -89,7 +89,7 @@ def at_middle(tree: Tree, l_c: float, middle: Array, into: Frames, axes: Axes) -
             axes.c[i + 2, k] = into.p[h, k] + l_c * sign * along
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def root_frame(psi: float, alpha_0: float, alpha_1: float, R: Array) -> None:
     """Fill R = Rz(psi) Rx(alpha_0) Ry(alpha_1)."""
     c0, s0 = math.cos(psi), math.sin(psi)
@@ -100,12 +100,12 @@ def root_frame(psi: float, alpha_0: float, alpha_1: float, R: Array) -> None:
     R[2, 0], R[2, 1], R[2, 2] = -c1 * s2, s1, c1 * c2
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _root(into: Frames) -> None:
     into.x[0], into.y[0], into.z[0], into.p[0] = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _root_axes(middle: Array, axes: Axes) -> None:
     """Fill the axes of psi, alpha_0 and alpha_1: e_z, Rz e_x and Rz Rx e_y in W, all through the origin."""
     c1, s1 = math.cos(middle[1]), math.sin(middle[1])
@@ -116,7 +116,7 @@ def _root_axes(middle: Array, axes: Axes) -> None:
     axes.c[:3] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _child(of: Frames, h: int, into: Frames, i: int, port: int, kappa: int, c: float, s: float, l_c: float) -> None:
     """Fill frame i of a module from its parent's, frame h: R_i = R_h H(alpha) Rz(kappa pi/2)."""
     sign = 1.0 if port < 2 else -1.0

@@ -24,7 +24,7 @@ import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Frames, moment
-from nlp.numbers.cholesky import factor, solve_factored, solve_in_place
+from nlp.numbers.cholesky import factor, solve_factored
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -48,6 +48,10 @@ class Workspace(NamedTuple):
     """The condition's three, then the gradients of the slopes (`nlp.bounds.branch.slopes`), shape (K, 3 + A, 6)."""
     solved: Array
     """H_k^-1 of the gradient and of the rows, shape (K, 4 + A, 6)."""
+    S: Array
+    """Compliance of all rows, shape (3 + A, 3 + A)."""
+    q: Array
+    """Multipliers of the rows, shape (3 + A,)."""
     diagonal: Array
     """Compliance of a row per unit of its multiplier, 0 for a condition, shape (3 + A,)."""
     goal: Array
@@ -74,6 +78,8 @@ def workspace(problem: BranchProblem) -> Workspace:
         np.zeros((6, 6)),
         rows,
         np.zeros((K, 4 + A, 6)),
+        np.zeros((3 + A, 3 + A)),
+        np.zeros(3 + A),
         np.zeros(3 + A),
         np.zeros(3 + A),
         np.zeros((K, 6)),
@@ -82,7 +88,7 @@ def workspace(problem: BranchProblem) -> Workspace:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def wrenches(problem: BranchProblem, R: Array, at: Frames, work: Workspace) -> None:
     """Fill the wrenches of all rotors, and the load cases' but for p'_E, for a root orientation R and frames."""
     loads, n = problem.loads, len(problem.tree.parent)
@@ -114,7 +120,7 @@ def wrenches(problem: BranchProblem, R: Array, at: Frames, work: Workspace) -> N
         work.b[k, 5] = loads.t[k, 2] + cx * hy - cy * hx
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def value(problem: BranchProblem, work: Workspace, y: Array) -> float:
     """Return D(y), with the weights as they count here."""
     total, U = 0.0, problem.u_max
@@ -132,7 +138,7 @@ def value(problem: BranchProblem, work: Workspace, y: Array) -> float:
     return total
 
 
-@njit(cache=True, literals=False)
+@njit(cache=True, literals=False, allocates=False)
 def improve(problem: BranchProblem, work: Workspace, y: Array, steps: int, enough: float) -> float:
     """Improve multipliers in place by so many Newton steps at most, until D(y) is enough; return it."""
     meet(problem, y)
@@ -158,7 +164,7 @@ def improve(problem: BranchProblem, work: Workspace, y: Array, steps: int, enoug
             share /= 3
         if not reached > best:
             break
-        y[:] = work.trial
+        copy(work.trial, y)
         gain, best = reached - best, reached
         if gain < GAIN * abs(best) or best > enough:
             break
@@ -166,7 +172,15 @@ def improve(problem: BranchProblem, work: Workspace, y: Array, steps: int, enoug
     return best
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
+def copy(y: Array, into: Array) -> None:
+    """Copy multipliers, shape (K, 6)."""
+    for k in range(len(y)):
+        for l in range(6):
+            into[k, l] = y[k, l]
+
+
+@njit(cache=True, allocates=False)
 def meet(problem: BranchProblem, y: Array) -> None:
     """Change torques' multipliers as little as makes sum_k g_k x mu_k = 0."""
     loads = problem.loads
@@ -182,7 +196,7 @@ def meet(problem: BranchProblem, y: Array) -> None:
         y[k, 5] -= qx * gy - qy * gx
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def residual(problem: BranchProblem, y: Array) -> tuple[float, float, float]:
     """Return sum_k g_k x mu_k."""
     a, b, c = 0.0, 0.0, 0.0
@@ -193,7 +207,7 @@ def residual(problem: BranchProblem, y: Array) -> tuple[float, float, float]:
     return a, b, c
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def imbalance(problem: BranchProblem, y: Array, sigma: Array) -> tuple[float, float, float]:
     """Return sum_k g_k x mu_k - sum_r sigma_r n_r, with multipliers of walls."""
     a, b, c = residual(problem, y)
@@ -203,14 +217,18 @@ def imbalance(problem: BranchProblem, y: Array, sigma: Array) -> tuple[float, fl
     return a, b, c
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def newton_step(problem: BranchProblem, work: Workspace, y: Array, tied: int) -> None:
     """Fill the step to the maximum of the quadratic model under the first rows, so many.
 
     A row w with goal g and diagonal d takes (g + w . step)^2 / (2 d) from the model, or is held to 0 where d is 0.
     """
     K, U = len(y), problem.u_max
-    S, q = np.zeros((tied, tied)), work.goal[:tied].copy()
+    S, q = work.S, work.q
+    for row in range(tied):
+        q[row] = work.goal[row]
+        for column in range(tied):
+            S[row, column] = 0.0
     for k in range(K):
         weight = max(LEAST_WEIGHT, problem.loads.weight[k])
         columns, rows = work.solved[k], work.rows[k]
@@ -233,7 +251,9 @@ def newton_step(problem: BranchProblem, work: Workspace, y: Array, tied: int) ->
                     for m in range(l + 1):
                         H[l, m] += work.a[j, l] * work.a[j, m] / (2 * weight)
         factor(H, 6)
-        columns[1 : 1 + tied] = rows[:tied]
+        for row in range(tied):
+            for l in range(6):
+                columns[1 + row, l] = rows[row, l]
         for column in range(1 + tied):
             solve_factored(H, columns[column], 6)
         for row in range(tied):
@@ -244,7 +264,8 @@ def newton_step(problem: BranchProblem, work: Workspace, y: Array, tied: int) ->
     size = S[0, 0] + S[1, 1] + S[2, 2]
     for row in range(tied):  # without g there is no condition
         S[row, row] += work.diagonal[row] if row > 2 else 1e-9 * size if size > 0.0 else 1.0
-    solve_in_place(S, q)
+    factor(S, tied)
+    solve_factored(S, q, tied)
     for k in range(K):
         for l in range(6):
             work.step[k, l] = work.solved[k, 0, l]

@@ -16,17 +16,19 @@ from numpy.typing import NDArray
 from nlp.bounds.branch import box, frames, multipliers, slopes, worst_vertex
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
+from nlp.bounds.branch.multipliers import copy
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 DUAL, CROWDED, SPLIT = 0, 1, 2
+UNSETTLED = 255
 CLOSED, MANY, OPEN = 0, 1, 2
 """Outcomes of a search: all boxes excluded, too many boxes examined, or one found that cannot be excluded."""
 WIDEST = 0.9
 """Boxes wider than this are halved without a bound [rad]."""
 LEAST_WIDTH = 2e-4
 """A box narrower than this in all angles that is not excluded ends the search [rad]."""
-ASPECT = 4.0
+ASPECT = 2.0
 """Largest width of any angle, over that of the one that is split."""
 STEPS = 2
 """Newton steps for a box, from its parent's multipliers,"""
@@ -46,18 +48,50 @@ LEAST_SQUARE = 1e-4
 """That sum_a rho_a^2 counts as [rad^2]."""
 ENOUGH = 1.3
 """Share of the cut at which the search for multipliers ends: where no balance can be met they have no end."""
-SLOPE = 0.5
+SLOPE = 0.25
 """Weight of D's slope in the gain of a split, relative to the loss to remainders."""
 
 
-class BoxFrames(NamedTuple):
-    """Frames from which a box is bounded."""
+class Boxes(NamedTuple):
+    """Boxes that wait, the last one first, and what is known of them."""
+
+    lower: Array
+    """Least angles, shape (depth, A) [rad]."""
+    upper: Array
+    y: Array
+    """Multipliers of the box that they are halves of, shape (depth, K, 6)."""
+    sigma: Array
+    bounded: NDArray[np.bool_]
+    """True if that had a bound."""
+    moved: NDArray[np.bool_]
+    """True if it was halved along a hinge."""
+    used: NDArray[np.bool_]
+    """Load cases and corners that any box was excluded with, shape (K,)."""
+
+
+class Workspace(NamedTuple):
+    """Arrays for one box."""
 
     roots: Array
     """Root orientations at the middle and at the 8 vertices, shape (9, 3, 3)."""
+    at: Array
+    """Its middle, shape (A,) [rad]."""
+    rho: Array
+    """Its half widths."""
+    gain: Array
     middle: frames.Frames
     axes: frames.Axes
     vertices: frames.Frames
+    weightless: bool
+    """True if some load case has no weight."""
+    first: Array
+    """Multipliers of parallel thrusts, shape (K, 6)."""
+    y: Array
+    sigma: Array
+    search: multipliers.Workspace
+    slopes: slopes.Slopes
+    lifted: worst_vertex.Vertices
+    sums: box.Sums
 
 
 class Found(NamedTuple):
@@ -83,69 +117,155 @@ def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_
         cut: in effort units.
         most_boxes: after which it is given up.
     """
-    n, K, A, W = len(problem.tree.parent), len(problem.loads.f), len(lower), len(problem.walls.normal)
-    depth = 64 * A
-    lo, hi = np.empty((depth, A)), np.empty((depth, A))
-    guesses, pressed, bounded = np.zeros((depth, K, 6)), np.zeros((depth, W)), np.zeros(depth, np.bool_)
-    moved = np.ones(depth, np.bool_)
-    lo[0], hi[0] = lower, upper
-    first = np.zeros((K, 6))
-    for k in range(K):  # that of parallel thrusts
-        for l in range(3):
-            first[k, l] = 8 * problem.loads.weight[k] * problem.loads.f[k, l] / n
-    guesses[0] = first
-    vertices, middle = frames.blank(problem.tree.first[-1]), frames.blank(n)
-    axes = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3)))
-    at_box = BoxFrames(np.zeros((9, 3, 3)), middle, axes, vertices)
-    work, flat, sums = multipliers.workspace(problem), slopes.blank(n, A), box.sums(problem)
-    lifted = worst_vertex.blank(problem)
-    gain, whole_rho, used = np.zeros(A), (upper[0] - lower[0]) / 2, np.zeros(K, np.bool_)
-    record, boxes, left, y, sigma = np.empty(1024, np.uint8), 0, 1, np.zeros((K, 6)), np.zeros(W)
-    while left > 0:
-        if boxes == most_boxes:
+    waiting, work = _boxes(problem, lower, upper), _workspace(problem)
+    lo, hi, used, whole_rho = waiting.lower, waiting.upper, waiting.used, (upper[0] - lower[0]) / 2
+    waiting.y[0] = work.first
+    record, boxes, left = np.empty(1024, np.uint8), 0, 1
+    unsettled = False
+    while left > 0 or unsettled:
+        if unsettled:
+            worst_vertex.search_from_start(
+                problem, work.roots, work.vertices, work.rho, cut, work.first, work.search, work.lifted
+            )
+        elif boxes == most_boxes:
             return Found(MANY, record[:boxes], lo[left - 1].copy(), hi[left - 1].copy(), used)
+        else:
+            left -= 1
+        what = _settle(problem, waiting, work, left, cut, whole_rho, unsettled)
+        unsettled = what == UNSETTLED
+        if unsettled:
+            continue
         if boxes == len(record):
             longer = np.empty(2 * boxes, np.uint8)
             longer[:boxes] = record
             record = longer
-        left -= 1
-        at, rho = (lo[left] + hi[left]) / 2, (hi[left] - lo[left]) / 2
-        frames.at_middle(problem.tree, problem.l_c, at, middle, axes)
-        frames.at_vertices(problem.tree, problem.l_c, lo[left], hi[left], vertices)
+        record[boxes] = max(what, 0)
         boxes += 1
-        axis = _widest_angle(rho)
-        if moved[left]:
-            where = crowding(problem, middle, axes, vertices, rho, gain)
-            if where == ALL_OVER:
-                record[boxes - 1] = CROWDED
-                continue
-            if where == AT_MIDDLE and rho[0] == whole_rho:
-                axis = max(axis, _hinge_between(rho, gain))
-        bound_due = axis < 0
-        if bound_due:
-            y[:], sigma[:] = guesses[left], pressed[left]
-            _roots(lo[left], hi[left], at, at_box.roots)
-            if _is_excluded(problem, at_box, rho, cut, first, bounded[left], y, sigma, work, flat, lifted, sums):
-                record[boxes - 1] = DUAL
-                for k in range(K):
-                    used[k] |= np.any(y[k] != 0.0)
-                continue
-            if 2 * rho.max() < LEAST_WIDTH:
-                return Found(OPEN, record[:boxes], lo[left].copy(), hi[left].copy(), used)
-            axis = _worst(rho, sums.slope, sums.spread)
-        record[boxes - 1] = SPLIT + axis
-        lo[left + 1], hi[left + 1] = lo[left], hi[left]
-        for half in range(left, left + 2):
-            guesses[half], pressed[half] = y, sigma
-        bounded[left] = bounded[left + 1] = bound_due
-        moved[left] = moved[left + 1] = axis >= 3
-        end, begin = at[axis], at[axis]
-        if axis >= 3:
-            end, begin = halves(problem.angles, lo[left, axis], hi[left, axis])
-        lo[left, axis] = begin  # the upper half waits
-        hi[left + 1, axis] = end
-        left += 2
+        if what < 0:
+            return Found(OPEN, record[:boxes], lo[left].copy(), hi[left].copy(), used)
+        if what >= SPLIT:
+            left += 2
     return Found(CLOSED, record[:boxes], lower, upper, used)
+
+
+@njit(cache=True)
+def _boxes(problem: BranchProblem, lower: Array, upper: Array) -> Boxes:
+    """Return the one box that waits at first."""
+    K, A, W = len(problem.loads.f), len(lower), len(problem.walls.normal)
+    depth = 64 * A
+    waiting = Boxes(
+        np.empty((depth, A)),
+        np.empty((depth, A)),
+        np.zeros((depth, K, 6)),
+        np.zeros((depth, W)),
+        np.zeros(depth, np.bool_),
+        np.ones(depth, np.bool_),
+        np.zeros(K, np.bool_),
+    )
+    waiting.lower[0], waiting.upper[0] = lower, upper
+    return waiting
+
+
+@njit(cache=True)
+def _workspace(problem: BranchProblem) -> Workspace:
+    """Return arrays for one box at a time."""
+    n, K, A, W = (
+        len(problem.tree.parent),
+        len(problem.loads.f),
+        len(problem.tree.parent) + 2,
+        len(problem.walls.normal),
+    )
+    first = np.zeros((K, 6))
+    for k in range(K):
+        for l in range(3):
+            first[k, l] = 8 * problem.loads.weight[k] * problem.loads.f[k, l] / n
+    return Workspace(
+        np.zeros((9, 3, 3)),
+        np.zeros(A),
+        np.zeros(A),
+        np.zeros(A),
+        frames.blank(n),
+        frames.Axes(np.zeros((A, 3)), np.zeros((A, 3))),
+        frames.blank(problem.tree.first[-1]),
+        problem.loads.weight.min() == 0.0,
+        first,
+        np.zeros((K, 6)),
+        np.zeros(W),
+        multipliers.workspace(problem),
+        slopes.blank(n, A),
+        worst_vertex.blank(problem),
+        box.sums(problem),
+    )
+
+
+@njit(cache=True, allocates=False)
+def _settle(
+    problem: BranchProblem,
+    waiting: Boxes,
+    work: Workspace,
+    left: int,
+    cut: float,
+    whole_rho: float,
+    lifted: bool,
+) -> int:
+    """Return what the record has for a box, or UNSETTLED, or -1 if it ends the search; its halves take its place.
+
+    An unsettled box needs multipliers of its worst vertex: once these are `lifted`, this is called again.
+    """
+    lo, hi, at, rho, sums = waiting.lower[left], waiting.upper[left], work.at, work.rho, work.sums
+    for a in range(len(at)):
+        at[a], rho[a] = (lo[a] + hi[a]) / 2, (hi[a] - lo[a]) / 2
+    frames.at_middle(problem.tree, problem.l_c, at, work.middle, work.axes)
+    frames.at_vertices(problem.tree, problem.l_c, lo, hi, work.vertices)
+    axis = _widest_angle(rho)
+    if waiting.moved[left] and not lifted:
+        where = crowding(problem, work.middle, work.axes, work.vertices, rho, work.gain)
+        if where == ALL_OVER:
+            return CROWDED
+        if where == AT_MIDDLE and rho[0] == whole_rho:
+            axis = max(axis, _hinge_between(rho, work.gain))
+    bound_due = axis < 0
+    if bound_due:
+        _roots(lo, hi, at, work.roots)
+        y, sigma = (work.lifted.y, work.lifted.sigma) if lifted else (waiting.y[left], waiting.sigma[left])
+        copy(y, work.y)
+        for r in range(len(sigma)):
+            work.sigma[r] = sigma[r]
+        excluded = (lifted or waiting.bounded[left]) and _reaches(problem, work, cut)
+        if not (excluded or lifted):
+            multipliers.wrenches(problem, work.roots[0], work.middle, work.search)
+            if len(sigma) > 0 or work.weightless:
+                return UNSETTLED
+            excluded = _search(problem, work, cut)
+        if excluded:
+            for k in range(len(work.y)):
+                waiting.used[k] |= box.counts(problem, work.y, k)
+            return DUAL
+        width = 0.0
+        for a in range(len(rho)):
+            width = max(width, 2 * rho[a])
+        if width < LEAST_WIDTH:
+            return -1
+        box.gains(problem, work.y, work.roots[0], work.middle, work.axes, rho, sums)
+        axis = _worst(rho, sums.slope, sums.spread)
+    _halve(problem, waiting, work, left, axis, bound_due)
+    return SPLIT + axis
+
+
+@njit(cache=True, allocates=False)
+def _halve(problem: BranchProblem, waiting: Boxes, work: Workspace, left: int, axis: int, bounded: bool) -> None:
+    """Put the halves of a box in its place, the upper one below the other."""
+    for a in range(len(work.at)):
+        waiting.lower[left + 1, a], waiting.upper[left + 1, a] = waiting.lower[left, a], waiting.upper[left, a]
+    for half in range(left, left + 2):
+        copy(work.y, waiting.y[half])
+        for r in range(len(work.sigma)):
+            waiting.sigma[half, r] = work.sigma[r]
+        waiting.bounded[half], waiting.moved[half] = bounded, axis >= 3
+    end = begin = work.at[axis]
+    if axis >= 3:
+        end, begin = halves(problem.angles, waiting.lower[left, axis], waiting.upper[left, axis])
+    waiting.lower[left, axis], waiting.upper[left + 1, axis] = begin, end
 
 
 @njit(cache=True)
@@ -164,50 +284,55 @@ def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
     return angles[after - 1], angles[after]
 
 
-@njit(cache=True, inline="always")
-def _is_excluded(
-    problem: BranchProblem,
-    at_box: BoxFrames,
-    rho: Array,
-    cut: float,
-    first: Array,
-    inherited: bool,
-    y: Array,
-    sigma: Array,
-    work: multipliers.Workspace,
-    flat: slopes.Slopes,
-    lifted: worst_vertex.Vertices,
-    sums: box.Sums,
-) -> bool:
-    """Return whether multipliers exclude a box; y and sigma, its parent's if inherited, become those tried last."""
-    roots, middle, axes, vertices = at_box
-    if inherited and box.bound(problem, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
+@njit(cache=True, allocates=False)
+def _search(problem: BranchProblem, work: Workspace, cut: float) -> bool:
+    """Return whether multipliers exclude a box; y, its parent's, becomes those tried last."""
+    rho, y, found = work.rho, work.y, work.search
+    square, width = 0.0, 0.0
+    for a in range(len(rho)):
+        square, width = square + rho[a] ** 2, max(width, 2 * rho[a])
+    ridge = RIDGE * len(work.middle.p) / 24 * max(square, LEAST_SQUARE)
+    _set_ridge(found, ridge)
+    if multipliers.value(problem, found, work.first) > multipliers.value(problem, found, y):
+        copy(work.first, y)
+    multipliers.improve(problem, found, y, STEPS, ENOUGH * cut)
+    slopes.fill(problem, work.roots[0], work.middle, work.axes, found, work.slopes)
+    slopes.flatten(problem, found, work.slopes, rho, y, FLATTENED, ENOUGH * cut)
+    if _reaches(problem, work, cut):
         return True
-    multipliers.wrenches(problem, roots[0], middle, work)
-    if len(sigma) > 0 or problem.loads.weight.min() == 0.0:
-        worst_vertex.search_from_start(problem, roots, vertices, rho, cut, first, work, lifted)
-        y[:], sigma[:] = lifted.y, lifted.sigma
-        return bool(box.bound(problem, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut)
-    ridge = RIDGE * len(middle.p) / 24 * max((rho**2).sum(), LEAST_SQUARE)
-    work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
-    if multipliers.value(problem, work, first) > multipliers.value(problem, work, y):
-        y[:] = first
-    multipliers.improve(problem, work, y, STEPS, ENOUGH * cut)
-    if box.bound(problem, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
-        return True
-    slopes.fill(problem, roots[0], middle, axes, work, flat)
-    slopes.flatten(problem, work, flat, rho, y, FLATTENED, ENOUGH * cut)
-    if box.bound(problem, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut:
-        return True
-    if 2 * rho.max() >= NARROW:
+    if width >= NARROW:
         return False
-    work.ridge[:3], work.ridge[3:] = ridge, LEVERED * ridge
-    y[:] = first
-    multipliers.improve(problem, work, y, MANY_STEPS, ENOUGH * cut)
-    return bool(box.bound(problem, y, sigma, roots, middle, axes, vertices, rho, sums, cut) >= cut)
+    _set_ridge(found, ridge)
+    copy(work.first, y)
+    multipliers.improve(problem, found, y, MANY_STEPS, ENOUGH * cut)
+    return _reaches(problem, work, cut)
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
+def _reaches(problem: BranchProblem, work: Workspace, cut: float) -> bool:
+    """Return whether the bound of a box reaches the cut."""
+    bound = box.bound(
+        problem,
+        work.y,
+        work.sigma,
+        work.roots,
+        work.middle,
+        work.axes,
+        work.vertices,
+        work.rho,
+        work.sums,
+        cut,
+    )
+    return bool(bound >= cut)
+
+
+@njit(cache=True, allocates=False)
+def _set_ridge(found: multipliers.Workspace, ridge: float) -> None:
+    for l in range(3):
+        found.ridge[l], found.ridge[3 + l] = ridge, LEVERED * ridge
+
+
+@njit(cache=True, allocates=False)
 def _widest_angle(rho: Array) -> int:
     """Return the angle to halve in a box that is too wide for a bound, hinges first, or -1."""
     axis = 3
@@ -223,7 +348,7 @@ def _widest_angle(rho: Array) -> int:
     return axis if 2 * rho[axis] > WIDEST else -1
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _hinge_between(rho: Array, gain: Array) -> int:
     """Return the hinge that keeps two modules from being too close all over a box, or -1 if all are narrow."""
     axis, most = -1, -1.0
@@ -233,10 +358,12 @@ def _hinge_between(rho: Array, gain: Array) -> int:
     return axis
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _worst(rho: Array, slope: Array, spread: Array) -> int:
     """Return the angle whose halves may gain the most."""
-    least, axis, most = rho.max() / ASPECT, 0, -math.inf
+    least, axis, most = 0.0, 0, -math.inf
+    for a in range(len(rho)):
+        least = max(least, rho[a] / ASPECT)
     for a in range(len(rho)):
         gain = SLOPE * abs(slope[a]) * rho[a] + spread[a]
         if rho[a] > least and gain > most:
@@ -244,7 +371,7 @@ def _worst(rho: Array, slope: Array, spread: Array) -> int:
     return axis
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _roots(lower: Array, upper: Array, middle: Array, roots: Array) -> None:
     """Fill the root orientations at the middle and at the 8 vertices."""
     frames.root_frame(middle[0], middle[1], middle[2], roots[0])

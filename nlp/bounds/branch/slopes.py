@@ -24,7 +24,7 @@ import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Axes, Frames, moment
-from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, meet, newton_step
+from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, copy, meet, newton_step
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -46,18 +46,26 @@ class Slopes(NamedTuple):
     """(A,)"""
     tried: Array
     """(A,): g of a step that is tried."""
+    w: Array
+    """(3,): an axis' direction,"""
+    c: Array
+    """a point of it,"""
+    d: Array
+    """and a moment about that."""
 
 
 @njit(cache=True)
 def blank(n: int, A: int) -> Slopes:
     """Return arrays for one box at a time."""
-    return Slopes(np.zeros((A, 4 * n, 6)), np.zeros((A, 3)), np.zeros(A), np.zeros(A))
+    return Slopes(
+        np.zeros((A, 4 * n, 6)), np.zeros((A, 3)), np.zeros(A), np.zeros(A), np.zeros(3), np.zeros(3), np.zeros(3)
+    )
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def fill(problem: BranchProblem, R: Array, middle: Frames, axes: Axes, work: Workspace, into: Slopes) -> None:
     """Fill beta and v for a root orientation R and frames, whose wrenches `work` holds."""
-    tree, w, c, d = problem.tree, np.zeros(3), np.zeros(3), np.zeros(3)
+    tree, w, c, d = problem.tree, into.w, into.c, into.d
     into.v[:] = 0.0
     for i in range(len(tree.parent)):
         w_i, (mx, my, mz) = problem.bodies[i, 0], moment(middle, i, problem.bodies[i])
@@ -80,13 +88,14 @@ def fill(problem: BranchProblem, R: Array, middle: Frames, axes: Axes, work: Wor
                 beta[5] = w[0] * y - w[1] * x + c[0] * q - c[1] * p
 
 
-@njit(cache=True, literals=False)
+@njit(cache=True, literals=False, allocates=False)
 def flatten(
     problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, steps: int, enough: float
 ) -> None:
     """Improve multipliers of a box of half widths rho in place, by so many steps at most, until D is enough."""
     A, tied = len(rho), 3 + len(rho)
-    work.ridge[:] *= RIDGE
+    for l in range(6):
+        work.ridge[l] *= RIDGE
     best = _value(problem, work, slopes, rho, y, slopes.g)
     for _ in range(steps):
         if best > enough:
@@ -98,7 +107,9 @@ def flatten(
         newton_step(problem, work, y, tied)
         share, reached = 1.0, -math.inf
         for _ in range(HALVINGS):
-            work.trial[:] = y + share * work.step
+            for k in range(len(y)):
+                for l in range(6):
+                    work.trial[k, l] = y[k, l] + share * work.step[k, l]
             meet(problem, work.trial)
             reached = _value(problem, work, slopes, rho, work.trial, slopes.tried)
             if reached > best:
@@ -107,11 +118,12 @@ def flatten(
         if not reached > best:
             break
         best = reached
-        y[:] = work.trial
-        slopes.g[:] = slopes.tried
+        copy(work.trial, y)
+        for a in range(A):
+            slopes.g[a] = slopes.tried[a]
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
     """Return what is maximised, and fill g."""
     tree, U, total = problem.tree, problem.u_max, 0.0
@@ -140,7 +152,7 @@ def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, 
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _gradients(problem: BranchProblem, work: Workspace, slopes: Slopes, y: Array) -> None:
     """Fill the gradients of all slopes in y."""
     tree, U = problem.tree, problem.u_max
