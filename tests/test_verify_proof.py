@@ -437,3 +437,13 @@ def test_the_same_platform_hangs_from_any_module():
             assert hang(other, 0).key == other.key
             assert sorted(dict(other.graph().degree).values()) == sorted(dict(tree.graph().degree).values())
             assert sum(kappa % 2 for kappa in other.kappas) == sum(kappa % 2 for kappa in tree.kappas)
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="the check gives up a box after 4,000 halves")
+def test_the_check_follows_where_a_tree_costs_next_to_nothing_more_than_the_cut() -> None:
+    design = read_json(Design, Path(__file__).parent / "designs/push-a70010.json")
+    task, tree, cut = design.task, design.topology, 0.997 * design.objective
+    chunk = prove_chunk(task, tree, 29, cut)
+    assert chunk.outcome == "closed"
+    assert check_chunk(task, tree, proof_root(task, tree), cut, chunk).fault is None
