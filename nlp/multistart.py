@@ -105,9 +105,9 @@ class DeepSearch(NamedTuple):
     gain: float = 0.02
     """Least relative decrease of the merit by the later half of the batches; the search ends with less."""
     most_missed: float = 0.1
-    """Largest violation of the best local minimum of starts after which it is made, where air is limited.
+    """Largest violation of the starts' best local minimum at which the search is made, where air is limited.
 
-    It gave none of 119 trees of push, push-local and push-exterior-60 with five to eight modules a design.
+    The search gave none of 119 trees of push, push-local and push-exterior-60 with five to eight modules a design.
     """
     close: float = 0.005
     """Largest violation of a local minimum that ends the search at once [l_arm, m_t g, l_arm m_t g]."""
@@ -145,7 +145,7 @@ class ReducedSearch:
         """Effort of a merit of 1 [rad^4/s^4]."""
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)
-        self._limited = any(exposure.speed is not None for exposure in task.exposure)
+        self._limited = _limits_air(task)
         self._most_merit = None if most_effort is None else most_effort / self.effort_unit
 
     def of_starts(self, starts: Sequence[int]) -> _Minima:
@@ -209,13 +209,13 @@ class ReducedSearch:
         which = POLISHING.constrained if self._constraints else POLISHING.cornered if self._cornered else plain
         if self._most_merit is not None:
             minima, which = [each for each in minima if each.merit <= self._most_merit], POLISHING.every
-        choosy = self._limited and self._most_merit is None
-        if choosy:
+        limited = self._limited and self._most_merit is None
+        if limited:
             minima = [each for each in minima if each.missing <= POLISHING.air_missed or each.starts[0] < 0]
         for minimum in _one_of_each(minima)[: which.most]:
             if tried >= which.enough and least < math.inf:
                 return
-            costly = choosy and minimum.merit > POLISHING.worth * least
+            costly = limited and minimum.merit > POLISHING.worth * least
             if tried and (costly or minimum.missing > POLISHING.most_missed):
                 continue
             outcome = take_in_corners(
@@ -251,7 +251,7 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         task: a task that the reduced search expresses.
         tell: is told if it takes a while.
     """
-    limited = any(exposure.speed is not None for exposure in task.exposure)
+    limited = _limits_air(task)
     kept = is_kept(descend_all) and (not limited or (is_kept(climb) and is_kept(derive_speeds)))
     if not kept:
         tell("compiling the solver (once per installation, about two minutes)")
@@ -305,6 +305,10 @@ def solve_starts(
             outcome = search.without_polish(minimum)
             outcomes |= {start: replace(outcome, start=start) for start in rest}
     return [outcomes[start] for start in (*range(-1, -1 - len(near), -1), *starts)]
+
+
+def _limits_air(task: ResolvedTask) -> bool:
+    return any(exposure.speed is not None for exposure in task.exposure)
 
 
 def _starts(minimum: LocalMinimum, starts: Sequence[int]) -> tuple[int, ...]:

@@ -122,12 +122,11 @@ def speed(jet: Jet, q: Array, v: Array, epsilon: float, slopes: Array) -> float:
 
 
 @njit(cache=True)
-def merged_jets(jet: Jet, q: Array) -> float:
-    """Return the speed of merged jets over U_H."""
-    S = -q[2] / 2 + jet.origin
-    profile = 1 + (math.sqrt(2) - 1) / (2 * jet.half_width * S) ** 2 * (q[0] * q[0] + q[1] * q[1])
-    speed: float = jet.decay / S / profile**2
-    return speed
+def merged_jets(jet: Jet, q: Array, S: float) -> tuple[float, float, float]:
+    """Return the speed of merged jets over U_H, the curve of their profile, and that; S is s' + s_0."""
+    curve = (math.sqrt(2) - 1) / (2 * jet.half_width * S) ** 2
+    profile = 1 + curve * (q[0] * q[0] + q[1] * q[1])
+    return jet.decay / S / profile**2, curve, profile
 
 
 @njit(cache=True)
@@ -145,9 +144,7 @@ def find_parts(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
     begins, begins_t = clip(s / JETS.merged_at, epsilon)
     S, deeper = larger(s, JETS.merged_at, epsilon)
     S += jet.origin
-    curve = (math.sqrt(2) - 1) / (2 * jet.half_width * S) ** 2
-    profile = 1 + curve * (q[0] * q[0] + q[1] * q[1])
-    merged = jet.decay / S / profile**2
+    merged, curve, profile = merged_jets(jet, q, S)
     C[0] = begins * merged
     if len(dC):
         dC[0, 0], dC[0, 1] = -4 * C[0] * curve / profile * q[0], -4 * C[0] * curve / profile * q[1]

@@ -223,7 +223,7 @@ def _find_fastest_alone(jet: Jet, region: Region, R: Array, p: Array, x: Array, 
         for a in range(3):
             q[a] = R[0, a] * (x[0] - p[0]) + R[1, a] * (x[1] - p[1]) + R[2, a] * (x[2] - p[2])
         if q[2] < -2 * JETS.merged_at:  # all but the merged jets is slow there
-            speed = merged_jets(jet, q)
+            speed, _, _ = merged_jets(jet, q, jet.origin - q[2] / 2)
         else:
             find_parts(jet, q, SHARP, C, no_dC)
             speed = join_parts(C, no_dC, v, SHARP, none)
