@@ -150,7 +150,7 @@ class Connection:
         return self._client
 
     def _connect(self) -> Client:
-        """Connect. Dask's own limit is none for a scheduler that accepts the connection and then says nothing."""
+        """Connect within a time limit; Dask has none for a scheduler that accepts and stays silent."""
         from distributed import Client
 
         def connect() -> Client:

@@ -126,7 +126,7 @@ class Engine(Protocol):
 
         Args:
             function: importable and pure.
-            jobs: picklable values, drawn lazily; None where there is none before another result was yielded.
+            jobs: picklable values, drawn lazily; None while the next job waits for another result.
             deadline: seconds that a job may take.
             until: time.monotonic() at which to stop: what runs then is dropped and no more is begun.
 

@@ -85,7 +85,7 @@ class Measured:
     offset_m: float | None = None
     """Distance of the end-effector from the centre of mass [m]."""
     verdict: str | None = None
-    """Verdict of the audit; `failed` with the reason in `worst_constraint` if there is none."""
+    """Verdict of the audit; without one `failed`, with the reason in `worst_constraint`."""
     colliding_pairs: int | None = None
     """Pairs of airflow envelopes proven to overlap."""
     largest_cluster: int | None = None

@@ -358,7 +358,7 @@ class AskedFlight(Value):
         return self.model_copy(update=changed)
 
     def regrow(self, ratio: float) -> AskedFlight:
-        """Return the same for a platform whose weight is so many times what it was."""
+        """Return the same for a platform whose weight is scaled by a factor."""
         if not self.grows:
             return self
         names = ("force_reserve", "torque_reserve", "rotor_out_torque")
@@ -385,7 +385,7 @@ def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[Centr
 
 
 def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, torque_unit: float) -> Broken:
-    """Yield what is wrong with reserves, for so many load cases and corners of their sets, and n modules."""
+    """Yield the faults of reserves, given how many load cases and corners of sets the task has, and n modules."""
     for field, r, unit in (
         ("force_reserve", flight.force_reserve, force_unit),
         ("torque_reserve", flight.torque_reserve, torque_unit),

@@ -136,7 +136,7 @@ def idle_goals(levels: Sequence[tuple[Level, float | None]], points: Sequence[Fr
     """Return a sentence for each goal of which no level binds: all give the same least effort.
 
     Args:
-        levels: every level with the least J found there; None where there is none.
+        levels: every level with the least J found there; None without a design.
         points: the front, the least effort first.
     """
     sentences = []

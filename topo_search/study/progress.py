@@ -129,7 +129,7 @@ def solving_seconds(task: ResolvedTask, starts: int) -> float:
 
 
 def solving_phase(name: PhaseName, task: ResolvedTask, candidates: int, starts: int, before: int = 0) -> Phase:
-    """Return the phase that solves candidates of a task from so many starts, some of them solved before."""
+    """Return the phase that solves candidates of a task from a number of starts, some of them solved before."""
     return Phase(name, task.n, candidates, starts, solving_seconds(task, starts - before))
 
 

@@ -66,7 +66,7 @@ from topo_search.supervisor import is_out_of_memory
 from topo_search.topologies import Candidate
 
 LEARNT, SHARE_LEARNT = 8, 16
-"""Results that are learnt together, as one takes as long as many: so many, or this part of a large round."""
+"""Fewest results that the sampler learns at once, and the divisor of a large round that gives their number."""
 
 
 @dataclass(frozen=True)
@@ -320,7 +320,7 @@ class _Endless:
 
 
 class Owned(TreeSampler):
-    """Has trees proposed by a user's own sampler; what it names that is no candidate is told to the user."""
+    """Lets a user's own sampler propose trees; reports what it names that is no candidate."""
 
     def __init__(self, space: Candidates, seed: int, sampler: TopologySampler) -> None:
         super().__init__(space, seed)
