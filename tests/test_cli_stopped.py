@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from processes import eventually, gone, recorded
+from suites import few
 from toy_problem import COMMAND, toy_task
 from wording import says
 
@@ -132,6 +133,44 @@ def test_native_code_that_does_not_return_is_ended_too(tmp_path):
     eventually(lambda: Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text())
     time.sleep(0.5)
     process.terminate()
+    _, told = process.communicate(timeout=HANG)
+    assert (process.returncode, told) == (ExitStatus.INTERRUPTED, "stopped\n")
+
+
+CALLS_BACK = """
+import time
+import casadi
+from topo_search.cli.errors import explain_errors
+from topo_search.supervisor import supervise
+
+class Slow(casadi.Callback):
+    def eval(self, arguments):
+        print("on", flush=True)
+        time.sleep(0.05)
+        return [arguments[0] ** 2]
+
+def command():
+    with explain_errors():
+        slow = Slow()
+        slow.construct("slow", {"enable_fd": True})
+        x = casadi.MX.sym("x")
+        options = {"ipopt.print_level": 0, "print_time": False, "ipopt.max_iter": 3, "error_on_fail": False}
+        casadi.nlpsol("solver", "ipopt", {"x": x, "f": slow(x)}, options)(x0=1.0)
+        time.sleep(60.0)
+
+supervise(command)
+"""
+
+
+@pytest.mark.parametrize("delay", few([0.0, 0.1, 0.2, 0.3, 0.5], 1))
+def test_a_signal_in_a_function_that_ipopt_calls_is_not_swallowed(delay):
+    """CasADi catches KeyboardInterrupt there, prints a warning and returns half a result."""
+    command = [sys.executable, "-c", CALLS_BACK]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while "on" not in process.stdout.readline():
+        pass
+    time.sleep(delay)
+    process.send_signal(signal.SIGINT)
     _, told = process.communicate(timeout=HANG)
     assert (process.returncode, told) == (ExitStatus.INTERRUPTED, "stopped\n")
 

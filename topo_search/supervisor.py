@@ -80,8 +80,10 @@ class Stop:
 
     def _raise(self, frame: FrameType | None) -> None:
         """Raise KeyboardInterrupt; later where it would be swallowed, and half a result be taken for one."""
-        where = frame.f_globals.get("__name__", "") if frame else ""
-        if where.partition(".")[0] == "casadi":  # handles signals in native code, and returns what it has then
+        # CasADi, also where it calls a function of ours, catches the exception and returns what it has
+        while frame and frame.f_globals.get("__name__", "").partition(".")[0] != "casadi":
+            frame = frame.f_back
+        if frame:
             signal.signal(signal.SIGALRM, self)
             signal.setitimer(signal.ITIMER_REAL, AGAIN)
         else:
@@ -202,20 +204,28 @@ def _run(command: Callable[[], object], parent: int, stop: Stop) -> NoReturn:
         die_with_parent(parent)
         command()
     except SystemExit as end:
-        stop.report_status(end.code if isinstance(end.code, int) else int(end.code is not None))
+        status = end.code if isinstance(end.code, int) else int(end.code is not None)
+        stop.report_status(status)
+        if status == ExitStatus.OUT_OF_MEMORY:
+            os._exit(status)  # as in `_end_out_of_memory`
         raise
     except BaseException as error:
-        if not stop.signalled and not is_out_of_memory(error):
-            stop.report_status(1)
-            raise
-        text, status = (
-            ("stopped", ExitStatus.INTERRUPTED) if stop.signalled else ("out of memory", ExitStatus.OUT_OF_MEMORY)
-        )
-        tell(text)
-        stop.report_status(status)
-        raise SystemExit(status) from None
+        if stop.signalled:
+            tell("stopped")
+            stop.report_status(ExitStatus.INTERRUPTED)
+            raise SystemExit(ExitStatus.INTERRUPTED) from None
+        if is_out_of_memory(error):
+            _end_out_of_memory(stop)
+        stop.report_status(1)
+        raise
     stop.report_status(0)
     raise SystemExit(0)
+
+
+def _end_out_of_memory(stop: Stop) -> NoReturn:
+    tell("out of memory")
+    stop.report_status(ExitStatus.OUT_OF_MEMORY)
+    os._exit(ExitStatus.OUT_OF_MEMORY)  # there may be too little memory to raise SystemExit
 
 
 def _silence(stop: Stop) -> None:
@@ -230,9 +240,7 @@ def _silence(stop: Stop) -> None:
         if stop.signalled:
             return
         if hook_args.exc_value and is_out_of_memory(hook_args.exc_value):
-            tell("out of memory")
-            stop.report_status(ExitStatus.OUT_OF_MEMORY)
-            os._exit(ExitStatus.OUT_OF_MEMORY)
+            _end_out_of_memory(stop)
         of_thread(hook_args)
 
     sys.unraisablehook, threading.excepthook = ignore, end
