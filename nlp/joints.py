@@ -26,7 +26,6 @@ a row for each.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -38,9 +37,10 @@ from nlp.airspeed import SpeedPoint
 from nlp.numbers.geometry import Swept, clearance, torque_map
 from nlp.numbers.masses import masses
 from nlp.numbers.point import Connector, Point, connectors, rod_path
+from nlp.problem import Variables
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
-from nlp.symbols.platform import of_module, of_platform, of_rod, poses, rod_vector, scale, thrust, tip_and_com
+from nlp.symbols.platform import of_module, of_platform, of_rod, rod_vector, scale, thrust
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
@@ -147,22 +147,14 @@ class Limits(NamedTuple):
     air: tuple[SpeedPoint, ...] = ()
 
 
-class LimitRows:
-    """Limits of some loads as rows of a program."""
-
-    def __init__(self, task: ResolvedTask, topology: Topology, limits: Limits) -> None:
-        """State them as expressions of the task's unknowns, those of its corners included."""
-        unit = Units.of(task)
-        self.x, vectors = _vectors(task, topology, limits.held, limits.loads)
-        """The unknowns of `nlp.problem.Variables` as one column."""
-        rows = []
-        for load, sides in zip(limits.loads, vectors, strict=True):
-            L = limit_of(task, load) / (unit.torque if load.moment else unit.force)
-            rows += [(L * L - ca.dot(v, v)) / (2 * L) for v in sides]
-        self.g = ca.vertcat(*rows)
-        """The rows, each at least zero."""
-        self.bounds: tuple[Array, Array] = np.zeros(len(rows)), np.full(len(rows), math.inf)
-        """Least and largest value of each."""
+def limit_rows(task: ResolvedTask, topology: Topology, limits: Limits) -> tuple[ca.SX, ca.SX]:
+    """Return the unknowns of a program, those of its corners included, and a row for each limit: at least zero."""
+    unit, rows = Units.of(task), list[ca.SX]()
+    x, vectors = _vectors(task, topology, limits.held, limits.loads)
+    for load, sides in zip(limits.loads, vectors, strict=True):
+        L = limit_of(task, load) / (unit.torque if load.moment else unit.force)
+        rows += [(L * L - ca.dot(v, v)) / (2 * L) for v in sides]
+    return x, ca.vertcat(*rows)
 
 
 def _vectors(
@@ -172,18 +164,10 @@ def _vectors(
 
     A load is one vector, or one with the end-effector on either side of the joint where `held` is None.
     """
-    n, unit, module, carried = (
-        topology.n,
-        Units.of(task),
-        task.module,
-        masses(task.module, task.end_effector, topology),
-    )
+    unit, module, carried = Units.of(task), task.module, masses(task.module, task.end_effector, topology)
     l_c, m_E = module.connector_distance / unit.length, task.end_effector.mass / module.mass
-    root, alpha = ca.SX.sym("root", 3), ca.SX.sym("alpha", n - 1)
-    tip = ca.SX.sym("p_E", 3 if task.end_effector.fixed_position is None else 0)
-    u = [ca.SX.sym(f"u_{k}", 4 * n) for k in range(len(task.load_cases))]
-    placed = poses(topology, root, alpha, l_c)
-    p_E, p_COM = tip_and_com(module, task.end_effector, topology, placed, tip)
+    variables = Variables.of(task, topology)
+    placed, p_E, p_COM = variables.platform(task, topology)
     o, q, up = [pose.p - p_COM for pose in placed], p_E - p_COM, ca.DM([0, 0, 1])
     joints = {i: o[h] + l_c * placed[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
     turning, m_J, m_R = (
@@ -208,7 +192,7 @@ def _vectors(
             spin = ca.solve(whole, tau_C)
         force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
         for j in beyond[load.child]:
-            u_j = u[load.case][4 * j : 4 * j + 4]
+            u_j = variables.u[load.case][4 * j : 4 * j + 4]
             pull = a + ca.cross(spin, o[j]) + up - thrust(u_j) * placed[j].z
             force += pull
             moment += turning[j] @ spin - placed[j].R @ (torques @ u_j) + ca.cross(o[j] - c, pull)
@@ -223,7 +207,7 @@ def _vectors(
         with_tip = moment + turned if load.moment else force + pull + on_rod
         sides = (True, False) if held is None else (held in beyond[load.child],)
         vectors.append([with_tip if tip else without for tip in sides])
-    return ca.vertcat(root, alpha, tip, *u), vectors
+    return variables.vector(), vectors
 
 
 def _outward_modules(topology: Topology) -> list[set[int]]:

@@ -56,7 +56,7 @@ import casadi as ca
 
 from nlp.numbers.masses import masses
 from nlp.requirements import balances, clearances, variable_bounds
-from nlp.symbols.platform import of_platform, poses, tip_and_com
+from nlp.symbols.platform import Pose, of_platform, poses, tip_and_com
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 
@@ -80,6 +80,22 @@ class Variables:
     p_E: ca.SX
     """p'_E; empty when the task fixes the position from the COM."""
     u: list[ca.SX]
+
+    @classmethod
+    def of(cls, task: ResolvedTask, topology: Topology) -> Variables:
+        """Return those of a task and topology."""
+        n, position = topology.n, task.end_effector.fixed_position
+        return cls(
+            root=ca.SX.sym("root", 3),
+            alpha=ca.SX.sym("alpha", n - 1),
+            p_E=ca.SX.sym("p_E", 3 if position is None else 0),
+            u=[ca.SX.sym(f"u_{k}", 4 * n) for k in range(len(task.load_cases))],
+        )
+
+    def platform(self, task: ResolvedTask, topology: Topology) -> tuple[list[Pose], ca.SX, ca.SX]:
+        """Return the poses of all modules, p'_E and p_COM."""
+        modules = poses(topology, self.root, self.alpha, task.module.connector_distance / Units.of(task).length)
+        return modules, *tip_and_com(task.module, task.end_effector, topology, modules, self.p_E)
 
     def vector(self) -> ca.SX:
         """Return all unknowns as one column."""
@@ -107,23 +123,11 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
         task: the task.
         topology: the tree.
     """
-    n, K = topology.n, len(task.load_cases)
-    module, unit = task.module, Units.of(task)
-    l_c = module.connector_distance / unit.length
-
-    # variables
-    position = task.end_effector.fixed_position
-    variables = Variables(
-        root=ca.SX.sym("root", 3),
-        alpha=ca.SX.sym("alpha", n - 1),
-        p_E=ca.SX.sym("p_E", 3 if position is None else 0),
-        u=[ca.SX.sym(f"u_{k}", 4 * n) for k in range(K)],
-    )
-    beta = ca.SX.sym("beta")
+    n, module, unit = topology.n, task.module, Units.of(task)
+    variables, beta = Variables.of(task, topology), ca.SX.sym("beta")
 
     # the platform
-    modules = poses(topology, variables.root, variables.alpha, l_c)
-    p_E, p_COM = tip_and_com(module, task.end_effector, topology, modules, variables.p_E)
+    modules, p_E, p_COM = variables.platform(task, topology)
     vectors = {axis: [pose.R[:, column] for pose in modules] for column, axis in enumerate("xyz")}
     vectors |= {"p": [pose.p for pose in modules], "p'_E": [p_E], "p_COM": [p_COM]}
 

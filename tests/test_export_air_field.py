@@ -69,7 +69,7 @@ def test_a_surface_has_its_speed_and_is_closed() -> None:
     assert surface.mesh.is_volume
     placed = platform(design)
     scene = Scene(design, placed)
-    (_, blown) = list(case_jets(design, placed, scene))[1]
+    (_, blown) = list(case_jets(scene))[1]
     low, high = surface.mesh.bounds
     corners = surface.mesh.vertices[((surface.mesh.vertices > low) & (surface.mesh.vertices < high)).all(axis=1)]
     found = speeds(blown, (corners - placed.poses.p.mean(axis=0)) / scene.l_arm).sum(axis=1)

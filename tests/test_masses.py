@@ -14,6 +14,7 @@ from nlp import lower_bound, pseudo_inverse
 from nlp.joints import _vectors, limited_loads
 from nlp.numbers.masses import masses
 from nlp.numbers.point import weigh_rod
+from nlp.problem import Variables
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.inputs import inertia as reduced_inertia
 from nlp.reduced.platform import motion
@@ -157,8 +158,9 @@ def test_the_inertia_is_that_of_the_audit_wherever_a_torque_is_asked_for(positio
         stated = to_arrays(task, tree)
         there = reduced_platform(stated, point.pack()[: len(stated.lower)])
         np.testing.assert_allclose(reduced_inertia(stated, there) * unit, J, rtol=1e-10, atol=1e-14)
-        x = ca.SX.sym("x", len(point.pack()))
-        symbolic = ca.Function("J", [x], [pseudo_inverse._inertia(symbolic_platform(task, tree, x))])
+        x = Variables.of(task, tree)
+        inertia_of = pseudo_inverse._inertia(symbolic_platform(task, tree, x))
+        symbolic = ca.Function("J", [x.vector()], [inertia_of])
         np.testing.assert_allclose(np.array(symbolic(point.pack())), J, rtol=1e-10, atol=1e-14)
 
 

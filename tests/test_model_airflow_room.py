@@ -13,7 +13,7 @@ from verify import audit
 from verify.beside_airflow import beside_airflow, certify_beside
 from verify.convex import Cylinder
 from verify.kinematics import platform
-from verify.parts import module_parts, rigid_parts
+from verify.parts import module_parts
 from verify.requirements import Scene
 
 RIGHT = math.pi / 2
@@ -91,10 +91,10 @@ def test_within_the_folds_the_audit_finds_bolted_parts_clear_and_beyond_them_not
                 tree = Topology(((-1, -1, -1), (0, a, (a + 2) % 4)))
                 given = design(tree, {"module": stated}, hinges=(FOLD[a] * float(np.clip(phi, -RIGHT, RIGHT)),))
                 found = platform(given)
-                parts = rigid_parts(given, found)
-                asked = list(beside_airflow(parts, Scene(given, found).envelopes, counts=True))
+                parts = Scene(given, found)
+                asked = list(beside_airflow(parts.modules, parts.envelopes, counts=True))
                 assert len(asked) == 10
-                certified = certify_beside(asked, parts)
+                certified = certify_beside(asked)
                 assert {row.status for row in certified} <= {Status.CLEAR, Status.VIOLATED}
                 least = min(least, *(row.analytic * module.arm_length for row in certified))
             if inside:

@@ -18,8 +18,7 @@ from topo_search.model import Module, Status, Topology
 from topo_search.model.room import clear_folds, in_words, nearest_fold
 from verify import audit
 from verify.compounds import certify_compounds
-from verify.kinematics import platform
-from verify.parts import rigid_parts
+from verify.requirements import Scene
 
 RIGHT = math.pi / 2
 PAIR = Topology.from_key("a20")
@@ -46,7 +45,7 @@ def clearance_of_parts(given, phi, a=0, b=2):
     """The clearance of two bolted modules' parts, frames against frames left out [m]."""
     hinge = phi * FOLD[a]
     told = design(Topology(((-1, -1, -1), (0, a, b))), {"module": given}, hinges=(hinge,))
-    (found,) = certify_compounds([rigid_parts(told, platform(told)).modules], [True])
+    (found,) = certify_compounds([Scene(told).modules], [True])
     return found.analytic * Module.model_validate(given).arm_length
 
 

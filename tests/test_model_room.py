@@ -11,8 +11,8 @@ from verify_cases import design
 from topo_search.model import Module, Status, Task, Topology
 from topo_search.model.room import body_radius, largest_hinge_angle
 from verify.compounds import certify_compounds
-from verify.kinematics import platform
-from verify.parts import module_parts, rigid_parts
+from verify.parts import module_parts
+from verify.requirements import Scene
 
 HOVER = {"com": {"force": [0.0, 0.0, 1.0]}}
 
@@ -42,7 +42,7 @@ def random_body(rng, own_frame):
 def bolted(body, angle, a=0, b=2):
     """The clearance of two bolted modules' parts, frames against frames left out."""
     given = design(Topology(((-1, -1, -1), (0, a, b))), {"module": {"body": body}}, hinges=(angle,))
-    (found,) = certify_compounds([rigid_parts(given, platform(given)).modules], [True])
+    (found,) = certify_compounds([Scene(given).modules], [True])
     return found
 
 

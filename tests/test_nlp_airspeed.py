@@ -60,8 +60,8 @@ def test_rows_are_the_speeds_at_their_points() -> None:
     points = tuple(SpeedPoint(k, 0, tuple(rng.normal(0, 4, 3))) for k in (0, 1, 2) for _ in range(20))
     stated = SpeedRows(AssembledProblem(task, point.topology, [], BETA), task, points).values(point.pack())
     design = as_design(point)
-    placed, scene = platform(design), Scene(design, platform(design))
-    air = [blown for _, blown in case_jets(design, placed, scene)]
+    scene = Scene(design)
+    air = [blown for _, blown in case_jets(scene)]
     for row, at in zip(stated, points, strict=True):
         exact = speeds(air[at.case], (scene.p_E + at.from_tip)[None]).sum()
         assert 2.0 * (AIMED_AT - row) == pytest.approx(exact, rel=0.06, abs=0.1)  # bends are rounded
@@ -196,6 +196,6 @@ def test_no_platform_blows_less_over_a_region_than_is_proven(region: dict, tip: 
         share = u.sum() * point.task.module.thrust_coefficient / point.task.force_unit(n)
         design = as_design(replace(point, u=u / share))
         placed = platform(design)
-        found = air(design, placed, Scene(design, placed))
+        found = air(Scene(design, placed))
         assert found is not None
         assert found.cases[0].regions[0].speed_at_most_m_s >= least

@@ -25,7 +25,6 @@ from topo_search.model.proof import chunk_count, proof_task
 from verify.beside_airflow import beside_airflow, certify_beside
 from verify.bodies import ConeSphere, clearances
 from verify.kinematics import Platform, platform, poses, required_wrench, wrench_map
-from verify.parts import rigid_parts
 from verify.requirements import Scene
 
 
@@ -286,9 +285,9 @@ def clearance_missed(task, tree, theta):
     still = np.zeros((len(task.load_cases), tree.n, 4))
     design = as_design(Point(task, tree, theta[:3], theta[3:], np.zeros(3), still))
     found = platform(design)
-    parts = rigid_parts(design, found)
-    rows = list(beside_airflow(parts, Scene(design, found).envelopes, counts=True))
-    return any(certificate.analytic < 0 for certificate in certify_beside(rows, parts))
+    parts = Scene(design, found)
+    rows = list(beside_airflow(parts.modules, parts.envelopes, counts=True))
+    return any(certificate.analytic < 0 for certificate in certify_beside(rows))
 
 
 def test_a_tree_hung_from_any_module_is_the_same_platform():

@@ -12,11 +12,11 @@ from suites import few
 
 from nlp import joints, solve
 from nlp.assembled.problem import AssembledProblem
-from nlp.joints import LimitRows, Limits, holder, limit_of, limited_loads, loads
+from nlp.joints import Limits, holder, limit_of, limit_rows, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.requirements import clearances
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
-from nlp.user_constraints.rows import DerivedRows, JoinedProgram
+from nlp.user_constraints.rows import DerivedRows
 from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology
 from topo_search.model.files import read_json, validate
 from verify import audit, choose_mount
@@ -83,8 +83,9 @@ def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both(
     point = random_point(task, topology, rng)
     base = AssembledProblem(task, topology, clearances(task, topology), 50.0)
     listed = limited_loads(task, topology)[::3]
-    rows = LimitRows(task, topology, Limits(held, listed))
-    both, x = JoinedProgram(base, DerivedRows(rows)), point.pack()
+    unknowns, g = limit_rows(task, topology, Limits(held, listed))
+    both, x = AssembledProblem(task, topology, clearances(task, topology), 50.0), point.pack()
+    both.append(DerivedRows(unknowns, g, np.zeros(g.numel()), np.full(g.numel(), np.inf)))
     unit = task.module.arm_length * task.module.mass * task.gravity
     L = np.array([limit_of(task, load) for load in listed]) / unit
     limited = both.constraints(x)[base.rows :].reshape(len(listed), -1).min(axis=1)

@@ -221,7 +221,7 @@ def test_air_has_the_speeds_of_the_audit_and_the_platform_keeps_its_size(opened:
     made = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
     at, whole = platform(made), Scene(made, platform(made))
     points = at.end_effector + np.random.default_rng(0).normal(0.0, (0.3, 0.3, 0.6), (300, 3))
-    cases = list(case_jets(made, platform(made), whole))
+    cases = list(case_jets(whole))
     page = opened(render(design_page(made, audit(made), "mine.json")))
     for k, (_, blown) in enumerate(cases):
         in_scene = whole.p_E + (points - at.end_effector) / made.task.module.arm_length

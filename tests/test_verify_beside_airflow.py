@@ -13,8 +13,7 @@ from verify.bodies import ConeSphere
 from verify.certificate import FLOOR, Solid
 from verify.compounds import Compound
 from verify.convex import box, cylinder
-from verify.kinematics import platform
-from verify.parts import RigidParts, bounding_box, rigid_parts
+from verify.parts import bounding_box
 from verify.requirements import Scene
 
 
@@ -42,15 +41,8 @@ def module(rng, scale):
 
 def two_modules(own, envelope, R, centre):
     """The parts of two modules, the first of which stands anywhere; the other one's envelope is given."""
-    bounds = bounding_box(own)
-    placed = tuple(
-        Compound(tuple(part.place(turn, o) for part in own), bounds.place(turn, o), 5)
-        for turn, o in ((R, centre), (np.eye(3), np.zeros(3)))
-    )
-    Rs, centres = np.stack([R, np.eye(3)]), np.stack([centre, np.zeros(3)])
-    reach = max(part.reach for part in own)
-    parts = RigidParts(placed, centres, Rs, np.zeros(3), own, reach)
-    return parts, [envelope, envelope]
+    body = Compound(own, bounding_box(own), 5)
+    return (body.place(R, centre), body.place(np.eye(3), np.zeros(3))), [envelope, envelope]
 
 
 def oracle(part, body, R, centre):
@@ -112,9 +104,9 @@ def test_verdicts_are_those_of_another_way(scale):
                     less = oracle(rotor, envelope.body, R, centre + middle * away) < wanted
                     low, high = (middle, high) if less else (low, middle)
                 moved = centre + high * away
-            parts, envelopes = two_modules(own, envelope, R, moved)
-            asked = list(beside_airflow(parts, envelopes, counts=True))
-            for row, certificate in zip(asked[:5], certify_beside(asked, parts), strict=False):
+            modules, envelopes = two_modules(own, envelope, R, moved)
+            asked = list(beside_airflow(modules, envelopes, counts=True))
+            for row, certificate in zip(asked[:5], certify_beside(asked), strict=False):
                 checked(certificate, min(oracle(own[part], envelope.body, R, moved) for part in row.parts))
                 seen.add(certificate.status)
     assert {Status.CLEAR, Status.VIOLATED} <= seen
@@ -128,8 +120,8 @@ def test_beside_slivers_nothing_is_proven(hub):
     own[0 if hub else 2] = box("needle", np.zeros(3), np.diag([1.0, 1e-10, 1e-10]))
     for away in (0.3, 30.0):
         envelope = Solid(ConeSphere(np.array([0.0, 0.0, away]), np.array([0.0, 0.0, 10.0]), 0.5, 0.5))
-        parts, envelopes = two_modules(tuple(own), envelope, np.eye(3), np.zeros(3))
-        certificates = certify_beside(list(beside_airflow(parts, envelopes, counts=True)), parts)
+        modules, envelopes = two_modules(tuple(own), envelope, np.eye(3), np.zeros(3))
+        certificates = certify_beside(list(beside_airflow(modules, envelopes, counts=True)))
         assert {certificate.status for certificate in certificates} == {Status.UNDECIDED}
 
 
@@ -139,9 +131,9 @@ def test_beyond_the_range_of_proofs_nothing_is_proven():
         far = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -10.0]), 1.0, 0.5)).place(
             np.eye(3), np.array(centre)
         )
-        parts, envelopes = two_modules(module(rng, 1.0), far, np.eye(3), np.zeros(3))
+        modules, envelopes = two_modules(module(rng, 1.0), far, np.eye(3), np.zeros(3))
         with np.errstate(over="ignore", invalid="ignore"):
-            certificates = certify_beside(list(beside_airflow(parts, envelopes, counts=True)), parts)
+            certificates = certify_beside(list(beside_airflow(modules, envelopes, counts=True)))
         assert {certificate.status for certificate in certificates} == {Status.UNDECIDED}
 
 
@@ -171,7 +163,5 @@ def test_a_rotor_deep_in_another_modules_airflow_is_found_and_counts():
 
 def requirements(given):
     """What of rigid parts is compared with airflow."""
-    found = platform(given)
-    return beside_airflow(
-        rigid_parts(given, found), Scene(given, found).envelopes, counts=given.task.body_clearance is not None
-    )
+    scene = Scene(given)
+    return beside_airflow(scene.modules, scene.envelopes, counts=given.task.body_clearance is not None)

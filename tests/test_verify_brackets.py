@@ -12,7 +12,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from verify import audit
 from verify.contacts import bracket_hulls
 from verify.kinematics import platform
-from verify.parts import rigid_parts
+from verify.requirements import Scene
 
 STATED = {"module": {"bracket": {}}}
 PAIR = Topology(((-1, -1, -1), (0, 0, 2)))
@@ -37,7 +37,7 @@ def printed(given: Design) -> dict[int, trimesh.Trimesh]:
 def test_they_are_the_hulls_of_those_that_the_kit_prints(tree: Topology) -> None:
     given = random_design(tree, 5, STATED)
     at = platform(given)
-    found = bracket_hulls(given, rigid_parts(given, at))
+    found = bracket_hulls(Scene(given, at))
     for i, mesh in printed(given).items():
         l_arm = given.task.module.arm_length
         corners = found[i].mesh.vertices * l_arm + at.o.mean(axis=0)

@@ -15,8 +15,7 @@ from topo_search.model import Status, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from verify import audit
 from verify.convex import CLIPPING, Polyhedron, box, clip
-from verify.kinematics import platform
-from verify.parts import rigid_parts
+from verify.requirements import Scene
 
 ANGLES = (-90, -60, -30, 0, 15, 45, 75, 90)
 L_C, L_ARM = 0.15, 0.10
@@ -140,7 +139,7 @@ def room_for_a_ball(*sides):
 
 def forbidden_room(given, ports):
     """The largest ball that is in both frames and, for one of them, not near its connector [l_arm]."""
-    modules, most = rigid_parts(given, platform(given)), -math.inf
+    modules, most = Scene(given), -math.inf
     frames = [module.parts[:5] for module in modules.modules]
     for one in (0, 1):
         e = modules.R[one] @ PORT_DIRECTIONS[ports[one]]

@@ -12,8 +12,8 @@ from verify import audit, kinematics
 from verify.compounds import Compound, certify_compounds, proximities
 from verify.convex import Capsule, Cylinder, box, capsule, cylinder
 from verify.gjk import cores, nearest
-from verify.kinematics import platform
-from verify.parts import bounding_box, module_parts, rigid_parts
+from verify.parts import bounding_box, module_parts
+from verify.requirements import Scene
 
 UP = np.array([0.0, 0.0, 1.0])
 ORIGIN = np.zeros(3)
@@ -162,14 +162,14 @@ def test_the_clearance_of_unions_is_the_least_of_their_parts():
 
 
 def test_bounds_hold_the_parts():
-    parts = rigid_parts(fan(), platform(fan()))
+    parts = Scene(fan())
     rng = np.random.default_rng(5)
     for body, centre in zip(parts.modules, parts.centres, strict=True):
         for part in body.parts:
             for _ in range(20):
                 u = unit(rng)
                 assert part.support(u) <= body.bounds.support(u) + 1e-12
-                assert part.support(u) - u @ centre <= parts.reach + 1e-12
+                assert part.support(u) - u @ centre <= parts.body.reach + 1e-12
 
 
 # ---- platforms

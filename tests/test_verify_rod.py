@@ -9,14 +9,15 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.files import validate
 from topo_search.topologies import sample
 from verify import audit, choose_mount
+from verify.assembly import free_connectors
 from verify.kinematics import platform, poses
-from verify.parts import free_connectors, rigid_parts, straight_rod
+from verify.requirements import Scene
 
 ONE = Topology(((-1, -1, -1),))
 
 
 def connectors(given):
-    return free_connectors(given, rigid_parts(given, platform(given)))
+    return free_connectors(Scene(given))
 
 
 def by_points(given, module, port):
@@ -155,8 +156,8 @@ def test_a_connector_at_the_end_effector_needs_no_rod():
 def test_a_rod_of_two_radii_is_all_fitting():
     for length, rows in ((0.0099, 0), (0.0101, 1)):
         given = design(ONE, {}, hinges=(), end_effector=(0.15 + length, 0.0, 0.0))
-        parts = rigid_parts(given, platform(given))
-        rod = straight_rod(given, parts, Mount(module=0, port=0))
+        parts = Scene(given)
+        rod = parts.straight_rod(Mount(module=0, port=0))
         assert (rod.body_beside(0) is not None) == bool(rows)
 
 

@@ -36,7 +36,7 @@ SMALL_AIR = {"airflow": {"start_radius": 0.03, "spread_angle_deg": 4.0, "reach":
 def tolerance(of: Design, holder: int = 0) -> Tolerance:
     found = platform(of)
     scene = Scene(of, found)
-    return Tolerance(of, found, scene, list(scene.requirements()), holder)
+    return Tolerance(scene, list(scene.requirements()), holder)
 
 
 def built(
@@ -97,7 +97,7 @@ def test_every_kind_of_requirement_has_a_bound_of_its_own(seed: int, kind: str) 
     errors = Errors(0.03, 0.02, 0.01)
     holder = int(rng.integers(of.topology.n))
     for asked in some[:4]:
-        bound = Tolerance(of, found, scene, [asked], holder).weakest(errors).bound
+        bound = Tolerance(scene, [asked], holder).weakest(errors).bound
         assert bound <= clearance_of(asked)
         for _ in range(12):
             same = [
@@ -169,7 +169,7 @@ def test_errors_that_two_modules_share_cancel() -> None:
         found = platform(of)
         scene = Scene(of, found)
         pair = next(r for r in scene.requirements() if (r.kind, r.a, r.b) == ("airflow", a, b))
-        return Tolerance(of, found, scene, [pair], holder=0).weakest(Errors(delta=0.01)).bound
+        return Tolerance(scene, [pair], holder=0).weakest(Errors(delta=0.01)).bound
 
     assert bound(near, 0, 1) == pytest.approx(bound(far, 2, 3), abs=1e-12)
 
@@ -184,7 +184,7 @@ def test_the_module_that_the_rod_is_bolted_to_holds_the_end_effector() -> None:
     local = {r.a: r for r in scene.requirements() if r.kind == "local"}
 
     def lost(module: int, holder: int) -> float:
-        bound = Tolerance(of, found, scene, [local[module]], holder).weakest(errors).bound
+        bound = Tolerance(scene, [local[module]], holder).weakest(errors).bound
         return clearance_of(local[module]) - bound
 
     assert lost(2, holder=2) == pytest.approx(0.0, abs=1e-12)
@@ -251,7 +251,7 @@ def test_the_pair_that_is_named_breaks_first_of_all_that_hinges_can_break(seed: 
     found = platform(of)
     scene = Scene(of, found)
     airflow = [r for r in scene.requirements() if r.kind == "airflow"]
-    result = sensitivity(of, found, scene, airflow, 0)
+    result = sensitivity(scene, airflow, 0)
     assert result is not None
     assert result.hinge_angle_deg is not None
     assert result.hinge_angle_deg.violated_at is not None
@@ -279,7 +279,7 @@ def test_errors_that_turn_the_axis_towards_the_com_make_an_example() -> None:
     found = platform(of)
     scene = Scene(of, found)
     cones = [r for r in scene.requirements() if r.kind == "exterior"]
-    result = sensitivity(of, found, scene, cones, 0)
+    result = sensitivity(scene, cones, 0)
     assert result is not None
     assert result.position_m is not None
     assert result.position_m.violated_at is not None

@@ -23,7 +23,7 @@ from verify.bodies import Cone
 from verify.cones import certify_parts_inside, lowest_point
 from verify.convex import Cylinder, Polyhedron
 from verify.kinematics import platform
-from verify.parts import rigid_parts
+from verify.requirements import Scene
 
 Array = NDArray[np.float64]
 TREE = Topology.from_key("a300")
@@ -153,7 +153,7 @@ def test_rows_are_those_of_points_on_the_parts(shape: str, place: str) -> None:
     asked = region(shape, PLACES[place])
     given = with_rod(random_design(TREE, len(shape), {"exposure": [{**asked, "solid": True}], **LONG_REACH}))
     at, rng = platform(given), np.random.default_rng(0)
-    parts = rigid_parts(given, at)
+    parts = Scene(given, at)
     rows = {(pair.a, pair.segment or 0): pair for pair in audit(given).pairs if pair.kind == "part-region"}
     pieces = len(outside(given, asked, np.zeros((1, 3))))
     assert rows.keys() == set(product(range(3), range(pieces)))
@@ -227,7 +227,7 @@ def test_a_wall_right_behind_a_rotor_is_clear_and_one_right_before_it_is_not() -
     for shift, status in ((1e-6, Status.CLEAR), (-1e-6, Status.VIOLATED), (-1e-7, Status.VIOLATED)):
         for degrees in (90.0, 60.0):
             given = random_design(TREE, 3)
-            module = rigid_parts(given, platform(given)).modules[0]
+            module = Scene(given).modules[0]
             axis = np.array([0.6, 0.0, 0.8])
             cone = Cone(np.zeros(3), axis, degrees)
             least = min(float(cone.s(lowest_point(part, cone))) for part in module.parts)

@@ -21,7 +21,7 @@ from verify.bodies import ConeSphere
 from verify.certificate import Solid, certify_pairs
 from verify.compounds import Compound
 from verify.convex import Convex, box, cylinder
-from verify.parts import RigidParts, bounding_box
+from verify.parts import bounding_box
 
 Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
@@ -114,15 +114,13 @@ def rotor_against_airflow(scale: float, rng: np.random.Generator) -> Iterator[Ju
     near = [moved_to(part, drawn, sign * gap) for gap in GAPS for sign in (1, -1)]
     bodies = [drawn, *(body for body in near if body is not None)]
     R, centre = rotation(rng), scale * rng.normal(size=3) * 10 ** rng.uniform(-1, 1)
-    bounds = bounding_box(own)
-    placed = Compound(tuple(each.place(R, centre) for each in own), bounds.place(R, centre), FRAME)
-    parts = RigidParts((placed,), centre[None], R[None], np.zeros(3), own, max(each.reach for each in own))
+    placed = Compound(own, bounding_box(own), FRAME).place(R, centre)
     asked = [
         BesideAirflow("rotor-airflow", 0, 1, placed, against, segment)
         for against in (Solid(body).place(R, centre) for body in bodies)
         for segment in (*range(ROTORS), None)
     ]
-    certificates = iter(certify_beside(asked, parts))
+    certificates = iter(certify_beside(asked))
     for body in bodies:
         for group in (*([rotor] for rotor in own[FRAME:]), own[:FRAME]):
             yield Judged(next(certificates), min(approach(each, body)[0] for each in group))

@@ -14,6 +14,7 @@ from topo_search.model import (
     EndEffectorSheet,
     FreeConnector,
     Mount,
+    Obstacle,
     Residual,
     Rod,
     Status,
@@ -22,28 +23,30 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.room import LARGE, packed_width
 from topo_search.model.value import Vector
-from verify.bodies import Array
+from verify.bodies import Array, Rows, clearances_of
+from verify.certificate import FLOOR
+from verify.compounds import proximities
 from verify.contacts import rod_keeps_out
-from verify.kinematics import Platform, platform
-from verify.parts import RigidParts, free_connectors, rigid_parts, straight_rod
+from verify.parts import FIT, StraightRod
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
 
 
-def assembly(design: Design, platform: Platform, parts: RigidParts) -> Assembly:
+def assembly(scene: Scene) -> Assembly:
     """Return the sheet; a design's own mount stands, otherwise it is the best available connector."""
+    design = scene.design
     joints = tuple(
         BoltedJoint(module=h, port=a, child=i, child_port=b, angle_deg=clamp(math.degrees(alpha)))
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     )
-    connectors = free_connectors(design, parts)
-    mount = design.mount or best_available(connectors, Scene(design, platform), parts)
-    rod = _rod(design, parts, mount) if mount is not None and parts.in_range else None
-    of_rod = () if rod is None else (_remark_length(design, rod), _remark_mass(design, rod, platform))
-    notes = (_note(parts, mount, connectors), *of_rod)
+    connectors = free_connectors(scene)
+    mount = design.mount or best_available(connectors, scene)
+    rod = _rod(scene, mount) if mount is not None and scene.in_range else None
+    of_rod = () if rod is None else (_remark_length(design, rod), _remark_mass(scene, rod))
+    notes = (_note(scene, mount, connectors), *of_rod)
     sheet = EndEffectorSheet(
         position_m=design.end_effector_m,
-        from_com_m=_vector(platform.p_e),
+        from_com_m=_vector(scene.platform.p_e),
         mount=mount,
         rod=rod,
         note="; ".join(note for note in notes if note) or None,
@@ -52,7 +55,7 @@ def assembly(design: Design, platform: Platform, parts: RigidParts) -> Assembly:
     return Assembly(joints=joints, end_effector=sheet)
 
 
-def best_available(connectors: tuple[FreeConnector, ...], scene: Scene, parts: RigidParts) -> Mount | None:
+def best_available(connectors: tuple[FreeConnector, ...], scene: Scene) -> Mount | None:
     """Return the connector of the shortest rod that is clear of parts, airflow and solid regions.
 
     If there is none, the shortest that is clear of parts and airflow, else of parts alone, if any. Connectors come
@@ -61,7 +64,7 @@ def best_available(connectors: tuple[FreeConnector, ...], scene: Scene, parts: R
     unblocked = [connector for connector in connectors if not connector.blocked_by]
     clear = [connector for connector in unblocked if not connector.in_airflow_of] or unblocked
     mounts = [Mount(module=connector.module, port=connector.port) for connector in clear]
-    outside = (mount for mount in mounts if rod_keeps_out(scene, parts, mount))
+    outside = (mount for mount in mounts if rod_keeps_out(scene, mount))
     return next(outside, next(iter(mounts), None))
 
 
@@ -70,24 +73,23 @@ def choose_mount(design: Design) -> Mount | None:
 
     Of connectors that differ in the rod's length alone, the one whose rod the design counts stays.
     """
-    placed = platform(design)
-    parts = rigid_parts(design, placed)
-    kept = design.mount and (design.mount.module, design.mount.port)
-    connectors = sorted(free_connectors(design, parts), key=lambda one: (one.module, one.port) != kept)
-    return best_available(tuple(connectors), Scene(design, placed), parts)
+    scene, kept = Scene(design), design.mount and (design.mount.module, design.mount.port)
+    connectors = sorted(free_connectors(scene), key=lambda one: (one.module, one.port) != kept)
+    return best_available(tuple(connectors), scene)
 
 
-def rod_residuals(design: Design, parts: RigidParts, sheet: Assembly) -> Iterator[Residual]:
+def rod_residuals(scene: Scene, sheet: Assembly) -> Iterator[Residual]:
     """Yield whether a straight rod reaches the end-effector, and from near enough, where the task asks for it."""
+    design = scene.design
     if design.task.end_effector.rod == "straight":
-        missing = 0.0 if sheet.mount is not None and parts.in_range else 1.0
-        lost = None if parts.in_range else Status.UNDECIDED
+        missing = 0.0 if sheet.mount is not None and scene.in_range else 1.0
+        lost = None if scene.in_range else Status.UNDECIDED
         name = "straight rod to the end-effector"
         yield residual(name, missing, "rods missing", 1.0, tolerance=0.0, status=lost)
 
     reach = design.task.largest_reach(design.topology.n)
     if reach is not None:
-        yield _reach(design, parts, sheet, reach)
+        yield _reach(scene, sheet, reach)
     if design.task.end_effector.rod_mass == "included" and sheet.end_effector is not None:
         yield _rod_mass(design, sheet.end_effector.rod)
 
@@ -100,29 +102,25 @@ def _rod_mass(design: Design, rod: Rod | None) -> Residual:
     return residual(name, abs(weighs - given), "kg", total, claim=given, derived=weighs)
 
 
-def _reach(design: Design, parts: RigidParts, sheet: Assembly, reach: float) -> Residual:
+def _reach(scene: Scene, sheet: Assembly, reach: float) -> Residual:
     """Return by how much the end-effector is too far from the connector that holds its rod.
 
     Without a rod that is the nearest free one; a platform without free connectors holds none.
     """
-    l_arm = design.task.module.arm_length
-    mounts = [Mount(module=i, port=port) for i, port in design.topology.free_connectors]
-    if sheet.mount is not None:
-        mounts = [sheet.mount]
-    lengths = [straight_rod(design, parts, mount).length * l_arm for mount in mounts] if parts.in_range else []
+    l_arm, free = scene.l_arm, scene.design.topology.free_connectors
+    mounts = [sheet.mount] if sheet.mount is not None else [Mount(module=i, port=port) for i, port in free]
+    lengths = [scene.straight_rod(mount).length * l_arm for mount in mounts] if scene.in_range else []
     excess = max(0.0, min(lengths) - reach) if lengths else 0.0
     name, length = "reach of the end-effector's rod", min(lengths, default=None)
     unknown = None if lengths else Status.UNDECIDED
     return residual(name, excess, "m", l_arm, tolerance=TOLERANCE, claim=reach, derived=length, status=unknown)
 
 
-def _rod(design: Design, parts: RigidParts, mount: Mount) -> Rod:
+def _rod(scene: Scene, mount: Mount) -> Rod:
     """Return the rod from a mount; of no length, it points as the connector does."""
-    end_effector, l_arm = design.task.end_effector, design.task.module.arm_length
-    rod = straight_rod(design, parts, mount)
-    R = parts.R[mount.module]
+    end_effector, rod, R = scene.design.task.end_effector, scene.straight_rod(mount), scene.R[mount.module]
     in_module = R.T @ rod.path / rod.length if rod.length > 0 else PORT_DIRECTIONS[mount.port]
-    length = rod.length * l_arm
+    length = rod.length * scene.l_arm
     return Rod(
         length_m=length,
         radius_m=end_effector.rod_radius,
@@ -132,8 +130,8 @@ def _rod(design: Design, parts: RigidParts, mount: Mount) -> Rod:
     )
 
 
-def _note(parts: RigidParts, mount: Mount | None, connectors: tuple[FreeConnector, ...]) -> str | None:
-    if not parts.in_range:
+def _note(scene: Scene, mount: Mount | None, connectors: tuple[FreeConnector, ...]) -> str | None:
+    if not scene.in_range:
         return "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"
     if mount is None:
         return "no straight rod reaches the end-effector: every free connector is blocked"
@@ -159,13 +157,13 @@ def _remark_length(design: Design, rod: Rod) -> str | None:
     return f"the rod is {rod.length_m:.3g} m long, {times}"
 
 
-def _remark_mass(design: Design, rod: Rod, platform: Platform) -> str | None:
+def _remark_mass(scene: Scene, rod: Rod) -> str | None:
     """Say what a heavy rod changes that the model ignores."""
-    task = design.task
+    task = scene.design.task
     share = rod.mass_kg / task.total_mass(task.n)
     if share < 0.05 or task.end_effector.rod_mass == "included":  # less is as good as nothing
         return None
-    middle = platform.p_e - rod.length_m / 2 * np.array(rod.direction)
+    middle = scene.platform.p_e - rod.length_m / 2 * np.array(rod.direction)
     weight = rod.mass_kg * task.gravity
     torque = weight * float(np.hypot(middle[0], middle[1]))
     left_out = f"the rod, {100 * share:.3g} % of the platform's mass, is left out of the model"
@@ -175,3 +173,52 @@ def _remark_mass(design: Design, rod: Rod, platform: Platform) -> str | None:
 def _vector(v: Array) -> Vector:
     x, y, z = (clamp(float(value)) for value in v)
     return x, y, z
+
+
+def free_connectors(scene: Scene) -> tuple[FreeConnector, ...]:
+    """Return every free connector with what blocks a straight rod from it, shortest rod first.
+
+    A rod that is too near to a part to tell counts as blocked; where coordinates have lost their digits nothing is
+    known of any connector.
+    """
+    if not scene.in_range:
+        return ()
+    mounts = [Mount(module=i, port=port) for i, port in scene.design.topology.free_connectors]
+    rods = sorted(map(scene.straight_rod, mounts), key=lambda rod: round(rod.length, FIT.digits))
+    near = [
+        (rod, i, beside) for rod in rods for i in _near(rod, scene) if (beside := rod.body_beside(i)) is not None
+    ]
+    pairs = [(scene.modules[i], beside) for _, i, beside in near]
+    blocked: dict[Mount, list[Obstacle]] = {}
+    for (rod, i, _), proximity in zip(near, proximities(pairs, [False] * len(pairs), measured=False), strict=True):
+        if proximity.d <= FLOOR:
+            obstacle = Obstacle(module=i, part=scene.modules[i].parts[proximity.a].name)
+            blocked.setdefault(rod.mount, []).append(obstacle)
+    return tuple(
+        FreeConnector(
+            module=rod.mount.module,
+            port=rod.mount.port,
+            length_m=rod.length * scene.l_arm,
+            blocked_by=tuple(blocked.get(rod.mount, ())),
+            in_airflow_of=tuple(through),
+        )
+        for rod, through in zip(rods, _in_airflow(scene, rods), strict=True)
+    )
+
+
+def _in_airflow(scene: Scene, rods: list[StraightRod]) -> list[list[int]]:
+    """Return the modules whose airflow each rod passes through, or is too near to to tell; its own one's too."""
+    if not rods:
+        return []
+    each, passed = np.indices((len(rods), len(scene.envelopes))).reshape(2, -1)
+    airflow, straight = (Rows.of([one.body for one in some]) for some in (scene.envelopes, [r.solid for r in rods]))
+    d = clearances_of(airflow.take(passed), straight.take(each)).d.reshape(len(rods), -1)
+    return [np.flatnonzero(~(row > FLOOR)).tolist() for row in d]
+
+
+def _near(rod: StraightRod, scene: Scene) -> list[int]:
+    """Return the modules whose bounding ball comes near a rod; the others cannot block it."""
+    from_start = scene.centres - rod.start
+    t = np.clip(from_start @ rod.path / (rod.length**2 or 1.0), 0.0, 1.0)
+    apart = np.linalg.norm(from_start - t[:, None] * rod.path, axis=1)
+    return np.flatnonzero(apart <= scene.body.reach + rod.radius + FLOOR).tolist()

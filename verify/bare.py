@@ -36,7 +36,7 @@ from verify.assembly import choose_mount
 from verify.bodies import Array
 from verify.flight.programs import LARGEST, Box, find_solutions, least_inputs, nearest
 from verify.kinematics import Platform, objective, platform, required_wrench, wrench_map
-from verify.parts import rigid_parts, straight_rod
+from verify.requirements import Scene
 from verify.residuals import clamp, residual
 
 
@@ -60,10 +60,10 @@ def _count_rod(design: Design) -> Design:
     end_effector, l_arm = design.task.end_effector, design.task.module.arm_length
     if end_effector.rod_mass == "ignored" or end_effector.counted_rod is not None:
         return design
-    mount, parts = design.mount or choose_mount(design), rigid_parts(design, platform(design))
-    if mount is None or not parts.in_range:
+    mount, scene = design.mount or choose_mount(design), Scene(design)
+    if mount is None or not scene.in_range:
         return design
-    mass = end_effector.rod_linear_density * l_arm * straight_rod(design, parts, mount).length
+    mass = end_effector.rod_linear_density * l_arm * scene.straight_rod(mount).length
     rod = CountedRod(module=mount.module, port=mount.port, mass=mass)
     return design.model_copy(update={"mount": mount, "task": design.task.with_rod(rod)})
 

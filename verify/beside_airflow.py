@@ -35,7 +35,6 @@ from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
 from verify.meshes import ConvexMesh, Indices, Shape, encloses, inner_mesh, lies_within, outer_mesh
-from verify.parts import RigidParts
 
 ROTORS = 4
 
@@ -70,31 +69,32 @@ class _Found(NamedTuple):
         return np.stack([self.x, self.x - np.maximum(self.d, 0.0)[..., None] * self.n], axis=-2)
 
 
-def beside_airflow(parts: RigidParts, envelopes: Sequence[Solid], *, counts: bool) -> Iterator[BesideAirflow]:
+def beside_airflow(
+    modules: Sequence[Compound], envelopes: Sequence[Solid], *, counts: bool
+) -> Iterator[BesideAirflow]:
     """Yield every rotor, then hub and arms, of every module against the airflow of every other one."""
-    modules = range(len(parts.modules))
     return (
-        BesideAirflow("rotor-airflow", a, b, parts.modules[a], envelopes[b], segment, counts)
-        for a in modules
-        for b in modules
+        BesideAirflow("rotor-airflow", a, b, module, envelope, segment, counts)
+        for a, module in enumerate(modules)
+        for b, envelope in enumerate(envelopes)
         if a != b
         for segment in (*range(ROTORS), None)
     )
 
 
-def certify_beside(requirements: Sequence[BesideAirflow], parts: RigidParts) -> list[Certificate]:
-    """Return the certificates of what `beside_airflow` yields."""
+def certify_beside(requirements: Sequence[BesideAirflow]) -> list[Certificate]:
+    """Return the certificates of what `beside_airflow` yields, for copies of one module."""
     if not requirements:
         return []
     pairs = requirements[:: ROTORS + 1]
-    distances = _find(parts, pairs)
+    R, p = (np.array(column) for column in zip(*(_place(pair.body) for pair in pairs), strict=True))
+    distances = _find(pairs, R, p)
     proven = [
         (row.lower > ROUNDING) & (row.d > 0) & (row.lower - ROUNDING <= row.d) & (row.d <= row.upper + ROUNDING)
         for row in distances
     ]
     certificates = []
-    a = np.array([pair.a for pair in pairs])
-    closest = [np.einsum("nij,nkj->nki", parts.R[a], row.closest) + parts.centres[a, None] for row in distances]
+    closest = [np.einsum("nij,nkj->nki", R, row.closest) + p[:, None] for row in distances]
     columns = [
         (row.d.tolist(), row.lower.tolist(), row.upper.tolist(), ok.tolist())
         for row, ok in zip(distances, proven, strict=True)
@@ -110,7 +110,7 @@ def certify_beside(requirements: Sequence[BesideAirflow], parts: RigidParts) -> 
                 certificates.append(Certificate(Status.CLEAR, lower[k], upper[k], d[k], 0, closest[side][k]))
             else:
                 at = _Found(*(column[k] for column in distances[side]))
-                proof = functools.partial(_proof, requirements[k * (ROTORS + 1) + side], parts, at)
+                proof = functools.partial(_proof, requirements[k * (ROTORS + 1) + side], at)
                 proven_upper = None if np.isnan(at.upper) else float(at.upper)
                 # a box, the parts' common meshes, then meshes turned towards the witness
                 levels = 2 + len(TURNED_LEVELS)
@@ -118,9 +118,15 @@ def certify_beside(requirements: Sequence[BesideAirflow], parts: RigidParts) -> 
     return certificates
 
 
-def _proof(pair: BesideAirflow, parts: RigidParts, at: _Found, level: int) -> tuple[float, bool]:
+def _place(body: Compound) -> tuple[Array, Array]:
+    assert body.copied is not None
+    return body.copied[1:]
+
+
+def _proof(pair: BesideAirflow, at: _Found, level: int) -> tuple[float, bool]:
     """Return the gap across the plane, and whether FCL agrees with its sign at this level."""
-    n, x = parts.R[pair.a] @ at.n, parts.R[pair.a] @ at.x + parts.centres[pair.a]
+    R, p = _place(pair.body)
+    n, x = R @ at.n, R @ at.x + p
     if at.d > 0:
         return float(at.lower), _fcl_apart(pair, n, x, level)
     return float(at.lower), level >= 2 and _fcl_overlap(pair, at, n, x, level)
@@ -153,15 +159,16 @@ def _move(mesh: ConvexMesh, shift: Array) -> ConvexMesh:
     return ConvexMesh(mesh.vertices + shift, mesh.triangles)
 
 
-def _find(parts: RigidParts, pairs: Sequence[BesideAirflow]) -> list[_Found]:
-    """Return how near rotors 0 to 3 and the frame are, for (a, b) of the pairs."""
-    a = np.array([pair.a for pair in pairs])
+def _find(pairs: Sequence[BesideAirflow], R: Array, p: Array) -> list[_Found]:
+    """Return how near rotors 0 to 3 and the frame are, for pairs whose modules are at R (N, 3, 3) and p (N, 3)."""
+    assert pairs[0].body.copied is not None
+    module = pairs[0].body.copied[0]
     K = Rows.of([pair.against.body for pair in pairs])
-    to_frame = parts.R[a].transpose(0, 2, 1)
-    o = np.einsum("nij,nj->ni", to_frame, K.o - parts.centres[a])
+    to_frame = R.transpose(0, 2, 1)
+    o = np.einsum("nij,nj->ni", to_frame, K.o - p)
     K = Rows(o, np.einsum("nij,nj->ni", to_frame, K.d), K.r, K.dr)
-    module_parts, frame = parts.module_parts, parts.modules[0].frame
-    rotors = [_nearest(part, K, np.full(len(a), frame + k)) for k, part in enumerate(module_parts[frame:])]
+    module_parts, frame = module.parts, module.frame
+    rotors = [_nearest(part, K, np.full(len(R), frame + k)) for k, part in enumerate(module_parts[frame:])]
     return [*rotors, _of_frame(module_parts[:frame], K)]
 
 
@@ -176,7 +183,7 @@ def _of_frame(frame: Sequence[Convex], K: Rows) -> _Found:
         far = lower > farthest
         least[far] = np.minimum(least[far], lower[far])
         rows = np.flatnonzero(~far)
-        candidate = _nearest(part, Rows(*(column[rows] for column in K)), np.full(len(rows), k))
+        candidate = _nearest(part, K.take(rows), np.full(len(rows), k))
         least[rows] = np.minimum(least[rows], candidate.lower)
         nearer = ~(candidate.d >= best.d[rows])  # also what is not a number
         for name in ("d", "upper", "x", "n", "part"):

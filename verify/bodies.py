@@ -124,6 +124,10 @@ class Rows(NamedTuple):
         r, dr = (np.array([getattr(body, name) for body in bodies]) for name in ("r", "dr"))
         return cls(o, d, r, dr)
 
+    def take(self, index: NDArray[np.intp]) -> Rows:
+        """Return some of them."""
+        return Rows(self.o[index], self.d[index], self.r[index], self.dr[index])
+
     def centre(self, eta: Array) -> Array:
         """Return P(eta) of every body, shape (N, 3)."""
         return np.asarray(self.o + eta[:, None] * self.d)

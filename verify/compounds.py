@@ -39,7 +39,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -83,6 +83,18 @@ class Compound:
     """The first so many parts may touch those of a body that is bolted to this one, where the connector is."""
     beyond: int = 0
     """The last so many are pieces of these, too far from the connector: they may not touch them."""
+    copied: tuple[Compound, Array, Array] | None = field(default=None, repr=False)
+    """The body that this one is, turned by R, then moved by p; None if it stands for itself."""
+
+    def place(self, R: Array, p: Array) -> Compound:
+        """Return the body turned by R, shape (3, 3), then moved by p, shape (3,)."""
+        parts, copied = tuple(part.place(R, p) for part in self.parts), (self, R, p)
+        return Compound(parts, self.bounds.place(R, p), self.frame, self.beyond, copied)
+
+    @functools.cached_property
+    def reach(self) -> float:
+        """The body lies in the ball of this radius around the origin."""
+        return max(part.reach for part in self.parts)
 
     @functools.cached_property
     def in_range(self) -> bool:

@@ -55,8 +55,7 @@ from verify.compounds import Compound, certify_compounds
 from verify.cones import certify_inside
 from verify.convex import CLIPPING, Convex, Polyhedron, capsule, clip
 from verify.hulls import Hull, approach, certify_outside, hull
-from verify.kinematics import platform
-from verify.parts import FIT, UP, RigidParts, straight_rod
+from verify.parts import FIT, UP
 from verify.requirements import Requirement, Scene
 
 
@@ -68,47 +67,42 @@ class RigidRequirement(Row[Compound, Compound]):
     """True if the frames may touch near the connector."""
 
 
-def keep_apart(design: Design, parts: RigidParts, mount: Mount | None) -> Iterator[RigidRequirement]:
+def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[RigidRequirement]:
     """Yield every pair of modules as `body`, and every module against the rod from the mount as `rod`.
 
     Both set the verdict unless the task gives body clearance up; the rod does where the task asks for one.
     """
-    counts = design.task.body_clearance is not None
-    needs_rod = counts or design.task.end_effector.rod == "straight"
-    modules, joints = parts.modules, {(h, i): ports for h, i, *ports in design.topology.edges()}
-    sides = {port: _end(design, parts, port) for port in {port for ports in joints.values() for port in ports}}
+    task, modules = scene.design.task, scene.modules
+    counts = task.body_clearance is not None
+    needs_rod = counts or task.end_effector.rod == "straight"
+    joints = {(h, i): ports for h, i, *ports in scene.design.topology.edges()}
+    sides = {port: _seen_from(scene, port) for port in {port for ports in joints.values() for port in ports}}
     for a, b in combinations(range(len(modules)), 2):
         body, against = modules[a], modules[b]
         if (a, b) in joints:
-            body, against = (_neighbour_at(parts, i, sides[k]) for i, k in zip((a, b), joints[a, b], strict=True))
+            ports = zip((a, b), joints[a, b], strict=True)
+            body, against = (sides[k].place(scene.R[i], scene.centres[i]) for i, k in ports)
         yield RigidRequirement("body", a, b, body, against, counts=counts, bolted=(a, b) in joints)
     if mount is None:
         return
-    rod = straight_rod(design, parts, mount)
+    rod = scene.straight_rod(mount)
     for a, module in enumerate(modules):
         beside = rod.body_beside(a)
         if beside is not None:
             yield RigidRequirement("rod", a, -1, module, beside, counts=needs_rod)
 
 
-@dataclass(frozen=True, eq=False)
-class _End:
-    """The parts of a module as its neighbour at one port meets them, in the module's own frame."""
+def _seen_from(scene: Scene, port: int) -> Compound:
+    """Return a module as its neighbour at a port meets it, in the module's own frame.
 
-    near: tuple[Convex, ...]
-    """Those of the frame that are near the connector, if only with a piece."""
-    others: tuple[Convex, ...]
-    """The others, and the rotors."""
-    beyond: tuple[Convex, ...]
-    """Pieces of the first that are not near it."""
-
-
-def _end(design: Design, parts: RigidParts, port: int) -> _End:
-    module, frame = design.task.module, parts.modules[0].frame
+    First come the parts of the frame that are near the connector, if only with a piece; last, pieces of these that
+    are not.
+    """
+    module, whole = scene.design.task.module, scene.body
     l_c, outwards = module.connector_distance / module.arm_length, PORT_DIRECTIONS[port]
     inner, outer = (1 - INWARDS) * l_c, (1 + OUTWARDS) * l_c
     near, others, beyond = list[Convex](), list[Convex](), list[Convex]()
-    for part in parts.module_parts[:frame]:
+    for part in whole.parts[: whole.frame]:
         assert isinstance(part, Polyhedron)
         if (
             part.support(outwards) <= inner + CLIPPING.thinnest
@@ -119,13 +113,8 @@ def _end(design: Design, parts: RigidParts, port: int) -> _End:
         near.append(part)
         pieces = clip(part, outwards, inner), clip(part, -outwards, -outer)
         beyond += [piece for piece in pieces if piece is not None]
-    return _End(tuple(near), (*others, *parts.module_parts[frame:]), tuple(beyond))
-
-
-def _neighbour_at(parts: RigidParts, i: int, end: _End) -> Compound:
-    """Return module i as the neighbour at one of its ports meets it."""
-    solids = (part.place(parts.R[i], parts.centres[i]) for part in (*end.near, *end.others, *end.beyond))
-    return Compound(tuple(solids), parts.modules[i].bounds, len(end.near), len(end.beyond))
+    parts = (*near, *others, *whole.parts[whole.frame :], *beyond)
+    return Compound(parts, whole.bounds, len(near), len(beyond))
 
 
 def allowed_contacts(design: Design, mount: Mount | None) -> tuple[AllowedContact, ...]:
@@ -145,13 +134,13 @@ def allowed_contacts(design: Design, mount: Mount | None) -> tuple[AllowedContac
     return (*joints, fitting)
 
 
-def bracket_hulls(design: Design, parts: RigidParts) -> dict[int, Hull]:
+def bracket_hulls(scene: Scene) -> dict[int, Hull]:
     """Return the bracket of every joint by its child; none if the task states no brackets, or digits are lost."""
-    if design.task.module.bracket is None or not parts.in_range:
+    if scene.design.task.module.bracket is None or not scene.in_range:
         return {}
     return {
-        i: hull(np.concatenate([_flange(design, parts, h, a), _flange(design, parts, i, b)]))
-        for h, i, a, b in design.topology.edges()
+        i: hull(np.concatenate([_flange(scene, h, a), _flange(scene, i, b)]))
+        for h, i, a, b in scene.design.topology.edges()
     }
 
 
@@ -162,50 +151,49 @@ def beside_brackets(brackets: dict[int, Hull], envelopes: Sequence[Solid]) -> It
             yield Requirement("bracket-airflow", a, b, envelope, bracket)
 
 
-def rotors_beside_brackets(brackets: dict[int, Hull], parts: RigidParts) -> Iterator[RigidRequirement]:
+def rotors_beside_brackets(brackets: dict[int, Hull], modules: Sequence[Compound]) -> Iterator[RigidRequirement]:
     """Yield every bracket against the rotors of every module."""
     solids = {a: Polyhedron("bracket", one.mesh.vertices, one.mesh.triangles) for a, one in brackets.items()}
-    rotors = [module.parts[module.frame :] for module in parts.modules]
     for a, bracket in solids.items():
-        for b, module in enumerate(parts.modules):
-            turning = Compound(rotors[b], module.bounds)
+        for b, module in enumerate(modules):
+            turning = Compound(module.parts[module.frame :], module.bounds)
             yield RigidRequirement("bracket-rotor", a, b, turning, Compound((bracket,), bracket))
 
 
-def _flange(design: Design, parts: RigidParts, i: int, port: int) -> Array:
+def _flange(scene: Scene, i: int, port: int) -> Array:
     """Return the corners of a flange that is bolted to module i, shape (8, 3)."""
-    module, sizes = design.task.module, design.task.module.bracket_sizes
+    module, sizes = scene.design.task.module, scene.design.task.module.bracket_sizes
     l_c, r, d, t = (
         x / module.arm_length
         for x in (module.connector_distance, sizes.half_width, sizes.set_back, sizes.thickness)
     )
     x = PORT_DIRECTIONS[port]
     corners = [(l_c + u) * x + v * np.cross(UP, x) + w * UP for u, v, w in product((-d, t - d), (-r, r), (-r, r))]
-    return np.asarray(np.array(corners) @ parts.R[i].T + parts.centres[i])
+    return np.asarray(np.array(corners) @ scene.R[i].T + scene.centres[i])
 
 
 class InsideCone(Row[Compound, Cone]):
     """The parts of a module that must stay inside a cone, beyond which all is solid."""
 
 
-def parts_beside_regions(scene: Scene, parts: RigidParts) -> Iterator[RigidRequirement | InsideCone]:
+def parts_beside_regions(scene: Scene) -> Iterator[RigidRequirement | InsideCone]:
     """Yield every module against every solid region."""
     for number, segment, region in _regions(scene):
-        for a, module in enumerate(parts.modules):
+        for a, module in enumerate(scene.modules):
             if isinstance(region, Cone):
                 yield InsideCone("part-region", a, number, module, region, segment)
             else:
                 yield RigidRequirement("part-region", a, number, module, _body(region), segment)
 
 
-def rod_beside_regions(scene: Scene, parts: RigidParts, mount: Mount | None) -> Iterator[Requirement]:
+def rod_beside_regions(scene: Scene, mount: Mount | None) -> Iterator[Requirement]:
     """Yield the rod from a mount against every solid region that it need not reach into.
 
     It counts where the task asks for a rod.
     """
-    if mount is None or not parts.in_range:
+    if mount is None or not scene.in_range:
         return
-    rod = straight_rod(scene.design, parts, mount)
+    rod = scene.straight_rod(mount)
     counts = scene.design.task.end_effector.rod == "straight"
     for number, segment, region in _regions(scene):
         apart = _distance(scene.p_E, region)
@@ -232,13 +220,14 @@ def tip_distances(design: Design) -> dict[tuple[int, int | None], float]:
 
     Keys are the requirement's number and that of its path or plane, None where it has but one region.
     """
-    scene, l_arm = Scene(design, platform(design)), design.task.module.arm_length
-    return {(number, segment): l_arm * _distance(scene.p_E, region) for number, segment, region in _regions(scene)}
+    scene = Scene(design)
+    regions = _regions(scene)
+    return {(number, segment): scene.l_arm * _distance(scene.p_E, region) for number, segment, region in regions}
 
 
-def rod_keeps_out(scene: Scene, parts: RigidParts, mount: Mount) -> bool:
+def rod_keeps_out(scene: Scene, mount: Mount) -> bool:
     """Return whether the rod from a mount is proven to keep out of every solid region."""
-    certificates = certify_all(list(rod_beside_regions(scene, parts, mount)))
+    certificates = certify_all(list(rod_beside_regions(scene, mount)))
     return all(certificate.status is Status.CLEAR for certificate in certificates)
 
 

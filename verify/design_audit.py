@@ -47,8 +47,6 @@ from verify.contacts import (
 )
 from verify.flight.measured import flight
 from verify.flight.residuals import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
-from verify.kinematics import platform
-from verify.parts import RigidParts, rigid_parts
 from verify.requirements import Requirement, Scene
 from verify.residuals import clamp, residuals
 from verify.sensitivity import sensitivity
@@ -93,27 +91,24 @@ def audit(design: Geometry) -> Audit:
 
 
 def _audit(design: Design, started: float) -> Audit:
-    placed = platform(design)
-    rows = (*residuals(design, placed), *corner_residuals(design, placed))
-    scene = Scene(design, placed)
-    parts = rigid_parts(design, placed)
-    sheet = assembly(design, placed, parts)
-    rows = (*rows, *rod_residuals(design, parts, sheet))
-    brackets, counts = bracket_hulls(design, parts), design.task.parts_off_airflow
+    scene = Scene(design)
+    placed, sheet = scene.platform, assembly(scene)
+    rows = (*residuals(design, placed), *corner_residuals(design, placed), *rod_residuals(scene, sheet))
+    brackets, counts = bracket_hulls(scene), design.task.parts_off_airflow
     rows_of_all_kinds: Iterable[Asked] = itertools.chain(
         scene.requirements(),
-        keep_apart(design, parts, sheet.mount),
-        beside_airflow(parts, scene.envelopes, counts=counts),
-        scene.rod(parts, sheet.mount),
+        keep_apart(scene, sheet.mount),
+        beside_airflow(scene.modules, scene.envelopes, counts=counts),
+        scene.rod(sheet.mount),
         beside_brackets(brackets, scene.envelopes),
-        rotors_beside_brackets(brackets, parts),
-        parts_beside_regions(scene, parts),
-        rod_beside_regions(scene, parts, sheet.mount),
+        rotors_beside_brackets(brackets, scene.modules),
+        parts_beside_regions(scene),
+        rod_beside_regions(scene, sheet.mount),
     )
     checks = list(itertools.islice(rows_of_all_kinds, MOST_CLEARANCES + 1))
     if len(checks) > MOST_CLEARANCES:
         raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
-    certificates = _certify(checks, parts)
+    certificates = _certify(checks)
     statuses = [c.status for requirement, c in zip(checks, certificates, strict=True) if requirement.counts]
     mount, module = sheet.mount, design.task.module
     holder = 0 if mount is None else mount.module
@@ -121,11 +116,11 @@ def _audit(design: Design, started: float) -> Audit:
     closest = _closest_points(checks, certificates, module.arm_length, middle)
     pairs = tuple(_clearance(*row, module) for row in zip(checks, certificates, closest, strict=True))
     requirements = [row for row in checks if isinstance(row, Requirement)]
-    errors = sensitivity(design, placed, scene, requirements, holder)
+    errors = sensitivity(scene, requirements, holder)
     measured = flight(design, placed, sheet, errors)
     judged = (reserve_residuals, failure_residuals, load_residuals)
     rows = (*rows, *(row for residuals_of in judged for row in residuals_of(design, measured)))
-    blown = air(design, placed, scene)
+    blown = air(scene)
     rows = (*rows, *tolerance_residuals(design, errors), *speed_residuals(design, blown))
     return Audit(
         inputs_computed=design.inputs_computed,
@@ -146,12 +141,12 @@ def _audit(design: Design, started: float) -> Audit:
     )
 
 
-def _certify(checks: list[Asked], parts: RigidParts) -> list[Certificate]:
+def _certify(checks: list[Asked]) -> list[Certificate]:
     """Return one certificate a row, those of all rows of a class at once."""
     certifiers: dict[type[Asked], Callable[[list[Any]], list[Certificate]]] = {
         Requirement: certify_all,
         RigidRequirement: certify_rigid,
-        BesideAirflow: functools.partial(certify_beside, parts=parts),
+        BesideAirflow: certify_beside,
         InsideCone: lambda rows: [certify_parts_inside(row.body, row.against) for row in rows],
     }
     certified = {

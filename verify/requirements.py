@@ -8,18 +8,22 @@ d / 2 around them keep apart; so is the end-effector's from every module's centr
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 
 from topo_search.model import Allowed, Design, Directional, Exterior, Mount
+from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.exposure import Exposure
 from topo_search.model.module import AirflowEnvelope
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import Row, Solid
+from verify.compounds import Compound
 from verify.hulls import Hull, hull
-from verify.kinematics import Platform
-from verify.parts import RigidParts, straight_rod
+from verify.kinematics import Platform, platform
+from verify.meshes import FARTHEST
+from verify.parts import StraightRod, module_body
 
 
 class Requirement(Row[Solid, Solid | Cone | Hull]):
@@ -27,25 +31,49 @@ class Requirement(Row[Solid, Solid | Cone | Hull]):
 
 
 class Scene:
-    """The volumes of a design."""
+    """A design with its volumes: airflow, rigid parts, rods, target regions."""
 
-    def __init__(self, design: Design, platform: Platform) -> None:
+    def __init__(self, design: Design, placed: Platform | None = None) -> None:
         self.design = design
+        self.platform = platform(design) if placed is None else placed
+        self.R: Array = self.platform.poses.R
         self.l_arm = design.task.module.arm_length
-        middle = platform.o.mean(axis=0)
-        self.centres: Array = (platform.o - middle) / self.l_arm
-        self.p_E: Array = (platform.p_e - middle) / self.l_arm
-        self.offset: Array = platform.p_e / self.l_arm
+        middle = self.platform.o.mean(axis=0)
+        self.centres: Array = (self.platform.o - middle) / self.l_arm
+        self.p_E: Array = (self.platform.p_e - middle) / self.l_arm
+        self.offset: Array = self.platform.p_e / self.l_arm
         """p_E from the COM, where some requirements take their direction from."""
         module = design.task.module
-        self.envelopes = self._place(module.envelope, platform)
-        self.region_envelopes = self._place(module.region_envelope, platform)
+        self.envelopes = self._place(module.envelope)
+        self.region_envelopes = self._place(module.region_envelope)
         """Those that keep out of target regions."""
 
-    def _place(self, envelope: AirflowEnvelope, platform: Platform) -> list[Solid]:
+    def _place(self, envelope: AirflowEnvelope) -> list[Solid]:
         length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))
         still = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -length]), r, dr))
-        return [still.place(R, o) for R, o in zip(platform.poses.R, self.centres, strict=True)]
+        return [still.place(R, o) for R, o in zip(self.R, self.centres, strict=True)]
+
+    @cached_property
+    def body(self) -> Compound:
+        """The rigid parts of a module in its own frame."""
+        return module_body(self.design.task.module)
+
+    @cached_property
+    def modules(self) -> tuple[Compound, ...]:
+        """The rigid parts of all modules."""
+        return tuple(self.body.place(R, o) for R, o in zip(self.R, self.centres, strict=True))
+
+    @property
+    def in_range(self) -> bool:
+        """True if all coordinates keep the digits that a proof needs."""
+        return all(module.in_range for module in self.modules) and bool(np.all(np.abs(self.p_E) < FARTHEST / 16))
+
+    def straight_rod(self, mount: Mount) -> StraightRod:
+        """Return the rod from a free connector."""
+        module = self.design.task.module
+        l_c, radius = module.connector_distance / self.l_arm, self.design.task.end_effector.rod_radius / self.l_arm
+        start = self.centres[mount.module] + l_c * self.R[mount.module] @ PORT_DIRECTIONS[mount.port]
+        return StraightRod(mount, start, self.p_E - start, radius)
 
     def requirements(self) -> Iterator[Requirement]:
         """Yield every requirement: airflow, exposure, exclusion, separation."""
@@ -120,12 +148,11 @@ class Scene:
             axis = _unit(np.array(exposure.axis))
         return [] if axis is None else [Cone(self.p_E, axis, exposure.half_angle_deg)]
 
-    def rod(self, parts: RigidParts, mount: Mount | None) -> Iterator[Requirement]:
+    def rod(self, mount: Mount | None) -> Iterator[Requirement]:
         """Yield the rod from a mount against every airflow, if there is a rod; counted if the task asks for one."""
-        if mount is None or not parts.in_range:
+        if mount is None or not self.in_range:
             return
-        straight = straight_rod(self.design, parts, mount)
-        body = Solid(ConeSphere(straight.start, straight.path, straight.radius, 0.0))
+        body = self.straight_rod(mount).solid
         counts = self.design.task.end_effector.rod == "straight"
         for b, envelope in enumerate(self.envelopes):
             yield Requirement("rod-airflow", mount.module, b, body, envelope, counts=counts)

@@ -26,7 +26,7 @@ from topo_search.model.module import RegionAirflow
 from verify.bodies import Array, Cone, clearances, cone_clearance
 from verify.certificate import ROUNDING
 from verify.hulls import Hull, approach
-from verify.kinematics import Platform, Poses, platform, poses_of
+from verify.kinematics import Poses, platform, poses_of
 from verify.requirements import Requirement, Scene
 from verify.tolerance import KINDS, Errors, Tolerance, Weakest
 
@@ -55,23 +55,19 @@ class SearchSettings(NamedTuple):
 SEARCH = SearchSettings()
 
 
-def sensitivity(
-    design: Design, platform: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
-) -> Sensitivity | None:
+def sensitivity(scene: Scene, requirements: Sequence[Requirement], holder: int) -> Sensitivity | None:
     """Return how much error a design tolerates; None if there is no clearance to lose, or parts decide.
 
     Args:
-        design: the design.
-        platform: its geometry.
-        scene: its volumes.
+        scene: the design with its volumes.
         requirements: what is asked of them; those that do not count are left out.
         holder: the module that carries the end-effector.
     """
     bounded = [r for r in requirements if r.counts and r.kind in KINDS]
-    if not bounded or design.task.search.interference == "parts":  # of parts beside airflow there is no bound
+    if not bounded or scene.design.task.search.interference == "parts":  # of parts beside airflow there is no bound
         return None
-    search = _Search(design, Tolerance(design, platform, scene, bounded, holder), scene.l_arm, holder)
-    l_arm, tolerances = scene.l_arm, design.task.tolerances
+    search = _Search(scene.design, Tolerance(scene, bounded, holder), scene.l_arm, holder)
+    l_arm, tolerances = scene.l_arm, scene.design.task.tolerances
     errors = Errors(
         math.radians(tolerances.hinge_angle_deg), tolerances.position / l_arm, tolerances.envelope / l_arm
     )

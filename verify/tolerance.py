@@ -59,14 +59,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Design, Topology, needs_offset
+from topo_search.model import Topology, needs_offset
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.audit import Kind
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.bodies import Array, Cone, Rows
 from verify.certificate import Solid, witnesses
 from verify.hulls import Hull, witness
-from verify.kinematics import Platform, Poses
 from verify.meshes import Indices
 from verify.requirements import Requirement, Scene
 
@@ -90,12 +89,12 @@ class Motion:
 class Levers:
     """The hinges of a platform, and the arms of two points that each module carries."""
 
-    def __init__(self, topology: Topology, poses: Poses, points: Array, half_step: float, holder: int) -> None:
+    def __init__(self, topology: Topology, R: Array, points: Array, half_step: float, holder: int) -> None:
         """Find the hinges.
 
         Args:
             topology: the tree.
-            poses: where the design puts the modules; only their orientations are used.
+            R: orientations of the modules, shape (n, 3, 3).
             points: two points that each module carries, its centre first, shape (n, 2, 3).
             half_step: from a module's centre to the hinge at its port, in the unit of the points.
             holder: the module that all others are seen from.
@@ -107,8 +106,8 @@ class Levers:
         for h, i, a, _ in topology.edges():
             self.moves[:, i] = self.moves[:, h]
             self.moves[i - 1, i] = True
-            axes[i - 1] = poses.R[h] @ np.eye(3)[1 if a % 2 == 0 else 0]
-            on_axes[i - 1] = points[h, 0] + half_step * poses.R[h] @ PORT_DIRECTIONS[a]
+            axes[i - 1] = R[h] @ np.eye(3)[1 if a % 2 == 0 else 0]
+            on_axes[i - 1] = points[h, 0] + half_step * R[h] @ PORT_DIRECTIONS[a]
         # Seen from beyond a hinge, what is before it moves, and the other way round.
         beyond = self.moves[:, holder].copy()
         self.moves ^= beyond[:, None]
@@ -229,16 +228,14 @@ class _Group:
 class Tolerance:
     """Clearances of a design that remain under errors."""
 
-    def __init__(
-        self, design: Design, platform: Platform, scene: Scene, requirements: Sequence[Requirement], holder: int
-    ) -> None:
+    def __init__(self, scene: Scene, requirements: Sequence[Requirement], holder: int) -> None:
         """Measure every requirement of KINDS once; there must be one. The holder is a module."""
-        self._task, self._scene, self._holder = design.task, scene, holder
+        self._task, self._scene, self._holder, design = scene.design.task, scene, holder, scene.design
         l_c = design.task.module.connector_distance / scene.l_arm
 
         def levers(envelopes: Sequence[Solid]) -> Levers:
             endpoints = np.array([(solid.body.o, solid.body.o + solid.body.d) for solid in envelopes])
-            return Levers(design.topology, platform.poses, endpoints, l_c, holder)
+            return Levers(design.topology, scene.R, endpoints, l_c, holder)
 
         self._levers, self._region_levers = levers(scene.envelopes), levers(scene.region_envelopes)
         of_kind = [[r for r in requirements if r.kind == kind] for kind in KINDS]

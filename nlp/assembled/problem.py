@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
@@ -36,6 +37,10 @@ from nlp.requirements import Requirement
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
+
+if TYPE_CHECKING:
+    from nlp.assembled.air import SpeedRows
+    from nlp.user_constraints.rows import DerivedRows
 
 
 class AssembledProblem:
@@ -76,6 +81,7 @@ class AssembledProblem:
         self.lower = np.concatenate([np.zeros(6 * self.K), *margins])
         self.upper = np.concatenate([np.zeros(6 * self.K), np.full(self.rows - 6 * self.K, math.inf)])
         self._x = np.full(self.g, math.nan)
+        self._further: list[tuple[DerivedRows | SpeedRows, slice, Indices, Indices]] = []
 
     def _index(self) -> None:
         """Find where derivatives are not zero."""
@@ -101,6 +107,20 @@ class AssembledProblem:
         geometry = ca.vertcat(ca.Sparsity.upper(g), ca.Sparsity(4 * n * K, g))
         self.hessian_pattern = ca.horzcat(geometry, ca.vertcat(mixed, inputs))
         self._columns, self._rows = np.tril_indices(g)  # of the upper triangle, column by column
+
+    def append(self, rows: DerivedRows | SpeedRows) -> None:
+        """Append rows below those of the program, and find where their entries go among those so far."""
+        above, below, before = self.jacobian_pattern, rows.jacobian_pattern, self.hessian_pattern
+        self.jacobian_pattern = ca.vertcat(above, below)
+        self.hessian_pattern = before.unite(rows.hessian_pattern)
+        first = ca.DM(above, list(range(above.nnz())))
+        second = ca.DM(below, list(range(above.nnz(), self.jacobian_pattern.nnz())))
+        order = np.array(ca.vertcat(first, second).nonzeros(), dtype=np.intp)
+        places = [self.hessian_pattern.get_nz(part.find()) for part in (before, rows.hessian_pattern)]
+        mine = slice(self.rows, self.rows + len(rows.lower))
+        self._further.append((rows, mine, order, np.concatenate(places).astype(np.intp)))
+        self.rows = mine.stop
+        self.lower, self.upper = np.append(self.lower, rows.lower), np.append(self.upper, rows.upper)
 
     def at(self, variables: Array) -> tuple[PlatformVectors, Array]:
         """Return the platform and the inputs; the platform is kept until the geometry changes."""
@@ -131,7 +151,8 @@ class AssembledProblem:
         for row, term in self._turning:
             balance[row] -= term.derive(0, at)[0].sum()
         values = [term.derive(0, at)[0] for term in self._clearances]
-        return np.concatenate([balance, *values])
+        further = [np.asarray(rows.values(variables), dtype=float).ravel() for rows, _, _, _ in self._further]
+        return np.concatenate([balance, *values, *further])
 
     def jacobian(self, variables: Array) -> Array:
         """Return the Jacobian of (2) to (9), its entries in the order of `jacobian_pattern`."""
@@ -146,7 +167,10 @@ class AssembledProblem:
         for term in self._clearances:
             _, gradient = term.derive(1, at)
             entries.append(chain_rule(gradient, term.plus, term.minus, at.dV, term.rows, term.columns))
-        return np.concatenate([np.concatenate(entries)[self._by_geometry], *[self._A.ravel()] * self.K])
+        result = np.concatenate([np.concatenate(entries)[self._by_geometry], *[self._A.ravel()] * self.K])
+        for rows, _, order, _ in self._further:
+            result = np.concatenate([result, rows.jacobian(variables)])[order]
+        return result
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
         """Return the Hessian of the Lagrangian, its entries in the order of `hessian_pattern` (upper triangle)."""
@@ -170,7 +194,11 @@ class AssembledProblem:
         add_bends(A, u, mu, omega, v, self.parents, p, at.axes, g_p, g_axes, H)
         diagonal = 2 * of_objective * self._weights
         inputs = by_inputs(A, mu, omega, v, self._starts, self._angles, diagonal)
-        return np.concatenate([H[self._rows, self._columns], inputs])
+        result = np.concatenate([H[self._rows, self._columns], inputs])
+        for rows, mine, _, places in self._further:
+            added = rows.hessian(variables, multipliers[mine])
+            result = np.bincount(places, np.concatenate([result, added])).astype(float)
+        return result
 
 
 def _terms(requirement: Requirement, layout: VectorLayout, beta: float) -> Iterator[Term]:

@@ -17,12 +17,12 @@ from nlp.assembled.air import SpeedRows
 from nlp.assembled.problem import AssembledProblem
 from nlp.evaluation import worst
 from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
-from nlp.joints import LimitRows, Limits
+from nlp.joints import Limits, limit_rows
 from nlp.numbers.point import Point
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.modules import BETWEEN_MODULES
 from nlp.user_constraints import UserConstraints, correct_point, rows_of, violations_of
-from nlp.user_constraints.rows import Assembled, DerivedRows, JoinedProgram
+from nlp.user_constraints.rows import DerivedRows
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
@@ -211,13 +211,14 @@ class AssembledProgram:
     def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
         requirements = [requirement.restrict(start.vectors) for requirement in self._clearances]
         program = AssembledProblem(self._task, self._topology, requirements, BETA)
-        printed: Assembled = program
         if self._limits is not None and self._limits.loads:
-            printed = JoinedProgram(printed, DerivedRows(LimitRows(self._task, self._topology, self._limits)))
+            x, g = limit_rows(self._task, self._topology, self._limits)
+            program.append(DerivedRows(x, g, np.zeros(g.numel()), np.full(g.numel(), np.inf)))
         if self._limits is not None and self._limits.air:
-            printed = JoinedProgram(printed, SpeedRows(program, self._task, self._limits.air))
-        assembled = rows_of(self._constraints, self._task, self._topology).append_to(printed)
-        solver, functions = _ipopt(assembled, options)
+            program.append(SpeedRows(program, self._task, self._limits.air))
+        if self._constraints:
+            program.append(rows_of(self._constraints, self._task, self._topology).derived)
+        solver, functions = _ipopt(program, options)
         lower, upper = (np.array(side) for side in variable_bounds(self._task, self._topology, start.alpha))
         hinges = slice(3, 3 + len(start.alpha))
         lower[hinges] = np.maximum(lower[hinges], start.alpha - limit)
@@ -226,8 +227,8 @@ class AssembledProgram:
             x0=ca.DM(start.pack()),
             lbx=ca.DM(lower),
             ubx=ca.DM(upper),
-            lbg=ca.DM(assembled.lower),
-            ubg=ca.DM(assembled.upper),
+            lbg=ca.DM(program.lower),
+            ubg=ca.DM(program.upper),
         )
         for function in functions:
             if function.error is not None:
@@ -264,7 +265,7 @@ class _Merit:
     """The effort of a design, else the worst violation."""
 
 
-def _ipopt(assembled: Assembled, options: Options) -> tuple[ca.Function, tuple[Evaluated, ...]]:
+def _ipopt(assembled: AssembledProblem, options: Options) -> tuple[ca.Function, tuple[Evaluated, ...]]:
     """Return Ipopt and an assembled problem's functions that it calls, named as CasADi names them."""
     x, rows, scalar = ca.Sparsity.dense(assembled.size), ca.Sparsity.dense(assembled.rows), ca.Sparsity.dense(1)
     given = {"x": x, "p": ca.Sparsity.dense(0)}

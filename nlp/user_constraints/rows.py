@@ -13,15 +13,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from nlp.evaluation import Violation, correct, violations
-from nlp.joints import LimitRows
 from nlp.numbers.point import Point
-from nlp.symbols.platform import Pose, poses, tip_and_com
+from nlp.problem import Variables
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -56,23 +55,17 @@ def rows(constraint: OwnConstraint, platform: SymbolicPlatform) -> ca.SX:
     return column
 
 
-def symbolic_platform(task: ResolvedTask, topology: Topology, x: ca.SX) -> SymbolicPlatform:
+def symbolic_platform(task: ResolvedTask, topology: Topology, variables: Variables) -> SymbolicPlatform:
     """Return the platform that the unknowns describe."""
-    n, K, unit, module = topology.n, len(task.load_cases), Units.of(task), task.module
-    modules: list[Pose] = poses(topology, x[:3], x[3 : n + 2], module.connector_distance / unit.length)
-    p_E, p_COM = tip_and_com(module, task.end_effector, topology, modules, x[n + 2 : n + 5])
-    first = x.numel() - 4 * n * K
+    unit, (modules, p_E, p_COM) = Units.of(task), variables.platform(task, topology)
     return SymbolicPlatform(
         task=task.declared,
         topology=topology,
         centres=tuple((pose.p - p_COM) * unit.length for pose in modules),
         orientations=tuple(pose.R for pose in modules),
         end_effector=(p_E - p_COM) * unit.length,
-        hinge_angles=x[3 : n + 2],
-        inputs=tuple(
-            x[first + 4 * n * k : first + 4 * n * (k + 1)] * unit.input
-            for k in range(len(task.declared.load_cases))
-        ),
+        hinge_angles=variables.alpha,
+        inputs=tuple(u_k * unit.input for u_k in variables.u[: len(task.declared.load_cases)]),
     )
 
 
@@ -121,50 +114,6 @@ def rows_of(constraints: UserConstraints, task: ResolvedTask, topology: Topology
     return _kept_rows(constraints, task, topology) if constraints else UserRows((), task, topology)
 
 
-class Assembled(Protocol):
-    """A program in numbers, as Ipopt is handed it (`nlp.assembled`)."""
-
-    size: int
-    rows: int
-    lower: Array
-    upper: Array
-    jacobian_pattern: ca.Sparsity
-    hessian_pattern: ca.Sparsity
-
-    def objective(self, variables: Array) -> float:
-        """Return the objective."""
-
-    def gradient(self, variables: Array) -> Array:
-        """Return its gradient."""
-
-    def constraints(self, variables: Array) -> Array:
-        """Return the rows."""
-
-    def jacobian(self, variables: Array) -> Array:
-        """Return the entries of their Jacobian."""
-
-    def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
-        """Return the entries of the Hessian of the Lagrangian."""
-
-
-class FurtherRows(Protocol):
-    """Rows below those of a program."""
-
-    lower: Array
-    upper: Array
-    jacobian_pattern: ca.Sparsity
-    hessian_pattern: ca.Sparsity
-
-    def values(self, variables: Array) -> Array:
-        """Return the rows."""
-
-    def jacobian(self, variables: Array) -> Array:
-        """Return the entries of their Jacobian."""
-
-    def hessian(self, variables: Array, multipliers: Array) -> Array:
-        """Return the entries of the Hessian of their sum, times multipliers."""
-
-
 class UserRows:
     """The own constraints of one task and topology; there may be none."""
 
@@ -173,29 +122,30 @@ class UserRows:
         self.constraints, self.task, self.topology = tuple(constraints), task, topology
         self._scales = [scale_of(constraint, task) for constraint in self.constraints]
 
-    def __bool__(self) -> bool:
-        """True if there are any."""
-        return bool(self.constraints)
+    @cached_property
+    def _variables(self) -> Variables:
+        return Variables.of(self.task, self.topology)
 
     @cached_property
     def x(self) -> ca.SX:
         """The unknowns."""
-        n, K = self.topology.n, len(self.task.load_cases)
-        free = 3 if self.task.end_effector.fixed_position is None else 0
-        return ca.SX.sym("x", n + 2 + free + 4 * n * K)
+        return self._variables.vector()
+
+    @cached_property
+    def _columns(self) -> list[ca.SX]:
+        """The rows of each constraint over its scale."""
+        platform = symbolic_platform(self.task, self.topology, self._variables)
+        return [rows(one, platform) / scale for one, scale in zip(self.constraints, self._scales, strict=True)]
 
     @cached_property
     def g(self) -> ca.SX:
         """The rows of all constraints over their scales, as expressions of x."""
-        platform = symbolic_platform(self.task, self.topology, self.x)
-        g = [rows(one, platform) / scale for one, scale in zip(self.constraints, self._scales, strict=True)]
-        return ca.cse(ca.vertcat(*g))
+        return ca.cse(ca.vertcat(*self._columns))
 
-    @cached_property
+    @property
     def counts(self) -> list[int]:
         """The number of rows of each constraint."""
-        platform = symbolic_platform(self.task, self.topology, self.x)
-        return [rows(one, platform).numel() for one in self.constraints]
+        return [column.numel() for column in self._columns]
 
     def draw(self, rng: np.random.Generator) -> Array:
         """Return random unknowns, small or large: angles to a right angle, p'_E as far as modules reach, inputs."""
@@ -228,9 +178,14 @@ class UserRows:
         """The rows as a function of the unknowns."""
         return ca.Function("own", [self.x], [self.g])
 
+    @cached_property
+    def derived(self) -> DerivedRows:
+        """The rows of a program."""
+        return DerivedRows(self.x, self.g, *self.bounds)
+
     def violations(self, point: Point) -> list[Violation]:
         """Return how far a point is from meeting each constraint."""
-        if not self:
+        if not self.constraints:
             return []
         values = np.asarray(self.values(point.pack()), dtype=float).ravel()
         parts = np.split(values, np.cumsum(self.counts)[:-1])
@@ -238,10 +193,6 @@ class UserRows:
             _violation(one, scale, part)
             for one, scale, part in zip(self.constraints, self._scales, parts, strict=True)
         ]
-
-    def append_to(self, program: Assembled) -> Assembled:
-        """Return a program with these rows after its own."""
-        return JoinedProgram(program, DerivedRows(self)) if self else program
 
 
 def _violation(constraint: OwnConstraint, scale: float, values: Array) -> Violation:
@@ -257,31 +208,19 @@ def _kept_rows(constraints: UserConstraints, task: ResolvedTask, topology: Topol
     return UserRows(constraints, task, topology)
 
 
-@lru_cache(maxsize=8)  # those of the user's constraints, and here of the pseudo-inverse, come again every round
-def _derive(rows: UserRows | LimitRows) -> tuple[ca.Function, ca.Function, ca.Function]:
-    """Return rows, their Jacobian, and the upper triangle of the Hessian of their sum times multipliers."""
-    x, multipliers = rows.x, ca.SX.sym("multipliers", rows.g.numel())
-    hessian = ca.triu(ca.hessian(ca.dot(multipliers, rows.g), x)[0])
-    return (
-        ca.Function("g", [x], [rows.g]),
-        ca.Function("jacobian", [x], [ca.jacobian(rows.g, x)]),
-        ca.Function("hessian", [x, multipliers], [hessian]),
-    )
-
-
 class DerivedRows:
-    """Expressions as rows whose derivatives are CasADi's."""
+    """Expressions as rows of a program, whose derivatives are CasADi's."""
 
-    def __init__(self, rows: UserRows | LimitRows) -> None:
-        """Derive them."""
-        self._g, self._jacobian, self._hessian = _derive(rows)
-        self.lower, self.upper = rows.bounds
+    def __init__(self, x: ca.SX, g: ca.SX, lower: Array, upper: Array) -> None:
+        """Derive the rows g of the unknowns x."""
+        multipliers = ca.SX.sym("multipliers", g.numel())
+        self.values = ca.Function("g", [x], [g])
+        self.lower, self.upper = lower, upper
+        self._jacobian = ca.Function("jacobian", [x], [ca.jacobian(g, x)])
+        hessian = ca.triu(ca.hessian(ca.dot(multipliers, g), x)[0])
+        self._hessian = ca.Function("hessian", [x, multipliers], [hessian])
         self.jacobian_pattern = self._jacobian.sparsity_out(0)
         self.hessian_pattern = self._hessian.sparsity_out(0)
-
-    def values(self, variables: Array) -> Array:
-        """Return the rows."""
-        return np.asarray(self._g(variables), dtype=float).ravel()
 
     def jacobian(self, variables: Array) -> Array:
         """Return the entries of their Jacobian."""
@@ -290,55 +229,3 @@ class DerivedRows:
     def hessian(self, variables: Array, multipliers: Array) -> Array:
         """Return the entries of the Hessian of their sum, times multipliers."""
         return np.array(self._hessian(variables, multipliers).nonzeros())
-
-
-class JoinedProgram:
-    """A program in numbers with other rows below its own."""
-
-    def __init__(self, program: Assembled, rows: FurtherRows) -> None:
-        """Find where entries go."""
-        self._program, self._further = program, rows
-        self.size, self.rows = program.size, program.rows + len(rows.lower)
-        self.lower = np.concatenate([program.lower, rows.lower])
-        self.upper = np.concatenate([program.upper, rows.upper])
-        above, below = program.jacobian_pattern, rows.jacobian_pattern
-        self.jacobian_pattern = ca.vertcat(above, below)
-        counted = [
-            ca.DM(part, list(range(first, first + part.nnz())))
-            for part, first in ((above, 0), (below, above.nnz()))
-        ]
-        self._order = np.array(ca.vertcat(*counted).nonzeros(), dtype=np.intp)
-        self.hessian_pattern = program.hessian_pattern.unite(rows.hessian_pattern)
-        self._places = [
-            _places(self.hessian_pattern, part) for part in (program.hessian_pattern, rows.hessian_pattern)
-        ]
-
-    def objective(self, variables: Array) -> float:
-        """Return that of the program."""
-        return self._program.objective(variables)
-
-    def gradient(self, variables: Array) -> Array:
-        """Return that of the program."""
-        return self._program.gradient(variables)
-
-    def constraints(self, variables: Array) -> Array:
-        """Return all rows."""
-        return np.concatenate([self._program.constraints(variables), self._further.values(variables)])
-
-    def jacobian(self, variables: Array) -> Array:
-        """Return the entries of their Jacobian."""
-        both = self._program.jacobian(variables), self._further.jacobian(variables)
-        return np.asarray(np.concatenate(both)[self._order])
-
-    def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
-        """Return the entries of the Hessian of the Lagrangian."""
-        m = self._program.rows
-        entries = np.zeros(self.hessian_pattern.nnz())
-        entries[self._places[0]] = self._program.hessian(variables, of_objective, multipliers[:m])
-        entries[self._places[1]] += self._further.hessian(variables, multipliers[m:])
-        return entries
-
-
-def _places(whole: ca.Sparsity, part: ca.Sparsity) -> Any:
-    """Return where the entries of a pattern are among those of one that holds it."""
-    return np.array(whole.get_nz(part.find()), dtype=np.intp)

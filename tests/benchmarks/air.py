@@ -137,7 +137,7 @@ def certificate(options: argparse.Namespace) -> None:
         design = read_json(Design, path)
         task, found = design.task, platform(design)
         scene = Scene(design, found)
-        for case, blown in case_jets(design, found, scene):
+        for case, blown in case_jets(scene):
             for number, requirement in enumerate(task.exposure):
                 for _, region in scene.regions(requirement):
                     started = time.process_time()

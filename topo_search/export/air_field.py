@@ -96,7 +96,7 @@ class _Air:
         scene = Scene(design, placed)
         W, self._l_arm = placed.poses.p, scene.l_arm
         self._middle = W.mean(axis=0)
-        self.cases = dict(case_jets(design, placed, scene))
+        self.cases = dict(case_jets(scene))
         points = np.concatenate([W, W - BELOW * placed.poses.z, [self._middle + self._l_arm * scene.p_E]])
         self.low, self.high = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
 

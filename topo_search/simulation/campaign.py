@@ -91,7 +91,7 @@ def hardest_rotor(nominal: Nominal) -> tuple[int, int]:
 def wake_losses(design: Design) -> tuple[float, ...]:
     """Return the share of its thrust that each rotor loses to wakes, in the load case in which it loses most."""
     placed = platform(design)
-    blown = air(design, placed, Scene(design, placed))
+    blown = air(Scene(design, placed))
     if blown is None:
         return ()
     losses = ([rotor.thrust_loss for rotor in case.rotors] for case in blown.cases)

@@ -28,7 +28,6 @@ from verify.air.jets import MODEL, Jets, jets, speeds, wakes
 from verify.bodies import Array, Cone, ConeSphere, ball, nearest_on_axis
 from verify.certificate import Solid
 from verify.hulls import Hull
-from verify.kinematics import Platform
 from verify.meshes import FARTHEST
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
@@ -192,20 +191,20 @@ DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a i
 """Points of the unit disc, shape (7, 2)."""
 
 
-def air(design: Design, platform: Platform, scene: Scene) -> AirSpeeds | None:
+def air(scene: Scene) -> AirSpeeds | None:
     """Return the air of a design in every load case; None if its numbers are too large to compute with."""
-    if not (np.isfinite(design.inputs).all() and np.abs([*scene.centres, scene.p_E]).max() < FARTHEST):
+    if not (np.isfinite(scene.design.inputs).all() and np.abs([*scene.centres, scene.p_E]).max() < FARTHEST):
         return None
-    return AirSpeeds(cases=tuple(_case(name, scene, blown) for name, blown in case_jets(design, platform, scene)))
+    return AirSpeeds(cases=tuple(_case(name, scene, blown) for name, blown in case_jets(scene)))
 
 
-def case_jets(design: Design, platform: Platform, scene: Scene) -> Iterator[tuple[str, Jets]]:
+def case_jets(scene: Scene) -> Iterator[tuple[str, Jets]]:
     """Yield every load case's name and its jets, in the coordinates of the scene."""
-    task = design.task
+    task, platform = scene.design.task, scene.platform
     rotors = scene.centres[:, None] + (platform.rotors - platform.o[:, None]) / scene.l_arm
-    inputs = design.inputs.reshape(-1, len(scene.centres), 4)
+    inputs = scene.design.inputs.reshape(-1, len(scene.centres), 4)
     for name, u in zip(task.case_labels, inputs, strict=True):
-        yield name, jets(task.module, task.air_density, scene.centres, platform.poses.R, rotors, u)
+        yield name, jets(task.module, task.air_density, scene.centres, scene.R, rotors, u)
 
 
 def speed_residuals(design: Design, measured: AirSpeeds | None) -> Iterator[Residual]:
