@@ -24,23 +24,8 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from topo_search.export import palette
+from topo_search.export import palette, poses
 from topo_search.export.air_field import AirSurface
-from topo_search.export.poses import (
-    ELEVATION_DEG,
-    azimuth_deg,
-    circle,
-    cone,
-    cone_slant,
-    cone_sphere_outline,
-    hull,
-    largest_wrench,
-    load_wrenches,
-    poses_to_draw,
-    region_words,
-    shapes,
-    towards_viewer,
-)
 from topo_search.export.solids import frame, join, rotor_discs
 from topo_search.export.tree_drawing import draw_tree
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
@@ -86,7 +71,7 @@ class Picture:
 def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
     """Return the picture as a matplotlib figure; `air` is drawn instead of the envelopes."""
     figure = Figure(figsize=(10.5, 6.8))
-    at = poses_to_draw(design)
+    at = poses.poses_to_draw(design)
     whole = Scene(figure, (0.0, 0.10, 0.58, 0.82), design, at)
     whole.exposure()
     if air is None:
@@ -146,10 +131,10 @@ def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
     ]
     entries += [
         Line2D([], [], color=palette.CASES[k], marker=">", label=f"load case {k}")
-        for k in sorted({k for k, *_ in wrenches(design, poses_to_draw(design))})
+        for k in sorted({k for k, *_ in wrenches(design, poses.poses_to_draw(design))})
     ]
     regions = [shape for exposure in design.task.exposure for shape in exposure.shapes]
-    kinds = {region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
+    kinds = {poses.region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
     entries += [volume(palette.EXPOSURE, opacity, words) for words, opacity in sorted(kinds.items())]
     return entries
 
@@ -210,12 +195,12 @@ class Scene:
         self.axes = axes
         self.design = design
         self.at = at
-        azimuth = azimuth_deg(at) if azimuth is None else azimuth
-        axes.view_init(elev=ELEVATION_DEG, azim=azimuth)
+        azimuth = poses.azimuth_deg(at) if azimuth is None else azimuth
+        axes.view_init(elev=poses.ELEVATION_DEG, azim=azimuth)
         axes.set_proj_type("ortho")
         axes.computed_zorder = False
         axes.patch.set_visible(False)
-        self.v = towards_viewer(azimuth)
+        self.v = poses.towards_viewer(azimuth)
         """Unit vector towards the viewer."""
         self._drawn: list[Array] = []
 
@@ -226,12 +211,12 @@ class Scene:
         radii = envelope.start_radius, envelope.end_radius
         self._volumes(
             [
-                cone_sphere_outline(p, radii[0], end, radii[1], self.v)
+                poses.cone_sphere_outline(p, radii[0], end, radii[1], self.v)
                 for p, end in zip(self.at.p, far_centres, strict=True)
             ],
             palette.AIRFLOW,
         )
-        rings = [circle(end, radii[1], z) for end, z in zip(far_centres, self.at.z, strict=True)]
+        rings = [poses.circle(end, radii[1], z) for end, z in zip(far_centres, self.at.z, strict=True)]
         self._lines(rings, palette.AIRFLOW, 0.5)
 
     def air(self, surface: AirSurface) -> None:
@@ -241,18 +226,18 @@ class Scene:
     def exposure(self) -> None:
         """Draw every region that the airflow must not reach; of a cone, the surface that encloses all airflow."""
         apex, up = self.at.end_effector, np.array([0.0, 0.0, 1.0])
-        for _, shape in shapes(self.design.task, self.at.p_e):
+        for _, shape in poses.shapes(self.design.task, self.at.p_e):
             match shape:
                 case Capsule(radius=r):
                     start, end = apex + shape.start, apex + shape.end
-                    self._volumes([cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
-                    self._lines([circle(end, r, up)], palette.EXPOSURE, 0.8)
+                    self._volumes([poses.cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
+                    self._lines([poses.circle(end, r, up)], palette.EXPOSURE, 0.8)
                 case Polytope():
-                    corners, triangles, _, edges = hull(shape)
+                    corners, triangles, _, edges = poses.hull(shape)
                     self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
                     self._lines(list(apex + corners[edges]), palette.EXPOSURE, 0.8)
                 case Cone():
-                    surface = apex + cone(shape, cone_slant(self.design, self.at))
+                    surface = apex + poses.cone(shape, poses.cone_slant(self.design, self.at))
                     self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
                     self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
                     self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
@@ -286,7 +271,7 @@ class Scene:
             self.axes.quiver(*point, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **look)
             self._keep([point + arrow])
             if is_torque:
-                ring = circle(point + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
+                ring = poses.circle(point + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
                 self._lines([ring], colour, 1.4)
 
     def finish(self) -> float:
@@ -382,10 +367,10 @@ def wrenches(design: Design, at: Platform) -> list[tuple[int, bool, Array, Array
     Vectors are over the largest force, or the largest torque, of all load cases; of more load cases than there are
     colours for, the others are left out.
     """
-    largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
+    largest = {kind: poses.largest_wrench(design, at, kind) for kind in ("force", "torque")}
     return [
         (k, kind == "torque", point, v / largest[kind])
-        for k, kind, _, point, v in load_wrenches(design, at)
+        for k, kind, _, point, v in poses.load_wrenches(design, at)
         if v.any() and k < len(palette.CASES)
     ]
 
