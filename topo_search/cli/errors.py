@@ -9,7 +9,8 @@ import sqlite3
 from collections.abc import Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from typing import NoReturn
+from functools import partial
+from typing import Any, NoReturn
 
 import click
 
@@ -81,6 +82,22 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
         stop.unwinds = False
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+class Explained(click.Command):
+    """A command whose errors `explain_errors` explains."""
+
+    def __init__(self, *arguments: Any, resumes: bool = False, **settings: Any) -> None:
+        super().__init__(*arguments, **settings)
+        self._resumes = resumes
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run it."""
+        with explain_errors(resumes=self._resumes):
+            return super().invoke(ctx)
+
+
+command = partial(click.command, cls=Explained)
 
 
 def _explain_stop(error: BaseException) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors
+from topo_search.cli.errors import command
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +34,9 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
     return read
 
 
-@click.command(epilog="Example: topo-search experiment ablation --sizes 10,20 --topologies 5 --out ablation")
+@command(
+    epilog="Example: topo-search experiment ablation --sizes 10,20 --topologies 5 --out ablation", resumes=True
+)
 @click.argument("name", type=click.Choice(NAMES))
 @click.option("--out", type=options.PATH, required=True, help="The experiment's folder.")
 @click.option("--small", is_flag=True, help="Use small settings that finish in seconds.")
@@ -89,39 +91,38 @@ def experiment(
 
     Exit status: 0 done; 2 bad input; 70 no cell has an answer.
     """  # noqa: D301 (\b is click's)
-    with explain_errors(resumes=True):
-        from topo_search.cli.progress import shown_progress
-        from topo_search.engine import WorkersLost
-        from topo_search.experiments import Settings, conduct
-        from topo_search.experiments import experiment as find_experiment
+    from topo_search.cli.progress import shown_progress
+    from topo_search.engine import WorkersLost
+    from topo_search.experiments import Settings, conduct
+    from topo_search.experiments import experiment as find_experiment
 
-        study = find_experiment(name)
-        settings = study.small if small else study.full
-        named = tuple(Settings.task_of(text) for text in tasks) or settings.tasks
-        if sizes is not None:
-            named = tuple((task, sizes) for task, _ in named)
-        if topologies is not None and len(topologies) > 2:
-            rule = f"must be one or two numbers, but got {len(topologies)}"
-            raise click.BadParameter(rule, param_hint="--topologies")
-        few_and_fewer = None if topologies is None else (topologies[0], topologies[-1])
-        settings = settings.override(tasks=named, topologies=few_and_fewer, **option_values)
-        if picture is not None:
-            options.require_drawable(picture)
-        with shown_progress(incumbent=False) as observer:
-            rows = conduct(study, settings, out, workers=workers, observer=observer)
-        failed = rows["status"] == "failed"
-        answered = rows[~failed]  # a cell without an answer is not one without a design
-        if answered.empty:
-            raise WorkersLost(f"all {len(rows)} cells failed: {rows['worst_constraint'].iloc[0]}")
-        findings = study.findings(answered)
-        if failed.any():
-            number = f"{failed.sum()} of {len(rows)} cells"
-            findings.append(f"{number} failed and are left out; run it again to try them")
-        if picture is not None:
-            from topo_search.export.picture import save
+    study = find_experiment(name)
+    settings = study.small if small else study.full
+    named = tuple(Settings.task_of(text) for text in tasks) or settings.tasks
+    if sizes is not None:
+        named = tuple((task, sizes) for task, _ in named)
+    if topologies is not None and len(topologies) > 2:
+        rule = f"must be one or two numbers, but got {len(topologies)}"
+        raise click.BadParameter(rule, param_hint="--topologies")
+    few_and_fewer = None if topologies is None else (topologies[0], topologies[-1])
+    settings = settings.override(tasks=named, topologies=few_and_fewer, **option_values)
+    if picture is not None:
+        options.require_drawable(picture)
+    with shown_progress(incumbent=False) as observer:
+        rows = conduct(study, settings, out, workers=workers, observer=observer)
+    failed = rows["status"] == "failed"
+    answered = rows[~failed]  # a cell without an answer is not one without a design
+    if answered.empty:
+        raise WorkersLost(f"all {len(rows)} cells failed: {rows['worst_constraint'].iloc[0]}")
+    findings = study.findings(answered)
+    if failed.any():
+        number = f"{failed.sum()} of {len(rows)} cells"
+        findings.append(f"{number} failed and are left out; run it again to try them")
+    if picture is not None:
+        from topo_search.export.picture import save
 
-            save(study.figure(answered), picture)
-        _print(out, study.summary(answered), findings, picture, as_json=as_json)
+        save(study.figure(answered), picture)
+    _print(out, study.summary(answered), findings, picture, as_json=as_json)
 
 
 def _print(out: Path, summary: pd.DataFrame, findings: list[str], picture: Path | None, *, as_json: bool) -> None:

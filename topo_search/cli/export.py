@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors, needs_extras, note
+from topo_search.cli.errors import command, explain_errors, needs_extras, note
 
 if TYPE_CHECKING:
     from topo_search.export.mjcf import Physics
@@ -51,7 +51,7 @@ def _require_known(context: click.Context, parameter: click.Parameter, value: st
     return value
 
 
-@click.command(epilog="Example: topo-search export runs/push-*/best.json --out push.png")
+@command(epilog="Example: topo-search export runs/push-*/best.json --out push.png")
 @click.argument("source", metavar="DESIGN.json|AUDIT.json|RUN")
 @click.option(
     "--format",
@@ -139,48 +139,58 @@ def export(
 
     Exit status: 0 written; 1 a kit, or a design of rounded angles, is not clear; 2 bad input.
     """  # noqa: D301 (\b is click's)
-    with explain_errors():
-        from topo_search.compose import audit, read_completed, read_design
-        from topo_search.export.formats import formats
-        from topo_search.export.mjcf import Physics
-        from topo_search.model import BadInput
+    from topo_search.compose import audit, read_completed, read_design
+    from topo_search.export.air_field import air_field, air_surface, npz, vti
+    from topo_search.export.formats import content, formats
+    from topo_search.export.mjcf import Physics
+    from topo_search.model import BadInput
+    from topo_search.model.files import write_atomically
 
-        suffix = out.suffix.lower()
-        form: Any = kind or SUFFIXES.get(suffix)
-        form = form or next((one.name for one in formats().values() if suffix in one.suffixes), None)
-        if kind not in ("kit", "brackets") and out.is_dir():
-            raise BadInput("--out", f"must be a file unless --format is kit or brackets, but {out} is a directory")
-        if form is None:
-            rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
-            raise BadInput("--out", rule)
-        if parts is not None and form not in ("glb", "stl"):
-            raise BadInput("--parts", f"applies only to glb and stl, but got {parts}")
-        if air_speed is not None and form not in ("glb", *PICTURES):
-            raise BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {form}")
-        if load_case is not None and air_speed is None:
-            raise BadInput("--load-case", "applies only with --air-speed")
-        if angle_step is not None and form not in KIT:
-            raise BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {form}")
-        if form == "air" and SUFFIXES.get(suffix) != "air":
-            raise BadInput("--out", f"must end in .npz or .vti, but got {out.name}")
-        physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
-        if physics != Physics() and form not in ("mjcf", "kit"):
-            rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {form}"
-            raise BadInput("--motor-lag, --rod-mass, --contacts", rule)
-        if form in KIT:
-            _write_kit(read_completed(source), form, out, angle_step, physics)
-            return
-        options.require_writable(out)
-        with needs_extras(f"--format {form}"):
-            if form in TABLES:
-                _write_table(source, form, out)
+    suffix = out.suffix.lower()
+    form: Any = kind or SUFFIXES.get(suffix)
+    form = form or next((one.name for one in formats().values() if suffix in one.suffixes), None)
+    if kind not in ("kit", "brackets") and out.is_dir():
+        raise BadInput("--out", f"must be a file unless --format is kit or brackets, but {out} is a directory")
+    if form is None:
+        rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
+        raise BadInput("--out", rule)
+    if parts is not None and form not in ("glb", "stl"):
+        raise BadInput("--parts", f"applies only to glb and stl, but got {parts}")
+    if air_speed is not None and form not in ("glb", *PICTURES):
+        raise BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {form}")
+    if load_case is not None and air_speed is None:
+        raise BadInput("--load-case", "applies only with --air-speed")
+    if angle_step is not None and form not in KIT:
+        raise BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {form}")
+    if form == "air" and SUFFIXES.get(suffix) != "air":
+        raise BadInput("--out", f"must end in .npz or .vti, but got {out.name}")
+    physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
+    if physics != Physics() and form not in ("mjcf", "kit"):
+        rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {form}"
+        raise BadInput("--motor-lag, --rod-mass, --contacts", rule)
+    if form in KIT:
+        _write_kit(read_completed(source), form, out, angle_step, physics)
+        return
+    options.require_writable(out)
+    with needs_extras(f"--format {form}"):
+        if form in TABLES:
+            write_atomically(out, _table(source, form))
+        else:
+            design = read_design(source)
+            surface = None if air_speed is None else air_surface(design, air_speed, load_case or 0)
+            given: dict[str, dict[str, Any]] = {
+                "glb": {"parts": parts or "all", "air": surface},
+                "stl": {"parts": parts or "platform"},
+                "mjcf": {"physics": physics},
+                **{picture: {"air": surface} for picture in PICTURES},
+            }
+            if form == "air":
+                write_atomically(out, (vti if suffix == ".vti" else npz)(air_field(design)))
             else:
-                design = read_design(source)
-                drawn = None if air_speed is None else (air_speed, load_case or 0)
-                _write(design, form, parts, physics, out, drawn)
-                _warn_unless_clear(audit(design))
-        kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
-        click.echo(f"the {kinds.get(form, 'design')} is in {out}")
+                write_atomically(out, content(design, formats()[form], **given.get(form, {})))
+            _warn_unless_clear(audit(design))
+    kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
+    click.echo(f"the {kinds.get(form, 'design')} is in {out}")
 
 
 def _warn_unless_clear(audit: Audit) -> None:
@@ -194,50 +204,15 @@ def _warn_unless_clear(audit: Audit) -> None:
         note(f"warning: the audit of this design is {audit.verdict}: {shown}")
 
 
-def _write(
-    design: Design, kind: Any, parts: Any, physics: Physics, out: Path, drawn: tuple[float, int] | None
-) -> None:
-    """Write a design as a kind of file, with the air of a speed in a load case if such is drawn.
-
-    ModuleNotFoundError names a library that is missing.
-    """
-    from topo_search.export.air_field import air_field, air_surface, npz, vti
-    from topo_search.model.files import write_atomically
-
-    surface = drawn and air_surface(design, *drawn)
-    match kind:  # a kind of file loads its own libraries alone
-        case "glb":
-            from topo_search.export.solids import glb
-
-            write_atomically(out, glb(design, parts or "all", surface))
-        case "stl":
-            from topo_search.export.solids import stl
-
-            write_atomically(out, stl(design, parts or "platform"))
-        case "png" | "svg":
-            from topo_search.export.picture import picture
-
-            write_atomically(out, picture(design, kind, surface))
-        case "air":
-            field = air_field(design)
-            write_atomically(out, vti(field) if out.suffix.lower() == ".vti" else npz(field))
-        case "mjcf":
-            from topo_search.export.mjcf import mjcf
-
-            write_atomically(out, mjcf(design, physics))
-        case _:
-            from topo_search.export.formats import export_design
-
-            export_design(design, out, format=kind)
-
-
 def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:
     """Write the kit of a design, or a part of it."""
     from topo_search.compose import audit, brackets_note, round_angles
+    from topo_search.export.allocation import allocation, px4_warnings
     from topo_search.export.audits import broken_lines
     from topo_search.export.brackets import require_room
-    from topo_search.export.kit import require_kit_folder, write_brackets, write_kit, write_part
+    from topo_search.export.kit import PIECES, require_kit_folder, write_brackets, write_kit
     from topo_search.model import Status
+    from topo_search.model.files import to_json, write_atomically
 
     if kind == "kit":
         require_kit_folder(out)
@@ -270,22 +245,23 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
     elif kind == "brackets":
         click.echo(f"the brackets are in {out}: {', '.join(write_brackets(design, out))}")
     else:
-        for text in write_part(design, kind, out, notes):
+        acts = allocation(design)
+        as_json = kind == "allocation" and out.suffix.lower() == ".json"
+        write_atomically(out, to_json(acts) if as_json else PIECES[kind](design, notes))
+        for text in px4_warnings(acts) if kind == "px4" else ():
             note(f"warning: {text}")
         click.echo(f"the {'sheet' if kind == 'sheet' else 'table'} is in {out}")
 
 
-def _write_table(source: str, kind: Any, out: Path) -> None:
-    """Write the candidates of a run's folder, or the clearances of an audit or a design."""
+def _table(source: str, kind: Any) -> str | bytes:
+    """Return the candidates of a run's folder, or the clearances or the assembly of an audit or a design."""
     from topo_search.export.audits import clearances, csv, parquet
-    from topo_search.model.files import write_atomically
     from topo_search.study.answer import candidates
 
     if kind == "assembly":
-        write_atomically(out, _audit_of(source).assembly.csv())
-        return
+        return _audit_of(source).assembly.csv()
     frame = candidates(Path(source)) if Path(source).is_dir() else clearances(_audit_of(source))
-    write_atomically(out, parquet(frame) if kind == "parquet" else csv(frame))
+    return parquet(frame) if kind == "parquet" else csv(frame)
 
 
 def _audit_of(source: str) -> Audit:

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors, needs_extras, note
+from topo_search.cli.errors import command, needs_extras, note
 
 if TYPE_CHECKING:
     from topo_search.model import Design
     from topo_search.simulation.result import FlightResult
 
 
-@click.command(epilog="Example: topo-search fly runs/push-*/best.json --out flight --video flight.gif")
+@command(epilog="Example: topo-search fly runs/push-*/best.json --out flight --video flight.gif")
 @click.argument("design", metavar="DESIGN.json")
 @click.option(
     "--out",
@@ -77,22 +77,21 @@ def fly(
 
     Exit status: 0 all that counts recovered; 1 something did not; 2 bad input, or the extra is missing.
     """
-    with explain_errors():
-        from topo_search.compose import read_completed
+    from topo_search.compose import read_completed
 
-        read = read_completed(design)
-        for option, path in (("--video", video), ("--out", out and out / "flight.json")):
-            options.require_writable(path, option)
-        if video is not None:
-            os.environ.setdefault("MUJOCO_GL", "egl")
-        with needs_extras("fly"):
-            result = _fly(read, out, video, option_values)
-        if as_json:
-            options.echo_json(result.model_dump(mode="json"))
-        else:
-            _print(result)
-        if result.verdict != "held":
-            raise SystemExit(1)
+    read = read_completed(design)
+    for option, path in (("--video", video), ("--out", out and out / "flight.json")):
+        options.require_writable(path, option)
+    if video is not None:
+        os.environ.setdefault("MUJOCO_GL", "egl")
+    with needs_extras("fly"):
+        result = _fly(read, out, video, option_values)
+    if as_json:
+        options.echo_json(result.model_dump(mode="json"))
+    else:
+        _print(result)
+    if result.verdict != "held":
+        raise SystemExit(1)
 
 
 def _fly(design: Design, out: Path | None, video: Path | None, option_values: dict[str, Any]) -> FlightResult:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors, note
+from topo_search.cli.errors import command, note
 from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
     from topo_search.model.audit import EnvelopeAir
 
 
-@click.command(epilog="Example: topo-search capability kit/rotors.csv")
+@command(epilog="Example: topo-search capability kit/rotors.csv")
 @click.argument("vehicle", metavar="VEHICLE.toml|rotors.csv")
 @click.option("--task", "judge", metavar="TASK", help="Judge the vehicle against the load cases of this task.")
 @options.out("--out", "page", "Write the figures as a page (.html) as well.")
@@ -36,40 +36,39 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
 
     Exit status: 0; 1 a load case of the task is not proven to be possible; 2 bad input.
     """  # noqa: D301 (\b is click's)
-    with explain_errors():
-        from topo_search.export.audits import flight_lines
-        from topo_search.model import BadInput
-        from topo_search.model.files import read_task, write_atomically
-        from topo_search.model.flight import read_vehicle
-        from topo_search.model.proven import lower_text
-        from verify.flight.vehicle import capability as capability_of
+    from topo_search.export.audits import flight_lines
+    from topo_search.model import BadInput
+    from topo_search.model.files import read_task, write_atomically
+    from topo_search.model.flight import read_vehicle
+    from topo_search.model.proven import lower_text
+    from verify.flight.vehicle import capability as capability_of
 
-        options.require_writable(page)
-        loaded = read_vehicle(vehicle)
-        result = capability_of(loaded, None if judge is None else read_task(judge))
-        if result is None:
-            raise BadInput(vehicle, "has wrenches too large, in its weight and size, to compute with")
-        if page is not None:
-            from topo_search.report.design_page import vehicle_page
+    options.require_writable(page)
+    loaded = read_vehicle(vehicle)
+    result = capability_of(loaded, None if judge is None else read_task(judge))
+    if result is None:
+        raise BadInput(vehicle, "has wrenches too large, in its weight and size, to compute with")
+    if page is not None:
+        from topo_search.report.design_page import vehicle_page
 
-            write_atomically(page, vehicle_page(Path(vehicle).name, len(loaded.rotors), result))
-        if as_json:
-            options.echo_json(result.model_dump(mode="json"))
-        else:
-            click.echo(f"{vehicle}: {len(loaded.rotors)} rotors, rank {result.rank} of 6")
-            ball = f"{lower_text(result.zero_torque_ball_N, 5)} N in every direction"
-            volume = lower_text(result.zero_torque_volume_N3, 5)
-            click.echo(f"  forces without torque: {ball}, a volume of {volume} N^3")
-            for line in flight_lines(result.flight):
-                click.echo(f"  {line.replace(' of module 0', '')}")
-            for case in result.flight.cases[1:]:
-                verdict = {True: "possible", False: "impossible", None: "undecided"}[case.possible]
-                click.echo(f"  {case.name}: {verdict}")
-        if result.met is False:
-            raise SystemExit(1)
+        write_atomically(page, vehicle_page(Path(vehicle).name, len(loaded.rotors), result))
+    if as_json:
+        options.echo_json(result.model_dump(mode="json"))
+    else:
+        click.echo(f"{vehicle}: {len(loaded.rotors)} rotors, rank {result.rank} of 6")
+        ball = f"{lower_text(result.zero_torque_ball_N, 5)} N in every direction"
+        volume = lower_text(result.zero_torque_volume_N3, 5)
+        click.echo(f"  forces without torque: {ball}, a volume of {volume} N^3")
+        for line in flight_lines(result.flight):
+            click.echo(f"  {line.replace(' of module 0', '')}")
+        for case in result.flight.cases[1:]:
+            verdict = {True: "possible", False: "impossible", None: "undecided"}[case.possible]
+            click.echo(f"  {case.name}: {verdict}")
+    if result.met is False:
+        raise SystemExit(1)
 
 
-@click.command(epilog="Example: topo-search airflow push-local --speed 2 --at full")
+@command(epilog="Example: topo-search airflow push-local --speed 2 --at full")
 @click.argument("task", required=False)
 @options.real_number(
     "--speed", (1e-6, None), "Air speed that the envelope encloses [m/s].", required=True, metavar="V"
@@ -92,37 +91,36 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
 
     Exit status: 0; 2 bad input, or no air is as fast.
     """
-    with explain_errors():
-        from topo_search.compose.binding import enclose_speed, envelope_of_speed
-        from topo_search.model import Module
-        from topo_search.model.files import read_task
-        from topo_search.model.module import AIR_DENSITY
-        from topo_search.model.proven import lower_text, upper_text
-        from topo_search.model.task import Task
-        from verify.air.envelope import envelope_air
+    from topo_search.compose.binding import enclose_speed, envelope_of_speed
+    from topo_search.model import Module
+    from topo_search.model.files import read_task
+    from topo_search.model.module import AIR_DENSITY
+    from topo_search.model.proven import lower_text, upper_text
+    from topo_search.model.task import Task
+    from verify.air.envelope import envelope_air
 
-        module, density, gravity = Module(), AIR_DENSITY, Task.model_fields["gravity"].default
-        if task is not None:
-            read = enclose_speed(read_task(task))
-            module, density, gravity = read.module, read.air_density, read.gravity
-        ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
-        thrust = ratio * module.mass * gravity
-        where = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
-        least = envelope_of_speed(module, density, gravity, speed, ratio, source="--speed")
-        present = envelope_air(module, density, thrust)
-        if as_json:
-            inputs = {"speed_m_s": speed, "thrust_to_weight": ratio, "thrust_N": thrust}
-            options.echo_json({**inputs, **least.model_dump(mode="json"), **present.model_dump(mode="json")})
-            return
-        click.echo(f"at {where}, all air of {speed:g} m/s and more is inside")
-        click.echo(f"  start_radius = {upper_text(least.start_radius_m, 5)}")
-        click.echo(f"  spread_angle_deg = {upper_text(least.spread_angle_deg, 5)}")
-        click.echo(f"  reach = {upper_text(least.reach_m, 5)}")
-        volume, bound = upper_text(least.volume_m3, 4), lower_text(least.least_volume_m3, 4)
-        click.echo(f"a volume of {volume} m³; none is below {bound} m³")
-        click.echo("largest speeds on the present envelope")
-        for name, words in speeds_on(present):
-            click.echo(f"  {name:14} {words}")
+    module, density, gravity = Module(), AIR_DENSITY, Task.model_fields["gravity"].default
+    if task is not None:
+        read = enclose_speed(read_task(task))
+        module, density, gravity = read.module, read.air_density, read.gravity
+    ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
+    thrust = ratio * module.mass * gravity
+    where = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
+    least = envelope_of_speed(module, density, gravity, speed, ratio, source="--speed")
+    present = envelope_air(module, density, thrust)
+    if as_json:
+        inputs = {"speed_m_s": speed, "thrust_to_weight": ratio, "thrust_N": thrust}
+        options.echo_json({**inputs, **least.model_dump(mode="json"), **present.model_dump(mode="json")})
+        return
+    click.echo(f"at {where}, all air of {speed:g} m/s and more is inside")
+    click.echo(f"  start_radius = {upper_text(least.start_radius_m, 5)}")
+    click.echo(f"  spread_angle_deg = {upper_text(least.spread_angle_deg, 5)}")
+    click.echo(f"  reach = {upper_text(least.reach_m, 5)}")
+    volume, bound = upper_text(least.volume_m3, 4), lower_text(least.least_volume_m3, 4)
+    click.echo(f"a volume of {volume} m³; none is below {bound} m³")
+    click.echo("largest speeds on the present envelope")
+    for name, words in speeds_on(present):
+        click.echo(f"  {name:14} {words}")
 
 
 def speeds_on(envelope: EnvelopeAir) -> Iterator[tuple[str, str]]:
@@ -148,7 +146,7 @@ def _thrust_to_weight(at: str, most: float) -> float:
     return ratio
 
 
-@click.command(epilog="Example: topo-search kit push wall-push --out kit")
+@command(epilog="Example: topo-search kit push wall-push --out kit", resumes=True)
 @click.argument("tasks", metavar="TASK|RUN...", nargs=-1, required=True)
 @options.modules
 @options.set_field
@@ -193,27 +191,23 @@ def kit(
     folders = [task for task in tasks if Path(task).is_dir()]
     if folders and (modules or settings):
         raise click.UsageError(f"--modules and --set are for tasks, but {folders[0]} is the folder of a run")
-    with explain_errors(resumes=True):
-        from topo_search.cli.progress import shown_progress
-        from topo_search.compose.drawer import NoCommonKit
-        from topo_search.compose.drawer import kit as make_kit
+    from topo_search.cli.progress import shown_progress
+    from topo_search.compose.drawer import NoCommonKit
+    from topo_search.compose.drawer import kit as make_kit
 
-        try:
-            with shown_progress() as observer:
-                shared = make_kit(
-                    [
-                        task if task in folders else options.task_of(task, settings, modules=modules)
-                        for task in tasks
-                    ],
-                    out=out,
-                    observer=observer,
-                    note=note,
-                    **option_values,
-                )
-        except NoCommonKit as error:
-            note(str(error))
-            raise SystemExit(3) from None
-        if as_json:
-            options.echo_json(shared.model_dump(mode="json"))
-        else:
-            options.echo_lines((*shared.lines, f"the kits are in {out}"))
+    try:
+        with shown_progress() as observer:
+            shared = make_kit(
+                [task if task in folders else options.task_of(task, settings, modules=modules) for task in tasks],
+                out=out,
+                observer=observer,
+                note=note,
+                **option_values,
+            )
+    except NoCommonKit as error:
+        note(str(error))
+        raise SystemExit(3) from None
+    if as_json:
+        options.echo_json(shared.model_dump(mode="json"))
+    else:
+        options.echo_lines((*shared.lines, f"the kits are in {out}"))

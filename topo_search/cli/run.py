@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors, needs_extras
+from topo_search.cli.errors import command, needs_extras
 from topo_search.limits import LIMITS
 from topo_search.supervisor import ExitStatus
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from topo_search.study import Answer, SizeAnswer
 
 
-@click.command(epilog="Example: topo-search run push --paper --out push-paper")
+@command(epilog="Example: topo-search run push --paper --out push-paper", resumes=True)
 @click.argument("task")
 @options.modules
 @options.set_field
@@ -113,23 +113,22 @@ def run(
         raise click.UsageError("--keep-within solves all candidates, so that it cannot go with --prune")
     if topologies and not exhaustive:
         raise click.UsageError("--topologies requires --strategy exhaustive: all listed trees are solved")
-    with explain_errors(resumes=True):
-        from topo_search.cli.progress import shown_progress
+    from topo_search.cli.progress import shown_progress
 
-        warnings: list[TaskWarning] = []
-        with _print_if_lost(warnings, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
-            from topo_search.compose import search
+    warnings: list[TaskWarning] = []
+    with _print_if_lost(warnings, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
+        from topo_search.compose import search
 
-            fields = {"modules": modules, "search__root": root, "search__connectors": connectors}
-            problem = options.task_of(task, settings, paper=paper, **fields)
-            listed = None if topologies is None else options.read_topologies(topologies, problem)
-            designs = options.read_near(near)
-            warnings += options.warn(problem)
-            given = options.without_none(option_values)
-            answer = search(problem, near=designs, topologies=listed, observer=observer, **given)
-        echo_answer(answer, warnings, as_json=as_json)
-        unproven = option_values["prove"] is not None and answer.best is not None and not answer.proven
-        raise SystemExit(ExitStatus.OPEN if unproven else answer.exit_status)
+        fields = {"modules": modules, "search__root": root, "search__connectors": connectors}
+        problem = options.task_of(task, settings, paper=paper, **fields)
+        listed = None if topologies is None else options.read_topologies(topologies, problem)
+        designs = options.read_near(near)
+        warnings += options.warn(problem)
+        given = options.without_none(option_values)
+        answer = search(problem, near=designs, topologies=listed, observer=observer, **given)
+    echo_answer(answer, warnings, as_json=as_json)
+    unproven = option_values["prove"] is not None and answer.best is not None and not answer.proven
+    raise SystemExit(ExitStatus.OPEN if unproven else answer.exit_status)
 
 
 @contextmanager

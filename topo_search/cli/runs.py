@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors, note
+from topo_search.cli.errors import command, note
 from topo_search.cli.run import answer_as_json, echo_answer
 from topo_search.limits import LIMITS
 from topo_search.supervisor import ExitStatus
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 run_folder = click.argument("run", type=click.Path(path_type=Path, exists=True, file_okay=False))
 
 
-@click.command("list", epilog="Example: topo-search list")
+@command("list", epilog="Example: topo-search list")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("runs"))
 @options.as_json
 def list_runs(folder: Path, as_json: bool) -> None:
@@ -30,26 +30,25 @@ def list_runs(folder: Path, as_json: bool) -> None:
 
     Exit status: 0 listed; 2 bad input.
     """
-    with explain_errors():
-        from topo_search.cli.tables import print_runs
-        from topo_search.model import BadInput
-        from topo_search.study import RunFolder, answer_of
-        from topo_search.study.directory import RunFile
+    from topo_search.cli.tables import print_runs
+    from topo_search.model import BadInput
+    from topo_search.study import RunFolder, answer_of
+    from topo_search.study.directory import RunFile
 
-        if not folder.is_dir():
-            raise BadInput(str(folder), "no such folder: `topo-search run push` makes a first run in ./runs")
+    if not folder.is_dir():
+        raise BadInput(str(folder), "no such folder: `topo-search run push` makes a first run in ./runs")
 
-        runs = []
-        for ledger in sorted(folder.glob(f"*/{RunFile.LEDGER}")):
-            with RunFolder.load(ledger.parent) as opened:
-                runs.append((ledger.parent, answer_of(opened)))
-        if as_json:
-            options.echo_json([answer_as_json(answer, ()) for _, answer in runs])
-        else:
-            print_runs(runs)
+    runs = []
+    for ledger in sorted(folder.glob(f"*/{RunFile.LEDGER}")):
+        with RunFolder.load(ledger.parent) as opened:
+            runs.append((ledger.parent, answer_of(opened)))
+    if as_json:
+        options.echo_json([answer_as_json(answer, ()) for _, answer in runs])
+    else:
+        print_runs(runs)
 
 
-@click.command(epilog="Example: topo-search show runs/push-*/")
+@command(epilog="Example: topo-search show runs/push-*/")
 @run_folder
 @options.as_json
 def show(run: Path, as_json: bool) -> None:
@@ -57,34 +56,32 @@ def show(run: Path, as_json: bool) -> None:
 
     Exit status: as `run` ends with this answer; 2 bad input.
     """
-    with explain_errors():
-        from topo_search.study import RunFolder, answer_of
+    from topo_search.study import RunFolder, answer_of
 
-        with RunFolder.load(run) as folder:
-            answer = answer_of(folder)
-        echo_answer(answer, as_json=as_json)
-        raise SystemExit(answer.exit_status)
+    with RunFolder.load(run) as folder:
+        answer = answer_of(folder)
+    echo_answer(answer, as_json=as_json)
+    raise SystemExit(answer.exit_status)
 
 
-@click.command("open", epilog="Example: topo-search open runs/push-*/")
+@command("open", epilog="Example: topo-search open runs/push-*/")
 @run_folder
 def open_page(run: Path) -> None:
     """Open the page of a RUN in the browser.
 
     Exit status: 0 opened; 2 bad input, or no browser.
     """
-    with explain_errors():
-        from topo_search.model import BadInput
-        from topo_search.study import RunFile
+    from topo_search.model import BadInput
+    from topo_search.study import RunFile
 
-        page = run / RunFile.REPORT
-        if not page.is_file():
-            raise BadInput(str(run), f"has no {RunFile.REPORT} yet: topo-search report {run} writes it")
-        if click.launch(str(page)):
-            raise BadInput(str(page), "no program on this machine opens it")
+    page = run / RunFile.REPORT
+    if not page.is_file():
+        raise BadInput(str(run), f"has no {RunFile.REPORT} yet: topo-search report {run} writes it")
+    if click.launch(str(page)):
+        raise BadInput(str(page), "no program on this machine opens it")
 
 
-@click.command(epilog="Example: topo-search report runs/push-*/")
+@command(epilog="Example: topo-search report runs/push-*/")
 @click.argument("source", metavar="RUN|DESIGN.json", type=options.PATH)
 @click.option(
     "--out",
@@ -106,14 +103,13 @@ def report(source: Path, out: Path | None, flight: Path | None) -> None:
 
     Exit status: 0 written, whatever the verdict; 2 bad input.
     """
-    with explain_errors():
-        from topo_search import compose
+    from topo_search import compose
 
-        options.require_writable(out)
-        click.echo(f"the page is in {compose.write_report(source, out=out, flight=flight, note=note)}")
+    options.require_writable(out)
+    click.echo(f"the page is in {compose.write_report(source, out=out, flight=flight, note=note)}")
 
 
-@click.command(epilog="Example: topo-search compare runs/push-1 runs/push-2")
+@command(epilog="Example: topo-search compare runs/push-1 runs/push-2")
 @click.argument("first", metavar="RUN|DESIGN.json", type=options.PATH)
 @click.argument("second", metavar="RUN|DESIGN.json", type=options.PATH)
 @click.option(
@@ -131,17 +127,16 @@ def compare(first: Path, second: Path, out: Path, as_json: bool) -> None:
 
     Exit status: 0 compared; 2 bad input.
     """
-    with explain_errors():
-        from topo_search import compose
-        from topo_search.cli.tables import print_figures
+    from topo_search import compose
+    from topo_search.cli.tables import print_figures
 
-        options.require_writable(out)
-        figures = {side[0].name: _figures(side[0]) for side in compose.compare(first, second, out=out)}
-        if as_json:
-            options.echo_json(figures)
-        else:
-            print_figures(figures)
-            click.echo(f"the page is in {out}")
+    options.require_writable(out)
+    figures = {side[0].name: _figures(side[0]) for side in compose.compare(first, second, out=out)}
+    if as_json:
+        options.echo_json(figures)
+    else:
+        print_figures(figures)
+        click.echo(f"the page is in {out}")
 
 
 def _figures(design: Compared) -> dict[str, object]:
@@ -159,7 +154,7 @@ def _figures(design: Compared) -> dict[str, object]:
     }
 
 
-@click.command(epilog="Example: topo-search audit runs/push-*/best.json --markdown audit.md")
+@command(epilog="Example: topo-search audit runs/push-*/best.json --markdown audit.md")
 @click.argument("designs", nargs=-1, required=True, metavar="DESIGN.json|FOLDER...")
 @options.as_json
 @options.out("--csv", "table", "Write all clearances to a CSV table.")
@@ -175,105 +170,82 @@ def audit(
     Exit status: 0 all clear; 1 a design is violated, undecided or inconsistent, or its audit failed;
     2 a file cannot be read or is not a design (the others are still audited).
     """
-    with explain_errors():
-        from topo_search.cli.tables import print_audit, print_tally
-        from topo_search.compose import audits, available_cores
-        from topo_search.engine import Failed
-        from topo_search.export.audits import Judged, markdown
-        from topo_search.model import Status
-        from topo_search.model.files import write_atomically
+    from topo_search.cli.tables import print_audit, print_tally
+    from topo_search.compose import audits, available_cores
+    from topo_search.engine import Failed
+    from topo_search.export.audits import Judged, clearances_of, csv, markdown
+    from topo_search.model import Status
+    from topo_search.model.files import write_atomically
 
-        for option, out in (("--csv", table), ("--markdown", summary)):
-            options.require_writable(out, option)
-        files = design_files(designs)
-        read: list[tuple[str, Geometry]] = []
-        refused: list[tuple[str, str]] = []
-        judged: list[Judged] = []
-        failed: list[tuple[str, str]] = []
-        apart = min(workers or available_cores(), len(files)) if len(files) > 1 else 0
-        results = audits(_designs(files, read, refused), workers=apart)
-        for number, result in enumerate(results):
-            name, design = read[number]
-            if isinstance(result, Failed):
-                failed.append((name, f"the audit failed: {result.reason}"))
-                note(": ".join(failed[-1]))
-                continue
-            judged.append(Judged(name, design, result))
-            if not as_json:
-                print_audit(name, result)
-        if as_json:
-            values = [{"file": each.name, **each.audit.model_dump(mode="json")} for each in judged]
-            alone = len(designs) == 1 and not files[0].listed and values
-            options.echo_json(values[0] if alone else values)
-        elif len(files) > 1:
-            verdicts = [each.audit.verdict for each in judged]
-            print_tally(verdicts, len(failed), len(refused), len(files) - len(read) - len(refused))
-        if table is not None:
-            from topo_search.export.audits import clearances_of, csv
-
-            write_atomically(table, csv(clearances_of([(each.name, each.audit) for each in judged])))
-        if summary is not None:
-            write_atomically(summary, markdown(judged, [*failed, *refused]))
-        if refused:
-            raise SystemExit(ExitStatus.BAD_INPUT)
-        if failed or any(each.audit.verdict != Status.CLEAR for each in judged):
-            raise SystemExit(1)
+    for option, out in (("--csv", table), ("--markdown", summary)):
+        options.require_writable(out, option)
+    read, refused, skipped = _read_designs(designs)
+    judged: list[Judged] = []
+    failed: list[tuple[str, str]] = []
+    files = len(read) + len(refused) + skipped
+    apart = min(workers or available_cores(), files) if files > 1 else 0
+    for (name, design), result in zip(read, audits((one for _, one in read), workers=apart), strict=True):
+        if isinstance(result, Failed):
+            failed.append((name, f"the audit failed: {result.reason}"))
+            note(": ".join(failed[-1]))
+            continue
+        judged.append(Judged(name, design, result))
+        if not as_json:
+            print_audit(name, result)
+    verdicts = [each.audit.verdict for each in judged]
+    if as_json:
+        values = [{"file": each.name, **each.audit.model_dump(mode="json")} for each in judged]
+        alone = len(designs) == len(values) == 1 and not Path(designs[0]).is_dir()
+        options.echo_json(values[0] if alone else values)
+    elif files > 1:
+        print_tally(verdicts, len(failed), len(refused), skipped)
+    if table is not None:
+        write_atomically(table, csv(clearances_of([(each.name, each.audit) for each in judged])))
+    if summary is not None:
+        write_atomically(summary, markdown(judged, [*failed, *refused]))
+    if refused:
+        raise SystemExit(ExitStatus.BAD_INPUT)
+    if failed or any(verdict != Status.CLEAR for verdict in verdicts):
+        raise SystemExit(1)
 
 
 AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
 
 
-class DesignFile(NamedTuple):
-    """A file that is to hold a design."""
+def _read_designs(words: Sequence[str]) -> tuple[list[tuple[str, Geometry]], list[tuple[str, str]], int]:
+    """Return designs and faults of other files, each with a file's name, and the number of audits passed over.
 
-    path: str
-    listed: bool = False
-    """True if it was found in a folder, where it may be an audit that a run keeps beside its designs."""
-    fault: str | None = None
-    """Fault that was found before it was opened."""
-
-
-def _designs(
-    files: Sequence[DesignFile], read: list[tuple[str, Geometry]], refused: list[tuple[str, str]]
-) -> Iterator[Geometry]:
-    """Yield the designs of files, in order, and tell the faults of files that hold none.
-
-    Args:
-        files: the files; audits in folders are passed over.
-        read: gets every design with the name of its file.
-        refused: gets every file that is wrong, with its faults.
+    A folder stands for all `*.json` below it, sorted, and may hold audits that a run keeps beside its designs.
+    Links to folders are followed when they are given, not when they are met.
     """
     from topo_search.model import BadInput
     from topo_search.model.files import load_json, stated_format, to_geometry
     from topo_search.model.value import to_printable
 
-    for path, listed, fault in files:
-        name = to_printable(path)
-        try:
-            if fault is not None:
-                raise BadInput(name, fault)
-            data = load_json(path, most_bytes=LIMITS.design_bytes)
-            if listed and stated_format(data) == AUDIT:
-                continue
-            design = to_geometry(data, name)
-        except BadInput as error:
-            refused.append((name, "; ".join(map(str, error.faults))))
-            note("\n".join(f"{name}: {each}" for each in error.faults))
-            continue
-        read.append((name, design))
-        yield design
+    read: list[tuple[str, Geometry]] = []
+    refused: list[tuple[str, str]] = []
+    skipped = 0
+    for word in words:
+        in_folder = Path(word).is_dir()
+        for path, fault in _find_files(word) if in_folder else [(word, None)]:
+            name = to_printable(path)
+            try:
+                if fault is not None:
+                    raise BadInput(name, fault)
+                data = load_json(path, most_bytes=LIMITS.design_bytes)
+                if in_folder and stated_format(data) == AUDIT:
+                    skipped += 1
+                else:
+                    read.append((name, to_geometry(data, name)))
+            except BadInput as error:
+                refused.append((name, "; ".join(map(str, error.faults))))
+                note("\n".join(f"{name}: {each}" for each in error.faults))
+    return read, refused, skipped
 
 
-def design_files(words: Sequence[str]) -> list[DesignFile]:
-    """Return the files of a command line in its order; of a folder all `*.json` below it, sorted.
-
-    Links to folders are followed when they are given, not when they are met.
-    """
-    return [file for word in words for file in (_find_files(word) if Path(word).is_dir() else [DesignFile(word)])]
-
-
-def _find_files(folder: str) -> Iterator[DesignFile]:
+def _find_files(folder: str) -> Iterator[tuple[str, str | None]]:
+    """Yield the files below a folder, and what is wrong there."""
     unread: list[OSError] = []
     empty = True
     for parent, folders, files in os.walk(folder, onerror=unread.append):
@@ -281,8 +253,8 @@ def _find_files(folder: str) -> Iterator[DesignFile]:
         for name in sorted(files):
             if name.endswith(".json"):
                 empty = False
-                yield DesignFile(str(Path(parent) / name), listed=True)
+                yield str(Path(parent) / name), None
     for error in unread:
-        yield DesignFile(str(error.filename), fault=f"cannot be read: {error.strerror}")
+        yield str(error.filename), f"cannot be read: {error.strerror}"
     if empty and not unread:
-        yield DesignFile(folder, fault="must contain designs, but no file below it ends in .json")
+        yield folder, "must contain designs, but no file below it ends in .json"

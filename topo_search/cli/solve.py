@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors, needs_extras, note
+from topo_search.cli.errors import command, explain_errors, needs_extras, note
 from topo_search.limits import LIMITS
 from topo_search.supervisor import ExitStatus
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from topo_search.model import Task, Topology
 
 
-@click.command(epilog="Example: topo-search solve push --topology af0000 --out design.json")
+@command(epilog="Example: topo-search solve push --topology af0000 --out design.json")
 @click.argument("task")
 @click.option(
     "--topology", "key", metavar="KEY", help="Key of the topology, as `topo-search topologies` prints it."
@@ -59,40 +59,39 @@ def solve(
     --json prints the design, or why there is none. If --out cannot be written, the design is printed instead, so
     nothing is lost. Exit status as for `run`.
     """
-    with explain_errors():
-        from topo_search import compose
-        from topo_search.cli.tables import print_solved, progress_line
-        from topo_search.engine import Failed
-        from topo_search.model import Design
-        from topo_search.model.files import to_json, write_atomically
+    from topo_search import compose
+    from topo_search.cli.tables import print_solved, progress_line
+    from topo_search.engine import Failed
+    from topo_search.model import Design
+    from topo_search.model.files import to_json, write_atomically
 
-        problem = options.task_of(task, settings, paper=paper, modules=modules)
-        topology = _topology(problem, key, sample_seed, sized=modules is not None)
-        designs = options.read_near(near)
-        options.require_writable(out)
-        options.warn(problem.model_copy(update={"modules": topology.n}))
-        solved = compose.solve(
-            problem,
-            topology,
-            near=designs,
-            progress=lambda best: note(progress_line(best)),
-            note=note,
-            **option_values,
-        )
-        if out is not None and isinstance(solved.outcome, Design):
-            text = to_json(solved.outcome)
-            try:
-                write_atomically(out, text)
-            except OSError:
-                click.echo(text, nl=False)  # so that the design is not lost
-                raise
-        if not as_json:
-            print_solved(solved, out)
-        elif isinstance(solved.outcome, Failed):
-            options.echo_json({"status": "failed", "reason": solved.outcome.reason})
-        else:
-            click.echo(to_json(solved.outcome), nl=False)
-        raise SystemExit(solved.exit_status)
+    problem = options.task_of(task, settings, paper=paper, modules=modules)
+    topology = _topology(problem, key, sample_seed, sized=modules is not None)
+    designs = options.read_near(near)
+    options.require_writable(out)
+    options.warn(problem.model_copy(update={"modules": topology.n}))
+    solved = compose.solve(
+        problem,
+        topology,
+        near=designs,
+        progress=lambda best: note(progress_line(best)),
+        note=note,
+        **option_values,
+    )
+    if out is not None and isinstance(solved.outcome, Design):
+        text = to_json(solved.outcome)
+        try:
+            write_atomically(out, text)
+        except OSError:
+            click.echo(text, nl=False)  # so that the design is not lost
+            raise
+    if not as_json:
+        print_solved(solved, out)
+    elif isinstance(solved.outcome, Failed):
+        options.echo_json({"status": "failed", "reason": solved.outcome.reason})
+    else:
+        click.echo(to_json(solved.outcome), nl=False)
+    raise SystemExit(solved.exit_status)
 
 
 def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bool) -> Topology:
@@ -118,7 +117,7 @@ def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bo
     raise click.UsageError("give either --topology or --sample-seed")
 
 
-@click.command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01")
+@command(epilog="Example: topo-search prove runs/push-*/ --gap 0.01", resumes=True)
 @click.argument("folder", metavar="RUN", type=options.PATH)
 @options.real_number(
     "--gap",
@@ -179,35 +178,34 @@ def prove(
         engine = {name: option_values[name] for name in ("workers", "dask", "dask_tls")}
         _check(folder, as_json=as_json, topology=topology, **engine)
         return
-    with explain_errors(resumes=True):
-        from topo_search.cli.progress import shown_progress
+    from topo_search.cli.progress import shown_progress
 
-        with shown_progress() as observer, needs_extras("--dask"):
-            from topo_search.compose import prove as prove_run
+    with shown_progress() as observer, needs_extras("--dask"):
+        from topo_search.compose import prove as prove_run
 
-            answer = prove_run(folder, topology=topology, observer=observer, **options.without_none(option_values))
-        from topo_search.model.proven import lower_text
-        from topo_search.study.answer import candidates
+        answer = prove_run(folder, topology=topology, observer=observer, **options.without_none(option_values))
+    from topo_search.model.proven import lower_text
+    from topo_search.study.answer import candidates
 
-        table = candidates(folder)
-        table = table if topology is None else table[table["key"] == topology]
-        if as_json:
-            names = ["key", "modules", "objective", "proven_bound", "proven_gap", "proof", "proven_problem"]
-            rows = table[names].astype(object).where(table[names].notna(), None).to_dict("records")
-            options.echo_json({"sentences": [size.proven for size in answer.sizes], "candidates": rows})
-        else:
-            columns = (table[name].tolist() for name in ("key", "proof", "proven_bound"))
-            for key, proof, bound in zip(*columns, strict=True):
-                by = f", J >= {lower_text(bound)} rad^4/s^4" if bound > 0 else ""
-                click.echo(f"{key}: {proof if isinstance(proof, str) else 'not examined'}{by}")
-            for size in answer.sizes:
-                if size.proven is not None:
-                    click.echo(size.proven)
-        settled = table["proof"].isin(["excluded", "within", "impossible"]).all()
-        if not settled or (topology is None and not answer.proven):
-            resumable = any(topology in (None, key) for size in answer.sizes for key in size.proof_resumable)
-            note("some trees are still open" + "; run the same command to continue" * resumable)
-            raise SystemExit(ExitStatus.OPEN)
+    table = candidates(folder)
+    table = table if topology is None else table[table["key"] == topology]
+    if as_json:
+        names = ["key", "modules", "objective", "proven_bound", "proven_gap", "proof", "proven_problem"]
+        rows = table[names].astype(object).where(table[names].notna(), None).to_dict("records")
+        options.echo_json({"sentences": [size.proven for size in answer.sizes], "candidates": rows})
+    else:
+        columns = (table[name].tolist() for name in ("key", "proof", "proven_bound"))
+        for key, proof, bound in zip(*columns, strict=True):
+            by = f", J >= {lower_text(bound)} rad^4/s^4" if bound > 0 else ""
+            click.echo(f"{key}: {proof if isinstance(proof, str) else 'not examined'}{by}")
+        for size in answer.sizes:
+            if size.proven is not None:
+                click.echo(size.proven)
+    settled = table["proof"].isin(["excluded", "within", "impossible"]).all()
+    if not settled or (topology is None and not answer.proven):
+        resumable = any(topology in (None, key) for size in answer.sizes for key in size.proof_resumable)
+        note("some trees are still open" + "; run the same command to continue" * resumable)
+        raise SystemExit(ExitStatus.OPEN)
 
 
 def _check(folder: Path, *, as_json: bool, **option_values: Any) -> None:

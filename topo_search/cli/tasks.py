@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import explain_errors
+from topo_search.cli.errors import command
 from topo_search.limits import LIMITS
 from topo_search.report.wording import figures, quantity
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from topo_search.model import Task
 
 
-@click.command(epilog="Example: topo-search init window.toml && topo-search check window.toml")
+@command(epilog="Example: topo-search init window.toml && topo-search check window.toml")
 @click.argument("file", type=options.FILE, metavar="[FILE]", default="task.toml")
 @click.option("--force", is_flag=True, help="Overwrite an existing file.")
 def init(file: Path, force: bool) -> None:
@@ -30,32 +30,30 @@ def init(file: Path, force: bool) -> None:
 
     Exit status: 0 written; 2 bad input.
     """
-    with explain_errors():
-        from topo_search.model import BadInput
-        from topo_search.model.files import task_template, write_atomically
+    from topo_search.model import BadInput
+    from topo_search.model.files import task_template, write_atomically
 
-        if file.exists() and not force:
-            raise BadInput(str(file), "already exists; --force overwrites it")
-        options.require_writable(file, "FILE")
-        name = re.sub(r"[^A-Za-z0-9._-]+", "-", file.stem).lstrip("._-")[:64]
-        write_atomically(file, task_template(name or "task"))
-        click.echo(f"wrote {file}; explain it with: topo-search check {file}")
+    if file.exists() and not force:
+        raise BadInput(str(file), "already exists; --force overwrites it")
+    options.require_writable(file, "FILE")
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", file.stem).lstrip("._-")[:64]
+    write_atomically(file, task_template(name or "task"))
+    click.echo(f"wrote {file}; explain it with: topo-search check {file}")
 
 
-@click.command(epilog='Example: topo-search run "$(topo-search examples | head -n 1)"')
+@command(epilog='Example: topo-search run "$(topo-search examples | head -n 1)"')
 @options.as_json
 def examples(as_json: bool) -> None:
     """List the shipped tasks, by the name that `run` and `solve` take."""
-    with explain_errors():
-        from topo_search.model import files
+    from topo_search.model import files
 
-        if as_json:
-            options.echo_json(files.examples())
-            return
-        options.echo_lines(files.examples())
+    if as_json:
+        options.echo_json(files.examples())
+        return
+    options.echo_lines(files.examples())
 
 
-@click.command(epilog="Example: topo-search check push-local --picture push-local.png")
+@command(epilog="Example: topo-search check push-local --picture push-local.png")
 @click.argument("task")
 @options.modules
 @options.set_field
@@ -76,29 +74,28 @@ def check(
 
     Exit status: 0 valid task, with or without warnings; 2 bad input.
     """
-    with explain_errors():
-        from topo_search.model.task_warnings import task_warnings
+    from topo_search.model.task_warnings import task_warnings
 
-        problem = options.task_of(task, settings, paper=paper, modules=modules)
-        if picture is not None:
-            options.require_drawable(picture)
-            from topo_search.export.picture import save
-            from topo_search.export.task_picture import task_figure
+    problem = options.task_of(task, settings, paper=paper, modules=modules)
+    if picture is not None:
+        options.require_drawable(picture)
+        from topo_search.export.picture import save
+        from topo_search.export.task_picture import task_figure
 
-            save(task_figure(problem.resolve(problem.sizes[0])), picture)
-        sizes = [_size(problem, n) for n in problem.sizes]
-        warnings = task_warnings(problem)
-        if as_json:
-            first = problem.resolve(problem.sizes[0]).model_dump(mode="json")
-            options.echo_json({"task": first, "sizes": sizes, "warnings": [one._asdict() for one in warnings]})
-            return
-        _explain(problem)
-        for size in sizes:
-            _group(f"search of {quantity(size['modules'], 'module')}", _expectations(size))
-        if warnings:
-            _group("warnings", warnings)
-        if picture is not None:
-            click.echo(f"\nthe picture is in {picture}")
+        save(task_figure(problem.resolve(problem.sizes[0])), picture)
+    sizes = [_size(problem, n) for n in problem.sizes]
+    warnings = task_warnings(problem)
+    if as_json:
+        first = problem.resolve(problem.sizes[0]).model_dump(mode="json")
+        options.echo_json({"task": first, "sizes": sizes, "warnings": [one._asdict() for one in warnings]})
+        return
+    _explain(problem)
+    for size in sizes:
+        _group(f"search of {quantity(size['modules'], 'module')}", _expectations(size))
+    if warnings:
+        _group("warnings", warnings)
+    if picture is not None:
+        click.echo(f"\nthe picture is in {picture}")
 
 
 def _explain(task: Task) -> None:
@@ -162,7 +159,7 @@ def _size(task: Task, n: int) -> dict[str, Any]:
     }
 
 
-@click.command(epilog="Example: topo-search topologies 8 --count")
+@command(epilog="Example: topo-search topologies 8 --count")
 @click.argument("n", type=click.IntRange(1, LIMITS.listed_modules), metavar="N")
 @click.option("--count", "only_count", is_flag=True, help="Print only the number of topologies.")
 @options.whole_number(
@@ -184,19 +181,18 @@ def topologies(
     as_json: bool,
 ) -> None:
     """Print the keys of all topologies of N modules, one per line."""
-    with explain_errors():
-        from topo_search.topologies import candidates, count, draws
+    from topo_search.topologies import candidates, count, draws
 
-        family = {"symmetry": symmetry, "connectors": connectors or "aligned", "root": root or "free"}
-        if only_count:
-            number = count(n, **family)
-            click.echo(number)
-            return
-        if size is None:
-            keys = (candidate.key for candidate in candidates(n, **family))
-        else:
-            keys = (topology.key for topology in islice(draws(n, seed, **family), size))
-        if as_json:
-            options.echo_json_list(keys)
-            return
-        options.echo_lines(keys)
+    family = {"symmetry": symmetry, "connectors": connectors or "aligned", "root": root or "free"}
+    if only_count:
+        number = count(n, **family)
+        click.echo(number)
+        return
+    if size is None:
+        keys = (candidate.key for candidate in candidates(n, **family))
+    else:
+        keys = (topology.key for topology in islice(draws(n, seed, **family), size))
+    if as_json:
+        options.echo_json_list(keys)
+        return
+    options.echo_lines(keys)

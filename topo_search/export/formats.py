@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable
 from importlib import import_module, metadata
 from pathlib import Path
+from typing import Any
 
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
@@ -23,9 +24,9 @@ GROUP = "topo_search.formats"
 def _lazy(module: str, function: str, *arguments: str) -> DesignWriter:
     """Return a function of this package that loads its libraries only when a design is written."""
 
-    def write(design: Design) -> str | bytes:
+    def write(design: Design, **options: Any) -> str | bytes:
         writer: Callable[..., str | bytes] = getattr(import_module(f"topo_search.export.{module}"), function)
-        return writer(design, *arguments)
+        return writer(design, *arguments, **options)
 
     return write
 
@@ -125,10 +126,11 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
     return path
 
 
-def content(design: Design, file_format: OwnFormat) -> bytes:
-    """Return the content of a design's file; BadInput says why there is none."""
+def content(design: Design, file_format: OwnFormat, **options: Any) -> bytes:
+    """Return the content of a design's file; BadInput says why there is none. Only our formats have options."""
     try:
-        made = file_format.write(design)
+        writer: Callable[..., str | bytes] = file_format.write
+        made = writer(design, **options)
         if not isinstance(made, str | bytes) or not made:
             raise ValueError(f"must write text or bytes, but wrote {type(made).__name__ if made else 'nothing'}")
         return made if isinstance(made, bytes) else made.encode()

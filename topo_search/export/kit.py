@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import NamedTuple
 
 from topo_search.export.allocation import allocation, allocator_file, px4_parameters, px4_warnings, reason_against
 from topo_search.export.brackets import printed_parts
@@ -31,8 +30,7 @@ FILES = (
 """Files of a kit, besides the folder of brackets."""
 
 
-@dataclass(frozen=True)
-class Kit:
+class Kit(NamedTuple):
     """Files that were written."""
 
     files: tuple[str, ...]
@@ -94,33 +92,14 @@ def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
     return tuple(part.file for part in parts)
 
 
-def write_part(
-    design: Design,
-    kind: Literal["allocation", "rotors", "px4", "sheet", "parts"],
-    out: Path,
-    notes: Sequence[str] = (),
-) -> tuple[str, ...]:
-    """Write a part of the kit that is one file; an allocation whose name ends in .json as JSON, else as a table.
-
-    A sheet says the notes first. Returns what PX4 cannot do, where that is the part.
-
-    Raises:
-        BadInput: there are more rotors than PX4 takes, a number is beyond its range, or brackets do not fit.
-    """
-    acts = allocation(design)
-    match kind:
-        case "sheet":
-            text = sheet(design, printed_parts(design), notes)
-        case "parts":
-            text = parts_csv(parts_list(design, printed_parts(design)))
-        case "px4":
-            text = px4_parameters(acts)
-        case "rotors":
-            text = acts.rotor_csv()
-        case "allocation":
-            text = to_json(acts) if out.suffix.lower() == ".json" else acts.csv()
-    write_atomically(out, text)
-    return px4_warnings(acts) if kind == "px4" else ()
+PIECES: dict[str, Callable[[Design, Sequence[str]], str]] = {
+    "allocation": lambda design, _: allocation(design).csv(),
+    "rotors": lambda design, _: allocation(design).rotor_csv(),
+    "px4": lambda design, _: px4_parameters(allocation(design)),
+    "sheet": lambda design, notes: sheet(design, printed_parts(design), notes),
+    "parts": lambda design, _: parts_csv(parts_list(design, printed_parts(design))),
+}
+"""Parts of a kit that are one file of a design, with notes that a sheet says first."""
 
 
 def require_kit_folder(folder: Path) -> None:

@@ -24,29 +24,13 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from topo_search.export import palette
+from topo_search.export import palette, poses
 from topo_search.export.air_field import AirSurface
-from topo_search.export.poses import (
-    ELEVATION_DEG,
-    ROTOR_ANGLES,
-    azimuth_deg,
-    circle,
-    cone,
-    cone_slant,
-    cone_sphere_outline,
-    hull,
-    largest_wrench,
-    load_wrenches,
-    poses_to_draw,
-    region_words,
-    shapes,
-    towards_viewer,
-)
+from topo_search.export.solids import frame, join, rotor_discs
 from topo_search.export.tree_drawing import draw_tree
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
-from topo_search.model.module import Module
 from topo_search.model.proven import gap_percent
 from topo_search.model.shape import Capsule, Cone, Polytope
 from verify.kinematics import Platform
@@ -87,7 +71,7 @@ class Picture:
 def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
     """Return the picture as a matplotlib figure; `air` is drawn instead of the envelopes."""
     figure = Figure(figsize=(10.5, 6.8))
-    at = poses_to_draw(design)
+    at = poses.poses_to_draw(design)
     whole = Scene(figure, (0.0, 0.10, 0.58, 0.82), design, at)
     whole.exposure()
     if air is None:
@@ -147,10 +131,10 @@ def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
     ]
     entries += [
         Line2D([], [], color=palette.CASES[k], marker=">", label=f"load case {k}")
-        for k in sorted({k for k, *_ in wrenches(design, poses_to_draw(design))})
+        for k in sorted({k for k, *_ in wrenches(design, poses.poses_to_draw(design))})
     ]
     regions = [shape for exposure in design.task.exposure for shape in exposure.shapes]
-    kinds = {region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
+    kinds = {poses.region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
     entries += [volume(palette.EXPOSURE, opacity, words) for words, opacity in sorted(kinds.items())]
     return entries
 
@@ -186,16 +170,6 @@ ASIDE = np.array(sorted(itertools.product(range(-6, 7), repeat=2), key=lambda st
 ARROW = 0.5
 """Length of the arrow of the largest force, and of the largest torque, over the size of the platform."""
 
-SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-CUBE = np.array(
-    [
-        np.insert(SQUARE if outwards else SQUARE[::-1], axis, side, axis=1)
-        for axis in range(3)
-        for side, outwards in ((-1.0, axis == 1), (1.0, axis != 1))
-    ]
-)
-"""Faces of the cube [-1, 1]^3."""
-
 
 class Scene:
     """One drawing of a design in a part of a figure; all that is drawn sets the limits."""
@@ -221,12 +195,12 @@ class Scene:
         self.axes = axes
         self.design = design
         self.at = at
-        azimuth = azimuth_deg(at) if azimuth is None else azimuth
-        axes.view_init(elev=ELEVATION_DEG, azim=azimuth)
+        azimuth = poses.azimuth_deg(at) if azimuth is None else azimuth
+        axes.view_init(elev=poses.ELEVATION_DEG, azim=azimuth)
         axes.set_proj_type("ortho")
         axes.computed_zorder = False
         axes.patch.set_visible(False)
-        self.v = towards_viewer(azimuth)
+        self.v = poses.towards_viewer(azimuth)
         """Unit vector towards the viewer."""
         self._drawn: list[Array] = []
 
@@ -237,12 +211,12 @@ class Scene:
         radii = envelope.start_radius, envelope.end_radius
         self._volumes(
             [
-                cone_sphere_outline(p, radii[0], end, radii[1], self.v)
+                poses.cone_sphere_outline(p, radii[0], end, radii[1], self.v)
                 for p, end in zip(self.at.p, far_centres, strict=True)
             ],
             palette.AIRFLOW,
         )
-        rings = [circle(end, radii[1], z) for end, z in zip(far_centres, self.at.z, strict=True)]
+        rings = [poses.circle(end, radii[1], z) for end, z in zip(far_centres, self.at.z, strict=True)]
         self._lines(rings, palette.AIRFLOW, 0.5)
 
     def air(self, surface: AirSurface) -> None:
@@ -252,18 +226,18 @@ class Scene:
     def exposure(self) -> None:
         """Draw every region that the airflow must not reach; of a cone, the surface that encloses all airflow."""
         apex, up = self.at.end_effector, np.array([0.0, 0.0, 1.0])
-        for _, shape in shapes(self.design.task, self.at.p_e):
+        for _, shape in poses.shapes(self.design.task, self.at.p_e):
             match shape:
                 case Capsule(radius=r):
                     start, end = apex + shape.start, apex + shape.end
-                    self._volumes([cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
-                    self._lines([circle(end, r, up)], palette.EXPOSURE, 0.8)
+                    self._volumes([poses.cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
+                    self._lines([poses.circle(end, r, up)], palette.EXPOSURE, 0.8)
                 case Polytope():
-                    corners, triangles, _, edges = hull(shape)
+                    corners, triangles, _, edges = poses.hull(shape)
                     self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
                     self._lines(list(apex + corners[edges]), palette.EXPOSURE, 0.8)
                 case Cone():
-                    surface = apex + cone(shape, cone_slant(self.design, self.at))
+                    surface = apex + poses.cone(shape, poses.cone_slant(self.design, self.at))
                     self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
                     self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
                     self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
@@ -274,10 +248,11 @@ class Scene:
         for h, i, a, _ in self.design.topology.edges():
             joint = at.p[h] + module.connector_distance * at.R[h] @ PORT_DIRECTIONS[a]
             self._lines([np.stack([at.p[h], joint, at.p[i]])], palette.CONNECTOR, 2.0)
-        frame, rotors = frame_faces(module), rotor_faces(module)
-        one = np.concatenate([frame, rotors])
+        parts = frame(module), join(rotor_discs(module, sides=12))
+        one = np.concatenate([part.triangles for part in parts])
         faces = np.concatenate([one @ R.T + p for R, p in zip(at.R, at.p, strict=True)])
-        tints = [to_rgb(palette.MODULE)] * len(frame) + [to_rgb(palette.ROTOR)] * len(rotors)
+        colours = to_rgb(palette.MODULE), to_rgb(palette.ROTOR)
+        tints = np.repeat(colours, [len(part.faces) for part in parts], axis=0)
         self._solid(faces, np.tile(tints, (len(at.p), 1)))
         axes, look = 1.6 * module.arm_length * at.z, {"linewidth": 1.4, "arrow_length_ratio": 0.3, "zorder": 7}
         self.axes.quiver(*at.p.T, *axes.T, color=palette.THRUST_AXIS, **look)
@@ -296,7 +271,7 @@ class Scene:
             self.axes.quiver(*point, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **look)
             self._keep([point + arrow])
             if is_torque:
-                ring = circle(point + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
+                ring = poses.circle(point + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
                 self._lines([ring], colour, 1.4)
 
     def finish(self) -> float:
@@ -392,10 +367,10 @@ def wrenches(design: Design, at: Platform) -> list[tuple[int, bool, Array, Array
     Vectors are over the largest force, or the largest torque, of all load cases; of more load cases than there are
     colours for, the others are left out.
     """
-    largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
+    largest = {kind: poses.largest_wrench(design, at, kind) for kind in ("force", "torque")}
     return [
         (k, kind == "torque", point, v / largest[kind])
-        for k, kind, _, point, v in load_wrenches(design, at)
+        for k, kind, _, point, v in poses.load_wrenches(design, at)
         if v.any() and k < len(palette.CASES)
     ]
 
@@ -403,35 +378,3 @@ def wrenches(design: Design, at: Platform) -> list[tuple[int, bool, Array, Array
 def _overlap(at: Array, taken: list[Array], size: float) -> bool:
     gaps = np.abs(np.array(taken) - at)
     return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
-
-
-def frame_faces(module: Module) -> Array:
-    """Return the faces of hub and arms, or of a frame of the module's own: triangles, their last corner twice."""
-    body, l_arm, w = module.body, module.arm_length, module.body.arm_width
-    if body.frame is not None:
-        faces = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
-        seen = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1]).any(axis=1)
-        return np.asarray(faces[seen][:, [0, 1, 2, 2]])
-    arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
-    return np.concatenate([CUBE * np.array(body.hub) / 2, *(arm @ _turn(angle).T for angle in ROTOR_ANGLES)])
-
-
-def rotor_faces(module: Module) -> Array:
-    """Return the faces of the four rotor discs."""
-    disc = cylinder(module.body.rotor_radius, module.body.rotor_height)
-    return np.concatenate([disc + _turn(angle) @ np.array([module.arm_length, 0.0, 0.0]) for angle in ROTOR_ANGLES])
-
-
-def cylinder(radius: float, height: float, *, sides: int = 16) -> Array:
-    """Return the faces of a prism about z with an even number of sides; each end is cut into strips."""
-    angles = np.linspace(0, 2 * math.pi, sides, endpoint=False)
-    ring = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
-    top, bottom = ring + np.array([0, 0, height / 2]), ring - np.array([0, 0, height / 2])
-    around = np.stack([bottom, np.roll(bottom, -1, axis=0), np.roll(top, -1, axis=0), top], axis=1)
-    strips = [[k, k + 1, sides - 2 - k, sides - 1 - k] for k in range(sides // 2 - 1)]
-    return np.concatenate([around, top[strips], bottom[strips][:, ::-1]])
-
-
-def _turn(angle: float) -> Array:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -12,21 +12,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from topo_search.export import palette
+from topo_search.export import brackets, palette
 from topo_search.export.allocation import allocation
-from topo_search.export.brackets import (
-    DIGITS,
-    MILLIMETRES,
-    SLOT,
-    TURNS,
-    Part,
-    Printed,
-    bracket_file,
-    bracket_turns,
-    connector_turn,
-    grip_of,
-    has_clamp,
-)
+from topo_search.export.brackets import DIGITS, MILLIMETRES, Part, Printed
 from topo_search.export.poses import ROTOR_ANGLES, rod_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
@@ -111,11 +99,11 @@ def strut_drawing(design: Design, part: Part) -> str:
 
 
 def _steps(design: Design) -> Iterator[str]:
-    edges = zip(design.topology.edges(), design.hinge_angles_rad, bracket_turns(design), strict=True)
+    edges = zip(design.topology.edges(), design.hinge_angles_rad, brackets.bracket_turns(design), strict=True)
     for step, ((h, i, a, b), alpha, phi) in enumerate(edges, start=1):
         text = (
             f"Step {step}. Bolt port {b} ({PORT_NAMES[b]}) of module {i} to port {a} ({PORT_NAMES[a]}) of module "
-            f"{h}, at {math.degrees(alpha):+.{DIGITS}f} deg, with {bracket_file(abs(phi))}, mark holes "
+            f"{h}, at {math.degrees(alpha):+.{DIGITS}f} deg, with {brackets.bracket_file(abs(phi))}, mark holes "
             f"{'down' if phi < 0 else 'up'}. Module {i} {slope(a, alpha)}."
         )
         yield f"<section>{joint(design.task.module.bracket_sizes, a, alpha)}{paragraph(text)}</section>"
@@ -129,7 +117,7 @@ def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
         yield paragraph("No connector is named for a straight rod to the end-effector: it is not part of this kit.")
         return
     i, a = design.mount.module, design.mount.port
-    x, y, z = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
+    x, y, z = (at.R[i] @ brackets.connector_turn(a)).T @ (rod.end - rod.start) / rod.length
     yield paragraph(
         f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
         f"up. Cut the rod to {1000 * rod.length:.1f} mm, push it in until it bottoms out, and close the clamp with "
@@ -168,7 +156,7 @@ def joint(sizes: Bracket, port: int, alpha: float) -> str:
     The eye is where the hinge's turn phi about the bracket's y is clockwise for a positive phi: at -y.
     """
     r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
-    phi = TURNS[port] * alpha
+    phi = brackets.TURNS[port] * alpha
     span = 3.2 * d
     svg = [HEAD.format(-span, -span, 2 * span, 2 * span, f"joint at {math.degrees(alpha):.3f} degrees")]
     flange = np.array([[-d, -r], [-d + t, -r], [-d + t, r], [-d, r]])
@@ -191,7 +179,7 @@ def slope(port: int, alpha: float) -> str:
     """Return how a child slopes away from its parent, for a reader who has the parent level before them."""
     if alpha == 0:
         return "is in line"
-    return "slopes down" if TURNS[port] * alpha > 0 else "slopes up"
+    return "slopes down" if brackets.TURNS[port] * alpha > 0 else "slopes up"
 
 
 def _turn(points: Array, phi: float) -> Array:
@@ -314,9 +302,9 @@ ABOUT_PARTS = (
 def parts_list(design: Design, solids: Printed) -> list[Row]:
     """Return a row for every kind of part, then the total, and the mass of the model."""
     task, bracket = design.task, design.task.module.bracket_sizes
-    brackets, mount, struts = solids
+    hinges, mount, struts = solids
     rows = [_row("module", design.topology.n, "", task.module.mass)]
-    rows += [_part_row("bracket", part) for part in brackets]
+    rows += [_part_row("bracket", part) for part in hinges]
     rows += [_part_row("strut", part) for part in struts]
     flanges = 2 * (design.topology.n - 1) + sum(part.count for part in struts)
     rod = rod_of(design, platform(design))
@@ -329,8 +317,8 @@ def parts_list(design: Design, solids: Printed) -> list[Row]:
     hole = bracket.bolt_diameter
     if flanges:
         rows.append(_bolt_row("bolt with nut", 4 * flanges, *bolt_of(hole, 2 * bracket.thickness)))
-    if mount is not None and rod is not None and has_clamp(bracket, grip_of(rod)):
-        rows.append(_bolt_row("clamp bolt with nut", 1, *bolt_of(hole, 2 * bracket.wall + SLOT)))
+    if mount is not None and rod is not None and brackets.has_clamp(bracket, brackets.grip_of(rod)):
+        rows.append(_bolt_row("clamp bolt with nut", 1, *bolt_of(hole, 2 * bracket.wall + brackets.SLOT)))
     total = sum(float(row[4]) for row in rows)
     rows.append(("all parts", "", "", "", f"{total:.4f}", ""))
     rows.append(("model of the search", "", "", "", f"{task.total_mass(task.n):.4f}", ""))

@@ -18,22 +18,11 @@ from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.model.load_case import labels
 from topo_search.model.value import BadInput, Fault
+from topo_search.simulation import scenarios
 from topo_search.simulation.controller import Allocator, Controller
 from topo_search.simulation.fly import Options, Track, Watch, fly, judge
 from topo_search.simulation.plant import Nominal, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, Outcome, ScenarioResult, digest_of
-from topo_search.simulation.scenarios import (
-    TILT,
-    Scenario,
-    dead_rotor,
-    exertion,
-    gust,
-    hold,
-    hold_at_tip,
-    hover_scenarios,
-    imbalance,
-    tilts,
-)
 from verify.air.bound import air
 from verify.kinematics import platform
 from verify.requirements import Scene
@@ -113,7 +102,7 @@ def tell_losses(nominal: Nominal, losses: tuple[float, ...]) -> str:
 CORNERS = 12
 """Largest number of vertices of cones and sets that are flown, a second or two each."""
 
-Flown = tuple[Scenario, Track]
+Flown = tuple[scenarios.Scenario, Track]
 
 
 @dataclass(frozen=True)
@@ -131,7 +120,7 @@ def fly_all(
     rotor_out: bool = False,
     only: tuple[str, ...] = (),
     tell: Callable[[ScenarioResult], None] = lambda _: None,
-    watch: Callable[[Scenario], Watch | None] = lambda _: None,
+    watch: Callable[[scenarios.Scenario], Watch | None] = lambda _: None,
 ) -> Campaign:
     """Fly everything that can be flown with a design.
 
@@ -208,7 +197,7 @@ def fly_all(
     )
 
 
-def plan(design: Design, rotor: int, rotor_out: bool) -> list[Scenario | ScenarioResult]:
+def plan(design: Design, rotor: int, rotor_out: bool) -> list[scenarios.Scenario | ScenarioResult]:
     """Return all scenarios of a design in order; those that are not flown as their results.
 
     Args:
@@ -217,28 +206,28 @@ def plan(design: Design, rotor: int, rotor_out: bool) -> list[Scenario | Scenari
         rotor_out: whether its death has to be survived even if the task does not ask for it.
     """
     tilt = design.task.flight.tilt_deg
-    planned: list[Scenario | ScenarioResult] = [
-        *hover_scenarios(),
-        *tilts(tilt or TILT, counts=tilt > 0),
-        gust(nominal(design)),
+    planned: list[scenarios.Scenario | ScenarioResult] = [
+        *scenarios.hover_scenarios(),
+        *scenarios.tilts(tilt or scenarios.TILT, counts=tilt > 0),
+        scenarios.gust(nominal(design)),
     ]
     solid = any(region.solid for region in design.task.exposure)
     weakest = _weakest_corners(design)
     for k, (name, case) in enumerate(zip(labels(design.task.load_cases), design.task.load_cases, strict=True)):
-        if (why := imbalance(design, case)) is not None:
+        if (why := scenarios.imbalance(design, case)) is not None:
             also = f"; nor are its {len(case.corners)} corners" if case.corners else ""
             planned.append(ScenarioResult(name=name, verdict="not flown", reason=why + also))
             continue
-        planned += hold(name, case, solid=solid) or [_as_hover(name)]
+        planned += scenarios.hold(name, case, solid=solid) or [_as_hover(name)]
         chosen = [number for number in range(len(case.corners)) if (k, number) in weakest]
         for number in chosen:  # of a contact no wall is known but that of the case
             called = f"{name}, corner {number}"
-            planned.append(hold_at_tip(called, case.corners[number]) or _as_hover(called))
+            planned.append(scenarios.hold_at_tip(called, case.corners[number]) or _as_hover(called))
         if others := len(case.corners) - len(chosen):
             why = f"only the {CORNERS} corners of all load cases with the least load factors are flown"
             planned.append(ScenarioResult(name=f"{name}, {others} other corners", verdict="not flown", reason=why))
     required = design.task.flight.rotor_out != "none"
-    return [*planned, dead_rotor(rotor, counts=rotor_out or required)]
+    return [*planned, scenarios.dead_rotor(rotor, counts=rotor_out or required)]
 
 
 def _weakest_corners(design: Design) -> set[tuple[int, int]]:
@@ -246,8 +235,8 @@ def _weakest_corners(design: Design) -> set[tuple[int, int]]:
     known = nominal(design)
     factors = []
     for k, case in enumerate(design.task.load_cases):
-        if imbalance(design, case) is None:
-            loads = [known.about_com(exertion(corner)) for corner in case.corners]
+        if scenarios.imbalance(design, case) is None:
+            loads = [known.about_com(scenarios.exertion(corner)) for corner in case.corners]
             factors += [(load_factor(known, load), k, number) for number, load in enumerate(loads)]
     return {(k, number) for _, k, number in sorted(factors)[:CORNERS]}
 
