@@ -18,7 +18,7 @@ import ssl
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -27,7 +27,7 @@ from multiprocessing import current_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from topo_search.engine.workers import Engine, Failed, Item, Result, Workers, WorkersLost
+from topo_search.engine.workers import Engine, Failed, Item, Result, Results, Work, Workers, WorkersLost
 from topo_search.limits import quantity
 from topo_search.model import BadInput
 from topo_search.supervisor import tell
@@ -465,73 +465,56 @@ class DaskWorkers(Engine):
                 self._result(future)
             self._look()
 
-    def run(
-        self,
-        function: Callable[[Item], Result],
-        jobs: Iterable[Item | None],
-        *,
-        deadline: Callable[[Item], float],
-        until: float = math.inf,
-    ) -> Generator[tuple[Item, Result | Failed], None, None]:
-        """Yield (job, result) as batches end; about four batches a Dask thread are drawn from `jobs` ahead."""
-        source = iter(jobs)
-        suspects: list[Item] | None = None
-        while suspects is None or suspects:
-            suspects = []
-            for batch, ended in self._batches(function, source, deadline, until):
-                if isinstance(ended, Failed):
-                    suspects += batch
-                else:
-                    yield from _results(batch, ended)
-            for suspect in suspects:  # alone, each can only have ended its Dask worker itself
-                for batch, ended in self._batches(function, iter([suspect]), deadline, until):
-                    yield from [(suspect, ended)] if isinstance(ended, Failed) else _results(batch, ended)
-
-    def _batches(
-        self,
-        function: Callable[[Item], Result],
-        source: Iterator[Item | None],
-        deadline: Callable[[Item], float],
-        until: float,
-    ) -> Iterator[tuple[list[Item], Ended | Failed]]:
-        """Yield batches with what came back; Failed if the Dask workers that ran one ended again and again.
+    def do(self, work: Work[Item, Result]) -> Results[Item, Result]:
+        """Yield (job, result) as batches end; about four batches a Dask thread are drawn from the jobs ahead.
 
         Jobs that a batch had no time to begin are sent again, before new ones are drawn. It ends when none runs and
-        the source has none, even if that has more once all are known.
+        there are none, even if there are more once all are known.
         """
-        waiting: deque[Item] = deque()
+        waiting, suspects, alone = deque[Item](), deque[Item](), list[Item]()
         running: dict[Future[Ended], list[Item]] = {}
         size = 1
 
         def draw() -> list[Item]:
             """Take a batch; when few jobs are left, all threads shall have some of them."""
+            nonlocal alone
+            if alone:
+                return []
             batches = 2 * max(1, self._threads)
-            while len(waiting) < batches * size and (job := next(source, None)) is not None:
+            while len(waiting) < batches * size and (job := next(work.jobs, None)) is not None:
                 waiting.append(job)
-            share = math.ceil(len(waiting) / batches)
-            return [waiting.popleft() for _ in range(min(size, share))]
+            if suspects and not waiting and not running:  # alone, each can only have ended its Dask worker itself
+                alone = [suspects.popleft()]
+                return alone
+            return [waiting.popleft() for _ in range(min(size, math.ceil(len(waiting) / batches)))]
 
         batch = draw()
         try:
-            while (batch or running) and time.monotonic() < until:
+            while (batch or running) and time.monotonic() < work.until:
                 self._look()
                 while batch and len(running) < 2 * self._threads:
-                    calls = tuple(pickle.dumps((function, job)) for job in batch)
-                    sent = Batch(calls, tuple(map(deadline, batch)), until - time.monotonic(), self._versions)
-                    running[self._connection.submit(run_guarded, sent)] = batch
+                    calls = tuple(pickle.dumps((work.function, job)) for job in batch)
+                    limits = tuple(map(work.deadline, batch)), work.until - time.monotonic()
+                    running[self._connection.submit(run_guarded, Batch(calls, *limits, self._versions))] = batch
                     batch = draw()
-                pause = min(DURATIONS.poll, max(0.0, until - time.monotonic()))
+                pause = min(DURATIONS.poll, max(0.0, work.until - time.monotonic()))
                 if not running:
                     time.sleep(pause)  # for a first Dask worker
                 for future in wait(running, pause, FIRST_COMPLETED).done:
                     jobs, ended = running.pop(future), self._result(future)
-                    if isinstance(ended, Ended) and ended.results:
+                    if isinstance(ended, Failed) and jobs is alone:
+                        yield jobs[0], ended
+                    elif isinstance(ended, Failed):
+                        suspects.extend(jobs)
+                    elif ended.results:
                         fitting = int(DURATIONS.batch * len(ended.results) / ended.seconds)
                         size = min(max(1, fitting), 50)  # no more: they come back together
                         numbers = {number for number, _ in ended.results}
-                        left = [job for number, job in enumerate(jobs) if number not in numbers]
-                        waiting.extendleft(reversed(left))
-                    yield jobs, ended
+                        waiting.extendleft(jobs[k] for k in reversed(range(len(jobs))) if k not in numbers)
+                        for number, result in ended.results:
+                            yield jobs[number], result if isinstance(result, Failed) else pickle.loads(result)
+                    if jobs is alone:
+                        alone = []
                 batch = batch or draw()
         finally:
             if self._connection.stands:
@@ -583,8 +566,3 @@ class DaskWorkers(Engine):
             fault = f"{type(error).__name__}: {error}"
             raise WorkersLost(f"the Dask cluster at {self.address} cannot take jobs ({fault})")
         return future.result()
-
-
-def _results(batch: list[Item], ended: Ended) -> Iterator[tuple[Item, Any]]:
-    for number, result in ended.results:
-        yield batch[number], result if isinstance(result, Failed) else pickle.loads(result)

@@ -109,6 +109,23 @@ class WorkersLost(RuntimeError):
     """There is no worker: none lives long enough to take a job, or nobody answers where they should be."""
 
 
+Results = Generator[tuple[Item, Result | Failed], None, None]
+
+
+@dataclass(frozen=True)
+class Work(Generic[Item, Result]):
+    """What an engine is given to do."""
+
+    function: Callable[[Item], Result]
+    """Importable and pure."""
+    jobs: Iterator[Item | None]
+    """Picklable values, drawn lazily; None while the next job waits for another result."""
+    deadline: Callable[[Item], float]
+    """Seconds that a job may take."""
+    until: float
+    """time.monotonic() at which to stop: what runs then is dropped and no more is begun."""
+
+
 class Engine(Protocol):
     """Runs pure functions elsewhere; which engine it is, and how fast, changes nothing in what they return."""
 
@@ -119,20 +136,19 @@ class Engine(Protocol):
         *,
         deadline: Callable[[Item], float],
         until: float = math.inf,
-    ) -> Generator[tuple[Item, Result | Failed], None, None]:
+    ) -> Results[Item, Result]:
         """Yield (job, result) as jobs end, in any order; `jobs` is drawn from only seconds ahead of the workers.
 
-        A job that crashes its process or passes its deadline is tried twice, then comes back as Failed.
-
-        Args:
-            function: importable and pure.
-            jobs: picklable values, drawn lazily; None while the next job waits for another result.
-            deadline: seconds that a job may take.
-            until: time.monotonic() at which to stop: what runs then is dropped and no more is begun.
+        A job that crashes its process or passes its deadline is tried twice, then comes back as Failed. Arguments
+        are those of `Work`.
 
         Raises:
             WorkersLost: no worker can take a job.
         """
+        return self.do(Work(function, iter(jobs), deadline, until))
+
+    def do(self, work: Work[Item, Result]) -> Results[Item, Result]:
+        """Yield what `run` does."""
         ...
 
     def run_one(self, function: Callable[[Item], Result], job: Item, *, deadline: float) -> Result | Failed:
@@ -307,24 +323,17 @@ class CallingProcess(_OneThread):
     A job that crashes or never ends takes its caller with it: it is for a single candidate, and for no user's code.
     """
 
-    def run(
-        self,
-        function: Callable[[Item], Result],
-        jobs: Iterable[Item | None],
-        *,
-        deadline: Callable[[Item], float],
-        until: float = math.inf,
-    ) -> Generator[tuple[Item, Result | Failed], None, None]:
+    def do(self, work: Work[Item, Result]) -> Results[Item, Result]:
         """Yield (job, result) in order."""
-        for job in jobs:
-            if job is None or time.monotonic() >= until:
+        for job in work.jobs:
+            if job is None or time.monotonic() >= work.until:
                 return
             result: Result | Failed
             try:
                 with _interrupts_repeated():
-                    result = function(job)
+                    result = work.function(job)
             except Exception as error:  # noqa: BLE001 (as in a worker, it is the result of the job)
-                result = _failure(error, deadline(job))
+                result = _failure(error, work.deadline(job))
             yield job, result
 
 
@@ -349,37 +358,29 @@ class Workers(_OneThread):
         if isinstance(error := raised[1], WorkersLost):  # its message says all; where it was noticed is no help
             raise error.with_traceback(None) from None
 
-    def run(
-        self,
-        function: Callable[[Item], Result],
-        jobs: Iterable[Item | None],
-        *,
-        deadline: Callable[[Item], float],
-        until: float = math.inf,
-    ) -> Generator[tuple[Item, Result | Failed], None, None]:
+    def do(self, work: Work[Item, Result]) -> Results[Item, Result]:
         """Yield (job, result) as jobs end; at most two jobs a worker are drawn from `jobs` ahead."""
         waiting: deque[_Try[Item]] = deque()
         running: dict[Future[Any], _Try[Item]] = {}
-        source = iter(jobs)
         try:
-            while time.monotonic() < until:
+            while time.monotonic() < work.until:
                 if self._pool is not None and not self._pool.active:
                     self._break()
                     waiting.extendleft(running.values())
                     running.clear()
                 while len(running) < 2 * self.count:
                     if not waiting:
-                        if (job := next(source, None)) is None:
+                        if (job := next(work.jobs, None)) is None:
                             break
                         waiting.append(_Try(job))
                     since = time.monotonic()
-                    future = self._submit(function, waiting[0].job, deadline(waiting[0].job))
+                    future = self._submit(work, waiting[0].job)
                     if future is None:
                         break
                     running[future] = replace(waiting.popleft(), since=since)
                 if not running and not waiting:
                     return
-                ended = wait(running, min(1.0, max(0.0, until - time.monotonic())), FIRST_COMPLETED).done
+                ended = wait(running, min(1.0, max(0.0, work.until - time.monotonic())), FIRST_COMPLETED).done
                 for future in ended:
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
@@ -388,7 +389,7 @@ class Workers(_OneThread):
                         raise error
                     trial = running.pop(future)
                     self._breaks = 0
-                    allowed = deadline(trial.job)
+                    allowed = work.deadline(trial.job)
                     early = time.monotonic() - trial.since < allowed
                     if early and isinstance(error, TimeoutError) and error.__cause__ is None:  # the pool's own
                         waiting.appendleft(trial)  # it reads the time of day, and that jumped
@@ -403,7 +404,7 @@ class Workers(_OneThread):
             if running:
                 self._stop()
 
-    def _submit(self, function: Callable[[Item], Result], job: Item, deadline: float) -> Future[Any] | None:
+    def _submit(self, work: Work[Item, Result], job: Item) -> Future[Any] | None:
         """Hand a job to the pool; None if the pool has just broken."""
         if self._pool is None:
             self._pool = ProcessPool(
@@ -414,8 +415,8 @@ class Workers(_OneThread):
             if not started:
                 raise WorkersLost("no worker process could be started")
         try:
-            call = pickle.dumps((function, job))
-            future: Future[Any] = self._pool.schedule(call_pickled, args=(call,), timeout=deadline)
+            call = pickle.dumps((work.function, job))
+            future: Future[Any] = self._pool.schedule(call_pickled, args=(call,), timeout=work.deadline(job))
         except RuntimeError:
             if self._pool.active:
                 raise

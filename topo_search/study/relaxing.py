@@ -12,19 +12,20 @@ defaults that depend on it included.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from heapq import nsmallest
 from itertools import islice
-from operator import attrgetter, methodcaller
 from typing import Any
 
 from topo_search.engine import Backends, Failed, Job, audit_deadline, scaled_violation
 from topo_search.model import Infeasible, Relaxed, ResolvedTask, Task, Topology
 from topo_search.model.design import STARTS, Relaxation
-from topo_search.model.exposure import Allowed, Exterior, Local
+from topo_search.model.exposure import Allowed, Exterior, Plane
 from topo_search.model.files import to_json
+from topo_search.model.shape import NOWHERE
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.progress import solving_phase
@@ -81,123 +82,73 @@ class Relaxable:
 
 def relaxable(task: Task, n: int) -> list[Relaxable]:
     """Return the limits of a task for n modules that can be relaxed without another module or another tree."""
-    return [one for one in (*_module(task), *_search(task, n), *_exposure(task), *_flight(task)) if one.shares]
+    limits = (*_numbers(task, n), *_freed(task), *_others(task))
+    return [limit for limit in limits if limit.shares]
 
 
-def _module(task: Task) -> Iterator[Relaxable]:
-    module = task.module
-    if module.max_thrust is None:
-        yield _scale(task, "rotor limits", "module", "max_thrust_to_weight", 1.0, "more thrust")
-    else:
-        strongest = module.max_thrust
-
-        def strengthen(x: float) -> Task:
-            thrust = _round_to_print(strongest * (1 + x))
-            ratio = 4 * thrust / (module.mass * task.gravity)
-            return _with(task, "module", max_thrust=thrust, max_thrust_to_weight=ratio)
-
-        value = attrgetter("module.max_thrust")
-        yield Relaxable("rotor limits", "module.max_thrust", "more thrust", 1.0, strengthen, value, "N")
-    yield _scale(task, "distance of module centres", "module", "connector_distance", 1.0, "longer connectors", "m")
-
-
-def _search(task: Task, n: int) -> Iterator[Relaxable]:
-    if task.search.peak_input < 1:
-        most = 1 / task.search.peak_input - 1
-        yield _scale(task, "rotor inputs", "search", "peak_input", most, "larger share of the largest input")
-    if task.search.root == "paper":
-        free_root = _with(task, "search", root="free")
-        yield _free("orientation of the root", 'search.root = "free"', free_root)
-    if task.search.hinge_set_deg is not None:
-        given = "hinge_step_deg" if task.search.hinge_angles_deg is None else "hinge_angles_deg"
-        any_angle = task.model_copy(update={"search": task.search.any_angle})
-        yield _free("set of hinge angles", f"search.{given} left out", any_angle)
-    if task.end_effector.fixed_position is not None:
-        free_tip = _with(task, "end_effector", position="free")
-        yield _free("position of the end-effector", 'end_effector.position = "free"', free_tip)
-    if task.largest_reach(n) is not None:
-        field, reach = ("end_effector", "largest_reach"), methodcaller("largest_reach", n)
-        yield _scale(task, "reach of the rod", *field, 1.0, "more reach", "m", reach)
-        shorter = _scale(task, "reach of the rod, tightened", *field, RELAXING.least - 1, "less reach", "m", reach)
-        yield replace(shorter, tightens=True)
-    if task.end_effector.stand_off:
-        less = "less stand-off of the end-effector"
-        yield _scale(task, "stand-off", "end_effector", "stand_off", RELAXING.least - 1, less, "m")
-
-
-def _exposure(task: Task) -> Iterator[Relaxable]:
+def _numbers(task: Task, n: int) -> Iterator[Relaxable]:
+    """Yield the limits that are numbers: each with the largest share that it grows by, negative if it shrinks."""
+    by_weight, least = float(task.module.max_thrust is None), RELAXING.least - 1
+    force, torque = ("N", "N m") if task.flight.units == "SI" else ("m_t g", "l_arm m_t g")
+    larger = 1 / task.search.peak_input - 1
+    table: list[tuple[str | int, str, str, float, str, str]] = [
+        ("module", "max_thrust_to_weight", "rotor limits", by_weight, "more thrust", ""),
+        ("module", "max_thrust", "rotor limits", 1.0, "more thrust", "N"),
+        ("module", "connector_distance", "distance of module centres", 1.0, "longer connectors", "m"),
+        ("search", "peak_input", "rotor inputs", larger, "larger share of the largest input", ""),
+        ("end_effector", "largest_reach", "reach of the rod", 1.0, "more reach", "m"),
+        ("end_effector", "largest_reach", "reach of the rod, tightened", least, "less reach", "m"),
+        ("end_effector", "stand_off", "stand-off", least, "less stand-off of the end-effector", "m"),
+        ("flight", "force_reserve", "reserve of force", least, "less", force),
+        ("flight", "torque_reserve", "reserve of torque", least, "less", torque),
+        ("flight", "tilt_deg", "tilt held in hover", least, "less", "deg"),
+        ("flight", "com_error", "error of the centre of mass", least, "less", "m"),
+        ("flight", "angular_acceleration", "angular acceleration", least, "less", ""),
+        ("flight", "joint_force", "force in a joint", 1.0, "larger force", "N"),
+        ("flight", "joint_moment", "moment in a joint", 1.0, "larger moment", "N m"),
+    ]
     for number, exposure in enumerate(task.exposure):
-        if exposure.speed is not None:
-            limit = f"air over exposure {number} ({exposure.kind})"
-            yield _scale(task, limit, number, "speed", 1.0, "faster air", "m/s")
         limit = f"exposure {number} ({exposure.kind})"
-        if isinstance(exposure, Exterior):
-            most = min(1.0, 90 / exposure.half_angle_deg - 1)
-            yield _scale(task, limit, number, "half_angle_deg", most, "wider cone", "deg")
-        elif isinstance(exposure, Allowed):
-            more, moved = "of the airflow's length as extra room", partial(_move_planes, task, number)
-            yield Relaxable(limit, f"exposure[{number}].planes", more, 1.0, moved, lambda _: None)
-        elif exposure.radius is not None:
-            yield _scale(task, limit, number, "radius", RELAXING.least - 1, "smaller radius", "m")
-        elif isinstance(exposure, Local):
-            shape = next(name for name in ("box", "vertices", "pieces") if getattr(exposure, name) is not None)
-            field, reduced = f"exposure[{number}].{shape}", partial(_reduce, task, number, shape)
-            yield Relaxable(limit, field, "smaller region", 1 - RELAXING.least, reduced, lambda _: None)
+        wider = min(1.0, 90 / exposure.half_angle_deg - 1) if isinstance(exposure, Exterior) else 0.0
+        table += [
+            (number, "speed", f"air over {limit}", 1.0, "faster air", "m/s"),
+            (number, "half_angle_deg", limit, wider, "wider cone", "deg"),
+            (number, "radius", limit, least, "smaller radius", "m"),
+            *((number, shape, limit, least, "smaller region", "") for shape in ("box", "vertices", "pieces")),
+        ]
+    for part, name, limit, most, more, unit in table:
+        value = partial(_value, n, part, name)
+        if (given := value(task)) and given != NOWHERE:
+            field = f"{part}.{name}" if isinstance(part, str) else f"exposure[{part}].{name}"
+            change = partial(_change, task, part, name, given, math.copysign(1.0, most))
+            number_of = _none if isinstance(given, tuple) else value
+            tightens = name == "largest_reach" and most < 0
+            yield Relaxable(limit, field, more, abs(most), change, number_of, unit, tightens=tightens)
 
 
-def _move_planes(task: Task, number: int, x: float) -> Task:
-    """Return the task with the planes of a requirement farther out, by a share of the airflow's length."""
-    planes, length = attrgetter("planes")(task.exposure[number]), task.module.region_envelope.length
-    farther = (plane.model_copy(update={"offset": plane.offset + x * length}) for plane in planes)
-    return _with(task, number, planes=tuple(farther))
+def _none(_: Task) -> None:
+    return None
 
 
-def _reduce(task: Task, number: int, shape: str, x: float) -> Task:
-    return _with(task, number, **{shape: _times(getattr(task.exposure[number], shape), 1 - x)})
+def _value(n: int, part: str | int, name: str, task: Task) -> Any:
+    """Return what a field of a part, as of `_with`, is or stands for; None where there is none."""
+    if name == "largest_reach":
+        return task.largest_reach(n)
+    if name in ("joint_force", "joint_moment"):
+        return task.joint_limits[name == "joint_moment"]
+    return getattr(getattr(task, part) if isinstance(part, str) else task.exposure[part], name, None)
+
+
+def _change(task: Task, part: str | int, name: str, given: Any, sign: float, share: float) -> Task:
+    fields = {name: _times(given, 1 + sign * share)}
+    if name == "max_thrust":
+        fields["max_thrust_to_weight"] = 4 * fields[name] / (task.module.mass * task.gravity)
+    return _with(task, part, **fields)
 
 
 def _times(given: Any, factor: float) -> Any:
-    return tuple(_times(each, factor) for each in given) if isinstance(given, tuple) else factor * given
-
-
-def _flight(task: Task) -> Iterator[Relaxable]:
-    force, torque = ("N", "N m") if task.flight.units == "SI" else ("m_t g", "l_arm m_t g")
-    for name, limit, unit in (
-        ("force_reserve", "reserve of force", force),
-        ("torque_reserve", "reserve of torque", torque),
-        ("tilt_deg", "tilt held in hover", "deg"),
-        ("com_error", "error of the centre of mass", "m"),
-    ):
-        if getattr(task.flight, name):
-            yield _scale(task, limit, "flight", name, RELAXING.least - 1, "less", unit)
-    if any(accelerations := task.flight.angular_acceleration):
-
-        def slow(x: float) -> Task:
-            slower = tuple(_round_to_print(a * (1 - x)) for a in accelerations)
-            return _with(task, "flight", angular_acceleration=slower)
-
-        field = "flight.angular_acceleration"
-        yield Relaxable("angular acceleration", field, "less", 1 - RELAXING.least, slow, lambda _: None)
-    for index, (name, what, unit) in enumerate((("joint_force", "force", "N"), ("joint_moment", "moment", "N m"))):
-        if task.joint_limits[index] is not None:
-
-            def bears(of: Task, index: int = index) -> float | None:
-                return of.joint_limits[index]
-
-            yield _scale(task, f"{what} in a joint", "flight", name, 1.0, f"larger {what}", unit, bears)
-
-    def lighten(x: float) -> Task:
-        # the weight stays
-        lighter = tuple(case.scale(1 - x, 1 - x).model_copy(update={"com": case.com}) for case in task.cases)
-        return task.model_copy(update={"load_cases": lighter, "task_seed": None})
-
-    if lighten(0.5).load_cases != task.cases:
-        more = "less force and torque at the end-effector"
-        yield Relaxable("load cases", "load_cases", more, 1 - RELAXING.least, lighten, lambda _: None)
-
-
-def _round_to_print(value: float) -> float:
-    return float(f"{value:.6g}")  # as `Relaxation.setting` prints it
+    """Return a number, or all numbers in lists, scaled and rounded as `Relaxation.setting` prints them."""
+    return tuple(_times(x, factor) for x in given) if isinstance(given, tuple) else float(f"{given * factor:.6g}")
 
 
 def _with(task: Task, part: str | int, **fields: Any) -> Task:
@@ -208,36 +159,48 @@ def _with(task: Task, part: str | int, **fields: Any) -> Task:
     return task.model_copy(update={"exposure": (*task.exposure[:part], changed, *task.exposure[part + 1 :])})
 
 
-def _scale(
-    task: Task,
-    limit: str,
-    part: str | int,
-    name: str,
-    most: float,
-    more: str,
-    unit: str = "",
-    value: Callable[[Task], float | None] | None = None,
-) -> Relaxable:
-    """Return a limit that is one number of a part, as of `_with`: it grows if `most` is positive, else shrinks.
-
-    `value`: what the number is where the field itself may be left out; default: the field.
-    """
-
-    def field_value(of: Task) -> float:
-        return float(getattr(of.exposure[part] if isinstance(part, int) else getattr(of, part), name))
-
-    value = value or field_value
-    given, sign = value(task) or 0.0, 1 if most > 0 else -1
-
-    def change(x: float) -> Task:
-        return _with(task, part, **{name: _round_to_print(given * (1 + sign * x))})
-
-    field = f"{part}.{name}" if isinstance(part, str) else f"exposure[{part}].{name}"
-    return Relaxable(limit, field, more, abs(most), change, value, unit)
+def _freed(task: Task) -> Iterator[Relaxable]:
+    """Yield the limits that are there or not."""
+    search = task.search
+    given = "hinge_step_deg" if search.hinge_angles_deg is None else "hinge_angles_deg"
+    any_angle = task.model_copy(update={"search": search.any_angle})
+    free_root = _with(task, "search", root="free")
+    free_tip, fixed = _with(task, "end_effector", position="free"), task.end_effector.fixed_position is not None
+    for limit, field, holds, freed in (
+        ("orientation of the root", 'search.root = "free"', search.root == "paper", free_root),
+        ("set of hinge angles", f"search.{given} left out", search.hinge_set_deg is not None, any_angle),
+        ("position of the end-effector", 'end_effector.position = "free"', fixed, free_tip),
+    ):
+        if holds:
+            yield Relaxable(limit, field, "freeing it", 1.0, partial(_as_freed, freed), _none, at_once=True)
 
 
-def _free(limit: str, field: str, freed: Task) -> Relaxable:
-    return Relaxable(limit, field, "freeing it", 1.0, lambda _: freed, lambda _: None, at_once=True)
+def _as_freed(freed: Task, _: float) -> Task:
+    return freed
+
+
+def _others(task: Task) -> Iterator[Relaxable]:
+    """Yield the planes of requirements, moved outwards by a share of the airflow's length, and the load cases."""
+    for number, exposure in enumerate(task.exposure):
+        if isinstance(exposure, Allowed):
+            limit, more = f"exposure {number} ({exposure.kind})", "of the airflow's length as extra room"
+            moved = partial(_move_planes, task, number, exposure.planes)
+            yield Relaxable(limit, f"exposure[{number}].planes", more, 1.0, moved, _none)
+
+    def lighten(x: float) -> Task:
+        # the weight stays
+        lighter = tuple(case.scale(1 - x, 1 - x).model_copy(update={"com": case.com}) for case in task.cases)
+        return task.model_copy(update={"load_cases": lighter, "task_seed": None})
+
+    if lighten(0.5).load_cases != task.cases:
+        more = "less force and torque at the end-effector"
+        yield Relaxable("load cases", "load_cases", more, 1 - RELAXING.least, lighten, _none)
+
+
+def _move_planes(task: Task, number: int, planes: Sequence[Plane], x: float) -> Task:
+    length = task.module.region_envelope.length
+    farther = (plane.model_copy(update={"offset": plane.offset + x * length}) for plane in planes)
+    return _with(task, number, planes=tuple(farther))
 
 
 @dataclass
