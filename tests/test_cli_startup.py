@@ -32,7 +32,7 @@ def loaded_after(statement, names):
     [
         ("import topo_search", [*HEAVY, "pydantic", "numpy", "topo_search.model"]),
         ("import topo_search.model", HEAVY),
-        ("import verify", ["casadi", "nlp", "optuna", "pandas"]),
+        ("import verify", ["casadi", "nlp", "optuna", "pandas", "numpy"]),
         ("from verify import audit", ["casadi", "nlp", "optuna", "pandas", "pebble"]),
         ("import topo_search.cli", [*HEAVY, "pydantic", "numpy", "topo_search.model"]),
     ],
