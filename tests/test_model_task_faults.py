@@ -297,18 +297,7 @@ def test_half_a_file_is_no_task(tmp_path: Path) -> None:
     assert message == "must have fewer nested brackets"
 
 
-def test_a_file_that_is_none(tmp_path: Path) -> None:
-    path = tmp_path / "task.toml"
-    for content, expected in (
-        (b"\x89PNG\r\n\x1a\n", "must be UTF-8 text, but got the byte 0x89 at offset 0"),
-        ("name = 'ü'".encode("latin-1"), "must be UTF-8 text, but got the byte 0xfc at offset 8"),
-    ):
-        path.write_bytes(content)
-        with pytest.raises(BadInput) as caught:
-            read_task(path)
-        assert [str(fault) for fault in caught.value.faults] == [expected]
-    with pytest.raises(BadInput, match="must be a regular file, but is a folder"):
-        read_task(tmp_path)
+def test_a_name_that_is_no_task_is_told_with_those_near_it() -> None:
     with pytest.raises(BadInput, match="psuh: no such file, nor a shipped example; did you mean `push`"):
         read_task("psuh")
     with pytest.raises(BadInput, match="nor a shipped example; valid names are push, "):

@@ -258,6 +258,10 @@ def test_a_fixed_end_effector_stays_where_it_is(position: Any, symmetric: bool) 
         ((below((1, 0, 0, 0.1), (0, 2, 0, 0.1)),), True),
         ((below((1, 0, 0, 0.1), (0, 1, 0, 0.2)),), False),
         ((below((1, 1, 0, -0.1)), Exterior(axis=(-1.0, -1.0, 0.0))), True),
+        ((Local(box=(0.4, 0.4, 0.2)),), True),
+        ((Local(box=(0.4, 0.3, 0.2)),), False),
+        ((Local(vertices=((0.1, 0.2, 0), (0.2, 0.1, 0), (-0.1, -0.1, 0), (0, 0, 0.3))),), True),
+        ((Local(vertices=((0.1, 0.2, 0), (0.2, 0, 0), (-0.1, -0.1, 0), (0, 0, 0.3))),), False),
     ],
 )
 def test_exposure_requirements_are_mapped_onto_themselves(exposure: tuple[Any, ...], symmetric: bool) -> None:
