@@ -102,10 +102,7 @@ def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
         (["topologies", "1000000000"], "is not in the range 1<=x<=1000"),
         (["topologies", "5", "--sample", "1000000000"], "is not in the range 1<=x<=1000000"),
         (["topologies", "9" * 5000], "is not"),
-        (
-            ["solve", "push", "--topology", "a" + "1" * 60_000 + "0"],
-            "must have at most 200 modules, but got 60,001",
-        ),
+        (["solve", "push", "--topology", "a" + "1" * 60_000 + "0"], "must have at most 200 modules, but"),
         (["run", "push", "--workers", "257"], "'--workers': 257 is not in the range 1<=x<=256"),
         (["run", "push", "--starts", "10001"], "'--starts': 10001 is not in the range 1<=x<=10000"),
         (["run", "push", "--time-limit", "1e300"], "1e+300 is not in the range 0<x<=1000000000"),
