@@ -38,11 +38,6 @@ def sideways(platform: SymbolicPlatform):
     return platform.end_effector[1]
 
 
-def largest_inputs(platform: SymbolicPlatform):
-    """All inputs of the first load case [rad^2/s^2]."""
-    return platform.inputs[0]
-
-
 def nonsense(platform: SymbolicPlatform):
     return platform.centres[99]
 

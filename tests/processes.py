@@ -38,7 +38,12 @@ def recorded(folder):
         database.close()
 
 
+def table(folder):
+    """The rows of a run's table by their keys, in its order."""
+    with (folder / "candidates.csv").open(newline="") as stream:
+        return {row["key"]: row for row in csv.DictReader(stream)}
+
+
 def ranking(folder):
     """The rows of a run's table, but how long they took."""
-    with (folder / "candidates.csv").open(newline="") as stream:
-        return [[row[name] for name in COLUMNS if name != "seconds"] for row in csv.DictReader(stream)]
+    return [[row[name] for name in COLUMNS if name != "seconds"] for row in table(folder).values()]

@@ -197,7 +197,6 @@ def test_a_task_may_state_its_envelope_against_regions_by_a_speed(tmp_path: Path
     task = enclose_speed(read_task("push-local", ("module.airflow.speed=2.0",)))
     module = task.resolve(4).module
     regions = module.airflow.regions
-    assert regions is not None
     assert (regions.start_radius, regions.reach) == (found["start_radius_m"], found["reach_m"])
     assert module.envelope == Module().envelope
     assert module.region_envelope.start_radius == found["start_radius_m"]

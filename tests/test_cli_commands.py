@@ -14,7 +14,7 @@ from wording import says
 import nlp
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.model import Assembly, Audit, Clearance, Design, EndEffectorSheet, Infeasible
+from topo_search.model import Assembly, Audit, Design, EndEffectorSheet, Infeasible
 from topo_search.model.files import examples, read_json, read_task
 from topo_search.model.search import Search
 from topo_search.study.directory import Directory
@@ -406,17 +406,3 @@ def test_a_disk_that_fills_up_while_solving_does_not_lose_the_design(command, tm
     assert result.stderr.endswith("No space left on device (design.json)\n")
     assert result.stdout == printed
     assert files(tmp_path) == {"toy.toml"}
-
-
-def test_a_listed_violation_names_both_sides():
-    clearances = {
-        "exclusion": "end-effector exclusion of module 0",
-        "airflow": "airflow of modules 0 and 1",
-        "local": "exposure 0 (local) of module 1",
-    }
-    for kind, told in clearances.items():
-        a, b = {"exclusion": (0, -1), "airflow": (0, 1), "local": (1, 0)}[kind]
-        pair = Clearance(
-            kind=kind, a=a, b=b, status="violated", lower_m=None, upper_m=-0.1, analytic_m=-0.1, level=0
-        )
-        assert pair.name == told

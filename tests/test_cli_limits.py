@@ -10,7 +10,7 @@ from topo_search.cli import main
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Task, Topology
 from topo_search.model.files import read_task, to_toml
-from topo_search.model.text import json_data, toml_data
+from topo_search.model.text import toml_data
 
 HEAD = 'name = "t"\nmodules = 5\n'
 HOVER = "[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n"
@@ -102,10 +102,7 @@ def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
         (["topologies", "1000000000"], "is not in the range 1<=x<=1000"),
         (["topologies", "5", "--sample", "1000000000"], "is not in the range 1<=x<=1000000"),
         (["topologies", "9" * 5000], "is not"),
-        (
-            ["solve", "push", "--topology", "a" + "1" * 60_000 + "0"],
-            "must have at most 200 modules, but got 60,001",
-        ),
+        (["solve", "push", "--topology", "a" + "1" * 60_000 + "0"], "must have at most 200 modules, but"),
         (["run", "push", "--workers", "257"], "'--workers': 257 is not in the range 1<=x<=256"),
         (["run", "push", "--starts", "10001"], "'--starts': 10001 is not in the range 1<=x<=10000"),
         (["run", "push", "--time-limit", "1e300"], "1e+300 is not in the range 0<x<=1000000000"),
@@ -178,14 +175,6 @@ def test_keys_of_as_many_parts_as_allowed_are_read():
     assert toml_data(".".join(["a"] * LIMITS.key_parts) + " = 1")
     # neither numbers in lists, nor texts and comments are keys
     assert toml_data("v = [" + "0.1, " * 1000 + "]\n# " + "1.2, " * 1000 + '\nt = "' + ". " * 1000 + '"')
-
-
-@pytest.mark.parametrize(
-    "text", ["[" * 100_000, '{"a":' * 100_000, "1" + "0" * 5000, '{"a": 1, "a": 2}', "", "nul"]
-)
-def test_json_that_cannot_be_read_is_named(text):
-    with pytest.raises(ValueError, match=r"is not a JSON file|must give every name"):
-        json_data(text)
 
 
 def test_seeds_are_what_toml_can_write():

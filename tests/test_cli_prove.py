@@ -6,8 +6,9 @@ import pytest
 import toy_problem
 from click.testing import CliRunner
 from ledger_edit import forged
+from processes import table
 from test_study_checking import Checker
-from test_study_proving import Prover, table
+from test_study_proving import Prover
 from toy_problem import InProcess, toy_run
 
 from topo_search import compose

@@ -144,14 +144,8 @@ def test_the_command_searches_over_tls(encrypted, certificates, command):
 def test_what_the_command_lacks_is_told_before_a_folder_is_made(certificates, command, tmp_path):
     address = f"tls://127.0.0.1:{free_port()}"
     for words, message in (
-        (
-            ("--dask", address),
-            "needs certificates with tls://HOST:PORT: give --dask-ca, --dask-cert and --dask-key",
-        ),
-        (
-            ("--dask", address, "--dask-ca", str(certificates.ca)),
-            "--dask-key must be given together",
-        ),
+        (("--dask", address), "needs certificates with tls://HOST:PORT: give --dask-ca, --dask-cert and"),
+        (("--dask", address, "--dask-ca", str(certificates.ca)), "--dask-key must be given together"),
         (("--dask-ca", str(certificates.ca)), "--dask-key require --dask"),
     ):
         result = command(*words)

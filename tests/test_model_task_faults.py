@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from wording import told
 
 from topo_search.model import BadInput, Fault, Task
 from topo_search.model.files import examples, read_task, validate
@@ -41,15 +42,8 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
     [
         # unknown names
         ("[search]\nmargn = 1", "search.margn: unknown field; did you mean `margin`?"),
-        (
-            "[module.airflow]\nxyz = 1.0",
-            "module.airflow.xyz: unknown field; valid names are start_radius, spread_angle_deg, reach, jet, "
-            "regions, speed, at",
-        ),
-        (
-            "[[load_cases]]\nunit = 'SI'\ncom = { force = [0, 0, 1] }",
-            "load_cases[1].unit: unknown field; did you mean `units`?",
-        ),
+        ("[module.airflow]\nxyz = 1.0", "module.airflow.xyz: unknown field; valid names are start_radius..."),
+        ("[[load_cases]]\nunit = 'SI'\ncom = { force = [0, 0, 1] }", "load_cases[1].unit: unknown field; did..."),
         ('[module]\n"mas s" = 1', 'module."mas s": unknown field; did you mean `mass`?'),
         # ranges
         ("[module]\nmass = -1", "module.mass: must be greater than 0, but got -1"),
@@ -65,23 +59,14 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "but got 0.03: leave one of them out",
         ),
         ("[module]\nmax_thrust = 1.0\nmass = -1", "module.mass: must be greater than 0, but got -1"),
-        (
-            "[module]\nmin_input = 0.5\n[search]\npeak_input = 0.5",
-            "module.min_input: must be less than the largest share that rotors may use, 0.5, but got 0.5",
-        ),
+        ("[module]\nmin_input = 0.5\n[search]\npeak_input = 0.5", "module.min_input: must be less than the..."),
         (
             "[module]\nmin_input = 0.5\n[goals]\npeak_input = [0.9, 0.4]",
             "module.min_input: must be less than the largest share that rotors may use, 0.4, but got 0.5",
         ),
         ("[module]\narm_length = nan", "module.arm_length: must be a finite number, but got NaN"),
-        (
-            "[module.airflow]\nreach = 0.05",
-            "module.airflow: `reach > start_radius` must hold, but got reach = 0.05, start_radius = 0.1",
-        ),
-        (
-            "[module.body]\ninertia = [1, 1, 3]",
-            "module.body.inertia: no moment may exceed the sum of the other two, but got [1.0, 1.0, 3.0]",
-        ),
+        ("[module.airflow]\nreach = 0.05", "module.airflow: `reach > start_radius` must hold, but got reach =..."),
+        ("[module.body]\ninertia = [1, 1, 3]", "module.body.inertia: no moment may exceed the sum of the..."),
         ("[search]\nbody_clearance = -1", "search.body_clearance: must be greater than 0, but got -1"),
         (CAPSULE + "segments = [[0, 0, 0]]", "exposure[0].segments[0]: must have a direction, but got [0, 0, 0]"),
         (
@@ -92,10 +77,7 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "[[load_cases]]\ncom = { force = [0, 0, nan] }",
             "load_cases[1].com.force[2]: must be a finite number, but got NaN",
         ),
-        (
-            "[[load_cases]]\ncom = { force = [0, 0, 1e308] }",
-            "load_cases[1]: must be at most 1e+15 N and N m, but got 1e+308 weights",
-        ),
+        ("[[load_cases]]\ncom = { force = [0, 0, 1e308] }", "load_cases[1]: must be at most 1e+15 N and N m..."),
         (
             "[[load_cases]]\nname = ''\ncom = { force = [0, 0, 1] }",
             f'load_cases[1].name: {NAME}, but got ""',
@@ -108,10 +90,7 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "[[load_cases]]\nname = 'push'\ncarries_weight = true\n" * 2,
             'load_cases[2].name: must differ from that of load_cases[1], but got "push"',
         ),
-        (
-            "[[load_cases]]\ncarries_weight = false",
-            "load_cases[1]: must have at least one of `end_effector`, `com` and `carries_weight`, but got none",
-        ),
+        ("[[load_cases]]\ncarries_weight = false", "load_cases[1]: must have at least one of `end_effector`..."),
         (
             "[[load_cases]]\nunits = 'SI'\ncarries_weight = true\n[module]\nmass = 1e15",
             [
@@ -119,14 +98,8 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
                 "load_cases[1]: must be at most 1e+15 N and N m, but got 0.0 and the weight, 4.905e+16 N",
             ],
         ),
-        (
-            CAPSULE + "segments = [[1e-320, 0, 0]]",
-            "exposure[0].segments[0]: must be between 1e-15 and 1e15 long, but got [1e-320, 0, 0]",
-        ),
-        (
-            "[[load_cases]]\ncom = { force = [0, 1] }",
-            "load_cases[1].com.force: must be a list of three numbers, but got [0, 1]",
-        ),
+        (CAPSULE + "segments = [[1e-320, 0, 0]]", "exposure[0].segments[0]: must be between 1e-15 and 1e15..."),
+        ("[[load_cases]]\ncom = { force = [0, 1] }", "load_cases[1].com.force: must be a list of three..."),
         (CAPSULE + "segments = []", "exposure[0].segments: must have at least one entry, but got []"),
         (
             CAPSULE + "segments = [1, 0, 0]\n[search]\nroot = 'free'",
@@ -139,39 +112,24 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[module]\nmass = '0.2'", 'module.mass: must be a number, but got "0.2"'),
         ("[module]\nmass = true", "module.mass: must be a number, but got true"),
         ("[module]\nmass = 2024-01-01", 'module.mass: must be a number, but got "2024-01-01"'),
-        (
-            "[end_effector]\nrod = 'bent'",
-            'end_effector.rod: must be "none" or "straight", but got "bent"',
-        ),
+        ("[end_effector]\nrod = 'bent'", 'end_effector.rod: must be "none" or "straight", but got "bent"'),
         ("[end_effector]\nexclusion = 'no'", 'end_effector.exclusion: must be true or false, but got "no"'),
         ("[search]\nbody_clearance = true", "search.body_clearance: must be a length or false, but got true"),
         ("[search]\nconnectors = 1", 'search.connectors: must be "aligned" or "any", but got 1'),
-        (
-            "[end_effector]\nposition = 'here'",
-            'end_effector.position: must be "free", "com" or [x, y, z], but got "here"',
-        ),
-        (
-            "[end_effector]\nposition = [1, 'a', 0]",
-            'end_effector.position[1]: must be a number, but got "a"',
-        ),
+        ("[end_effector]\nposition = 'here'", 'end_effector.position: must be "free", "com" or [x, y, z], but...'),
+        ("[end_effector]\nposition = [1, 'a', 0]", 'end_effector.position[1]: must be a number, but got "a"'),
         (CONE + "axis = 'up'", 'exposure[0].axis: must be "com" or [x, y, z], but got "up"'),
         ("[[exposure]]\nkind = 'locl'", f'exposure[0].kind: {KIND} "locl"'),
         ("[[exposure]]\nradius = 0.1", "exposure[0].kind: is required, but missing"),
         ("[exposure]\nkind = 'local'", 'exposure: must be a list, but got {"kind": "local"}'),
-        (
-            "[[load_cases]]\ncom = 3",
-            "load_cases[1].com: must be a table of named fields, but got 3",
-        ),
+        ("[[load_cases]]\ncom = 3", "load_cases[1].com: must be a table of named fields, but got 3"),
         # rules between fields
         (CAPSULE, f"exposure[0]: {FORMS} none of them"),
         (
             CAPSULE + "segments = [[1, 0, 0]]\npolylines = [[[0, 0, 0], [1, 0, 0]]]",
             f"exposure[0]: {FORMS} segments and polylines",
         ),
-        (
-            CAPSULE + "polylines = [[[0, 0, 0]]]",
-            "exposure[0].polylines[0]: must have at least two points, but got [[0.0, 0.0, 0.0]]",
-        ),
+        (CAPSULE + "polylines = [[[0, 0, 0]]]", "exposure[0].polylines[0]: must have at least two points, but..."),
         (
             CAPSULE + "polylines = [[[1, 0, 0], [1, 0, 0], [2, 0, 0]]]",
             "exposure[0].polylines[0]: must lead from each point to a different one, "
@@ -181,11 +139,7 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             CAPSULE + "segments = [[1, 0, 0]]\nalong = 'end_effector'\nlength = 1",
             f"exposure[0]: {FORMS} segments and along and length",
         ),
-        (
-            CONE + "axis = 'com'\n[end_effector]\nposition = 'com'",
-            "exposure[0]: takes its direction from p_E: `||end_effector.position|| >= 0.01` must hold, "
-            'but got "com"',
-        ),
+        (CONE + "axis = 'com'\n[end_effector]\nposition = 'com'", "exposure[0]: takes its direction from p_E:..."),
         (
             CAPSULE + "along = 'end_effector'\nlength = 1\n[end_effector]\nposition = [0, 0, 0.005]",
             "exposure[0]: takes its direction from p_E: `||end_effector.position|| >= 0.01` must hold, "
@@ -203,67 +157,52 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
     ],
 )
 def test_a_fault_gets_one_message(tmp_path: Path, more: str, expected: str | list[str]) -> None:
-    assert messages(tmp_path, TASK + more) == ([expected] if isinstance(expected, str) else expected)
+    found = messages(tmp_path, TASK + more)
+    assert told(found, [expected] if isinstance(expected, str) else expected), found
+
+
+MISSING = "is required, but missing"
+NOT_TEN = 'task_seed: must be left out unless load_cases = "ten-wrenches", but got 4'
 
 
 @pytest.mark.parametrize(
-    ("modules", "expected"),
+    ("text", "expected"),
     [
-        ("0", "must be at least 1, but got 0"),
-        ("10000", "must be at most 200, but got 10000"),
-        ("2.0", "must be a whole number, but got 2.0"),
-        ("[4, 5, 6]", "must be a whole number of modules or [fewest, most], but got [4, 5, 6]"),
-        ("[6, 4]", "`fewest <= most` must hold, but got [6, 4]"),
+        *(
+            (TASK.replace("= 5", f"= {modules}"), [f"modules: {rule}"])
+            for modules, rule in (
+                ("0", "must be at least 1, but got 0"),
+                ("10000", "must be at most 200, but got 10000"),
+                ("2.0", "must be a whole number, but got 2.0"),
+                ("[4, 5, 6]", "must be a whole number of modules or [fewest, most], but got [4, 5, 6]"),
+                ("[6, 4]", "`fewest <= most` must hold, but got [6, 4]"),
+            )
+        ),
+        (
+            TASK.replace("= 5", "= [0, 4.5]"),
+            ["modules[0]: must be at least 1...", "modules[1]: must be a whole..."],
+        ),
+        ("", [f"{name}: {MISSING}" for name in ("name", "modules", "load_cases")]),
+        (TASK.replace('name = "t"', ""), [f"name: {MISSING}"]),
+        (TASK.replace("modules = 5", ""), [f"modules: {MISSING}"]),
+        ('name = "t"\nmodules = 5\nload_cases = []', ["load_cases: must have at least one entry, but got []"]),
+        ('name = "t"\nmodules = 5\nload_cases = "ten"', ["load_cases: must be a list of load cases or..."]),
+        *(
+            (TASK.replace('"t"', f'"{name}"'), ["name: must be 1 to 64 letters, digits, dots, dashes and..."])
+            for name in ("", "x y", "../x", "-x", "x" * 65, "a/b", "a\\nb")
+        ),
+        (TEN.replace("task_seed = 0\n", ""), ["task_seed: must be given with load_cases..."]),
+        ("task_seed = 4\n" + TASK, [NOT_TEN]),
+        (TEN.replace("= 0", "= -1"), ["task_seed: must be at least 0, but got -1"]),
+        (TEN.replace("= 0", "= 1.5"), ["task_seed: must be a whole number, but got 1.5"]),
+        (TASK + "weight = 0.0\n", ["load_cases: must have a weight greater than 0 in at least one entry..."]),
+        (TASK[: TASK.index("force") + 3], ["is not a TOML file, or only a part of one: ..."]),
+        ("x = " + "[" * 10_000, ["must have fewer nested brackets"]),
     ],
 )
-def test_wrong_numbers_of_modules(tmp_path: Path, modules: str, expected: str) -> None:
-    text = TASK.replace("modules = 5", f"modules = {modules}")
-    assert messages(tmp_path, text) == [f"modules: {expected}"]
-
-
-def test_wrong_entries_of_a_range(tmp_path: Path) -> None:
-    text = TASK.replace("modules = 5", "modules = [0, 4.5]")
-    assert messages(tmp_path, text) == [
-        "modules[0]: must be at least 1, but got 0",
-        "modules[1]: must be a whole number, but got 4.5",
-    ]
-
-
-def test_missing_fields(tmp_path: Path) -> None:
-    required = [f"{name}: is required, but missing" for name in ("name", "modules", "load_cases")]
-    assert messages(tmp_path, "") == required
-    for name, line in (("name", 'name = "t"\n'), ("modules", "modules = 5\n")):
-        assert messages(tmp_path, TASK.replace(line, "")) == [f"{name}: is required, but missing"]
-
-
-@pytest.mark.parametrize(
-    ("load_cases", "expected"),
-    [
-        ("[]", "must have at least one entry, but got []"),
-        ('"ten"', 'must be a list of load cases or "ten-wrenches", but got "ten"'),
-    ],
-)
-def test_wrong_load_cases(tmp_path: Path, load_cases: str, expected: str) -> None:
-    text = f'name = "t"\nmodules = 5\nload_cases = {load_cases}'
-    assert messages(tmp_path, text) == [f"load_cases: {expected}"]
-
-
-@pytest.mark.parametrize("name", ["", "x y", "../x", "-x", "x" * 65, "a/b", "a\\nb"])
-def test_a_name_names_a_folder(tmp_path: Path, name: str) -> None:
-    (fault,) = messages(tmp_path, TASK.replace('"t"', f'"{name}"'))
-    rule = "must be 1 to 64 letters, digits, dots, dashes and underscores, a letter or digit first"
-    assert fault.startswith(f"name: {rule}, but got")
-
-
-def test_a_task_seed_belongs_to_ten_wrenches(tmp_path: Path) -> None:
-    assert messages(tmp_path, TEN.replace("task_seed = 0\n", "")) == [
-        'task_seed: must be given with load_cases = "ten-wrenches", but is missing'
-    ]
-    assert messages(tmp_path, "task_seed = 4\n" + TASK) == [
-        'task_seed: must be left out unless load_cases = "ten-wrenches", but got 4'
-    ]
-    assert messages(tmp_path, TEN.replace("= 0", "= -1")) == ["task_seed: must be at least 0, but got -1"]
-    assert messages(tmp_path, TEN.replace("= 0", "= 1.5")) == ["task_seed: must be a whole number, but got 1.5"]
+def test_a_file_gets_a_message_per_fault(tmp_path: Path, text: str, expected: list[str]) -> None:
+    found = messages(tmp_path, text)
+    assert told(found, expected), found
 
 
 def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:
@@ -283,32 +222,7 @@ def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:
     ]
 
 
-def test_some_load_case_weighs_something(tmp_path: Path) -> None:
-    weightless = TASK + "weight = 0.0\n"
-    assert messages(tmp_path, weightless) == [
-        "load_cases: must have a weight greater than 0 in at least one entry, but got 0 in each"
-    ]
-
-
-def test_half_a_file_is_no_task(tmp_path: Path) -> None:
-    (message,) = messages(tmp_path, TASK[: TASK.index("force") + 3])
-    assert message.startswith("is not a TOML file, or only a part of one: ")
-    (message,) = messages(tmp_path, "x = " + "[" * 10_000)
-    assert message == "must have fewer nested brackets"
-
-
-def test_a_file_that_is_none(tmp_path: Path) -> None:
-    path = tmp_path / "task.toml"
-    for content, expected in (
-        (b"\x89PNG\r\n\x1a\n", "must be UTF-8 text, but got the byte 0x89 at offset 0"),
-        ("name = 'ü'".encode("latin-1"), "must be UTF-8 text, but got the byte 0xfc at offset 8"),
-    ):
-        path.write_bytes(content)
-        with pytest.raises(BadInput) as caught:
-            read_task(path)
-        assert [str(fault) for fault in caught.value.faults] == [expected]
-    with pytest.raises(BadInput, match="must be a regular file, but is a folder"):
-        read_task(tmp_path)
+def test_a_name_that_is_no_task_is_told_with_those_near_it() -> None:
     with pytest.raises(BadInput, match="psuh: no such file, nor a shipped example; did you mean `push`"):
         read_task("psuh")
     with pytest.raises(BadInput, match="nor a shipped example; valid names are push, "):
@@ -333,16 +247,14 @@ def test_a_byte_order_mark_and_windows_line_ends_are_no_fault(tmp_path: Path) ->
         ("modules.0=2", "modules.0: `modules` must be a table or a list to have fields, but got 5"),
         ("module.mass=heavy", 'module.mass: must be a number, but got "heavy"'),
         ("exposure.0.kind=local", 'exposure: must be a list, but got {"0": {"kind": "local"}}'),
-        (
-            "modules=5\nname='x'",
-            "modules: must be a whole number of modules or [fewest, most], but got \"5\\nname='x'\"",
-        ),
+        ("modules=5\nname='x'", "modules: must be a whole number of modules or [fewest, most], but got..."),
     ],
 )
 def test_wrong_settings(setting: str, expected: str) -> None:
     with pytest.raises(BadInput) as caught:
         read_task("push", (setting,))
-    assert [str(fault) for fault in caught.value.faults] == [expected]
+    found = [str(fault) for fault in caught.value.faults]
+    assert told(found, [expected]), found
 
 
 def test_every_wrong_setting_is_told() -> None:

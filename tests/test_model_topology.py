@@ -129,21 +129,3 @@ def test_a_hand_made_key() -> None:
 def test_a_wrong_key_is_refused_with_the_reason(key: str, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         Topology.from_key(key)
-
-
-@pytest.mark.parametrize(
-    ("joints", "words"),
-    [
-        ((), "at least one module"),
-        (((0, 0, 2),), "joint 0 must be the root's"),
-        ((ROOT, (1, 0, 2)), "`0 <= parent < 1` must hold in joint 1, but got parent 1"),
-        ((ROOT, (-1, 0, 2)), "but got parent -1"),
-        ((ROOT, (0, 4, 2)), "the parent port must be 0, 1, 2 or 3 in joint 1, but got 4"),
-        ((ROOT, (0, 0, -1)), "the child port must be 0, 1, 2 or 3 in joint 1, but got -1"),
-        ((ROOT, (0, 0, 2), (0, 0, 2)), "port 0 of module 0 carries one joint, but joints 1 and 2 use it"),
-        ((ROOT, (0, 0, 2), (1, 2, 0)), "port 2 of module 1 carries one joint, but joints 1 and 2 use it"),
-    ],
-)
-def test_what_is_no_tree_is_refused(joints: tuple[tuple[int, int, int], ...], words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        Topology(joints)

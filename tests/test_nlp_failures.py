@@ -100,7 +100,6 @@ def test_a_design_survives_what_it_is_asked_to_and_few_corners_are_ever_stated()
     assert torque.derived >= torque.stated
     assert plain.objective <= design.objective * (1 + 1e-9)
     assert lower_bound(design.task) <= design.objective
-    assert design.solver is not None
     assert design.solver["corners"] == 168
     assert design.solver["corners_active"] < 40
     assert design.inputs.shape == (3, 3, 4)
@@ -110,10 +109,7 @@ def test_the_audit_judges_by_what_it_measures_itself() -> None:
     """From a little less than is left to a little more; and nothing of it where nothing is proven."""
     design = best_design(asked(rotor_out="hover"), TREE, 4)
     measured = audit(design).flight
-    assert measured is not None
-    assert measured.rotors_out_asked is not None
     left = measured.rotors_out_asked.torque_reserve_Nm
-    assert left is not None
     for share, status in ((0.999, Status.CLEAR), (1.001, Status.VIOLATED)):
         flight = {"units": "SI", "rotor_out": "hover", "rotor_out_torque": share * left}
         judged = changed(design, task={**design.task.model_dump(mode="json"), "flight": flight})
@@ -128,8 +124,6 @@ def test_a_design_that_loses_a_rotor_is_violated_and_one_without_proof_undecided
     flight = {"units": "SI", "rotor_out": "hover", "rotor_out_torque": 0.01}
     judged = changed(design, task={**design.task.model_dump(mode="json"), "flight": flight})
     found = audit(judged)
-    assert found.flight is not None
-    assert found.flight.rotors_out_asked is not None
     assert found.flight.rotors_out_asked.lost == found.flight.rotors_out_hover.lost != ()
     assert {row.status for row in rows(judged).values()} == {Status.VIOLATED}
     monkeypatch.setattr("verify.design_audit.flight", lambda *given: None)
@@ -146,11 +140,9 @@ def test_a_dead_rotor_is_exempt_from_the_least_input() -> None:
 def test_platforms_that_cannot_survive_are_proven_impossible() -> None:
     weak = push(3, load_cases=[HOVER], module={"max_thrust_to_weight": 1.15}, flight={"rotor_out": "hover"})
     proof = prove_impossible(weak)
-    assert proof is not None
     assert proof.message.startswith("flight.rotor_out: 3 modules cannot hover with a rotor dead: all others at")
     assert prove_impossible(weak.model_copy(update={"flight": asked().flight})) is None
     alone = prove_impossible(asked(1, rotor_out="hover"))
-    assert alone is not None
     assert alone.message.startswith("flight.rotor_out: one module cannot hover with any of its rotors dead")
     assert prove_impossible(asked(2, rotor_out="hover", rotor_out_torque=0.0)) is None
 
@@ -174,15 +166,6 @@ def test_one_module_indeed_survives_no_set_of_failures_wherever_its_centre_of_ma
     assert linprog(np.zeros(18), A_eq=np.array(A), b_eq=b, bounds=free).status == 2
     free[2:6], A, b = free[2:6], A[:4], b[:4]
     assert linprog(np.zeros(6), A_eq=np.array(A)[:, :6], b_eq=b, bounds=free[:6]).status == 0  # of one it does
-
-
-def test_failures_keep_the_mirrors_of_a_task_and_those_around_a_case_may_break_none() -> None:
-    mirrored = [{"carries_weight": True, "end_effector": {"force": [0.1, 0.0, 0.0]}}]
-    for out in ("hover", "all"):
-        assert improper_isometry(push(3, load_cases=mirrored, flight={"rotor_out": out})) is not None
-    skew = [{"carries_weight": True, "end_effector": {"force": [0.1, 0.03, 0.0]}}]
-    assert improper_isometry(push(3, load_cases=skew)) is not None
-    assert improper_isometry(push(3, load_cases=skew, flight={"rotor_out": "hover"})) is None
 
 
 def test_mirrored_trees_cost_the_same_with_failures() -> None:

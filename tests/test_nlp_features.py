@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from nlp_cases import DISTINCT, FEATURES, GENTLE_PUSH, best_design, hover, push
+from nlp_cases import DISTINCT, FEATURES, best_design, hover, push
 from suites import few
 
 from nlp import lower_bound
@@ -80,15 +80,6 @@ def test_modules_whose_rotors_could_touch_are_kept_from_it(key, module):
 def test_ten_wrenches_are_met_by_five_modules(name):
     task, topology = read_task(name).resolve(5), Topology.from_key("a11210")
     assert_audited(best_design(task, topology, 3), task, topology)
-
-
-@pytest.mark.parametrize("position", ["com", [0.1, 0.1, 0.3]])
-def test_a_fixed_end_effector_is_where_the_task_wants_it(position):
-    given = {"position": position, "exclusion": position != "com"}
-    task = push(5, end_effector=given, load_cases=GENTLE_PUSH)
-    design = best_design(task, Topology.from_key("a11210"), 4)
-    found = audit(design).assembly.end_effector.from_com_m
-    assert found == pytest.approx([0.0, 0.0, 0.0] if position == "com" else position, abs=1e-12)
 
 
 def test_each_requirement_costs_effort_or_nothing():

@@ -65,7 +65,6 @@ def test_the_reason_is_the_worst_violation_of_the_closest_start(fields, word, un
         assert shortfall.violation == pytest.approx(least, rel=1e-9)
         by = f"{lower_text(shortfall.violation, 2)} {shortfall.unit}"
         assert f"`{shortfall.constraint}` (by {by} or more)" in result.message
-    assert result.solver is not None
     assert reasons[result.solver.start] is closest
     assert (result.solver.starts, result.solver.starts_feasible, result.solver.seed) == (3, 0, 0)
 
@@ -107,7 +106,6 @@ def test_an_impossible_task_is_proven_before_anything_is_solved(n, modules):
     most = 2.5 * n * probe.module.mass * probe.gravity
     asked = 3.1 * most
     result = prove_impossible(hover(n, load_cases=[HOVER, {"com": {"force": [0, 0, asked / probe.force_unit(n)]}}]))
-    assert result is not None
     assert (result.status, result.topology, result.topology_key, result.solver) == ("impossible", None, None, None)
     assert (result.worst_constraint, result.unit) == ("load case 1, force", "N")
     assert result.violation == pytest.approx(asked - most)
@@ -400,7 +398,6 @@ def test_a_failure_word_alone_is_not_believed(monkeypatch):
     monkeypatch.setattr(AssembledProgram, "polish", pessimist)
     result = solve(hover(1), Topology.from_key("a0"), starts=range(4), seed=0)
     assert isinstance(result, Design)
-    assert result.solver is not None
     assert result.solver["status"] == "Maximum_Iterations_Exceeded"
     assert result.objective == pytest.approx(lower_bound(hover(1)), rel=1e-8)
 

@@ -78,15 +78,3 @@ def test_root_angles_give_the_rotation_back_in_their_ranges(root):
     assert abs(alpha_0) <= math.pi / 2
     assert abs(alpha_1) <= math.pi
     np.testing.assert_allclose(root_rotation(angles), R, rtol=0, atol=1e-12)
-
-
-@given(
-    st.floats(-math.pi, math.pi),
-    st.floats(-math.pi / 2 + 1e-3, math.pi / 2 - 1e-3),
-    st.floats(-math.pi, math.pi),
-)
-def test_angles_in_their_ranges_come_back_themselves(psi, alpha_0, alpha_1):
-    back = root_angles(root_rotation([psi, alpha_0, alpha_1]))
-    apart = np.abs(back - [psi, alpha_0, alpha_1])
-    apart = np.minimum(apart, np.abs(apart - 2 * math.pi))  # -pi and pi are one angle
-    assert np.all(apart < 1e-11)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
-from nlp_cases import GENTLE_PUSH, HOVER, placed, push
+from nlp_cases import GENTLE_PUSH, HOVER, PUSH, placed, push
+from test_nlp_weightless import SIDES
 
-from nlp import multistart, solve
+from nlp import multistart
 from nlp.evaluation import violations, worst
 from nlp.multistart import DEEP, solve_starts
-from nlp.reduced import REDUCED_UP_TO, reason_against
+from nlp.reduced import REDUCED_UP_TO
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.search import local_minima, point_of
 from nlp.start_result import StartResult
 from nlp.starts.reduced_starts import draws
-from topo_search.model import Design, Topology
+from topo_search.model import Topology
 from topo_search.study import progress
 
 TREE = Topology.from_key("a3010")
@@ -41,22 +41,23 @@ def test_ends_are_next_to_designs() -> None:
 
 
 @pytest.mark.parametrize(
-    "task",
-    [push(4, load_cases=GENTLE_PUSH), push(4, load_cases=[HOVER], end_effector={"position": [0.1, 0.1, 0.3]})],
+    ("task", "key"),
+    [
+        (push(4, load_cases=GENTLE_PUSH), TREE.key),
+        (push(4, load_cases=[HOVER], end_effector={"position": [0.1, 0.1, 0.3]}), TREE.key),
+        (push(5, load_cases=[*PUSH, *SIDES]), "a70200"),
+        (push(5, module={"min_input": 0.1}), "a70200"),
+    ],
+    ids=["gentle", "fixed end-effector", "weightless cases", "least input"],
 )
-def test_a_polished_design_is_as_good_as_what_starts_of_ipopt_find(task) -> None:
-    found = best(searched(task, range(4)))
+def test_a_polished_design_is_as_good_as_what_starts_of_ipopt_find(task, key) -> None:
+    found, other = (
+        best(searched(task, range(5), tree=Topology.from_key(key))),
+        placed(task, Topology.from_key(key), 4),
+    )
     assert found.worst.met
-    other = placed(task, TREE, 4)
     assert other.worst.met
-    assert found.objective <= 1.001 * other.objective
-
-
-def test_the_same_seed_gives_the_same_points_to_the_last_bit() -> None:
-    one, two = (searched(push(4, load_cases=GENTLE_PUSH), range(2), seed=3) for _ in range(2))
-    for first, second in zip(one, two, strict=True):
-        assert np.array_equal(first.point.pack(), second.point.pack())
-        assert first.start == second.start
+    assert found.objective <= (1 + 1e-4) * other.objective
 
 
 def test_every_start_has_an_outcome_and_the_best_of_parts_is_that_of_all() -> None:
@@ -72,23 +73,6 @@ def test_starts_that_end_at_one_place_share_their_design() -> None:
     found = searched(push(5), range(8), tree=Topology.from_key("a70010"))
     met = [outcome for outcome in found if outcome.worst.met]
     assert len({id(outcome.point) for outcome in met}) < len(met)
-
-
-def test_a_design_that_is_carried_over_is_one_more_start() -> None:
-    task = push(4, load_cases=GENTLE_PUSH)
-    source = solve(task, TREE, starts=range(3), seed=0)
-    assert isinstance(source, Design)
-    (found,) = searched(task, range(0), near=[source])
-    assert found.worst.met
-    assert found.start == -1
-    assert found.objective <= 1.001 * source.objective
-
-
-def test_what_has_no_design_says_what_is_missed() -> None:
-    found = best(searched(push(2), range(2), tree=Topology.from_key("a10")))
-    assert not found.worst.met
-    assert found.worst.name
-    assert found.worst.scaled > 0.0
 
 
 def test_a_deep_search_is_made_once_and_counts_as_its_start(monkeypatch) -> None:
@@ -108,11 +92,6 @@ def test_a_deep_search_is_made_once_and_counts_as_its_start(monkeypatch) -> None
     assert drawn[1] == ("0", False)
     assert set(drawn[2:]) == {("0 deep", True)}
     assert 1 < len(drawn[2:]) <= DEEP.most_starts / DEEP.batch
-
-
-def test_a_task_that_it_does_not_express_is_named() -> None:
-    assert reason_against(push(4, load_cases=GENTLE_PUSH)) is None
-    assert "more than 20 modules" in str(reason_against(push(21)))
 
 
 def test_a_plan_expects_the_reduced_search_of_the_sizes_that_take_it() -> None:

@@ -14,7 +14,6 @@ TREE = Topology.from_key("a300")
 def rod_of(design: Design) -> float:
     """The rod of the best design from the audit's own sheet [m]."""
     sheet = audit(design).assembly.end_effector
-    assert sheet is not None
     return sheet.connectors[0].length_m
 
 

@@ -210,11 +210,6 @@ def test_a_design_carried_to_its_own_tree_leads_back_to_itself():
     assert source.objective <= wider.objective <= 1.01 * source.objective
 
 
-def test_neither_starts_nor_designs_to_start_from_are_refused():
-    with pytest.raises(ValueError, match="starts"):
-        solve(push(), Topology.from_key("a11410"), starts=range(0), seed=0)
-
-
 def test_the_start_is_a_function_of_its_arguments():
     task, tree = push(), Topology.from_key("a11210")
     source = as_design(random_point(task, Topology.from_key("a11410"), np.random.default_rng(7)))

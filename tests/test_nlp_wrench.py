@@ -79,15 +79,6 @@ def test_the_check_and_the_audit_measure_the_same(topology, seed, position):
             assert ours[name].scaled == pytest.approx(max(row.scaled for row in rows), rel=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
-@given(trees(most=8), st.integers(0, 2**32), st.sampled_from(["free", "com", [0.1, -0.2, 0.3]]))
-def test_packing_and_unpacking_changes_nothing(topology, seed, position):
-    point = random_case(topology, seed, end_effector={"position": position})
-    back = Point.unpack(point.task, topology, point.pack())
-    for name in ("root", "alpha", "p_E", "u"):
-        np.testing.assert_allclose(getattr(back, name), getattr(point, name), rtol=1e-14, atol=1e-14)
-
-
 @pytest.mark.parametrize(("kappa", "turns_yaw"), [(0, 1), (1, -1), (2, 1), (3, -1)])
 def test_an_odd_kappa_flips_the_yaw_torque_of_the_childs_rotors(kappa, turns_yaw):
     """At each place of the aligned child's rotors there is a rotor again; for odd kappa it turns the other way."""

@@ -15,7 +15,6 @@ from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Status, Topology
 from topo_search.model.corners import to_corners
 from topo_search.topologies import sample
-from topo_search.topologies.task_symmetry import improper_isometry
 from verify import audit
 from verify.kinematics import platform, wrench_map
 
@@ -67,17 +66,8 @@ def test_it_is_the_task_whose_corners_are_load_cases_without_weight() -> None:
 def test_what_no_platform_can_exert_is_proven_by_its_corner() -> None:
     strong = {**WIPE, "cone": {**CONE, "force": 4.0}}
     proof = prove_impossible(push(5, load_cases=[strong, HOVER]))
-    assert proof is not None
     assert proof.worst_constraint == "load case 0 (wipe), corner 1, force"
     assert "load case 0 (wipe), corner 1" in proof.message
-
-
-def test_a_set_breaks_a_symmetry_that_it_does_not_share() -> None:
-    assert improper_isometry(push(5, load_cases=[WIPE, HOVER])) is not None
-    aside = {**WIPE, "vertices": [{"force": [0.1, 0.05, 0.0], "torque": [0.1, 0.2, 0.0]}]}
-    assert improper_isometry(push(5, load_cases=[aside, HOVER])) is None
-    both = {**WIPE, "cone": None, "vertices": [{"force": [0.1, 0.05, 0.0]}, {"force": [0.1, -0.05, 0.0]}]}
-    assert improper_isometry(push(5, load_cases=[both, HOVER])) is not None
 
 
 def drawn(seed: int, **fields: Any) -> Design:

@@ -109,7 +109,6 @@ def test_the_view_turns(opened: Open, five: str) -> None:
     view.scroll_into_view_if_needed()
     before, seen = page.evaluate(CAMERA), view.screenshot()
     box = view.bounding_box()
-    assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()
@@ -272,7 +271,6 @@ def test_the_pointer_on_a_module_shows_its_numbers(opened: Open, five: str) -> N
     view = page.locator("#view")
     view.scroll_into_view_if_needed()
     box = view.bounding_box()
-    assert box is not None
     lines = page.locator(".view .labels line")
     x, y = (float(lines.nth(1).get_attribute(name) or 0) for name in ("x1", "y1"))
     told = page.locator(".view .hover:visible")
@@ -471,7 +469,6 @@ def test_the_first_screen_of_a_phone_has_answer_figures_and_platform(opened: Ope
     page = opened(five, width=390)
     for part in (".answer", ".pair > .tiles", "#view"):
         box = page.locator(part).first.bounding_box()
-        assert box is not None
         assert box["y"] + box["height"] <= 900, part
 
 

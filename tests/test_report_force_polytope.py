@@ -35,9 +35,7 @@ def test_the_nearest_facet_is_the_reserve_that_the_audit_proves(able: Design) ->
     found, flight = force_polytope(able, platform(able)), audit(able).flight
     assert found is not None
     vertices, _ = found
-    assert flight is not None
     reserve = flight.hover.force_reserve_N
-    assert reserve is not None
     assert reserve > 0.1
     hull = ConvexHull(vertices)
     assert 0.99 * reserve < -hull.equations[:, 3].max() <= reserve * (1 + 1e-9)  # not all vertices are

@@ -39,7 +39,6 @@ def test_the_least_clearance_is_the_least_of_all_pairs(audited: tuple[Design, Au
     made, found = audited
     least = min(pair.analytic_m for pair in found.pairs)
     nearest = closest(found)
-    assert nearest is not None
     assert nearest.analytic_m == least < 0
     figure, meaning = told(made, found)["Least clearance"]
     assert meaning == nearest.name
@@ -54,7 +53,6 @@ def test_a_clear_design_with_hardly_any_margin_is_amber(
     audited: tuple[Design, Audit], metres: float, degrees: float, words: int
 ) -> None:
     made, found = audited
-    assert found.flight is not None
     pair = found.pairs[0].model_copy(update={"status": "clear", "analytic_m": metres, "lower_m": metres})
     flight = found.flight.model_copy(update={"hinge_tolerance_deg": degrees})
     clear = found.model_copy(update={"verdict": "clear", "pairs": (pair,), "flight": flight})
@@ -81,7 +79,6 @@ def test_what_the_audit_does_not_tell_has_no_tile(audited: tuple[Design, Audit])
 
 def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:
     made, found = audited
-    assert found.flight is not None
     hover = found.flight.hover.model_copy(
         update={"possible": True, "horizontal_reserve_N": 1.2999, "horizontal_weakest": (0.0, -1.0, 0.0)}
     )
@@ -96,7 +93,6 @@ def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:
 
 def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -> None:
     made, found = audited
-    assert found.flight is not None
     hover = found.flight.hover.model_copy(
         update={"possible": True, "horizontal_reserve_N": 0.106211, "load_factor": 1.0245}
     )
@@ -115,7 +111,6 @@ def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -
 
 def test_a_rod_is_told_with_its_mount(audited: tuple[Design, Audit]) -> None:
     made, found = design(Topology.from_key("af0000"), "push", "end_effector.rod=straight"), audited[1]
-    assert found.flight is not None
     flight = found.flight.model_copy(update={"rod_length_m": None})
     figure, _ = told(made, found.model_copy(update={"flight": flight}))["Rod"]
     assert figure == "none"
@@ -124,7 +119,6 @@ def test_a_rod_is_told_with_its_mount(audited: tuple[Design, Audit]) -> None:
 def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, Audit]) -> None:
     made = design(Topology.from_key("af0000"), "push-two-paths")
     found = audit(made)
-    assert found.air is not None
     tip = max(case.tip_m_s for case in found.air.cases)
     over = max(region.speed_at_most_m_s for case in found.air.cases for region in case.regions)
     figure, meaning = told(made, found)["Air at the tip"]
@@ -138,7 +132,6 @@ def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, 
 def test_a_task_without_a_rod_has_no_tile_for_it(audited: tuple[Design, Audit]) -> None:
     made, found = audited
     assert made.task.end_effector.rod == "none"
-    assert found.flight is not None
     assert found.flight.rod_length_m is not None  # the audit reports it all the same
     assert "Rod" not in told(made, found)
 

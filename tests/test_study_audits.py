@@ -1,4 +1,3 @@
-import csv
 import itertools
 import sqlite3
 import tomllib
@@ -6,6 +5,7 @@ import tomllib
 import pytest
 import toy_problem
 from ledger_edit import forged
+from processes import table
 from toy_problem import BACKENDS, toy_run, toy_task
 
 from topo_search.cli.tables import print_answer
@@ -25,11 +25,6 @@ class Notes(Silent):
 
     def note(self, text):
         self.texts.append(text)
-
-
-def table(path):
-    with (path / "candidates.csv").open(newline="") as stream:
-        return {row["key"]: row for row in csv.DictReader(stream)}
 
 
 def keys_by_rank(tmp_path):

@@ -6,7 +6,8 @@ import zlib
 
 import pytest
 from ledger_edit import forged, rewritten
-from test_study_proving import Prover, proven, table
+from processes import table
+from test_study_proving import Prover, proven
 from toy_problem import BACKENDS, InProcess, audit, solve, toy_run
 from wording import says
 

@@ -1,12 +1,12 @@
 """What audits say beyond the task, from the ledger to the answer: columns, near ties, a tampered ledger."""
 
-import csv
 from dataclasses import replace
 from typing import Any
 
 import pytest
 import toy_problem
 from ledger_edit import forged
+from processes import table
 from report_cases import Reader
 from toy_problem import toy_run
 from wording import says
@@ -85,11 +85,6 @@ def solve(task: Any, topology: Any, **options: Any) -> Any:
 BACKENDS = replace(toy_problem.BACKENDS, audit=audit, solve=solve)
 
 
-def rows(path: Any) -> dict[str, dict[str, str]]:
-    with open(path / "candidates.csv") as stream:
-        return {row["key"]: row for row in csv.DictReader(stream)}
-
-
 def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
     toy_run(tmp_path / "run", backends=BACKENDS)
     flight = COLUMNS[-16:-4]  # the last ones are of proofs
@@ -98,7 +93,7 @@ def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
         *("hinge_tolerance_deg", "rod_length_m", "power_W", "air_tip_m_s", "air_region_m_s"),
         *("force_reserve_com_N", "tilt_deg"),
     )
-    found = rows(tmp_path / "run")
+    found = table(tmp_path / "run")
     assert set(found) == set(RESERVES)
     for key, row in found.items():
         cells = [row[name] for name in flight]
@@ -120,16 +115,16 @@ def test_the_table_of_candidates_has_what_audits_say_beyond_the_task(tmp_path):
 
 def test_without_figures_their_cells_are_empty(tmp_path):
     answer = toy_run(tmp_path / "run")
-    assert all(not row[name] for row in rows(tmp_path / "run").values() for name in COLUMNS[-12:])
+    assert all(not row[name] for row in table(tmp_path / "run").values() for name in COLUMNS[-12:])
     assert answer.weakest_point is None
     assert answer.candidates["force_reserve_N"].isna().all()
 
 
 def test_figures_outlive_more_starts_and_another_process(tmp_path):
     toy_run(tmp_path / "run", backends=BACKENDS)
-    before = rows(tmp_path / "run")
+    before = table(tmp_path / "run")
     toy_run(tmp_path / "run", backends=BACKENDS, starts=4)
-    after = rows(tmp_path / "run")
+    after = table(tmp_path / "run")
     for key in before:
         assert [before[key][name] for name in COLUMNS[-12:]] == [after[key][name] for name in COLUMNS[-12:]]
 

@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 
 import pytest
-import toy_problem
 from processes import eventually, ranking, recorded
 from toy_problem import solved_keys, toy_run
 
@@ -152,7 +151,3 @@ def test_the_ledger_of_another_program_is_left_alone(tmp_path):
     with pytest.raises(BadInput, match="is an SQLite file of another program"):
         toy_run(tmp_path)
     assert (tmp_path / "ledger.sqlite").read_bytes() == before
-
-
-def test_the_value_of_a_start_depends_on_itself_alone():
-    assert toy_problem.value("a0", 3, 0, 1e-4) != toy_problem.value("a0", 4, 0, 1e-4)

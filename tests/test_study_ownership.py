@@ -37,7 +37,7 @@ def texts(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in files if not path.name.startswith(own)}
 
 
-@pytest.mark.parametrize("name", [*MINE, "notes.txt", ".hidden", "designs/deep/er.txt", "best-n4.json"])
+@pytest.mark.parametrize("name", [*MINE, "notes.txt", "task.toml", ".hidden", "designs/deep/er.txt", "best.json"])
 def test_a_folder_with_anything_in_it_is_refused_untouched(tmp_path, name):
     put(tmp_path, {name: "mine"})
     before = sorted(tmp_path.rglob("*"))

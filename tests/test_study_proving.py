@@ -1,12 +1,12 @@
 """Proofs of a run's trees: kept chunk by chunk, taken up again, and said in the table and the answer."""
 
-import csv
 import json
 import math
 
 import pytest
 import toy_problem
 from ledger_edit import rewritten
+from processes import table
 from toy_problem import InProcess, toy_run, toy_task
 from wording import says
 
@@ -37,11 +37,6 @@ class Prover:
 def proven(path, prover, **options):
     given = {"gap": 0.01, "key": None, "engine": InProcess(1), "observer": Silent(), **options}
     return prove(path, prover, lambda task, tree: 0, **given)
-
-
-def table(path):
-    with (path / "candidates.csv").open(newline="") as stream:
-        return {row["key"]: row for row in csv.DictReader(stream)}
 
 
 @pytest.fixture

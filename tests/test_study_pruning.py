@@ -1,18 +1,13 @@
-import csv
 import math
 
 import pytest
 import toy_problem
+from processes import table
 from toy_problem import solved_keys, toy_run
 
 from topo_search.engine import ExhaustiveSearch
 from topo_search.model import BadInput
 from topo_search.study import RunFolder
-
-
-def table(path):
-    with (path / "candidates.csv").open(newline="") as stream:
-        return {row["key"]: row for row in csv.DictReader(stream)}
 
 
 def test_a_design_that_meets_the_bound_spares_the_rest_which_is_counted(tmp_path, monkeypatch, log):

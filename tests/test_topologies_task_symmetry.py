@@ -6,6 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from nlp_cases import HOVER
+from nlp_cases import PUSH as PUSH_CASES
+from nlp_cases import push as push_task
 from numpy.typing import NDArray
 
 from topo_search.model import (
@@ -143,7 +146,6 @@ def test_turning_the_task_turns_its_isometry(seed: int) -> None:
         exposure=(Directional(segments=(tuple(R @ [1, 0, 0]), tuple(R @ [0, 1, 0]))), Local()),
     )
     O = improper_isometry(task)
-    assert O is not None
     np.testing.assert_allclose(O, R @ EXCHANGE @ R.T, atol=1e-9)
     assert maps_load_cases_onto_themselves(O, task)
     assert not O.flags.writeable
@@ -173,7 +175,6 @@ def test_orbits_of_any_improper_isometry_are_symmetric_and_torques_are_pseudovec
     order_of_cases = rng.permutation(len(right))
     task = task_of(*(right[i] for i in order_of_cases))
     found = improper_isometry(task)
-    assert found is not None
     assert np.linalg.det(found) == pytest.approx(-1)
     np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-12)
     assert maps_load_cases_onto_themselves(found, task)
@@ -257,6 +258,10 @@ def test_a_fixed_end_effector_stays_where_it_is(position: Any, symmetric: bool) 
         ((below((1, 0, 0, 0.1), (0, 2, 0, 0.1)),), True),
         ((below((1, 0, 0, 0.1), (0, 1, 0, 0.2)),), False),
         ((below((1, 1, 0, -0.1)), Exterior(axis=(-1.0, -1.0, 0.0))), True),
+        ((Local(box=(0.4, 0.4, 0.2)),), True),
+        ((Local(box=(0.4, 0.3, 0.2)),), False),
+        ((Local(vertices=((0.1, 0.2, 0), (0.2, 0.1, 0), (-0.1, -0.1, 0), (0, 0, 0.3))),), True),
+        ((Local(vertices=((0.1, 0.2, 0), (0.2, 0, 0), (-0.1, -0.1, 0), (0, 0, 0.3))),), False),
     ],
 )
 def test_exposure_requirements_are_mapped_onto_themselves(exposure: tuple[Any, ...], symmetric: bool) -> None:
@@ -344,3 +349,41 @@ def test_air_speeds_are_part_of_what_a_mirror_keeps(speeds: tuple[float | None, 
         below((x, 0, 0, 0.5)).model_copy(update={"speed": speed}) for x, speed in zip((1, -1), speeds, strict=True)
     )
     assert (improper_isometry(task_of(*pushes, exposure=tuple(walls))) is not None) == mirrored
+
+
+def carried(x: float, y: float, **fields: Any) -> dict[str, Any]:
+    """A force at the tip of a hovering platform."""
+    return {"carries_weight": True, "end_effector": {"force": [x, y, 0.0]}, **fields}
+
+
+ALONG, ACROSS, SKEW, DIAGONAL = ((0.1, 0.0), (0.0, 0.1), (0.1, 0.03), (0.1, 0.1))
+LEVEL = {"force_reserve": 0.1, "directions": "horizontal"}
+CONE = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.15}
+BESIDE = [{"force": [0.1, y, 0.0]} for y in (0.05, -0.05)]
+TWISTED = {**BESIDE[0], "torque": [0.1, 0.2, 0.0]}
+
+
+@pytest.mark.parametrize(
+    ("cases", "flight", "mirrored"),
+    [
+        ([carried(*ALONG)], {"rotor_out": "hover"}, True),
+        ([carried(*ALONG)], {"rotor_out": "all"}, True),
+        ([carried(*SKEW)], {}, True),
+        ([carried(*SKEW)], {"rotor_out": "hover"}, False),
+        ([carried(*ALONG)], {"force_reserve": 0.1}, True),  # a ball of corners
+        ([carried(*DIAGONAL)], LEVEL, True),  # a disc of corners
+        ([carried(*SKEW)], LEVEL, False),
+        ([carried(*DIAGONAL)], {"angular_acceleration": (4.0, 4.0, 1.0)}, True),
+        ([carried(*DIAGONAL)], {"angular_acceleration": (4.0, 3.0, 1.0)}, False),
+        ([carried(*ALONG, cone=CONE), HOVER], {}, True),
+        ([carried(*ALONG, cone=CONE, vertices=[TWISTED]), HOVER], {}, False),
+        ([carried(*ALONG, vertices=BESIDE), HOVER], {}, True),
+        ([*PUSH_CASES, carried(*ALONG, weight=0.0)], {}, False),
+        ([*PUSH_CASES, carried(*ALONG, weight=0.0), carried(*ACROSS, weight=0.0)], {}, True),
+        ([*PUSH_CASES, carried(*ALONG, weight=0.0), carried(*ACROSS)], {}, False),
+    ],
+)
+def test_reserves_failures_sets_and_weightless_cases_are_part_of_what_a_mirror_keeps(
+    cases: list[Any], flight: dict[str, Any], mirrored: bool
+) -> None:
+    assert (improper_isometry(push_task(3, load_cases=cases, flight=flight)) is not None) == mirrored

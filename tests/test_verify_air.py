@@ -204,7 +204,6 @@ def test_thrust_lost_below_another_quadrotor(e_mm: float, measured: float, off_b
 def test_audits_state_the_air_of_every_load_case() -> None:
     design = read_json(Design, DESIGNS / "wall-push.json")
     found = audit(design)
-    assert found.air is not None
     assert [case.name for case in found.air.cases] == list(design.task.case_labels)
     hover = found.air.cases[1]
     assert [region.name for region in hover.regions] == ["exposure 0 (local)", "exposure 1 (allowed)"]

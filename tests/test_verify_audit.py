@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -91,8 +89,6 @@ def test_every_kind_of_requirement_clear_at_once():
     assert {("directional", 1, 0), ("directional", 1, 1), ("directional", 2, 0), ("exterior", 3, None)} <= places
     assert {(pair.a, pair.b) for pair in result.pairs if pair.kind == "separation"} == {(1, 2)}
     for pair in result.pairs:
-        assert pair.lower_m is not None
-        assert pair.upper_m is not None
         assert 0 < pair.lower_m <= pair.analytic_m + 1e-12 <= pair.upper_m + 2e-12
     names = [row.name for row in result.residuals]
     assert len(set(names)) == len(names)
@@ -106,6 +102,7 @@ def test_the_ablation_measures_airflow_but_judges_separation():
     assert failing(result) == {"airflow"}
     assert result.verdict == Status.CLEAR
     assert {(pair.a, pair.b) for pair in result.pairs if pair.kind == "separation"} == {(0, 1), (0, 2), (1, 2)}
+    assert result.interference.colliding_pairs == 3
     assert audit(fan(**overlapping)).verdict == Status.VIOLATED
 
 
@@ -167,12 +164,8 @@ def test_rotor_inputs_are_held_against_the_share_that_the_task_allows():
         assert (row.status == "violated") == (missed > 0)
 
 
-def test_the_joints_are_listed_in_bolting_order():
+def test_contacts_and_versions_are_listed():
     result = audit(fan())
-    assert [joint.model_dump() for joint in result.assembly.joints] == [
-        {"module": 0, "port": 0, "child": 1, "child_port": 2, "angle_deg": pytest.approx(math.degrees(-0.6))},
-        {"module": 0, "port": 2, "child": 2, "child_port": 0, "angle_deg": pytest.approx(math.degrees(0.6))},
-    ]
     assert [(contact.kind, contact.a, contact.b) for contact in result.allowed_contacts] == [
         ("body", 0, 1),
         ("body", 0, 2),
@@ -191,26 +184,6 @@ def test_an_audit_goes_through_its_file_and_repeats_itself(tmp_path):
     assert read_json(Audit, path) == result
     again = audit(fan({"exposure": FREE_ABOVE}))
     assert (again.pairs, again.residuals) == (result.pairs, result.residuals)
-
-
-def test_a_file_of_another_program_is_audited(tmp_path):
-    given = fan({"exposure": FREE_ABOVE})
-    file = {
-        "format": "topo-search/design",
-        "version": 1,
-        "task": {"name": "foreign", "modules": 3, "load_cases": [HOVER], "exposure": FREE_ABOVE},
-        "topology": [[-1, -1, -1], [0, 0, 2], [0, 2, 0]],
-        "root_orientation_rad": [0, 0, 0],
-        "hinge_angles_rad": [-0.6, 0.6],
-        "end_effector_m": [0, 0, 0.6],
-        "rotor_speeds_squared": [list(row) for row in given.rotor_speeds_squared],
-        "objective": given.objective,
-        "lower_bound": "unknown",
-        "topology_key": "mine",
-    }
-    path = tmp_path / "foreign.json"
-    path.write_text(json.dumps(file), encoding="utf-8")
-    assert audit(read_json(Design, path)).verdict == Status.CLEAR
 
 
 @pytest.mark.parametrize("broken", [{}, {"hinge_angles_rad": [0.1, -0.1]}, {"objective": 1.0}])
@@ -248,20 +221,9 @@ def test_a_fault_of_the_audit_itself_comes_with_its_evidence(monkeypatch):
     assert Audit.model_validate_json(to_json(result)) == result
 
 
-def test_importing_the_audit_loads_neither_solver_nor_search():
-    code = (
-        "import sys, verify; light = 'numpy' not in sys.modules; verify.audit; import topo_search.model;"
-        "heavy = {'casadi', 'nlp', 'optuna', 'pandas'} & set(sys.modules);"
-        "print(light, sorted(heavy), callable(verify.audit))"
-    )
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert answer.stdout.split("\n")[0] == "True [] True"
-
-
 def test_a_load_case_is_told_by_its_name() -> None:
     result = audit(design(FAN, {"load_cases": [{**HOVER, "name": "hold"}]}, hinges=(0.0, 0.0)))
     assert {"load case 0 (hold), force", "load case 0 (hold), largest rotor input"} <= {
         row.name for row in result.residuals
     }
-    assert result.flight is not None
     assert [case.name for case in result.flight.cases] == ["hover", "load case 0 (hold)"]

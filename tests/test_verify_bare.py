@@ -75,8 +75,6 @@ def test_a_rod_that_the_task_counts_is_counted() -> None:
         )
     )
     rod = completed.task.end_effector.counted_rod
-    assert rod is not None
-    assert completed.mount is not None
     assert (rod.module, rod.port) == (completed.mount.module, completed.mount.port)
     (mass,) = [row for row in audit(completed).residuals if row.name == "mass of the end-effector's rod"]
     assert mass.status is Status.CLEAR

@@ -23,10 +23,8 @@ AWKWARD = ("generic", "nearly parallel", "growth as large as length", "nested")
 def hold(certificate: Certificate, d: float) -> None:
     """The verdict is that of an independent value d, and the bounds hold it."""
     assert certificate.status == (Status.CLEAR if d > 0 else Status.VIOLATED), (certificate, d)
-    assert certificate.upper is not None
     assert d <= certificate.upper + 1e-8
     if d > 0:
-        assert certificate.lower is not None
         assert 0 < certificate.lower <= d + 1e-8
     else:
         assert certificate.lower is None

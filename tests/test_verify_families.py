@@ -33,6 +33,9 @@ def test_no_verdict_is_wrong_or_missing(family: str, scale: float, draws: int) -
             assert status in ((right, Status.UNDECIDED) if abs(d) <= FLOOR else (right,))
             if judged.exact:
                 assert judged.certificate.analytic == pytest.approx(d, abs=1e-11 * (100 + scale))
+            lower, upper = judged.certificate.lower, judged.certificate.upper
+            assert status != Status.CLEAR or 0 < lower <= d + 1e-9 * scale <= upper + 2e-9 * scale
+            assert status != Status.VIOLATED or (lower is None and d - 1e-9 * scale <= upper < 0)
             seen.add(status)
     assert {Status.CLEAR, Status.VIOLATED} <= seen
 

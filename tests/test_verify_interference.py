@@ -44,18 +44,6 @@ def test_a_platform_without_overlaps_has_no_cluster():
     assert (found.colliding_pairs, found.deepest_percent, found.clusters) == (0, 0.0, ())
 
 
-def test_modules_in_one_place_overlap_as_deeply_as_possible():
-    ring = Topology(((-1, -1, -1), (0, 0, 2), (1, 1, 3), (2, 2, 0), (3, 3, 1)))
-    found = audit(design(ring, {}, hinges=(0.0, 0.0, 0.0, 0.0))).interference
-    assert found.deepest_percent == pytest.approx(100.0, rel=1e-12)
-
-
-def test_the_ablation_s_overlaps_are_counted_though_they_set_no_verdict():
-    found = audit(fan({"search": {"interference": "separation"}}, hinges=(0.5, -0.5)))
-    assert found.verdict == "clear"
-    assert found.interference.colliding_pairs == 3
-
-
 def test_clusters_are_the_connected_components():
     rng = np.random.default_rng(41)
     for _ in range(50):

@@ -28,8 +28,6 @@ def test_power_is_drag_torque_times_speed_and_ideal_power_that_of_a_stream_tube(
         assert case.figure_of_merit == pytest.approx(case.ideal_W / case.shaft_W)
         assert case.endurance_min == pytest.approx(60 * 3 * 20.0 / case.shaft_W)
     hover, flight = found.power[0], found.flight
-    assert flight is not None
-    assert flight.hover_power_ratio is not None
     straight = design.task.force_unit(3) / 12 / module.thrust_coefficient
     least = 12 * module.torque_coefficient * straight**1.5
     assert hover.shaft_W == pytest.approx(flight.hover_power_ratio * least)

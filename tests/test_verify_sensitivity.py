@@ -146,12 +146,9 @@ def test_a_pair_beyond_one_hinge_by_hand() -> None:
     two = Topology(((-1, -1, -1), (0, 0, 2)))
     of = design(two, {"search": {"body_clearance": False}}, hinges=(-0.5,), end_effector=(0.0, 0.0, 0.8))
     result = audit(of).sensitivity
-    assert result is not None
-    assert result.position_m is not None
     gap = min(pair.analytic_m for pair in audit(of).pairs if pair.kind == "airflow")
     # Both sides may be off, and both envelopes may reach farther: half the gap each.
     assert result.position_m.tolerated == pytest.approx(gap / 2, rel=1e-5)
-    assert result.envelope_m is not None
     assert result.envelope_m.tolerated == pytest.approx(gap / 2, rel=1e-5)
     assert result.envelope_m.violated_at == pytest.approx(gap / 2, rel=1e-3)
     assert (result.position_m.kind, result.position_m.a, result.position_m.b) == ("airflow", 0, 1)
@@ -193,8 +190,6 @@ def test_the_module_that_the_rod_is_bolted_to_holds_the_end_effector() -> None:
     assert lost(0, holder=2) > lost(0, holder=1) > 1e-3
     for module, port in ((0, 2), (1, 1), (2, 0)):
         result = audit(changed(of, mount={"module": module, "port": port})).sensitivity
-        assert result is not None
-        assert result.hinge_angle_deg is not None
         bounds = tolerance(of, holder=module)
         tolerated = math.radians(result.hinge_angle_deg.tolerated)
         assert bounds.weakest(Errors(delta=tolerated)).bound > 0
@@ -217,23 +212,14 @@ def test_angles_do_not_depend_on_the_unit_of_length_and_lengths_scale_with_it(sc
         return fan({"module": module}, end_effector=(0.0, 0.0, 0.6 * by))
 
     one, other = audit(scaled(1.0)).sensitivity, audit(scaled(scale)).sensitivity
-    assert one is not None
-    assert other is not None
-    assert one.hinge_angle_deg is not None
-    assert other.hinge_angle_deg is not None
     assert other.hinge_angle_deg.tolerated == pytest.approx(one.hinge_angle_deg.tolerated, rel=1e-4)
-    assert one.position_m is not None
-    assert other.position_m is not None
     assert other.position_m.tolerated == pytest.approx(scale * one.position_m.tolerated, rel=1e-4)
 
 
 def test_what_is_tolerated_is_clear_and_what_violates_is_violated() -> None:
     of = fan({"exposure": EVERYTHING[:4]}, end_effector=(0.0, 0.0, 0.8))
     result = audit(of).sensitivity
-    assert result is not None
-    assert result.hinge_angle_deg is not None
     within, beyond = result.hinge_angle_deg.tolerated, result.hinge_angle_deg.violated_at
-    assert beyond is not None
     assert 0 < within < beyond
     for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         hinges = [a + math.radians(within) * s for a, s in zip(of.hinge_angles_rad, signs, strict=True)]
@@ -252,8 +238,6 @@ def test_the_pair_that_is_named_breaks_first_of_all_that_hinges_can_break(seed: 
     scene = Scene(of, found)
     airflow = [r for r in scene.requirements() if r.kind == "airflow"]
     result = sensitivity(scene, airflow, 0)
-    assert result is not None
-    assert result.hinge_angle_deg is not None
     assert result.hinge_angle_deg.violated_at is not None
     broken = []
     for part, still in ((0.98, np.zeros((5, 3))), (1.0001, np.zeros((5, 3)))):
@@ -280,29 +264,19 @@ def test_errors_that_turn_the_axis_towards_the_com_make_an_example() -> None:
     scene = Scene(of, found)
     cones = [r for r in scene.requirements() if r.kind == "exterior"]
     result = sensitivity(scene, cones, 0)
-    assert result is not None
-    assert result.position_m is not None
-    assert result.position_m.violated_at is not None
     assert result.position_m.violated_at < 1.5 * result.position_m.tolerated
 
 
 def test_the_tolerances_of_a_task() -> None:
     fine = {"hinge_angle_deg": 0.2, "position": 1e-3, "envelope": 2e-3}
     clear = audit(fan({"tolerances": fine})).sensitivity
-    assert clear is not None
-    assert clear.tolerances is not None
     assert clear.tolerances.status == Status.CLEAR
     assert 0 < clear.tolerances.lower_m <= clear.tolerances.attained_m
-    assert clear.tolerances.factor is not None
     assert clear.tolerances.factor.tolerated > 1
     rough = audit(fan({"tolerances": {"envelope": 0.2}, "flight": {"tolerances": False}}))
     assert rough.verdict == Status.CLEAR  # the verdict is on the design as drawn
-    assert rough.tolerances_words is not None
     assert rough.tolerances_words.endswith("measured, not required")
-    assert rough.sensitivity is not None
-    assert rough.sensitivity.tolerances is not None
     assert rough.sensitivity.tolerances.status == Status.VIOLATED
-    assert rough.sensitivity.tolerances.factor is not None
     assert rough.sensitivity.tolerances.factor.tolerated < 1
 
 
@@ -329,10 +303,7 @@ def test_tolerances_that_a_task_has_count_for_the_verdict() -> None:
 
 def test_what_is_neither_proven_nor_shown_to_be_lost_is_undecided() -> None:
     known = audit(fan({"tolerances": {"hinge_angle_deg": 1.0}})).sensitivity
-    assert known is not None
     limit = known.hinge_angle_deg
-    assert limit is not None
-    assert limit.violated_at is not None
     between = (limit.tolerated + limit.violated_at) / 2
     found = audit(fan({"tolerances": {"hinge_angle_deg": between}}))
     assert found.verdict == Status.UNDECIDED
@@ -340,16 +311,12 @@ def test_what_is_neither_proven_nor_shown_to_be_lost_is_undecided() -> None:
 
 def test_a_design_that_is_violated_tolerates_nothing() -> None:
     result = audit(fan(hinges=(0.6, -0.6))).sensitivity
-    assert result is not None
-    assert result.position_m is not None
     assert result.position_m.tolerated == 0
     assert result.position_m.violated_at == 0
 
 
 def test_the_ablation_looks_at_distances_alone() -> None:
     result = audit(fan({"search": {"interference": "separation"}}, hinges=(0.6, -0.6))).sensitivity
-    assert result is not None
-    assert result.position_m is not None
     assert result.position_m.kind in ("separation", "exclusion")
     assert result.envelope_m is None  # no airflow counts: it may reach as far as it likes
 
@@ -359,9 +326,7 @@ def test_one_module_without_requirements_has_no_clearance_to_lose() -> None:
     alone = design(one, {"end_effector": {"exclusion": False}}, hinges=())
     assert audit(alone).sensitivity is None
     guarded = audit(design(one, {}, hinges=())).sensitivity
-    assert guarded is not None
     assert guarded.hinge_angle_deg is None
-    assert guarded.position_m is not None
     assert guarded.position_m.tolerated == pytest.approx((0.6 - 0.15) / 2, rel=1e-5)
 
 

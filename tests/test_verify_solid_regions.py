@@ -109,7 +109,6 @@ def outside(design: Design, asked: dict[str, Any], x: Array) -> Array:
 def by_samples(design: Design, asked: dict[str, Any]) -> dict[int, float]:
     """The least clearance of the rod from each piece of a region that it need not reach into, of its samples."""
     at, mount, module = platform(design), design.mount, design.task.module
-    assert mount is not None
     port = at.poses.R[mount.module] @ PORT_DIRECTIONS[mount.port]
     start = at.o[mount.module] + module.connector_distance * port - at.p_e
     tip = 2 * RADIUS / float(np.linalg.norm(start))

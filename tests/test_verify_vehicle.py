@@ -44,7 +44,6 @@ def test_the_star_shaped_hexarotor_has_the_volume_of_its_formula(tilt_deg: float
     """12 sqrt(3) c s^2: 4.5 at 30 and, the most, 8 at 54.74 degrees."""
     tilt = math.radians(tilt_deg)
     found = capability(star(tilt))
-    assert found is not None
     volume = 12 * math.sqrt(3) * math.cos(tilt) * math.sin(tilt) ** 2
     assert (found.rank, found.zero_torque_volume_N3) == (6, pytest.approx(volume, rel=1e-9))
     assert found.zero_torque_ball_N == 0  # no rotor can pull down
@@ -62,7 +61,6 @@ def test_the_omnicopter_exerts_any_force_without_torque(drag: float, ball: float
     F = rotor_map(vehicle)[:3]
     np.testing.assert_allclose(F @ F.T, 8 / 3 * np.eye(3), atol=1e-12)
     found = capability(vehicle)
-    assert found is not None
     assert found.zero_torque_ball_N == pytest.approx(ball, abs=1e-4 if drag else 2e-6)
 
 
@@ -84,7 +82,6 @@ def test_forces_without_torque_are_those_of_all_vertices(seed: int) -> None:
             if np.all(u >= -0.4 - 1e-9) and np.all(u <= 1 + 1e-9):
                 forces.append(A[:3] @ u)
     hull = ConvexHull(forces)
-    assert found is not None
     assert found.zero_torque_volume_N3 == pytest.approx(hull.volume, rel=1e-6)
     assert found.zero_torque_ball_N == pytest.approx(max(0.0, -hull.equations[:, 3].max()), abs=1e-5)
 
@@ -92,12 +89,10 @@ def test_forces_without_torque_are_those_of_all_vertices(seed: int) -> None:
 def test_a_flat_lattice_pulls_up_alone() -> None:
     vehicle = Vehicle(rotors=[rotor([x, y, 0], [0, 0, 1], k_tau=0.01) for x in (0, 1, 2) for y in (0, 1)])
     found = capability(vehicle.model_copy(update={"com": (1.0, 0.5, 0.0), "mass": 0.3}))
-    assert found is not None
     # all spin the same way, so that the drag torque cannot be had apart from thrust
     assert (found.rank, found.zero_torque_volume_N3, found.zero_torque_ball_N) == (3, 0.0, 0.0)
     spins = [one.model_copy(update={"spin": (-1) ** (k // 2 + k % 2)}) for k, one in enumerate(vehicle.rotors)]
     other = capability(vehicle.model_copy(update={"com": (1.0, 0.5, 0.0), "mass": 0.3, "rotors": tuple(spins)}))
-    assert other is not None
     assert (other.rank, other.zero_torque_volume_N3) == (4, 0.0)
     assert other.flight.hover.possible is True
 
@@ -109,8 +104,6 @@ def test_a_kit_can_do_what_the_audit_says(tmp_path: Path) -> None:
     told, p_E = f"mass = {design.task.total_mass(5)!r}", platform(design).p_e.tolist()
     (tmp_path / "kit.toml").write_text(f'{told}\nend_effector = {p_E}\nrotors = "rotors.csv"\n')
     found, expected = capability(read_vehicle(tmp_path / "kit.toml")), audit(design).flight
-    assert found is not None
-    assert expected is not None
     fields = "force_reserve_N", "horizontal_reserve_N", "force_reserve_com_N", "torque_reserve_Nm", "load_factor"
     for field in (*fields, "tilt_deg"):
         assert getattr(found.flight.hover, field) == pytest.approx(getattr(expected.hover, field), abs=2e-6), field
@@ -124,7 +117,6 @@ def test_a_kit_can_do_what_the_audit_says(tmp_path: Path) -> None:
 def test_the_page_rounds_what_is_proven_down() -> None:
     vehicle = Vehicle(rotors=[rotor([x, y, 0], [0, 0, 1], k_tau=0.01) for x in (0, 1, 2) for y in (0, 1)])
     found = capability(vehicle.model_copy(update={"com": (1.0, 0.5, 0.0), "mass": 0.3}))
-    assert found is not None
     page = vehicle_page("v", 6, found.model_copy(update={"zero_torque_ball_N": 7.45115999}))
     assert "any force up to 7.4511 N" in page
 

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 from verify_cases import GAPS, at_clearance, brute_clearance, unit
-from verify_families import Judged
+from verify_families import Judged, golden, rotation
 
 from verify.beside_airflow import ROTORS, BesideAirflow, certify_beside
 from verify.bodies import ConeSphere
@@ -28,12 +28,6 @@ UP = np.array([0.0, 0.0, 1.0])
 ARMS = np.array([[1.0, -1.0, 0.0], [-1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]]) / np.sqrt(2)
 FRAME = 5
 """Hub and arms."""
-
-
-def rotation(rng: np.random.Generator) -> Array:
-    """Return any rotation."""
-    Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    return np.asarray(Q * np.sign(np.linalg.det(Q)))
 
 
 def module(scale: float, rng: np.random.Generator) -> tuple[Convex, ...]:
@@ -76,20 +70,7 @@ def approach(part: Convex, body: ConeSphere) -> tuple[float, Array]:
         P = body.centre(eta)
         return float(np.linalg.norm(P - nearest_point(part, P)) - body.radius(eta))
 
-    shrink = (np.sqrt(5) - 1) / 2
-    low, high = 0.0, 1.0
-    left, right = high - shrink, low + shrink
-    f_left, f_right = f(left), f(right)
-    for _ in range(60):
-        if f_left < f_right:
-            high, right, f_right = right, left, f_left
-            left = high - shrink * (high - low)
-            f_left = f(left)
-        else:
-            low, left, f_left = left, right, f_right
-            right = low + shrink * (high - low)
-            f_right = f(right)
-    eta = min((0.0, 1.0, (low + high) / 2), key=f)
+    eta = golden(f)
     P = body.centre(eta)
     return f(eta), P - nearest_point(part, P)
 

@@ -2,7 +2,8 @@
 
 | family | pair | value |
 |---|---|---|
-| thin hulls | an envelope and a squashed hull, down to a millionth of its size | golden section, least squares |
+| any hulls | an envelope or a ball, and a box or the hull of random points | golden section, least squares |
+| thin hulls | an envelope and a squashed hull, down to a millionth of its size | the same |
 | walls along an axis | an envelope and a wall at a few degrees to its axis | the same |
 | coplanar discs | two rotor discs side by side, or one above the edge of the other | by hand |
 
@@ -48,12 +49,8 @@ def distance(x: Array, corners: Array) -> float:
     return float(np.linalg.norm(Y.T @ (weights / weights.sum())))
 
 
-def brute_approach(body: ConeSphere, corners: Array) -> float:
-    """The least distance of a ball's surface from the hull of corners, by golden section: it is convex."""
-
-    def f(eta: float) -> float:
-        return distance(body.centre(eta), corners) - body.radius(eta)
-
+def golden(f: Callable[[float], float]) -> float:
+    """Where a convex function of [0, 1] is least, by golden section."""
     shrink = (np.sqrt(5) - 1) / 2
     lo, hi = 0.0, 1.0
     left, right = hi - shrink * (hi - lo), lo + shrink * (hi - lo)
@@ -67,17 +64,27 @@ def brute_approach(body: ConeSphere, corners: Array) -> float:
             lo, left, f_left = left, right, f_right
             right = lo + shrink * (hi - lo)
             f_right = f(right)
-    return min(f((lo + hi) / 2), f(0.0), f(1.0))
+    return min((0.0, 1.0, (lo + hi) / 2), key=f)
 
 
-def _rotation(rng: np.random.Generator) -> Array:
+def brute_approach(body: ConeSphere, corners: Array) -> float:
+    """The least distance of a ball's surface from the hull of corners, by golden section: it is convex."""
+
+    def f(eta: float) -> float:
+        return distance(body.centre(eta), corners) - body.radius(eta)
+
+    return f(golden(f))
+
+
+def rotation(rng: np.random.Generator) -> Array:
+    """Return any rotation."""
     Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     return np.asarray(Q * np.sign(np.linalg.det(Q)))
 
 
 def thin_hull(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, Hull]:
     """An envelope and a hull of random points, squashed along one direction."""
-    R, thin = _rotation(rng), 10 ** rng.uniform(-5.5, -1)
+    R, thin = rotation(rng), 10 ** rng.uniform(-5.5, -1)
     corners = rng.normal(size=(rng.integers(5, 20), 3)) * rng.uniform(0.3, 10) * [1.0, 1.0, thin] @ R.T
     L = rng.uniform(0.5, 14)
     o = rng.normal(size=3) * rng.uniform(0, 10)
@@ -85,9 +92,21 @@ def thin_hull(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, Hull]
     return _scaled(body, scale), hull(scale * corners)
 
 
+def any_hull(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, Hull]:
+    """An envelope or a ball and a box or a hull of random points, from nested to far apart."""
+    if rng.random() < 0.5:
+        corners = CUBE * rng.uniform(0.1, 3, 3) + rng.normal(size=3)
+    else:
+        corners = rng.normal(size=(rng.integers(4, 25), 3)) * rng.uniform(0.3, 2, 3)
+    L = rng.choice([0.0, rng.uniform(0.5, 14)])
+    o = rng.normal(size=3) * rng.uniform(0, 5)
+    body = ConeSphere(o, L * unit(rng), rng.uniform(0.1, 2), L * rng.uniform(0, 0.6))
+    return _scaled(body, scale), hull(scale * corners)
+
+
 def wall_along_an_axis(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, Hull]:
     """An envelope and a wall at up to six degrees to its axis: it may leave the wall and grow deeper into it."""
-    R, edge = _rotation(rng), rng.uniform(2, 20)
+    R, edge = rotation(rng), rng.uniform(2, 20)
     half = np.array([edge, edge * rng.uniform(0.3, 1), 10 ** rng.uniform(-3, -0.5)]) / 2
     L, angle = rng.uniform(0.5, 14), np.radians(rng.uniform(-6, 6))
     u = R @ [np.cos(angle), 0.0, np.sin(angle)]
@@ -128,7 +147,7 @@ def _judged_hulls(
 
 def coplanar_discs(scale: float, rng: np.random.Generator) -> Iterator[Judged]:
     """Two equal discs whose axes are parallel, at one height or not, rim to rim."""
-    R = _rotation(rng)
+    R = rotation(rng)
     radius = scale * rng.uniform(0.2, 2)
     height = radius * 10 ** rng.uniform(-2, 0)
     lift = rng.choice([0.0, rng.uniform(-0.9, 0.9) * height])
@@ -145,12 +164,14 @@ def coplanar_discs(scale: float, rng: np.random.Generator) -> Iterator[Judged]:
 
 
 JUDGED: dict[str, Callable[[float, np.random.Generator], Iterator[Judged]]] = {
+    "any hulls": _judged_hulls(any_hull),
     "thin hulls": _judged_hulls(thin_hull),
     "walls along an axis": _judged_hulls(wall_along_an_axis),
     "coplanar discs": coplanar_discs,
 }
 
 SCALES_OF = {
+    "any hulls": (1.0,),
     "thin hulls": (1e-3, 1.0, 1e3),
     "walls along an axis": (1e-3, 1.0, 1e3),
     "coplanar discs": (1e-3, 1.0, 1e2),

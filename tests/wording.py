@@ -6,3 +6,11 @@ import re
 def says(text: str, *parts: str) -> bool:
     """Whether a text holds all parts, one after the other; spaces and line ends count alike."""
     return re.search(".*?".join(map(re.escape, parts)), " ".join(text.split()), re.IGNORECASE) is not None
+
+
+def told(messages: list[str], expected: list[str]) -> bool:
+    """Whether these are the messages expected, one by one; of one that ends in `...` what stands before that."""
+    return len(messages) == len(expected) and all(
+        message.startswith(one[:-3]) if one.endswith("...") else message == one
+        for message, one in zip(messages, expected, strict=True)
+    )
