@@ -28,6 +28,10 @@ def loaded_after(statement, names):
         ("import verify", ["casadi", "nlp", "optuna", "pandas", "numpy"]),
         ("from verify import audit", ["casadi", "nlp", "optuna", "pandas", "pebble"]),
         ("import topo_search.cli", [*HEAVY, "pydantic", "numpy", "topo_search.model"]),
+        (
+            "import topo_search.compose",
+            ["manifold3d", "networkx", "numba", "optuna", "pandas", "scipy.spatial", "trimesh"],
+        ),
     ],
 )
 def test_what_is_not_needed_is_not_loaded(statement, names):

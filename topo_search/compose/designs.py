@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,14 +15,10 @@ import nlp
 import verify
 from topo_search.compose.binding import backends, enclose_speed, own_constraints, processes, starting_points
 from topo_search.engine import Failed, Outcome, audit_deadline, audit_job
-from topo_search.export.brackets import DIGITS
-from topo_search.export.sheet import STYLE
-from topo_search.export.tree_drawing import tree_svg
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Status, Task
 from topo_search.model.files import load_json, read_task, to_geometry, write_atomically
 from topo_search.model.proven import lower_text
-from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.value import naming
 from topo_search.protocols import OwnConstraint
 from topo_search.study import Observer, RunFile, RunFolder, Solved, answer_of, solve_single
@@ -31,7 +26,6 @@ from topo_search.study.directory import CHANGED
 from topo_search.topologies import OwnTopology, own_topology
 
 if TYPE_CHECKING:
-    from topo_search.compose.drawer import Change, SharedKit
     from topo_search.report.design_page import Compared
 
 
@@ -407,43 +401,3 @@ def _designs(source: Path) -> list[Compared]:
             for row, design, audited in read
             if design is not None
         ]
-
-
-def drawer_page(shared: SharedKit, designs: Sequence[Design]) -> str:
-    """Return the page of a drawer: what is in it, the design of each task, and every change."""
-    lines = [paragraph(text) for text in shared.lines[:2]]
-    brackets = [(f"{kind.angle_deg:.{DIGITS}f}", kind.count, kind.file) for kind in shared.brackets]
-    lines += ["<h2>Drawer</h2>", table(("hinge angle [deg]", "brackets", "to print"), brackets), "<h2>Tasks</h2>"]
-    captions = [
-        f'<a href="{escape(task.design.replace("design.json", "assembly.html"))}">{escape(task.task)}</a>'
-        for task in shared.tasks
-    ]
-    lines.append(_side_by_side(zip(captions, map(tree_svg, designs), strict=True)))
-    for number, change in enumerate(shared.changes):
-        lines += change_lines(change, designs[number], designs[number + 1])
-    return html_page(f"One drawer for {len(designs)} tasks", STYLE, lines)
-
-
-def change_page(change: Change, before: Design, after: Design) -> str:
-    """Return the sheet of one change."""
-    return html_page(f"From {change.before} to {change.after}", STYLE, change_lines(change, before, after))
-
-
-def change_lines(change: Change, before: Design, after: Design) -> Iterator[str]:
-    """Yield the two platforms with the joints that stay in one colour, and the steps in order."""
-    yield f"<h2>From {escape(change.before)} to {escape(change.after)}</h2>"
-    stays = zip((before, after), zip(*change.stay, strict=True), strict=True)
-    yield _side_by_side((escape(design.task.name), tree_svg(design, marked=stay)) for design, stay in stays)
-    yield paragraph(
-        "Joints that stay are green. Every module comes off the end of a piece, and is added to one piece."
-    )
-    yield from (paragraph(text) for text in change.instructions)
-    yield paragraph(
-        f"Then rod and end-effector go where the last step of the assembly sheet of {escape(change.after)} says, "
-        "and the autopilot gets the allocation of that kit."
-    )
-
-
-def _side_by_side(drawings: Iterable[tuple[str, str]]) -> str:
-    figures = (f"<figure><figcaption>{caption}</figcaption>{svg}</figure>" for caption, svg in drawings)
-    return f"<section>{''.join(figures)}</section>"

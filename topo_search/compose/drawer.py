@@ -22,6 +22,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from html import escape
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Literal
@@ -30,14 +31,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
-from topo_search.compose.designs import audits, brackets_note, change_page, drawer_page
+from topo_search.compose.designs import audits, brackets_note
 from topo_search.compose.searching import search
 from topo_search.export.brackets import DIGITS, Part, bracket, bracket_file, bracket_turns
 from topo_search.export.kit import BRACKETS, write_kit
+from topo_search.export.sheet import STYLE
+from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Audit, BadInput, Design, Fault, Status, Task
 from topo_search.model.arrays import Array
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.proven import upper_text
+from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Index, Number, Value
 from topo_search.report.wording import quantity
@@ -241,8 +245,8 @@ def kit(
         solid = bracket(chosen[0].task.module.bracket_sizes, math.radians(kind.angle_deg))
         write_atomically(out / kind.file, Part(kind.file, solid).stl())
     for name, change, (one, other) in zip(shared.pages, shared.changes, pairwise(chosen), strict=True):
-        write_atomically(out / name, change_page(change, one, other))
-    write_atomically(out / PAGE, drawer_page(shared, chosen))
+        write_atomically(out / name, _change_page(change, one, other))
+    write_atomically(out / PAGE, _drawer_page(shared, chosen))
     write_atomically(out / FILE, to_json(shared))
     return shared
 
@@ -506,3 +510,43 @@ def _describe(choices: Sequence[Choices], chosen: Sequence[Design], within: floa
         changes=tuple(changes),
         designs_kept=tuple(len(each.designs) for each in choices),
     )
+
+
+def _drawer_page(shared: SharedKit, designs: Sequence[Design]) -> str:
+    """Return the page of a drawer: what is in it, the design of each task, and every change."""
+    lines = [paragraph(text) for text in shared.lines[:2]]
+    brackets = [(f"{kind.angle_deg:.{DIGITS}f}", kind.count, kind.file) for kind in shared.brackets]
+    lines += ["<h2>Drawer</h2>", table(("hinge angle [deg]", "brackets", "to print"), brackets), "<h2>Tasks</h2>"]
+    captions = [
+        f'<a href="{escape(task.design.replace("design.json", "assembly.html"))}">{escape(task.task)}</a>'
+        for task in shared.tasks
+    ]
+    lines.append(_side_by_side(zip(captions, map(tree_svg, designs), strict=True)))
+    for number, change in enumerate(shared.changes):
+        lines += _change_lines(change, designs[number], designs[number + 1])
+    return html_page(f"One drawer for {len(designs)} tasks", STYLE, lines)
+
+
+def _change_page(change: Change, before: Design, after: Design) -> str:
+    """Return the sheet of one change."""
+    return html_page(f"From {change.before} to {change.after}", STYLE, _change_lines(change, before, after))
+
+
+def _change_lines(change: Change, before: Design, after: Design) -> Iterator[str]:
+    """Yield the two platforms with the joints that stay in one colour, and the steps in order."""
+    yield f"<h2>From {escape(change.before)} to {escape(change.after)}</h2>"
+    stays = zip((before, after), zip(*change.stay, strict=True), strict=True)
+    yield _side_by_side((escape(design.task.name), tree_svg(design, marked=stay)) for design, stay in stays)
+    yield paragraph(
+        "Joints that stay are green. Every module comes off the end of a piece, and is added to one piece."
+    )
+    yield from (paragraph(text) for text in change.instructions)
+    yield paragraph(
+        f"Then rod and end-effector go where the last step of the assembly sheet of {escape(change.after)} says, "
+        "and the autopilot gets the allocation of that kit."
+    )
+
+
+def _side_by_side(drawings: Iterable[tuple[str, str]]) -> str:
+    figures = (f"<figure><figcaption>{caption}</figcaption>{svg}</figure>" for caption, svg in drawings)
+    return f"<section>{''.join(figures)}</section>"

@@ -32,7 +32,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from topo_search.model import Module
 from topo_search.model.arrays import ROTOR_DIRECTIONS
@@ -202,6 +201,8 @@ def enclose(module: Module, density: float, thrust: float, speed: float) -> Spee
             )
         points = np.concatenate([points, faster])
         if len(points) > 4:
+            from scipy.spatial import ConvexHull  # slow to load, and few commands look for an envelope
+
             both = np.concatenate([points, points * [1, -1]])
             points = points[np.unique(ConvexHull(both, qhull_options="QJ").vertices % len(points))]
 
