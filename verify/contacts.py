@@ -72,7 +72,7 @@ def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyRow]:
     counts = task.body_clearance is not None
     needs_rod = counts or task.end_effector.rod == "straight"
     joints = {(h, i): ports for h, i, *ports in scene.design.topology.edges()}
-    sides = {port: _seen_from(scene, port) for port in {port for ports in joints.values() for port in ports}}
+    sides = {port: _side_at(scene, port) for port in {port for ports in joints.values() for port in ports}}
     for a, b in combinations(range(len(modules)), 2):
         body, against = modules[a], modules[b]
         if (a, b) in joints:
@@ -88,7 +88,7 @@ def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyRow]:
             yield Row("rod", a, -1, module, beside, counts=needs_rod)
 
 
-def _seen_from(scene: Scene, port: int) -> Compound:
+def _side_at(scene: Scene, port: int) -> Compound:
     """Return a module as its neighbour at a port meets it, in the module's own frame.
 
     First come the parts of the frame that are near the connector, if only with a piece; last, pieces of these that
