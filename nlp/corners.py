@@ -15,7 +15,7 @@ import numpy as np
 from nlp.airspeed import fastest
 from nlp.evaluation import worst
 from nlp.ipopt import IpoptResult
-from nlp.joints import Limits, holder, limit_of, limited_loads, loads, name_of
+from nlp.joints import Limits, holder, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, missed_wrenches
 from nlp.start_result import StartResult
@@ -51,8 +51,8 @@ def take_in_corners(
     task: ResolvedTask,
     start: int,
     origin: Point,
-    solve: SolveFrom,
     constraints: UserConstraints = (),
+    solve: SolveFrom | None = None,
 ) -> StartResult:
     """Return the result of a start whose program takes in corners, and loads in joints, until none is missed.
 
@@ -60,9 +60,14 @@ def take_in_corners(
         task: the task with all corners.
         start: index of the start.
         origin: of a task with some of them.
-        solve: solves the program of a point's own task from there, with limits of what joints bear if it has any.
         constraints: constraints of the user, to which the point is held as well.
+        solve: solves the program of a point's own task from there, with limits of what joints bear if it has any;
+            None: a polish.
     """
+    if solve is None:
+        from nlp.assembled import polish_with  # compiled code, which other commands need not load
+
+        solve = polish_with(constraints)
     near_limits = [at for at in fastest(origin) if at.speed > TAKING_IN.near_speed * at.limit]
     first = tuple(sorted({point for at in near_limits for point in at.points}))
     point, iterations, limits = origin, 0, Limits(None, (), first) if first else None
@@ -81,7 +86,7 @@ def take_in_corners(
             checks = violations_of(reached, constraints)
         air = {check.name: set(check.air) for check in checks if check.air and not check.met}
         lacking = {check.name for check in checks if not check.met} - air.keys()
-        overloaded = lacking & {name_of(task, load) for load in limited_loads(task, origin.topology)}
+        overloaded = lacking & {load.name for load in limited_loads(task, origin.topology)}
         if overloaded and (limits is None or not limits.loads or limits.held not in (None, holder(reached))):
             # another holder than the limits are of: of both sides they hold whichever it is
             near, lacking = _near(reached, limits), lacking - overloaded
@@ -94,13 +99,19 @@ def take_in_corners(
     return outcome
 
 
+def judge(task: ResolvedTask, start: int, point: Point, status: str, constraints: UserConstraints) -> StartResult:
+    """Return the outcome of a start at a point where no solver went on, judged by the task with all corners."""
+    whole = with_all(point, task, constraints)
+    return StartResult.at(start, whole, IpoptResult(point, status, 0), constraints=constraints)
+
+
 def _near(point: Point, before: Limits | None) -> Limits:
     """Return the loads that are not far below their limits, if need be of either side of their joints."""
     either = before is not None and bool(before.loads)
     task = point.task.declared
     listed = limited_loads(task, point.topology)
     sizes = zip(listed, loads(point).tolist(), strict=True)
-    near = tuple(load for load, size in sizes if size > TAKING_IN.near_limit * limit_of(task, load))
+    near = tuple(load for load, size in sizes if size > TAKING_IN.near_limit * load.limit)
     return Limits(None if either else holder(point), near, before.air if before else ())
 
 

@@ -31,7 +31,7 @@ import casadi as ca
 import numpy as np
 
 from nlp import airspeed
-from nlp.joints import limit_of, limited_loads, loads, name_of
+from nlp.joints import limited_loads, loads
 from nlp.numbers.geometry import root_angles, root_rotation
 from nlp.numbers.point import Point, weigh_rod
 from nlp.requirements import balances, bounds, clearances
@@ -88,8 +88,8 @@ def _balances(point: Point) -> Iterator[Violation]:
 def _joints(point: Point) -> Iterator[Violation]:
     task, n = point.task, point.topology.n
     for load, size in zip(limited_loads(task, point.topology), loads(point).tolist(), strict=True):
-        excess, unit = size - limit_of(task, load), task.torque_unit(n) if load.moment else task.force_unit(n)
-        yield Violation(name_of(task, load), excess, "N m" if load.moment else "N", excess / unit, LOAD_TOLERANCE)
+        excess, unit = size - load.limit, task.torque_unit(n) if load.moment else task.force_unit(n)
+        yield Violation(load.name, excess, "N m" if load.moment else "N", excess / unit, LOAD_TOLERANCE)
 
 
 def _air(point: Point) -> Iterator[Violation]:

@@ -23,7 +23,6 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from nlp.assembled import polish_with
 from nlp.corners import take_in_corners, with_some
 from nlp.evaluation import correct
 from nlp.multistart import POLISHING, Polish, ReducedSearch
@@ -272,12 +271,12 @@ def _solve_whole(
     most_effort: float | None,
 ) -> list[StartResult]:
     """Return the best combinations that Ipopt finds."""
-    angles, polish, free = _Set(task, topology), polish_with(constraints), {one.start: one for one in optima}
+    angles, free = _Set(task, topology), {one.start: one for one in optima}
 
     def solve(start: int, x: Array, places: Places) -> _Solved[StartResult]:
         known = replace(free[start].point, task=task, root=x[:3], alpha=angles.angles(places))
         origin = with_some(correct(known, refit=True), free[start].corners)
-        end = take_in_corners(task, start, origin, polish, constraints)
+        end = take_in_corners(task, start, origin, constraints)
         return _Solved(start, places, end.rank[:2], end.point.pack(), end)
 
     return [each.end for each in _search(angles, optima, solve, MOST_WHOLE, most_effort or 0.0)]

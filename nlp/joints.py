@@ -59,28 +59,21 @@ class Load:
     """The module beyond the joint."""
     moment: bool
     """Else a force."""
+    limit: float
+    """L [N] or [N m]."""
+    name: str
+    """As the failure report names its limit."""
 
 
 def limited_loads(task: ResolvedTask, topology: Topology) -> tuple[Load, ...]:
     """Return the loads that a task limits: in every joint and every load case that it states."""
-    limits = enumerate(task.declared.joint_limits)  # force, moment
-    kinds = [bool(moment) for moment, limit in limits if limit is not None]
-    cases = range(len(task.declared.load_cases))
-    return tuple(Load(k, i, moment) for moment in kinds for k in cases for i in range(1, topology.n))
-
-
-def limit_of(task: ResolvedTask, load: Load) -> float:
-    """Return L of a load [N] or [N m]."""
-    limit = task.declared.joint_limits[load.moment]
-    if limit is None:
-        raise ValueError("`load` must be one that the task limits")
-    return limit
-
-
-def name_of(task: ResolvedTask, load: Load) -> str:
-    """Name a limit as the failure report does."""
-    what = "moment" if load.moment else "force"
-    return f"{task.case_labels[load.case]}, {what} in the joint of module {load.child} and its parent"
+    return tuple(
+        Load(k, i, what == "moment", limit, f"{label}, {what} in the joint of module {i} and its parent")
+        for what, limit in zip(("force", "moment"), task.declared.joint_limits, strict=True)
+        if limit is not None
+        for k, label in enumerate(task.declared.case_labels)
+        for i in range(1, topology.n)
+    )
 
 
 def rod_of(point: Point) -> Connector | None:
@@ -152,7 +145,7 @@ def limit_rows(task: ResolvedTask, topology: Topology, limits: Limits) -> tuple[
     unit, rows = Units.of(task), list[ca.SX]()
     x, vectors = _vectors(task, topology, limits.held, limits.loads)
     for load, sides in zip(limits.loads, vectors, strict=True):
-        L = limit_of(task, load) / (unit.torque if load.moment else unit.force)
+        L = load.limit / (unit.torque if load.moment else unit.force)
         rows += [(L * L - ca.dot(v, v)) / (2 * L) for v in sides]
     return x, ca.vertcat(*rows)
 

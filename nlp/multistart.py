@@ -18,8 +18,7 @@ import numpy as np
 from nlp.airspeed import fastest
 from nlp.assembled import polish_with
 from nlp.assembled.air import derive_speeds
-from nlp.corners import take_in_corners, with_all, without_corners
-from nlp.ipopt import IpoptResult
+from nlp.corners import judge, take_in_corners, without_corners
 from nlp.joints import Limits
 from nlp.numbers.jets import climb
 from nlp.numbers.point import Point
@@ -118,13 +117,7 @@ NOT_POLISHED = "not polished"
 """Status of starts whose minimum was not among the best."""
 
 
-class _Minima(NamedTuple):
-    """Ends of starts; each minimum names the starts that reached it."""
-
-    best: list[LocalMinimum]
-    """The best distinct ones."""
-    others: list[LocalMinimum]
-    """Points that the rest had reached when they were given up."""
+Minima = list[LocalMinimum]
 
 
 class ReducedSearch:
@@ -148,8 +141,11 @@ class ReducedSearch:
         self._limited = _limits_air(task)
         self._most_merit = None if most_effort is None else most_effort / self.effort_unit
 
-    def of_starts(self, starts: Sequence[int]) -> _Minima:
-        """Return the local minima that some starts reach."""
+    def of_starts(self, starts: Sequence[int]) -> tuple[Minima, Minima]:
+        """Return the best distinct local minima that starts reach, and points where the rest was given up.
+
+        Each names the starts that reached it.
+        """
         return self._descend(starts, f"{self._seed}", (FIRST, SECOND))
 
     def of_sources(self, near: Sequence[Design]) -> list[LocalMinimum]:
@@ -176,7 +172,7 @@ class ReducedSearch:
         size = DEEP.batch * self._topology.n
         for batch in range(0, DEEP.most_starts, size):
             starts = range(batch, min(batch + size, DEEP.most_starts))
-            minima += self._descend(starts, f"{self._seed} deep", STIFF, anyhow=True).best
+            minima += self._descend(starts, f"{self._seed} deep", STIFF, anyhow=True)[0]
             if self._limited or min(minimum.missing for minimum in minima) <= DEEP.close:
                 break
             least.append(min(minimum.merit for minimum in minima))
@@ -187,7 +183,7 @@ class ReducedSearch:
 
     def _descend(
         self, starts: Sequence[int], seed: str, phases: tuple[Phase, Phase], *, anyhow: bool = False
-    ) -> _Minima:
+    ) -> tuple[Minima, Minima]:
         numbers = [DRAWS * start + k for start in starts for k in range(DRAWS)]
         drawn = draws(self._task, self._topology, self.problem, numbers, seed, anyhow=anyhow)
         least = POLISHING.constrained.most if self._constraints else SELECTION.least_kept
@@ -195,7 +191,8 @@ class ReducedSearch:
             least = len(drawn)
         halved = SELECTION.least_halved_in_air if self._limited else SELECTION.least_halved
         best, others = local_minima(self.problem, drawn, phases, least=least, least_halved=halved)
-        return _Minima(*([replace(each, starts=_starts(each, starts)) for each in side] for side in (best, others)))
+        best, others = ([replace(each, starts=_starts(each, starts)) for each in side] for side in (best, others))
+        return best, others
 
     def polish(self, minima: list[LocalMinimum], plain: Polish | None = None) -> Iterator[StartResult]:
         """Yield the results of the best distinct minima, one for each of their starts.
@@ -218,13 +215,7 @@ class ReducedSearch:
             costly = limited and minimum.merit > POLISHING.worth * least
             if tried and (costly or minimum.missing > POLISHING.most_missed):
                 continue
-            outcome = take_in_corners(
-                self._task,
-                minimum.starts[0],
-                self._origin(minimum),
-                polish_with(self._constraints),
-                self._constraints,
-            )
+            outcome = take_in_corners(self._task, minimum.starts[0], self._origin(minimum), self._constraints)
             tried += 1
             if outcome.worst.met:
                 least = min(least, outcome.objective / self.effort_unit)
@@ -232,9 +223,8 @@ class ReducedSearch:
 
     def without_polish(self, minimum: LocalMinimum) -> StartResult:
         """Return the result of the best start of a minimum where its descent left it."""
-        point = with_all(correct_point(self._origin(minimum), self._constraints), self._task, self._constraints)
-        unpolished = IpoptResult(point, NOT_POLISHED, 0)
-        return StartResult.at(minimum.starts[0], point, unpolished, constraints=self._constraints)
+        point = correct_point(self._origin(minimum), self._constraints)
+        return judge(self._task, minimum.starts[0], point, NOT_POLISHED, self._constraints)
 
     def _origin(self, minimum: LocalMinimum) -> Point:
         """Return a local minimum as a point of the task with the corners that counted there."""
@@ -267,10 +257,10 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
 def solve_starts(
     task: ResolvedTask,
     topology: Topology,
-    *,
     starts: range,
     seed: int,
     near: Sequence[Design],
+    *,
     constraints: UserConstraints = (),
     most_effort: float | None = None,
 ) -> list[StartResult]:
@@ -288,11 +278,11 @@ def solve_starts(
     search = ReducedSearch(task, topology, seed, constraints, most_effort)
     best = search.of_sources(near)
     if most_effort is not None:
-        return list(search.polish([*best, *search.of_starts(starts).best]))
+        return list(search.polish(best + search.of_starts(starts)[0]))
     others: list[LocalMinimum] = []
     if starts:
-        reached = search.of_starts(starts)
-        best, others = best + reached.best, reached.others
+        reached, others = search.of_starts(starts)
+        best += reached
     polished = list(search.polish(best))
     if DEEP.start in starts and not any(outcome.worst.met for outcome in polished):
         deep = search.deep_minima(min(minimum.missing for minimum in best))

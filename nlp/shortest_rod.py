@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.assembled import polish_with
 from nlp.corners import take_in_corners, with_some
 from nlp.joints import rod_of
 from nlp.numbers.point import Connector, Point, rod_path, weigh_rod, with_rod
@@ -85,7 +84,7 @@ def _count_at(connector: Connector | None, design: StartResult, constraints: Use
         if agreed and (weighed.worst.met or not design.worst.met):  # rotors at their limits make up for nothing
             return weighed
         origin = with_some(weighed.point, design.corners)
-        design = take_in_corners(weighed.point.task, design.start, origin, polish_with(constraints), constraints)
+        design = take_in_corners(weighed.point.task, design.start, origin, constraints)
     return _weigh(design, constraints, connector)
 
 
@@ -130,7 +129,7 @@ def _solve_within(design: StartResult, reach: float, constraints: UserConstraint
         narrower = narrower.with_rod(rod.model_copy(update={"mass": mass}))
     narrow = to_corners(narrower)
     origin = with_some(replace(design.point, task=narrow), design.corners)
-    solved = take_in_corners(narrow, design.start, origin, polish_with(constraints), constraints)
+    solved = take_in_corners(narrow, design.start, origin, constraints)
     judged = StartResult.at(
         design.start, replace(solved.point, task=task), solved.result, solved.corners, constraints
     )

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from functools import cache, partial
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
 from importlib.metadata import version
-from typing import NamedTuple
 
 import numpy as np
 
 from nlp.bounds import bound_of, prove_impossible
-from nlp.corners import take_in_corners, with_all, without_corners
+from nlp.corners import judge, take_in_corners, without_corners
 from nlp.evaluation import correct
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, rod_of
@@ -32,14 +32,6 @@ REDUCED_STARTS = {5: 8, 9: 20, 12: 40, REDUCED_UP_TO: 48}
 """Default number of starts of the reduced search by most modules; `tests/benchmarks/reduced.py` compares them."""
 SAME_EFFORT = 1e-4
 """Relative difference of the efforts of local optima that count as one."""
-
-
-class Draws(NamedTuple):
-    """Starts, the seed that draws them, and designs that are carried over as the starts -1, -2, ..."""
-
-    starts: range
-    seed: int
-    near: Sequence[Design]
 
 
 def default_starts(task: Task) -> int:
@@ -100,29 +92,22 @@ def solve(
         raise ValueError(f"`starts` must have at least one index, but got {starts}")
     if proof := prove_impossible(task, topology):
         return proof
-    began = time.perf_counter()
-    user_constraints = (*constraints, *pseudo_inverse_constraints(task.declared))
-    results = _solve_starts(task, topology, Draws(starts, seed, near), user_constraints)
-    task = to_corners(task)
+    again = partial(solve, topology=topology, starts=starts, seed=seed, near=near, constraints=constraints)
+    request = _Request(task, topology, starts, seed, near, constraints)
+    results = request.solve_starts()
     for k, source in enumerate(near):
-        results[k] = min(
-            (results[k], *_carried_over(task, topology, source, results[k].start, seed, user_constraints)),
-            key=lambda one: one.rank,
-        )
-    light, results = min(results, key=lambda one: one.rank), _count_rods(task, results, user_constraints)
-    best = min(results, key=lambda one: one.rank)
+        results[k] = _best([results[k], *request.carry_over(source, results[k].start)])
+    light, results = _best(results), request.count_rods(results)
+    best = _best(results)
     if light.worst.met and not best.worst.met and task.end_effector.counted_rod is None:
         # designs of a platform without the rod's mass have no room for it: search with it from the start
-        heavy = weigh_rod(light.point, rod_of(light.point)).task.declared
-        return solve(heavy, topology, starts=starts, seed=seed, near=near, constraints=constraints)
+        return again(weigh_rod(light.point, rod_of(light.point)).task.declared)
     if not best.worst.met and (narrower := _within_usual_reach(task, best.point)):
-        nearer = solve(narrower, topology, starts=starts, seed=seed, near=near, constraints=constraints)
+        nearer = again(narrower)
         if isinstance(nearer, Design):
-            carried = _carried_over(task, topology, nearer, best.start, seed, user_constraints)
-            carried = _count_rods(task, carried, user_constraints)
-            best = min(best, *carried, key=lambda one: one.rank)
+            best = _best([best, *request.count_rods(request.carry_over(nearer, best.start))])
             results = [best if one.start == best.start else one for one in results]
-    return _outcome(best, results, began=began, seed=seed, constraints=user_constraints, given=constraints)
+    return request.outcome(best, results)
 
 
 def local_optima(
@@ -148,13 +133,11 @@ def local_optima(
         constraints: what a user states beyond the task.
         most_effort: largest effort of a design [rad^4/s^4].
     """
-    began = time.perf_counter()
-    user_constraints = (*constraints, *pseudo_inverse_constraints(task.declared))
-    results = _solve_starts(task, topology, Draws(starts, seed, near), user_constraints, most_effort)
-    task = to_corners(task)
+    request = _Request(task, topology, starts, seed, near, constraints, most_effort)
+    results = request.solve_starts()
     for k, source in enumerate(near):
-        results += _carried_over(task, topology, source, -1 - k, seed, user_constraints)
-    results = _count_rods(task, results, user_constraints, most_effort)
+        results += request.carry_over(source, -1 - k)
+    results = request.count_rods(results)
     alike = list[list[StartResult]]()
     for one in sorted(results, key=lambda one: one.rank):
         if not one.worst.met or one.objective > most_effort:
@@ -163,57 +146,119 @@ def local_optima(
             alike[-1].append(one)
         else:
             alike.append([one])
-    outcomes = [
-        _outcome(same[0], same, began=began, seed=seed, constraints=user_constraints, given=constraints)
-        for same in alike
-    ]
+    outcomes = [request.outcome(same[0], same) for same in alike]
     return [outcome for outcome in outcomes if isinstance(outcome, Design)]
 
 
-def _outcome(
-    best: StartResult,
-    results: Sequence[StartResult],
-    *,
-    began: float,
-    seed: int,
-    constraints: UserConstraints,
-    given: Sequence[OwnConstraint],
-) -> Design | Infeasible:
-    """Return what the best of some results stands for: a design with the shortest rod, or a shortfall.
+@dataclass(frozen=True)
+class _Request:
+    """What `solve` and `local_optima` are asked for."""
 
-    Of all constraints, those that a user has given are named in the design.
-    """
-    task, shorter = best.point.task, None
-    if best.worst.met and task.end_effector.rod == "straight" and task.end_effector.fixed_position is None:
-        from nlp.shortest_rod import shorten_rod  # compiled code, which other commands need not load
+    task: ResolvedTask
+    topology: Topology
+    starts: range
+    seed: int
+    near: Sequence[Design]
+    given: Sequence[OwnConstraint]
+    most_effort: float | None = None
+    began: float = field(default_factory=time.perf_counter)
 
-        best, shorter = shorten_rod(best, constraints)
-    corners = len(task.load_cases) - len(task.declared.load_cases)
-    record = SolverRecord(
-        status=best.result.status,
-        iterations=best.result.iterations,
-        seconds=time.perf_counter() - began,
-        seed=seed,
-        start=best.start,
-        starts=len(results),
-        starts_feasible=sum(one.worst.met for one in results),
-        objectives=tuple(one.objective for one in results if one.worst.met),
-        corners=corners or None,
-        corners_active=len(frozenset[str]().union(*(one.corners for one in results))) if corners else None,
-        shorter_rod=shorter,
-        versions=_versions(),
-    )
-    return _design(best, record, tuple(given)) if best.worst.met else _infeasible(results, best, record)
+    @cached_property
+    def constraints(self) -> UserConstraints:
+        """Constraints of the user, and of the task's allocator."""
+        return (*self.given, *pseudo_inverse_constraints(self.task.declared))
 
+    def outcome(self, best: StartResult, results: Sequence[StartResult]) -> Design | Infeasible:
+        """Return what the best of some results stands for: a design with the shortest rod, or a shortfall."""
+        task, shorter = best.point.task, None
+        if best.worst.met and task.end_effector.rod == "straight" and task.end_effector.fixed_position is None:
+            from nlp.shortest_rod import shorten_rod  # compiled code, which other commands need not load
 
-def _count_rods(
-    task: ResolvedTask, results: list[StartResult], constraints: UserConstraints, most_effort: float | None = None
-) -> list[StartResult]:
-    if task.end_effector.rod_mass == "ignored":
+            best, shorter = shorten_rod(best, self.constraints)
+        corners = len(task.load_cases) - len(task.declared.load_cases)
+        record = SolverRecord(
+            status=best.result.status,
+            iterations=best.result.iterations,
+            seconds=time.perf_counter() - self.began,
+            seed=self.seed,
+            start=best.start,
+            starts=len(results),
+            starts_feasible=sum(one.worst.met for one in results),
+            objectives=tuple(one.objective for one in results if one.worst.met),
+            corners=corners or None,
+            corners_active=len(frozenset[str]().union(*(one.corners for one in results))) if corners else None,
+            shorter_rod=shorter,
+            versions=_versions(),
+        )
+        return _design(best, record, self.given) if best.worst.met else _infeasible(results, best, record)
+
+    def count_rods(self, results: list[StartResult]) -> list[StartResult]:
+        """Return results with the mass of their rods, where the task counts it."""
+        if self.task.end_effector.rod_mass == "ignored":
+            return results
+        from nlp.shortest_rod import count_rods  # compiled code, which other commands need not load
+
+        return count_rods(results, self.constraints, self.most_effort)
+
+    def carry_over(self, source: Design, start: int) -> list[StartResult]:
+        """Return a design of the same tree that is one of this task too, and where it leads; else nothing.
+
+        A descent at low prices may lose what it begins with; Ipopt begins with the design itself.
+        """
+        task, topology, constraints = to_corners(self.task), self.topology, self.constraints
+        if len(common_subtrees(topology, source.topology)[0]) < max(topology.n, source.topology.n):
+            return []
+        plain = without_corners(task)
+        point = warm_start(plain, topology, source=source, rng=generator(plain, topology, start, self.seed))
+        point = correct(point, refit=True)
+        kept = judge(task, start, point, "carried over", constraints)
+        if not kept.worst.met:
+            return []
+        polished = take_in_corners(task, start, point, constraints)
+        # a design of a task with a smaller margin is not as good as it looks: designs are judged without one
+        comparable = source.task.search.margin >= task.search.margin or not polished.worst.met
+        return [kept, polished] if comparable else [polished]
+
+    def solve_starts(self) -> list[StartResult]:
+        """Return the outcome of each start and each design carried over, judged by the task with its corners.
+
+        With an effort it is all local optima that cost no more, if the reduced search expresses the task. Where
+        hinge angles come from a set, starts end with any angles first.
+        """
+        free = to_corners(self.task.model_copy(update={"search": self.task.search.any_angle}))
+        if reason_against(self.task):
+            results = self._solve_whole_problem(free)
+        else:
+            from nlp.multistart import solve_starts  # compiled code, which other commands need not load
+
+            asked, constraints, most = (self.starts, self.seed, self.near), self.constraints, self.most_effort
+            results = solve_starts(free, self.topology, *asked, constraints=constraints, most_effort=most)
+        if self.task.search.hinge_set_deg is None:
+            return results
+        from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load
+
+        return solve_on_set(to_corners(self.task), self.topology, results, self.constraints, self.most_effort)
+
+    def _solve_whole_problem(self, task: ResolvedTask) -> list[StartResult]:
+        """Return the results of Ipopt on the whole problem, from untangled starts."""
+        from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
+
+        plain, results = without_corners(task), []
+
+        def solve_from(point: Point, limits: Limits | None) -> IpoptResult:
+            return AssembledProgram(point.task, self.topology, self.constraints, limits).solve(point)
+
+        draws: list[tuple[int, Callable[..., Point]]]
+        draws = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(self.near)]
+        draws += [(s, draw) for s in self.starts]
+        for s, start in draws:
+            origin = start(plain, self.topology, rng=generator(plain, self.topology, s, self.seed))
+            results.append(take_in_corners(task, s, origin, self.constraints, solve_from))
         return results
-    from nlp.shortest_rod import count_rods  # compiled code, which other commands need not load
 
-    return count_rods(results, constraints, most_effort)
+
+def _best(results: Iterable[StartResult]) -> StartResult:
+    return min(results, key=lambda one: one.rank)
 
 
 def hold_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] = ()) -> Design:
@@ -223,8 +268,7 @@ def hold_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] 
     numbers = design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m, design.inputs
     point = Point(design.task, design.topology, *map(np.array, numbers))
     user_constraints = (*constraints, *pseudo_inverse_constraints(design.task))
-    whole = with_all(point, to_corners(design.task), user_constraints)
-    kept = StartResult.at(0, whole, IpoptResult(point, "held", 0), constraints=user_constraints)
+    kept = judge(to_corners(design.task), 0, point, "held", user_constraints)
     held = count_rod(kept, user_constraints, (mount.module, mount.port))
     record = SolverRecord.model_validate(design.solver)
     return _design(held, record, constraints) if held.worst.met else design
@@ -237,76 +281,6 @@ def _within_usual_reach(task: ResolvedTask, closest: Point) -> ResolvedTask | No
     reach, allowed = narrower.largest_reach(task.n), task.largest_reach(task.n)
     distance = np.linalg.norm(closest.p_E - closest.poses[1], axis=1).min() - task.module.connector_distance
     return narrower if reach is not None and reach < min(distance, allowed or np.inf) else None
-
-
-def _carried_over(
-    task: ResolvedTask, topology: Topology, source: Design, start: int, seed: int, constraints: UserConstraints
-) -> list[StartResult]:
-    """Return a design of the same tree that is one of this task too, and where it leads; else nothing.
-
-    A descent at low prices may lose what it begins with; Ipopt begins with the design itself.
-    """
-    from nlp.assembled import polish_with  # compiled code, which other commands need not load
-
-    if len(common_subtrees(topology, source.topology)[0]) < max(topology.n, source.topology.n):
-        return []
-    plain = without_corners(task)
-    point = warm_start(plain, topology, source=source, rng=generator(plain, topology, start, seed))
-    point = correct(point, refit=True)
-    whole, carried = with_all(point, task, constraints), IpoptResult(point, "carried over", 0)
-    kept = StartResult.at(start, whole, carried, constraints=constraints)
-    if not kept.worst.met:
-        return []
-    polished = take_in_corners(task, start, point, polish_with(constraints), constraints)
-    # a design of a task with a smaller margin is not as good as it looks: the judgement of designs knows no margin
-    comparable = source.task.search.margin >= task.search.margin or not polished.worst.met
-    return [kept, polished] if comparable else [polished]
-
-
-def _solve_starts(
-    task: ResolvedTask,
-    topology: Topology,
-    drawn: Draws,
-    constraints: UserConstraints,
-    most_effort: float | None = None,
-) -> list[StartResult]:
-    """Return the outcome of each start and each design carried over, judged by the task with its corners.
-
-    With an effort it is all local optima that cost no more, if the reduced search expresses the task. Where hinge
-    angles come from a set, starts end with any angles first.
-    """
-    free = to_corners(task.model_copy(update={"search": task.search.any_angle}))
-    if reason_against(task):
-        results = _solve_whole_problem(free, topology, drawn, constraints)
-    else:
-        from nlp.multistart import solve_starts  # compiled code, which other commands need not load
-
-        results = solve_starts(free, topology, **drawn._asdict(), constraints=constraints, most_effort=most_effort)
-    if task.search.hinge_set_deg is None:
-        return results
-    from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load
-
-    return solve_on_set(to_corners(task), topology, results, constraints, most_effort)
-
-
-def _solve_whole_problem(
-    task: ResolvedTask, topology: Topology, drawn: Draws, constraints: UserConstraints
-) -> list[StartResult]:
-    """Return the results of Ipopt on the whole problem, from untangled starts."""
-    from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
-
-    plain, results = without_corners(task), []
-
-    def solve_from(point: Point, limits: Limits | None) -> IpoptResult:
-        return AssembledProgram(point.task, topology, constraints, limits).solve(point)
-
-    draws: list[tuple[int, Callable[..., Point]]]
-    draws = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(drawn.near)]
-    draws += [(s, draw) for s in drawn.starts]
-    for s, start in draws:
-        origin = start(plain, topology, rng=generator(plain, topology, s, drawn.seed))
-        results.append(take_in_corners(task, s, origin, solve_from, constraints))
-    return results
 
 
 def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnConstraint]) -> Design:

@@ -22,9 +22,9 @@ import pytest
 from verify_cases import FAMILIES, at_clearance, random_pair
 
 from nlp.ipopt import BETA
-from nlp.numbers.geometry import Swept
+from nlp.numbers.geometry import Ball, Swept
 from nlp.numbers.geometry import clearance as solvers_clearance
-from nlp.symbols.clearance import EPSILON, Ball, ConeSphere, clearance
+from nlp.symbols.clearance import EPSILON, clearance
 from topo_search.model import Module
 from verify import bodies
 from verify.bodies import clearances
@@ -38,8 +38,8 @@ def _symbols():
 
 def _smooth(kind):
     one, other = _symbols(), _symbols()
-    second = Ball(other[0], other[2]) if kind == "ball" else ConeSphere(*other)
-    return ca.Function("g", [ca.vertcat(*one, *other)], [clearance(ConeSphere(*one), second, ca.SX(BETA))])
+    second = Ball(other[0], other[2]) if kind == "ball" else Swept(*other)
+    return ca.Function("g", [ca.vertcat(*one, *other)], [clearance(Swept(*one), second, ca.SX(BETA))])
 
 
 SMOOTH = {kind: _smooth(kind) for kind in ("cone-sphere", "ball")}

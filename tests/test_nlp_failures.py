@@ -182,15 +182,15 @@ def test_a_program_that_takes_in_corners_ends_where_one_with_all_of_them_does() 
     from nlp.assembled import AssembledProgram
     from nlp.starts.random_starts import draw, generator
 
+    def solve_whole(point, _):
+        return AssembledProgram(point.task, TREE).solve(point)
+
     found = []
     for begun in (without_corners(task), task):
         best = []
         for s in range(6):
             origin = draw(begun, TREE, generator(begun, TREE, s, 0))
-            outcome = take_in_corners(
-                task, s, origin, lambda point, _: AssembledProgram(point.task, TREE).solve(point)
-            )
-            best.append(outcome)
+            best.append(take_in_corners(task, s, origin, solve=solve_whole))
         found.append(min(best, key=lambda outcome: outcome.rank))
     assert found[0].worst.met
     assert found[1].worst.met

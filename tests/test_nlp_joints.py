@@ -12,7 +12,7 @@ from suites import few
 
 from nlp import joints, solve
 from nlp.assembled.problem import AssembledProblem
-from nlp.joints import Limits, holder, limit_of, limit_rows, limited_loads, loads
+from nlp.joints import Limits, holder, limit_rows, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.requirements import clearances
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
@@ -87,7 +87,7 @@ def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both(
     both, x = AssembledProblem(task, topology, clearances(task, topology), 50.0), point.pack()
     both.append(DerivedRows(unknowns, g, np.zeros(g.numel()), np.full(g.numel(), np.inf)))
     unit = task.module.arm_length * task.module.mass * task.gravity
-    L = np.array([limit_of(task, load) for load in listed]) / unit
+    L = np.array([load.limit for load in listed]) / unit
     limited = both.constraints(x)[base.rows :].reshape(len(listed), -1).min(axis=1)
     monkeypatch.setattr(joints, "holder", lambda _: held)
     at = dict(zip(limited_loads(task, topology), loads(point), strict=True))

@@ -39,14 +39,14 @@ from verify.meshes import ConvexMesh, Indices, Shape, encloses, inner_mesh, lies
 ROTORS = 4
 
 
-class BesideAirflow(Row[Compound, Solid]):
-    """Parts of one module that must keep out of the airflow of another: its rotor `segment`, else hub and arms."""
+BesideAirflow = Row[Compound, Solid]
+"""Parts of one module that must keep out of the airflow of another: its rotor `segment`, else hub and arms."""
 
-    @property
-    def parts(self) -> range:
-        """Indices of these parts in the module."""
-        frame = self.body.frame
-        return range(frame) if self.segment is None else range(frame + self.segment, frame + self.segment + 1)
+
+def parts_of(row: BesideAirflow) -> tuple[Convex, ...]:
+    """Return these parts."""
+    frame = row.body.frame
+    return row.body.parts[:frame] if row.segment is None else (row.body.parts[frame + row.segment],)
 
 
 class _Found(NamedTuple):
@@ -136,9 +136,7 @@ def _fcl_apart(pair: BesideAirflow, n: Array, x: Array, level: int) -> bool:
     outer = pair.against.outer
     if level == 0:
         return outer is not None and not pair.body.bounds.shape.overlaps(outer[1])
-    near = [pair.body.parts[k] for k in pair.parts]
-    if outer is not None:
-        near = [part for part in near if part.shape.overlaps(outer[1])]
+    near = [part for part in parts_of(pair) if outer is None or part.shape.overlaps(outer[1])]
     if level == 1 or not near:
         return not near
     body = pair.against.body.move(-x)

@@ -79,6 +79,8 @@ class Row(Generic[Body, Other]):
     segment: int | None = None
     counts: bool = True
     """True if it affects the verdict; it is measured either way."""
+    bolted: bool = False
+    """True if the frames of both may touch near the connector."""
 
 
 class Solid:

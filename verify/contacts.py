@@ -39,9 +39,9 @@ box or on a path, the rod has to reach into K, and nothing is required of it. Le
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, product
+from typing import Any
 
 import numpy as np
 
@@ -49,25 +49,21 @@ from topo_search.model import AllowedContact, Design, Mount, Status
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.module import TIP
 from topo_search.model.room import INWARDS, OUTWARDS
+from verify.beside_airflow import certify_beside
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import FLOOR, Certificate, Row, Solid, certify_pairs
 from verify.compounds import Compound, certify_compounds
-from verify.cones import certify_inside
+from verify.cones import certify_inside, certify_parts_inside
 from verify.convex import CLIPPING, Convex, Polyhedron, capsule, clip
 from verify.hulls import Hull, approach, certify_outside, hull
 from verify.parts import FIT, UP
 from verify.requirements import Requirement, Scene
 
-
-@dataclass(frozen=True, eq=False)
-class RigidRequirement(Row[Compound, Compound]):
-    """Two rigid bodies that must not touch."""
-
-    bolted: bool = False
-    """True if the frames may touch near the connector."""
+AnyRow = Row[Any, Any]
+"""A row of any two sides."""
 
 
-def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[RigidRequirement]:
+def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyRow]:
     """Yield every pair of modules as `body`, and every module against the rod from the mount as `rod`.
 
     Both set the verdict unless the task gives body clearance up; the rod does where the task asks for one.
@@ -76,23 +72,23 @@ def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[RigidRequirement]:
     counts = task.body_clearance is not None
     needs_rod = counts or task.end_effector.rod == "straight"
     joints = {(h, i): ports for h, i, *ports in scene.design.topology.edges()}
-    sides = {port: _seen_from(scene, port) for port in {port for ports in joints.values() for port in ports}}
+    sides = {port: _side_at(scene, port) for port in {port for ports in joints.values() for port in ports}}
     for a, b in combinations(range(len(modules)), 2):
         body, against = modules[a], modules[b]
         if (a, b) in joints:
             ports = zip((a, b), joints[a, b], strict=True)
             body, against = (sides[k].place(scene.R[i], scene.centres[i]) for i, k in ports)
-        yield RigidRequirement("body", a, b, body, against, counts=counts, bolted=(a, b) in joints)
+        yield Row("body", a, b, body, against, counts=counts, bolted=(a, b) in joints)
     if mount is None:
         return
     rod = scene.straight_rod(mount)
     for a, module in enumerate(modules):
         beside = rod.body_beside(a)
         if beside is not None:
-            yield RigidRequirement("rod", a, -1, module, beside, counts=needs_rod)
+            yield Row("rod", a, -1, module, beside, counts=needs_rod)
 
 
-def _seen_from(scene: Scene, port: int) -> Compound:
+def _side_at(scene: Scene, port: int) -> Compound:
     """Return a module as its neighbour at a port meets it, in the module's own frame.
 
     First come the parts of the frame that are near the connector, if only with a piece; last, pieces of these that
@@ -151,13 +147,13 @@ def beside_brackets(brackets: dict[int, Hull], envelopes: Sequence[Solid]) -> It
             yield Requirement("bracket-airflow", a, b, envelope, bracket)
 
 
-def rotors_beside_brackets(brackets: dict[int, Hull], modules: Sequence[Compound]) -> Iterator[RigidRequirement]:
+def rotors_beside_brackets(brackets: dict[int, Hull], modules: Sequence[Compound]) -> Iterator[AnyRow]:
     """Yield every bracket against the rotors of every module."""
-    solids = {a: Polyhedron("bracket", one.mesh.vertices, one.mesh.triangles) for a, one in brackets.items()}
-    for a, bracket in solids.items():
+    for a, bracket in brackets.items():
+        solid = _body(bracket, "bracket")
         for b, module in enumerate(modules):
             turning = Compound(module.parts[module.frame :], module.bounds)
-            yield RigidRequirement("bracket-rotor", a, b, turning, Compound((bracket,), bracket))
+            yield Row("bracket-rotor", a, b, turning, solid)
 
 
 def _flange(scene: Scene, i: int, port: int) -> Array:
@@ -172,18 +168,12 @@ def _flange(scene: Scene, i: int, port: int) -> Array:
     return np.asarray(np.array(corners) @ scene.R[i].T + scene.centres[i])
 
 
-class InsideCone(Row[Compound, Cone]):
-    """The parts of a module that must stay inside a cone, beyond which all is solid."""
-
-
-def parts_beside_regions(scene: Scene) -> Iterator[RigidRequirement | InsideCone]:
+def parts_beside_regions(scene: Scene) -> Iterator[AnyRow]:
     """Yield every module against every solid region."""
     for number, segment, region in _regions(scene):
         for a, module in enumerate(scene.modules):
-            if isinstance(region, Cone):
-                yield InsideCone("part-region", a, number, module, region, segment)
-            else:
-                yield RigidRequirement("part-region", a, number, module, _body(region), segment)
+            against = region if isinstance(region, Cone) else _body(region, "region")
+            yield Row("part-region", a, number, module, against, segment)
 
 
 def rod_beside_regions(scene: Scene, mount: Mount | None) -> Iterator[Requirement]:
@@ -227,25 +217,28 @@ def tip_distances(design: Design) -> dict[tuple[int, int | None], float]:
 
 def rod_keeps_out(scene: Scene, mount: Mount) -> bool:
     """Return whether the rod from a mount is proven to keep out of every solid region."""
-    certificates = certify_all(list(rod_beside_regions(scene, mount)))
+    certificates = certify(list(rod_beside_regions(scene, mount)))
     return all(certificate.status is Status.CLEAR for certificate in certificates)
 
 
-def certify_all(requirements: list[Requirement]) -> list[Certificate]:
-    """Return one certificate a requirement, pairs of cone-spheres all at once."""
-    certified = iter(certify_pairs([(r.body, r.against) for r in requirements if isinstance(r.against, Solid)]))
-
-    def certificate(body: Solid, against: Solid | Cone | Hull) -> Certificate:
-        if isinstance(against, Cone):
-            return certify_inside(body, against)
-        return certify_outside(body, against) if isinstance(against, Hull) else next(certified)
-
-    return [certificate(r.body, r.against) for r in requirements]
-
-
-def certify_rigid(rows: list[RigidRequirement]) -> list[Certificate]:
-    """Return one certificate a row, all at once."""
-    return certify_compounds([(row.body, row.against) for row in rows], [row.bolted for row in rows])
+def certify(rows: Sequence[AnyRow]) -> list[Certificate]:
+    """Return one certificate a row, those of all rows with the same kinds of sides at once."""
+    certifiers: dict[tuple[type, type], Callable[[list[AnyRow]], list[Certificate]]] = {
+        (Solid, Solid): lambda some: certify_pairs([(row.body, row.against) for row in some]),
+        (Solid, Cone): lambda some: [certify_inside(row.body, row.against) for row in some],
+        (Solid, Hull): lambda some: [certify_outside(row.body, row.against) for row in some],
+        (Compound, Compound): lambda some: certify_compounds(
+            [(row.body, row.against) for row in some], [row.bolted for row in some]
+        ),
+        (Compound, Cone): lambda some: [certify_parts_inside(row.body, row.against) for row in some],
+        (Compound, Solid): certify_beside,
+    }
+    sides = [(type(row.body), type(row.against)) for row in rows]
+    certified = {
+        both: iter(certify_some([row for row, kinds in zip(rows, sides, strict=True) if kinds == both]))
+        for both, certify_some in certifiers.items()
+    }
+    return [next(certified[both]) for both in sides]
 
 
 def _regions(scene: Scene) -> Iterator[tuple[int, int | None, Solid | Cone | Hull]]:
@@ -255,12 +248,12 @@ def _regions(scene: Scene) -> Iterator[tuple[int, int | None, Solid | Cone | Hul
             yield from ((number, segment, region) for segment, region in scene.regions(exposure))
 
 
-def _body(region: Solid | Hull) -> Compound:
+def _body(region: Solid | Hull, name: str) -> Compound:
     """Return a convex region as a rigid body."""
     solid: Convex
     if isinstance(region, Hull):
-        solid = Polyhedron("region", region.mesh.vertices, region.mesh.triangles)
+        solid = Polyhedron(name, region.mesh.vertices, region.mesh.triangles)
     else:
         body = region.body
-        solid = capsule("region", body.o, body.o + body.d, body.r)
+        solid = capsule(name, body.o, body.o + body.d, body.r)
     return Compound((solid,), solid)

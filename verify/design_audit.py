@@ -15,9 +15,8 @@ import itertools
 import platform as python_platform
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from importlib import metadata
-from typing import Any
 
 import numpy as np
 
@@ -28,18 +27,15 @@ from topo_search.model.value import Vector
 from verify.air.bound import air, speed_residuals
 from verify.assembly import assembly, rod_residuals
 from verify.bare import complete, corner_residuals, power
-from verify.beside_airflow import BesideAirflow, beside_airflow, certify_beside
+from verify.beside_airflow import beside_airflow
 from verify.bodies import Array
 from verify.certificate import Certificate, Solid
-from verify.cones import certify_parts_inside
 from verify.contacts import (
-    InsideCone,
-    RigidRequirement,
+    AnyRow,
     allowed_contacts,
     beside_brackets,
     bracket_hulls,
-    certify_all,
-    certify_rigid,
+    certify,
     keep_apart,
     parts_beside_regions,
     rod_beside_regions,
@@ -72,7 +68,6 @@ def interference(pairs: Sequence[Clearance]) -> Interference:
     )
 
 
-Asked = Requirement | RigidRequirement | BesideAirflow | InsideCone
 MOST_CLEARANCES = 1_000_000
 """Rows of an audit, of every kind: those of 380 modules and 50 paths; more would need gigabytes."""
 
@@ -95,7 +90,7 @@ def _audit(design: Design, started: float) -> Audit:
     placed, sheet = scene.platform, assembly(scene)
     rows = (*residuals(design, placed), *corner_residuals(design, placed), *rod_residuals(scene, sheet))
     brackets, counts = bracket_hulls(scene), design.task.parts_off_airflow
-    rows_of_all_kinds: Iterable[Asked] = itertools.chain(
+    rows_of_all_kinds: Iterable[AnyRow] = itertools.chain(
         scene.requirements(),
         keep_apart(scene, sheet.mount),
         beside_airflow(scene.modules, scene.envelopes, counts=counts),
@@ -108,7 +103,7 @@ def _audit(design: Design, started: float) -> Audit:
     checks = list(itertools.islice(rows_of_all_kinds, MOST_CLEARANCES + 1))
     if len(checks) > MOST_CLEARANCES:
         raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
-    certificates = _certify(checks)
+    certificates = certify(checks)
     statuses = [c.status for requirement, c in zip(checks, certificates, strict=True) if requirement.counts]
     mount, module = sheet.mount, design.task.module
     holder = 0 if mount is None else mount.module
@@ -141,27 +136,13 @@ def _audit(design: Design, started: float) -> Audit:
     )
 
 
-def _certify(checks: list[Asked]) -> list[Certificate]:
-    """Return one certificate a row, those of all rows of a class at once."""
-    certifiers: dict[type[Asked], Callable[[list[Any]], list[Certificate]]] = {
-        Requirement: certify_all,
-        RigidRequirement: certify_rigid,
-        BesideAirflow: certify_beside,
-        InsideCone: lambda rows: [certify_parts_inside(row.body, row.against) for row in rows],
-    }
-    certified = {
-        kind: iter(certify([row for row in checks if type(row) is kind])) for kind, certify in certifiers.items()
-    }
-    return [next(certified[type(row)]) for row in checks]
-
-
 def _closest_points(
-    checks: list[Asked], certificates: list[Certificate], l_arm: float, middle: Array
+    checks: list[AnyRow], certificates: list[Certificate], l_arm: float, middle: Array
 ) -> list[tuple[Vector, Vector] | None]:
     """Return where both sides of every row come closest, in W [m]; of a least distance the places themselves."""
     nowhere = np.full((2, 3), np.nan)
 
-    def points(row: Asked, certificate: Certificate) -> Array:
+    def points(row: AnyRow, certificate: Certificate) -> Array:
         if (
             row.kind in ("separation", "exclusion")
             and isinstance(row.body, Solid)
@@ -177,7 +158,7 @@ def _closest_points(
 
 
 def _clearance(
-    requirement: Asked,
+    requirement: AnyRow,
     certificate: Certificate,
     closest: tuple[Vector, Vector] | None,
     module: Module,
@@ -200,7 +181,7 @@ def _clearance(
     )
 
 
-def _describe(row: Asked) -> tuple[str, str]:
+def _describe(row: AnyRow) -> tuple[str, str]:
     """Return both sides of a row with all their digits, in l_arm from the mean of the module centres."""
     sides = (side.body if isinstance(side, Solid) else side for side in (row.body, row.against))
     with np.printoptions(floatmode="unique", threshold=sys.maxsize):

@@ -28,7 +28,8 @@ from nlp.assembled.kkt_candidates import smooth_least
 from nlp.assembled.local_vectors import Indices, PlatformVectors, VectorLayout, differences, dot
 from nlp.numbers.masses import Body, Masses, RodMass
 from nlp.requirements.balances import turns
-from nlp.requirements.modules import EnvelopePair
+from nlp.requirements.bodies import Air
+from nlp.requirements.modules import BesideAirflow
 from nlp.requirements.statement import (
     COM,
     FROM_COM,
@@ -122,12 +123,12 @@ class Mapped:
         return (function, buffer), trigger, inputs, outputs  # the trigger keeps neither alive
 
 
-def _envelope_pair(pair: EnvelopePair, beta: float) -> tuple[Derived]:
+def _envelope_pair(air: Air, beta: float) -> tuple[Derived]:
     """Return the smooth clearance of two airflow envelopes, of w, z_i, z_j.
 
     f depends on them through C, D, E and F alone, and on F by addition.
     """
-    length, r_air, dr_air = pair.air
+    length, r_air, dr_air = air
     A = length**2 - dr_air**2
     sizes = length, dr_air, 2 * r_air, 4 * (r_air + dr_air)
 
@@ -206,7 +207,7 @@ def _hessians(
     return hessians
 
 
-def _distance(formula: Distance, _: float) -> tuple[Derived]:
+def _distance(formula: Distance) -> tuple[Derived]:
     """Return (||w||^2 - d^2) / (2 d), of w."""
     d = formula.least
 
@@ -222,15 +223,16 @@ def _distance(formula: Distance, _: float) -> tuple[Derived]:
     return (differentiate,)
 
 
-BY_HAND: dict[type, Callable[..., tuple[Derived]]] = {EnvelopePair: _envelope_pair, Distance: _distance}
-"""Formulas of which there are so many, or which are so plain, that they have derivatives of their own."""
-
-
 @cache
 def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
-    """Return every row of a formula's smooth form with its derivatives."""
-    if (by_hand := BY_HAND.get(type(formula))) is not None:
-        return by_hand(formula, beta)
+    """Return every row of a formula's smooth form with its derivatives.
+
+    Those of which there are so many, or which are so plain, have derivatives by hand.
+    """
+    if isinstance(formula, Distance):
+        return _distance(formula)
+    if isinstance(formula, BesideAirflow) and isinstance(formula.body, Air):
+        return _envelope_pair(formula.air, beta)
     y = [ca.SX.sym("y", 3) for _ in formula.local_vectors]
     rows = ca.vertsplit(formula.smooth(y, ca.SX(beta)))
     return tuple(derive(y, row) for row in rows)

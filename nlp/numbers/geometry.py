@@ -1,6 +1,6 @@
 """Poses and exact clearances as numbers: what starts are drawn with and designs are checked with.
 
-Nothing here shares code with the symbols of the problem. Lengths in metres.
+Lengths in metres.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,12 +96,24 @@ def _hinge_rotations(ports: NDArray[np.intp], alpha: Array) -> Array:
 
 @dataclass(frozen=True)
 class Swept:
-    """Balls swept along segments with linearly growing radius; leading shapes broadcast."""
+    """Balls swept along segments with linearly growing radius: symbols, or arrays whose shapes broadcast."""
 
-    o: Array
-    d: Array
+    o: Any
+    d: Any
     r_0: float
     dr: float = 0.0
+
+    @property
+    def end_radius(self) -> float:
+        """Radius at eta = 1."""
+        return self.r_0 + self.dr
+
+
+class Ball(Swept):
+    """A single ball."""
+
+    def __init__(self, o: Any, radius: float) -> None:
+        super().__init__(o, 0.0 * o, radius)
 
 
 def envelopes(air: AirflowEnvelope, R: Array, p: Array) -> Swept:

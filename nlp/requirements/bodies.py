@@ -1,46 +1,27 @@
 """Bodies that keep out of regions at the end-effector: an airflow envelope, a rod, balls around rigid parts.
 
-Each is a function of local vectors, as symbols and as numbers, and knows its rows of the compiled search.
+Each is a function of local vectors, of symbols or of numbers, and knows its rows of the compiled search.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nlp.numbers.geometry import Swept
+from nlp.numbers.geometry import Ball, Swept
 from nlp.requirements.statement import FROM_TIP, OF_PARTS, X_I, Y_I, Z_I, Kernel, LocalVector, RodRow
-from nlp.symbols.clearance import Ball, ConeSphere
 from nlp.units import Units
 from topo_search.model import ResolvedTask
-from topo_search.model.arrays import Array
 from topo_search.model.module import AirflowEnvelope
 from topo_search.model.value import Vector
 
 SHORT = 1e-9
 """A rod that is shorter has no direction [l_arm]."""
-
-
-class Body(Protocol):
-    """What a region keeps away, seen from the end-effector; hashable."""
-
-    @property
-    def local_vectors(self) -> tuple[LocalVector, ...]:
-        """Local vectors y that it is a function of."""
-
-    def symbols(self, y: Sequence[ca.SX]) -> ConeSphere | list[Ball]:
-        """Return it as symbols: a body that is swept, or all of its balls."""
-
-    def numbers(self, y: Sequence[Array]) -> list[Swept]:
-        """Return all that it is made of as numbers, of m modules each."""
-
-    def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
-        """Return its rows of the compiled search, from a region's."""
 
 
 class Air(NamedTuple):
@@ -70,13 +51,8 @@ class Air(NamedTuple):
         """The module's centre and axis."""
         return FROM_TIP, Z_I
 
-    def symbols(self, y: Sequence[ca.SX]) -> ConeSphere:
-        """Return the envelope of a module at o with the axis z."""
-        o, z = y
-        return ConeSphere(o, -self.length * z, self.start_radius, self.growth)
-
-    def numbers(self, y: Sequence[Array]) -> list[Swept]:
-        """Return the envelopes of modules at o with the axes z, shape (m, 3) each."""
+    def solids(self, y: Sequence[Any]) -> list[Swept]:
+        """Return the envelopes of modules at o with the axes z: symbols, or arrays of shape (m, 3)."""
         o, z = y
         return [Swept(o, -self.length * z, self.start_radius, self.growth)]
 
@@ -97,19 +73,20 @@ class Rod(NamedTuple):
         """The module's centre, and the connector's direction in the place of its axis."""
         return FROM_TIP, Z_I
 
-    def symbols(self, y: Sequence[ca.SX]) -> ConeSphere:
-        """Return the rod of a module at q from the end-effector, from the connector in a direction."""
-        q, outward = y
-        start = q + self.l_c * outward
-        skipped = self.tip / ca.norm_2(start) if self.tip else 0.0
-        return ConeSphere(start, (skipped - 1) * start, self.radius)
+    def solids(self, y: Sequence[Any]) -> list[Swept]:
+        """Return the rods of modules at q from the end-effector, from the connectors in a direction.
 
-    def numbers(self, y: Sequence[Array]) -> list[Swept]:
-        """Return the rods of modules at q, shape (m, 3) each; a rod that is all tip has no length."""
+        As numbers, one that is all tip has no length.
+        """
         q, outward = y
         start = q + self.l_c * outward
-        length = np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), SHORT)
-        return [Swept(start, (np.minimum(self.tip / length, 1.0) - 1) * start, self.radius)]
+        skipped: Any = 0.0
+        if self.tip and isinstance(start, ca.SX):
+            skipped = self.tip / ca.norm_2(start)
+        elif self.tip:
+            length = np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), SHORT)
+            skipped = np.minimum(self.tip / length, 1.0)
+        return [Swept(start, (skipped - 1) * start, self.radius)]
 
     def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
         """Return rows with these sizes."""
@@ -134,21 +111,18 @@ class PartBalls:
         cover, unit = task.part_cover, Units.of(task).length
         return cls(tuple((divide(o, unit), r / unit) for o, r in zip(cover.centres, cover.radii, strict=True)))
 
-    def symbols(self, y: Sequence[ca.SX]) -> list[Ball]:
-        """Return them as symbols."""
-        q, *axes = y
-        R = ca.horzcat(*axes)
-        return [Ball(q + R @ ca.DM(centre), radius) for centre, radius in self.balls]
-
-    def numbers(self, y: Sequence[Array]) -> list[Swept]:
-        """Return them as numbers, of m modules each."""
-        q, *axes = y
-        R = np.stack(axes, axis=-1)
-        return [Swept(q + R @ np.array(centre), np.zeros(3), radius) for centre, radius in self.balls]
+    def solids(self, y: Sequence[Any]) -> list[Swept]:
+        """Return them, as symbols or of m modules each."""
+        q, X, Y, Z = y
+        return [Ball(q + (a * X + b * Y + c * Z), radius) for (a, b, c), radius in self.balls]
 
     def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
         """Return one row of all balls, not one for each end of an envelope."""
         return (kernels[0]._replace(kind=OF_PARTS[kernels[0].kind]),)
+
+
+Body = Air | Rod | PartBalls
+"""What a region keeps away, seen from the end-effector; hashable."""
 
 
 def divide(vector: ArrayLike, unit: float) -> Vector:

@@ -23,13 +23,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
 from nlp import names
-from nlp.numbers.geometry import Swept, cone_clearance, hull_clearance
+from nlp.numbers.geometry import Ball, Swept, cone_clearance, hull_clearance
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.requirements.bodies import Air, Body, PartBalls, divide
 from nlp.requirements.statement import (
@@ -52,7 +51,7 @@ from nlp.requirements.statement import (
     Requirement,
     Subjects,
 )
-from nlp.symbols.clearance import Ball, ConeSphere, clearance, clearance_of_all, hull_clearances
+from nlp.symbols.clearance import clearance, clearance_of_all, hull_clearances
 from nlp.units import Units
 from topo_search.model import LEAST_OFFSET, AnyExposure, ResolvedTask, needs_offset, segment_of
 from topo_search.model.arrays import Array
@@ -67,52 +66,6 @@ ROUNDING = 1e-8
 def hull_of(corners: tuple[Vector, ...]) -> Hull:
     """Return the hull of points; rows of the compiled search that share it have it once."""
     return convex_hull(np.array(corners))
-
-
-class Region(Protocol):
-    """A region, its numbers in l_arm from p_E; hashable."""
-
-    @property
-    def local_vectors(self) -> tuple[LocalVector, ...]:
-        """p_E where the region takes a direction from it, else none."""
-
-    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the rows of a body for Ipopt; `towards`: the region's local vectors."""
-
-    def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
-        """Return the gap of one of a body's solids, with its exact sign."""
-
-    def kernels(self) -> tuple[Kernel, ...]:
-        """Return the rows of an envelope in the compiled search, but for its sizes."""
-
-
-@dataclass(frozen=True)
-class AtRegion:
-    """A body keeps out of a region, or in it."""
-
-    body: Body
-    region: Region
-    segment: int | None = None
-
-    @property
-    def local_vectors(self) -> tuple[LocalVector, ...]:
-        """Those of the body and of the region."""
-        return (*self.body.local_vectors, *self.region.local_vectors)
-
-    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the region's rows."""
-        count = len(self.body.local_vectors)
-        return self.region.smooth(self.body.symbols(y[:count]), y[count:], beta)
-
-    def exact(self, y: Sequence[Array]) -> Array:
-        """Return the least gap of all that the body is made of."""
-        count = len(self.body.local_vectors)
-        gaps = [self.region.exact(swept, y[count:]) for swept in self.body.numbers(y[:count])]
-        return np.asarray(np.min(gaps, axis=0))
-
-    def kernels(self) -> tuple[Kernel, ...]:
-        """Return the body's rows."""
-        return self.body.rows(self.region.kernels())
 
 
 @dataclass(frozen=True)
@@ -131,20 +84,21 @@ class CapsuleRegion:
         """p_E where the path is along it."""
         return () if self.length is None else (FROM_COM,)
 
-    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+    def smooth(self, body: Sequence[Swept], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the paper's log-sum-exp over nine KKT candidates; of a ball over three, or distances of balls."""
         start, path = ca.SX(ca.DM(self.start)), ca.SX(ca.DM(self.path))
         if self.length is not None:
             path = self.length * towards[0] / ca.norm_2(towards[0])
         elif not any(self.path):
-            if isinstance(body, ConeSphere):
-                return clearance(body, Ball(start, self.radius), beta)
-            away, least = [ball.o - start for ball in body], [self.radius + ball.end_radius for ball in body]
-            return ca.vertcat(*((ca.dot(q, q) - d**2) / (2 * d) for q, d in zip(away, least, strict=True)))
-        capsule = ConeSphere(start, path, self.radius)
-        if isinstance(body, ConeSphere):
-            return clearance(body, capsule, beta)
-        return clearance_of_all(capsule, body, beta)
+            if not isinstance(body[0], Ball):
+                return clearance(body[0], Ball(start, self.radius), beta)
+            apart = [Distance(FROM_TIP, self.radius + ball.end_radius, BALL) for ball in body]
+            gaps = [one.smooth([ball.o - start], beta) for one, ball in zip(apart, body, strict=True)]
+            return ca.vertcat(*gaps)
+        capsule = Swept(start, path, self.radius)
+        if isinstance(body[0], Ball):
+            return clearance_of_all(capsule, body, beta)
+        return clearance(body[0], capsule, beta)
 
     def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
         """Return the gap where f is least."""
@@ -168,10 +122,9 @@ class HullRegion:
     corners: tuple[Vector, ...]
     local_vectors = ()
 
-    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+    def smooth(self, body: Sequence[Swept], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return two rows: the log-sum-exp, and how far the centre is outside (`nlp.symbols.clearance`)."""
-        assert isinstance(body, ConeSphere)
-        return hull_clearances(body, ca.SX.zeros(3), hull_of(self.corners), beta)
+        return hull_clearances(body[0], ca.SX.zeros(3), hull_of(self.corners), beta)
 
     def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
         """Return the gap where f is least."""
@@ -185,13 +138,12 @@ class HullRegion:
 class HullFaces(HullRegion):
     """The convex hull of points, beyond one face of which all balls keep: at edges that asks for a little more."""
 
-    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+    def smooth(self, body: Sequence[Swept], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the log-sum-exp of the heights over all faces, for every ball."""
-        assert isinstance(body, list)
         normals, offsets = hull_of(self.corners).normals, hull_of(self.corners).offsets
         gaps = []
         for ball in body:
-            heights = ca.DM(normals) @ ball.o - ca.DM(offsets)
+            heights: ca.SX = ca.DM(normals) @ ball.o - ca.DM(offsets)
             gaps.append(ca.logsumexp(beta * heights) / beta - math.log(len(offsets)) / beta - ball.end_radius)
         return ca.vertcat(*gaps)
 
@@ -215,14 +167,15 @@ class InfiniteCone:
         """The COM where the axis points there."""
         return () if self.axis is not None else (FROM_COM,)
 
-    def smooth(self, body: ConeSphere | list[Ball], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+    def smooth(self, body: Sequence[Swept], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return s - r of every ball, of what is swept the end balls."""
         d_con = ca.SX(ca.DM(self.axis)) if self.axis is not None else -towards[0] / ca.norm_2(towards[0])
-        if isinstance(body, ConeSphere):
-            body = [Ball(body.o + eta * body.d, body.r_0 + eta * body.dr) for eta in (0.0, 1.0)]
+        if not isinstance(body[0], Ball):
+            (swept,) = body
+            body = [Ball(swept.o + eta * swept.d, swept.r_0 + eta * swept.dr) for eta in (0.0, 1.0)]
         gaps = []
         for ball in body:
-            P = ball.o - ca.DM(self.apex)
+            P: ca.SX = ball.o - ca.DM(self.apex)
             along = ca.dot(d_con, P)
             rho = P - along * d_con
             s = along * math.sin(self.half_angle)
@@ -242,6 +195,39 @@ class InfiniteCone:
         kind, axis = (CONE_COM, ORIGIN) if self.axis is None else (CONE, self.axis)
         sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
         return tuple(Kernel(kind, origin=self.apex, cone=ConeRow(sine, cosine, axis, end)) for end in (0.0, 1.0))
+
+
+Region = CapsuleRegion | HullRegion | InfiniteCone
+"""A region, its numbers in l_arm from p_E; hashable. Its local vectors are p_E, if it takes a direction from it."""
+
+
+@dataclass(frozen=True)
+class AtRegion:
+    """A body keeps out of a region, or in it."""
+
+    body: Body
+    region: Region
+    segment: int | None = None
+
+    @property
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """Those of the body and of the region."""
+        return (*self.body.local_vectors, *self.region.local_vectors)
+
+    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
+        """Return the region's rows."""
+        count = len(self.body.local_vectors)
+        return self.region.smooth(self.body.solids(y[:count]), y[count:], beta)
+
+    def exact(self, y: Sequence[Array]) -> Array:
+        """Return the least gap of all that the body is made of."""
+        count = len(self.body.local_vectors)
+        gaps = [self.region.exact(swept, y[count:]) for swept in self.body.solids(y[:count])]
+        return np.asarray(np.min(gaps, axis=0))
+
+    def kernels(self) -> tuple[Kernel, ...]:
+        """Return the body's rows."""
+        return self.body.rows(self.region.kernels())
 
 
 def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> AtRegion:

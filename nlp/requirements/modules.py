@@ -17,12 +17,10 @@ from nlp.requirements.statement import (
     APART,
     FROM_J,
     PARTS,
-    X_I,
-    Y_I,
-    Z_I,
     Z_J,
     Distance,
     Kernel,
+    LocalVector,
     Requirement,
     Subjects,
 )
@@ -44,52 +42,34 @@ the others; where they may merge, it is NEAR.
 
 
 @dataclass(frozen=True)
-class EnvelopePair:
-    """Two airflow envelopes keep apart (paper, Sec. III-A)."""
+class BesideAirflow:
+    """The airflow envelope, or the balls around parts, of module i keep out of the airflow of module j."""
 
+    body: Air | PartBalls
     air: Air
-    local_vectors = (FROM_J, Z_I, Z_J)
     segment = None
 
+    @property
+    def local_vectors(self) -> tuple[LocalVector, ...]:
+        """Those of the body, seen from module j, and the axis of that."""
+        return (FROM_J, *self.body.local_vectors[1:], Z_J)
+
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the paper's log-sum-exp over nine KKT candidates."""
-        w, z_i, z_j = y
-        return clearance(self.air.symbols([w, z_i]), self.air.symbols([ca.SX.zeros(3), z_j]), beta)
+        """Return the paper's log-sum-exp over nine KKT candidates (Sec. III-A); of balls over those of all."""
+        *seen, z_j = y
+        solids, (airflow,) = self.body.solids(seen), self.air.solids([ca.SX.zeros(3), z_j])
+        both = isinstance(self.body, Air)
+        return clearance(solids[0], airflow, beta) if both else clearance_of_all(airflow, solids, beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
-        """Return the gap where f_air is least."""
-        w, z_i, z_j = y
-        (one,), (other,) = self.air.numbers([w, z_i]), self.air.numbers([np.zeros(3), z_j])
-        return exact_clearance(one, other)
+        """Return the least gap, where f_air is least."""
+        *seen, z_j = y
+        (airflow,) = self.air.solids([np.zeros(3), z_j])
+        return np.asarray(np.min([exact_clearance(solid, airflow) for solid in self.body.solids(seen)], axis=0))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (Kernel(AIR),)
-
-
-@dataclass(frozen=True)
-class PartsBeside:
-    """Balls around the parts of module i keep out of the airflow of module j."""
-
-    air: Air
-    balls: PartBalls
-    local_vectors = (FROM_J, X_I, Y_I, Z_I, Z_J)
-    segment = None
-
-    def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the log-sum-exp over all balls and KKT candidates."""
-        *part, z_j = y
-        return clearance_of_all(self.air.symbols([ca.SX.zeros(3), z_j]), self.balls.symbols(part), beta)
-
-    def exact(self, y: Sequence[Array]) -> Array:
-        """Return the least gap of all balls."""
-        *part, z_j = y
-        (envelopes,) = self.air.numbers([np.zeros(3), z_j])
-        return np.asarray(np.min([exact_clearance(envelopes, ball) for ball in self.balls.numbers(part)], axis=0))
-
-    def kernels(self) -> tuple[Kernel, ...]:
-        """Return one row."""
-        return (Kernel(PARTS),)
+        return (Kernel(AIR if isinstance(self.body, Air) else PARTS),)
 
 
 def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
@@ -98,7 +78,7 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
     margin, pairs = task.search.margin / unit, list(combinations(range(topology.n), 2))
     airflow, ablation = (task.search.interference == one for one in ("airflow", "separation"))
     if airflow:
-        formulas = (EnvelopePair(air),)
+        formulas = (BesideAirflow(air, air),)
         yield Requirement(
             4, lambda i, j, _: f"airflow of modules {i} and {j}", _pairs(pairs), formulas, margin, near=NEAR
         )
@@ -114,7 +94,7 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
             6,
             lambda i, j, _: names.rotor_airflow(i, j),
             _pairs(list(topology.unbolted)),
-            (PartsBeside(air, PartBalls.of(task)),),
+            (BesideAirflow(PartBalls.of(task), air),),
             margin,
             near=BESIDE if airflow else NEAR,
         )

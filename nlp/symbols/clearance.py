@@ -34,10 +34,10 @@ face, max_f n_f . o - b_f >= 0. No clear platform loses anything by it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 
+from nlp.numbers.geometry import Ball, Swept
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Hull
 
@@ -72,30 +72,7 @@ def log_sum_exp(values: Sequence[ca.SX], beta: float | ca.SX) -> ca.SX:
     return least - ca.log(total) / beta
 
 
-@dataclass(frozen=True)
-class ConeSphere:
-    """A ball swept along a segment with linearly growing radius."""
-
-    o: ca.SX
-    d: ca.SX
-    r_0: float
-    dr: float = 0.0
-
-    @property
-    def end_radius(self) -> float:
-        """Radius at eta = 1."""
-        return self.r_0 + self.dr
-
-
-@dataclass(frozen=True)
-class Ball:
-    """A single ball."""
-
-    o: ca.SX
-    end_radius: float
-
-
-def clearance(one: ConeSphere, other: ConeSphere | Ball, beta: ca.SX) -> ca.SX:
+def clearance(one: Swept, other: Swept, beta: ca.SX) -> ca.SX:
     """Return the smooth clearance, in l_arm near contact.
 
     The log-sum-exp of f over the KKT candidates is an area; divided by twice the sum of the end radii it is a
@@ -110,7 +87,7 @@ def as_length(f: Sequence[ca.SX], R: float, beta: ca.SX) -> ca.SX:
     return log_sum_exp(f, beta * ca.fmax(1.0, 1 / (2 * R))) / (2 * R)
 
 
-def clearance_of_all(one: ConeSphere, balls: Sequence[Ball], beta: ca.SX) -> ca.SX:
+def clearance_of_all(one: Swept, balls: Sequence[Swept], beta: ca.SX) -> ca.SX:
     """Return the smooth clearance of some balls together, in l_arm near contact.
 
     Every ball's f counts as the length that it is near contact, times twice the sum of the first one's radii.
@@ -120,7 +97,7 @@ def clearance_of_all(one: ConeSphere, balls: Sequence[Ball], beta: ca.SX) -> ca.
     return log_sum_exp(scaled, beta) / (2 * scale)
 
 
-def _against_ball(one: ConeSphere, ball: Ball) -> list[ca.SX]:
+def _against_ball(one: Swept, ball: Swept) -> list[ca.SX]:
     """Return f at its three KKT candidates: the stationary point and both ends."""
     w_0, r_0 = one.o - ball.o, one.r_0 + ball.end_radius
     A = ca.dot(one.d, one.d) - one.dr**2
@@ -130,7 +107,7 @@ def _against_ball(one: ConeSphere, ball: Ball) -> list[ca.SX]:
     return [A * eta**2 + D * eta + F, F, A + D + F]
 
 
-def _against_segment(one: ConeSphere, other: ConeSphere) -> list[ca.SX]:
+def _against_segment(one: Swept, other: Swept) -> list[ca.SX]:
     """Return f at its nine KKT candidates, from the coefficients of the paper's Eq. (f_air)."""
     d_i, d_j = one.d, other.d
     w_0, r_0 = one.o - other.o, one.r_0 + other.r_0
@@ -171,7 +148,7 @@ def quadratic_candidates(
 Scalar = ca.SX | float
 
 
-def hull_clearances(envelope: ConeSphere, origin: ca.SX, hull: Hull, beta: ca.SX) -> ca.SX:
+def hull_clearances(envelope: Swept, origin: ca.SX, hull: Hull, beta: ca.SX) -> ca.SX:
     """Return two rows: the smooth clearance, in l_arm near contact, and how far the first centre is outside.
 
     Args:
@@ -180,7 +157,7 @@ def hull_clearances(envelope: ConeSphere, origin: ca.SX, hull: Hull, beta: ca.SX
         hull: Q, lengths in l_arm.
         beta: sharpness of the log-sum-exp.
     """
-    seen = ConeSphere(envelope.o - origin, envelope.d, envelope.r_0, envelope.dr)
+    seen = Swept(envelope.o - origin, envelope.d, envelope.r_0, envelope.dr)
     f = [_at_corner(seen, corner) for corner in hull.corners]
     for start, end in hull.corners[hull.edges]:
         f += _along_edge(seen, start, end)
@@ -193,12 +170,12 @@ def hull_clearances(envelope: ConeSphere, origin: ca.SX, hull: Hull, beta: ca.SX
     )
 
 
-def _f(one: ConeSphere, eta: Scalar, y: ca.SX | ca.DM) -> ca.SX:
-    apart = one.o + eta * one.d - y
+def _f(one: Swept, eta: Scalar, y: ca.SX | ca.DM) -> ca.SX:
+    apart: ca.SX = one.o + eta * one.d - y
     return ca.dot(apart, apart) - (one.r_0 + eta * one.dr) ** 2
 
 
-def _at_corner(one: ConeSphere, corner: Array) -> ca.SX:
+def _at_corner(one: Swept, corner: Array) -> ca.SX:
     """Return f of a corner and the nearest ball, as for a ball at p_E (paper, Sec. III-B)."""
     w_0 = one.o - ca.DM(corner)
     A = ca.dot(one.d, one.d) - one.dr**2
@@ -206,7 +183,7 @@ def _at_corner(one: ConeSphere, corner: Array) -> ca.SX:
     return _f(one, smooth_clamp(-D * A / (2 * A**2 + EPSILON)), ca.DM(corner))
 
 
-def _along_edge(one: ConeSphere, start: Array, end: Array) -> list[ca.SX]:
+def _along_edge(one: Swept, start: Array, end: Array) -> list[ca.SX]:
     """Return f of an edge where both parameters are stationary, and at either end of the axis."""
     d_j = ca.DM(end - start)
     w_0 = one.o - ca.DM(start)
@@ -221,7 +198,7 @@ def _along_edge(one: ConeSphere, start: Array, end: Array) -> list[ca.SX]:
     return [_f(one, eta, ca.DM(start) + gamma * d_j) for eta, gamma in places]
 
 
-def _at_face(one: ConeSphere, triangle: Array, normal: Array, offset: float) -> list[ca.SX]:
+def _at_face(one: Swept, triangle: Array, normal: Array, offset: float) -> list[ca.SX]:
     """Return f of a face's triangle at either end of the axis, and where the axis pierces its plane."""
     n = ca.DM(normal)
     height, slope = ca.dot(n, one.o) - offset, ca.dot(n, one.d)

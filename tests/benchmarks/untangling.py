@@ -15,7 +15,7 @@ import time
 import numpy as np
 
 from nlp.numbers.point import Point
-from nlp.requirements.modules import PartsBeside, module_clearances
+from nlp.requirements.modules import module_clearances
 from nlp.starts.random_starts import draw, generator
 from topo_search.model import ResolvedTask, Task, Topology
 from topo_search.model.arrays import Array
@@ -28,7 +28,7 @@ def overlaps(task: ResolvedTask, topology: Topology, alpha: Array) -> list[tuple
     vectors = Point(task, topology, nowhere, alpha, nowhere, still).vectors
     found = set[tuple[int, int]]()
     for asked in module_clearances(task, topology):
-        if not (isinstance(asked.formulas[0], PartsBeside) and task.search.interference == "airflow"):
+        if not (asked.equation == 6 and task.search.interference == "airflow"):
             short = (asked.gaps(vectors) < 0.0).any(axis=1)
             found |= {(min(i, j), max(i, j)) for i, j in asked.subjects[short].tolist()}
     return sorted(found)
