@@ -198,7 +198,7 @@ def _polygon(points: Array, colour: str) -> str:
 
 
 def _text(x: float, y: float, text: str, size: float) -> str:
-    return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size}" text-anchor="middle">{text}</text>'
+    return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size:.4g}" text-anchor="middle">{text}</text>'
 
 
 def overview(design: Design) -> Iterator[str]:
@@ -264,10 +264,6 @@ def _view(design: Design, at: Platform, across: int, up: int, words: str) -> str
     def place(p: Array) -> tuple[float, float]:
         return float(MILLIMETRES * p[across]), float(-MILLIMETRES * p[up])
 
-    def write(p: Array, text: str) -> str:
-        x, y = place(p)
-        return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size / 18:.4g}" text-anchor="middle">{text}</text>'
-
     radius, width = 0.02 * size, 0.006 * size
     for i, p in enumerate(at.p):
         x, y = place(p)
@@ -280,8 +276,8 @@ def _view(design: Design, at: Platform, across: int, up: int, words: str) -> str
             svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.ROTOR}"/>')
     u, v = place(at.end_effector)
     svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.END_EFFECTOR}"/>')
-    svg += [write(p, str(i)) for i, p in enumerate(at.p)]
-    svg += [write(at.end_effector, "E"), write(at.p_com, "+")]
+    named = [*((str(i), p) for i, p in enumerate(at.p)), ("E", at.end_effector), ("+", at.p_com)]
+    svg += [_text(*place(p), text, size / 18) for text, p in named]
     return "".join([*svg, "</svg>"])
 
 
