@@ -69,12 +69,7 @@ def solve(
     options.require_writable(out)
     options.warn(problem.model_copy(update={"modules": topology.n}))
     solved = compose.solve(
-        problem,
-        topology,
-        near=designs,
-        progress=lambda best: note(progress_line(best)),
-        note=note,
-        **option_values,
+        problem, topology, near=designs, progress=lambda best: note(progress_line(best)), note=note, **option_values
     )
     if out is not None and isinstance(solved.outcome, Design):
         text = to_json(solved.outcome)
