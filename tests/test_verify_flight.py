@@ -530,6 +530,15 @@ def test_an_audit_with_its_flight_is_written_and_read_again() -> None:
     assert Audit.model_validate({**found.model_dump(mode="json"), "flight": None}).flight is None
 
 
+def test_accelerations_of_a_platform_that_cannot_hover_are_three_zeros() -> None:
+    """Its nominal case has none either; the centre of mass may be off all the same."""
+    flight = audit(fan({"flight": {"com_error": 1e-3}, "module": {"max_thrust_to_weight": 1.01}})).flight
+    assert flight is not None
+    assert flight.hover.possible is False
+    assert flight.hover.angular_acceleration_rad_s2 == (0.0, 0.0, 0.0)
+    assert type(flight).model_validate_json(flight.model_dump_json()) == flight
+
+
 def test_figures_that_overflow_are_left_out() -> None:
     assert audit(fan(end_effector=(1e200, 0.0, 0.0))).flight is None
     weak = fan({"module": {"thrust_coefficient": 1e12}})

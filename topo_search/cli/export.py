@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from topo_search.cli import options
-from topo_search.cli.errors import command, explain_errors, needs_extras, note
+from topo_search.cli.errors import command, needs_extras, note
 
 if TYPE_CHECKING:
     from topo_search.export.mjcf import Physics
@@ -38,25 +38,11 @@ OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
 """All kinds of this package."""
 
 
-def _require_known(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    """Refuse what is a kind of neither this package nor an installed one (`topo_search.export.formats`)."""
-    if value is None or value in OURS:
-        return value
-    with explain_errors():
-        from topo_search.export.formats import formats
-
-        known = sorted({*OURS, *formats()})
-    if value not in known:
-        raise click.BadParameter(f"must be one of {', '.join(known)}, but got {value!r}", context, parameter)
-    return value
-
-
 @command(epilog="Example: topo-search export runs/push-*/best.json --out push.png")
 @click.argument("source", metavar="DESIGN.json|AUDIT.json|RUN")
 @click.option(
     "--format",
     "kind",
-    callback=_require_known,
     metavar=f"[{'|'.join(OURS)}|...]",
     help="File format (default: by the suffix of --out).",
 )
@@ -146,6 +132,10 @@ def export(
     from topo_search.model import BadInput
     from topo_search.model.files import write_atomically
 
+    known = sorted({*OURS, *formats()})
+    if kind not in (None, *known):
+        rule = f"must be one of {', '.join(known)}, but got {kind!r}"
+        raise click.BadParameter(rule, click.get_current_context(), param_hint="'--format'")
     suffix = out.suffix.lower()
     form: Any = kind or SUFFIXES.get(suffix)
     form = form or next((one.name for one in formats().values() if suffix in one.suffixes), None)

@@ -12,7 +12,6 @@ from topo_search.cli import options
 from topo_search.cli.errors import command, needs_extras, note
 
 if TYPE_CHECKING:
-    from topo_search.model import Design
     from topo_search.simulation.result import FlightResult
 
 
@@ -85,41 +84,36 @@ def fly(
     if video is not None:
         os.environ.setdefault("MUJOCO_GL", "egl")
     with needs_extras("fly"):
-        result = _fly(read, out, video, option_values)
+        from topo_search.model.files import write_atomically
+        from topo_search.simulation import files
+        from topo_search.simulation.campaign import fly_all
+        from topo_search.simulation.controller import Allocator, PseudoInverse
+        from topo_search.simulation.fly import Options
+        from topo_search.simulation.plant import Errors
+        from topo_search.simulation.result import word
+
+        rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[option_values["allocator"]]
+        errors = Errors(option_values["model_error"], option_values["noise"], option_values["seed"])
+        film = None if video is None else files.film(video, files.radius(read))
+        campaign = fly_all(
+            read,
+            Options(errors, detection=option_values["detection_time"], allocator=rule, wake=option_values["wake"]),
+            rotor_out=option_values["rotor_out"],
+            only=option_values["only"],
+            tell=lambda one: note(f"{one.name}: {word(one)}"),
+            watch=lambda scenario: None if film is None else film.watch(scenario.name),
+        )
+        if out is not None:
+            files.write_flight(campaign, out)
+        if video is not None and film is not None:
+            write_atomically(video, film.gif())
+    result = campaign.result
     if as_json:
         options.echo_json(result.model_dump(mode="json"))
     else:
         _print(result)
     if result.verdict != "held":
         raise SystemExit(1)
-
-
-def _fly(design: Design, out: Path | None, video: Path | None, option_values: dict[str, Any]) -> FlightResult:
-    """Fly, and write the files; ModuleNotFoundError names a library that is missing."""
-    from topo_search.model.files import write_atomically
-    from topo_search.simulation import files
-    from topo_search.simulation.campaign import fly_all
-    from topo_search.simulation.controller import Allocator, PseudoInverse
-    from topo_search.simulation.fly import Options
-    from topo_search.simulation.plant import Errors
-    from topo_search.simulation.result import word
-
-    rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[option_values["allocator"]]
-    errors = Errors(option_values["model_error"], option_values["noise"], option_values["seed"])
-    film = None if video is None else files.film(video, files.radius(design))
-    campaign = fly_all(
-        design,
-        Options(errors, detection=option_values["detection_time"], allocator=rule, wake=option_values["wake"]),
-        rotor_out=option_values["rotor_out"],
-        only=option_values["only"],
-        tell=lambda one: note(f"{one.name}: {word(one)}"),
-        watch=lambda scenario: None if film is None else film.watch(scenario.name),
-    )
-    if out is not None:
-        files.write_flight(campaign, out)
-    if video is not None and film is not None:
-        write_atomically(video, film.gif())
-    return campaign.result
 
 
 def _print(result: FlightResult) -> None:

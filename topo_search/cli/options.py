@@ -101,9 +101,9 @@ def time_limit(
     return real_number("--time-limit", (0, LIMITS.seconds), text, above=True, metavar="SECONDS")
 
 
-def out(option: str, name: str, text: str) -> Callable[..., Any]:
+def out(option: str, name: str, text: str, **rest: Any) -> Callable[..., Any]:
     """Return an option for a file to write beside what is printed."""
-    return click.option(option, name, type=FILE, metavar="FILE", help=text)
+    return click.option(option, name, type=FILE, metavar="FILE", help=text, **rest)
 
 
 def _sizes(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:

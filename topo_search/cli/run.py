@@ -75,9 +75,7 @@ if TYPE_CHECKING:
 @click.option("--out", type=options.PATH, help="The run's folder (default: runs/NAME-HASH).")
 @options.root
 @options.connectors
-@options.time_limit(
-    "Stop after this time with the best design so far, audited; every tree gets a few starts first."
-)
+@options.time_limit()
 @options.topologies
 @options.near
 @click.option("--live", is_flag=True, help="Serve the page while the search runs, to this machine only.")

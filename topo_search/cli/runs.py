@@ -83,11 +83,8 @@ def open_page(run: Path) -> None:
 
 @command(epilog="Example: topo-search report runs/push-*/")
 @click.argument("source", metavar="RUN|DESIGN.json", type=options.PATH)
-@click.option(
-    "--out",
-    type=options.FILE,
-    metavar="FILE",
-    help="Where to write it (default: report.html in the run's folder, or the design's name with .html).",
+@options.out(
+    "--out", "out", "Where to write it (default: report.html in the run's folder, or the design's name with .html)."
 )
 @click.option(
     "--flight",
@@ -112,13 +109,7 @@ def report(source: Path, out: Path | None, flight: Path | None) -> None:
 @command(epilog="Example: topo-search compare runs/push-1 runs/push-2")
 @click.argument("first", metavar="RUN|DESIGN.json", type=options.PATH)
 @click.argument("second", metavar="RUN|DESIGN.json", type=options.PATH)
-@click.option(
-    "--out",
-    type=options.FILE,
-    default=Path("compare.html"),
-    metavar="FILE",
-    help="Where to write the page.",
-)
+@options.out("--out", "out", "Where to write the page.", default=Path("compare.html"))
 @options.as_json
 def compare(first: Path, second: Path, out: Path, as_json: bool) -> None:
     """Compare two runs or designs, as a table and a page.

@@ -33,9 +33,7 @@ if TYPE_CHECKING:
 @options.paper
 @options.starts("Number of starts (default: until more starts no longer help, or time is up).")
 @options.seed
-@options.time_limit(
-    "Stop after this time with the best design so far, audited; every tree gets a few starts first."
-)
+@options.time_limit()
 @options.near
 @click.option("--out", type=options.FILE, help="Output file for the design.")
 @options.as_json
@@ -71,12 +69,7 @@ def solve(
     options.require_writable(out)
     options.warn(problem.model_copy(update={"modules": topology.n}))
     solved = compose.solve(
-        problem,
-        topology,
-        near=designs,
-        progress=lambda best: note(progress_line(best)),
-        note=note,
-        **option_values,
+        problem, topology, near=designs, progress=lambda best: note(progress_line(best)), note=note, **option_values
     )
     if out is not None and isinstance(solved.outcome, Design):
         text = to_json(solved.outcome)

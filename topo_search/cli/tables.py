@@ -143,13 +143,9 @@ def print_figures(designs: Mapping[str, Mapping[str, object]]) -> None:
 
 
 def _text(name: str, figure: Any) -> str:
-    match name:
-        case "objective":
-            return f"{figure:.6g}"
-        case "gap":
-            return gap_percent(figure)
-        case _:
-            return str(proven_cell(name, figure))
+    if name == "objective":
+        return f"{figure:.6g}"
+    return gap_percent(figure) if name == "gap" else str(proven_cell(name, figure))
 
 
 def print_runs(runs: Sequence[tuple[Path, Answer]]) -> None:

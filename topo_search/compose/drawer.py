@@ -243,7 +243,7 @@ def kit(
             note(f"{entry.task}: {text}")
     for kind in shared.brackets:
         solid = bracket(chosen[0].task.module.bracket_sizes, math.radians(kind.angle_deg))
-        write_atomically(out / kind.file, Part(kind.file, solid).stl())
+        write_atomically(out / kind.file, Part("bracket", kind.file, solid).stl())
     for name, change, (one, other) in zip(shared.pages, shared.changes, pairwise(chosen), strict=True):
         write_atomically(out / name, _change_page(change, one, other))
     write_atomically(out / PAGE, _drawer_page(shared, chosen))

@@ -18,8 +18,9 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal
 
 import numpy as np
 from manifold3d import Manifold, Mesh, OpType
@@ -48,6 +49,7 @@ DIGITS = 3
 class Part:
     """A solid to print."""
 
+    name: Literal["bracket", "rod mount", "strut"]
     file: str
     mesh: Trimesh
     """In millimetres."""
@@ -65,24 +67,9 @@ class Part:
         return content
 
 
-class Printed(NamedTuple):
-    """All solids of a kit."""
-
-    brackets: list[Part]
-    """A kind for each size of hinge angle, with its count."""
-    mount: Part | None
-    """The mount of the end-effector's rod."""
-    struts: list[Part]
-
-    @property
-    def parts(self) -> list[Part]:
-        """All of them."""
-        return [*self.brackets, *([] if self.mount is None else [self.mount]), *self.struts]
-
-
-def printed_parts(design: Design) -> Printed:
+def printed_parts(design: Design) -> list[Part]:
     """Return the solids of a design; BadInput if there is no room for brackets."""
-    return Printed(brackets(design), mount(design), struts(design))
+    return [*brackets(design), *mount(design), *struts(design)]
 
 
 def brackets(design: Design) -> list[Part]:
@@ -95,7 +82,7 @@ def brackets(design: Design) -> list[Part]:
     require_room(module)
     kinds = Counter(map(abs, bracket_turns(design)))
     return [
-        Part(bracket_file(size), bracket(module.bracket_sizes, math.radians(size)), count)
+        Part("bracket", bracket_file(size), bracket(module.bracket_sizes, math.radians(size)), count)
         for size, count in sorted(kinds.items())
     ]
 
@@ -127,7 +114,7 @@ def struts(design: Design) -> list[Part]:
     if module.body.frame is not None or beside <= sizes.half_width:
         return []
     return [
-        Part(f"strut_{MILLIMETRES * (outer - inner):.1f}mm.stl", strut(sizes, inner, outer, width), count)
+        Part("strut", f"strut_{MILLIMETRES * (outer - inner):.1f}mm.stl", strut(sizes, inner, outer, width), count)
         for inner, count in lengths.items()
         if outer - inner > 2 * sizes.thickness
     ]
@@ -151,17 +138,16 @@ def strut(sizes: Bracket, inner: float, outer: float, width: float) -> Trimesh:
     return _mesh(solid)
 
 
-def mount(design: Design) -> Part | None:
-    """Return the mount of the end-effector's rod; None without one."""
+def mount(design: Design) -> Iterator[Part]:
+    """Yield the mount of the end-effector's rod, if it has one."""
     at = platform(design)
     rod = rod_of(design, at)
-    if rod is None or design.mount is None:
-        return None
-    require_room(design.task.module)
-    i, a = design.mount.module, design.mount.port
-    v = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
-    shape = _mount(design.task.module.bracket_sizes, v, rod.radius, grip_of(rod))
-    return Part(f"rod-mount_module{i}-port{a}.stl", shape)
+    if rod is not None and design.mount is not None:
+        require_room(design.task.module)
+        i, a = design.mount.module, design.mount.port
+        v = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
+        shape = _mount(design.task.module.bracket_sizes, v, rod.radius, grip_of(rod))
+        yield Part("rod mount", f"rod-mount_module{i}-port{a}.stl", shape)
 
 
 def grip_of(rod: Rod) -> float:

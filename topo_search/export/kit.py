@@ -64,7 +64,7 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
         "rotors.csv": acts.rotor_csv(),
         "allocator.py": allocator_file(design, acts),
         **({} if left_out else {PARAMETERS: px4_parameters(acts)}),
-        **{f"{BRACKETS}/{part.file}": part.stl() for part in solids.parts},
+        **{f"{BRACKETS}/{part.file}": part.stl() for part in solids},
         PARTS: parts_csv(parts_list(design, solids)),
         SHEET: sheet(design, solids, (*notes, *kit_notes)),
         "platform.xml": mjcf(design, physics),
@@ -84,7 +84,7 @@ def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
         BadInput: the folder holds something else, or brackets do not fit.
     """
     _require_only(folder, lambda path: path.suffix == ".stl", "a new or empty folder, or one of STL files")
-    parts = printed_parts(design).parts
+    parts = printed_parts(design)
     for old in folder.glob("*.stl"):
         old.unlink()
     for part in parts:

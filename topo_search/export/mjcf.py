@@ -291,19 +291,17 @@ def _defaults(default: Element, module: Module, gravity: float, physics: Physics
     """State once what all sites, parts and rotors have in common."""
     body, l_arm = module.body, module.arm_length
     SubElement(default, "site", type="sphere", size=numbers(body.arm_width / 2))
-    hub = SubElement(default, "default", {"class": "hub"})
-    SubElement(hub, "geom", type="box", size=numbers(*(edge / 2 for edge in body.hub)), rgba=rgba(palette.MODULE))
-    frame = SubElement(default, "default", {"class": "frame"})
-    SubElement(frame, "geom", type="mesh", rgba=rgba(palette.MODULE))
-    arm = SubElement(default, "default", {"class": "arm"})
-    half = l_arm / 2, body.arm_width / 2, body.arm_width / 2
-    SubElement(arm, "geom", type="box", size=numbers(*half), rgba=rgba(palette.ARM))
-    rotor = SubElement(default, "default", {"class": "rotor"})
-    size = numbers(body.rotor_radius, body.rotor_height / 2)
-    SubElement(rotor, "geom", type="cylinder", size=size, rgba=rgba(palette.ROTOR, 0.5))
-    bar = SubElement(default, "default", {"class": "joint"})
-    look = {"rgba": rgba(palette.CONNECTOR), "contype": "0", "conaffinity": "0"}
-    SubElement(bar, "geom", {"type": "capsule", "size": numbers(body.arm_width / 4), **look})
+    passing = {"contype": "0", "conaffinity": "0"}
+    for name, kind, sizes, colour, more in (
+        ("hub", "box", [edge / 2 for edge in body.hub], rgba(palette.MODULE), {}),
+        ("frame", "mesh", [], rgba(palette.MODULE), {}),
+        ("arm", "box", [l_arm / 2, body.arm_width / 2, body.arm_width / 2], rgba(palette.ARM), {}),
+        ("rotor", "cylinder", [body.rotor_radius, body.rotor_height / 2], rgba(palette.ROTOR, 0.5), {}),
+        ("joint", "capsule", [body.arm_width / 4], rgba(palette.CONNECTOR), passing),
+    ):
+        size = {"size": numbers(*sizes)} if sizes else {}
+        part = SubElement(default, "default", {"class": name})
+        SubElement(part, "geom", {"type": kind, **size, "rgba": colour, **more})
     limit = module.thrust_coefficient * module.max_input(gravity)
     for spin, name in SPIN_CLASSES.items():
         turning = SubElement(default, "default", {"class": name})

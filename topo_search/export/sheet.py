@@ -14,7 +14,7 @@ import numpy as np
 
 from topo_search.export import brackets, palette
 from topo_search.export.allocation import allocation
-from topo_search.export.brackets import DIGITS, MILLIMETRES, Part, Printed
+from topo_search.export.brackets import DIGITS, MILLIMETRES, Part
 from topo_search.export.poses import ROTOR_ANGLES, rod_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
@@ -41,7 +41,7 @@ its side: parent on the left, its upper side up. Each bracket has one mark hole 
 two on the child's: towards the upper side of either module, or the lower one where a step says mark holes down."""
 
 
-def sheet(design: Design, solids: Printed, notes: Sequence[str]) -> str:
+def sheet(design: Design, solids: Sequence[Part], notes: Sequence[str]) -> str:
     """Return the sheet.
 
     Args:
@@ -54,13 +54,17 @@ def sheet(design: Design, solids: Printed, notes: Sequence[str]) -> str:
         "<h2>Convention</h2>",
         f'<section class="convention">{ports()}{paragraph(CONVENTION)}</section>',
         paragraph(f"Angles are stated to {10**-DIGITS:g} deg. {_faces(design)}"),
-        *(f"<section>{strut_drawing(design, part)}{paragraph(_strut(part))}</section>" for part in solids.struts),
+        *(
+            f"<section>{strut_drawing(design, part)}{paragraph(_strut(part))}</section>"
+            for part in solids
+            if part.name == "strut"
+        ),
         "<h2>Parts</h2>",
         table(COLUMNS, parts_list(design, solids)),
         paragraph(ABOUT_PARTS),
         "<h2>Steps</h2>",
         *_steps(design),
-        *_rod(design, design.topology.n, solids.mount),
+        *_rod(design, design.topology.n, solids),
         "<h2>The whole platform</h2>",
         *overview(design),
     ]
@@ -109,14 +113,15 @@ def _steps(design: Design) -> Iterator[str]:
         yield f"<section>{joint(design.task.module.bracket_sizes, a, alpha)}{paragraph(text)}</section>"
 
 
-def _rod(design: Design, step: int, mount: Part | None) -> Iterator[str]:
+def _rod(design: Design, step: int, solids: Sequence[Part]) -> Iterator[str]:
     """Yield the step of the end-effector."""
     at = platform(design)
     rod = rod_of(design, at)
-    if mount is None or rod is None or design.mount is None:
+    if rod is None or design.mount is None:
         yield paragraph("No connector is named for a straight rod to the end-effector: it is not part of this kit.")
         return
     i, a = design.mount.module, design.mount.port
+    (mount,) = (part for part in solids if part.name == "rod mount")
     x, y, z = (at.R[i] @ brackets.connector_turn(a)).T @ (rod.end - rod.start) / rod.length
     yield paragraph(
         f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
@@ -193,7 +198,7 @@ def _polygon(points: Array, colour: str) -> str:
 
 
 def _text(x: float, y: float, text: str, size: float) -> str:
-    return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size}" text-anchor="middle">{text}</text>'
+    return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size:.4g}" text-anchor="middle">{text}</text>'
 
 
 def overview(design: Design) -> Iterator[str]:
@@ -259,10 +264,6 @@ def _view(design: Design, at: Platform, across: int, up: int, words: str) -> str
     def place(p: Array) -> tuple[float, float]:
         return float(MILLIMETRES * p[across]), float(-MILLIMETRES * p[up])
 
-    def write(p: Array, text: str) -> str:
-        x, y = place(p)
-        return f'<text x="{x:.2f}" y="{y:.2f}" font-size="{size / 18:.4g}" text-anchor="middle">{text}</text>'
-
     radius, width = 0.02 * size, 0.006 * size
     for i, p in enumerate(at.p):
         x, y = place(p)
@@ -275,8 +276,8 @@ def _view(design: Design, at: Platform, across: int, up: int, words: str) -> str
             svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.ROTOR}"/>')
     u, v = place(at.end_effector)
     svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.END_EFFECTOR}"/>')
-    svg += [write(p, str(i)) for i, p in enumerate(at.p)]
-    svg += [write(at.end_effector, "E"), write(at.p_com, "+")]
+    named = [*((str(i), p) for i, p in enumerate(at.p)), ("E", at.end_effector), ("+", at.p_com)]
+    svg += [_text(*place(p), text, size / 18) for text, p in named]
     return "".join([*svg, "</svg>"])
 
 
@@ -299,25 +300,22 @@ ABOUT_PARTS = (
 )
 
 
-def parts_list(design: Design, solids: Printed) -> list[Row]:
+def parts_list(design: Design, solids: Sequence[Part]) -> list[Row]:
     """Return a row for every kind of part, then the total, and the mass of the model."""
     task, bracket = design.task, design.task.module.bracket_sizes
-    hinges, mount, struts = solids
     rows = [_row("module", design.topology.n, "", task.module.mass)]
-    rows += [_part_row("bracket", part) for part in hinges]
-    rows += [_part_row("strut", part) for part in struts]
-    flanges = 2 * (design.topology.n - 1) + sum(part.count for part in struts)
+    for name in ("bracket", "strut", "rod mount"):
+        rows += [_part_row(part) for part in solids if part.name == name]
+    flanges = 2 * (design.topology.n - 1) + sum(part.count for part in solids if part.name != "bracket")
     rod = rod_of(design, platform(design))
-    if mount is not None and rod is not None:
-        flanges += 1
-        rows.append(_part_row("rod mount", mount))
+    if rod is not None:
         size = f"{MILLIMETRES * rod.length:.1f} mm long, {2 * MILLIMETRES * rod.radius:g} mm thick"
         rows.append(_row("rod", 1, size, task.end_effector.rod_linear_density * rod.length))
     rows.append(_row("end-effector", 1, "", task.end_effector.mass))
     hole = bracket.bolt_diameter
     if flanges:
         rows.append(_bolt_row("bolt with nut", 4 * flanges, *bolt_of(hole, 2 * bracket.thickness)))
-    if mount is not None and rod is not None and brackets.has_clamp(bracket, brackets.grip_of(rod)):
+    if rod is not None and brackets.has_clamp(bracket, brackets.grip_of(rod)):
         rows.append(_bolt_row("clamp bolt with nut", 1, *bolt_of(hole, 2 * bracket.wall + brackets.SLOT)))
     total = sum(float(row[4]) for row in rows)
     rows.append(("all parts", "", "", "", f"{total:.4f}", ""))
@@ -360,9 +358,9 @@ def _bolt_row(name: str, count: int, d: float, length: float) -> Row:
     return _row(name, count, f"M{d:g} x {length:g}", STEEL * volume / MILLIMETRES**3)
 
 
-def _part_row(name: str, part: Part) -> Row:
+def _part_row(part: Part) -> Row:
     mass = PLASTIC * part.volume_cm3 / 100.0**3
-    return _row(name, part.count, f"{part.volume_cm3:.1f} cm^3", mass, f"brackets/{part.file}")
+    return _row(part.name, part.count, f"{part.volume_cm3:.1f} cm^3", mass, f"brackets/{part.file}")
 
 
 def _row(name: str, count: int, size: str, mass: float, file: str = "") -> Row:

@@ -95,18 +95,11 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
         x, y, text, tints = (list(column) for column in zip(*written, strict=True))
         look = {"size": 12, "color": tints}
         figure.add_trace(go.Scatter(x=x, y=y, text=text, textfont=look, mode="text", hoverinfo="skip"))
-    figure.update_layout(
-        xaxis={"type": "category", "title": {"text": title}, "constrain": "domain", "showgrid": False},
-        yaxis={
-            "type": "category",
-            "title": {"text": "module"},
-            "autorange": "reversed",
-            "scaleanchor": "x" if title else None,
-            "constrain": "domain",
-            "showgrid": False,
-        },
-        showlegend=False,
-    )
+    axis = {"type": "category", "constrain": "domain", "showgrid": False}
+    square = {"scaleanchor": "x" if title else None, "autorange": "reversed"}
+    figure.update_xaxes(**axis, title={"text": title})
+    figure.update_yaxes(**axis, **square, title={"text": "module"})
+    figure.update_layout(showlegend=False)
     return figure
 
 
@@ -331,11 +324,7 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
             y=rows[y],
             name=f"{size.modules} modules",
             mode="markers",
-            marker={
-                "color": colour,
-                "size": 9,
-                "symbol": ["circle" if audit == "clear" else "x" for audit in rows["audit"]],
-            },
+            marker={"color": colour, "size": 9, "symbol": np.where(rows["audit"] == "clear", "circle", "x")},
             text=rows["key"] + ", audit " + rows["audit"].fillna("none"),
             hovertemplate=f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}<extra></extra>",
         )

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import SubElement
 
 import mujoco
 import numpy as np
@@ -214,7 +214,7 @@ def _spread(r: Array) -> Array:
 def _world(design: Design, wall: Wall | None, lag: float) -> str:
     """Return the MJCF of the platform with all that `Physics` has, and a wall."""
     root = ElementTree.fromstring(mjcf(design, Physics(motor_lag=lag, rod_mass=True, contacts=True)))
-    _find(root, "option").set("timestep", numbers(STEP))
+    next(root.iter("option")).set("timestep", numbers(STEP))
     at, radius = platform(design), design.task.end_effector.rod_radius
     if wall is not None:
         centre = at.p_e + (radius + wall.gap + 0.01) * wall.towards
@@ -223,13 +223,6 @@ def _world(design: Design, wall: Wall | None, lag: float) -> str:
         shape = {"type": "box", "size": numbers(0.25, 0.25, 0.01), "rgba": "0.7 0.75 0.8 0.25"}
         pose = {"pos": numbers(*centre), "quat": numbers(*quaternion)}
         touch = {"solref": "0.01 1", "friction": "0.3 0.005 0.0001", "priority": "1"}
-        SubElement(_find(root, "worldbody"), "geom", {"name": "wall", **shape, **pose, **touch})
+        SubElement(next(root.iter("worldbody")), "geom", {"name": "wall", **shape, **pose, **touch})
     SubElement(SubElement(root, "visual"), "global", offwidth="960", offheight="720")
     return ElementTree.tostring(root, encoding="unicode")
-
-
-def _find(root: Element, path: str) -> Element:
-    element = root.find(path)
-    if element is None:
-        raise ValueError(f"the model has no {path}")
-    return element

@@ -356,7 +356,7 @@ def _least(nominal: CaseFlight, *off: CaseFlight) -> CaseFlight:
             continue
         values = [getattr(one, name) for one in off]
         if any(one.possible is False for one in off):
-            nothing = np.zeros_like(getattr(nominal, name), dtype=float).tolist()
+            nothing = np.zeros(3 if name.startswith("angular") else ()).tolist()
             least[name] = None if "weakest" in name else tuple(nothing) if isinstance(nothing, list) else nothing
         elif "weakest" in name:  # of the upper bound, which is the field before
             least[name] = values[weakest]
