@@ -15,7 +15,7 @@ import math
 import re
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Tag, ValidationInfo, field_validator, model_validator
 
 from topo_search.limits import LIMITS
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
@@ -119,14 +119,17 @@ class Task(Value):
     goals: Annotated[Goals, omit_if(Goals())] = Goals()
     """Goals beside control effort; left out of files if empty."""
 
-    @model_validator(mode="before")
+    @field_validator("module")
     @classmethod
-    def _thrust_by_weight(cls, data: Any) -> Any:
-        """Fill in the ratio that `module.max_thrust` stands for."""
-        if not isinstance(data, dict) or "module" not in data:
-            return data
-        gravity = data.get("gravity", cls.model_fields["gravity"].default)
-        return {**data, "module": Module.with_thrust(data["module"], gravity)}
+    def _thrust_by_weight(cls, module: Module, info: ValidationInfo) -> Module:
+        """Fill in the ratio that `max_thrust` stands for, unless gravity is wrong."""
+        if (
+            module.max_thrust is None
+            or "max_thrust_to_weight" in module.model_fields_set
+            or "gravity" not in info.data
+        ):
+            return module
+        return module.replace(max_thrust_to_weight=4 * module.max_thrust / (module.mass * info.data["gravity"]))
 
     @model_validator(mode="before")
     @classmethod
