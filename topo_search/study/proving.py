@@ -13,13 +13,10 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from topo_search.engine import AuditDesign, Candidates, Engine, Failed, WorkersLost, audit_deadline
 from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
 from topo_search.model.proof import Aim, Problem, chunk_count
 from topo_search.model.proven import gap_percent, improvement
-from topo_search.model.value import faults_of
 from topo_search.study.answer import Answer
 from topo_search.study.directory import CHANGED, RunFile
 from topo_search.study.folder import RunFolder
@@ -394,30 +391,23 @@ def _examine(
     folder: RunFolder, row: Row, task: ResolvedTask, space: Candidates
 ) -> tuple[CheckedTree, Proof | None]:
     """Return what can be said of a tree without checking chunks, and its proof if they are to be checked."""
-    tree = CheckedTree(row.key, row.modules)
+    tree, name = CheckedTree(row.key, row.modules), f"{RunFile.PROOFS}/{row.key}"
+    proof: Proof | None = None
     try:
-        is_candidate = space.candidate_of(Topology.from_key(row.key)).key == row.key
-    except ValueError:
-        is_candidate = False
-    if not is_candidate:
-        tree.fault = "is no candidate of this run"
-        return tree, None
-    try:
-        content = folder.proof_text(row.key)
-        if content is None:
-            tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "not examined"
-            return tree, None
-        proof = Proof.model_validate_json(content)
+        if space.candidate_of(Topology.from_key(row.key)).key != row.key:
+            raise ValueError(f"{row.key} is one of several trees that are one candidate")
+        proof = folder.read_own(name, Proof)
     except BadInput as error:
-        tree.fault = f"{RunFile.PROOFS}/{row.key} {error.faults[0].rule}"
-        return tree, None
-    except ValidationError as error:
-        tree.fault = f"{RunFile.PROOFS}/{row.key}: {faults_of(error, Proof)[0]}"
-        return tree, None
-    tree.fault = _unfit(proof, row.key, task)
-    if tree.fault is None and not proof.complete:
-        tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "open"
-    if tree.fault is not None or tree.left is not None:
+        tree.fault = f"{name} {error.faults[0]}"
+    except ValueError:
+        tree.fault = "is no candidate of this run"
+    else:
+        if proof is not None:
+            tree.fault = _unfit(proof, row.key, task)
+        if tree.fault is None and (proof is None or not proof.complete):
+            open_ = "not examined" if proof is None else "open"
+            tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else open_
+    if proof is None or tree.fault is not None or tree.left is not None:
         return tree, None
     tree.bound, tree.problem = proof.cut, proof.problem
     return tree, proof

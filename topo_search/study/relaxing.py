@@ -82,7 +82,7 @@ class Relaxable:
 
 def relaxable(task: Task, n: int) -> list[Relaxable]:
     """Return the limits of a task for n modules that can be relaxed without another module or another tree."""
-    limits = (*_numbers(task, n), *_freed(task), *_others(task))
+    limits = (*_numbers(task, n), *_switches(task), *_others(task))
     return [limit for limit in limits if limit.shares]
 
 
@@ -159,7 +159,7 @@ def _with(task: Task, part: str | int, **fields: Any) -> Task:
     return task.model_copy(update={"exposure": (*task.exposure[:part], changed, *task.exposure[part + 1 :])})
 
 
-def _freed(task: Task) -> Iterator[Relaxable]:
+def _switches(task: Task) -> Iterator[Relaxable]:
     """Yield the limits that are there or not."""
     search = task.search
     given = "hinge_step_deg" if search.hinge_angles_deg is None else "hinge_angles_deg"
@@ -172,10 +172,10 @@ def _freed(task: Task) -> Iterator[Relaxable]:
         ("position of the end-effector", 'end_effector.position = "free"', fixed, free_tip),
     ):
         if holds:
-            yield Relaxable(limit, field, "freeing it", 1.0, partial(_as_freed, freed), _none, at_once=True)
+            yield Relaxable(limit, field, "freeing it", 1.0, partial(_return_freed, freed), _none, at_once=True)
 
 
-def _as_freed(freed: Task, _: float) -> Task:
+def _return_freed(freed: Task, _: float) -> Task:
     return freed
 
 
