@@ -231,7 +231,6 @@ class TopologySampler(Protocol):
 
         A tree that was proposed before is rejected and another one requested; after 64 in a row one is drawn.
         """
-        ...
 
 
 class SamplerFactory(Protocol):
@@ -239,7 +238,6 @@ class SamplerFactory(Protocol):
 
     def __call__(self, seed: int, /) -> Any:
         """Return a `TopologySampler`, or an Optuna sampler, which receives the fixed-length encoding of trees."""
-        ...
 
 
 @dataclass(frozen=True)
