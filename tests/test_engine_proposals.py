@@ -302,7 +302,7 @@ def test_what_is_kept_of_trials_is_what_the_study_says(
     searched, ideas, compared = space(8), moves.Moves.ideas, list[tuple[int, ...]]()
 
     def watched(sampler: moves.Moves, study: optuna.Study, trial: FrozenTrial) -> Any:
-        kept, earlier = sampler.trials, [one for one in study.get_trials(deepcopy=False) if "key" in one.user_attrs]
+        kept, earlier = sampler, [one for one in study.get_trials(deepcopy=False) if "key" in one.user_attrs]
         over, failed, running = (
             [one for one in earlier if one.state == state]
             for state in (TrialState.COMPLETE, TrialState.FAIL, TrialState.RUNNING)

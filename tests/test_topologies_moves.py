@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from topo_search.engine import Candidates
 from topo_search.engine.proposals.moves import draw_move, graft, part_of
-from topo_search.engine.strategy import with_spins_reversed
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import Connectors, Root, Symmetry, candidate_of, candidates, sample
+from topo_search.topologies.candidates import with_spins_reversed
 
 
 def spins(topology: Topology) -> list[int]:

@@ -74,7 +74,6 @@ class ConstraintExpression(Protocol):
 
     def __call__(self, platform: SymbolicPlatform, /) -> Expression:
         """Return one expression, or a column of them; twice differentiable wherever designs may be."""
-        ...
 
 
 def require_stated(extension: Any) -> None:

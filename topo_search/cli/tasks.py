@@ -181,17 +181,16 @@ def topologies(
     as_json: bool,
 ) -> None:
     """Print the keys of all topologies of N modules, one per line."""
-    from topo_search.topologies import candidates, count, draws
+    from topo_search.topologies import Family
 
-    family = {"symmetry": symmetry, "connectors": connectors or "aligned", "root": root or "free"}
+    family = Family(n, symmetry=symmetry, connectors=connectors or "aligned", root=root or "free")
     if only_count:
-        number = count(n, **family)
-        click.echo(number)
+        click.echo(family.count())
         return
     if size is None:
-        keys = (candidate.key for candidate in candidates(n, **family))
+        keys = (candidate.key for candidate in family.candidates())
     else:
-        keys = (topology.key for topology in islice(draws(n, seed, **family), size))
+        keys = (topology.key for topology in islice(family.draws(seed), size))
     if as_json:
         options.echo_json_list(keys)
         return

@@ -20,7 +20,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from itertools import repeat
 from random import Random
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -28,18 +28,7 @@ from topo_search.engine.workers import rounds
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.design import Versioned
 from topo_search.protocols import require_stated
-from topo_search.topologies import (
-    Candidate,
-    Quotient,
-    Symmetry,
-    candidate_key,
-    candidate_of,
-    candidates,
-    count,
-    quotient_of,
-    sample,
-)
-from topo_search.topologies.rooted import Root
+from topo_search.topologies import Candidate, Family, Root, Symmetry
 
 
 @dataclass(frozen=True)
@@ -175,86 +164,29 @@ def _least(scores: Iterable[Tried]) -> float:
     return min((score.objective for score in scores if score.objective is not None), default=math.inf)
 
 
-@dataclass(frozen=True)
-class Candidates:
+class Candidates(Family):
     """The trees of one number of modules that a search may propose: all candidates for a task."""
 
-    task: ResolvedTask
-    """It fixes the number of modules, the connectors and the root."""
-    symmetry: Symmetry
-    """Symmetry under which trees are one candidate."""
-    rooted: bool = False
-    """True if trees that differ in their root alone are candidates of their own, though the root is free."""
+    def __init__(self, task: ResolvedTask, symmetry: Symmetry, *, rooted: bool = False) -> None:
+        """Take the number of modules, the connectors and the root from a task.
 
-    @property
-    def n(self) -> int:
-        """The number of modules."""
-        return self.task.n
-
-    def candidates(self) -> Iterator[Candidate]:
-        """Yield every candidate, in ascending order of keys."""
-        return candidates(self.n, **self._family)
-
-    def count(self) -> int:
-        """Return the number of candidates, by closed form."""
-        return count(self.n, **self._family)
-
-    @property
-    def classes(self) -> int:
-        """The number of classes of the exact quotient, which the orbits of all candidates add up to."""
-        exact: Symmetry = "none" if self.symmetry == "none" or self._root == "paper" else "c2"
-        return count(self.n, symmetry=exact, connectors=self.task.search.connectors, root=self._root)
-
-    def candidate_of(self, topology: Topology) -> Candidate:
-        """Return the candidate that stands for a topology."""
-        return candidate_of(topology, **self._family)
-
-    def key_of(self, topology: Topology) -> str:
-        """Return the key of the candidate that stands for a topology, sooner than the candidate."""
-        return candidate_key(topology, quotient=self._quotient, connectors=self.task.search.connectors)
-
-    def twin_of(self, topology: Topology) -> Candidate:
-        """Return the candidate that differs in the sense of all rotors alone, which may be the topology's own.
-
-        Rotor drag torques are small, and so is what its optimum differs by. With the paper's root it stands
-        otherwise in the world, and there is only itself; nor is there without symmetry, where half turns are
-        candidates of their own.
+        Args:
+            task: the task.
+            symmetry: symmetry under which trees are one candidate.
+            rooted: whether trees that differ in their root alone are candidates of their own, though it is free.
         """
-        turned = self._root != "paper" and self.symmetry != "none"
-        return self.candidate_of(with_spins_reversed(topology) if turned else topology)
-
-    def sample(self, m: int, seed: int) -> list[Topology]:
-        """Return m candidates, drawn independently and uniformly."""
-        return sample(self.n, m, seed, **self._family)
-
-    @property
-    def _root(self) -> Root:
-        return "paper" if self.rooted else self.task.search.root
-
-    @cached_property
-    def _quotient(self) -> Quotient:
-        # kept, as finding a task's symmetries takes as long as a key
-        return quotient_of(self.n, **self._family)
-
-    @property
-    def _family(self) -> dict[str, Any]:
-        """Arguments that define which trees are candidates, and which of them are one."""
-        search = self.task.search
-        return {"symmetry": self.symmetry, "connectors": search.connectors, "root": self._root, "task": self.task}
+        root: Root = "paper" if rooted else task.search.root
+        super().__init__(task.n, symmetry=symmetry, connectors=task.search.connectors, root=root, task=task)
+        self.task = task
 
 
-def with_spins_reversed(topology: Topology) -> Topology:
-    """Return the tree whose rotors all turn the other way: every joint sits one port further on."""
-    first, *joints = topology.joints
-    return Topology((first, *((h, (a + 1) % 4, (b + 1) % 4) for h, a, b in joints)))
-
-
-@dataclass(frozen=True)
 class Listed(Candidates):
     """Candidates that somebody listed: each is solved as it stands, and stands for itself."""
 
-    keys: tuple[str, ...] = ()
-    """In ascending order, all of trees of this size."""
+    def __init__(self, task: ResolvedTask, keys: Sequence[str]) -> None:
+        """Take the keys of trees of the task's size, in ascending order."""
+        super().__init__(task, "none")
+        self.keys = keys
 
     def candidates(self) -> Iterator[Candidate]:
         """Yield every candidate, in ascending order of keys."""
@@ -275,9 +207,10 @@ class Listed(Candidates):
             raise ValueError(f"{topology.key} is not one of the {len(self.keys)} given topologies")
         return Candidate(topology.key, 1)
 
-    def sample(self, m: int, seed: int) -> list[Topology]:
-        """Return m candidates, drawn independently and uniformly."""
-        return [Topology.from_key(key) for key in Random(seed).choices(self.keys, k=m)]
+    def draws(self, seed: int) -> Iterator[Topology]:
+        """Yield candidates, drawn independently and uniformly, without end."""
+        random = Random(seed)
+        return (Topology.from_key(random.choices(self.keys)[0]) for _ in repeat(None))
 
 
 @runtime_checkable
@@ -298,7 +231,6 @@ class TopologySampler(Protocol):
 
         A tree that was proposed before is rejected and another one requested; after 64 in a row one is drawn.
         """
-        ...
 
 
 class SamplerFactory(Protocol):
@@ -306,7 +238,6 @@ class SamplerFactory(Protocol):
 
     def __call__(self, seed: int, /) -> Any:
         """Return a `TopologySampler`, or an Optuna sampler, which receives the fixed-length encoding of trees."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -63,7 +63,6 @@ class Solve(Protocol):
             topology: the tree.
             given: starts, seed and near.
         """
-        ...
 
 
 class LocalOptima(Protocol):
@@ -77,7 +76,6 @@ class LocalOptima(Protocol):
         Args: as of `Solve`, and
             most_effort: largest effort of a design [rad^4/s^4].
         """
-        ...
 
 
 @dataclass(frozen=True)
@@ -149,7 +147,6 @@ class Engine(Protocol):
 
     def do(self, work: Work[Item, Result]) -> Results[Item, Result]:
         """Yield what `run` does."""
-        ...
 
     def run_one(self, function: Callable[[Item], Result], job: Item, *, deadline: float) -> Result | Failed:
         """Return the result of a single job."""

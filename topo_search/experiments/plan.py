@@ -13,7 +13,7 @@ from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault, ResolvedTask
 from topo_search.model.files import examples, read_task
 from topo_search.model.value import nearest, show
-from topo_search.topologies import candidates, count, draws
+from topo_search.topologies import Family, candidates, count
 
 AIRFLOW_ALONE = "search.body_clearance=false"
 """The paper's clearances: only airflow keeps modules apart."""
@@ -198,7 +198,7 @@ def trees(n: int, most: int, seed: int) -> list[str]:
     """Return the keys of all topologies of n modules, or of as many different ones, drawn uniformly."""
     if count(n) <= most:
         return [candidate.key for candidate in candidates(n)]
-    keys, drawn = dict[str, None](), draws(n, seed)
+    keys, drawn = dict[str, None](), Family(n).draws(seed)
     while len(keys) < most:
         keys[next(drawn).key] = None
     return list(keys)

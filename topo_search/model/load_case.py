@@ -66,7 +66,6 @@ from topo_search.model.value import (
 )
 
 if TYPE_CHECKING:
-    from topo_search.model.search import Level
     from topo_search.model.task import ResolvedTask
 
 
@@ -331,12 +330,6 @@ class AskedFlight(Value):
         """True if anything is asked for."""
         how = {"units", "around", "at", "directions", "allocator", "grows"}
         return self != AskedFlight(**{name: getattr(self, name) for name in how})
-
-    def at_level(self, level: Level) -> AskedFlight:
-        """Return the same with what a level of goals sets; without failures no torque is left for them."""
-        set_ = {name: value for name, value in level._asdict().items() if value is not None and hasattr(self, name)}
-        held = self.model_copy(update=set_)
-        return held.model_copy(update={"rotor_out_torque": None}) if held.rotor_out == "none" else held
 
     def to_si(self, force_unit: float, torque_unit: float, *, grows: bool = False) -> AskedFlight:
         """Return the same in N and N m, given m_t g [N] and l_arm m_t g [N m]; where nothing is asked, nothing.

@@ -408,8 +408,10 @@ class Module(Value):
         if not isinstance(data, dict) or data.get("torque_coefficient") is not None:
             return data
         k_f = data.get("thrust_coefficient", cls.model_fields["thrust_coefficient"].default)
-        given = _numbers(data.get("torque_to_thrust"), k_f)
-        return data if given is None else {**data, "torque_coefficient": given[0] * given[1]}
+        given = data.get("torque_to_thrust"), k_f
+        # what is no number its own field tells
+        plain = all(isinstance(x, int | float) and not isinstance(x, bool) and 1e-15 <= x <= 1e15 for x in given)
+        return {**data, "torque_coefficient": given[0] * given[1]} if plain else data
 
     def _broken_rules(self) -> Broken:
         given, due = self.torque_to_thrust, self.torque_coefficient / self.thrust_coefficient
@@ -522,19 +524,6 @@ class Module(Value):
         """Return C_T, in air of a density [kg/m^3]."""
         return (2 * math.pi) ** 2 * self.thrust_coefficient / (density * (2 * self.body.rotor_radius) ** 4)
 
-    @staticmethod
-    def with_thrust(data: Any, gravity: Any) -> Any:
-        """Return a module's data with the `max_thrust_to_weight` that its `max_thrust` stands for."""
-        if isinstance(data, Module):
-            if data.max_thrust is None or "max_thrust_to_weight" in data.model_fields_set:
-                return data
-            ratio = 4 * data.max_thrust / (data.mass * gravity)
-            return data.model_copy(update={"max_thrust_to_weight": ratio})
-        if not isinstance(data, dict) or data.get("max_thrust_to_weight") is not None:
-            return data
-        given = _numbers(data.get("max_thrust"), data.get("mass", Module.model_fields["mass"].default), gravity)
-        return data if given is None else {**data, "max_thrust_to_weight": 4 * given[0] / (given[1] * given[2])}
-
     @property
     def bracket_sizes(self) -> Bracket:
         """Sizes of the brackets, stated or not."""
@@ -558,12 +547,6 @@ class Module(Value):
                 "body": self.body.model_copy(update={"inertia": self.inertia}),
             }
         )
-
-
-def _numbers(*given: Any) -> tuple[float, ...] | None:
-    """Return positive numbers; None if any is none, which its own field tells."""
-    plain = all(isinstance(x, int | float) and not isinstance(x, bool) and 1e-15 <= x <= 1e15 for x in given)
-    return given if plain else None
 
 
 def _inertia_of_shapes(module: Module) -> tuple[float, float, float]:

@@ -144,6 +144,11 @@ class Proof(Value):
         """The first chunk that cannot be closed."""
         return next((chunk for chunk in self.chunks if chunk.outcome != "closed"), None)
 
+    @property
+    def without_chunks(self) -> Proof:
+        """The same with nothing searched."""
+        return self.model_copy(update={"chunks": ()})
+
     def due_chunks(self) -> list[int]:
         """Return the chunks that were not looked at."""
         done = {chunk.number for chunk in self.chunks}

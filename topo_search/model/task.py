@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Tag, ValidationInfo, field_validator, model_validator
 
 from topo_search.limits import LIMITS
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
@@ -35,7 +35,7 @@ from topo_search.model.room import (
     part_cover,
     whole_cover,
 )
-from topo_search.model.search import Goals, Level, Search
+from topo_search.model.search import GOALS, Goals, Level, Search
 from topo_search.model.value import (
     Angle,
     Broken,
@@ -119,14 +119,17 @@ class Task(Value):
     goals: Annotated[Goals, omit_if(Goals())] = Goals()
     """Goals beside control effort; left out of files if empty."""
 
-    @model_validator(mode="before")
+    @field_validator("module")
     @classmethod
-    def _thrust_by_weight(cls, data: Any) -> Any:
-        """Fill in the ratio that `module.max_thrust` stands for."""
-        if not isinstance(data, dict) or "module" not in data:
-            return data
-        gravity = data.get("gravity", cls.model_fields["gravity"].default)
-        return {**data, "module": Module.with_thrust(data["module"], gravity)}
+    def _thrust_by_weight(cls, module: Module, info: ValidationInfo) -> Module:
+        """Fill in the ratio that `max_thrust` stands for, unless gravity is wrong."""
+        if (
+            module.max_thrust is None
+            or "max_thrust_to_weight" in module.model_fields_set
+            or "gravity" not in info.data
+        ):
+            return module
+        return module.replace(max_thrust_to_weight=4 * module.max_thrust / (module.mass * info.data["gravity"]))
 
     @model_validator(mode="before")
     @classmethod
@@ -178,7 +181,7 @@ class Task(Value):
             units = self.force_unit(n), self.torque_unit(n)
             yield from broken_rules(self.load_cases, *units)
             corners = sum(1 + len(case.corners) for case in self.load_cases)
-            flights = dict.fromkeys(self.flight.at_level(level) for level in self.goals.levels)
+            flights = dict.fromkeys(self.at(level).flight for level in self.goals.levels)
             yield from dict.fromkeys(x for flight in flights for x in broken_reserves(flight, corners, n, *units))
         yield from self._broken_thrust()
         yield from self._broken_hinges()
@@ -219,14 +222,13 @@ class Task(Value):
         if self.search.interference == "parts" and (self.flight.tolerances or any(self.goals.hinge_angle_deg)):
             rule = 'must be "airflow" where clearances must survive [tolerances], which nothing proves of parts'
             yield ("search", "interference"), f'{rule}, but got "parts"'
-        for field in ("force_reserve", "torque_reserve", "rotor_out", "joint_moment"):
-            given, default = getattr(self.flight, field), AskedFlight.model_fields[field].default
-            if getattr(self.goals, field) and given != default:
-                rule = f"must be left out where goals.{field} has levels of it"
-                yield ("flight", field), f"{rule}, but got {show(given)}"
-        if self.goals.hinge_angle_deg and (error := self.tolerances.hinge_angle_deg):
-            text = f"must be left out where goals.hinge_angle_deg has levels of it, but got {error:g}"
-            yield ("tolerances", "hinge_angle_deg"), text
+        for name, goal in GOALS.items():
+            part, field = goal.field.split(".")
+            if part in ("flight", "tolerances") and getattr(self.goals, name):
+                table = getattr(self, part)
+                if (given := getattr(table, field)) != type(table).model_fields[field].default:
+                    rule = f"must be left out where goals.{name} has levels of it"
+                    yield (part, field), f"{rule}, but got {show(given)}"
         for field in ("joint_moment", "joint_force"):
             if getattr(self.flight, field) == "rated" and getattr(self.module, field) is None:
                 yield ("module", field), f'must be given with flight.{field} = "rated", but is missing'
@@ -393,22 +395,26 @@ class Task(Value):
 
     def at(self, level: Level) -> Task:
         """Return the task with its goals held at a level: a task without goals."""
-        search = {"margin": level.clearance, "peak_input": level.peak_input}
-        end_effector = {"stand_off": level.stand_off}
-        tolerances = self.tolerances.model_copy(update=_without_none({"hinge_angle_deg": level.hinge_angle_deg}))
-        survive = True if level.hinge_angle_deg else self.flight.tolerances
-        required = {"tolerances": None if tolerances == Tolerances() else survive}
-        speed = _without_none({"speed": level.speed})
-        return self.model_copy(
-            update={
-                "exposure": tuple(exposure.model_copy(update=speed) for exposure in self.exposure),
-                "search": self.search.model_copy(update=_without_none(search)),
-                "end_effector": self.end_effector.model_copy(update=_without_none(end_effector)),
-                "flight": self.flight.at_level(level).model_copy(update=required),
-                "tolerances": tolerances,
-                "goals": Goals(),
-            }
-        )
+        task = self.model_copy(update={"goals": Goals()})
+        for goal, value in zip(GOALS.values(), level, strict=True):
+            part, field = goal.field.split(".")
+            if value is not None:
+                for each in range(len(task.exposure)) if part == "exposure" else (part,):
+                    task = task.with_fields(each, **{field: value})
+        required = True if level.hinge_angle_deg else task.flight.tolerances
+        task = task.with_fields("flight", tolerances=None if task.tolerances == Tolerances() else required)
+        # without failures no torque is left for them
+        return task.with_fields("flight", rotor_out_torque=None) if task.flight.rotor_out == "none" else task
+
+    def with_fields(self, part: str | int, **fields: Any) -> Self:
+        """Return the task with fields of one of its tables changed, or of an exposure requirement by its number.
+
+        Nothing is checked.
+        """
+        if isinstance(part, str):
+            return self.model_copy(update={part: getattr(self, part).model_copy(update=fields)})
+        changed = self.exposure[part].model_copy(update=fields)
+        return self.model_copy(update={"exposure": (*self.exposure[:part], changed, *self.exposure[part + 1 :])})
 
     def resolve(self, n: int) -> ResolvedTask:
         """Return the task for n modules with every default filled in and its load cases in N and N m.
@@ -506,7 +512,3 @@ def before_requirement(data: Any) -> Any:
     if not isinstance(data, dict) or not isinstance(flight := data.get("flight", {}), dict):
         return data
     return {**data, "flight": {"tolerances": None, **flight}}
-
-
-def _without_none(fields: dict[str, float | None]) -> dict[str, float]:
-    return {name: value for name, value in fields.items() if value is not None}

@@ -290,14 +290,6 @@ class RunFolder:
         """Write the proof of one tree, or as much of it as there is."""
         self.keep(f"{RunFile.PROOFS}/{proof.topology_key}", to_json(proof))
 
-    def proof_text(self, key: str) -> bytes | None:
-        """Return the proof of one tree as the run wrote it; None if there is none.
-
-        Raises:
-            BadInput: the file has another content.
-        """
-        return self._files.read(f"{self._level}{RunFile.PROOFS}/{key}")
-
     def changed_files(self) -> list[str]:
         """Return the names of all files whose content is not what the run wrote."""
         return self._files.find_changed()

@@ -12,16 +12,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
-
-from pydantic import ValidationError
 
 from topo_search.engine import AuditDesign, Candidates, Engine, Failed, WorkersLost, audit_deadline
-from topo_search.engine.workers import Result
 from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
 from topo_search.model.proof import Aim, Problem, chunk_count
 from topo_search.model.proven import gap_percent, improvement
-from topo_search.model.value import faults_of
 from topo_search.study.answer import Answer
 from topo_search.study.directory import CHANGED, RunFile
 from topo_search.study.folder import RunFolder
@@ -51,16 +46,6 @@ class Patience:
 PATIENCE = Patience()
 
 
-class _ProveJob(NamedTuple):
-    """One chunk of one tree: what a prover is called with."""
-
-    task: ResolvedTask
-    topology: Topology
-    number: int
-    cut: float
-    problem: Problem
-
-
 @dataclass
 class _Work:
     """The proofs of one size, as they grow."""
@@ -76,21 +61,20 @@ class _Work:
     impossible: frozenset[str] = frozenset()
     """Trees that other rules prove impossible; a record is for `--check` alone."""
 
-    def jobs(self) -> Iterator[_ProveJob]:
+    def jobs(self) -> Iterator[tuple[Proof, int]]:
         """Yield what is due, tree by tree; a tree with a chunk that cannot be closed is left alone."""
         for key in list(self.proofs):
             for number in self.proofs[key].due_chunks():
-                proof = self.proofs[key]
-                if proof.open_at is None:
-                    yield _ProveJob(proof.task, proof.topology, number, proof.cut, proof.problem)
+                if self.proofs[key].open_at is None:
+                    yield self.proofs[key].without_chunks, number
 
-    def take(self, job: _ProveJob, result: Chunk | Failed) -> None:
+    def take(self, begun: Proof, number: int, result: Chunk | Failed) -> None:
         """Keep what came of a chunk."""
-        key = job.topology.key
-        if job.cut != self.proofs[key].cut:
+        key = begun.topology_key
+        if begun.cut != self.proofs[key].cut:
             return
         if isinstance(result, Failed):
-            self.observer.note(f"{key}: chunk {job.number} failed, {result.reason}")
+            self.observer.note(f"{key}: chunk {number} failed, {result.reason}")
             return
         known_open = self.proofs[key].open_at is not None
         proof = self.proofs[key] = self.proofs[key].with_chunk(result)
@@ -164,8 +148,7 @@ def prove(
                 kept, reusable = folder.proofs(n), _lend(lender, task)
                 for row in rows:
                     aim, cut = target(row, best, gap)
-                    held = kept.get(row.key)
-                    reused = reusable.get(row.key)
+                    held, reused = kept.get(row.key), reusable.get(row.key)
                     if held is not None and _serves(held, cut, work.floor, gap, problem):
                         if held.open_at is not None and held.cut > work.floor:
                             held = _lower(held, work.floor)
@@ -174,34 +157,24 @@ def prove(
                         held = reused.model_copy(update={"aim": whole, "gap": gap})
                         work.due.add(row.key)
                     else:
+                        scope = {"gap": gap, "problem": problem, "aim": aim, "cut": cut}
                         root = centre(task, Topology.from_key(row.key))
-                        held = Proof(
-                            task=task,
-                            topology_key=row.key,
-                            root_module=root,
-                            aim=aim,
-                            gap=gap,
-                            problem=problem,
-                            cut=cut,
-                        )
+                        held = Proof(task=task, topology_key=row.key, root_module=root, **scope)
                     work.proofs[row.key] = held
                 before = dict[str, float]()
                 while before != (cuts := {key: proof.cut for key, proof in work.proofs.items()}):
                     before = cuts  # what was lowered meanwhile is due again
-                    due = sum(
-                        len(list(proof.due_chunks())) for proof in work.proofs.values() if proof.open_at is None
-                    )
+                    due = sum(len(proof.due_chunks()) for proof in work.proofs.values() if proof.open_at is None)
                     if due:
                         started_at = time.monotonic()
                         prepare(task)
                         until += time.monotonic() - started_at
                     observer.phase(Phase("proving", n, due, seconds=EXPECTED.chunk_s))
-                    ended = engine.run(
-                        partial(_call, prove_chunk), work.jobs(), deadline=lambda _: PATIENCE.chunk_s, until=until
-                    )
+                    search = partial(_search, prove_chunk)
+                    ended = engine.run(search, work.jobs(), deadline=lambda _: PATIENCE.chunk_s, until=until)
                     try:
                         for job, result in ended:
-                            work.take(job, result)
+                            work.take(*job, result)
                             observer.settled(incumbent)
                     finally:
                         work.keep()
@@ -213,6 +186,12 @@ def prove(
         report(folder)
         folder.ledger.require()
         return answer_of(folder)
+
+
+def _search(prove_chunk: ProveChunk, job: tuple[Proof, int]) -> Chunk:
+    """Search a chunk of the tree of a proof (in a worker)."""
+    proof, number = job
+    return prove_chunk(proof.task, proof.topology, number, proof.cut, proof.problem)
 
 
 def refuse_unprovable(request: Request, name: str) -> None:
@@ -255,7 +234,7 @@ def _lend(lender: Path | None, task: ResolvedTask) -> dict[str, Proof]:
 
 
 def _lower(proof: Proof, floor: float) -> Proof:
-    return proof.model_copy(update={"aim": "within", "cut": floor, "chunks": ()})
+    return proof.without_chunks.model_copy(update={"aim": "within", "cut": floor})
 
 
 def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, Row, float, list[Row]]]:
@@ -287,6 +266,7 @@ def _cause(chunk: Chunk) -> str:
     return f"chunk {chunk.number} cannot exclude a better design at the smallest size of boxes"
 
 
+_CheckJob = tuple[Proof, Chunk]
 CheckChunk = Callable[[ResolvedTask, Topology, int, float, Chunk, Problem], CheckedChunk]
 """Checks that no design of one chunk of a tree costs less than a cut [rad^4/s^4]: a pure function."""
 
@@ -342,17 +322,6 @@ class Checked:
         return not self.refused and not self.missing and all(tree.left in (None, IMPOSSIBLE) for tree in self.trees)
 
 
-class _CheckJob(NamedTuple):
-    """One chunk of a proof: what a checker is called with."""
-
-    task: ResolvedTask
-    topology: Topology
-    root: int
-    cut: float
-    chunk: Chunk
-    problem: Problem
-
-
 def check(
     path: Path,
     check_chunk: CheckChunk,
@@ -393,8 +362,7 @@ def check(
             for row in rows:
                 trees[row.key], proof = _examine(folder, row, task, space)
                 if proof is not None:
-                    tree = proof.topology, proof.root_module, proof.cut
-                    jobs += [_CheckJob(task, *tree, chunk, proof.problem) for chunk in proof.chunks]
+                    jobs += [(proof.without_chunks, chunk) for chunk in proof.chunks]
             if jobs:
                 prepare(task)
             _replay(jobs, trees, check_chunk, engine, observer)
@@ -423,30 +391,23 @@ def _examine(
     folder: RunFolder, row: Row, task: ResolvedTask, space: Candidates
 ) -> tuple[CheckedTree, Proof | None]:
     """Return what can be said of a tree without checking chunks, and its proof if they are to be checked."""
-    tree = CheckedTree(row.key, row.modules)
+    tree, name = CheckedTree(row.key, row.modules), f"{RunFile.PROOFS}/{row.key}"
+    proof: Proof | None = None
     try:
-        is_candidate = space.candidate_of(Topology.from_key(row.key)).key == row.key
-    except ValueError:
-        is_candidate = False
-    if not is_candidate:
-        tree.fault = "is no candidate of this run"
-        return tree, None
-    try:
-        content = folder.proof_text(row.key)
-        if content is None:
-            tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "not examined"
-            return tree, None
-        proof = Proof.model_validate_json(content)
+        if space.candidate_of(Topology.from_key(row.key)).key != row.key:
+            raise ValueError(f"{row.key} is one of several trees that are one candidate")
+        proof = folder.read_own(name, Proof)
     except BadInput as error:
-        tree.fault = f"{RunFile.PROOFS}/{row.key} {error.faults[0].rule}"
-        return tree, None
-    except ValidationError as error:
-        tree.fault = f"{RunFile.PROOFS}/{row.key}: {faults_of(error, Proof)[0]}"
-        return tree, None
-    tree.fault = _unfit(proof, row.key, task)
-    if tree.fault is None and not proof.complete:
-        tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else "open"
-    if tree.fault is not None or tree.left is not None:
+        tree.fault = f"{name} {error.faults[0]}"
+    except ValueError:
+        tree.fault = "is no candidate of this run"
+    else:
+        if proof is not None:
+            tree.fault = _unfit(proof, row.key, task)
+        if tree.fault is None and (proof is None or not proof.complete):
+            open_ = "not examined" if proof is None else "open"
+            tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else open_
+    if proof is None or tree.fault is not None or tree.left is not None:
         return tree, None
     tree.bound, tree.problem = proof.cut, proof.problem
     return tree, proof
@@ -460,16 +421,17 @@ def _replay(
     observer: Observer,
 ) -> None:
     """Fill in what the chunks come to, and tell of each tree as it ends."""
-    due = (job for job in jobs if trees[job.topology.key].fault is None)
+    due = (job for job in jobs if trees[job[0].topology_key].fault is None)
     note_period_s = 10.0  # between two lines about one tree
     noted_at = time.monotonic()
-    for job, result in engine.run(partial(_call, check_chunk), due, deadline=lambda _: PATIENCE.chunk_s):
-        tree = trees[job.topology.key]
+    ended = engine.run(partial(_check, check_chunk), due, deadline=lambda _: PATIENCE.chunk_s)
+    for (proof, chunk), result in ended:
+        tree = trees[proof.topology_key]
         if tree.fault is not None:
             continue
         fault = result.reason if isinstance(result, Failed) else result.fault
         if fault is not None:
-            tree.fault = f"chunk {job.chunk.number}: {fault}"
+            tree.fault = f"chunk {chunk.number}: {fault}"
         elif isinstance(result, CheckedChunk):
             tree.boxes, tree.halved = tree.boxes + result.boxes, tree.halved + result.halved
             tree.chunks += 1
@@ -483,8 +445,10 @@ def _replay(
             observer.note(f"{tree.key}: {tree.chunks} of {chunk_count(tree.modules)} chunks, {tree.boxes:,} boxes")
 
 
-def _call(function: Callable[..., Result], job: tuple[object, ...]) -> Result:
-    return function(*job)
+def _check(check_chunk: CheckChunk, job: _CheckJob) -> CheckedChunk:
+    """Check a chunk of a proof (in a worker)."""
+    proof, chunk = job
+    return check_chunk(proof.task, proof.topology, proof.root_module, proof.cut, chunk, proof.problem)
 
 
 def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine) -> str | None:

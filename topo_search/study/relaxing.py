@@ -82,7 +82,7 @@ class Relaxable:
 
 def relaxable(task: Task, n: int) -> list[Relaxable]:
     """Return the limits of a task for n modules that can be relaxed without another module or another tree."""
-    limits = (*_numbers(task, n), *_freed(task), *_others(task))
+    limits = (*_numbers(task, n), *_switches(task), *_others(task))
     return [limit for limit in limits if limit.shares]
 
 
@@ -131,7 +131,7 @@ def _none(_: Task) -> None:
 
 
 def _value(n: int, part: str | int, name: str, task: Task) -> Any:
-    """Return what a field of a part, as of `_with`, is or stands for; None where there is none."""
+    """Return what a field of a part, as of `Task.with_fields`, is or stands for; None where there is none."""
     if name == "largest_reach":
         return task.largest_reach(n)
     if name in ("joint_force", "joint_moment"):
@@ -143,7 +143,7 @@ def _change(task: Task, part: str | int, name: str, given: Any, sign: float, sha
     fields = {name: _times(given, 1 + sign * share)}
     if name == "max_thrust":
         fields["max_thrust_to_weight"] = 4 * fields[name] / (task.module.mass * task.gravity)
-    return _with(task, part, **fields)
+    return task.with_fields(part, **fields)
 
 
 def _times(given: Any, factor: float) -> Any:
@@ -151,31 +151,24 @@ def _times(given: Any, factor: float) -> Any:
     return tuple(_times(x, factor) for x in given) if isinstance(given, tuple) else float(f"{given * factor:.6g}")
 
 
-def _with(task: Task, part: str | int, **fields: Any) -> Task:
-    """Return the task with fields of one of its tables changed, or of an exposure requirement by its number."""
-    if isinstance(part, str):
-        return task.model_copy(update={part: getattr(task, part).model_copy(update=fields)})
-    changed = task.exposure[part].model_copy(update=fields)
-    return task.model_copy(update={"exposure": (*task.exposure[:part], changed, *task.exposure[part + 1 :])})
-
-
-def _freed(task: Task) -> Iterator[Relaxable]:
+def _switches(task: Task) -> Iterator[Relaxable]:
     """Yield the limits that are there or not."""
     search = task.search
     given = "hinge_step_deg" if search.hinge_angles_deg is None else "hinge_angles_deg"
     any_angle = task.model_copy(update={"search": search.any_angle})
-    free_root = _with(task, "search", root="free")
-    free_tip, fixed = _with(task, "end_effector", position="free"), task.end_effector.fixed_position is not None
+    free_root = task.with_fields("search", root="free")
+    free_tip = task.with_fields("end_effector", position="free")
+    fixed = task.end_effector.fixed_position is not None
     for limit, field, holds, freed in (
         ("orientation of the root", 'search.root = "free"', search.root == "paper", free_root),
         ("set of hinge angles", f"search.{given} left out", search.hinge_set_deg is not None, any_angle),
         ("position of the end-effector", 'end_effector.position = "free"', fixed, free_tip),
     ):
         if holds:
-            yield Relaxable(limit, field, "freeing it", 1.0, partial(_as_freed, freed), _none, at_once=True)
+            yield Relaxable(limit, field, "freeing it", 1.0, partial(_return_freed, freed), _none, at_once=True)
 
 
-def _as_freed(freed: Task, _: float) -> Task:
+def _return_freed(freed: Task, _: float) -> Task:
     return freed
 
 
@@ -200,7 +193,7 @@ def _others(task: Task) -> Iterator[Relaxable]:
 def _move_planes(task: Task, number: int, planes: Sequence[Plane], x: float) -> Task:
     length = task.module.region_envelope.length
     farther = (plane.model_copy(update={"offset": plane.offset + x * length}) for plane in planes)
-    return _with(task, number, planes=tuple(farther))
+    return task.with_fields(number, planes=tuple(farther))
 
 
 @dataclass

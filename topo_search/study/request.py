@@ -227,33 +227,34 @@ class Request:
 
     def space(self, n: int) -> Candidates:
         """Return the candidates of n modules."""
-        task, symmetry, user_inputs = self.task.resolve(n), self.symmetry, self.user_inputs
-        if user_inputs.topologies is not None:
-            return Listed(task, symmetry, keys=tuple(key for key in user_inputs.topologies if len(key) - 1 == n))
-        if symmetry == "task" and user_inputs.telling is not None:
-            return Candidates(task, "none", rooted=True)
-        return Candidates(task, "c2" if self._proper else symmetry)
+        return self._choice(n)[0]
 
     def quotient(self, n: int) -> Resolution:
         """Return which trees stand for one candidate, whether that is exact, and why."""
+        return self._choice(n)[1]
+
+    def _choice(self, n: int) -> tuple[Candidates, Resolution]:
         task, user_inputs = self.task.resolve(n), self.user_inputs
         if user_inputs.topologies is not None:
-            return Resolution("c1", True, "every topology that was given is a candidate")
-        if self.symmetry == "task" and user_inputs.telling is not None:
-            reason = f"every rooted tree is a candidate: {user_inputs.telling!r} may tell modules apart"
-            return Resolution("c1", True, reason)
-        if self._proper:
-            resolution = resolve_symmetry(task, "c2")
-            return replace(
-                resolution, reason=f"{resolution.reason}; {user_inputs.handed!r} may tell mirror images apart"
-            )
-        resolution = resolve_symmetry(task, self.symmetry)
-        broken = user_inputs.telling if task.search.root == "free" else None
+            keys = [key for key in user_inputs.topologies if len(key) - 1 == n]
+            return Listed(task, keys), Resolution("c1", True, "every topology that was given is a candidate")
+        telling, handed, free = user_inputs.telling, user_inputs.handed, task.search.root == "free"
+        if self.symmetry == "task" and telling is not None:
+            reason = f"every rooted tree is a candidate: {telling!r} may tell modules apart"
+            return Candidates(task, "none", rooted=True), Resolution("c1", True, reason)
+        proper = free and self.symmetry == "task" and handed is not None
+        symmetry: Symmetry = "c2" if proper else self.symmetry
+        resolution = resolve_symmetry(task, symmetry)
+        broken = telling if free else None
         if broken is None and resolution.group in ("d2", "d4"):
-            broken = user_inputs.handed
-        if broken is None or not resolution.exact:
-            return resolution
-        return Resolution(resolution.group, False, f"lossy: {broken!r} may tell trees apart that count as one")
+            broken = handed
+        if proper:
+            reason = f"{resolution.reason}; {handed!r} may tell mirror images apart"
+            resolution = replace(resolution, reason=reason)
+        elif broken is not None and resolution.exact:
+            reason = f"lossy: {broken!r} may tell trees apart that count as one"
+            resolution = Resolution(resolution.group, False, reason)
+        return Candidates(task, symmetry), resolution
 
     def covers(self, n: int) -> bool:
         """True if the candidates stand for every tree of n modules that the task's connectors and root allow.
@@ -269,11 +270,6 @@ class Request:
         if listed.count() < due:
             return False
         return len({every.key_of(candidate.topology) for candidate in listed.candidates()}) == due
-
-    @property
-    def _proper(self) -> bool:
-        free = self.task.search.root == "free"
-        return free and self.symmetry == "task" and self.user_inputs.handed is not None
 
     def contexts(self, n: int) -> list[Context]:
         """Return the contexts of n modules: the task's own margin, then each larger one."""

@@ -2,15 +2,13 @@
 
 from topo_search.topologies.candidates import (
     Candidate,
+    Family,
     OwnTopology,
-    candidate_key,
     candidate_of,
     candidates,
     count,
-    draws,
     own_candidates,
     own_topology,
-    quotient_of,
     sample,
 )
 from topo_search.topologies.rooted import Connectors, Quotient, Root, Symmetry

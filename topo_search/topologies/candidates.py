@@ -33,10 +33,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import islice, repeat
+from itertools import islice
 from math import comb, factorial
 from random import Random
-from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
@@ -262,126 +262,142 @@ class Candidate:
         return Topology.from_key(self.key)
 
 
-class Family(TypedDict, total=False):
-    """The trees that are candidates, and which of them are one."""
+class Family:
+    """The trees of one number of modules that are candidates, and which of them are one."""
 
-    symmetry: Symmetry
-    """Trees that are one candidate, by default `c2`. `none`: those that differ in their root alone; `c2` to `d4`:
-    also turned or mirrored ones; `task`: the coarsest quotient exact for the task. With connectors of any port
-    every name but `none` and `task` means the quarter turn with spin flip."""
-    connectors: Connectors
-    """`aligned`, the default, or `any` port of the child, which counts by its parity."""
-    root: Root
-    """`free`, the default, or `paper`: trees with different roots differ."""
-    task: ResolvedTask | None
-    """Needed by the symmetry `task`."""
+    def __init__(
+        self,
+        n: int,
+        *,
+        symmetry: Symmetry = "c2",
+        connectors: Connectors = "aligned",
+        root: Root = "free",
+        task: ResolvedTask | None = None,
+    ) -> None:
+        """Choose the trees.
+
+        Args:
+            n: number of modules.
+            symmetry: trees that are one candidate. `none`: those that differ in their root alone; `c2` to `d4`:
+                also turned or mirrored ones; `task`: the coarsest quotient exact for the task. With connectors of
+                any port every name but `none` and `task` means the quarter turn with spin flip.
+            connectors: `aligned`, or `any` port of the child, which counts by its parity.
+            root: `free`, or `paper`: trees with different roots differ.
+            task: needed by the symmetry `task`.
+
+        Raises:
+            ValueError: n < 1, an unknown name, or `task` without a task.
+        """
+        if n < 1:
+            raise ValueError(f"`n >= 1` must hold, but got n = {n}")
+        mirrors = None if task is None or symmetry != "task" else improper_isometry(task) is not None
+        self.n, self.symmetry, self.connectors = n, symmetry, connectors
+        self._quotient = Quotient(group_of(symmetry, connectors=connectors, root=root, mirrors=mirrors), root)
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Yield every candidate, in ascending order of keys.
+
+        Their number is `count`; the orbits add up to `classes`, with `none` to the number of candidates.
+        """
+        # the aligned ones, keys `a...`, then (for any port) those with an odd kappa, keys `p...`
+        families: tuple[Connectors, ...] = ("aligned",) if self.connectors == "aligned" else ("aligned", "any")
+        for family in families:
+            for tree in rooted_at(self._quotient.root, self.n, family, self._quotient.masks):
+                if self._quotient.lists(tree):
+                    key = key_of(text_of(tree))
+                    if (key[0] == "a") == (family == "aligned"):
+                        yield Candidate(key, self._quotient.orbit(tree))
+
+    def count(self) -> int:
+        """Return the number of candidates, by closed form."""
+        return classes(self.n, self._quotient.group, connectors=self.connectors, root=self._quotient.root)
+
+    @property
+    def classes(self) -> int:
+        """The number of classes of the exact quotient, which the orbits of all candidates add up to.
+
+        Exact are half turns; for any port quarter turns with spin flip; with the paper's root nothing.
+        """
+        exact: Group = "c1" if self.symmetry == "none" or self._quotient.root == "paper" else "c2"
+        return classes(self.n, exact, connectors=self.connectors, root=self._quotient.root)
+
+    def candidate_of(self, topology: Topology) -> Candidate:
+        """Return the candidate that stands for a topology; ValueError if its connectors are not allowed."""
+        listed = self._representative(topology)
+        return Candidate(key_of(text_of(listed)), self._quotient.orbit(listed))
+
+    def key_of(self, topology: Topology) -> str:
+        """Return the key of the candidate that stands for a topology, sooner than the candidate."""
+        return key_of(text_of(self._representative(topology)))
+
+    def twin_of(self, topology: Topology) -> Candidate:
+        """Return the candidate that differs in the sense of all rotors alone, which may be the topology's own.
+
+        Rotor drag torques are small, and so is what its optimum differs by. With the paper's root it stands
+        otherwise in the world, and there is only itself; nor is there without symmetry, where half turns are
+        candidates of their own.
+        """
+        turned = self._quotient.root != "paper" and self.symmetry != "none"
+        return self.candidate_of(with_spins_reversed(topology) if turned else topology)
+
+    def draws(self, seed: int) -> Iterator[Topology]:
+        """Yield candidates, drawn independently and uniformly, without end."""
+        random = Random(seed)
+        while True:
+            tree = draw_tree(random, self.n, self._quotient, self.connectors)
+            yield Topology.from_key(key_of(text_of(tree)))
+
+    def sample(self, m: int, seed: int) -> list[Topology]:
+        """Return m candidates, drawn independently and uniformly, so that one may come twice.
+
+        The first draws of a longer sample are those of a shorter one.
+        """
+        return list(islice(self.draws(seed), m))
+
+    def _representative(self, topology: Topology) -> Rooted:
+        if self.connectors == "aligned" and not topology.aligned:
+            raise ValueError(f"an aligned topology has only even kappas, but got {list(topology.kappas)}")
+        return self._quotient.representative(rooted_of(topology.key))
 
 
-def candidates(n: int, **family: Unpack[Family]) -> Iterator[Candidate]:
-    """Return the candidates of n modules one by one, in ascending order of their keys.
+def with_spins_reversed(topology: Topology) -> Topology:
+    """Return the tree whose rotors all turn the other way: every joint sits one port further on."""
+    first, *joints = topology.joints
+    return Topology((first, *((h, (a + 1) % 4, (b + 1) % 4) for h, a, b in joints)))
 
-    Their number is `count`; the orbits add up to the number of exact classes (half turns; for any port quarter
-    turns with spin flip; the paper's root: rooted trees), with `none` to the number of candidates.
 
-    Args:
-        n: number of modules.
-        family: see `Family`.
+def candidate_of(topology: Topology, **family: Any) -> Candidate:
+    """Return the candidate that stands for a topology; arguments as of `Family`."""
+    return Family(topology.n, **family).candidate_of(topology)
 
-    Raises:
-        ValueError: n < 1, an unknown name, or `task` without a task.
+
+def candidates(n: int, **family: Any) -> Iterator[Candidate]:
+    """Return the candidates of n modules one by one, in ascending order of their keys; arguments as of `Family`.
 
     >>> [topology.key for topology in candidates(3)]
     ['a300', 'a500', 'a600', 'aa00']
     """
-    return _enumerate(n, quotient_of(n, **family), _connectors(family))
+    return Family(n, **family).candidates()
 
 
-def count(n: int, **family: Unpack[Family]) -> int:
-    """Return the number of candidates, by closed form; arguments and errors as `candidates`.
+def count(n: int, **family: Any) -> int:
+    """Return the number of candidates, by closed form; arguments as of `Family`.
 
     >>> [count(n) for n in range(1, 7)]
     [1, 2, 4, 14, 49, 216]
     >>> count(5, symmetry="none")
     91
     """
-    quotient = quotient_of(n, **family)
-    return classes(n, quotient.group, connectors=_connectors(family), root=quotient.root)
+    return Family(n, **family).count()
 
 
-def sample(n: int, m: int, seed: int, **family: Unpack[Family]) -> list[Topology]:
-    """Return m candidates, drawn independently and uniformly, so that one may come twice.
-
-    The first draws of a longer sample are those of a shorter one. Arguments and errors as `candidates`, and:
+def sample(n: int, m: int, seed: int, **family: Any) -> list[Topology]:
+    """Return m candidates of n modules, drawn independently and uniformly; arguments as of `Family`.
 
     >>> [topology.key for topology in sample(4, 3, seed=0)]
     ['a5020', 'a3010', 'a7000']
-
-    Args:
-        n: number of modules.
-        m: number of draws.
-        seed: draws them.
-        family: see `Family`.
     """
-    return list(islice(draws(n, seed, **family), m))
-
-
-def draws(n: int, seed: int, **family: Unpack[Family]) -> Iterator[Topology]:
-    """Return the draws of `sample` one by one, without end; arguments and errors as there."""
-    quotient, connectors, random = quotient_of(n, **family), _connectors(family), Random(seed)
-    trees = (draw_tree(random, n, quotient, connectors) for _ in repeat(None))
-    return (Topology.from_key(key_of(text_of(tree))) for tree in trees)
-
-
-def candidate_of(topology: Topology, **family: Unpack[Family]) -> Candidate:
-    """Return the candidate that stands for a topology; arguments and errors as `candidates`.
-
-    Raises:
-        ValueError: also if the family is aligned and the topology is not.
-    """
-    quotient = quotient_of(topology.n, **family)
-    listed = _representative(topology, quotient, _connectors(family))
-    return Candidate(key_of(text_of(listed)), quotient.orbit(listed))
-
-
-def candidate_key(topology: Topology, *, quotient: Quotient, connectors: Connectors) -> str:
-    """Return the key of the candidate that stands for a topology in a quotient, sooner than the candidate."""
-    return key_of(text_of(_representative(topology, quotient, connectors)))
-
-
-def quotient_of(
-    n: int,
-    *,
-    symmetry: Symmetry = "c2",
-    connectors: Connectors = "aligned",
-    root: Root = "free",
-    task: ResolvedTask | None = None,
-) -> Quotient:
-    """Return which trees are one candidate; arguments and errors as `candidates`."""
-    if n < 1:
-        raise ValueError(f"`n >= 1` must hold, but got n = {n}")
-    mirrors = None if task is None or symmetry != "task" else improper_isometry(task) is not None
-    return Quotient(group_of(symmetry, connectors=connectors, root=root, mirrors=mirrors), root)
-
-
-def _connectors(family: Family) -> Connectors:
-    return family.get("connectors", "aligned")
-
-
-def _representative(topology: Topology, quotient: Quotient, connectors: Connectors) -> Rooted:
-    if connectors == "aligned" and not topology.aligned:
-        raise ValueError(f"an aligned topology has only even kappas, but got {list(topology.kappas)}")
-    return quotient.representative(rooted_of(topology.key))
-
-
-def _enumerate(n: int, quotient: Quotient, connectors: Connectors) -> Iterator[Candidate]:
-    """Yield the aligned candidates, keys `a...`, then (for any port) those with an odd kappa, keys `p...`."""
-    families: tuple[Connectors, ...] = ("aligned",) if connectors == "aligned" else ("aligned", "any")
-    for family in families:
-        for tree in rooted_at(quotient.root, n, family, quotient.masks):
-            if quotient.lists(tree):
-                key = key_of(text_of(tree))
-                if (key[0] == "a") == (family == "aligned"):
-                    yield Candidate(key, quotient.orbit(tree))
+    return Family(n, **family).sample(m, seed)
 
 
 OwnTopology: TypeAlias = "Topology | str | nx.Graph[Any]"

@@ -39,7 +39,6 @@ from topo_search.engine.proposals.moves import Moves
 from topo_search.engine.proposals.trials import (
     HALVING,
     IMPOSSIBLE,
-    Attribute,
     Idea,
     Rank,
     TreeSampler,
@@ -178,22 +177,22 @@ def _draw(study: optuna.Study, proposer: TreeSampler) -> _Drawn:
     idea = proposer.drawn.pop(trial.number, Idea(candidate.key))
     proposer.note_idea(trial.number, idea)
     near = idea.warm_starts
-    trial.set_user_attr(Attribute.KEY, candidate.key)
-    trial.set_user_attr(Attribute.NEAR, near)
+    trial.set_user_attr("key", candidate.key)
+    trial.set_user_attr("near", near)
     return _Drawn(trial, candidate, near)
 
 
 def _trial_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:
     """Return a trial of a candidate that is not the sampler's."""
     numbers = encode(Topology.from_key(key), proposer.connectors)
-    study.enqueue_trial(dict(numbers), {Attribute.KEY: key, Attribute.NEAR: ()})
+    study.enqueue_trial(dict(numbers), {"key": key, "near": ()})
     return study.ask(proposer.distributions)
 
 
 def _tell(study: optuna.Study, trial: optuna.Trial, score: Tried) -> FrozenTrial:
     """Tell the study the outcome of a candidate; without a design it misses a constraint, at an infinite value."""
-    trial.set_user_attr(Attribute.STATUS, score.status)
-    trial.set_user_attr(Attribute.STARTS, score.starts)
+    trial.set_user_attr("status", score.status)
+    trial.set_user_attr("starts", score.starts)
     if score.status == "failed":
         return study.tell(trial, state=TrialState.FAIL)
     trial.set_constraint("violation", violation(score))

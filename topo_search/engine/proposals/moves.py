@@ -381,33 +381,32 @@ class Moves(TreeSampler):
         """Take note of what a trial led to: one that failed says nothing of the candidate's twin."""
         super().note_score(number, score)
         if score.status == "failed":
-            self._settled -= {self._twin(score.key)} - self.trials.proposed
+            self._settled -= {self._twin(score.key)} - self.proposed
 
     def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield candidates drawn uniformly for a new population, then what promises most, if anything does."""
-        trials = self.trials
-        while not trials.completed:
+        while not self.completed:
             yield self.uniform()
         known = self._learn()
-        self._breed(trial.number, known, trial.number - len(trials.running))
+        self._breed(trial.number, known, trial.number - len(self.running))
         while trial.number < self._first + HALVING.fresh:
             yield self.uniform()
         # What one job carries over must not be what another one extends meanwhile: which ends first is chance.
-        running = {idea.key for idea in trials.running.values()}
-        carried_over = running.union(*(idea.warm_starts for idea in trials.running.values()))
+        running = {idea.key for idea in self.running.values()}
+        carried_over = running.union(*(idea.warm_starts for idea in self.running.values()))
         for key in islice(known.designs, 1):
             if key not in running:
                 yield Idea(self._twin(key), (key,))
-        repeats = running & trials.starts.keys()
-        kept = carried_over | trials.failed
+        repeats = running & self.starts.keys()
+        kept = carried_over | self.failed
         for _ in range(BREEDING.batches):
             self._draw(known.surrogate, 1 if self._pool.keys() <= self._settled else BREEDING.more)
             new = [chance for key, (chance, _) in self._pool.items() if key not in self._settled]
             again = (one for one in known.again if new and len(repeats) < self._repeats and one.key not in kept)
-            twins = (one for one in known.twins if one.key not in trials.proposed)
+            twins = (one for one in known.twins if one.key not in self.proposed)
             for _, key, repeat in merge(sorted(new), twins, again):
                 _, parent = self._pool.get(key, (None, None))
-                without = running | trials.lent.get(key, set())
+                without = running | self.lent.get(key, set())
                 yield Idea(key, self._warm_start(known.designs, key, parent, without), repeat)
 
     def _breed(self, number: int, known: _Known, over: int) -> None:
@@ -444,9 +443,8 @@ class Moves(TreeSampler):
 
     def _learn(self) -> _Known:
         """Return what the trials that are over, at least one, tell; it is kept till there are more."""
-        trials = self.trials
-        if self._latest is None or self._latest[0] != trials.completed:
-            solved = (*trials.ranking,)
+        if self._latest is None or self._latest[0] != self.completed:
+            solved = (*self.ranking,)
             # By how much trees without a design miss one says little of how good they can be, and would spread the
             # ranking where no good tree is: they stand alike, as long as one tree has a design.
             by_objective = solved[0].has_design
@@ -455,7 +453,7 @@ class Moves(TreeSampler):
             surrogate = Surrogate(self._descriptors([one.key for one in solved]), places)
             designs = {one.key: position for position, one in enumerate(solved) if one.has_design}
             again, twins = self._chances(solved[surrogate.kept], surrogate.leave_one_out_bounds().tolist())
-            self._latest = trials.completed, _Known(solved, surrogate, designs, again, twins)
+            self._latest = self.completed, _Known(solved, surrogate, designs, again, twins)
             self._pool = {}
         return self._latest[1]
 
@@ -467,7 +465,7 @@ class Moves(TreeSampler):
         again, twins = list[_Chance](), list[_Chance]()
         for one, bound in zip(solved, bounds, strict=True):
             if one.status in reluctance:
-                more = bisect_left(self._steps, self.trials.starts[one.key])
+                more = bisect_left(self._steps, self.starts[one.key])
                 promise = bound + reluctance[one.status] + more
                 twins.append(_Chance(promise, self._twin(one.key), again=False))
                 if more + 1 < len(self._steps):

@@ -25,9 +25,8 @@ import math
 from abc import abstractmethod
 from bisect import bisect_left, insort
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from itertools import islice
 from random import Random
 from typing import Any, NamedTuple
@@ -165,10 +164,30 @@ class Merit(NamedTuple):
         return math.isfinite(self.objective)
 
 
-class Trials:
-    """The trials of a search."""
+def value(score: Tried) -> float:
+    """Return what a trial that did not fail is worth; less is better."""
+    return math.inf if score.objective is None else score.objective
 
-    def __init__(self) -> None:
+
+def violation(score: Tried) -> float:
+    """Return by how much a design was missed: 0 with one."""
+    if score.objective is not None:
+        return 0.0
+    return score.violation if score.status == "infeasible" and score.violation is not None else IMPOSSIBLE
+
+
+class TreeSampler(BaseSampler):
+    """Draws the numbers of a tree's encoding together, in the form that its candidate's key has."""
+
+    few = HALVING.few
+    """Starts of a new candidate."""
+    promotes = True
+    """True if candidates that do well are given more starts at once."""
+
+    def __init__(self, space: Candidates, seed: int) -> None:
+        self.space = space
+        self.random = Random(seed)
+        self.connectors = space.connectors
         self.proposed: set[str] = set()
         """Keys of all candidates that have a trial."""
         self.running: dict[int, Idea] = {}
@@ -183,69 +202,7 @@ class Trials:
         """Starts so far of each candidate of which a trial said something, by key."""
         self.ranking: list[Merit] = []
         """The best trial of each of these candidates, in the order of their merit."""
-        self._best: dict[str, Merit] = {}
-
-    def ask(self, number: int, idea: Idea) -> None:
-        """Note that an idea is proposed in a trial."""
-        self.proposed.add(idea.key)
-        self.running[number] = idea
-        self.lent[idea.key].update(idea.warm_starts)
-
-    def tell(self, number: int, score: Tried) -> None:
-        """Note what a trial led to."""
-        del self.running[number]
-        if score.status == "failed":
-            self.failed.add(score.key)
-            return
-        self.completed += 1
-        self.starts[score.key] = score.starts
-        merit = Merit(*rank(score), number, score.key, score.status)
-        known = self._best.get(score.key)
-        if known is None or merit < known:
-            if known is not None:
-                del self.ranking[bisect_left(self.ranking, known)]
-            insort(self.ranking, merit)
-            self._best[score.key] = merit
-
-
-def value(score: Tried) -> float:
-    """Return what a trial that did not fail is worth; less is better."""
-    return math.inf if score.objective is None else score.objective
-
-
-def violation(score: Tried) -> float:
-    """Return by how much a design was missed: 0 with one."""
-    if score.objective is not None:
-        return 0.0
-    return score.violation if score.status == "infeasible" and score.violation is not None else IMPOSSIBLE
-
-
-class Attribute(StrEnum):
-    """Optuna's user attributes of a trial."""
-
-    KEY = "key"
-    """Key of its candidate."""
-    NEAR = "near"
-    """Keys of the candidates whose designs are carried over to it."""
-    STARTS = "starts"
-    """Starts of its candidate so far, once it is over."""
-    STATUS = "status"
-    """Outcome of its candidate, once it is over."""
-
-
-class TreeSampler(BaseSampler):
-    """Draws the numbers of a tree's encoding together, in the form that its candidate's key has."""
-
-    few = HALVING.few
-    """Starts of a new candidate."""
-    promotes = True
-    """True if candidates that do well are given more starts at once."""
-
-    def __init__(self, space: Candidates, seed: int) -> None:
-        self.space = space
-        self.random = Random(seed)
-        self.connectors = space.task.search.connectors
-        self.trials = Trials()
+        self._merits: dict[str, Merit] = {}
         self.drawn: dict[int, Idea] = {}
         """Ideas drawn for trials, by trial number; the only tree of one module needs no draw."""
         self.values = ranges(space.n, self.connectors)
@@ -266,11 +223,25 @@ class TreeSampler(BaseSampler):
 
     def note_idea(self, number: int, idea: Idea) -> None:
         """Take note of what is proposed in a trial."""
-        self.trials.ask(number, idea)
+        self.proposed.add(idea.key)
+        self.running[number] = idea
+        self.lent[idea.key].update(idea.warm_starts)
 
     def note_score(self, number: int, score: Tried) -> None:
         """Take note of what a trial of this sampler led to."""
-        self.trials.tell(number, score)
+        del self.running[number]
+        if score.status == "failed":
+            self.failed.add(score.key)
+            return
+        self.completed += 1
+        self.starts[score.key] = score.starts
+        merit = Merit(*rank(score), number, score.key, score.status)
+        known = self._merits.get(score.key)
+        if known is None or merit < known:
+            if known is not None:
+                del self.ranking[bisect_left(self.ranking, known)]
+            insort(self.ranking, merit)
+            self._merits[score.key] = merit
 
     def uniform(self) -> Idea:
         """Return a candidate drawn uniformly from all."""
@@ -285,12 +256,11 @@ class TreeSampler(BaseSampler):
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
     ) -> dict[str, Any]:
         """Return the numbers of a tree that is drawn."""
-        known = self.trials.proposed
         for idea in islice(self.ideas(study, trial), HALVING.draws):
-            if idea.again or idea.key not in known:
+            if idea.again or idea.key not in self.proposed:
                 break
         else:
-            idea = self._draw_unknown(known)
+            idea = self._draw_unknown()
         self.drawn[trial.number] = idea
         return dict(encode(Topology.from_key(idea.key), self.connectors))
 
@@ -300,11 +270,11 @@ class TreeSampler(BaseSampler):
         """Refuse to draw a number of its own."""
         raise ValueError(f"only {', '.join(self.distributions)} can be drawn, but got {param_name!r}")
 
-    def _draw_unknown(self, known: Set[str]) -> Idea:
-        """Return a candidate drawn uniformly from those that are not known; they are listed if there are few."""
+    def _draw_unknown(self) -> Idea:
+        """Return a candidate drawn uniformly from those without a trial; they are listed if there are few."""
         for _ in range(HALVING.draws):
             idea = self.uniform()
-            if idea.key not in known:
+            if idea.key not in self.proposed:
                 return idea
-        left = [other.key for other in self.space.candidates() if other.key not in known]
+        left = [other.key for other in self.space.candidates() if other.key not in self.proposed]
         return Idea(self.random.choice(left))
