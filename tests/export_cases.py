@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -82,3 +83,18 @@ def inertia_about_com(design: Design) -> Array:
     for m, r in zip(masses, [*at.o, *joints, at.p_e], strict=True):
         J = J + m * (r @ r * np.eye(3) - np.outer(r, r))
     return np.asarray(J)
+
+
+def in_mujoco(text: str) -> tuple[Any, Any]:
+    """The model of a file, and its data at the start."""
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def mass_matrix(model: Any, data: Any) -> Array:
+    """Of a single body that floats, (6, 6)."""
+    M = np.zeros((6, 6))
+    mujoco.mj_fullM(model, data, M)
+    return M

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from toy_problem import toy_run
 
-from topo_search.model import Design, Topology
+from topo_search.model import CaseFlight, Design, Flight, JointLoad, RotorsOut, Topology
 from topo_search.model.files import read_task, to_json
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
@@ -125,3 +125,37 @@ def flown(made: Design, folder: Path, name: str = "load case 0, wall") -> Path:
     rows = [f'"{name}",{0.02 * k},0.03,0.04,0.0,{k},0.5' for k in range(50)]
     (folder / "flight.csv").write_text("\n".join([COURSE_HEAD, *rows, ""]))
     return folder
+
+
+HOVER = CaseFlight(
+    name="hover",
+    possible=True,
+    horizontal_reserve_N=0.1199,
+    horizontal_weakest=(0.0, -1.0, 0.0),
+    torque_reserve_Nm=0.25,
+    torque_weakest=(0.6, 0.0, 0.8),
+    load_factor=1.5,
+)
+
+
+def joint(case: str, force: float, moment: float) -> JointLoad:
+    """What the joint of modules 0 and 1 bears, across its hinge."""
+    load = {"force_N": force, "moment_Nm": moment, "about_hinge_Nm": 0.0, "across_hinge_Nm": moment}
+    return JointLoad(case=case, module=0, port=0, child=1, **load)
+
+
+def flight(**fields: object) -> Flight:
+    """What a design can do beyond its task, made up."""
+    given = {
+        "cases": (HOVER, CaseFlight(name="load case 0", possible=True, load_factor=1.02459)),
+        "rotors_out_hover": RotorsOut(survive=7, of=8, lost=((1, 3),)),
+        "rotors_out_all": RotorsOut(survive=6, of=8, lost=((1, 3),), undecided=((0, 0),)),
+        "joints": (joint("load case 0", 3.21, 1.2301),),
+        "hinge_tolerance_deg": 0.1,
+        "hover_input": 0.5,
+        "hover_power_ratio": 1.25,
+        "rod_length_m": None,
+        "rod_mass_share": None,
+        "span_m": 0.75,
+    }
+    return Flight.model_validate({**given, **fields})

@@ -50,12 +50,21 @@ def test_the_first_task_is_the_shipped_one_and_the_exposures_are_read():
     assert [one.speed for one in Task.model_validate({**first, **air}).exposure] == [1.0, 2.0]
 
 
-def test_the_tasks_of_the_readme_are_read():
+def test_the_tasks_of_other_pages_are_read():
     first, both = map(tomllib.loads, blocks("toml", "../../README.md"))
     assert Task.model_validate(first) == read_task("push")
     (case,) = Task.model_validate({**first, **both}).load_cases
     assert case.end_effector is not None
     assert case.carries_weight
+    (bridge,) = (Task.model_validate(tomllib.loads(block)) for block in blocks("toml", "how-to/bridge.md"))
+    assert bridge.exposure[0].solid
+    assert bridge.end_effector.stand_off == 0.4
+    sets, reserves = map(tomllib.loads, blocks("toml", "how-to/load-cases.md"))
+    task = Task.model_validate({**sets, **reserves}).resolve(4)
+    assert task.flight.force_reserve == pytest.approx(0.1 * task.force_unit(4))
+    press, screw, hover = task.load_cases
+    assert [len(case.corners) for case in (press, screw, hover)] == [9, 2, 0]
+    assert math.hypot(*press.corners[1].at_end_effector.force) == pytest.approx(2.69, abs=5e-3)
 
 
 def test_the_geometry_without_inputs_is_audited_as_shown(tmp_path, monkeypatch):
@@ -67,12 +76,6 @@ def test_the_geometry_without_inputs_is_audited_as_shown(tmp_path, monkeypatch):
     audited = CliRunner().invoke(main, shlex.split(command.removeprefix("$ topo-search ")))
     assert audited.exit_code == 0
     assert all(map(same, shown, audited.stdout.splitlines()))
-
-
-def test_the_task_under_a_bridge_is_read():
-    (task,) = (Task.model_validate(tomllib.loads(block)) for block in blocks("toml", "how-to/bridge.md"))
-    assert task.exposure[0].solid
-    assert task.end_effector.stand_off == 0.4
 
 
 def test_the_recipes_of_the_command_line_run(tmp_path, monkeypatch):
@@ -100,32 +103,27 @@ def test_the_recipes_of_the_command_line_run(tmp_path, monkeypatch):
     assert len(Path("some/candidates.csv").read_text().splitlines()) == 1 + 50
 
 
-def test_the_recipe_draws_an_answer(tmp_path, monkeypatch, capsys):
-    (code,) = blocks("python", "how-to/recipes.md")
-    (tmp_path / "snippet.py").write_text(code)
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Runs a script in an empty folder, and returns what it prints."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(compose.binding, "Workers", InProcess)
-    runpy.run_path("snippet.py", run_name="__main__")
-    assert "a300" in capsys.readouterr().out
+
+    def run(code):
+        Path("snippet.py").write_text(code)
+        runpy.run_path("snippet.py", run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_the_recipe_draws_an_answer(run, tmp_path):
+    assert "a300" in run(*blocks("python", "how-to/recipes.md"))
     assert "force_reserve_N" in (tmp_path / "plot.html").read_text()
 
 
-def test_the_task_with_sets_of_wrenches_is_read_and_its_corners_counted():
-    text, reserves = blocks("toml", "how-to/load-cases.md")
-    task = Task.model_validate({**tomllib.loads(text), **tomllib.loads(reserves)})
-    assert task.resolve(4).flight.force_reserve == pytest.approx(0.1 * task.force_unit(4))
-    press, screw, hover = task.resolve(4).load_cases
-    assert [len(case.corners) for case in (press, screw, hover)] == [9, 2, 0]
-    assert math.hypot(*press.corners[1].at_end_effector.force) == pytest.approx(2.69, abs=5e-3)
-
-
-def test_the_python_code_runs_and_says_what_it_should(tmp_path, monkeypatch, capsys):
-    (code,) = blocks("python", "how-to/python.md")
-    (tmp_path / "snippet.py").write_text(code)
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(compose.binding, "Workers", InProcess)
-    runpy.run_path("snippet.py", run_name="__main__")
-    answer, best, angles, verdict = capsys.readouterr().out.splitlines()
+def test_the_python_code_runs_and_says_what_it_should(run):
+    answer, best, angles, verdict = run(*blocks("python", "how-to/python.md")).splitlines()
     assert answer.startswith("a300, 3 modules, J = ")
     assert answer.endswith("audit clear; everything is in push-3")
     assert best.startswith("a300 0.09")
@@ -145,15 +143,11 @@ SAID = (
 
 @pytest.mark.filterwarnings("ignore:QMCSampler is experimental")
 @pytest.mark.parametrize("number", range(len(SAID)))
-def test_the_examples_of_own_code_run(tmp_path, monkeypatch, capsys, number):
+def test_the_examples_of_own_code_run(run, monkeypatch, number):
     examples = blocks("python", "how-to/own-code.md")
     assert len(examples) == len(SAID)
-    (tmp_path / "snippet.py").write_text(examples[number])
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(compose.binding, "Workers", InProcess)
     monkeypatch.setattr(formats, "_registered", {one.name: one for one in formats.OURS})
-    runpy.run_path("snippet.py", run_name="__main__")
-    said = capsys.readouterr().out
+    said = run(examples[number])
     for words in SAID[number]:
         assert words in said, said
 

@@ -102,22 +102,9 @@ def test_a_scheduler_that_is_restarted_without_workers_ends_the_run(tmp_path, mo
 
 
 def run_command(folder, *words):
-    command = [
-        sys.executable,
-        "-m",
-        "topo_search",
-        "run",
-        "push",
-        "--modules",
-        "4",
-        "--starts",
-        "6",
-        "--out",
-        "run",
-    ]
-    return subprocess.Popen(
-        [*command, *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
+    asked = ("run", "push", "--modules", "4", "--starts", "6", "--out", "run", *words)
+    command = [sys.executable, "-m", "topo_search", *asked]
+    return subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -212,6 +212,9 @@ def test_the_command_prints_the_summary_draws_and_resumes(tmp_path, monkeypatch)
         (["--time-limit", "inf"], "inf is not in the range 0<x<=1000000000"),
         (["--time-limit", "nan"], "'--time-limit': must be a number, but got nan"),
         (["--sizes", "0"], "--sizes: must be positive and finite, but got 0"),
+        (["--topologies", "0,1"], "--topologies: must be positive and finite, but got 0"),
+        (["--distances", "nan"], "--distances: must be positive and finite, but got nan"),
+        (["--task", "pusch:3"], "--task: must name a shipped example, but got pusch; did you mean `push`"),
         (["--picture", "a.jpg"], "must end in .png or .svg, but got a.jpg"),
     ],
 )

@@ -164,20 +164,6 @@ def test_the_full_setting_is_the_paper_s(name):
     assert len(experiment("scaling").full.tasks) == 4
 
 
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"tasks": (("pusch", (3,)),)}, "--task: must name a shipped example, but got pusch; did you mean `push`"),
-        ({"tasks": (("push", (0,)),)}, "--sizes: must be positive and finite, but got 0"),
-        ({"topologies": (0, 1)}, "--topologies: must be positive and finite, but got 0"),
-        ({"distances": (float("nan"),)}, "--distances: must be positive and finite, but got nan"),
-    ],
-)
-def test_settings_that_cannot_be_are_refused(changes, words):
-    with pytest.raises(BadInput, match=words):
-        SETTINGS.override(**changes)
-
-
 def rows_of(tmp_path):
     """A folder with two rows, and the path of its table."""
     with Results.open(tmp_path, asked()) as rows:

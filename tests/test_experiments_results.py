@@ -81,9 +81,9 @@ def test_a_run_is_kept_and_the_text_is_the_one_that_belongs_to_the_rows(tmp_path
     assert {path.stem for path in (tmp_path / "pictures").iterdir()} == {"scaling", "ablation"}
 
 
-def test_the_documentation_says_what_the_ablation_shows():
-    rows = results(FOLDER / "ablation.csv")
+def test_the_documentation_says_what_the_ablation_and_the_scaling_study_show():
     words = " ".join(documented.TEXT.split())
+    rows = results(FOLDER / "ablation.csv")
     assert (rows["colliding_pairs"] > 0).all()
     assert f"all {len(rows)} platforms blow into themselves" in words
     deepest = rows["deepest_percent"]
@@ -92,6 +92,17 @@ def test_the_documentation_says_what_the_ablation_shows():
         f"the median of the deepest overlap is {deepest.median():.0f} % of the largest possible; "
         f"{100 * nearly:.0f} % reach {REACHED:.0f} %, {100 * fully:.0f} % reach {FULLY} %" in words
     )
+    few, fewer = json.loads((FOLDER / "scaling.json").read_text())["settings"]["topologies"]
+    sizes = results(FOLDER / "scaling-direct.csv")["n"]
+    assert f"{few} trees per size, above {Settings.few_above} modules {fewer}" in words
+    assert f"for {sizes.min()} to {sizes.max()} modules also the paper's formulation written directly" in words
+    rows = results(FOLDER / "scaling.csv")
+    solved, clear = rows["status"] == "feasible", rows["verdict"] == "clear"
+    assert clear.sum() == solved.sum()
+    assert f"{solved.sum()} of {len(rows)} problems have a design, all with a clear audit" in words
+    gaps = rows[(rows["n"] == 100) & solved].groupby("task")["gap"].median()
+    low, high = gap_percent(gaps.min(), 1).removesuffix(" %"), gap_percent(gaps.max(), 1)
+    assert f"With 100 modules the median gap of first designs is {low} to {high}" in words
 
 
 def test_the_documentation_says_what_a_set_of_hinge_angles_costs():
@@ -105,27 +116,3 @@ def test_the_documentation_says_what_a_set_of_hinge_angles_costs():
             for row in sets
         ]
         assert f"| `{task}`, {n} | {' | '.join(cells)} |" in page
-
-
-def test_the_documentation_says_how_many_trees_the_scaling_study_has():
-    few, fewer = json.loads((FOLDER / "scaling.json").read_text())["settings"]["topologies"]
-    sizes = results(FOLDER / "scaling-direct.csv")["n"]
-    words = " ".join(documented.TEXT.split())
-    assert f"{few} trees per size, above {Settings.few_above} modules {fewer}" in words
-    assert f"for {sizes.min()} to {sizes.max()} modules also the paper's formulation written directly" in words
-
-
-def test_the_documentation_says_how_good_first_designs_are():
-    rows = results(FOLDER / "scaling.csv")
-    words = " ".join(documented.TEXT.split())
-    gaps = rows[(rows["n"] == 100) & (rows["status"] == "feasible")].groupby("task")["gap"].median()
-    low, high = gap_percent(gaps.min(), 1).removesuffix(" %"), gap_percent(gaps.max(), 1)
-    assert f"With 100 modules the median gap of first designs is {low} to {high}" in words
-
-
-def test_the_documentation_says_how_many_problems_of_the_scaling_study_have_a_design():
-    rows = results(FOLDER / "scaling.csv")
-    words = " ".join(documented.TEXT.split())
-    solved, clear = (rows["status"] == "feasible").sum(), (rows["verdict"] == "clear").sum()
-    assert clear == solved
-    assert f"{solved} of {len(rows)} problems have a design, all with a clear audit" in words

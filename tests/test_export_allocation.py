@@ -6,7 +6,7 @@ import io
 import mujoco
 import numpy as np
 import pytest
-from export_cases import OWN_FRAME, drawn_trees, inertia_about_com, random_design
+from export_cases import OWN_FRAME, drawn_trees, in_mujoco, inertia_about_com, mass_matrix, random_design
 
 from topo_search.export.allocation import Allocation, allocation
 from topo_search.export.mjcf import mjcf
@@ -18,11 +18,11 @@ TREES = [*drawn_trees(), Topology.from_key("af" + "0" * 4)]
 
 
 @pytest.mark.parametrize("tree", TREES, ids=lambda tree: tree.key)
-def test_columns_are_the_generalised_forces_of_mujoco(tree: Topology) -> None:
-    design = random_design(tree, 5)
+def test_columns_masses_and_inertia_are_those_of_mujoco(tree: Topology) -> None:
+    body = {"body": OWN_FRAME} if tree.n == 3 else {}
+    design = random_design(tree, 5, {"module": {"joint_mass": 0.03, **body}})
     acts = allocation(design)
-    model = mujoco.MjModel.from_xml_string(mjcf(design))
-    data = mujoco.MjData(model)
+    model, data = in_mujoco(mjcf(design))
     k_f, limit = design.task.module.thrust_coefficient, design.task.module.max_input(design.task.gravity)
     for j, rotor in enumerate(acts.rotors):
         assert model.actuator(j).name == rotor.name
@@ -33,18 +33,7 @@ def test_columns_are_the_generalised_forces_of_mujoco(tree: Topology) -> None:
         np.testing.assert_allclose(data.site(rotor.name).xpos, rotor.position_m, atol=1e-12)
         np.testing.assert_allclose(data.site(rotor.name).xmat[[2, 5, 8]], rotor.axis, atol=1e-12)
         assert rotor.largest_thrust_N == pytest.approx(model.actuator(j).ctrlrange[1], rel=1e-14)
-
-
-@pytest.mark.parametrize("tree", TREES, ids=lambda tree: tree.key)
-def test_mass_and_inertia_are_those_of_mujoco(tree: Topology) -> None:
-    body = {"body": OWN_FRAME} if tree.n == 3 else {}
-    design = random_design(tree, 6, {"module": {"joint_mass": 0.03, **body}})
-    acts = allocation(design)
-    model = mujoco.MjModel.from_xml_string(mjcf(design))
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    M = np.zeros((6, 6))
-    mujoco.mj_fullM(model, data, M)
+    M = mass_matrix(model, data)
     assert acts.mass_kg == pytest.approx(M[0, 0], rel=1e-13)
     np.testing.assert_allclose(acts.inertia_kg_m2, M[3:, 3:], atol=1e-13)
     np.testing.assert_allclose(acts.inertia_kg_m2, inertia_about_com(design), atol=1e-13)
@@ -77,14 +66,10 @@ def test_the_pseudo_inverse_gives_the_least_inputs_of_any_wrench_that_rotors_rea
         np.testing.assert_allclose(np.array(there) @ np.array(back), np.eye(6), atol=1e-9)
         through = np.array(back) @ np.array(there)
         np.testing.assert_allclose(through, through.T, atol=1e-9)
-
-
-def test_one_module_reaches_four_directions() -> None:
-    design = random_design(Topology.from_key("a0"), 1)
-    acts = allocation(design)
-    assert acts.rank == 4
-    B = np.array(acts.matrix)
-    np.testing.assert_allclose(B @ np.array(acts.pseudo_inverse) @ B, B, atol=1e-15)
+    single = allocation(random_design(Topology.from_key("a0"), 1))
+    assert single.rank == 4
+    B = np.array(single.matrix)
+    np.testing.assert_allclose(B @ np.array(single.pseudo_inverse) @ B, B, atol=1e-15)
 
 
 def test_files_read_back() -> None:

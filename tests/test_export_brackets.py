@@ -22,7 +22,7 @@ from topo_search.export.brackets import (
     struts,
 )
 from topo_search.export.sheet import parts_list, sheet
-from topo_search.model import BadInput, Design, Task, Topology
+from topo_search.model import BadInput, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.module import Bracket
 from topo_search.topologies import sample
@@ -189,15 +189,6 @@ def test_brackets_as_large_as_modules_are_refused() -> None:
         brackets(design)
     with pytest.raises(ValueError, match=r"bolt_circle > 2 sqrt\(2\) bolt_diameter"):
         Bracket(bolt_circle=0.005)
-
-
-def test_a_task_states_its_brackets_and_one_that_does_not_stays_as_it_was() -> None:
-    case = {"com": {"force": [0.0, 0.0, 1.0]}}
-    plain = Task.model_validate({"name": "a", "modules": 2, "load_cases": [case]})
-    assert "bracket" not in plain.model_dump()["module"]
-    own = Task.model_validate({**plain.model_dump(), "module": {"bracket": {"wall": 0.004}}})
-    assert own.model_dump()["module"]["bracket"]["wall"] == 0.004
-    assert isinstance(random_design(Topology.from_key("a10"), 1), Design)
 
 
 def test_struts_reach_from_the_hub_to_every_bracket_and_keep_off_rotors() -> None:

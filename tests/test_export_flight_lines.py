@@ -3,54 +3,17 @@
 import math
 
 import pytest
-from report_cases import Reader
+from report_cases import Reader, flight
 from verify_cases import fan
 from wording import says
 
 from topo_search.cli.tables import print_audit
 from topo_search.export.audits import Judged, flight_lines, markdown
-from topo_search.model import CaseFlight, Flight, JointLoad, RotorsOut
+from topo_search.model import CaseFlight, RotorsOut
 from topo_search.model.flight import direction
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 from verify import audit
-
-HOVER = CaseFlight(
-    name="hover",
-    possible=True,
-    horizontal_reserve_N=0.1199,
-    horizontal_weakest=(0.0, -1.0, 0.0),
-    torque_reserve_Nm=0.25,
-    torque_weakest=(0.6, 0.0, 0.8),
-    load_factor=1.5,
-)
-
-
-def told(**fields: object) -> Flight:
-    given = {
-        "cases": (HOVER, CaseFlight(name="load case 0", possible=True, load_factor=1.02459)),
-        "rotors_out_hover": RotorsOut(survive=7, of=8, lost=((1, 3),)),
-        "rotors_out_all": RotorsOut(survive=6, of=8, lost=((1, 3),), undecided=((0, 0),)),
-        "joints": (
-            JointLoad(
-                case="load case 0",
-                module=0,
-                port=0,
-                child=1,
-                force_N=3.21,
-                moment_Nm=1.2301,
-                about_hinge_Nm=0.0,
-                across_hinge_Nm=1.2301,
-            ),
-        ),
-        "hinge_tolerance_deg": 0.1,
-        "hover_input": 0.5,
-        "hover_power_ratio": 1.25,
-        "rod_length_m": None,
-        "rod_mass_share": None,
-        "span_m": 0.75,
-    }
-    return Flight.model_validate({**given, **fields})
 
 
 def test_the_lines_are_rounded_to_the_side_on_which_they_are_proven() -> None:
@@ -64,7 +27,7 @@ def test_the_lines_are_rounded_to_the_side_on_which_they_are_proven() -> None:
         ("50 %", "25 % more power"),
         ("spans 0.75 m",),
     ]
-    for line, expected in zip(flight_lines(told()), parts, strict=True):
+    for line, expected in zip(flight_lines(flight()), parts, strict=True):
         assert says(line, *expected), line
 
 
@@ -78,7 +41,7 @@ def test_the_lines_are_rounded_to_the_side_on_which_they_are_proven() -> None:
 )
 def test_what_is_not_proven_is_not_claimed(hover: dict, out: dict, words: str) -> None:
     case = CaseFlight(name="hover", **{"possible": True, **hover})
-    found = told(cases=(case,), rotors_out_hover=RotorsOut(survive=7, of=8, **out))
+    found = flight(cases=(case,), rotors_out_hover=RotorsOut(survive=7, of=8, **out))
     assert found.weakest_point == words
     assert found.load_factor is None
     assert not any("load factor" in line for line in flight_lines(found))
@@ -86,21 +49,21 @@ def test_what_is_not_proven_is_not_claimed(hover: dict, out: dict, words: str) -
 
 @pytest.mark.parametrize("ratio", [1.0 - 2.3e-16, 1.0, 1.0 + 2.3e-16])
 def test_level_rotors_take_no_more_power_in_hover(ratio: float) -> None:
-    line = next(line for line in flight_lines(told(hover_power_ratio=ratio)) if "power" in line)
+    line = next(line for line in flight_lines(flight(hover_power_ratio=ratio)) if "power" in line)
     assert "and 0 % more power" in line
 
 
 def test_a_single_module_has_no_joints_to_tell_of() -> None:
-    assert not any("joint" in line for line in flight_lines(told(joints=())))
+    assert not any("joint" in line for line in flight_lines(flight(joints=())))
 
 
 def test_many_rotors_are_counted() -> None:
     lost = tuple((i, q) for i in range(3) for q in range(4))
-    line = next(line for line in flight_lines(told(rotors_out_hover=RotorsOut(survive=0, of=12, lost=lost))))
+    line = next(line for line in flight_lines(flight(rotors_out_hover=RotorsOut(survive=0, of=12, lost=lost))))
     assert line.endswith("survives 0 of 12 single rotor failures, once known")
-    lines = list(flight_lines(told(rotors_out_hover=RotorsOut(survive=0, of=12, lost=lost))))
+    lines = list(flight_lines(flight(rotors_out_hover=RotorsOut(survive=0, of=12, lost=lost))))
     assert "hover with one rotor known to be dead: survives 0 of 12" in lines
-    lines = list(flight_lines(told(rotors_out_hover=RotorsOut(survive=0, of=12, undecided=lost))))
+    lines = list(flight_lines(flight(rotors_out_hover=RotorsOut(survive=0, of=12, undecided=lost))))
     assert any(line.endswith("survives 0 of 12, undecided 12 rotors") for line in lines)
 
 

@@ -6,7 +6,18 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from export_cases import BLOCK, OWN_FRAME, WEDGE, drawn_trees, inertia_about_com, random_design, rod_ends, with_rod
+from export_cases import (
+    BLOCK,
+    OWN_FRAME,
+    WEDGE,
+    drawn_trees,
+    in_mujoco,
+    inertia_about_com,
+    mass_matrix,
+    random_design,
+    rod_ends,
+    with_rod,
+)
 from numpy.typing import NDArray
 
 import nlp
@@ -36,13 +47,8 @@ def solved(request: pytest.FixtureRequest) -> Design:
     return design
 
 
-def loaded(design: Design) -> tuple[Any, Any]:
-    model = mujoco.MjModel.from_xml_string(mjcf(design))
-    return model, mujoco.MjData(model)
-
-
 def at_load_case(design: Design, k: int, *, gravity: bool) -> tuple[Any, Any]:
-    model, data = loaded(design)
+    model, data = in_mujoco(mjcf(design))
     if not gravity:
         model.opt.gravity[:] = 0
     mujoco.mj_resetDataKeyframe(model, data, model.key(f"load_case_{k}").id)
@@ -108,8 +114,7 @@ def test_poses_wrenches_masses_and_inertia_are_those_of_the_audit(topology: Topo
     np.testing.assert_allclose(data.qfrc_actuator, wrench_map(at, module) @ design.inputs[0].ravel(), atol=1e-12)
 
     np.testing.assert_allclose(data.body("platform").subtree_com, 0, atol=1e-14)
-    M = np.zeros((6, 6))
-    mujoco.mj_fullM(model, data, M)
+    M = mass_matrix(model, data)
     m_t = task.total_mass(topology.n)
     np.testing.assert_allclose(M[:3, :3], m_t * np.eye(3), atol=1e-13)
     np.testing.assert_allclose(M[:3, 3:], 0, atol=1e-13)
@@ -144,7 +149,7 @@ def test_the_rod_runs_from_its_connector_to_the_end_effector_and_weighs_nothing(
 
 def test_a_rotor_gives_no_more_than_its_largest_thrust() -> None:
     design = random_design(Topology.from_key("a10"), 0)
-    model, data = loaded(design)
+    model, data = in_mujoco(mjcf(design))
     data.ctrl[:] = [100, -100, 0, 0, 0, 0, 0, 0]
     mujoco.mj_forward(model, data)
     np.testing.assert_allclose(data.actuator_force[:2], [2.5 * 0.24 * 9.81 / 4, 0], rtol=1e-15)
@@ -205,17 +210,14 @@ def test_odd_but_valid_tasks_load(task: dict[str, Any]) -> None:
 @pytest.mark.parametrize("topology", drawn_trees(), ids=lambda tree: tree.key)
 def test_the_rod_has_its_mass_where_it_is_asked_for(topology: Topology) -> None:
     design = with_rod(random_design(topology, 3))
-    model = mujoco.MjModel.from_xml_string(mjcf(design, Physics(rod_mass=True)))
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    model, data = in_mujoco(mjcf(design, Physics(rod_mass=True)))
     ends = rod_ends(design) - platform(design).p_com
     length = np.linalg.norm(ends[1] - ends[0])
     m, rod = design.task.total_mass(topology.n), 0.045 * length
     np.testing.assert_allclose(
         data.body("platform").subtree_com, rod * ends.mean(axis=0) / (m + rod), rtol=0, atol=1e-14
     )
-    M = np.zeros((6, 6))
-    mujoco.mj_fullM(model, data, M)
+    M = mass_matrix(model, data)
     assert M[0, 0] == pytest.approx(m + rod, rel=1e-14)
     # a tube as a thousand rings of points, each about the origin, where the design has its centre of mass
     v = (ends[1] - ends[0]) / length
@@ -229,8 +231,7 @@ def test_the_rod_has_its_mass_where_it_is_asked_for(topology: Topology) -> None:
 
 def test_thrust_lags_and_a_keyframe_begins_with_what_it_holds() -> None:
     design = random_design(Topology.from_key("a300"), 2)
-    model = mujoco.MjModel.from_xml_string(mjcf(design, Physics(motor_lag=0.04)))
-    data = mujoco.MjData(model)
+    model, data = in_mujoco(mjcf(design, Physics(motor_lag=0.04)))
     mujoco.mj_resetDataKeyframe(model, data, 0)
     mujoco.mj_forward(model, data)
     expected = wrench_map(platform(design), design.task.module) @ design.inputs[0].ravel()
@@ -244,16 +245,14 @@ def test_thrust_lags_and_a_keyframe_begins_with_what_it_holds() -> None:
 
 def test_a_rotor_that_runs_keeps_to_its_least_input() -> None:
     design = random_design(Topology.from_key("a10"), 0, {"module": {"min_input": 0.2}})
-    model, data = loaded(design)
+    model, data = in_mujoco(mjcf(design))
     mujoco.mj_forward(model, data)
     np.testing.assert_allclose(data.actuator_force, 0.2 * 2.5 * 0.24 * 9.81 / 4, rtol=1e-15)
 
 
 def test_the_tip_touches_and_the_rod_does_so_before_it() -> None:
     design = with_rod(random_design(Topology.from_key("a300"), 2))
-    model = mujoco.MjModel.from_xml_string(mjcf(design, Physics(contacts=True)))
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    model, data = in_mujoco(mjcf(design, Physics(contacts=True)))
     ends = rod_ends(design) - platform(design).p_com
     tip, before = model.geom("tip"), model.geom("rod_contact")
     np.testing.assert_allclose(data.geom("tip").xpos, ends[1], atol=1e-14)

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from export_cases import random_design, with_rod
+from export_cases import in_mujoco, random_design, with_rod
 from numpy.typing import NDArray
 
 from topo_search.cli import main
@@ -78,8 +78,7 @@ def test_a_ball_that_falls_on_a_region_comes_to_rest_on_it(region, above, rests_
     ElementTree.SubElement(ball, "freejoint")
     ElementTree.SubElement(ball, "geom", type="sphere", size=str(RADIUS), mass="0.1")
     ElementTree.SubElement(ball, "inertial", pos="0 0 0", mass="0.1", diaginertia="1e-5 1e-5 1e-5")
-    model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, encoding="unicode"))
-    data = mujoco.MjData(model)
+    model, data = in_mujoco(ElementTree.tostring(root, encoding="unicode"))
     rises = 0.0
     for _ in range(500):
         mujoco.mj_step(model, data)
@@ -101,8 +100,7 @@ def test_a_ball_that_falls_on_a_region_comes_to_rest_on_it(region, above, rests_
 )
 def test_the_tip_begins_on_a_wall_at_rest_and_is_held_by_it(wall) -> None:
     design = beside(ahead(), wall)
-    model = mujoco.MjModel.from_xml_string(mjcf(design, TOUCHED))
-    data = mujoco.MjData(model)
+    model, data = in_mujoco(mjcf(design, TOUCHED))
     model.opt.gravity[:] = 0
     for _ in range(200):
         mujoco.mj_step(model, data)
@@ -133,8 +131,7 @@ def test_the_rod_reaches_into_what_it_ends_in_and_modules_do_not() -> None:
         {"kind": "directional", "radius": 0.05, "segments": [[0.2, 0.0, 0.0]]},
         {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0], "offset": -0.01}]},
     )
-    model = mujoco.MjModel.from_xml_string(mjcf(design, TOUCHED))
-    data = mujoco.MjData(model)
+    model, data = in_mujoco(mjcf(design, TOUCHED))
     at = platform(design)
     for onto in (np.zeros(3), at.p_e - at.o[0]):  # as it is; with the first module's centre at the end-effector
         data.qpos[:3] = onto
@@ -217,7 +214,5 @@ def test_contacts_are_left_out_only_where_the_end_effector_is_inside(region, whe
 
 def test_a_rod_through_a_pipe_beside_its_tip_touches_it() -> None:
     text = (Path(__file__).parent / "designs" / "pipe-beside.json").read_text(encoding="utf-8")
-    model = mujoco.MjModel.from_xml_string(mjcf(Design.model_validate_json(text), TOUCHED))
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
+    model, data = in_mujoco(mjcf(Design.model_validate_json(text), TOUCHED))
     assert {"rod_contact", "exposure_0_0"} in names(model, data)

@@ -7,9 +7,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 import pytest
-from export_cases import drawn_trees, inertia_about_com, random_design, rod_ends, with_rod
-from hypothesis import given
-from hypothesis import strategies as st
+from export_cases import drawn_trees, inertia_about_com, mass_matrix, random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 from pytransform3d.urdf import UrdfTransformManager
 from suites import few
@@ -66,8 +64,7 @@ def test_mass_and_inertia_of_the_whole_are_those_of_its_parts(topology: Topology
     assert model.body("module_0").subtreemass == pytest.approx(m_t, rel=1e-14)
     p_com = data.body("module_0").subtree_com
     np.testing.assert_allclose(p_com, platform(design).p_com, atol=1e-14)
-    M = np.zeros((6, 6))
-    mujoco.mj_fullM(model, data, M)
+    M = mass_matrix(model, data)
     about_root = inertia_about_com(design) + m_t * (p_com @ p_com * np.eye(3) - np.outer(p_com, p_com))
     np.testing.assert_allclose(M[3:, 3:], about_root, atol=1e-13)
 
@@ -114,19 +111,10 @@ def test_the_rod_runs_from_its_connector_to_the_end_effector(topology: Topology)
     np.testing.assert_allclose(ends, [start, tip], atol=1e-13)
 
 
-@given(*[st.floats(-7, 7)] * 3)
-def test_roll_pitch_and_yaw_give_the_rotation_back(x: float, y: float, z: float) -> None:
-    R = rotation(2, z) @ rotation(1, y) @ rotation(0, x)
-    assert_given_back(R)
-
-
 @pytest.mark.parametrize("kappa", range(4))
 @pytest.mark.parametrize("alpha", [-np.pi / 2, np.pi / 2, 0, 1e-9 - np.pi / 2])
 def test_roll_pitch_and_yaw_where_they_are_singular(alpha: float, kappa: int) -> None:
-    assert_given_back(rotation(1, alpha) @ rotation(2, kappa * np.pi / 2))
-
-
-def assert_given_back(R: Array) -> None:
+    R = rotation(1, alpha) @ rotation(2, kappa * np.pi / 2)
     roll, pitch, yaw = roll_pitch_yaw(R)
     np.testing.assert_allclose(rotation(2, yaw) @ rotation(1, pitch) @ rotation(0, roll), R, atol=1e-14)
 

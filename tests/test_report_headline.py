@@ -66,15 +66,18 @@ def test_a_clear_design_with_hardly_any_margin_is_amber(
     assert fragile(found) == ()
 
 
-def test_a_gap_is_told_as_the_ranking_tells_it(audited: tuple[Design, Audit]) -> None:
+def test_tiles_are_of_what_is_told_and_asked_for(audited: tuple[Design, Audit]) -> None:
+    made, found = audited
     assert told(*audited, 0.088901)["Proven gap"][0] == "8.90 %"
     assert "Proven gap" not in told(*audited)
-
-
-def test_what_the_audit_does_not_tell_has_no_tile(audited: tuple[Design, Audit]) -> None:
-    made, found = audited
     assert set(told(made, None)) == {"Modules", "Peak throttle"}
     assert "Rotor failures" not in told(made, found.model_copy(update={"flight": None}))
+    assert made.task.end_effector.rod == "none"
+    assert found.flight.rod_length_m is not None  # the audit reports it all the same
+    assert "Rod" not in told(made, found)
+    asking = design(Topology.from_key("af0000"), "push", "end_effector.rod=straight")
+    flight = found.flight.model_copy(update={"rod_length_m": None})
+    assert told(asking, found.model_copy(update={"flight": flight}))["Rod"][0] == "none"
 
 
 def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:
@@ -109,13 +112,6 @@ def test_one_reserve_has_one_figure_on_the_page(audited: tuple[Design, Audit]) -
     assert cells[7] == "0.00793°"
 
 
-def test_a_rod_is_told_with_its_mount(audited: tuple[Design, Audit]) -> None:
-    made, found = design(Topology.from_key("af0000"), "push", "end_effector.rod=straight"), audited[1]
-    flight = found.flight.model_copy(update={"rod_length_m": None})
-    figure, _ = told(made, found.model_copy(update={"flight": flight}))["Rod"]
-    assert figure == "none"
-
-
 def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, Audit]) -> None:
     made = design(Topology.from_key("af0000"), "push-two-paths")
     found = audit(made)
@@ -127,13 +123,6 @@ def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, 
     assert 0 <= most - over < 0.01 * over
     assert told(*audited)["Air at the tip"][1] == "by the jet model"
     assert "Air at the tip" not in told(made, found.model_copy(update={"air": None}))
-
-
-def test_a_task_without_a_rod_has_no_tile_for_it(audited: tuple[Design, Audit]) -> None:
-    made, found = audited
-    assert made.task.end_effector.rod == "none"
-    assert found.flight.rod_length_m is not None  # the audit reports it all the same
-    assert "Rod" not in told(made, found)
 
 
 def test_what_is_not_clear_is_counted(audited: tuple[Design, Audit]) -> None:

@@ -12,8 +12,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner
 from nlp_cases import hover
-from report_cases import design
-from test_export_flight_lines import told as flight
+from report_cases import design, flight
 from toy_problem import toy_row
 
 from nlp import prove_impossible

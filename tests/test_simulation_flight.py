@@ -258,14 +258,6 @@ def test_without_the_simulator_the_answer_is_how_to_install_it(command, monkeypa
     assert result.stderr.endswith('needs mujoco, which is not installed; run: pip install "topo-search[sim]"\n')
 
 
-def test_a_named_load_case_is_called_by_its_name(wall_press: Design) -> None:
-    first, *others = wall_press.task.load_cases
-    cases = (first.model_copy(update={"name": "press"}), *others)
-    named = wall_press.model_copy(update={"task": wall_press.task.model_copy(update={"load_cases": cases})})
-    result = fly_all(named, Options(), only=("load case 0 (press), load",)).result
-    assert [one.name for one in result.scenarios] == ["load case 0 (press), load at the tip"]
-
-
 def test_every_corner_of_a_set_of_wrenches_is_flown(wall_press: Design) -> None:
     """A cone has eight besides its own wrench, which is hover; one out of reach fails, and says why."""
     task = wall_press.task

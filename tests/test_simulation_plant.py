@@ -5,7 +5,7 @@ import math
 import mujoco
 import numpy as np
 import pytest
-from export_cases import drawn_trees, inertia_about_com, random_design, rod_ends, with_rod
+from export_cases import drawn_trees, inertia_about_com, mass_matrix, random_design, rod_ends, with_rod
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
@@ -38,8 +38,7 @@ def test_mass_inertia_and_wrenches_with_the_rod_are_those_of_mujoco(tree: Topolo
     m = design.task.total_mass(tree.n)
     np.testing.assert_allclose(known.com, c, atol=1e-12)
     np.testing.assert_allclose(c, rod * (start + tip) / 2 / (m + rod), atol=1e-12)
-    M = np.zeros((6, 6))
-    mujoco.mj_fullM(model, data, M)
+    M = mass_matrix(model, data)
     assert known.mass == pytest.approx(M[0, 0], rel=1e-12)
     about_com = M[3:, 3:] - known.mass * (c @ c * np.eye(3) - np.outer(c, c))
     np.testing.assert_allclose(known.J, about_com, atol=1e-12)

@@ -6,15 +6,14 @@ import pytest
 import toy_problem
 from ledger_edit import forged
 from processes import table
-from toy_problem import BACKENDS, toy_run, toy_task
+from toy_problem import toy_run, toy_solved, toy_task
 
 from topo_search.cli.tables import print_answer
-from topo_search.engine import CallingProcess
-from topo_search.model import BadInput, Design, Task, Tolerances, Topology
+from topo_search.model import BadInput, Design, Task, Tolerances
 from topo_search.model.files import read_json
 from topo_search.model.load_case import AskedFlight
 from topo_search.model.task import before_requirement
-from topo_search.study import LARGER_MARGINS, Silent, solve_single
+from topo_search.study import LARGER_MARGINS, Silent
 from topo_search.study.folder import RunFolder
 from topo_search.study.request import margins
 
@@ -221,17 +220,7 @@ def test_one_topology_gets_the_margins_that_it_gets_in_a_run(tmp_path, monkeypat
     keys = keys_by_rank(tmp_path)
     monkeypatch.setenv("TOY_LOSS", "5e-3")
     toy_run(tmp_path / "run", task=tolerant())
-    found = solve_single(
-        tolerant().resolve(3),
-        Topology.from_key(keys[0]),
-        BACKENDS,
-        starts=2,
-        round_size=2,
-        seed=0,
-        time_limit=None,
-        engine=CallingProcess(),
-        progress=lambda _: None,
-    )
+    found = toy_solved(keys[0], tolerant(), starts=2)
     assert found.found
     assert found.design.task.search.margin == margins_of(tmp_path / "run", keys[0])[-1]
     assert found.notes == ("the audit of the design with margin 0.0001 m is undecided",)

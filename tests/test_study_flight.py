@@ -7,12 +7,12 @@ import pytest
 import toy_problem
 from ledger_edit import forged
 from processes import table
-from report_cases import Reader
+from report_cases import Reader, flight, joint
 from toy_problem import toy_run
 from wording import says
 
 from topo_search.cli.tables import print_answer
-from topo_search.model import Audit, BadInput, CaseFlight, CasePower, Design, Flight, JointLoad, RotorsOut
+from topo_search.model import Audit, BadInput, CaseFlight, CasePower, Design, Flight, RotorsOut
 from topo_search.model.audit import AirSpeeds, CaseAir, RegionAir
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
@@ -24,7 +24,7 @@ COSTS = {"a500": 2.0, "a600": 2.015, "aa00": 2.019, "a300": 2.03}
 
 def told(key: str) -> Flight:
     """Figures that name their key by the reserve of force."""
-    return Flight(
+    return flight(
         cases=(
             CaseFlight(
                 name="hover",
@@ -41,25 +41,12 @@ def told(key: str) -> Flight:
         ),
         rotors_out_hover=RotorsOut(survive=11, of=12, lost=((2, 1),)),
         rotors_out_all=RotorsOut(survive=10, of=12, lost=((2, 1), (2, 3))),
-        joints=tuple(
-            JointLoad(
-                case=case,
-                module=0,
-                port=0,
-                child=1,
-                force_N=1.0,
-                moment_Nm=moment,
-                about_hinge_Nm=0.0,
-                across_hinge_Nm=moment,
-            )
-            for case, moment in (("hover", 9.0), ("load case 0", 0.75))
-        ),
+        joints=(joint("hover", 1.0, 9.0), joint("load case 0", 1.0, 0.75)),
         hinge_tolerance_deg=0.0625,
-        hover_input=0.5,
         hover_power_ratio=1.0,
+        span_m=1.0,
         rod_length_m=0.375,
         rod_mass_share=0.01,
-        span_m=1.0,
     )
 
 

@@ -3,15 +3,13 @@
 import xml.etree.ElementTree as ElementTree
 from typing import Any
 
-from toy_problem import BACKENDS, toy_run, toy_task
+from toy_problem import toy_run, toy_solved
 from verify_cases import changed, fan
 
 from topo_search import figure
-from topo_search.engine import CallingProcess
 from topo_search.export.picture import Picture
-from topo_search.model import Topology
 from topo_search.model.proven import gap_percent, lower_text
-from topo_search.study import Solved, solve_single
+from topo_search.study import Solved
 from topo_search.study.ledger import FLIGHT, kind_of
 from verify import audit
 
@@ -29,22 +27,6 @@ def cells(value: Any) -> list[list[str]]:
 
 def words(value: Any) -> str:
     return "".join(ElementTree.fromstring(f"<div>{value._repr_html_()}</div>").itertext())
-
-
-def toy_solved(key: str) -> Solved:
-    topology = Topology.from_key(key)
-    task = toy_task(topology.n).resolve(topology.n)
-    return solve_single(
-        task,
-        topology,
-        BACKENDS,
-        starts=1,
-        round_size=1,
-        seed=0,
-        time_limit=None,
-        engine=CallingProcess(),
-        progress=lambda _: None,
-    )
 
 
 def test_an_answer_shows_its_ranking_and_holds_its_best(tmp_path) -> None:

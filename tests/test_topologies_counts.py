@@ -54,7 +54,26 @@ def test_burnside_sums_have_their_closed_forms(n: int) -> None:
     assert count(n, root="paper", symmetry="none") == n * fixed == 4 * comb(3 * n + 1, n - 1) // (3 * n + 1)
 
 
-def enumerate_and_check(n: int, symmetry: Symmetry, connectors: Connectors, root: Root) -> None:
+SPACES: list[tuple[int, Symmetry, Connectors, Root]] = [
+    *((n, symmetry, "aligned", "free") for n in range(1, 9) for symmetry in NAMED),
+    *((n, symmetry, "aligned", "paper") for n in range(1, 7) for symmetry in NAMED),
+    *((n, symmetry, "any", root) for n in range(1, 6) for symmetry in NAMED[:2] for root in get_args(Root)),
+    (6, "c2", "any", "free"),
+]
+LARGE: list[tuple[int, Symmetry, Connectors, Root]] = [
+    *((9, symmetry, "aligned", "free") for symmetry in NAMED),
+    *((n, "c2", "any", "free") for n in (7, 8)),
+    (11, "none", "aligned", "free"),
+]
+
+
+@pytest.mark.parametrize(
+    ("n", "symmetry", "connectors", "root"),
+    [*SPACES, *(pytest.param(*space, marks=pytest.mark.slow) for space in LARGE)],
+)
+def test_enumeration_agrees_with_the_closed_forms(
+    n: int, symmetry: Symmetry, connectors: Connectors, root: Root
+) -> None:
     """Every listed key is a tree of n modules, ascending, its own representative; numbers and orbits add up."""
     keys = orbits = 0
     before = ""
@@ -71,46 +90,6 @@ def enumerate_and_check(n: int, symmetry: Symmetry, connectors: Connectors, root
     assert keys == count(n, symmetry=symmetry, connectors=connectors, root=root)
     exact: Symmetry = "none" if symmetry == "none" or root == "paper" else "c2"
     assert orbits == count(n, symmetry=exact, connectors=connectors, root=root)
-
-
-@pytest.mark.parametrize("symmetry", NAMED)
-@pytest.mark.parametrize("n", range(1, 9))
-def test_enumeration_agrees_with_the_closed_forms(n: int, symmetry: Symmetry) -> None:
-    enumerate_and_check(n, symmetry, "aligned", "free")
-
-
-@pytest.mark.parametrize("symmetry", NAMED)
-@pytest.mark.parametrize("n", range(1, 7))
-def test_enumeration_of_rooted_trees_agrees_with_the_closed_forms(n: int, symmetry: Symmetry) -> None:
-    enumerate_and_check(n, symmetry, "aligned", "paper")
-
-
-@pytest.mark.parametrize("symmetry", ["none", "c2"])
-@pytest.mark.parametrize("root", get_args(Root))
-@pytest.mark.parametrize("n", range(1, 6))
-def test_enumeration_of_any_port_agrees_with_the_closed_forms(n: int, symmetry: Symmetry, root: Root) -> None:
-    enumerate_and_check(n, symmetry, "any", root)
-
-
-def test_any_port_to_six() -> None:
-    enumerate_and_check(6, "c2", "any", "free")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("symmetry", NAMED)
-def test_enumeration_of_nine(symmetry: Symmetry) -> None:
-    enumerate_and_check(9, symmetry, "aligned", "free")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n", [7, 8])
-def test_any_port_beyond_six(n: int) -> None:
-    enumerate_and_check(n, "c2", "any", "free")
-
-
-@pytest.mark.slow
-def test_every_fixed_tree_of_eleven() -> None:
-    enumerate_and_check(11, "none", "aligned", "free")
 
 
 @pytest.mark.parametrize("connectors", get_args(Connectors))

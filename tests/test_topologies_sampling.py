@@ -21,7 +21,18 @@ def chi_square(drawn: Counter[str], classes: int) -> float:
     return (statistic - freedom) / sqrt(2 * freedom)
 
 
-def check_uniform(n: int, symmetry: Symmetry, connectors: Connectors, root: Root) -> None:
+NAMED: tuple[Symmetry, ...] = ("none", "c2", "d2", "c4", "d4")
+SPACES: list[tuple[int, Symmetry, Connectors, Root]] = [
+    *((n, symmetry, "aligned", "free") for n in range(1, 6) for symmetry in NAMED),
+    *((n, symmetry, "aligned", "paper") for n in (2, 3, 4) for symmetry in NAMED),
+    *((n, symmetry, "any", "free") for n in (2, 3, 4) for symmetry in ("none", "c2", "task")),
+    *((n, symmetry, "any", "paper") for n in (2, 3) for symmetry in ("none", "c2", "task")),
+    *((6, "d4", "aligned", "free"), (5, "task", "any", "free")),
+]
+
+
+@pytest.mark.parametrize(("n", "symmetry", "connectors", "root"), SPACES)
+def test_samples_are_uniform(n: int, symmetry: Symmetry, connectors: Connectors, root: Root) -> None:
     task = read_task("push").resolve(n) if symmetry == "task" else None
     keys = [c.key for c in candidates(n, symmetry=symmetry, connectors=connectors, root=root, task=task)]
     trees = sample(n, DRAWS_EACH * len(keys), n, symmetry=symmetry, connectors=connectors, root=root, task=task)
@@ -29,29 +40,6 @@ def check_uniform(n: int, symmetry: Symmetry, connectors: Connectors, root: Root
     assert drawn.keys() <= set(keys)
     if len(keys) > 1:
         assert abs(chi_square(drawn, len(keys))) < 4
-
-
-@pytest.mark.parametrize("symmetry", ["none", "c2", "d2", "c4", "d4"])
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 5])
-def test_aligned_samples_are_uniform(n: int, symmetry: Symmetry) -> None:
-    check_uniform(n, symmetry, "aligned", "free")
-
-
-@pytest.mark.parametrize("symmetry", ["none", "c2", "d2", "c4", "d4"])
-@pytest.mark.parametrize("n", [2, 3, 4])
-def test_samples_of_rooted_trees_are_uniform(n: int, symmetry: Symmetry) -> None:
-    check_uniform(n, symmetry, "aligned", "paper")
-
-
-@pytest.mark.parametrize("symmetry", ["none", "c2", "task"])
-@pytest.mark.parametrize(("n", "root"), [(2, "free"), (3, "free"), (4, "free"), (2, "paper"), (3, "paper")])
-def test_any_port_samples_are_uniform(n: int, symmetry: Symmetry, root: Root) -> None:
-    check_uniform(n, symmetry, "any", root)
-
-
-def test_larger_samples_are_uniform_over_mirror_classes() -> None:
-    check_uniform(6, "d4", "aligned", "free")
-    check_uniform(5, "task", "any", "free")
 
 
 def test_the_test_of_uniformity_can_fail() -> None:

@@ -90,12 +90,6 @@ def test_every_size_of_the_task_needs_a_topology(tmp_path):
         search(task, out=tmp_path / "run", topologies=["a500"])
 
 
-def test_a_graph_is_the_tree_that_it_came_from():
-    for key in ("a0", "a71000", "a3200", "p308"):
-        tree = Topology.from_key(key)
-        assert Topology.from_graph(tree.graph()).key == key
-
-
 @pytest.mark.parametrize("kind", [nx.Graph, nx.DiGraph, nx.MultiGraph, nx.MultiDiGraph])
 def test_no_direction_and_no_second_edge_of_a_joint_loses_a_branch(kind):
     """Edges from child to parent, from parent to child, both, and each twice."""

@@ -115,17 +115,17 @@ def test_an_installed_package_adds_a_format_to_the_command(solved_push, tmp_path
         assert (tmp_path / options[-1]).read_text().startswith("a70010 ")
 
 
-def test_an_installed_package_whose_format_is_none_is_named(solved_push, tmp_path, monkeypatch):
-    entry = metadata.EntryPoint("spans", "own_code:spans", formats.GROUP)
+@pytest.mark.parametrize(
+    ("name", "place", "words"),
+    [
+        ("spans", "own_code:spans", "must be an OwnFormat of this name, but is function"),
+        ("gone", "no_such_module:GONE", "cannot be loaded: ModuleNotFoundError"),
+    ],
+)
+def test_an_installed_package_without_its_format_is_named(solved_push, tmp_path, monkeypatch, name, place, words):
+    entry = metadata.EntryPoint(name, place, formats.GROUP)
     monkeypatch.setattr(formats.metadata, "entry_points", lambda group: [entry])
-    with pytest.raises(BadInput, match="own_code:spans: must be an OwnFormat of this name, but is function"):
-        export_design(solved_push, tmp_path / "design.own")
-
-
-def test_an_installed_package_that_cannot_be_loaded_is_named(solved_push, tmp_path, monkeypatch):
-    entry = metadata.EntryPoint("gone", "no_such_module:GONE", formats.GROUP)
-    monkeypatch.setattr(formats.metadata, "entry_points", lambda group: [entry])
-    with pytest.raises(BadInput, match="no_such_module:GONE: cannot be loaded: ModuleNotFoundError"):
+    with pytest.raises(BadInput, match=f"{place}: {words}"):
         export_design(solved_push, tmp_path / "design.own")
 
 

@@ -35,7 +35,7 @@ from topo_search.model import (
     WorstCase,
     Wrench,
 )
-from topo_search.study import DEFAULT_ROUND, Own, Request, Row, Silent, run
+from topo_search.study import DEFAULT_ROUND, Own, Request, Row, Silent, run, solve_single
 
 BOUND = 1.0
 """Every objective lies above."""
@@ -235,6 +235,14 @@ def toy_run(
     place = Workers(workers) if workers else InProcess(1)
     with nullcontext(engine) if engine else place as engine:
         return run(request, Path(path), backends, engine=engine, observer=observer or Silent(), **options)
+
+
+def toy_solved(key, task=None, starts=1):
+    """Solve one tree as `solve` does, in this process."""
+    topology, engine = Topology.from_key(key), CallingProcess()
+    resolved = (task or toy_task(topology.n)).resolve(topology.n)
+    options = {"starts": starts, "round_size": starts, "seed": 0, "time_limit": None, "engine": engine}
+    return solve_single(resolved, topology, BACKENDS, **options, progress=lambda _: None)
 
 
 def follow(strategy, solver):
