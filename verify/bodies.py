@@ -31,7 +31,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,21 +70,21 @@ class ConeSphere:
     """Centre of the first ball, shape (3,)."""
     d: Array
     """From the first ball's centre to the last one's, shape (3,)."""
-    r: float
+    r: Any
     """Radius of the first ball, > 0."""
-    dr: float
+    dr: Any
     """Growth of the radius, >= 0."""
 
     @property
     def extent(self) -> float:
         """No two of its points are farther apart than twice this."""
-        return float(np.linalg.norm(self.d)) + self.r + self.dr
+        return float(np.linalg.norm(self.d) + self.r + self.dr)
 
-    def centre(self, eta: float) -> Array:
+    def centre(self, eta: Any) -> Array:
         """Return P(eta), shape (3,)."""
-        return self.o + eta * self.d
+        return np.asarray(self.o + np.expand_dims(eta, -1) * self.d)
 
-    def radius(self, eta: float) -> float:
+    def radius(self, eta: Any) -> Any:
         """Return r(eta)."""
         return self.r + eta * self.dr
 
@@ -102,20 +102,11 @@ class ConeSphere:
         """Return how deep points lie inside one of the balls, shape (..., 3) to (...); positive is inside."""
         w = self.o - x
         eta = nearest_on_axis(w, np.broadcast_to(self.d, w.shape), self.dr)
-        return np.asarray(self.r + eta * self.dr - np.linalg.norm(w + eta[..., None] * self.d, axis=-1))
+        return np.asarray(self.radius(eta) - np.linalg.norm(w + eta[..., None] * self.d, axis=-1))
 
 
-class Rows(NamedTuple):
-    """N cone-spheres as arrays, one a row: for questions to many at once."""
-
-    o: Array
-    """Shape (N, 3)."""
-    d: Array
-    """Shape (N, 3)."""
-    r: Array
-    """Shape (N,)."""
-    dr: Array
-    """Shape (N,)."""
+class Rows(ConeSphere):
+    """N cone-spheres as arrays, one a row: for questions to many at once, each about a point of its own."""
 
     @classmethod
     def of(cls, bodies: Sequence[ConeSphere]) -> Self:
@@ -128,25 +119,11 @@ class Rows(NamedTuple):
         """Return some of them."""
         return Rows(self.o[index], self.d[index], self.r[index], self.dr[index])
 
-    def centre(self, eta: Array) -> Array:
-        """Return P(eta) of every body, shape (N, 3)."""
-        return np.asarray(self.o + eta[:, None] * self.d)
-
-    def radius(self, eta: Array) -> Array:
-        """Return r(eta) of every body, shape (N,)."""
-        return np.asarray(self.r + eta * self.dr)
-
     def extents(self, u: Array, side: int) -> Array:
         """Return how far both end balls reach along unit vectors, or where they begin (side -1), shape (N, 2)."""
         first = np.einsum("nx,nx->n", self.o, u)
         last = first + np.einsum("nx,nx->n", self.d, u)
         return np.stack([first + side * self.r, last + side * (self.r + self.dr)], axis=1)
-
-    def depth(self, x: Array) -> Array:
-        """Return how deep point i lies inside body i, shape (N, 3) to (N,); positive is inside."""
-        w = self.o - x
-        eta = nearest_on_axis(w, self.d, self.dr)
-        return np.asarray(self.radius(eta) - np.linalg.norm(w + eta[:, None] * self.d, axis=-1))
 
 
 def ball(centre: Array, radius: float) -> ConeSphere:
@@ -222,18 +199,17 @@ def clearances(pairs: Sequence[tuple[ConeSphere, ConeSphere]]) -> Nearest:
 
 def clearances_of(A: Rows, B: Rows) -> Nearest:
     """Return the exact signed clearance of every row of the one from that of the other."""
-    (o_A, d_A, r_A, dr_A), (o_B, d_B, r_B, dr_B) = A, B
-    w = o_A - o_B
+    w = A.o - B.o
     candidates = [
-        *((nearest_on_axis(w - gamma * d_B, d_A, dr_A), np.full_like(r_A, gamma)) for gamma in (0.0, 1.0)),
-        *((np.full_like(r_A, eta), nearest_on_axis(-w - eta * d_A, d_B, dr_B)) for eta in (0.0, 1.0)),
-        _stationary(w, d_A, d_B, dr_A, dr_B),
+        *((nearest_on_axis(w - gamma * B.d, A.d, A.dr), np.full_like(A.r, gamma)) for gamma in (0.0, 1.0)),
+        *((np.full_like(A.r, eta), nearest_on_axis(-w - eta * A.d, B.d, B.dr)) for eta in (0.0, 1.0)),
+        _stationary(w, A.d, B.d, A.dr, B.dr),
     ]
     eta = np.stack([candidate[0] for candidate in candidates])
     gamma = np.stack([candidate[1] for candidate in candidates])
-    apart = np.linalg.norm(w + eta[..., None] * d_A - gamma[..., None] * d_B, axis=-1)
-    d = apart - (r_A + eta * dr_A) - (r_B + gamma * dr_B)
-    best = np.argmin(d, axis=0), np.arange(len(r_A))
+    apart = np.linalg.norm(w + eta[..., None] * A.d - gamma[..., None] * B.d, axis=-1)
+    d = apart - A.radius(eta) - B.radius(gamma)
+    best = np.argmin(d, axis=0), np.arange(len(A.r))
     return Nearest(d[best], eta[best], gamma[best])
 
 
