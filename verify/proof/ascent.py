@@ -135,7 +135,7 @@ class Points(NamedTuple):
     ridge: Array
     """Ridges of y and sigma, and m, shape (3,)."""
     turning: Turns
-    """Of the middle; without angles at vertices."""
+    """At the middle; without angles at vertices."""
 
 
 @njit(cache=True, literals=False)
