@@ -57,7 +57,7 @@ def frame_arrays(numbers: Numbers, each: int) -> Frames:
     return Frames(first, np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3)))
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def fill_corners(lower: Array, upper: Array, first: int, corners: Array) -> None:
     """Fill the corners of the arcs of all angles from the first on."""
     for a in range(first, len(lower)):
@@ -69,7 +69,7 @@ def fill_corners(lower: Array, upper: Array, first: int, corners: Array) -> None
         corners[a, 2, 0], corners[a, 2, 1] = share * (c0 + c1), share * (s0 + s1)
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def turn_columns(M: Array, axis: int, c: float, s: float, into: Array) -> None:
     """Fill M H, with H about x (axis 0), y (1) or z (2)."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
@@ -79,7 +79,7 @@ def turn_columns(M: Array, axis: int, c: float, s: float, into: Array) -> None:
         into[row, j], into[row, k] = c * mj + s * mk, c * mk - s * mj
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def root_turn(psi: Array, alpha_0: Array, alpha_1: Array, R: Array) -> None:
     """Fill Rz(psi) Rx(alpha_0) Ry(alpha_1) of pairs (c, s)."""
     R[:] = 0.0
@@ -89,11 +89,12 @@ def root_turn(psi: Array, alpha_0: Array, alpha_1: Array, R: Array) -> None:
     turn_columns(R, 1, alpha_1[0], alpha_1[1], R)
 
 
-@njit(cache=True, literals=False)
+@njit(cache=True, literals=False, allocates=False)
 def fill_frames(numbers: Numbers, points: Array, each: int, into: Frames) -> None:
     """Fill the frames of all modules for each choice of so many points (c, s) an angle, shape (A, each, 2)."""
     first, R, B, p = into
-    R[0], B[0], p[0] = np.eye(3), 0.0, 0.0
+    R[0], B[0], p[0] = 0.0, 0.0, 0.0
+    R[0, 0, 0] = R[0, 1, 1] = R[0, 2, 2] = 1.0
     for i in range(1, len(numbers.parent)):
         h, port = numbers.parent[i], numbers.port[i]
         axis = 1 if port % 2 == 0 else 0
@@ -118,7 +119,7 @@ def fill_frames(numbers: Numbers, points: Array, each: int, into: Frames) -> Non
                     turn_columns(B[at], 2, 0.0, 1.0, B[at])
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _add_step(R: Array, column: int, step: float, B: Array) -> None:
     """Add R [d]x to B, d of length `step` along an axis."""
     j, k = (column + 1) % 3, (column + 2) % 3

@@ -81,7 +81,7 @@ def sums(numbers: Numbers, frames: int) -> Sums:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def bound(numbers: Numbers, y: Array, sigma: Array, corners: Array, frames: Frames, work: Sums) -> float:
     """Return a lower bound of the effort of all designs in a box.
 
@@ -97,7 +97,9 @@ def bound(numbers: Numbers, y: Array, sigma: Array, corners: Array, frames: Fram
     s = lever_force(numbers, y)
     work.walls[:] = 0.0
     for k in range(K):
-        work.active[k] = numbers.weight[k] > 0.0 or np.any(y[k] != 0.0)
+        work.active[k] = numbers.weight[k] > 0.0
+        for l in range(6):
+            work.active[k] |= y[k, l] != 0.0
     for choice in range(CHOICES):
         R = work.R[choice]
         root_turn(corners[0, choice // 9], corners[1, choice // 3 % 3], corners[2, choice % 3], R)
@@ -121,18 +123,22 @@ def bound(numbers: Numbers, y: Array, sigma: Array, corners: Array, frames: Fram
             for choice in range(CHOICES):
                 least = min(work.least[at, choice], work.least[at + 1, choice])
                 into[choice] += min(least, work.least[at + 2, choice])
-    result: float = constant(numbers, y, sigma) - rounding(numbers, y, sigma, corners) + work.least[0].min()
-    return result
+    result = math.inf
+    for choice in range(CHOICES):
+        result = min(result, work.least[0, choice])
+    return result + constant(numbers, y, sigma) - rounding(numbers, y, sigma, corners)
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _fill(numbers: Numbers, frames: Frames, i: int, v: int, work: Sums) -> None:
     """Fill what module i adds in one frame, for each choice of the root."""
     R, into, (w, a, b) = frames.R[v], work.least[v], numbers.bodies[i]
-    c = w * frames.p[v] + a * R[:, 0] + b * R[:, 1]
     Mx, My, Mz = frames.B[v, 0, 2], frames.B[v, 1, 2], frames.B[v, 2, 2]
-    for choice in range(CHOICES):
-        into[choice] = c[0] * work.s[0, choice] + c[1] * work.s[1, choice] + c[2] * work.s[2, choice]
+    into[:] = 0.0
+    for l in range(3):
+        c = w * frames.p[v, l] + a * R[l, 0] + b * R[l, 1]
+        for choice in range(CHOICES):
+            into[choice] += c * work.s[l, choice]
     if len(numbers.normal) > 0:
         for l in range(3):
             for choice in range(CHOICES):
@@ -156,7 +162,7 @@ def _fill(numbers: Numbers, frames: Frames, i: int, v: int, work: Sums) -> None:
                 into[choice] -= u * (t - weight * u)
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def lever_force(numbers: Numbers, y: Array) -> tuple[float, float, float]:
     """Return sum_k h_k x mu_k: what mu . (c x h) is in c."""
     a, b, c = 0.0, 0.0, 0.0
@@ -167,10 +173,12 @@ def lever_force(numbers: Numbers, y: Array) -> tuple[float, float, float]:
     return a, b, c
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def constant(numbers: Numbers, y: Array, sigma: Array) -> float:
     """Return what no angle changes: the loads' part, less what the audit lets pass and what p'_E may bring."""
-    total, (a, b, c) = float((sigma * numbers.beyond).sum()), residual(numbers, y, sigma)
+    total, (a, b, c) = 0.0, residual(numbers, y, sigma)
+    for r in range(len(sigma)):
+        total += sigma[r] * numbers.beyond[r]
     for k in range(len(y)):
         nu, mu = y[k, :3], y[k, 3:]
         for l in range(3):
@@ -179,7 +187,7 @@ def constant(numbers: Numbers, y: Array, sigma: Array) -> float:
     return total - numbers.reach * math.sqrt(a * a + b * b + c * c)
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def residual(numbers: Numbers, y: Array, sigma: Array) -> tuple[float, float, float]:
     """Return sum_k g_k x mu_k - sum_r sigma_r n_r, the factor of p'_E."""
     a, b, c = 0.0, 0.0, 0.0
@@ -192,13 +200,15 @@ def residual(numbers: Numbers, y: Array, sigma: Array) -> tuple[float, float, fl
     return a, b, c
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def rounding(numbers: Numbers, y: Array, sigma: Array, corners: Array) -> float:
     """Return the allowance for rounding."""
-    n, size, gamma = len(numbers.parent), 0.0, 1.0
+    n, size, gamma, deepest = len(numbers.parent), 0.0, 1.0, 0
     for a in range(len(corners)):
         gamma *= max(1.0, math.hypot(corners[a, 2, 0], corners[a, 2, 1]))
-    lever = 2 * numbers.l_c * numbers.depth.max() + 2
+    for i in range(n):
+        deepest = max(deepest, numbers.depth[i])
+    lever = 2 * numbers.l_c * deepest + 2
     for k in range(len(y)):
         nu, mu = _size(y[k, :3]), _size(y[k, 3:])
         size += (_size(numbers.f[k]) + 4 * n * (1 + numbers.weight[k])) * nu
@@ -209,6 +219,6 @@ def rounding(numbers: Numbers, y: Array, sigma: Array, corners: Array) -> float:
     return ROUNDING * size * gamma
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _size(v: Array) -> float:
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])

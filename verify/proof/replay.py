@@ -25,8 +25,10 @@ HELD, ENDS_EARLY, GOES_ON, NO_SUCH_ANGLE, TOO_DEEP, NOT_BOUNDED, NOT_NEAR = rang
 """Outcomes of a replay."""
 DEEPEST = 64
 """No angle is halved more often: doubles have no more digits."""
-STEPS = 4
-"""Newton steps from the multipliers of the box before."""
+STEPS = 8
+"""Newton steps from the multipliers of the box before,"""
+ENOUGH = 1.01
+"""until they promise so many times the cut."""
 EXTRA = 4000
 """Boxes that one box of the record is cut into here at most."""
 
@@ -53,7 +55,6 @@ class Workspace(NamedTuple):
     frames: Frames
     at_middle: Frames
     middle: ascent.Points
-    turning: ascent.Turns
     vertices: ascent.Points
     sums: dual.Sums
     y: Array
@@ -129,9 +130,8 @@ def _workspace(numbers: Numbers) -> Workspace:
         np.zeros((A, 1, 2)),
         frames,
         at_middle,
-        ascent.workspace(numbers, 1),
-        ascent.turn_arrays(numbers),
-        ascent.workspace(numbers, 2**A),
+        ascent.workspace(numbers, 1, A),
+        ascent.workspace(numbers, 2**A, 0),
         dual.sums(numbers, len(frames.p)),
         start.copy(),
         open_air.copy(),
@@ -171,20 +171,22 @@ def _settle(
         if are_too_near(numbers, work.corners, work.at_middle, work.pair):
             return -1
         return _hinge_between(numbers, rho, work.pair[0], work.pair[1])
-    arcs.fill_frames(numbers, work.corners, 3, work.frames)
     middle, vertices, y, sigma = work.middle, work.vertices, work.y, work.sigma
     ascent.look(numbers, work.points, work.at_middle, middle, 0)
-    ascent.look_around(numbers, work.points, work.at_middle, rho, middle, work.turning)
+    ascent.look_around(numbers, work.points, work.at_middle, rho, middle)
     ascent.begin(numbers, middle, rho, cut)
     if not ascent.value(numbers, middle, y, sigma, cut) > ascent.value(
         numbers, middle, work.start, work.open_air, cut
     ):
         y[:], sigma[:] = work.start, work.open_air
-    ascent.climb(numbers, middle, y, sigma, cut, ascent.TOO_MUCH * cut, STEPS)
+    enough, most = ENOUGH * cut, ascent.TOO_MUCH * cut
+    ascent.climb(numbers, middle, y, sigma, cut, enough, most, STEPS)
     if ascent.leave(numbers, middle, y, sigma):
-        ascent.climb(numbers, middle, y, sigma, cut, ascent.TOO_MUCH * cut, STEPS)
+        ascent.climb(numbers, middle, y, sigma, cut, enough, most, STEPS)
+    arcs.fill_frames(numbers, work.corners, 3, work.frames)
     if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
         return -1
+    axis = _steepest(numbers, work, rho)
     for v in range(len(vertices.D)):
         for a in range(len(rho)):
             work.points[a, 0] = work.corners[a, v >> a & 1]
@@ -195,7 +197,6 @@ def _settle(
     ascent.lift(numbers, vertices, y, sigma, cut)
     if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
         return -1
-    axis = _steepest(numbers, work, rho)
     y[:], sigma[:] = work.start, work.open_air
     return axis
 
@@ -215,24 +216,20 @@ def _hinge_between(numbers: Numbers, rho: Array, i: int, j: int) -> int:
 
 @njit(cache=True)
 def _steepest(numbers: Numbers, work: Workspace, rho: Array) -> int:
-    """Return the angle that changes the bound the most."""
-    at, turning, A = work.middle, work.turning, len(rho)
-    slope, curve = np.zeros(A), np.zeros(A)
-    for angle in range(A):
-        slope[angle] = (turning.shift[angle] * work.sigma).sum()
+    """Return the angle that changes the bound the most, once slopes are filled."""
+    at, turning = work.middle, work.middle.turning
+    curve = np.zeros(len(rho))
     for k in range(len(work.y)):
-        weight = at.weight[k]
         for j in range(at.a.shape[1]):
             t = (at.a[0, j] * work.y[k]).sum()
-            u = min(max(t / (2 * weight), 0.0), 1.0)
-            for angle in range(A):
-                if ascent.turns(numbers, angle, j // 4):
+            u = min(max(t / (2 * at.weight[k]), 0.0), 1.0)
+            for angle in range(len(rho)):
+                if turning.turned[angle, j // 4]:
                     change = (turning.change[angle, j] * work.y[k]).sum()
-                    slope[angle] += u * change
-                    curve[angle] += change * change / (4 * weight) + u * abs(t)
+                    curve[angle] += change * change / (4 * at.weight[k]) + u * abs(t)
     axis, most = 0, -1.0
-    for a in range(A):
-        gain = abs(slope[a]) * rho[a] / 2 + curve[a] * rho[a] ** 2
+    for a in range(len(rho)):
+        gain = abs(turning.slope[a]) * rho[a] / 2 + curve[a] * rho[a] ** 2
         if gain > most:
             axis, most = a, gain
     return axis
