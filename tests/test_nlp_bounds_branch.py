@@ -94,7 +94,7 @@ def half_spaces(task):
 def multipliers_for(stated, rng):
     y = rng.normal(size=(len(stated.loads.f), 6)) * 10 ** rng.uniform(-1, 1)
     sigma = np.maximum(0.0, rng.normal(size=len(stated.walls.normal)))
-    worst_vertex.meet(stated, stated.loads.project, y, sigma)
+    worst_vertex.meet(stated, y, sigma)
     return y, sigma
 
 
