@@ -218,7 +218,7 @@ def look(numbers: Numbers, points: Array, frames: Frames, at: Points, v: int) ->
 
 
 @njit(cache=True, allocates=False)
-def _turned(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _rotate(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
         R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
@@ -231,7 +231,7 @@ def _moment(numbers: Numbers, frames: Frames, R: Array, i: int) -> tuple[float, 
     """Return c_i in W."""
     w, a, b = numbers.bodies[i]
     p, axes = frames.p[i], frames.R[i]
-    return _turned(
+    return _rotate(
         R,
         w * p[0] + a * axes[0, 0] + b * axes[0, 1],
         w * p[1] + a * axes[1, 0] + b * axes[1, 1],
@@ -244,7 +244,7 @@ def _end(numbers: Numbers, frames: Frames, R: Array, r: int) -> tuple[float, flo
     """Return the end of the envelope of row r of the walls in W."""
     i, down = numbers.module[r], numbers.down[r]
     p, axes = frames.p[i], frames.R[i]
-    return _turned(R, p[0] - down * axes[0, 2], p[1] - down * axes[1, 2], p[2] - down * axes[2, 2])
+    return _rotate(R, p[0] - down * axes[0, 2], p[1] - down * axes[1, 2], p[2] - down * axes[2, 2])
 
 
 @njit(cache=True, allocates=False)

@@ -234,7 +234,7 @@ def _settle(
         for a in range(len(rho)):
             work.gain[a] = SLOPE * abs(sums.slope[a]) * rho[a] + sums.spread[a]
             if lifted:
-                work.gain[a] = sums.spread[a] * worst_vertex.mixed(work.lifted, a)
+                work.gain[a] = sums.spread[a] * worst_vertex.evenness(work.lifted, a)
         axis = _worst(rho, work.gain)
     _halve(problem, waiting, work, left, axis, bound_due)
     return SPLIT + axis

@@ -313,7 +313,7 @@ def _greatest(work: Workspace, y: Array) -> float:
 
 
 @njit(cache=True, allocates=False)
-def _turned(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _rotate(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
         R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
@@ -329,10 +329,10 @@ def _fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, into: V
         R = roots[1 + root]
         for v in range(len(into.module)):
             i, a = into.module[v], into.a[root, v]
-            px, py, pz = _turned(R, vertices.p[v, 0], vertices.p[v, 1], vertices.p[v, 2])
-            zx, zy, zz = _turned(R, vertices.z[v, 0], vertices.z[v, 1], vertices.z[v, 2])
-            xx, xy, xz = _turned(R, vertices.x[v, 0], vertices.x[v, 1], vertices.x[v, 2])
-            yx, yy, yz = _turned(R, vertices.y[v, 0], vertices.y[v, 1], vertices.y[v, 2])
+            px, py, pz = _rotate(R, vertices.p[v, 0], vertices.p[v, 1], vertices.p[v, 2])
+            zx, zy, zz = _rotate(R, vertices.z[v, 0], vertices.z[v, 1], vertices.z[v, 2])
+            xx, xy, xz = _rotate(R, vertices.x[v, 0], vertices.x[v, 1], vertices.x[v, 2])
+            yx, yy, yz = _rotate(R, vertices.y[v, 0], vertices.y[v, 1], vertices.y[v, 2])
             for q in range(4):
                 x, y, z = problem.torques[q]
                 a[q, 0], a[q, 1], a[q, 2] = zx / 4, zy / 4, zz / 4
@@ -340,7 +340,7 @@ def _fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, into: V
                 a[q, 4] = (pz * zx - px * zz + x * xy + y * yy + z * zy) / 4
                 a[q, 5] = (px * zy - py * zx + x * xz + y * yz + z * zz) / 4
             mx, my, mz = moment(vertices, v, problem.bodies[i])
-            cx, cy, cz = _turned(R, mx, my, mz)
+            cx, cy, cz = _rotate(R, mx, my, mz)
             into.moment[root, v, 0], into.moment[root, v, 1], into.moment[root, v, 2] = cx, cy, cz
             for r in range(len(walls.beyond)):
                 if walls.module[r] == i:
@@ -568,7 +568,7 @@ def _solve(tied: int, m: float, into: Vertices) -> None:
 
 
 @njit(cache=True, allocates=False)
-def mixed(into: Vertices, axis: int) -> float:
+def evenness(into: Vertices, axis: int) -> float:
     """Return how evenly the shares are spread over the two ends of an angle, 1/4 at most.
 
     Where multipliers cannot tell the ends apart, thrusts at both stand for one design: halves forbid that.
