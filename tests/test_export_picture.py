@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from report_cases import design, grown
 
-from topo_search.export.picture import Scene, draw, figure_of, title, wrenches
+from topo_search.export.picture import Scene, draw, figure_of, frame_faces, rotor_faces, title, wrenches
 from topo_search.export.poses import cone_sphere_outline
 from topo_search.export.tree_drawing import flat_layout, layered_layout
-from topo_search.model import BadInput, Topology
+from topo_search.model import BadInput, Module, Topology
 from topo_search.model.files import examples
 from verify.kinematics import platform
 
@@ -142,6 +142,27 @@ def test_the_outline_is_the_edge_of_all_balls(r_1: float, length: float) -> None
         assert gaps.min() == pytest.approx(0, abs=1e-4)
 
 
+def volume(faces: np.ndarray) -> float:
+    """Return the volume inside closed faces, negative if they were seen counter-clockwise from inside."""
+    corners = faces - faces.reshape(-1, 3).mean(axis=0)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals += np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 0])
+    return float(np.einsum("fi,fi->f", normals / 2, corners[:, 0]).sum() / 3)
+
+
+def test_the_parts_have_the_sizes_of_the_module() -> None:
+    module = Module()
+    frame, rotors = frame_faces(module), rotor_faces(module)
+    assert volume(frame[:6]) == pytest.approx(0.08 * 0.08 * 0.04)
+    assert volume(frame[6:12]) == pytest.approx(0.10 * 0.02 * 0.02)
+    assert volume(rotors[:30]) == pytest.approx(0.02 * 16 / 2 * math.sin(math.tau / 16) * 0.05**2)
+    # the paper's X layout: rotor 1 at +x -y, then clockwise seen from above
+    centres = rotors.reshape(4, -1, 3).mean(axis=1)
+    np.testing.assert_allclose(
+        centres, 0.1 / math.sqrt(2) * np.array([[1, -1, 0], [-1, -1, 0], [-1, 1, 0], [1, 1, 0]]), atol=1e-12
+    )
+
+
 def test_the_flat_layout_follows_the_ports() -> None:
     cells, turns = flat_layout(CROSS)
     np.testing.assert_array_equal(cells, [[0, 0], [1, 0], [0, 1], [-1, 0], [0, -1]])
@@ -181,9 +202,14 @@ def test_the_viewer_looks_across_the_offset(angle_deg: int) -> None:
     assert abs(scene.v @ sideways.end_effector_m) < 0.75
 
 
-def test_only_faces_towards_the_viewer_are_drawn(tmp_path: Path) -> None:
+def test_faces_are_seen_from_outside_and_only_those_towards_the_viewer_are_drawn(tmp_path: Path) -> None:
+    module = Module()
+    for shell in (*np.split(frame_faces(module), 5), *np.split(rotor_faces(module), 4)):
+        centre = shell.reshape(-1, 3).mean(axis=0)
+        normals = np.cross(shell[:, 1] - shell[:, 0], shell[:, 2] - shell[:, 1])
+        assert np.all(np.einsum("fi,fi->f", normals, shell.mean(axis=1) - centre) > 0)
     draw(design(CROSS), tmp_path / "picture.svg")
-    assert (tmp_path / "picture.svg").stat().st_size < 330_000
+    assert (tmp_path / "picture.svg").stat().st_size < 320_000
 
 
 @pytest.mark.parametrize("far", [[1e200, 0.0, 0.0], [0.0, -1e5, 0.0], [0.0, 0.0, 1.7e308]])

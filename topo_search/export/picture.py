@@ -26,11 +26,11 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from topo_search.export import palette, poses
 from topo_search.export.air_field import AirSurface
-from topo_search.export.solids import frame, join, rotor_discs
 from topo_search.export.tree_drawing import draw_tree
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
+from topo_search.model.module import Module
 from topo_search.model.proven import gap_percent
 from topo_search.model.shape import Capsule, Cone, Polytope
 from verify.kinematics import Platform
@@ -170,6 +170,16 @@ ASIDE = np.array(sorted(itertools.product(range(-6, 7), repeat=2), key=lambda st
 ARROW = 0.5
 """Length of the arrow of the largest force, and of the largest torque, over the size of the platform."""
 
+SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+CUBE = np.array(
+    [
+        np.insert(SQUARE if outwards else SQUARE[::-1], axis, side, axis=1)
+        for axis in range(3)
+        for side, outwards in ((-1.0, axis == 1), (1.0, axis != 1))
+    ]
+)
+"""Faces of the cube [-1, 1]^3."""
+
 
 class Scene:
     """One drawing of a design in a part of a figure; all that is drawn sets the limits."""
@@ -248,11 +258,10 @@ class Scene:
         for h, i, a, _ in self.design.topology.edges():
             joint = at.p[h] + module.connector_distance * at.R[h] @ PORT_DIRECTIONS[a]
             self._lines([np.stack([at.p[h], joint, at.p[i]])], palette.CONNECTOR, 2.0)
-        parts = frame(module), join(rotor_discs(module, sides=12))
-        one = np.concatenate([part.triangles for part in parts])
+        frame, rotors = frame_faces(module), rotor_faces(module)
+        one = np.concatenate([frame, rotors])
         faces = np.concatenate([one @ R.T + p for R, p in zip(at.R, at.p, strict=True)])
-        colours = to_rgb(palette.MODULE), to_rgb(palette.ROTOR)
-        tints = np.repeat(colours, [len(part.faces) for part in parts], axis=0)
+        tints = [to_rgb(palette.MODULE)] * len(frame) + [to_rgb(palette.ROTOR)] * len(rotors)
         self._solid(faces, np.tile(tints, (len(at.p), 1)))
         axes, look = 1.6 * module.arm_length * at.z, {"linewidth": 1.4, "arrow_length_ratio": 0.3, "zorder": 7}
         self.axes.quiver(*at.p.T, *axes.T, color=palette.THRUST_AXIS, **look)
@@ -378,3 +387,37 @@ def wrenches(design: Design, at: Platform) -> list[tuple[int, bool, Array, Array
 def _overlap(at: Array, taken: list[Array], size: float) -> bool:
     gaps = np.abs(np.array(taken) - at)
     return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
+
+
+def frame_faces(module: Module) -> Array:
+    """Return the faces of hub and arms, or of a frame of the module's own: triangles, their last corner twice."""
+    body, l_arm, w = module.body, module.arm_length, module.body.arm_width
+    if body.frame is not None:
+        faces = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
+        seen = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1]).any(axis=1)
+        return np.asarray(faces[seen][:, [0, 1, 2, 2]])
+    arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
+    return np.concatenate([CUBE * np.array(body.hub) / 2, *(arm @ _turn(angle).T for angle in poses.ROTOR_ANGLES)])
+
+
+def rotor_faces(module: Module) -> Array:
+    """Return the faces of the four rotor discs."""
+    disc = cylinder(module.body.rotor_radius, module.body.rotor_height)
+    return np.concatenate(
+        [disc + _turn(angle) @ np.array([module.arm_length, 0.0, 0.0]) for angle in poses.ROTOR_ANGLES]
+    )
+
+
+def cylinder(radius: float, height: float, *, sides: int = 16) -> Array:
+    """Return the faces of a prism about z with an even number of sides; each end is cut into strips."""
+    angles = np.linspace(0, 2 * math.pi, sides, endpoint=False)
+    ring = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
+    top, bottom = ring + np.array([0, 0, height / 2]), ring - np.array([0, 0, height / 2])
+    around = np.stack([bottom, np.roll(bottom, -1, axis=0), np.roll(top, -1, axis=0), top], axis=1)
+    strips = [[k, k + 1, sides - 2 - k, sides - 1 - k] for k in range(sides // 2 - 1)]
+    return np.concatenate([around, top[strips], bottom[strips][:, ::-1]])
+
+
+def _turn(angle: float) -> Array:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
