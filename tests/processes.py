@@ -41,7 +41,9 @@ def recorded(folder):
 def table(folder):
     """The rows of a run's table by their keys, in its order."""
     with (folder / "candidates.csv").open(newline="") as stream:
-        return {row["key"]: row for row in csv.DictReader(stream)}
+        rows = list(csv.DictReader(stream))
+    assert len({row["key"] for row in rows}) == len(rows)
+    return {row["key"]: row for row in rows}
 
 
 def ranking(folder):

@@ -127,14 +127,13 @@ def export(
     """  # noqa: D301 (\b is click's)
     from topo_search.compose import audit, read_completed, read_design
     from topo_search.export.air_field import air_field, air_surface, npz, vti
-    from topo_search.export.formats import content, formats
+    from topo_search.export.formats import content, formats, of_name
     from topo_search.export.mjcf import Physics
     from topo_search.model import BadInput
     from topo_search.model.files import write_atomically
 
-    known = sorted({*OURS, *formats()})
-    if kind not in (None, *known):
-        rule = f"must be one of {', '.join(known)}, but got {kind!r}"
+    if kind not in (None, *OURS) and kind not in formats():
+        rule = f"must be one of {', '.join(sorted({*OURS, *formats()}))}, but got {kind!r}"
         raise click.BadParameter(rule, click.get_current_context(), param_hint="'--format'")
     suffix = out.suffix.lower()
     form: Any = kind or SUFFIXES.get(suffix)
@@ -177,7 +176,7 @@ def export(
             if form == "air":
                 write_atomically(out, (vti if suffix == ".vti" else npz)(air_field(design)))
             else:
-                write_atomically(out, content(design, formats()[form], **given.get(form, {})))
+                write_atomically(out, content(design, of_name(form), **given.get(form, {})))
             _warn_unless_clear(audit(design))
     kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
     click.echo(f"the {kinds.get(form, 'design')} is in {out}")

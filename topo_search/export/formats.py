@@ -97,6 +97,11 @@ def formats() -> dict[str, OwnFormat]:
     return dict(_registered)
 
 
+def of_name(name: str) -> OwnFormat:
+    """Return a format that there is; installed packages are loaded only for one of theirs."""
+    return _registered[name] if name in _registered else formats()[name]
+
+
 def export_design(design: Design, out: str | Path, *, format: str | None = None) -> Path:
     """Write a design in one of the formats, and return the path.
 

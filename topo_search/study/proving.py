@@ -398,7 +398,7 @@ def _examine(
             raise ValueError(f"{row.key} is one of several trees that are one candidate")
         proof = folder.read_own(name, Proof)
     except BadInput as error:
-        tree.fault = f"{name} {error.faults[0]}"
+        tree.fault = f"{name}{':' if error.faults[0].path else ''} {error.faults[0]}"
     except ValueError:
         tree.fault = "is no candidate of this run"
     else:
