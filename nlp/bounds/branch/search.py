@@ -21,6 +21,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 DUAL, CROWDED, SPLIT = 0, 1, 2
+UNSETTLED = 255
 CLOSED, MANY, OPEN = 0, 1, 2
 """Outcomes of a search: all boxes excluded, too many boxes examined, or one found that cannot be excluded."""
 WIDEST = 0.9
@@ -120,11 +121,20 @@ def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_
     lo, hi, used, whole_rho = waiting.lower, waiting.upper, waiting.used, (upper[0] - lower[0]) / 2
     waiting.y[0] = work.first
     record, boxes, left = np.empty(1024, np.uint8), 0, 1
-    while left > 0:
-        left -= 1
-        if boxes == most_boxes:
-            return Found(MANY, record[:boxes], lo[left].copy(), hi[left].copy(), used)
-        what = _settle(problem, waiting, work, left, cut, whole_rho)
+    unsettled = False
+    while left > 0 or unsettled:
+        if unsettled:
+            worst_vertex.search_from_start(
+                problem, work.roots, work.vertices, work.rho, cut, work.first, work.search, work.lifted
+            )
+        elif boxes == most_boxes:
+            return Found(MANY, record[:boxes], lo[left - 1].copy(), hi[left - 1].copy(), used)
+        else:
+            left -= 1
+        what = _settle(problem, waiting, work, left, cut, whole_rho, unsettled)
+        unsettled = what == UNSETTLED
+        if unsettled:
+            continue
         if boxes == len(record):
             longer = np.empty(2 * boxes, np.uint8)
             longer[:boxes] = record
@@ -196,19 +206,19 @@ def _settle(
     left: int,
     cut: float,
     whole_rho: float,
+    lifted: bool,
 ) -> int:
-    """Return what the record has for a box, or -1 if it ends the search; its halves take its place."""
+    """Return what the record has for a box, or UNSETTLED, or -1 if it ends the search; its halves take its place.
+
+    An unsettled box needs multipliers of its worst vertex: once these are `lifted`, this is called again.
+    """
     lo, hi, at, rho, sums = waiting.lower[left], waiting.upper[left], work.at, work.rho, work.sums
-    lifted = len(work.sigma) > 0 or work.weightless
     for a in range(len(at)):
         at[a], rho[a] = (lo[a] + hi[a]) / 2, (hi[a] - lo[a]) / 2
     frames.at_middle(problem.tree, problem.l_c, at, work.middle, work.axes)
     frames.at_vertices(problem.tree, problem.l_c, lo, hi, work.vertices)
     axis = _widest_angle(rho)
-    copy(waiting.y[left], work.y)
-    for r in range(len(work.sigma)):
-        work.sigma[r] = waiting.sigma[left, r]
-    if waiting.moved[left]:
+    if waiting.moved[left] and not lifted:
         where = crowding(problem, work.middle, work.axes, work.vertices, rho, work.gain)
         if where == ALL_OVER:
             return CROWDED
@@ -217,10 +227,16 @@ def _settle(
     bound_due = axis < 0
     if bound_due:
         _roots(lo, hi, at, work.roots)
-        excluded = waiting.bounded[left] and _reaches(problem, work, cut)
-        if not excluded:
+        y, sigma = (work.lifted.y, work.lifted.sigma) if lifted else (waiting.y[left], waiting.sigma[left])
+        copy(y, work.y)
+        for r in range(len(sigma)):
+            work.sigma[r] = sigma[r]
+        excluded = (lifted or waiting.bounded[left]) and _reaches(problem, work, cut)
+        if not (excluded or lifted):
             multipliers.wrenches(problem, work.roots[0], work.middle, work.search)
-            excluded = _lift(problem, work, cut) if lifted else _search(problem, work, cut)
+            if len(sigma) > 0 or work.weightless:
+                return UNSETTLED
+            excluded = _search(problem, work, cut)
         if excluded:
             for k in range(len(work.y)):
                 waiting.used[k] |= box.counts(problem, work.y, k)
@@ -231,11 +247,7 @@ def _settle(
         if width < LEAST_WIDTH:
             return -1
         box.gains(problem, work.y, work.roots[0], work.middle, work.axes, rho, sums)
-        for a in range(len(rho)):
-            work.gain[a] = SLOPE * abs(sums.slope[a]) * rho[a] + sums.spread[a]
-            if lifted:
-                work.gain[a] = sums.spread[a] * worst_vertex.evenness(work.lifted, a)
-        axis = _worst(rho, work.gain)
+        axis = _worst(rho, sums.slope, sums.spread)
     _halve(problem, waiting, work, left, axis, bound_due)
     return SPLIT + axis
 
@@ -297,24 +309,6 @@ def _search(problem: BranchProblem, work: Workspace, cut: float) -> bool:
 
 
 @njit(cache=True, allocates=False)
-def _lift(problem: BranchProblem, work: Workspace, cut: float) -> bool:
-    """Return whether multipliers of its worst vertex exclude a box; y, its parent's, become those tried last."""
-    found = work.lifted
-    worst_vertex.begin(problem, work.roots, work.vertices, work.rho, cut, work.y, work.sigma, found)
-    for stage in range(worst_vertex.SEARCH.stages):
-        least, most = worst_vertex.climb(problem, work.search, found, cut, stage)
-        copy(found.y, work.y)
-        for r in range(len(work.sigma)):
-            work.sigma[r] = found.sigma[r]
-        worst_vertex.finish(problem, work.search, work.y, work.sigma)
-        if most < cut:
-            break
-        if least > cut and _reaches(problem, work, cut):
-            return True
-    return _reaches(problem, work, cut)
-
-
-@njit(cache=True, allocates=False)
 def _reaches(problem: BranchProblem, work: Workspace, cut: float) -> bool:
     """Return whether the bound of a box reaches the cut."""
     bound = box.bound(
@@ -365,14 +359,15 @@ def _hinge_between(rho: Array, gain: Array) -> int:
 
 
 @njit(cache=True, allocates=False)
-def _worst(rho: Array, gain: Array) -> int:
-    """Return the angle whose halves may gain the most, of those that are not far narrower than others."""
+def _worst(rho: Array, slope: Array, spread: Array) -> int:
+    """Return the angle whose halves may gain the most."""
     least, axis, most = 0.0, 0, -math.inf
     for a in range(len(rho)):
         least = max(least, rho[a] / ASPECT)
     for a in range(len(rho)):
-        if rho[a] > least and gain[a] > most:
-            axis, most = a, gain[a]
+        gain = SLOPE * abs(slope[a]) * rho[a] + spread[a]
+        if rho[a] > least and gain > most:
+            axis, most = a, gain
     return axis
 
 
