@@ -126,7 +126,6 @@ def export(
     Exit status: 0 written; 1 a kit, or a design of rounded angles, is not clear; 2 bad input.
     """  # noqa: D301 (\b is click's)
     from topo_search.compose import audit, read_completed, read_design
-    from topo_search.export.air_field import air_field, air_surface, npz, vti
     from topo_search.export.formats import content, formats, of_name
     from topo_search.export.mjcf import Physics
     from topo_search.model import BadInput
@@ -166,7 +165,11 @@ def export(
             write_atomically(out, _table(source, form))
         else:
             design = read_design(source)
-            surface = None if air_speed is None else air_surface(design, air_speed, load_case or 0)
+            surface = None
+            if air_speed is not None:
+                from topo_search.export.air_field import air_surface
+
+                surface = air_surface(design, air_speed, load_case or 0)
             given: dict[str, dict[str, Any]] = {
                 "glb": {"parts": parts or "all", "air": surface},
                 "stl": {"parts": parts or "platform"},
@@ -174,6 +177,8 @@ def export(
                 **{picture: {"air": surface} for picture in PICTURES},
             }
             if form == "air":
+                from topo_search.export.air_field import air_field, npz, vti
+
                 write_atomically(out, (vti if suffix == ".vti" else npz)(air_field(design)))
             else:
                 write_atomically(out, content(design, of_name(form), **given.get(form, {})))
