@@ -152,7 +152,7 @@ def local_optima(
 
 @dataclass(frozen=True)
 class _Request:
-    """What `solve` and `local_optima` are asked for."""
+    """Arguments of `solve` and `local_optima`, and the steps that both take."""
 
     task: ResolvedTask
     topology: Topology
@@ -231,8 +231,15 @@ class _Request:
         else:
             from nlp.multistart import solve_starts  # compiled code, which other commands need not load
 
-            asked, constraints, most = (self.starts, self.seed, self.near), self.constraints, self.most_effort
-            results = solve_starts(free, self.topology, *asked, constraints=constraints, most_effort=most)
+            results = solve_starts(
+                free,
+                self.topology,
+                self.starts,
+                self.seed,
+                self.near,
+                constraints=self.constraints,
+                most_effort=self.most_effort,
+            )
         if self.task.search.hinge_set_deg is None:
             return results
         from nlp.hinge_sets import solve_on_set  # compiled code, which other commands need not load

@@ -94,7 +94,7 @@ def in_mujoco(text: str) -> tuple[Any, Any]:
 
 
 def mass_matrix(model: Any, data: Any) -> Array:
-    """Of a single body that floats, (6, 6)."""
+    """Return the mass matrix of a single floating body, (6, 6)."""
     M = np.zeros((6, 6))
     mujoco.mj_fullM(model, data, M)
     return M

@@ -139,13 +139,13 @@ HOVER = CaseFlight(
 
 
 def joint(case: str, force: float, moment: float) -> JointLoad:
-    """What the joint of modules 0 and 1 bears, across its hinge."""
+    """Return the load of the joint of modules 0 and 1, across its hinge."""
     load = {"force_N": force, "moment_Nm": moment, "about_hinge_Nm": 0.0, "across_hinge_Nm": moment}
     return JointLoad(case=case, module=0, port=0, child=1, **load)
 
 
 def flight(**fields: object) -> Flight:
-    """What a design can do beyond its task, made up."""
+    """Return a made-up flight capability."""
     given = {
         "cases": (HOVER, CaseFlight(name="load case 0", possible=True, load_factor=1.02459)),
         "rotors_out_hover": RotorsOut(survive=7, of=8, lost=((1, 3),)),

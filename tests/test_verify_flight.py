@@ -180,7 +180,7 @@ def test_accelerations_about_each_axis_can_be_had_either_way_and_no_more_one_way
 @pytest.mark.filterwarnings("ignore:Importing from numpy.matlib")
 @pytest.mark.parametrize("given", ["wall-push", "survives-a-rotor", *few(THREE, 2)])
 def test_reserves_are_distances_to_facets_that_pycapacity_enumerates(given: str | int) -> None:
-    """Of shipped designs, and of platforms of three modules that are drawn."""
+    """Shipped designs, and random platforms of three modules."""
     from pycapacity.algorithms import hyper_plane_shift_method
 
     file = Path(__file__).parent / f"designs/{given}.json"

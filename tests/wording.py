@@ -9,7 +9,7 @@ def says(text: str, *parts: str) -> bool:
 
 
 def told(messages: list[str], expected: list[str]) -> bool:
-    """Whether these are the messages expected, one by one; of one that ends in `...` what stands before that."""
+    """Compare messages one by one; an expected one that ends in `...` is a prefix."""
     return len(messages) == len(expected) and all(
         message.startswith(one[:-3]) if one.endswith("...") else message == one
         for message, one in zip(messages, expected, strict=True)

@@ -116,9 +116,9 @@ class AssembledProblem:
         first = ca.DM(above, list(range(above.nnz())))
         second = ca.DM(below, list(range(above.nnz(), self.jacobian_pattern.nnz())))
         order = np.array(ca.vertcat(first, second).nonzeros(), dtype=np.intp)
-        places = [self.hessian_pattern.get_nz(part.find()) for part in (before, rows.hessian_pattern)]
+        entries = [self.hessian_pattern.get_nz(part.find()) for part in (before, rows.hessian_pattern)]
         mine = slice(self.rows, self.rows + len(rows.lower))
-        self._further.append((rows, mine, order, np.concatenate(places).astype(np.intp)))
+        self._further.append((rows, mine, order, np.concatenate(entries).astype(np.intp)))
         self.rows = mine.stop
         self.lower, self.upper = np.append(self.lower, rows.lower), np.append(self.upper, rows.upper)
 
@@ -195,9 +195,9 @@ class AssembledProblem:
         diagonal = 2 * of_objective * self._weights
         inputs = by_inputs(A, mu, omega, v, self._starts, self._angles, diagonal)
         result = np.concatenate([H[self._rows, self._columns], inputs])
-        for rows, mine, _, places in self._further:
+        for rows, mine, _, entries in self._further:
             added = rows.hessian(variables, multipliers[mine])
-            result = np.bincount(places, np.concatenate([result, added])).astype(float)
+            result = np.bincount(entries, np.concatenate([result, added])).astype(float)
         return result
 
 

@@ -227,7 +227,7 @@ def _distance(formula: Distance) -> tuple[Derived]:
 def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
     """Return every row of a formula's smooth form with its derivatives.
 
-    Those of which there are so many, or which are so plain, have derivatives by hand.
+    The most frequent and the simplest rows have derivatives by hand.
     """
     if isinstance(formula, Distance):
         return _distance(formula)

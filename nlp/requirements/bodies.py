@@ -122,7 +122,7 @@ class PartBalls:
 
 
 Body = Air | Rod | PartBalls
-"""What a region keeps away, seen from the end-effector; hashable."""
+"""Body that a region keeps away, seen from the end-effector; hashable."""
 
 
 def divide(vector: ArrayLike, unit: float) -> Vector:

@@ -112,7 +112,7 @@ Results = Generator[tuple[Item, Result | Failed], None, None]
 
 @dataclass(frozen=True)
 class Work(Generic[Item, Result]):
-    """What an engine is given to do."""
+    """Jobs for an engine, the function that does them, and their deadlines."""
 
     function: Callable[[Item], Result]
     """Importable and pure."""

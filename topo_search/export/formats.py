@@ -132,7 +132,7 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
 
 
 def content(design: Design, file_format: OwnFormat, **options: Any) -> bytes:
-    """Return the content of a design's file; BadInput says why there is none. Only our formats have options."""
+    """Return the content of a design's file, or raise BadInput; only built-in formats take options."""
     try:
         writer: Callable[..., str | bytes] = file_format.write
         made = writer(design, **options)

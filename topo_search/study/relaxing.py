@@ -131,7 +131,7 @@ def _none(_: Task) -> None:
 
 
 def _value(n: int, part: str | int, name: str, task: Task) -> Any:
-    """Return what a field of a part, as of `Task.with_fields`, is or stands for; None where there is none."""
+    """Return the value of a field of a part (see `Task.with_fields`), derived ones included, or None."""
     if name == "largest_reach":
         return task.largest_reach(n)
     if name in ("joint_force", "joint_moment"):
