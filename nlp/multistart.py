@@ -235,7 +235,7 @@ class ReducedSearch:
 
 
 def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
-    """Compile what the reduced search needs, unless that is kept and up to date.
+    """Compile what the reduced search needs, unless that is kept: who solves loads it.
 
     Args:
         task: a task that the reduced search expresses.
@@ -243,13 +243,14 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     """
     limited = _limits_air(task)
     kept = is_kept(descend_all) and (not limited or (is_kept(climb) and is_kept(derive_speeds)))
-    if not kept:
-        tell("compiling the solver (once per installation, about two minutes)")
+    if kept:
+        return
+    tell("compiling the solver (once per installation, about two minutes)")
     tree = straight_chain(task.n)
     problem = to_arrays(task, tree)
     best, _ = local_minima(problem, draws(task, tree, problem, range(1), "compile"))
     point = point_of(without_corners(task), tree, problem, best[0])
-    if limited and not kept:  # the polish states air speeds
+    if limited:  # the polish states air speeds
         points = sorted({at for fast in fastest(point) for at in fast.points})
         polish_with(())(point, Limits(None, (), tuple(points)))
 

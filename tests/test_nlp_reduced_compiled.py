@@ -1,8 +1,5 @@
 """The reduced search, proofs and their check are compiled before the first job, and that is said once."""
 
-import hashlib
-from types import SimpleNamespace
-
 import pytest
 from nlp_cases import push
 
@@ -14,42 +11,30 @@ from topo_search.model.topology import straight_chain
 from verify.proof import check
 
 
-@pytest.fixture
-def kept(tmp_path, monkeypatch):
-    """A folder for what is kept, in the place of the installation's."""
-    stats = SimpleNamespace(cache_path=str(tmp_path))
-    function = SimpleNamespace(__module__="nlp.reduced.search", __qualname__="descend_all", stats=stats)
-    monkeypatch.setattr(multistart, "descend_all", function)
-    return tmp_path
-
-
 def told(task: Task) -> list[str]:
     found: list[str] = []
     nlp.prepare(task, found.append)
     return found
 
 
-def test_it_is_told_once_that_code_is_compiled(kept):
-    (kept / "other.function-1.py311.nbc").touch()
+def test_it_is_told_once_that_code_is_compiled(monkeypatch):
+    monkeypatch.setattr(multistart, "is_kept", lambda function: False)
     (first,) = told(push(3))
     assert "compiling the solver" in first
-    file = kept / "search.descend_all-1.py311.1.nbc"
-    file.write_bytes(b"code" + hashlib.sha256(b"code").digest())
+    monkeypatch.undo()
     assert told(push(3)) == []
-    file.write_bytes(b"c0de" + hashlib.sha256(b"code").digest())
-    assert told(push(3)) == [first]
-    assert (kept / "other.function-1.py311.nbc").exists()
 
 
-def test_nothing_is_compiled_for_a_task_that_the_reduced_search_does_not_express(kept):
+def test_nothing_is_compiled_for_a_task_that_the_reduced_search_does_not_express(monkeypatch):
+    monkeypatch.setattr(multistart, "compile_reduced", None)
     (reason,) = told(push(21))
     assert "without the reduced search: more than 20 modules" in reason
-    assert list(kept.iterdir()) == []
 
 
 @pytest.mark.compiles
-def test_the_solver_is_compiled_before_its_first_job():
+def test_the_solver_is_compiled_before_its_first_job(monkeypatch):
     task = push(3)
+    monkeypatch.setattr(multistart, "is_kept", lambda function: False)
     nlp.prepare(task, print)
     before = multistart.descend_all.signatures
     nlp.solve(task, straight_chain(3), starts=range(1), seed=0)

@@ -43,10 +43,16 @@ class Scene:
         self.p_E: Array = (self.platform.p_e - middle) / self.l_arm
         self.offset: Array = self.platform.p_e / self.l_arm
         """p_E from the COM, where some requirements take their direction from."""
-        module = design.task.module
-        self.envelopes = self._place(module.envelope)
-        self.region_envelopes = self._place(module.region_envelope)
+
+    @cached_property
+    def envelopes(self) -> list[Solid]:
+        """The airflow of all modules."""
+        return self._place(self.design.task.module.envelope)
+
+    @cached_property
+    def region_envelopes(self) -> list[Solid]:
         """Those that keep out of target regions."""
+        return self._place(self.design.task.module.region_envelope)
 
     def _place(self, envelope: AirflowEnvelope) -> list[Solid]:
         length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))

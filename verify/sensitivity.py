@@ -90,7 +90,7 @@ class _Search:
 
         None if the largest that is looked for violates nothing either.
         """
-        if self._keeps(errors.times(largest)):
+        if self._tolerance.keeps(errors.times(largest)):
             return None
         nominal = self._tolerance.weakest(Errors())
         if nominal.bound <= ROUNDING:
@@ -101,7 +101,7 @@ class _Search:
         while high - low > SEARCH.accuracy * high and high > 1e-12:
             # quarter the range of sizes first, then halve what is left
             middle = 0.25 * high if low == 0.0 else (low + high) / 2
-            low, high = (middle, high) if self._keeps(errors.times(middle)) else (low, middle)
+            low, high = (middle, high) if self._tolerance.keeps(errors.times(middle)) else (low, middle)
         first, violating = self._first_to_break(errors, high, largest)
         return Limit(
             **_pair(first.requirement),
@@ -121,9 +121,6 @@ class _Search:
             attained_m=attained * self._l_arm,
             factor=self.limit(errors, SEARCH.largest_factor, 1.0),
         )
-
-    def _keeps(self, errors: Errors) -> bool:
-        return self._tolerance.weakest(errors).bound > ROUNDING
 
     def _first_to_break(self, errors: Errors, proven: float, largest: float) -> tuple[Weakest, float | None]:
         """Return the pair with the least factor at which an example violates it, and that factor.

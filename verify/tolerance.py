@@ -64,7 +64,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.audit import Kind
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.bodies import Array, Cone, Rows
-from verify.certificate import Solid, witnesses
+from verify.certificate import ROUNDING, Solid, witnesses
 from verify.hulls import Hull, witness
 from verify.meshes import Indices
 from verify.requirements import Requirement, Scene
@@ -319,6 +319,11 @@ class Tolerance:
     def _kappa(self, errors: Errors) -> float:
         e = float(self._shares @ (errors.delta * self._arms + 2 * errors.delta_p))
         return min(2.0, 2 * e / (2 * self._offset - e)) if e < self._offset else 2.0
+
+    def keeps(self, errors: Errors) -> bool:
+        """Return whether every pair's bound stays above rounding."""
+        kappa = self._kappa(errors)
+        return all(group.bounds(errors, kappa).min() > ROUNDING for group in self._groups)
 
     def weakest(self, errors: Errors) -> Weakest:
         """Return the pair with the least bound of all."""

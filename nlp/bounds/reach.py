@@ -32,9 +32,10 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 from itertools import combinations, pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlp.bounds.refutation import Refutation, bodies_mass, modules, off_centre
 from nlp.numbers.geometry import Swept, clearance, rotation
@@ -114,25 +115,24 @@ def _is_crowded(
     Centres keep `apart` [m] from the `first` one after each other on.
     """
     hinges = len(turns) + 1
+    pairs = np.array(list(combinations(range(hinges + 1), 2))).T
+    far = pairs[1] - pairs[0] >= first
     alpha, h = np.zeros((1, hinges)), np.full(hinges, math.pi / 2 + TOLERANCE)
     while len(alpha) <= SEARCH.most_boxes and h.max() > SEARCH.least_width:
-        R, p = _poses(turns, alpha, l_c)
-        open_, clear = np.ones(len(alpha), dtype=bool), np.ones(len(alpha), dtype=bool)
-        for i, j in combinations(range(hinges + 1), 2):
-            if j - i >= first:
-                distance = np.linalg.norm(p[j] - p[i], axis=-1)
-                open_ &= distance + _displacement(i, j, h, l_c) >= apart - depth
-                clear &= distance >= apart
-            if air is None:
-                continue
-            for part in SEARCH.parts:
-                length = part * air.length
-                radius = air.start_radius - (_displacement(i, j, h, l_c, length) + depth) / 2
-                if radius > 0:
-                    open_ &= _gaps(R, p, i, j, length, radius, part * air.growth) >= 0
-            clear &= _gaps(R, p, i, j, air.length, air.start_radius, air.growth) >= 0
+        z, p = _poses(turns, alpha, l_c)
+        distance = np.linalg.norm(p[pairs[1]] - p[pairs[0]], axis=-1)[far]
+        clear = (distance >= apart).all(axis=0)
+        if air is not None:
+            clear &= (_gaps(z, p, pairs, air.length, air.start_radius, air.growth) >= 0).all(axis=0)
         if clear.any():
             return False
+        open_ = (distance + _displacements(pairs, h, l_c)[far] >= apart - depth).all(axis=0)
+        for part in SEARCH.parts:
+            if air is not None:
+                length = part * air.length
+                radius = air.start_radius - (_displacements(pairs, h, l_c, length) + depth) / 2
+                gaps = _gaps(z, p, pairs, length, radius, part * air.growth)
+                open_ &= ((radius <= 0) | (gaps >= 0)).all(axis=0)
         alpha = alpha[open_]
         if not len(alpha):
             return True
@@ -143,24 +143,30 @@ def _is_crowded(
     return False
 
 
-def _displacement(i: int, j: int, h: Array, l_c: float, length: float = 0.0) -> float:
-    """Return how far points of the axes of i and j move to or from each other in a box [m].
+def _displacements(pairs: NDArray[np.intp], h: Array, l_c: float, length: float = 0.0) -> Array:
+    """Return how far points of the axes of each pair move to or from each other in a box, shape (pairs, 1) [m].
 
     Hinge t, between the modules t and t + 1, is l_c from their centres and 2 l_c farther from every next one.
     """
-    middle = (i + j) // 2
-    steps = [(t, j - t - 1) for t in range(middle, j)] + [(t, t - i) for t in range(i, middle)]
-    return float(sum(h[t] * (math.hypot(l_c, length) if k == 0 else l_c * (1 + 2 * k) + length) for t, k in steps))
+
+    def moved(i: int, j: int) -> float:
+        middle = (i + j) // 2
+        steps = [(t, j - t - 1) for t in range(middle, j)] + [(t, t - i) for t in range(i, middle)]
+        return sum(
+            float(h[t]) * (math.hypot(l_c, length) if k == 0 else l_c * (1 + 2 * k) + length) for t, k in steps
+        )
+
+    return np.array([[moved(i, j)] for i, j in pairs.T.tolist()])
 
 
-def _gaps(R: list[Array], p: list[Array], i: int, j: int, length: float, radius: float, growth: float) -> Array:
-    """Return the clearance of the first `length` of two envelopes with another start radius [m]."""
-    one, other = (Swept(p[k], -length * R[k][:, :, 2], radius, growth) for k in (i, j))
+def _gaps(z: Array, p: Array, pairs: NDArray[np.intp], length: float, radius: Any, growth: float) -> Array:
+    """Return the clearance of the first `length` of two envelopes with another start radius, a row a pair [m]."""
+    one, other = (Swept(p[side], -length * z[side], radius, growth) for side in pairs)
     return clearance(one, other)
 
 
-def _poses(turns: Turns, alpha: Array, l_c: float) -> tuple[list[Array], list[Array]]:
-    """Return R and p of all modules of a path: hinges turn about the y axis between them."""
+def _poses(turns: Turns, alpha: Array, l_c: float) -> tuple[Array, Array]:
+    """Return z and p of all modules of a path, shape (modules, m, 3): hinges turn about the y axis between them."""
     c, s, zero, one = np.cos(alpha), np.sin(alpha), np.zeros_like(alpha), np.ones_like(alpha)
     hinge = np.stack([c, zero, s, zero, one, zero, -s, zero, c], axis=-1).reshape(*alpha.shape, 3, 3)
     R, p = [np.broadcast_to(np.eye(3), (len(alpha), 3, 3))], [np.zeros((len(alpha), 3))]
@@ -168,7 +174,7 @@ def _poses(turns: Turns, alpha: Array, l_c: float) -> tuple[list[Array], list[Ar
         R_hinge = R[-1] @ hinge[:, t]
         p.append(p[-1] + l_c * (R[-1][:, :, 0] + R_hinge[:, :, 0]))
         R.append(R_hinge @ rotation([0.0, 0.0, 1.0], (turn - 2) * math.pi / 2))
-    return R, p
+    return np.array(R)[..., 2], np.array(p)
 
 
 ROUNDING = 1e-9

@@ -66,17 +66,24 @@ def draws(
 ) -> Array:
     """Return unknowns of starts, shape (starts, N); `anyhow`: hinges turn either way, up to their limits."""
     key = entropy(task, topology, seed)
-    drawn, shape = drawing(task, topology), (len(problem.lower),)
+    drawn = drawing(task, topology)
     if anyhow:
         drawn = drawn._replace(splay=np.full(topology.n - 1, largest_turn(task)))
     least = -1.0 if anyhow else 0.0
-    unknowns = [
-        _start(
-            problem, drawn, rng.uniform(least, 1.0, topology.n), rng.normal(size=3), rng.uniform(NEAREST, FARTHEST)
-        )
+    random = [
+        (*rng.uniform(least, 1.0, topology.n), *rng.normal(size=3), rng.uniform(NEAREST, FARTHEST))
         for rng in (np.random.default_rng((key, start)) for start in starts)
     ]
-    return np.array(unknowns).reshape(-1, *shape)
+    return _starts(problem, drawn, np.array(random).reshape(-1, topology.n + 4))
+
+
+@njit(cache=True)
+def _starts(problem: ReducedProblem, drawn: Drawing, random: Array) -> Array:
+    """Return the unknowns of a start for each row of random numbers: to pass a problem takes as long as to draw."""
+    n, x = len(problem.tree.parent), np.empty((len(random), len(problem.lower)))
+    for k in range(len(random)):
+        x[k] = _start(problem, drawn, random[k, :n], random[k, n : n + 3], random[k, n + 3])
+    return x
 
 
 @njit(cache=True)

@@ -136,10 +136,10 @@ def _temporary_folder() -> str:
 
 
 def is_kept(dispatcher: Any) -> bool:
-    """True if a function was compiled before, and nothing that is kept of it is damaged."""
-    name = f"{dispatcher.__module__.rpartition('.')[2]}.{dispatcher.__qualname__}"
-    files = list(Path(dispatcher.stats.cache_path).glob(f"{name}-*.nb[ci]"))
-    return bool(files) and all(_is_whole(str(file)) for file in files)
+    """True if a function was compiled before for this machine, and nothing that is kept of it is damaged."""
+    files, machine = dispatcher._cache._cache_file, dispatcher.targetctx.codegen().magic_tuple()
+    kept = [files._data_path(name) for (_, of, _), name in files._load_index().items() if of == machine]
+    return bool(kept) and all(map(_is_whole, kept))
 
 
 def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:

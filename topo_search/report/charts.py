@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
@@ -20,6 +19,9 @@ from topo_search.model.proven import at_least, at_most, upper_text
 from topo_search.report.page import style
 from topo_search.report.wording import clearance, figures, length, millimetres, modules
 from topo_search.study import Answer, FrontPoint, SolveEvent, front
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 IN_CELLS = 7
 """Largest matrix whose values are written into its cells, so that they fit."""
