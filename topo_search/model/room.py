@@ -182,6 +182,7 @@ FOLD = (-1.0, 1.0, 1.0, -1.0)
 """Sign of the fold of a positive hinge angle at the parent's port +x, +y, -x, -y."""
 
 
+@lru_cache(maxsize=32)
 def clear_folds(module: Module, margin: float = 0.0) -> Folds:
     """Return fold angles within +-pi/2 at which rotors of bolted modules are clear, the same for all ports [rad].
 
@@ -249,7 +250,6 @@ class _Part:
         return np.asarray((u @ self.corners.T).max(axis=-1) + self.radius * np.hypot(u[..., 0], u[..., 1]))
 
 
-@lru_cache(maxsize=32)
 def _search(module: Module, margin: float) -> Folds:
     """Return certified intervals of clear folds."""
     pairs = _pairs(module)
