@@ -111,12 +111,6 @@ def test_what_is_no_address(address):
         DaskWorkers(address, {})
 
 
-def test_other_versions_are_refused(cluster):
-    differ = r"the Dask worker tcp://\S+ has numpy [0-9.]+, where this process has 0\.1: results could differ"
-    with DaskWorkers(cluster.address, {"numpy": "0.1"}) as workers, pytest.raises(WorkersLost, match=differ):
-        workers.run_one(square, 3, deadline=LONG)
-
-
 def test_dask_workers_that_may_have_no_child_are_refused_with_what_to_set(tmp_path):
     with Cluster(tmp_path, DASK_DISTRIBUTED__WORKER__DAEMON="True") as cluster:
         cluster.add_worker()
