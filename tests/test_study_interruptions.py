@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from processes import eventually, ranking, recorded
-from toy_problem import solved_keys, toy_run
+from toy_problem import toy_run
 
 from topo_search.model import BadInput
 from topo_search.study import RunFolder
@@ -68,27 +68,6 @@ def coordinator(tmp_path):
     for pid in processes_with(str(coordinator.log)):
         os.kill(pid, signal.SIGKILL)
     coordinator.process.communicate()
-
-
-def test_kill_9_loses_only_what_was_running_and_leaves_no_process(coordinator, tmp_path):
-    for rows in (3, 7):
-        kept = recorded(coordinator.folder)
-        logged = len(solved_keys(coordinator.log))
-        coordinator.start()
-        coordinator.wait_for(rows)
-        os.kill(coordinator.process.pid, signal.SIGKILL)
-        coordinator.finish()
-        eventually(lambda: processes_with(str(coordinator.log)) == [])
-        assert not set(kept) & set(solved_keys(coordinator.log)[logged:])
-    kept = recorded(coordinator.folder)
-    assert len(kept) >= 7
-    logged = len(solved_keys(coordinator.log))
-    coordinator.start()
-    assert coordinator.finish()[0] == 0
-    assert not set(kept) & set(solved_keys(coordinator.log)[logged:])
-    toy_run(tmp_path / "whole", modules=4)
-    assert ranking(coordinator.folder) == ranking(tmp_path / "whole")
-    assert (coordinator.folder / "best.json").read_text() == (tmp_path / "whole" / "best.json").read_text()
 
 
 def test_ctrl_c_keeps_all_results_and_stops_the_workers(coordinator):
