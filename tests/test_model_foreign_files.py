@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
+from mutations import ended_in_time
 
 from topo_search.cli import main
 from topo_search.experiments.conducting import Results, identify
@@ -45,15 +46,8 @@ mesh = "%s"
 @pytest.fixture(autouse=True)
 def no_hang() -> Iterator[None]:
     """End a test that waits for a pipe."""
-
-    def ended(*_: object) -> None:
-        raise TimeoutError("a reader waits")
-
-    before = signal.signal(signal.SIGALRM, ended)
-    signal.alarm(60)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+    with ended_in_time():
+        yield
 
 
 def _task(path: Path) -> None:
