@@ -326,13 +326,6 @@ def test_a_device_is_not_replaced_by_a_file(tmp_path: Path) -> None:
     assert (tmp_path / "pipe").is_fifo()
 
 
-@pytest.mark.parametrize("value", ["nan", "inf", "0", "-1", "1e10"])
-def test_a_time_limit_is_a_number_of_seconds(tmp_path: Path, value: str) -> None:
-    result = CliRunner().invoke(main, ["run", "push", "--time-limit", value, "--out", str(tmp_path / "run")])
-    assert (result.exit_code, list(tmp_path.iterdir())) == (2, [])
-    assert "--time-limit" in result.stderr
-
-
 KILLED = """
 import os, signal, sys
 from pathlib import Path
