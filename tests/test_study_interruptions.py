@@ -1,14 +1,13 @@
 import errno
 import fcntl
 import os
-import signal
 import sqlite3
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from processes import eventually, ranking, recorded
+from processes import eventually, recorded
 from toy_problem import toy_run
 
 from topo_search.model import BadInput
@@ -59,26 +58,6 @@ class Coordinator:
     def finish(self):
         out, err = self.process.communicate(timeout=1800)
         return self.process.returncode, out, err
-
-
-@pytest.fixture
-def coordinator(tmp_path):
-    coordinator = Coordinator(tmp_path, TOY_SLEEP="0.15")
-    yield coordinator
-    for pid in processes_with(str(coordinator.log)):
-        os.kill(pid, signal.SIGKILL)
-    coordinator.process.communicate()
-
-
-def test_ctrl_c_keeps_all_results_and_stops_the_workers(coordinator):
-    coordinator.start()
-    coordinator.wait_for(3)
-    os.killpg(coordinator.process.pid, signal.SIGINT)  # as a terminal does, to all of them
-    status, _, err = coordinator.finish()
-    assert status != 0
-    assert err.count(b"KeyboardInterrupt") == 1, err.decode()  # the coordinator's own
-    eventually(lambda: processes_with(str(coordinator.log)) == [])
-    assert {row[0] for row in ranking(coordinator.folder)} == set(recorded(coordinator.folder))
 
 
 def test_a_disk_without_locks_is_refused_with_the_reason_and_what_to_do(tmp_path, monkeypatch):
