@@ -224,12 +224,12 @@ def random_tree(n: int, rng: np.random.Generator, *, aligned: bool = False) -> T
 
 
 @st.composite
-def trees(draw: st.DrawFn, most: int = 12) -> Topology:
-    """Trees of any ports, the same half turned or in another order included."""
+def trees(draw: st.DrawFn, most: int = 12, *, aligned: bool = False) -> Topology:
+    """Trees of any ports, or aligned ones, the same half turned or in another order included."""
     joints, free = [ROOT], [(0, port) for port in range(4)]
     for i in range(1, draw(st.integers(1, most))):
         h, a = free.pop(draw(st.integers(0, len(free) - 1)))
-        b = draw(st.integers(0, 3))
+        b = (a + 2) % 4 if aligned else draw(st.integers(0, 3))
         joints.append((h, a, b))
         free += [(i, port) for port in range(4) if port != b]
     return Topology(tuple(joints))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from nlp_cases import random_tree
 from toy_problem import toy_run
 
 from topo_search.model import CaseFlight, Design, Flight, JointLoad, RotorsOut, Topology
@@ -58,14 +59,7 @@ class Reader(HTMLParser):
 
 def grown(n: int) -> Topology:
     """Return an aligned tree with modules added at random free ports."""
-    rng = np.random.default_rng(n)
-    joints, free = [(-1, -1, -1)], [(0, port) for port in range(4)]
-    for i in range(1, n):
-        h, a = free.pop(int(rng.integers(len(free))))
-        b = (a + 2) % 4
-        joints.append((h, a, b))
-        free += [(i, port) for port in range(4) if port != b]
-    return Topology(tuple(joints))
+    return random_tree(n, np.random.default_rng(n), aligned=True)
 
 
 def design(topology: Topology, name: str = "push", *settings: str, **given: Any) -> Design:

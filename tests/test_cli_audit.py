@@ -5,7 +5,6 @@ import json
 import os
 from itertools import pairwise
 
-import numpy as np
 import pytest
 import toy_problem
 from click.testing import CliRunner
@@ -231,52 +230,24 @@ DEEP = 100_000
 HARM = {
     "empty": (b"", "is not a JSON file"),
     "binary": (bytes(range(256)) * 50, "must be UTF-8 text, but got the byte 0x80 at offset 128"),
-    "a picture": (b"\x89PNG\r\n\x1a\n" + b"\0" * 100, "must be UTF-8 text, but got the byte 0x89 at offset 0"),
     "UTF-16": (to_json(CLEAR).encode("utf-16"), "must be UTF-8 text"),
     "nothing": (b"null", "must be a table of named fields, but got null"),
-    "a list": (b"[]", "must be a table of named fields, but got []"),
-    "a number": (b"3", "must be a table of named fields, but got 3"),
     "deep lists": (b"[" * DEEP + b"]" * DEEP, "is not a JSON file, or only a part of one"),
-    "deep objects": (b'{"a":' * DEEP + b"1" + b"}" * DEEP, "is not a JSON file, or only a part of one"),
     "endless digits": (replaced('"version": 1', '"version": 1' + "0" * 5000), "is not a JSON file"),
     "NaN": (text(objective=float("nan")), "objective: must be a finite number, but got NaN"),
-    "infinity": (text(end_effector_m=[0, 0, float("inf")]), "end_effector_m[2]: must be a finite number"),
     "too large for a float": (
         replaced('"objective": ', '"objective": 1e999, "x": '),
         "objective: must be a finite",
     ),
     "an integer too large for a float": (text(objective=10**400), "objective: must be"),
     "a text for a number": (text(objective="1.0"), 'objective: must be a number, but got "1.0"'),
-    "a truth for a number": (text(hinge_angles_rad=[True, 0.6]), "hinge_angles_rad[0]: must be a number"),
     "a field twice": (
         replaced('"objective": ', '"objective": 1.0, "objective": '),
         'must give every name of an object once, but got "objective" twice',
     ),
-    "another format": (text(format="robot"), 'format: must be "topo-search/design", but got "robot"'),
-    "a later version": (text(version=2), "version: must be 1, but got 2"),
-    "a cycle": (
-        text(topology=[[-1, -1, -1], [2, 0, 2], [1, 0, 2]]),
-        "`0 <= parent < 1` must hold in joint 1, but got parent 2",
-    ),
-    "children before parents": (text(topology=[[1, 0, 2], [-1, -1, -1], [0, 0, 2]]), "topology"),
-    "its own parent": (
-        text(topology=[[-1, -1, -1], [1, 0, 2], [0, 2, 0]]),
-        "`0 <= parent < 1` must hold in joint 1, but got parent 1",
-    ),
-    "two roots": (text(topology=[[-1, -1, -1], [-1, -1, -1], [0, 2, 0]]), "topology"),
-    "a port used twice": (text(topology=[[-1, -1, -1], [0, 0, 2], [0, 0, 2]]), "topology"),
-    "a port that is none": (text(topology=[[-1, -1, -1], [0, 4, 2], [0, 2, 0]]), "topology"),
     "a fractional parent": (text(topology=[[-1, -1, -1], [0.0, 0, 2], [0, 2, 0]]), "in whole numbers"),
-    "too few angles": (text(hinge_angles_rad=[-0.6]), "must have one angle per non-root module, 2, but got 1"),
     "too few angles of the root": (text(root_orientation_rad=[0.0, 0.0]), "must be a list of three numbers"),
-    "a rotation matrix for angles": (text(root_orientation_rad=np.eye(3).tolist()), "root_orientation_rad"),
-    "too many inputs": (
-        text(rotor_speeds_squared=[[1.0] * 13]),
-        "must have four values per module, 12, but got 13",
-    ),
-    "no load case's inputs": (text(rotor_speeds_squared=[]), "must have one list per load case, 1, but got 0"),
     "a billion modules": (text(task={**DATA["task"], "modules": 10**9}), "task.modules"),
-    "modules beyond any integer": (text(task={**DATA["task"], "modules": 10**100}), "task.modules"),
     "a million faults": (text(hinge_angles_rad=[None] * 10**6), "has 1,000,000"),
     "a surrogate alone": (replaced('"name": "case"', '"name": "\\ud800"'), "task.name"),
     "an escape sequence": (replaced('"name": "case"', '"name": "\\u001b[2J"'), "task.name"),

@@ -37,7 +37,7 @@ def level(topology: Topology, **task) -> Design:
     few(
         [
             (2, "any", {"body": OWN_FRAME}),
-            (12, "any", {}),
+            (6, "any", {}),
             (2, "aligned", {}),
             (12, "aligned", {"body": OWN_FRAME}),
         ],

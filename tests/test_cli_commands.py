@@ -14,7 +14,7 @@ from wording import says
 import nlp
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.model import Assembly, Audit, Design, EndEffectorSheet, Infeasible
+from topo_search.model import Assembly, Design, EndEffectorSheet, Infeasible
 from topo_search.model.files import examples, read_json, read_task
 from topo_search.model.search import Search
 from topo_search.study.directory import Directory
@@ -319,32 +319,6 @@ def test_solve_has_the_statuses_of_run(command, monkeypatch):
     assert Infeasible.model_validate_json(command(*words, "--json").stdout).status == "infeasible"
     monkeypatch.setenv("TOY_IMPOSSIBLE", "3")
     assert command(*words).stdout.startswith("three modules cannot lift what is asked\n")
-
-
-def test_audit_takes_the_gravest_of_its_files(command, tmp_path, monkeypatch):
-    for key in ("a110", "a120"):
-        command("solve", "toy.toml", "--topology", key, "--starts", 1, "--out", f"{key}.json")
-    (tmp_path / "half.json").write_text((tmp_path / "a110.json").read_text()[:100])
-    monkeypatch.setenv("TOY_VIOLATED", "a120")
-    assert command("audit", "a110.json").exit_code == 0
-    assert command("audit", "a110.json", "a120.json").exit_code == 1
-    result = command("audit", "half.json", "a120.json", "missing.json", "a110.json")
-    assert result.exit_code == 2
-    assert "half.json: is not a JSON file, or only a part of one" in result.stderr
-    assert "missing.json: no such file" in result.stderr
-    assert "a120.json: violated" in result.stdout
-    assert "a110.json: clear" in result.stdout
-
-
-def test_audit_prints_what_the_file_would_hold(command):
-    for key in ("a110", "a120"):
-        command("solve", "toy.toml", "--topology", key, "--starts", 1, "--out", f"{key}.json")
-    one = json.loads(command("audit", "a110.json", "--json").stdout)
-    assert Audit.model_validate(one).verdict == "clear"
-    assert one.pop("file") == "a110.json"
-    both = json.loads(command("audit", "a110.json", "a120.json", "--json").stdout)
-    assert [audit.pop("file") for audit in both] == ["a110.json", "a120.json"]
-    assert both == [one, one]
 
 
 def test_topologies_prints_keys_and_their_number(command):

@@ -106,6 +106,8 @@ def test_a_setting_beyond_a_limit_is_refused_by_name(tmp_path, setting, rule):
         (["run", "push", "--workers", "257"], "'--workers': 257 is not in the range 1<=x<=256"),
         (["run", "push", "--starts", "10001"], "'--starts': 10001 is not in the range 1<=x<=10000"),
         (["run", "push", "--time-limit", "1e300"], "1e+300 is not in the range 0<x<=1000000000"),
+        (["run", "push", "--time-limit", "nan"], "'--time-limit': must be a number, but got nan"),
+        (["run", "push", "--time-limit", "0"], "0.0 is not in the range 0<x<=1000000000"),
         (
             ["run", "push", "--strategy", "optuna", "--trials", "100001"],
             "'--trials': 100001 is not in the range 1<=x<=100000",

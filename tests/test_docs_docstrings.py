@@ -15,7 +15,6 @@ from topo_search.export import formats
 
 MODULES = (
     "topo_search.compose.designs",
-    "topo_search.compose.designs",
     "topo_search.compose.searching",
     "topo_search.export.audits",
     "topo_search.export.formats",

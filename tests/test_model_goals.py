@@ -1,10 +1,10 @@
 """Goals of a task: their levels, the tasks that hold them, and what is wrong with them."""
 
 import pytest
-from nlp_cases import HOVER, push
+from nlp_cases import HOVER
 
 from topo_search.model import BadInput, Task
-from topo_search.model.files import read_task, to_toml, validate
+from topo_search.model.files import validate
 from topo_search.model.search import Goals, Level
 
 SI = {"units": "SI", "com": {"force": [0.0, 0.0, 8.0]}}
@@ -42,16 +42,6 @@ def test_a_level_is_a_plain_task():
     assert plain == task(search={"margin": 1e-2}, end_effector={"mass": 0.1, "stand_off": 0.3})
     assert asked.goals.levels[1].words == "search.margin = 0.01, end_effector.stand_off = 0.3"
     assert asked.resolve(5) == task(end_effector={"mass": 0.1}).resolve(5)
-
-
-def test_goals_come_back_from_a_file_and_a_task_without_is_written_as_before():
-    assert "goals" not in to_toml(task())
-    assert "goals" not in push(5).model_dump_json()
-    asked = task(goals={"peak_input": [0.9, 0.8]})
-    text = to_toml(asked)
-    assert "[goals]" in text
-    settings = ("goals.peak_input=[0.9, 0.8]", "goals.clearance=[0.0, 1e-3]")
-    assert read_task("push", settings).goals == Goals(peak_input=(0.9, 0.8), clearance=(0.0, 1e-3))
 
 
 def test_no_goals_are_one_level_that_changes_nothing():

@@ -64,9 +64,7 @@ def test_a_set_beside_a_step_or_outside_what_rotors_leave_is_refused():
     assert "search.hinge_step_deg" not in {each.path for each in task_warnings(of("hinge_step_deg=15"))}
 
 
-def test_a_task_without_a_set_is_written_as_before():
-    assert "hinge" not in to_toml(read_task("push"))
-    assert "hinge" not in read_task("push").resolve(3).model_dump_json()
+def test_a_step_is_written_and_any_angle_is_a_task_without_it():
     assert "hinge_step_deg = 15" in to_toml(of("hinge_step_deg=15"))
     assert of("hinge_step_deg=15").search.any_angle == read_task("push").search
 

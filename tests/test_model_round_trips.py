@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 import tomllib
 from typing import Any
 
@@ -152,6 +153,16 @@ def test_an_example_comes_back_from_toml_and_json(name: str) -> None:
     assert through_toml(task) == task
     assert Task.model_validate(json.loads(to_json(task))) == task
     assert pickle.loads(pickle.dumps(task)) == task
+
+
+def test_a_task_is_written_without_what_it_does_not_ask_for() -> None:
+    """So that files of today are those of before there was such a thing to ask for."""
+    push = read_task("push")
+    for text in (to_toml(push), to_json(push.resolve(5))):
+        assert not re.search("hinge|stand_off|peak_input|goals|tolerances|flight|frame|min_input|solid", text)
+    asking = read_task("push", ("goals.peak_input=[0.9, 0.8]", "tolerances.position=1e-3"))
+    assert through_toml(asking) == asking
+    assert Task.model_validate_json(to_json(asking)) == asking
 
 
 def test_the_shipped_examples_are_those_of_the_design() -> None:

@@ -197,7 +197,6 @@ NOT_TEN = 'task_seed: must be left out unless load_cases = "ten-wrenches", but g
         (TEN.replace("= 0", "= 1.5"), ["task_seed: must be a whole number, but got 1.5"]),
         (TASK + "weight = 0.0\n", ["load_cases: must have a weight greater than 0 in at least one entry..."]),
         (TASK[: TASK.index("force") + 3], ["is not a TOML file, or only a part of one: ..."]),
-        ("x = " + "[" * 10_000, ["must have fewer nested brackets"]),
     ],
 )
 def test_a_file_gets_a_message_per_fault(tmp_path: Path, text: str, expected: list[str]) -> None:

@@ -6,25 +6,11 @@ import networkx as nx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from nlp_cases import ROOT, trees
 
 from topo_search.model import Topology
 
-ROOT = (-1, -1, -1)
-
-
-@st.composite
-def topologies(draw: st.DrawFn) -> Topology:
-    """Trees of up to 12 modules, each grown by one module at a time at any free port."""
-    n = draw(st.integers(1, 12))
-    joints = [ROOT]
-    free = [(0, port) for port in range(4)]
-    aligned = draw(st.booleans())
-    for i in range(1, n):
-        h, a = free.pop(draw(st.integers(0, len(free) - 1)))
-        b = (a + 2) % 4 if aligned else draw(st.integers(0, 3))
-        joints.append((h, a, b))
-        free += [(i, port) for port in range(4) if port != b]
-    return Topology(tuple(joints))
+TREES = st.one_of(trees(), trees(aligned=True))
 
 
 def rooted_at(topology: Topology, root: int) -> Topology:
@@ -38,7 +24,7 @@ def rooted_at(topology: Topology, root: int) -> Topology:
     return Topology(tuple(joints))
 
 
-@given(topologies())
+@given(TREES)
 def test_a_key_decodes_to_the_tree_it_was_made_of(topology: Topology) -> None:
     again = Topology.from_key(topology.key)
     assert again.key == topology.key
@@ -50,7 +36,7 @@ def test_a_key_decodes_to_the_tree_it_was_made_of(topology: Topology) -> None:
     assert nx.is_isomorphic(again.graph(), topology.graph())
 
 
-@given(topologies(), st.randoms(use_true_random=False))
+@given(TREES, st.randoms(use_true_random=False))
 def test_the_order_of_the_modules_does_not_change_the_key(topology: Topology, rng: random.Random) -> None:
     order = [0]
     while len(order) < topology.n:  # any order with parents first
@@ -61,7 +47,7 @@ def test_the_order_of_the_modules_does_not_change_the_key(topology: Topology, rn
     assert Topology(tuple(joints)).key == topology.key
 
 
-@given(topologies(), st.data())
+@given(TREES, st.data())
 def test_a_half_turn_of_one_module_does_not_change_the_key(topology: Topology, data: st.DataObject) -> None:
     if topology.n == 1:
         return
@@ -75,7 +61,7 @@ def test_a_half_turn_of_one_module_does_not_change_the_key(topology: Topology, d
     assert other.key == topology.key
 
 
-@given(topologies(), st.data())
+@given(TREES, st.data())
 def test_a_quarter_turn_of_one_module_changes_the_key(topology: Topology, data: st.DataObject) -> None:
     if topology.n == 1:
         return
@@ -87,7 +73,7 @@ def test_a_quarter_turn_of_one_module_changes_the_key(topology: Topology, data: 
     assert Topology((ROOT, *joints[1:])).key != topology.key
 
 
-@given(topologies(), st.data())
+@given(TREES, st.data())
 def test_moving_the_root_away_and_back_keeps_the_key(topology: Topology, data: st.DataObject) -> None:
     module = data.draw(st.integers(0, topology.n - 1))
     away = rooted_at(topology, module)

@@ -294,17 +294,6 @@ def clearance_missed(task, tree, theta):
     return any(certificate.analytic < 0 for certificate in certify_beside(rows))
 
 
-def test_a_tree_hung_from_any_module_is_the_same_platform():
-    rng = np.random.default_rng(28)
-    for n in (2, 3, 5, 8):
-        tree = random_tree(n, rng, aligned=False)
-        for root in range(n):
-            other = hang(tree, root)
-            assert sorted(dict(other.graph().degree).values()) == sorted(dict(tree.graph().degree).values())
-            assert hang(other, 0).key == other.key
-            assert sum(kappa % 2 for kappa in other.kappas) == sum(kappa % 2 for kappa in tree.kappas)
-
-
 EXPOSED = ["push-local", "push-directional", "push-two-paths", "push-exterior-60", "push-exterior-90"]
 
 
@@ -415,16 +404,6 @@ def test_what_is_left_out_of_a_bound_costs_a_flying_design_nothing(name, folder,
     cuts = cost * np.array([closed, 1.0001])
     found = [search.search(to_arrays(task, design.topology, problem), lower, upper, cut, 1) for cut in cuts]
     assert [one.how for one in found] == [search.CLOSED, search.OPEN]
-
-
-def test_chunks_fill_the_whole_box_and_share_no_more_than_faces():
-    for n in (1, 2, 3, 6):
-        task = push(n)
-        least, most = whole_box(task, n)
-        boxes = [chunk_box(task, n, number) for number in range(chunk_count(n))]
-        volume = sum(np.prod(upper - lower) for lower, upper in boxes)
-        assert volume == pytest.approx(np.prod(most - least))
-        assert len({(*lower, *upper) for lower, upper in boxes}) == len(boxes)
 
 
 def test_a_chunk_that_there_is_not_is_refused():

@@ -9,8 +9,7 @@ from suites import few
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.problem import problem
-from topo_search.model import Design, Infeasible, ResolvedTask, Topology
-from topo_search.model.files import to_json
+from topo_search.model import Design, Infeasible, Topology
 from verify import audit
 from verify.kinematics import platform
 
@@ -139,9 +138,3 @@ def test_a_compact_tree_is_proven_too_small_before_a_chain():
 
 def test_a_free_end_effector_is_never_proven_too_near():
     assert prove_impossible(push(5, end_effector={"stand_off": 3.0})) is None
-
-
-def test_a_task_without_them_is_written_as_before():
-    assert not {"stand_off", "peak_input"} & set(to_json(push(5)).replace('"', " ").split())
-    asked = push(5, end_effector={"stand_off": 0.2}, search={"peak_input": 0.9})
-    assert asked == ResolvedTask.model_validate_json(to_json(asked))

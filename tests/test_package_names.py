@@ -4,8 +4,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 IRREGULAR = (
     "begun bent born bought broken built caught chosen drawn driven fed felt flown forgotten found frozen "
@@ -61,17 +59,3 @@ def test_functions_are_verbs_or_nouns() -> None:
     wrong = [f"{file}: {name}" for file, name in functions() if says_neither_verb_nor_noun(name)]
     assert [each for each in wrong if each.split(": ")[1] not in TERMS] == []
     assert {each.split(": ")[1] for each in wrong} == TERMS.keys()  # no term is listed that nothing needs
-
-
-@pytest.mark.parametrize(
-    "name", ["shown", "_whole", "hung", "told_again", "taken_in", "exerted_by", "judged", "_known", "_beyond"]
-)
-def test_participles_are_found(name) -> None:
-    assert says_neither_verb_nor_noun(name)
-
-
-@pytest.mark.parametrize(
-    "name", ["show", "settling_time", "seed", "_embed", "relaxed_limits", "has_ended", "read_json"]
-)
-def test_verbs_and_nouns_pass(name) -> None:
-    assert not says_neither_verb_nor_noun(name)

@@ -171,12 +171,6 @@ def test_what_is_no_steady_flight_is_told_by_its_balance(wall_press: Design) -> 
     assert imbalance(wall_press, turns) == "not a steady flight: nothing reacts the torque at the centre of mass"
 
 
-def test_who_cannot_hover_is_not_flown() -> None:
-    tilted = random_design(Topology.from_key("a0"), 1)
-    with pytest.raises(BadInput, match=r"drawn: cannot hover in the attitude of its task: .* % of"):
-        fly_all(tilted, Options())
-
-
 def test_a_rod_too_heavy_to_hover_with_is_named(wall_press: Design) -> None:
     end_effector = wall_press.task.end_effector.model_copy(update={"rod_linear_density": 20.0})
     heavy = wall_press.model_copy(

@@ -66,7 +66,7 @@ FLOWN = [
 
 
 @pytest.mark.parametrize(
-    ("task", "n", "required", "effort"), few(FLOWN, [row for row in FLOWN if row[1] == 3 and row[2] == "task"])
+    ("task", "n", "required", "effort"), few(FLOWN, [row for row in FLOWN if row[1] == 3 and row[2] == "task"][:1])
 )
 def test_no_flown_design_costs_less_than_the_bound_of_the_task_that_its_row_names(
     task: str, n: int, required: str, effort: float

@@ -275,7 +275,7 @@ def test_clocks_that_jump_change_nothing(tmp_path, monkeypatch, seed):
 @pytest.mark.parametrize("without", [False, True])
 def test_of_two_coordinators_one_works(tmp_path, without):
     (tmp_path / "toy.toml").write_text(to_toml(toy_task(4)))
-    coordinator = Coordinator(tmp_path, "--modules", "4", TOY_SLEEP="0.1")
+    coordinator = Coordinator(tmp_path, "--modules", "4", "--workers", "1", TOY_SLEEP="0.1")
     coordinator.start()
     try:
         coordinator.wait_for(2)

@@ -1,15 +1,14 @@
 import errno
 import fcntl
 import os
-import signal
 import sqlite3
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from processes import eventually, ranking, recorded
-from toy_problem import solved_keys, toy_run
+from processes import eventually, recorded
+from toy_problem import toy_run
 
 from topo_search.model import BadInput
 from topo_search.study import RunFolder
@@ -59,47 +58,6 @@ class Coordinator:
     def finish(self):
         out, err = self.process.communicate(timeout=1800)
         return self.process.returncode, out, err
-
-
-@pytest.fixture
-def coordinator(tmp_path):
-    coordinator = Coordinator(tmp_path, TOY_SLEEP="0.15")
-    yield coordinator
-    for pid in processes_with(str(coordinator.log)):
-        os.kill(pid, signal.SIGKILL)
-    coordinator.process.communicate()
-
-
-def test_kill_9_loses_only_what_was_running_and_leaves_no_process(coordinator, tmp_path):
-    for rows in (3, 7):
-        kept = recorded(coordinator.folder)
-        logged = len(solved_keys(coordinator.log))
-        coordinator.start()
-        coordinator.wait_for(rows)
-        os.kill(coordinator.process.pid, signal.SIGKILL)
-        coordinator.finish()
-        eventually(lambda: processes_with(str(coordinator.log)) == [])
-        assert not set(kept) & set(solved_keys(coordinator.log)[logged:])
-    kept = recorded(coordinator.folder)
-    assert len(kept) >= 7
-    logged = len(solved_keys(coordinator.log))
-    coordinator.start()
-    assert coordinator.finish()[0] == 0
-    assert not set(kept) & set(solved_keys(coordinator.log)[logged:])
-    toy_run(tmp_path / "whole", modules=4)
-    assert ranking(coordinator.folder) == ranking(tmp_path / "whole")
-    assert (coordinator.folder / "best.json").read_text() == (tmp_path / "whole" / "best.json").read_text()
-
-
-def test_ctrl_c_keeps_all_results_and_stops_the_workers(coordinator):
-    coordinator.start()
-    coordinator.wait_for(3)
-    os.killpg(coordinator.process.pid, signal.SIGINT)  # as a terminal does, to all of them
-    status, _, err = coordinator.finish()
-    assert status != 0
-    assert err.count(b"KeyboardInterrupt") == 1, err.decode()  # the coordinator's own
-    eventually(lambda: processes_with(str(coordinator.log)) == [])
-    assert {row[0] for row in ranking(coordinator.folder)} == set(recorded(coordinator.folder))
 
 
 def test_a_disk_without_locks_is_refused_with_the_reason_and_what_to_do(tmp_path, monkeypatch):

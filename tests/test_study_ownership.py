@@ -347,12 +347,9 @@ def test_a_task_in_a_run_s_folder_opens_no_other_file(tmp_path):
 @pytest.mark.parametrize(
     ("text", "rule"),
     [
-        (b"a" + b".a" * 100_000 + b" = 1", "must have at most 30 parts in a key"),
-        (b"x = " + b"[" * 2000 + b"]" * 2000, "must have fewer nested brackets"),
         (b"[" * 60_000, "must have at most 50,000 lists, but has 60,000"),
         (b"#" * 1_100_000, "must have at most 1,048,576 bytes, but has 1,100,000"),
         (b"name = '\xff'", "must be UTF-8 text, but got the byte 0xff at offset 8"),
-        (b"name =", "is not a TOML file, or only a part of one"),
     ],
 )
 def test_a_task_in_a_run_s_folder_is_within_the_limits_of_tasks(tmp_path, text, rule):

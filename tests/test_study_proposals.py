@@ -160,6 +160,7 @@ def test_a_killed_run_ends_like_one_that_was_not_and_solves_nothing_twice(tmp_pa
     monkeypatch.setenv("TOY_LOG", str(log))
     toy_run(tmp_path / "whole", trials=80, **PROPOSED)
     assert ranking(coordinator.folder) == ranking(tmp_path / "whole")
+    assert (coordinator.folder / "best.json").read_text() == (tmp_path / "whole" / "best.json").read_text()
     in_flight = 2 * 2 * 2  # kills, workers, jobs a worker
     assert len(solved_keys(coordinator.log)) <= len(solved_keys(log)) + in_flight
     killed, unkilled = (

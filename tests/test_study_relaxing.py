@@ -191,11 +191,6 @@ def test_the_printed_value_in_the_task_file_is_the_task_that_is_tried(fields, ch
         assert Task.model_validate(again).resolve(3) == limit.relaxed(share).resolve(3)
 
 
-def test_resolving_a_resolved_task_changes_nothing():
-    task = push(3, flight={"force_reserve": 0.1})
-    assert task.resolve(3) == task
-
-
 def toy_relaxed(*, engine=None, **fields):
     task = Task.model_validate(user_task(**fields))
     return task, relaxed_limits(task, "a300", backends=toy_problem.BACKENDS, engine=engine, starts=2)

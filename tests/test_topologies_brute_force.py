@@ -1,11 +1,12 @@
 """The listed keys against trees grown module by module and compared from every root, turned and mirrored."""
 
-import random
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
+from nlp_cases import random_tree
 
 from topo_search.model import Topology
 from topo_search.topologies import Connectors, Symmetry, candidate_of, candidates
@@ -118,10 +119,9 @@ def branch_sizes(topology: Topology) -> list[int]:
 @pytest.mark.parametrize("connectors", ["aligned", "any"])
 def test_every_tree_finds_the_candidate_of_its_class(connectors: Connectors) -> None:
     aligned = connectors == "aligned"
-    rng = random.Random(7)
+    rng = np.random.default_rng(7)
     for _ in range(200):
-        n = rng.randint(1, 14)
-        topology = random_topology(rng, n, aligned)
+        topology = random_tree(int(rng.integers(1, 15)), rng, aligned=aligned)
         for symmetry in ("c2", "d2", "c4", "d4") if aligned else ("c2",):
             candidate = candidate_of(topology, symmetry=symmetry, connectors=connectors)
             turns = TURNS[symmetry if aligned else "c4"]
@@ -129,14 +129,3 @@ def test_every_tree_finds_the_candidate_of_its_class(connectors: Connectors) -> 
                 turns, not aligned
             )
             assert candidate_of(candidate.topology, symmetry=symmetry, connectors=connectors) == candidate
-
-
-def random_topology(rng: random.Random, n: int, aligned: bool) -> Topology:
-    joints = [(-1, -1, -1)]
-    free = [(0, port) for port in range(4)]
-    for i in range(1, n):
-        h, a = free.pop(rng.randrange(len(free)))
-        b = (a + 2) % 4 if aligned else rng.randrange(4)
-        joints.append((h, a, b))
-        free += [(i, port) for port in range(4) if port != b]
-    return Topology(tuple(joints))

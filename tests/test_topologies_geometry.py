@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from suites import few
+from test_topologies_task_symmetry import random_rotation
 
 from topo_search.model import Topology
 from topo_search.model.files import read_task
@@ -103,11 +104,6 @@ def angles_over(topology: Topology, platform: Platform, module: int, root: Array
 def same_rows(A: Array, B: Array) -> bool:
     near = np.linalg.norm(A[:, None] - B[None], axis=2) < 1e-7
     return bool(np.all(near.sum(axis=0) == 1) and np.all(near.sum(axis=1) == 1))
-
-
-def random_rotation(rng: np.random.Generator) -> Array:
-    Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    return Q * np.linalg.det(Q)
 
 
 def random_platform(topology: Topology, rng: np.random.Generator) -> Platform:

@@ -8,7 +8,7 @@ import trimesh
 from pydantic import ValidationError
 from verify_cases import changed, fan
 
-from topo_search.model import BadInput, Design, Module, Status
+from topo_search.model import BadInput, Design, Status
 from topo_search.model.files import read_json, read_task, to_json
 from topo_search.model.mesh_file import ConvexPiece
 from verify import audit
@@ -82,10 +82,6 @@ def test_balls_as_meshes_are_as_far_apart_as_their_corners_allow():
     assert row.status == Status.CLEAR
     apart = 4 * 0.15 * np.cos(0.3) ** 2 - 0.32 * np.linalg.norm(a - b) / 2
     assert apart - 1e-9 <= row.analytic_m <= apart + 0.005
-
-
-def test_a_default_module_says_nothing_of_a_frame():
-    assert "frame" not in Module().model_dump(mode="json")["body"]
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,9 @@ from test_nlp_bounds_attack import random_task
 from test_nlp_bounds_branch import clearance_missed, dual_value_in, seen
 
 from nlp import proof_root, prove_chunk, solve
-from nlp.bounds.branch.arrays import to_arrays
+from nlp.bounds.branch import arrays
+from nlp.bounds.branch import proof as branch
+from nlp.bounds.branch.arrays import to_arrays, whole_box
 from nlp.bounds.branch.crowded import ALL_OVER, crowding
 from topo_search.model import Chunk, Design, Topology
 from topo_search.model.files import read_json
@@ -444,20 +446,23 @@ def test_what_cannot_be_looked_at_is_refused(pair):
         assert why in check_chunk(*given).fault
 
 
-def test_chunks_cover_all_angles_that_an_audit_lets_pass():
-    for n in (1, 2, 3, 6):
-        for root in ("free", "paper"):
-            task = push(n, search={"root": root})
-            least, most = all_angles(task, n)
-            assert np.all(most[3:] > math.pi / 2 + 1e-6)
-            assert root == "paper" or (most[0] > math.pi and most[1] >= math.pi / 2 and most[2] > math.pi)
-            boxes = [chunk_box(task, n, number) for number in range(chunk_count(n))]
-            volume = sum(np.prod(upper - lower) for lower, upper in boxes)
-            assert volume == pytest.approx(np.prod(most - least))
-            assert len({(*lower, *upper) for lower, upper in boxes}) == len(boxes)
+@pytest.mark.parametrize("root", ["free", "paper"])
+@pytest.mark.parametrize("n", [1, 2, 3, 6])
+def test_chunks_of_prover_and_checker_cover_all_angles_and_share_no_more_than_faces(n, root):
+    """The checker's reach as far as an audit lets angles pass."""
+    task = push(n, search={"root": root})
+    most = all_angles(task, n)[1]
+    assert np.all(most[3:] > math.pi / 2 + 1e-6)
+    assert root == "paper" or (most[0] > math.pi and most[1] >= math.pi / 2 and most[2] > math.pi)
+    for chunk, whole in ((branch.chunk_box, whole_box), (chunk_box, all_angles)):
+        least, most = whole(task, n)
+        boxes = [chunk(task, n, number) for number in range(chunk_count(n))]
+        assert sum(np.prod(upper - lower) for lower, upper in boxes) == pytest.approx(np.prod(most - least))
+        assert len({(*lower, *upper) for lower, upper in boxes}) == len(boxes)
 
 
-def test_the_same_platform_hangs_from_any_module():
+@pytest.mark.parametrize("hang", [hang, arrays.hang], ids=["checker", "prover"])
+def test_the_same_platform_hangs_from_any_module(hang):
     rng = np.random.default_rng(47)
     for n in (2, 3, 5, 8):
         tree = random_tree(n, rng, aligned=False)
