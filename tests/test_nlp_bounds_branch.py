@@ -94,7 +94,7 @@ def half_spaces(task):
 def multipliers_for(stated, rng):
     y = rng.normal(size=(len(stated.loads.f), 6)) * 10 ** rng.uniform(-1, 1)
     sigma = np.maximum(0.0, rng.normal(size=len(stated.walls.normal)))
-    worst_vertex.meet(stated, stated.loads.project, y, sigma)
+    worst_vertex.meet(stated, y, sigma)
     return y, sigma
 
 
@@ -222,7 +222,7 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
 def test_reserves_beside_a_wall_close_a_chunk_in_few_boxes(number, share):
     """Multipliers of the middles, where those reserves are far out of reach, took 60,471 boxes.
 
-    Chunk 26 ends at a smallest box if multipliers are searched from the parent's.
+    In chunk 26 Newton steps whose length has no limit end at a smallest box.
     """
     design = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
     cut = share * design.objective

@@ -21,7 +21,6 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 DUAL, CROWDED, SPLIT = 0, 1, 2
-UNSETTLED = 255
 CLOSED, MANY, OPEN = 0, 1, 2
 """Outcomes of a search: all boxes excluded, too many boxes examined, or one found that cannot be excluded."""
 WIDEST = 0.9
@@ -121,20 +120,11 @@ def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_
     lo, hi, used, whole_rho = waiting.lower, waiting.upper, waiting.used, (upper[0] - lower[0]) / 2
     waiting.y[0] = work.first
     record, boxes, left = np.empty(1024, np.uint8), 0, 1
-    unsettled = False
-    while left > 0 or unsettled:
-        if unsettled:
-            worst_vertex.search_from_start(
-                problem, work.roots, work.vertices, work.rho, cut, work.first, work.search, work.lifted
-            )
-        elif boxes == most_boxes:
-            return Found(MANY, record[:boxes], lo[left - 1].copy(), hi[left - 1].copy(), used)
-        else:
-            left -= 1
-        what = _settle(problem, waiting, work, left, cut, whole_rho, unsettled)
-        unsettled = what == UNSETTLED
-        if unsettled:
-            continue
+    while left > 0:
+        left -= 1
+        if boxes == most_boxes:
+            return Found(MANY, record[:boxes], lo[left].copy(), hi[left].copy(), used)
+        what = _settle(problem, waiting, work, left, cut, whole_rho)
         if boxes == len(record):
             longer = np.empty(2 * boxes, np.uint8)
             longer[:boxes] = record
@@ -206,19 +196,19 @@ def _settle(
     left: int,
     cut: float,
     whole_rho: float,
-    lifted: bool,
 ) -> int:
-    """Return what the record has for a box, or UNSETTLED, or -1 if it ends the search; its halves take its place.
-
-    An unsettled box needs multipliers of its worst vertex: once these are `lifted`, this is called again.
-    """
+    """Return what the record has for a box, or -1 if it ends the search; its halves take its place."""
     lo, hi, at, rho, sums = waiting.lower[left], waiting.upper[left], work.at, work.rho, work.sums
+    lifted = len(work.sigma) > 0 or work.weightless
     for a in range(len(at)):
         at[a], rho[a] = (lo[a] + hi[a]) / 2, (hi[a] - lo[a]) / 2
     frames.at_middle(problem.tree, problem.l_c, at, work.middle, work.axes)
     frames.at_vertices(problem.tree, problem.l_c, lo, hi, work.vertices)
     axis = _widest_angle(rho)
-    if waiting.moved[left] and not lifted:
+    copy(waiting.y[left], work.y)
+    for r in range(len(work.sigma)):
+        work.sigma[r] = waiting.sigma[left, r]
+    if waiting.moved[left]:
         where = crowding(problem, work.middle, work.axes, work.vertices, rho, work.gain)
         if where == ALL_OVER:
             return CROWDED
@@ -227,27 +217,22 @@ def _settle(
     bound_due = axis < 0
     if bound_due:
         _roots(lo, hi, at, work.roots)
-        y, sigma = (work.lifted.y, work.lifted.sigma) if lifted else (waiting.y[left], waiting.sigma[left])
-        copy(y, work.y)
-        for r in range(len(sigma)):
-            work.sigma[r] = sigma[r]
-        excluded = (lifted or waiting.bounded[left]) and _reaches(problem, work, cut)
-        if not (excluded or lifted):
+        excluded = waiting.bounded[left] and _reaches(problem, work, cut)
+        if not excluded:
             multipliers.wrenches(problem, work.roots[0], work.middle, work.search)
-            if len(sigma) > 0 or work.weightless:
-                return UNSETTLED
-            excluded = _search(problem, work, cut)
+            excluded = _lift(problem, work, cut) if lifted else _search(problem, work, cut)
         if excluded:
             for k in range(len(work.y)):
                 waiting.used[k] |= box.counts(problem, work.y, k)
             return DUAL
-        width = 0.0
-        for a in range(len(rho)):
-            width = max(width, 2 * rho[a])
-        if width < LEAST_WIDTH:
+        if _width(rho) < LEAST_WIDTH:
             return -1
         box.gains(problem, work.y, work.roots[0], work.middle, work.axes, rho, sums)
-        axis = _worst(rho, sums.slope, sums.spread)
+        for a in range(len(rho)):
+            work.gain[a] = SLOPE * abs(sums.slope[a]) * rho[a] + sums.spread[a]
+            if lifted:
+                work.gain[a] = sums.spread[a] * worst_vertex.evenness(work.lifted, a)
+        axis = _worst(rho, work.gain)
     _halve(problem, waiting, work, left, axis, bound_due)
     return SPLIT + axis
 
@@ -288,9 +273,9 @@ def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
 def _search(problem: BranchProblem, work: Workspace, cut: float) -> bool:
     """Return whether multipliers exclude a box; y, its parent's, becomes those tried last."""
     rho, y, found = work.rho, work.y, work.search
-    square, width = 0.0, 0.0
+    square = 0.0
     for a in range(len(rho)):
-        square, width = square + rho[a] ** 2, max(width, 2 * rho[a])
+        square += rho[a] ** 2
     ridge = RIDGE * len(work.middle.p) / 24 * max(square, LEAST_SQUARE)
     _set_ridge(found, ridge)
     if multipliers.value(problem, found, work.first) > multipliers.value(problem, found, y):
@@ -300,12 +285,51 @@ def _search(problem: BranchProblem, work: Workspace, cut: float) -> bool:
     slopes.flatten(problem, found, work.slopes, rho, y, FLATTENED, ENOUGH * cut)
     if _reaches(problem, work, cut):
         return True
-    if width >= NARROW:
+    if _width(rho) >= NARROW:
         return False
     _set_ridge(found, ridge)
     copy(work.first, y)
     multipliers.improve(problem, found, y, MANY_STEPS, ENOUGH * cut)
     return _reaches(problem, work, cut)
+
+
+@njit(cache=True, allocates=False)
+def _lift(problem: BranchProblem, work: Workspace, cut: float) -> bool:
+    """Return whether multipliers of its worst vertex exclude a box; y, its parent's, become those tried last."""
+    if _climb(problem, work, cut, worst_vertex.SEARCH.steps):
+        return True
+    if _width(work.rho) >= NARROW:
+        return False
+    copy(work.first, work.y)
+    for r in range(len(work.sigma)):
+        work.sigma[r] = 0.0
+    return _climb(problem, work, cut, MANY_STEPS)
+
+
+@njit(cache=True, allocates=False)
+def _climb(problem: BranchProblem, work: Workspace, cut: float, steps: int) -> bool:
+    """Return whether multipliers of its worst vertex, searched from y by so many steps a stage, exclude a box."""
+    found = work.lifted
+    worst_vertex.begin(problem, work.roots, work.vertices, work.rho, cut, work.y, work.sigma, found)
+    for stage in range(worst_vertex.SEARCH.stages):
+        least, most = worst_vertex.climb(problem, work.search, found, cut, stage, steps)
+        copy(found.y, work.y)
+        for r in range(len(work.sigma)):
+            work.sigma[r] = found.sigma[r]
+        worst_vertex.finish(problem, work.search, work.y, work.sigma)
+        if most < cut:
+            break
+        if least > cut and _reaches(problem, work, cut):
+            return True
+    return _reaches(problem, work, cut)
+
+
+@njit(cache=True, allocates=False)
+def _width(rho: Array) -> float:
+    width = 0.0
+    for a in range(len(rho)):
+        width = max(width, 2 * rho[a])
+    return width
 
 
 @njit(cache=True, allocates=False)
@@ -359,15 +383,14 @@ def _hinge_between(rho: Array, gain: Array) -> int:
 
 
 @njit(cache=True, allocates=False)
-def _worst(rho: Array, slope: Array, spread: Array) -> int:
-    """Return the angle whose halves may gain the most."""
+def _worst(rho: Array, gain: Array) -> int:
+    """Return the angle whose halves may gain the most, of those that are not far narrower than others."""
     least, axis, most = 0.0, 0, -math.inf
     for a in range(len(rho)):
         least = max(least, rho[a] / ASPECT)
     for a in range(len(rho)):
-        gain = SLOPE * abs(slope[a]) * rho[a] + spread[a]
-        if rho[a] > least and gain > most:
-            axis, most = a, gain
+        if rho[a] > least and gain[a] > most:
+            axis, most = a, gain[a]
     return axis
 
 

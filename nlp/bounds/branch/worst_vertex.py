@@ -9,8 +9,11 @@ falls the more steeply towards the vertices. So what is maximised is D at all ve
         - \frac{1}{2} \sum_{k,l} r_l y_{kl}^2
 
 under the condition that p'_E drops out, by damped Newton steps while T, m and the width s of a kink fall: psi of a
-corner, U max(t, 0), counts as U (t + sqrt(t^2 + s^2) - s) / 2, which is less, so that what stays under the cut is
-beyond help. Nothing that is proven rests on it: any multipliers will do.
+corner, U max(t, 0), counts as U (t + sqrt(t^2 + s^2) - s) / 2. That is less, and at the maximum sum_v w_v G_v is
+next to nothing, so no multipliers lift the worst vertex far above sum_v w_v D_v + W m: under the cut, the box is
+beyond help.
+Corners whose thrusts are of the size of s cost nothing and are left out of later stages. Nothing that is proven
+rests on any of this: any multipliers will do.
 
 D_v is a sum over the modules, each in one of its frames at one of the 8 vertices of the root.
 
@@ -26,11 +29,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nlp.bounds.branch.arrays import BranchProblem, Indices
 from nlp.bounds.branch.frames import Frames, moment
-from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, imbalance
-from nlp.numbers.cholesky import factor, solve_factored, solve_in_place
+from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, copy, imbalance
+from nlp.numbers.cholesky import factor, solve_factored
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -38,15 +42,17 @@ from topo_search.model.compiled_code import njit
 class VertexSearch(NamedTuple):
     """Settings of the search."""
 
-    stages: int = 5
-    """Number of times that T, m and s fall."""
+    stages: int = 6
+    """Number of values of T, m and s, each less than the one before."""
     steps: int = 3
     """Largest number of Newton steps per stage."""
     halvings: int = 6
     """Number of shares of a step that are tried: 1, shorter, shorter^2, ..."""
     shorter: float = 0.3
     gain: float = 1e-3
-    """Share of the cut that another step should gain."""
+    """Share of the cut that another step should gain in the first stage; it falls with T."""
+    longest: float = 2.0
+    """Longest step of y, in its own length: where a reserve cannot be produced it grows without end."""
     boundary: float = 0.95
     """Share of the way to sigma = 0 that a step goes."""
     soft: float = 0.05
@@ -59,10 +65,8 @@ class VertexSearch(NamedTuple):
     """s and m in the next stage, in those of this one."""
     pressed: float = 2e-3
     """m and sigma in the first stage, in the cut."""
-    hopeless: float = 0.98
-    """Share of the cut below which the worst vertex ends the search."""
     enough: float = 1.1
-    """Share of the cut above which it does."""
+    """Share of the cut above which the worst vertex ends a stage."""
     light: float = 1e-3
     """Least w_v that counts in a step."""
     most: int = 32
@@ -77,6 +81,8 @@ class VertexSearch(NamedTuple):
     """Ridge of multipliers of torque, in that of force: levers are longer than l_arm."""
     least_square: float = 1e-6
     """Least sum_a rho_a^2 in a ridge [rad^2]."""
+    small: float = 1.0
+    """Largest |a_j . y_k|, in s, of a corner that costs nothing and is left out of later stages."""
     idle: float = 1e-3
     """Largest |a_j . y_k| of a corner that costs nothing, over 2 U."""
     cannot: float = 1e-9
@@ -94,17 +100,44 @@ class Vertices(NamedTuple):
     frame: Indices
     """Every module's frame at every vertex of the hinges, shape (C, n)."""
     a: Array
-    """Wrenches of a module's rotors in the root's frame, shape (frames, 4, 6)."""
+    """Wrenches of a module's rotors in W, shape (8, frames, 4, 6)."""
     moment: Array
-    """Moment of its body, shape (frames, 3)."""
-    seen: Array
-    """y in the root's frame at the root's vertices, shape (8, K, 6)."""
+    """Moment of its body, shape (8, frames, 3)."""
+    wall: Array
+    """n_r . e_r of its own rows, 0 of others, shape (8, frames, W)."""
+    t: Array
+    """a_j . y_k, shape (8, frames, K, 4)."""
     added: Array
     """What a module adds to D, shape (8, frames)."""
+    kinked: Array
+    """What the kinks' width adds to that, shape (8, frames)."""
     D: Array
     """D of all vertices, shape (8 C,)."""
+    share: Array
+    """e^(-D_v / T), but for a factor; 0 once `order` has the vertex: (8 C,)."""
+    order: Indices
+    """Vertices that count in a step, shape (most,)."""
+    of_frame: Array
+    """Sum of w_v of a frame, shape (8, frames)."""
+    part: Array
+    """What a module adds to a gradient, shape (8, frames, K, 6)."""
+    H: Array
+    rows: Array
+    """The condition's three, then the vertices', shape (3 + most, K, 6)."""
+    wall_rows: Array
+    solved: Array
+    """H_k^-1 of the rows."""
+    S: Array
+    """Compliance of all rows."""
+    q: Array
+    """Multipliers of the rows, before that w_v."""
+    mean: Array
+    """Gradient of F, shape (K, 6)."""
+    wall_mean: Array
     ridge: Array
     """r, shape (K, 6)."""
+    on: NDArray[np.bool_]
+    """Whether a load case or corner counts, shape (K,)."""
     y: Array
     """Multipliers that meet the condition, shape (K, 6)."""
     sigma: Array
@@ -112,6 +145,9 @@ class Vertices(NamedTuple):
     """Step of y, shape (K, 6)."""
     wall_step: Array
     """Step of sigma, shape (W,)."""
+    ahead: Array
+    """y after a share of the step."""
+    wall_ahead: Array
 
 
 @njit(cache=True)
@@ -125,15 +161,33 @@ def blank(problem: BranchProblem) -> Vertices:
         module[tree.first[i] : tree.first[i + 1]] = i
         for c in range(len(frame)):
             frame[c, i] = tree.first[i] + 2 * (frame[c, h] - tree.first[h]) + (c >> (i - 1) & 1)
+    most = SEARCH.most
     return Vertices(
         module,
         frame,
-        np.zeros((count, 4, 6)),
-        np.zeros((count, 3)),
-        np.zeros((8, K, 6)),
+        np.zeros((8, count, 4, 6)),
+        np.zeros((8, count, 3)),
+        np.zeros((8, count, W)),
+        np.zeros((8, count, K, 4)),
+        np.zeros((8, count)),
         np.zeros((8, count)),
         np.zeros(8 * len(frame)),
+        np.zeros(8 * len(frame)),
+        np.zeros(most, np.int64),
+        np.zeros((8, count)),
+        np.zeros((8, count, K, 6)),
+        np.zeros((K, 6, 6)),
+        np.zeros((3 + most, K, 6)),
+        np.zeros((3 + most, W)),
+        np.zeros((3 + most, K, 6)),
+        np.zeros((3 + most, 3 + most)),
+        np.zeros(3 + most),
         np.zeros((K, 6)),
+        np.zeros(W),
+        np.zeros((K, 6)),
+        np.zeros(K, np.bool_),
+        np.zeros((K, 6)),
+        np.zeros(W),
         np.zeros((K, 6)),
         np.zeros(W),
         np.zeros((K, 6)),
@@ -141,18 +195,18 @@ def blank(problem: BranchProblem) -> Vertices:
     )
 
 
-@njit(cache=True)
-def search_from_start(
+@njit(cache=True, allocates=False)
+def begin(
     problem: BranchProblem,
     roots: Array,
     vertices: Frames,
     rho: Array,
     cut: float,
     first: Array,
-    work: Workspace,
+    pressed: Array,
     into: Vertices,
 ) -> None:
-    """Fill `into.y` and `into.sigma` with good multipliers that meet the condition.
+    """Fill `into` for a box, with multipliers that the search starts at.
 
     Args:
         problem: the task and the tree.
@@ -160,318 +214,450 @@ def search_from_start(
         vertices: frames at the vertices of the hinges.
         rho: half widths [rad].
         cut: in effort units.
-        first: multipliers that the search starts at, shape (K, 6).
-        work: with the wrenches of the box's middle.
+        first: multipliers of load cases, shape (K, 6).
+        pressed: those of walls, shape (W,).
         into: arrays.
     """
-    n = len(problem.tree.parent)
-    _fill_frames(problem, vertices, rho, into)
     y, sigma = into.y, into.sigma
-    y[:], sigma[:] = first, SEARCH.pressed * cut
-    # The condition holds from the start: steps that a barrier shortens keep it.
-    _correct(problem, problem.loads.project, y, sigma, True)
-    T, m, s = SEARCH.soft * cut, SEARCH.pressed * cut, SEARCH.kink * cut / (4 * n * problem.u_max)
-    for _ in range(SEARCH.stages):
-        best, least = _value(problem, roots, vertices, into, y, sigma, T, m, s)
-        for _ in range(SEARCH.steps):
-            _newton(problem, roots, vertices, work, into, T, m, s)
-            share, better = 1.0, False
-            for r in range(len(sigma)):
-                if into.wall_step[r] < 0.0:
-                    share = min(share, -SEARCH.boundary * sigma[r] / into.wall_step[r])
-            for _ in range(SEARCH.halvings):
-                ahead, pressed = y + share * into.step, sigma + share * into.wall_step
-                reached, worst = _value(problem, roots, vertices, into, ahead, pressed, T, m, s)
-                better = reached > best
-                if better:
-                    break
-                share *= SEARCH.shorter
-            if not better:
-                break
-            y[:], sigma[:] = ahead, pressed
-            gain, best, least = reached - best, reached, worst
-            if least > SEARCH.enough * cut:  # psi counts as less than it is
-                if _value(problem, roots, vertices, into, y, sigma, T, m, 0.0)[1] > SEARCH.enough * cut:
-                    _finish(problem, work, into)
-                    return
-                _value(problem, roots, vertices, into, y, sigma, T, m, s)
-            if gain < SEARCH.gain * cut:
-                break
-        if least < SEARCH.hopeless * cut:
-            break
-        T, m, s = SEARCH.softer * T, SEARCH.kinked * m, SEARCH.kinked * s
-    _finish(problem, work, into)
-
-
-@njit(cache=True)
-def _fill_frames(problem: BranchProblem, vertices: Frames, rho: Array, into: Vertices) -> None:
-    """Fill the wrenches and moments of all frames, and the ridges."""
-    for v in range(len(into.module)):
-        (px, py, pz), (zx, zy, zz) = vertices.p[v], vertices.z[v]
-        about = (py * zz - pz * zy, pz * zx - px * zz, px * zy - py * zx)
-        for q in range(4):
-            x, y, z = problem.torques[q]
-            for l in range(3):
-                into.a[v, q, l] = vertices.z[v, l] / 4
-                torque = x * vertices.x[v, l] + y * vertices.y[v, l] + z * vertices.z[v, l]
-                into.a[v, q, 3 + l] = (about[l] + torque) / 4
-        into.moment[v] = moment(vertices, v, problem.bodies[into.module[v]])
-    square = max((rho**2).sum(), SEARCH.least_square)
+    _fill_frames(problem, roots, vertices, into)
+    square = 0.0
+    for a in range(len(rho)):
+        square += rho[a] ** 2
+    square = max(square, SEARCH.least_square)
     ridge = SEARCH.ridge * len(problem.tree.parent) / 24 * square
-    for k in range(len(into.ridge)):
-        into.ridge[k, :3] = ridge
-        if problem.loads.weight[k] == 0.0:
-            into.ridge[k, :3] = ridge * max(SEARCH.kinked_ridge / math.sqrt(square), SEARCH.largest_ridge)
-        into.ridge[k, 3:] = SEARCH.levered * into.ridge[k, 0]
-
-
-@njit(cache=True)
-def _value(
-    problem: BranchProblem,
-    roots: Array,
-    vertices: Frames,
-    into: Vertices,
-    y: Array,
-    sigma: Array,
-    T: float,
-    m: float,
-    s: float,
-) -> tuple[float, float]:
-    """Return F and the least D, and fill D and what it is computed from."""
-    loads, walls, U, n = problem.loads, problem.walls, problem.u_max, len(problem.tree.parent)
-    constant, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
     for k in range(len(y)):
+        into.on[k] = True
+        at = ridge
+        if problem.loads.weight[k] == 0.0:
+            at *= max(SEARCH.kinked_ridge / math.sqrt(square), SEARCH.largest_ridge)
         for l in range(3):
-            constant += loads.f[k, l] * y[k, l] + loads.t[k, l] * y[k, 3 + l]
+            into.ridge[k, l], into.ridge[k, 3 + l] = at, SEARCH.levered * at
+    copy(first, y)
+    for r in range(len(sigma)):
+        sigma[r] = max(pressed[r], SEARCH.pressed * cut)
+    # The condition holds from the start: steps that a barrier shortens keep it.
+    _correct(problem, y, sigma, True)
+
+
+@njit(cache=True, allocates=False)
+def climb(
+    problem: BranchProblem, work: Workspace, into: Vertices, cut: float, stage: int, steps: int
+) -> tuple[float, float]:
+    """Improve `into.y` and `into.sigma`; return the least D, and the most that it can become, if known.
+
+    Args:
+        problem: the task and the tree.
+        work: with the wrenches of the box's middle.
+        into: arrays for the box.
+        cut: in effort units.
+        stage: one after the other, from 0.
+        steps: largest number of Newton steps.
+    """
+    y, sigma, scale = into.y, into.sigma, SEARCH.kinked**stage
+    T, m = SEARCH.soft * SEARCH.softer**stage * cut, SEARCH.pressed * scale * cut
+    s = SEARCH.kink * scale * cut / (4 * len(problem.tree.parent) * problem.u_max)
+    best, least, middle = _value(problem, into, y, sigma, T, m, s)
+    most, settled = math.inf, False
+    for _ in range(steps):
+        _newton(problem, work, into, T, m, s)
+        share, better = _longest_share(into), False
+        for r in range(len(sigma)):
+            if into.wall_step[r] < 0.0:
+                share = min(share, -SEARCH.boundary * sigma[r] / into.wall_step[r])
+        reached, worst, ahead = best, least, middle
+        for _ in range(SEARCH.halvings):
+            for k in range(len(y)):
+                for l in range(6):
+                    into.ahead[k, l] = y[k, l] + share * into.step[k, l]
+            for r in range(len(sigma)):
+                into.wall_ahead[r] = sigma[r] + share * into.wall_step[r]
+            reached, worst, ahead = _value(problem, into, into.ahead, into.wall_ahead, T, m, s)
+            better = reached > best
+            if better:
+                break
+            share *= SEARCH.shorter
+        if not better:
+            most, settled = middle + len(sigma) * m, True
+            break
+        copy(into.ahead, y)
+        for r in range(len(sigma)):
+            sigma[r] = into.wall_ahead[r]
+        gain, best, least, middle = reached - best, reached, worst, ahead
+        if gain < SEARCH.gain * SEARCH.softer**stage * cut:
+            most, settled = middle + gain + len(sigma) * m, True
+            break
+        if least > SEARCH.enough * cut:
+            break
+    if settled:
+        _shrink(problem, work, into, SEARCH.small * s)
+    return least, most
+
+
+@njit(cache=True, allocates=False)
+def _longest_share(into: Vertices) -> float:
+    size, length = 0.0, 0.0
+    for k in range(len(into.y)):
         for l in range(6):
-            constant -= into.ridge[k, l] / 2 * y[k, l] ** 2
-        (hx, hy, hz), mx, my, mz = loads.h[k], y[k, 3], y[k, 4], y[k, 5]
-        sx, sy, sz = sx + hy * mz - hz * my, sy + hz * mx - hx * mz, sz + hx * my - hy * mx
-    barrier = 0.0
+            size, length = size + into.y[k, l] ** 2, length + into.step[k, l] ** 2
+    return min(1.0, SEARCH.longest * math.sqrt(size / length)) if length > 0.0 else 1.0
+
+
+@njit(cache=True, allocates=False)
+def _shrink(problem: BranchProblem, work: Workspace, into: Vertices, small: float) -> None:
+    """Leave corners out that cost next to nothing."""
+    left_out = False
+    for k in range(len(into.y)):
+        if into.on[k] and problem.loads.weight[k] == 0.0 and _greatest(work, into.y[k]) < small:
+            into.on[k], left_out = False, True
+            for l in range(6):
+                into.y[k, l], into.step[k, l] = 0.0, 0.0
+    if left_out:
+        _correct(problem, into.y, into.sigma, False)
+
+
+@njit(cache=True, allocates=False)
+def _greatest(work: Workspace, y: Array) -> float:
+    """Return the greatest |a_j . y| at the middle."""
+    greatest = 0.0
+    for j in range(len(work.a)):
+        t = 0.0
+        for l in range(6):
+            t += work.a[j, l] * y[l]
+        greatest = max(greatest, abs(t))
+    return greatest
+
+
+@njit(cache=True, allocates=False)
+def _rotate(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+    return (
+        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
+        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
+        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
+    )
+
+
+@njit(cache=True, allocates=False)
+def _fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, into: Vertices) -> None:
+    """Fill the wrenches, moments and ends of all frames."""
+    walls = problem.walls
+    for root in range(8):
+        R = roots[1 + root]
+        for v in range(len(into.module)):
+            i, a = into.module[v], into.a[root, v]
+            px, py, pz = _rotate(R, vertices.p[v, 0], vertices.p[v, 1], vertices.p[v, 2])
+            zx, zy, zz = _rotate(R, vertices.z[v, 0], vertices.z[v, 1], vertices.z[v, 2])
+            xx, xy, xz = _rotate(R, vertices.x[v, 0], vertices.x[v, 1], vertices.x[v, 2])
+            yx, yy, yz = _rotate(R, vertices.y[v, 0], vertices.y[v, 1], vertices.y[v, 2])
+            for q in range(4):
+                x, y, z = problem.torques[q]
+                a[q, 0], a[q, 1], a[q, 2] = zx / 4, zy / 4, zz / 4
+                a[q, 3] = (py * zz - pz * zy + x * xx + y * yx + z * zx) / 4
+                a[q, 4] = (pz * zx - px * zz + x * xy + y * yy + z * zy) / 4
+                a[q, 5] = (px * zy - py * zx + x * xz + y * yz + z * zz) / 4
+            mx, my, mz = moment(vertices, v, problem.bodies[i])
+            cx, cy, cz = _rotate(R, mx, my, mz)
+            into.moment[root, v, 0], into.moment[root, v, 1], into.moment[root, v, 2] = cx, cy, cz
+            for r in range(len(walls.beyond)):
+                if walls.module[r] == i:
+                    down = walls.end[r] * walls.length
+                    into.wall[root, v, r] = (
+                        walls.normal[r, 0] * (px - down * zx)
+                        + walls.normal[r, 1] * (py - down * zy)
+                        + walls.normal[r, 2] * (pz - down * zz)
+                    )
+
+
+@njit(cache=True, allocates=False)
+def _value(
+    problem: BranchProblem, into: Vertices, y: Array, sigma: Array, T: float, m: float, s: float
+) -> tuple[float, float, float]:
+    """Return F, the least D and the mean of all by their shares, and fill D and what it is computed from."""
+    loads, walls, U, n = problem.loads, problem.walls, problem.u_max, len(problem.tree.parent)
+    constant, sx, sy, sz, barrier = 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(len(y)):
+        if into.on[k]:
+            for l in range(3):
+                constant += loads.f[k, l] * y[k, l] + loads.t[k, l] * y[k, 3 + l]
+            for l in range(6):
+                constant -= into.ridge[k, l] / 2 * y[k, l] ** 2
+            hx, hy, hz = loads.h[k]
+            mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
+            sx, sy, sz = sx + hy * mz - hz * my, sy + hz * mx - hx * mz, sz + hx * my - hy * mx
     for r in range(len(sigma)):
         constant += sigma[r] * walls.beyond[r]
         barrier += m * math.log(sigma[r])
-    pressed, summed = np.zeros((n, 2, 3)), np.array([sx, sy, sz])
     for root in range(8):
-        R, seen = roots[1 + root], into.seen[root]
-        for k in range(len(y)):
-            for l in range(3):
-                seen[k, l] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
-                seen[k, 3 + l] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
-        pressed[:] = 0.0
-        for r in range(len(sigma)):
-            x, y_, z = sigma[r] * walls.normal[r]
-            for l in range(3):
-                pressed[walls.module[r], walls.end[r], l] += R[0, l] * x + R[1, l] * y_ + R[2, l] * z
-        lever = summed @ R
         for v in range(len(into.module)):
-            i, total = into.module[v], 0.0
-            for l in range(3):
-                total += into.moment[v, l] * lever[l] + vertices.p[v, l] * pressed[i, 0, l]
-                total += (vertices.p[v, l] - walls.length * vertices.z[v, l]) * pressed[i, 1, l]
+            a, at = into.a[root, v], into.moment[root, v]
+            a0, a1, a2 = a[0, 0], a[0, 1], a[0, 2]
+            total, more = at[0] * sx + at[1] * sy + at[2] * sz, 0.0
+            for r in range(len(sigma)):
+                total += into.wall[root, v, r] * sigma[r]
             for k in range(len(y)):
-                weight = loads.weight[k]
-                y0, y1, y2, y3, y4, y5 = seen[k]
+                if not into.on[k]:
+                    continue
+                weight, force = loads.weight[k], a0 * y[k, 0] + a1 * y[k, 1] + a2 * y[k, 2]
                 for q in range(4):
-                    a = into.a[v, q]
-                    t = a[0] * y0 + a[1] * y1 + a[2] * y2 + a[3] * y3 + a[4] * y4 + a[5] * y5
+                    t = force + a[q, 3] * y[k, 3] + a[q, 4] * y[k, 4] + a[q, 5] * y[k, 5]
+                    into.t[root, v, k, q] = t
                     if weight == 0.0:
-                        total -= U / 2 * (t + math.sqrt(t * t + s * s) - s)
+                        smoothed = U / 2 * (t + math.sqrt(t * t + s * s) - s)
+                        total -= smoothed
+                        more += max(0.0, U * t) - smoothed
                     elif t > 0.0:
-                        weight = max(weight, LEAST_WEIGHT)
-                        u = min(U, t / (2 * weight))
-                        total -= u * (t - weight * u)
-            into.added[root, v] = total
-    C, worst, total = len(into.frame), math.inf, 0.0
+                        counted = max(weight, LEAST_WEIGHT)
+                        u = min(U, t / (2 * counted))
+                        total -= u * (t - counted * u)
+            into.added[root, v], into.kinked[root, v] = total, more
+    C, least, worst, total, mean = len(into.frame), math.inf, math.inf, 0.0, 0.0
     for vertex in range(8 * C):
-        D = constant
+        D, more = constant, 0.0
         for i in range(n):
             D += into.added[vertex // C, into.frame[vertex % C, i]]
+            more += into.kinked[vertex // C, into.frame[vertex % C, i]]
         into.D[vertex] = D
-        worst = min(worst, D)
-    for D in into.D:
-        total += math.exp((worst - D) / T)
-    return worst - T * math.log(total) + barrier, worst
+        least = min(least, D)
+        worst = min(worst, D - more)
+    for vertex in range(8 * C):
+        share = math.exp((least - into.D[vertex]) / T)
+        into.share[vertex] = share
+        total += share
+        mean += share * into.D[vertex]
+    return least - T * math.log(total) + barrier, worst, mean / total
 
 
-@njit(cache=True)
-def _newton(
-    problem: BranchProblem,
-    roots: Array,
-    vertices: Frames,
-    work: Workspace,
-    into: Vertices,
-    T: float,
-    m: float,
-    s: float,
-) -> None:
+@njit(cache=True, allocates=False)
+def _choose(into: Vertices) -> int:
+    """Fill the vertices that count in a step and, in `q`, their shares; return how many there are."""
+    total, chosen, count = 0.0, 0.0, 0
+    for vertex in range(len(into.share)):
+        total += into.share[vertex]
+    while count < SEARCH.most:
+        greatest = 0
+        for vertex in range(len(into.share)):
+            if into.share[vertex] > into.share[greatest]:
+                greatest = vertex
+        if into.share[greatest] <= SEARCH.light * total:
+            break
+        into.order[count], into.q[count] = greatest, into.share[greatest]
+        chosen, count = chosen + into.share[greatest], count + 1
+        into.share[greatest] = 0.0
+    for place in range(count):
+        into.q[place] /= chosen
+    return count
+
+
+@njit(cache=True, allocates=False)
+def _newton(problem: BranchProblem, work: Workspace, into: Vertices, T: float, m: float, s: float) -> None:
     """Fill the step from y and sigma, of which `_value` has filled D, to the maximum of a quadratic model of F."""
     walls, y, sigma, K, C = problem.walls, into.y, into.sigma, len(into.y), len(into.frame)
-    share = np.exp((into.D.min() - into.D) / T)
-    order = np.argsort(-share)[: SEARCH.most]
-    order = order[share[order] > SEARCH.light * share.sum()]
-    share = share[order] / share[order].sum()
-    V = len(order)
-    slot, of_frame, count = np.full((8, len(into.module)), -1), np.zeros((8, len(into.module))), 0
+    n, W, V = len(problem.tree.parent), len(sigma), _choose(into)
+    rows, wall_rows, mean, wall_mean = into.rows, into.wall_rows, into.mean, into.wall_mean
+    into.of_frame[:] = 0.0
     for vertex in range(V):
-        for v in into.frame[order[vertex] % C]:
-            root = order[vertex] // C
-            of_frame[root, v] += share[vertex]
-            if slot[root, v] < 0:
-                slot[root, v] = count
-                count += 1
-    part, wall_part, H = np.zeros((count, K, 6)), np.zeros((count, len(sigma))), np.zeros((K, 6, 6))
+        root, c = into.order[vertex] // C, into.order[vertex] % C
+        for i in range(n):
+            into.of_frame[root, into.frame[c, i]] += into.q[vertex]
+    into.H[:] = 0.0
     for root in range(8):
         for v in range(len(into.module)):
-            if slot[root, v] >= 0:
-                _add_frame(problem, roots[1 + root], root, v, into, of_frame[root, v], s, part[slot[root, v]], H)
-                for r in range(len(sigma)):
-                    if walls.module[r] == into.module[v]:
-                        e = vertices.p[v] - walls.end[r] * walls.length * vertices.z[v]
-                        wall_part[slot[root, v], r] = ((walls.normal[r] @ roots[1 + root]) * e).sum()
-    rows, wall_rows = np.zeros((3 + V, K, 6)), np.zeros((3 + V, len(sigma)))
-    mean, wall_mean = np.zeros((K, 6)), np.zeros(len(sigma))
+            if into.of_frame[root, v] > 0.0:
+                _add_frame(problem, root, v, into, s)
+    mean[:] = 0.0
+    wall_mean[:] = 0.0
     for vertex in range(V):
-        for v in into.frame[order[vertex] % C]:
-            rows[3 + vertex] += part[slot[order[vertex] // C, v]]
-            wall_rows[3 + vertex] += wall_part[slot[order[vertex] // C, v]]
-        mean += share[vertex] * rows[3 + vertex]
-        wall_mean += share[vertex] * wall_rows[3 + vertex]
+        row, root, c, share = 3 + vertex, into.order[vertex] // C, into.order[vertex] % C, into.q[vertex]
+        for k in range(K):
+            if into.on[k]:
+                for l in range(6):
+                    total = 0.0
+                    for i in range(n):
+                        total += into.part[root, into.frame[c, i], k, l]
+                    rows[row, k, l] = total
+                    mean[k, l] += share * total
+        for r in range(W):
+            total = 0.0
+            for i in range(n):
+                total += into.wall[root, into.frame[c, i], r]
+            wall_rows[row, r] = total
+            wall_mean[r] += share * total
     for vertex in range(V):
-        scale = math.sqrt(share[vertex] / T)
-        rows[3 + vertex] = scale * (rows[3 + vertex] - mean)
-        wall_rows[3 + vertex] = scale * (wall_rows[3 + vertex] - wall_mean)
+        scale = math.sqrt(into.q[vertex] / T)
+        for k in range(K):
+            for l in range(6):
+                rows[3 + vertex, k, l] = scale * (rows[3 + vertex, k, l] - mean[k, l])
+        for r in range(W):
+            wall_rows[3 + vertex, r] = scale * (wall_rows[3 + vertex, r] - wall_mean[r])
     for k in range(K):
-        rows[:3, k] = work.rows[k, :3]
-        mean[k, :3] += problem.loads.f[k]
-        mean[k, 3:] += problem.loads.t[k]
-    for r in range(len(sigma)):
-        wall_rows[:3, r] = -walls.normal[r]
-    mean -= into.ridge * y
-    wall_mean += walls.beyond + m / sigma
-    _solve(y, sigma, H, rows, wall_rows, mean, wall_mean, m, into)
+        for row in range(3):
+            for l in range(6):
+                rows[row, k, l] = work.rows[k, row, l]
+        for l in range(3):
+            mean[k, l] += problem.loads.f[k, l] - into.ridge[k, l] * y[k, l]
+            mean[k, 3 + l] += problem.loads.t[k, l] - into.ridge[k, 3 + l] * y[k, 3 + l]
+    for r in range(W):
+        for row in range(3):
+            wall_rows[row, r] = -walls.normal[r, row]
+        wall_mean[r] += walls.beyond[r] + m / sigma[r]
+    _solve(3 + V, m, into)
 
 
-@njit(cache=True)
-def _add_frame(
-    problem: BranchProblem,
-    R: Array,
-    root: int,
-    v: int,
-    into: Vertices,
-    share: float,
-    s: float,
-    part: Array,
-    H: Array,
-) -> None:
+@njit(cache=True, allocates=False)
+def _add_frame(problem: BranchProblem, root: int, v: int, into: Vertices, s: float) -> None:
     """Fill what a module in one of its frames adds to a gradient, and add its share to minus the Hessian."""
-    U, gradient, a = problem.u_max, np.zeros(6), np.zeros(6)
-    cx, cy, cz = R @ into.moment[v]
-    for k in range(len(part)):
-        weight = problem.loads.weight[k]
-        y0, y1, y2, y3, y4, y5 = into.seen[root, k]
-        gradient[:] = 0.0
+    U, share, (cx, cy, cz) = problem.u_max, into.of_frame[root, v], into.moment[root, v]
+    for k in range(len(into.y)):
+        if not into.on[k]:
+            continue
+        weight, part, H = problem.loads.weight[k], into.part[root, v, k], into.H[k]
+        for l in range(6):
+            part[l] = 0.0
         for q in range(4):
-            b = into.a[v, q]
-            t = b[0] * y0 + b[1] * y1 + b[2] * y2 + b[3] * y3 + b[4] * y4 + b[5] * y5
+            a, t = into.a[root, v, q], into.t[root, v, k, q]
             if weight == 0.0:
                 length = math.sqrt(t * t + s * s)
                 u, stiff = U / 2 * (1 + t / length), U / 2 * s * s / length**3
             else:
-                weight = max(weight, LEAST_WEIGHT)
-                u = max(0.0, min(U, t / (2 * weight)))
-                stiff = 1 / (2 * weight) if 0.0 < u < U else 0.0
+                counted = max(weight, LEAST_WEIGHT)
+                u = max(0.0, min(U, t / (2 * counted)))
+                stiff = 1 / (2 * counted) if 0.0 < u < U else 0.0
             for l in range(6):
-                gradient[l] -= u * b[l]
+                part[l] -= u * a[l]
             if stiff > 0.0:
-                for l in range(3):
-                    a[l] = R[l, 0] * b[0] + R[l, 1] * b[1] + R[l, 2] * b[2]
-                    a[3 + l] = R[l, 0] * b[3] + R[l, 1] * b[4] + R[l, 2] * b[5]
                 for l in range(6):
                     for column in range(l + 1):
-                        H[k, l, column] += share * stiff * a[l] * a[column]
-        for l in range(3):
-            part[k, l] = R[l, 0] * gradient[0] + R[l, 1] * gradient[1] + R[l, 2] * gradient[2]
-            part[k, 3 + l] = R[l, 0] * gradient[3] + R[l, 1] * gradient[4] + R[l, 2] * gradient[5]
+                        H[l, column] += share * stiff * a[l] * a[column]
         hx, hy, hz = problem.loads.h[k]
-        part[k, 3] += cy * hz - cz * hy
-        part[k, 4] += cz * hx - cx * hz
-        part[k, 5] += cx * hy - cy * hx
+        part[3] += cy * hz - cz * hy
+        part[4] += cz * hx - cx * hz
+        part[5] += cx * hy - cy * hx
 
 
-@njit(cache=True)
-def _solve(
-    y: Array,
-    sigma: Array,
-    H: Array,
-    rows: Array,
-    wall_rows: Array,
-    gradient: Array,
-    wall_gradient: Array,
-    m: float,
-    into: Vertices,
-) -> None:
+@njit(cache=True, allocates=False)
+def _solve(tied: int, m: float, into: Vertices) -> None:
     """Fill the step: the first three rows, the condition, are met, the others take half their square."""
-    tied, K, step, wall_step = len(rows), len(y), into.step, into.wall_step
-    S, q, solved = np.zeros((tied, tied)), np.zeros(tied), rows.copy()
-    step[:] = gradient
-    for k in range(K):
+    y, sigma, step, wall_step = into.y, into.sigma, into.step, into.wall_step
+    H, rows, wall_rows, solved, S, q = into.H, into.rows, into.wall_rows, into.solved, into.S, into.q
+    for row in range(tied):
+        q[row] = 0.0
+        for column in range(row + 1):
+            S[row, column] = 0.0
+    for k in range(len(y)):
+        if not into.on[k]:
+            continue
         for l in range(6):
             H[k, l, l] += into.ridge[k, l]
+            step[k, l] = into.mean[k, l]
         factor(H[k], 6)
         solve_factored(H[k], step[k], 6)
         for row in range(tied):
+            for l in range(6):
+                solved[row, k, l] = rows[row, k, l]
+                q[row] += rows[row, k, l] * (step[k, l] + (y[k, l] if row < 3 else 0.0))
             solve_factored(H[k], solved[row, k], 6)
-    for r in range(len(sigma)):
-        wall_step[r] = wall_gradient[r] * sigma[r] ** 2 / m
-    for row in range(tied):
-        q[row] = (rows[row] * step).sum() + (wall_rows[row] * wall_step).sum()
-        if row < 3:
-            q[row] += (rows[row] * y).sum() + (wall_rows[row] * sigma).sum()
-        for column in range(row + 1):
-            total = 0.0
-            for k in range(K):
+            for column in range(row + 1):
+                total = 0.0
                 for l in range(6):
                     total += rows[row, k, l] * solved[column, k, l]
-            for r in range(len(sigma)):
-                total += wall_rows[row, r] * wall_rows[column, r] * sigma[r] ** 2 / m
-            S[row, column] = total
+                S[row, column] += total
+    for r in range(len(sigma)):
+        soft = sigma[r] ** 2 / m
+        wall_step[r] = into.wall_mean[r] * soft
+        for row in range(tied):
+            q[row] += wall_rows[row, r] * (wall_step[r] + (sigma[r] if row < 3 else 0.0))
+            for column in range(row + 1):
+                S[row, column] += wall_rows[row, r] * wall_rows[column, r] * soft
     size = S[0, 0] + S[1, 1] + S[2, 2]
     for row in range(tied):  # without g there is no condition
         S[row, row] += 1.0 if row > 2 or size == 0.0 else 1e-9 * size
-    solve_in_place(S, q)
-    for row in range(tied):
-        step -= q[row] * solved[row]
-        for r in range(len(sigma)):
+    factor(S, tied)
+    solve_factored(S, q, tied)
+    for k in range(len(y)):
+        if into.on[k]:
+            for l in range(6):
+                for row in range(tied):
+                    step[k, l] -= q[row] * solved[row, k, l]
+    for r in range(len(sigma)):
+        for row in range(tied):
             wall_step[r] -= q[row] * wall_rows[row, r] * sigma[r] ** 2 / m
 
 
-@njit(cache=True)
-def meet(problem: BranchProblem, project: Array, y: Array, sigma: Array) -> None:
+@njit(cache=True, allocates=False)
+def evenness(into: Vertices, axis: int) -> float:
+    """Return how evenly the shares are spread over the two ends of an angle, 1/4 at most.
+
+    Where multipliers cannot tell the ends apart, thrusts at both stand for one design: halves forbid that.
+    """
+    C, upper, total = len(into.frame), 0.0, 0.0
+    for vertex in range(8 * C):
+        bit = vertex // C >> (2 - axis) if axis < 3 else vertex % C >> (axis - 3)
+        total += into.share[vertex]
+        if bit & 1:
+            upper += into.share[vertex]
+    return upper / total * (1 - upper / total)
+
+
+@njit(cache=True, allocates=False)
+def meet(problem: BranchProblem, y: Array, sigma: Array) -> None:
     """Meet the condition by the least change of torques' multipliers that are not zero, or else without walls."""
-    _correct(problem, project, y, sigma, False)
+    _correct(problem, y, sigma, False)
     a, b, c = imbalance(problem, y, sigma)
-    if not math.sqrt(a * a + b * b + c * c) <= SEARCH.cannot * sigma.sum():
-        sigma[:] = 0.0
-        _correct(problem, project, y, sigma, False)
+    size = 0.0
+    for r in range(len(sigma)):
+        size += sigma[r]
+    if not math.sqrt(a * a + b * b + c * c) <= SEARCH.cannot * size:
+        for r in range(len(sigma)):
+            sigma[r] = 0.0
+        _correct(problem, y, sigma, False)
 
 
-@njit(cache=True)
-def _correct(problem: BranchProblem, project: Array, y: Array, sigma: Array, every: bool) -> None:
-    q = project @ np.array(imbalance(problem, y, sigma))
-    for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
-        if every or np.any(y[k] != 0.0):
-            y[k, 3:] -= np.cross(q, problem.loads.g[k])
-
-
-@njit(cache=True)
-def _finish(problem: BranchProblem, work: Workspace, into: Vertices) -> None:
-    """Meet the condition, without multipliers of corners that cost nothing: each loses something to rounding."""
-    y, crosses = into.y, np.zeros((3, 3))
+@njit(cache=True, allocates=False)
+def _correct(problem: BranchProblem, y: Array, sigma: Array, every: bool) -> None:
+    """Change mu_k by q x g_k, with (sum_k [g_k]x [g_k]x^T) q what the condition misses."""
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(y)):
-        if problem.loads.weight[k] == 0.0 and np.abs(work.a @ y[k]).max() < SEARCH.idle * 2 * problem.u_max:
-            y[k] = 0.0
-        else:
-            rows = work.rows[k, :3, 3:].copy()
-            crosses += rows @ rows.T
-    meet(problem, np.asarray(np.linalg.pinv(crosses, 1e-9), np.float64), y, into.sigma)
+        if every or _any(y[k]):
+            gx, gy, gz = problem.loads.g[k]
+            xx, yy, zz = xx + gy * gy + gz * gz, yy + gz * gz + gx * gx, zz + gx * gx + gy * gy
+            xy, xz, yz = xy - gx * gy, xz - gx * gz, yz - gy * gz
+    size = xx + yy + zz
+    if size == 0.0:
+        return
+    more = 1e-9 * size  # parallel g leave a direction open
+    a = math.sqrt(xx + more)
+    b, c = xy / a, xz / a
+    d = math.sqrt(yy + more - b * b)
+    e = (yz - b * c) / d
+    f = math.sqrt(zz + more - c * c - e * e)
+    for _ in range(3):
+        qx, qy, qz = imbalance(problem, y, sigma)
+        qx = qx / a
+        qy = (qy - b * qx) / d
+        qz = (qz - c * qx - e * qy) / f
+        qz = qz / f
+        qy = (qy - e * qz) / d
+        qx = (qx - b * qy - c * qz) / a
+        for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
+            if every or _any(y[k]):
+                gx, gy, gz = problem.loads.g[k]
+                y[k, 3] -= qy * gz - qz * gy
+                y[k, 4] -= qz * gx - qx * gz
+                y[k, 5] -= qx * gy - qy * gx
+
+
+@njit(cache=True, allocates=False)
+def _any(y: Array) -> bool:
+    some: bool = False
+    for l in range(6):
+        some |= y[l] != 0.0
+    return some
+
+
+@njit(cache=True, allocates=False)
+def finish(problem: BranchProblem, work: Workspace, y: Array, sigma: Array) -> None:
+    """Meet the condition, without multipliers of corners that cost nothing: each loses something to rounding."""
+    for k in range(len(y)):
+        if problem.loads.weight[k] == 0.0 and _greatest(work, y[k]) < SEARCH.idle * 2 * problem.u_max:
+            for l in range(6):
+                y[k, l] = 0.0
+    meet(problem, y, sigma)
