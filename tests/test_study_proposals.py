@@ -9,9 +9,9 @@ import optuna
 import pytest
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
-from processes import eventually, recorded
+from processes import eventually, ranking, recorded
 from suites import few
-from test_study_interruptions import Coordinator, processes_with, ranking
+from test_study_interruptions import Coordinator, processes_with
 from toy_problem import solved_keys, toy_run
 
 from topo_search.engine import Engine

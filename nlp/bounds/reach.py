@@ -149,14 +149,14 @@ def _displacements(pairs: NDArray[np.intp], h: Array, l_c: float, length: float 
     Hinge t, between the modules t and t + 1, is l_c from their centres and 2 l_c farther from every next one.
     """
 
-    def moved(i: int, j: int) -> float:
+    def displacement(i: int, j: int) -> float:
         middle = (i + j) // 2
         steps = [(t, j - t - 1) for t in range(middle, j)] + [(t, t - i) for t in range(i, middle)]
         return sum(
             float(h[t]) * (math.hypot(l_c, length) if k == 0 else l_c * (1 + 2 * k) + length) for t, k in steps
         )
 
-    return np.array([[moved(i, j)] for i, j in pairs.T.tolist()])
+    return np.array([[displacement(i, j)] for i, j in pairs.T.tolist()])
 
 
 def _gaps(z: Array, p: Array, pairs: NDArray[np.intp], length: float, radius: Any, growth: float) -> Array:
