@@ -36,7 +36,7 @@ from nlp.reduced.search import (
 )
 from nlp.start_result import StartResult
 from nlp.starts.random_starts import generator
-from nlp.starts.reduced_starts import draws
+from nlp.starts.reduced_starts import draws, place_starts
 from nlp.starts.warm_start import warm_start
 from nlp.units import Units
 from nlp.user_constraints import UserConstraints, correct_point
@@ -242,8 +242,8 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         tell: is told if it takes a while.
     """
     limited = _limits_air(task)
-    kept = is_kept(descend_all) and (not limited or (is_kept(climb) and is_kept(derive_speeds)))
-    if kept:
+    needed = (place_starts, descend_all, *((climb, derive_speeds) if limited else ()))
+    if all(map(is_kept, needed)):
         return
     tell("compiling the solver (once per installation, about two minutes)")
     tree = straight_chain(task.n)

@@ -230,6 +230,14 @@ def test_reserves_beside_a_wall_close_a_chunk_in_few_boxes(number, share):
     assert prove_chunk(design.task, design.topology, number, cut, "solver", most_boxes=6_000).outcome == "closed"
 
 
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_a_torque_alone_beside_a_wall_is_searched_from_zero(share):
+    """No force, no first multipliers: a longest step in their length would be none."""
+    wall = {"kind": "allowed", "planes": [{"normal": [1, 0, 0], "offset": 50.0}]}
+    task = push(1, load_cases=[{"com": {"torque": [0, 0, 0.3]}}], exposure=[wall])
+    assert prove_chunk(task, Topology(((-1, -1, -1),)), 0, share * effort_unit(task), "solver").outcome == "closed"
+
+
 @pytest.mark.parametrize(
     ("seed", "rule"), [*few(((s, "airflow") for s in range(40)), 6), *few(((s, "parts") for s in range(10)), 1)]
 )

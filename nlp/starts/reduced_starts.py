@@ -74,11 +74,11 @@ def draws(
         (*rng.uniform(least, 1.0, topology.n), *rng.normal(size=3), rng.uniform(NEAREST, FARTHEST))
         for rng in (np.random.default_rng((key, start)) for start in starts)
     ]
-    return _starts(problem, drawn, np.array(random).reshape(-1, topology.n + 4))
+    return place_starts(problem, drawn, np.array(random).reshape(-1, topology.n + 4))
 
 
 @njit(cache=True)
-def _starts(problem: ReducedProblem, drawn: Drawing, random: Array) -> Array:
+def place_starts(problem: ReducedProblem, drawn: Drawing, random: Array) -> Array:
     """Return the unknowns of a start for each row of random numbers: to pass a problem takes as long as to draw."""
     n, x = len(problem.tree.parent), np.empty((len(random), len(problem.lower)))
     for k in range(len(random)):

@@ -229,9 +229,10 @@ def _settle(
             return -1
         box.gains(problem, work.y, work.roots[0], work.middle, work.axes, rho, sums)
         for a in range(len(rho)):
-            work.gain[a] = SLOPE * abs(sums.slope[a]) * rho[a] + sums.spread[a]
             if lifted:
                 work.gain[a] = sums.spread[a] * worst_vertex.evenness(work.lifted, a)
+            else:
+                work.gain[a] = SLOPE * abs(sums.slope[a]) * rho[a] + sums.spread[a]
         axis = _worst(rho, work.gain)
     _halve(problem, waiting, work, left, axis, bound_due)
     return SPLIT + axis
@@ -308,7 +309,7 @@ def _lift(problem: BranchProblem, work: Workspace, cut: float) -> bool:
 
 @njit(cache=True, allocates=False)
 def _climb(problem: BranchProblem, work: Workspace, cut: float, steps: int) -> bool:
-    """Return whether multipliers of its worst vertex, searched from y by so many steps a stage, exclude a box."""
+    """Search from y, by `steps` a stage at most, for multipliers that exclude a box; return whether they do."""
     found = work.lifted
     worst_vertex.begin(problem, work.roots, work.vertices, work.rho, cut, work.y, work.sigma, found)
     for stage in range(worst_vertex.SEARCH.stages):

@@ -10,10 +10,9 @@ falls the more steeply towards the vertices. So what is maximised is D at all ve
 
 under the condition that p'_E drops out, by damped Newton steps while T, m and the width s of a kink fall: psi of a
 corner, U max(t, 0), counts as U (t + sqrt(t^2 + s^2) - s) / 2. That is less, and at the maximum sum_v w_v G_v is
-next to nothing, so no multipliers lift the worst vertex far above sum_v w_v D_v + W m: under the cut, the box is
-beyond help.
-Corners whose thrusts are of the size of s cost nothing and are left out of later stages. Nothing that is proven
-rests on any of this: any multipliers will do.
+next to nothing, so hardly any multipliers lift the worst vertex above sum_v w_v D_v + W m: under the cut, the
+search ends. Corners whose thrusts are of the size of s cost nothing and are left out of later stages. Nothing that
+is proven rests on any of this: any multipliers will do.
 
 D_v is a sum over the modules, each in one of its frames at one of the 8 vertices of the root.
 
@@ -68,7 +67,7 @@ class VertexSearch(NamedTuple):
     enough: float = 1.1
     """Share of the cut above which the worst vertex ends a stage."""
     light: float = 1e-3
-    """Least w_v that counts in a step."""
+    """Least w_v that counts in a step, in the greatest."""
     most: int = 32
     """Largest number of vertices that count in a step."""
     ridge: float = 0.02
@@ -277,14 +276,14 @@ def climb(
                 break
             share *= SEARCH.shorter
         if not better:
-            most, settled = middle + len(sigma) * m, True
+            settled = True
             break
         copy(into.ahead, y)
         for r in range(len(sigma)):
             sigma[r] = into.wall_ahead[r]
         gain, best, least, middle = reached - best, reached, worst, ahead
         if gain < SEARCH.gain * SEARCH.softer**stage * cut:
-            most, settled = middle + gain + len(sigma) * m, True
+            most, settled = middle + gain + len(sigma) * m if share == 1.0 else math.inf, True
             break
         if least > SEARCH.enough * cut:
             break
@@ -299,7 +298,7 @@ def _longest_share(into: Vertices) -> float:
     for k in range(len(into.y)):
         for l in range(6):
             size, length = size + into.y[k, l] ** 2, length + into.step[k, l] ** 2
-    return min(1.0, SEARCH.longest * math.sqrt(size / length)) if length > 0.0 else 1.0
+    return min(1.0, SEARCH.longest * math.sqrt(size / length)) if size * length > 0.0 else 1.0
 
 
 @njit(cache=True, allocates=False)
@@ -429,15 +428,14 @@ def _value(
 @njit(cache=True, allocates=False)
 def _choose(into: Vertices) -> int:
     """Fill the vertices that count in a step and, in `q`, their shares; return how many there are."""
-    total, chosen, count = 0.0, 0.0, 0
-    for vertex in range(len(into.share)):
-        total += into.share[vertex]
+    most, chosen, count = 0.0, 0.0, 0
     while count < SEARCH.most:
         greatest = 0
         for vertex in range(len(into.share)):
             if into.share[vertex] > into.share[greatest]:
                 greatest = vertex
-        if into.share[greatest] <= SEARCH.light * total:
+        most = max(most, into.share[greatest])
+        if into.share[greatest] <= SEARCH.light * most:
             break
         into.order[count], into.q[count] = greatest, into.share[greatest]
         chosen, count = chosen + into.share[greatest], count + 1
