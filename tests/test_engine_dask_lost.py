@@ -74,6 +74,19 @@ def test_a_scheduler_that_falls_silent_is_given_up(tmp_path, monkeypatch):
         os.kill(cluster.scheduler.pid, signal.SIGCONT)
 
 
+def test_a_scheduler_that_ends_while_a_call_waits_is_gone_at_once(tmp_path, monkeypatch):
+    """The call's own stream may try to connect for as long as an answer is waited for."""
+    with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}) as workers:
+        cluster.add_worker()
+        assert workers.run_one(square, 3, deadline=LONG) == 9
+        ending = threading.Event()
+        monkeypatch.setattr(workers._connection.client(), "nthreads", ending.wait)
+        threading.Timer(0.5, cluster.scheduler.kill).start()
+        with pytest.raises(WorkersLost, match="is gone"):
+            workers._connection.threads()
+        ending.set()
+
+
 def test_workers_that_do_not_come_back_are_given_up(tmp_path, monkeypatch):
     monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(away=1.0))
     noted = []

@@ -158,7 +158,7 @@ class Connection:
             return Client(self.address, timeout=DURATIONS.answer, set_as_default=False, security=self._security)
 
         try:
-            return _call_within(DURATIONS.answer, connect)
+            return _begin(connect).result(DURATIONS.answer)
         except TimeoutError as error:
             why = str(error) or f"no answer within {DURATIONS.answer:.0f} s"
         except (OSError, ValueError) as error:  # ValueError: words arrived before the handshake of TLS
@@ -205,13 +205,21 @@ class Connection:
         return WorkersLost(f"the Dask scheduler at {self.address} is gone")
 
     def _reply(self, ask: Callable[[], Reply]) -> Reply:
-        """Return what the scheduler answers."""
-        try:
-            return _call_within(DURATIONS.answer, ask)
-        except TimeoutError:
+        """Return what the scheduler answers.
+
+        Raises:
+            WorkersLost: it is gone, which Dask may notice on another stream than the call's, or is silent.
+        """
+        answer = _begin(ask)
+        until = time.monotonic() + DURATIONS.answer
+        while time.monotonic() < until and self.stands and not answer.done():
+            wait([answer], DURATIONS.poll)
+        if not answer.done() and self.stands:
             text = f"the Dask scheduler at {self.address} has not answered for {DURATIONS.answer:.0f} s"
-            raise WorkersLost(text) from None
-        except OSError:
+            raise WorkersLost(text)
+        try:
+            return answer.result(0)
+        except OSError:  # TimeoutError among them
             raise self.loss() from None
 
 
@@ -236,15 +244,11 @@ def _require_scheduler(address: str) -> None:
             raise ValueError("another program answers there")
 
 
-def _call_within(seconds: float, call: Callable[[], Reply]) -> Reply:
-    """Return what a call returns, which runs in a thread that is left to itself after a time.
-
-    Raises:
-        TimeoutError: the time is over.
-    """
+def _begin(function: Callable[[], Reply]) -> Future[Reply]:
+    """Call a function in a thread that is left to itself when nobody waits any more."""
     ended: Future[Reply] = Future()
-    threading.Thread(target=_settle, args=(ended, call), daemon=True).start()
-    return ended.result(seconds)
+    threading.Thread(target=_settle, args=(ended, function), daemon=True).start()
+    return ended
 
 
 def _settle(future: Future[Reply], call: Callable[[], Reply]) -> None:
