@@ -1,6 +1,8 @@
 """Reserves that a task asks for: corners around balls and discs, units, and what is wrong with them."""
 
 import math
+from collections import defaultdict
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -85,6 +87,27 @@ def test_the_corners_of_a_tilt_hold_its_cap_and_lift_no_more_than_the_weight() -
     assert reserve_corners(resolved, inner=True) == []
     assert '"tilt_deg":25.0' in resolved.model_dump_json()
     assert "tilt_deg" not in task({"torque_reserve": 0.1}).resolve(4).model_dump_json()
+
+
+def test_errors_of_the_centre_of_mass_are_as_few_corners_as_hold_all_of_their_torques() -> None:
+    stated = {"force_reserve": 0.2, "at": "com", "tilt_deg": 20.0, "com_error": 0.01}
+    resolved = task(stated).resolve(4)
+    box = np.array(list(product((0.01, -0.01), repeat=3)))
+    counts = set[int]()
+    for corners in reserve_corners(resolved, inner=False):
+        torques = defaultdict[tuple[float, ...], list[tuple[float, ...]]](list)
+        for corner in corners:
+            torques[corner.case.at_com.force].append(corner.case.at_com.torque)
+        for force, kept in torques.items():
+            every = np.cross(box, force)
+            first, second = np.linalg.svd(np.array([force]))[2][1:]  # torques are across the force
+            plane = np.stack([first, second], axis=1)
+            hull = ConvexHull(np.array(kept) @ plane)
+            assert len(hull.vertices) == len(kept)
+            sides = hull.equations
+            assert np.max(every @ plane @ sides[:, :2].T + sides[:, 2]) <= 1e-12
+            counts.add(len(kept))
+    assert counts == {4, 6}
 
 
 def test_reserves_are_around_hover_or_all_cases_that_carry_the_weight() -> None:

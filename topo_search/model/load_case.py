@@ -470,9 +470,13 @@ def _corners(words: str, case: LoadCase, field: str, around: Array, point: Place
 
 
 def _off_centre(corner: Corner, error: float) -> Iterator[Corner]:
-    """Yield a corner with its centre of mass off to every side; errors along its force make no difference."""
-    com = corner.case.at_com
-    for number, torque in enumerate(np.unique(np.cross(box_corners(error), com.force), axis=0)):
+    """Yield a corner with its centre of mass off to every side: at the cube's outline, seen along the force."""
+    com, offsets = corner.case.at_com, box_corners(error)
+    force = np.array(com.force)
+    force[np.abs(force) <= 1e-12 * np.linalg.norm(force)] = 0.0
+    if (sides := np.count_nonzero(force)) > 1:
+        offsets = offsets[np.abs(np.sign(offsets * force).sum(axis=1)) < sides]
+    for number, torque in enumerate(np.unique(np.cross(offsets, force), axis=0)):
         x, y, z = np.add(com.torque, torque).tolist()
         case = corner.case.model_copy(update={"com": com.model_copy(update={"torque": (x, y, z)})})
         yield corner._replace(label=f"{corner.label}, centre of mass off {number}", case=case)
