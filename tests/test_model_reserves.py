@@ -84,17 +84,22 @@ def test_the_corners_of_a_tilt_hold_its_cap_and_lift_no_more_than_the_weight() -
         e = rng.uniform(0.0, 2 * math.pi)
         on_cap = np.array([math.sin(t) * math.cos(e), math.sin(t) * math.sin(e), math.cos(t)])
         assert np.all(sides[:, :3] @ on_cap + sides[:, 3] <= 1e-9)
-    assert reserve_corners(resolved, inner=True) == []
+    ((*points,),) = reserve_corners(resolved, inner=True)
+    inner = np.array([corner.case.at_com.force for corner in points]) / resolved.force_unit(4)
+    assert np.linalg.norm(inner, axis=1) == pytest.approx(np.ones(8), rel=1e-12)
+    assert np.arccos(inner[:, 2]) == pytest.approx(np.full(8, math.radians(25.0) - UNSEEN), rel=1e-12)
     assert '"tilt_deg":25.0' in resolved.model_dump_json()
     assert "tilt_deg" not in task({"torque_reserve": 0.1}).resolve(4).model_dump_json()
 
 
-def test_errors_of_the_centre_of_mass_are_as_few_corners_as_hold_all_of_their_torques() -> None:
+@pytest.mark.parametrize("inner", [False, True])
+def test_errors_of_the_centre_of_mass_are_as_few_corners_as_hold_all_of_their_torques(inner: bool) -> None:
     stated = {"force_reserve": 0.2, "at": "com", "tilt_deg": 20.0, "com_error": 0.01}
     resolved = task(stated).resolve(4)
-    box = np.array(list(product((0.01, -0.01), repeat=3)))
+    half = 0.01 - UNSEEN * resolved.module.arm_length * inner
+    box = np.array(list(product((half, -half), repeat=3)))
     counts = set[int]()
-    for corners in reserve_corners(resolved, inner=False):
+    for corners in reserve_corners(resolved, inner=inner):
         torques = defaultdict[tuple[float, ...], list[tuple[float, ...]]](list)
         for corner in corners:
             torques[corner.case.at_com.force].append(corner.case.at_com.torque)

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from nlp.bounds.air import windy
+from nlp.bounds.effort import lightest_cases
 from nlp.bounds.reach import crowded_path, out_of_reach, rotors_overlap, stand_off
 from nlp.bounds.refutation import Refutation, modules
 from nlp.bounds.wrenches import all_forces, axes, failures, one_force, torque_reach
 from topo_search.model import Chunk, Infeasible, ResolvedTask, Topology
-from topo_search.model.corners import to_corners
 from topo_search.model.proof import Problem
 
 
@@ -26,8 +26,7 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    declared = task.declared.lightest
-    task = to_corners(declared, inner=True)
+    declared, task = task.declared.lightest, lightest_cases(task)
     forces = one_force(task) or axes(task) or all_forces(task) or failures(declared)
     refutation, concerned = (
         forces or out_of_reach(task) or rotors_overlap(task) or windy(declared) or _shape(task),

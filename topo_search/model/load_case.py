@@ -28,7 +28,7 @@ tetrakis hexahedron, a cube with a low pyramid on each face, or of a disc an oct
 cube, so that a task that has one keeps it. A tilt asks for a cap of a sphere of forces, which a frustum holds.
 Where the centre of mass may be off, forces that act there have levers, in which torques are linear: the corners of
 the box of errors decide.
-Whoever proves that something is impossible may count on points of the ball itself alone: `inner`. The audit
+Whoever proves that something is impossible may count on points of ball and cap themselves alone: `inner`. The audit
 measures ball and cap themselves.
 """
 
@@ -392,7 +392,7 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
     around += len(_circumscribe(disc=False)) * (flight.torque_reserve > 0)
     around += 2 * sum(map(bool, flight.angular_acceleration))
     around *= 1 + cases * (flight.around == "all")
-    around += len(_cover_cap(flight.tilt_deg)) * (flight.tilt_deg > 0)
+    around += len(_cap(math.radians(flight.tilt_deg), inner=False)) * (flight.tilt_deg > 0)
     if around and (number := cases + around) > LIMITS.load_cases:
         text = f"must ask for at most {LIMITS.load_cases} wrenches with all load cases, but got up to {number:,}"
         yield ("flight",), text
@@ -405,10 +405,10 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
 def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
     """Return the corners around each reserve, or points of the balls themselves, as where rows have the balls.
 
-    `inner`: points of balls alone, and nothing of tilts, accelerations and errors of the centre of mass.
+    `inner`: points of balls and of the tilts themselves, what an audit may not see taken off, and no accelerations.
     """
     flight, groups = task.flight, list[list[Corner]]()
-    on_balls = inner or flight.allocator == "pseudo-inverse"
+    optimal, unseen = flight.allocator == "optimal", UNSEEN if inner else 0.0
     level = flight.directions == "horizontal"
     for _, label, case in centres(task):
         for field, point, r, unit, disc in (
@@ -416,19 +416,19 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
             ("torque", "", flight.torque_reserve, task.torque_unit(task.n), False),
         ):
             around = _circumscribe(disc=disc)
-            if on_balls:
+            if inner or not optimal:
                 r, around = max(0.0, r - UNSEEN * unit), around / np.linalg.norm(around, axis=1, keepdims=True)
             if r > 0:
                 groups.append(_corners(f"{label}, {field} reserve{AT[point]}", case, field, r * around, point))
         if not inner:
             groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
-            groups += [[Corner(label, case)]] if flight.com_error else []
-    if flight.tilt_deg and not on_balls:
+        groups += [[Corner(label, case)]] if flight.com_error else []
+    if (tilt := math.radians(flight.tilt_deg) - unseen) > 0 and (inner or optimal):
         (_, label, case), weight = centres_of(task, "hover")[0], task.force_unit(task.n)
-        around = weight * (_cover_cap(flight.tilt_deg) - np.array([0.0, 0.0, 1.0]))
+        around = weight * (_cap(tilt, inner=inner) - np.array([0.0, 0.0, 1.0]))
         groups.append(_corners(f"{label}, tilt", case, "force", around, "_com"))
-    if flight.com_error and not inner:
-        groups = [[off for corner in group for off in _off_centre(corner, flight.com_error)] for group in groups]
+    if (error := flight.com_error - unseen * task.module.arm_length) > 0:
+        groups = [[off for corner in group for off in _off_centre(corner, error)] for group in groups]
     return groups
 
 
@@ -500,11 +500,12 @@ def _circumscribe(*, disc: bool) -> Array:
     return np.concatenate([AXES * np.eye(3), -AXES * np.eye(3), DIAGONALS * box_corners(1 / math.sqrt(3))])
 
 
-def _cover_cap(half_angle_deg: float) -> Array:
-    """Return the corners of a polytope around a cap of the unit sphere about z, shape (c, 3).
+def _cap(half_angle: float, *, inner: bool) -> Array:
+    """Return the corners of a polytope around a cap of the unit sphere about z, or points of its rim, shape (c, 3).
 
     No corner is higher than the cap: planes that touch it at its rim, and the one at its top, are its sides.
     """
-    t, disc = math.radians(half_angle_deg), _circumscribe(disc=True)
-    z = np.array([0.0, 0.0, 1.0])
+    t, disc, z = half_angle, _circumscribe(disc=True), np.array([0.0, 0.0, 1.0])
+    if inner:
+        return np.asarray(math.sin(t) * disc / np.linalg.norm(disc, axis=1, keepdims=True) + math.cos(t) * z)
     return np.concatenate([math.sin(t) * disc + math.cos(t) * z, math.tan(t / 2) * disc + z])
