@@ -59,8 +59,8 @@ TOO_MUCH = 2.0
 """Times the cut at which a stage ends, for the same reason."""
 FLAT = 0.01
 """m, in the cut."""
-STAGES = 5
-STEPS = 3
+STAGES = 8
+STEPS = 6
 """Newton steps of a stage."""
 SOFT, SOFTER = 0.05, 0.6
 """T of the first stage, in the cut, and that of the next in it."""
