@@ -464,6 +464,39 @@ def test_a_design_that_an_audit_just_calls_clear_can_do_all_that_a_proof_counts_
     assert can_do(just)
 
 
+def one_module(error, position, **fields):
+    """A module that only hovers, by what an audit does not see askew, with an end-effector of half its mass."""
+    eps, mass = 0.95 * TOLERANCE, push(1).module.mass
+    hover = {"com": {"force": [eps, eps, 1.0]}}
+    tip = {"mass": 0.5 * mass, "position": [eps * position, eps * position, position]}
+    tree = Topology(((-1, -1, -1),))
+    design = solve(push(1, load_cases=[hover], end_effector=tip), tree, starts=range(2), seed=0)
+    flight = AskedFlight(units="SI", com_error=error)
+    task = design.task.model_copy(update={"flight": flight})
+    return design.model_copy(update={"task": task, "root_orientation_rad": (math.pi / 4, 0.0, math.sqrt(2) * eps)})
+
+
+@pytest.mark.parametrize("position", [1.0, 48.0])
+def test_a_heavy_end_effector_far_away_is_not_counted_on_to_hover_exactly(position):
+    reserve = audit(one_module(1e-9, position)).flight.hover.com_error_m
+    design = one_module(reserve - 1e-9, position)
+    assert {one.status for one in audit(design).residuals} == {"clear"}
+    theta = np.array(design.root_orientation_rad)
+    problem, cut = (
+        to_arrays(design.task, design.topology, "task"),
+        1.0001 * design.objective / effort_unit(design.task),
+    )
+    assert search.search(problem, theta - 1e-7, theta + 1e-7, cut, 1).how == search.OPEN
+
+
+def test_no_hover_is_counted_on_where_an_audit_sees_no_error_of_the_centre_of_mass():
+    sideways = push(1, load_cases=[{"end_effector": {"force": [0.5, 0.0, 0.0]}}])
+    for error, corners in ((0.9 * TOLERANCE, False), (10 * TOLERANCE, True)):
+        flight = AskedFlight(units="SI", com_error=error * sideways.module.arm_length)
+        cornered = proof_task(sideways.model_copy(update={"flight": flight}), "task")
+        assert (len(cornered.load_cases) > 1) == corners
+
+
 def test_a_chunk_that_there_is_not_is_refused():
     with pytest.raises(ValueError, match="`0 <= number < 64` must hold, but got 64"):
         prove_chunk(push(2), Topology(((-1, -1, -1), (0, 0, 2))), 64, 1.0)

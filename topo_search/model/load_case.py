@@ -409,7 +409,7 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
     """
     flight, groups = task.flight, list[list[Corner]]()
     optimal, unseen = flight.allocator == "optimal", UNSEEN if inner else 0.0
-    level = flight.directions == "horizontal"
+    error, level = flight.com_error - unseen * task.module.arm_length, flight.directions == "horizontal"
     for _, label, case in centres(task):
         for field, point, r, unit, disc in (
             *(("force", at, flight.force_reserve, task.force_unit(task.n), level) for at in PLACES[flight.at]),
@@ -422,12 +422,12 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
                 groups.append(_corners(f"{label}, {field} reserve{AT[point]}", case, field, r * around, point))
         if not inner:
             groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
-        groups += [[Corner(label, case)]] if flight.com_error else []
+        groups += [[Corner(label, case)]] if error > 0 else []
     if (tilt := math.radians(flight.tilt_deg) - unseen) > 0 and (inner or optimal):
         (_, label, case), weight = centres_of(task, "hover")[0], task.force_unit(task.n)
         around = weight * (_cap(tilt, inner=inner) - np.array([0.0, 0.0, 1.0]))
         groups.append(_corners(f"{label}, tilt", case, "force", around, "_com"))
-    if (error := flight.com_error - unseen * task.module.arm_length) > 0:
+    if error > 0:
         groups = [[off for corner in group for off in _off_centre(corner, error)] for group in groups]
     return groups
 

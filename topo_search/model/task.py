@@ -297,6 +297,14 @@ class Task(Value):
         limited = rod.rod == "straight" and rod.fixed_position is None
         return min(longest, self.stiff_length(n)) if limited else longest
 
+    def longest_lever(self, n: int) -> float:
+        """Return how far p_E can be from the COM in a clear audit [m]; no connector is 2 n l_c from that."""
+        position, reach, farthest = self.end_effector.fixed_position, self.largest_reach(n), math.inf
+        if reach is not None:
+            farthest = reach + 2 * n * self.module.connector_distance
+        lever = self.farthest_end_effector(n) if position is None else math.hypot(*position)
+        return min(lever, farthest) + TOLERANCE * self.module.arm_length
+
     def stiff_length(self, n: int) -> float:
         """Return the length at which a rod bends by `rod_deflection` under the largest loads at its tip [m]."""
         units = self.force_unit(n), self.torque_unit(n)

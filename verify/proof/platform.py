@@ -22,6 +22,10 @@ l_arm, the torques about the COM and about p_E. Torque changes linearly with the
 the line through both: off by (1 + 2 kappa) e about C, and by |C| e more about the origin. Inputs are between
 -TOLERANCE and 1 + TOLERANCE (`min_input`, or 0 of a dead rotor), hinges within pi/2 + TOLERANCE, a fixed p_E within
 TOLERANCE l_arm.
+
+Of a wrench that an audit finds inputs for by itself, as for hover and other centres of reserves, each component is
+off by e, of the torque about the COM alone, or where that may be in error. That is sqrt(3) e of the force, and
+sqrt(3) (1 + kappa |p_E| + sqrt(3) com_error) e of the torque about C, which is kappa p_E from the COM.
 """
 
 from __future__ import annotations
@@ -143,6 +147,11 @@ def numbers(
         off = TOLERANCE * ((1 + kappa) * np.linalg.norm(f_E, axis=1) + kappa * np.linalg.norm(f_C, axis=1))
     farthest = bodies[:, 0] * 2 * l_c * depth + np.linalg.norm(bodies[:, 1:], axis=1)
     centroid, e = float(farthest.mean()), TOLERANCE * task.total_mass(n) * task.gravity / F
+    about_C = (1 + 2 * kappa) * e
+    if isinstance(bounded, CorneredTask):
+        e *= math.sqrt(3)
+        moved = kappa * task.longest_lever(n) + math.sqrt(3) * task.flight.com_error
+        about_C = max(about_C, (1 + moved / l_arm) * e)
     weight = np.array([case.weight for case in cases])
     normal, module_of, down, beyond = _walls(task)
     air = module.envelope
@@ -168,7 +177,7 @@ def numbers(
         down=down,
         beyond=beyond,
         force_off=e,
-        torque_off=e * (1 + 2 * kappa + centroid) + off,
+        torque_off=about_C + e * centroid + off,
         reach=centroid + (1 + kappa) * (task.farthest_end_effector(n) / l_arm + TOLERANCE),
         l_c=l_c,
         airflow=task.search.interference == "airflow",

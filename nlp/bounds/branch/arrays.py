@@ -28,6 +28,7 @@ from nlp.numbers.masses import Masses, masses
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, Array
+from topo_search.model.corners import CorneredTask
 from topo_search.model.exposure import half_spaces
 from topo_search.model.proof import Problem, proof_task
 from topo_search.model.proven import TOLERANCE
@@ -330,16 +331,23 @@ def _slack(
     each, hence about B by (1 + 2 m_E / (m_t - m_E)) l_arm e (`nlp.bounds.wrenches`), and about the origin of W by
     the distance of B times e more. Every input may be d = TOLERANCE U beyond its limits: of
     those below zero a rotor's psi gains d |a_j . y| at most. A fixed end-effector may be TOLERANCE l_arm off.
+    Hover and other centres of reserves may be off by e along every axis, their torques about the COM alone, where
+    that may be: B is m_E / (m_t - m_E) p_E from it.
     """
     n, unit = len(tree.parent), task.module.arm_length
     e, d = TOLERANCE * carried.total, TOLERANCE * U
+    about_B = (2 * carried.lever - 1) * e
+    if isinstance(task, CorneredTask):
+        e *= math.sqrt(3)
+        moved = (carried.lever - 1) * task.longest_lever(n) + math.sqrt(3) * task.declared.flight.com_error
+        about_B = max(about_B, (1 + moved / unit) * e)
     B, lever = float(levers.body[:, 0].mean()), float(levers.rotor.max())  # the first axis is through the origin
     both = [math.hypot(*case.at_end_effector.force) + math.hypot(*case.at_com.force) for case in task.load_cases]
     off = 0.0 if task.end_effector.fixed_position is None else TOLERANCE * carried.lever
     f, t, h = (np.linalg.norm(x, axis=1) for x in (loads.f, loads.t, loads.h))
     force = e + n * d + ROUNDING * (f + n * U)
     levered = f + h + np.linalg.norm(loads.g, axis=1)
-    torque = e * (2 * carried.lever - 1 + B) + n * d * lever + off * np.array(both) / Units.of(task).force
+    torque = about_B + e * B + n * d * lever + off * np.array(both) / Units.of(task).force
     torque = torque + ROUNDING * (t + n * lever * (levered + U))
     tip = B + carried.lever * (task.farthest_end_effector(n) / unit + TOLERANCE)
     wall = ROUNDING * (float(levers.centre.max()) + walls.length + float(np.abs(walls.beyond).max(initial=0.0)))
