@@ -464,7 +464,7 @@ def test_a_design_that_an_audit_just_calls_clear_can_do_all_that_a_proof_counts_
     assert can_do(just)
 
 
-def one_module(error, position, **fields):
+def one_module(error, position):
     """A module that only hovers, by what an audit does not see askew, with an end-effector of half its mass."""
     eps, mass = 0.95 * TOLERANCE, push(1).module.mass
     hover = {"com": {"force": [eps, eps, 1.0]}}
@@ -482,11 +482,8 @@ def test_a_heavy_end_effector_far_away_is_not_counted_on_to_hover_exactly(positi
     design = one_module(reserve - 1e-9, position)
     assert {one.status for one in audit(design).residuals} == {"clear"}
     theta = np.array(design.root_orientation_rad)
-    problem, cut = (
-        to_arrays(design.task, design.topology, "task"),
-        1.0001 * design.objective / effort_unit(design.task),
-    )
-    assert search.search(problem, theta - 1e-7, theta + 1e-7, cut, 1).how == search.OPEN
+    problem, cost = to_arrays(design.task, design.topology, "task"), design.objective / effort_unit(design.task)
+    assert search.search(problem, theta - 1e-7, theta + 1e-7, 1.0001 * cost, 1).how == search.OPEN
 
 
 def test_no_hover_is_counted_on_where_an_audit_sees_no_error_of_the_centre_of_mass():

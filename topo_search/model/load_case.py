@@ -417,7 +417,7 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
         ):
             around = _circumscribe(disc=disc)
             if inner or not optimal:
-                r, around = max(0.0, r - UNSEEN * unit), around / np.linalg.norm(around, axis=1, keepdims=True)
+                r, around = max(0.0, r - UNSEEN * unit), _directions(disc=disc)
             if r > 0:
                 groups.append(_corners(f"{label}, {field} reserve{AT[point]}", case, field, r * around, point))
         if not inner:
@@ -500,6 +500,12 @@ def _circumscribe(*, disc: bool) -> Array:
     return np.concatenate([AXES * np.eye(3), -AXES * np.eye(3), DIAGONALS * box_corners(1 / math.sqrt(3))])
 
 
+def _directions(*, disc: bool) -> Array:
+    """Return the directions of those corners: points of the unit ball, or of the unit disc, shape (c, 3)."""
+    corners = _circumscribe(disc=disc)
+    return np.asarray(corners / np.linalg.norm(corners, axis=1, keepdims=True))
+
+
 def _cap(half_angle: float, *, inner: bool) -> Array:
     """Return the corners of a polytope around a cap of the unit sphere about z, or points of its rim, shape (c, 3).
 
@@ -507,5 +513,5 @@ def _cap(half_angle: float, *, inner: bool) -> Array:
     """
     t, disc, z = half_angle, _circumscribe(disc=True), np.array([0.0, 0.0, 1.0])
     if inner:
-        return np.asarray(math.sin(t) * disc / np.linalg.norm(disc, axis=1, keepdims=True) + math.cos(t) * z)
+        return np.asarray(math.sin(t) * _directions(disc=True) + math.cos(t) * z)
     return np.concatenate([math.sin(t) * disc + math.cos(t) * z, math.tan(t / 2) * disc + z])

@@ -299,11 +299,11 @@ class Task(Value):
 
     def longest_lever(self, n: int) -> float:
         """Return how far p_E can be from the COM in a clear audit [m]; no connector is 2 n l_c from that."""
-        position, reach, farthest = self.end_effector.fixed_position, self.largest_reach(n), math.inf
-        if reach is not None:
-            farthest = reach + 2 * n * self.module.connector_distance
+        position, reach = self.end_effector.fixed_position, self.largest_reach(n)
         lever = self.farthest_end_effector(n) if position is None else math.hypot(*position)
-        return min(lever, farthest) + TOLERANCE * self.module.arm_length
+        if reach is not None:
+            lever = min(lever, reach + 2 * n * self.module.connector_distance)
+        return lever + TOLERANCE * self.module.arm_length
 
     def stiff_length(self, n: int) -> float:
         """Return the length at which a rod bends by `rod_deflection` under the largest loads at its tip [m]."""
