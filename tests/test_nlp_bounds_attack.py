@@ -89,7 +89,9 @@ def random_task(rng, *, flies=False):
     }
     if rng.random() < 0.3:
         search |= {"body_clearance": False}
-    (of_joints,) = rng.spawn(1)
+    of_joints, of_inputs = rng.spawn(2)
+    if of_inputs.random() < 0.5:
+        module["min_input"] = of_inputs.uniform(0.0, 0.15)
     if of_joints.random() < 0.5:
         module["joint_mass"] = float(module.get("mass", 0.24) * of_joints.uniform(0.0, 0.5))
     task = {
@@ -118,6 +120,7 @@ def random_flight(rng, l_arm):
         "directions": str(rng.choice(["all", "horizontal"])),
         "at": str(rng.choice(["tip", "com"])),
         "torque_reserve": float(rng.choice([0.0, 0.1])),
+        "rotor_out": str(rng.choice(["none", "hover", "all"])),
     }
     return {"flight": flight, "exposure": [walls[rng.integers(2)]]}
 

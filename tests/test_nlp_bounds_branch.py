@@ -50,13 +50,13 @@ def bound_of(stated, y, sigma, lower, upper):
 
 
 def dual_value(task, tree, theta, tip, y, walls):
-    return dual_value_in(Units.of(task), task, tree, theta, tip, y, walls, proof_task(task, "task").load_cases)
+    return dual_value_in(Units.of(task), task, tree, theta, tip, y, walls, proof_task(task, "task"))
 
 
-def dual_value_in(unit, task, tree, theta, tip, y, walls, cases):
+def dual_value_in(unit, task, tree, theta, tip, y, walls, bounded):
     """The dual function with the audit's kinematics and wrenches, inputs within limits, in some units.
 
-    `walls`: module, end of its airflow, normal and multiplier of every row.
+    `walls`: module, end of its airflow, normal and multiplier of every row; `bounded`: the task with its corners.
     """
     module, n = task.module, tree.n
     at = poses(tree, theta[:3], theta[3:], module.connector_distance)
@@ -77,12 +77,12 @@ def dual_value_in(unit, task, tree, theta, tip, y, walls, cases):
         e, radius = (at.p[i] - air.length * at.z[i], air.end_radius) if end else (at.p[i], air.start_radius)
         offset = min(planes, key=lambda plane: np.abs(plane[0] - normal).max())[1]
         total += sigma * (normal @ (e - tip) + radius - offset) / unit.length
-    U = task.max_input / unit.input
-    for case, y_k in zip(cases, y, strict=True):
+    for case, dead, y_k in zip(bounded.load_cases, bounded.dead_rotors, y, strict=True):
         nu, mu = y_k[:3] / unit.force, y_k[3:] / unit.torque
         about_com = np.concatenate([nu + np.cross(mu, p_COM), mu])  # nu . F + mu . (tau + p_COM x F)
-        t, weight = about_com @ A, case.weight / most
-        u = np.clip(t / (2 * weight), 0, U) if weight > 1e-300 else np.where(t > 0, U, 0.0)
+        t, weight, runs = about_com @ A, case.weight / most, np.arange(4 * n) != dead
+        low, high = task.min_input / unit.input * runs, task.max_input / unit.input * runs
+        u = np.clip(t / (2 * weight), low, high) if weight > 1e-300 else np.where(t > 0, high, low)
         total += about_com @ required_wrench(case, platform.p_e) - np.sum(u * (t - weight * u))
     return total
 

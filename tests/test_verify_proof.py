@@ -13,10 +13,11 @@ from test_nlp_bounds_attack import random_task
 from test_nlp_bounds_branch import clearance_missed, dual_value_in, seen
 
 from nlp import proof_root, prove_chunk, solve
-from nlp.bounds.branch import arrays
+from nlp.bounds.branch import arrays, search
 from nlp.bounds.branch import proof as branch
 from nlp.bounds.branch.arrays import to_arrays, whole_box
 from nlp.bounds.branch.crowded import ALL_OVER, crowding
+from nlp.units import Units
 from topo_search.model import Chunk, Design, Topology
 from topo_search.model.files import read_json
 from topo_search.model.proof import chunk_count, proof_task
@@ -55,8 +56,8 @@ def dual_value(task, tree, theta, tip, y, walls, corners=()):
     """The dual function in units of `dual`: the largest input, its thrust, and arm lengths."""
     F, l_arm = task.module.thrust_coefficient * task.max_input, task.module.arm_length
     units = SimpleNamespace(input=task.max_input, force=F, torque=F * l_arm, length=l_arm)
-    cases = (proof_task(task, "task").with_corners(corners) if corners else task).load_cases
-    return dual_value_in(units, task, tree, theta, tip, y, walls, cases)
+    bounded = proof_task(task, "task").with_corners(corners) if corners else task
+    return dual_value_in(units, task, tree, theta, tip, y, walls, bounded)
 
 
 def any_multipliers(stated, rng):
@@ -309,6 +310,35 @@ def test_a_box_where_a_reserve_is_out_of_reach_is_excluded_whole():
     assert (found.how, found.extra) == (ends.HELD, 0)
 
 
+LEAST = {"module": {"min_input": 0.2, "max_thrust_to_weight": 3.0}}  # half the weight with the end-effector
+DEAD = {"flight": {"rotor_out": "hover", "rotor_out_torque": 0.0}}
+
+
+@pytest.mark.parametrize(("thrust", "possible"), [(0.4, False), (0.51, True)])
+def test_rotors_run_at_their_least_input_in_bounds(thrust, possible):
+    assert excludes({"com": {"force": [0.0, 0.0, thrust]}}) == (False, False)
+    assert excludes({"com": {"force": [0.0, 0.0, thrust]}}, **LEAST) == (not possible, not possible)
+
+
+def test_a_dead_rotor_is_at_rest_in_bounds():
+    assert excludes(HOVER) == (False, False)
+    assert excludes(HOVER, **DEAD) == (True, True)
+    assert excludes(HOVER, **DEAD, search={"peak_input": 0.9}) == (False, False)  # reserves may use more
+
+
+def excludes(case, **fields):
+    """Whether prover and check exclude a level module at ten times the effort of its thrust alone."""
+    task = push(1, load_cases=[case], **fields)
+    tree, level = Topology(((-1, -1, -1),)), np.zeros(3)
+    problem, (*_, thrust) = to_arrays(task, tree), task.load_cases[0].at_com.force
+    cut = 40 * (thrust / Units.of(task).force) ** 2
+    found = search.search(problem, level - 1e-6, level + 1e-6, cut, 1)
+    corners = range(len(problem.loads.f) - 1)
+    stated, scale = numbers(task, tree, "task", tuple(corners)), arrays.effort_unit(task) / effort_unit(task)
+    replayed = settled(stated, level - 1e-6, level + 1e-6, cut * scale)
+    return found.how == search.CLOSED, replayed.how == ends.HELD
+
+
 @pytest.fixture(scope="module")
 def pair():
     """Two modules, a design near their best, and the proof of a cut under it."""
@@ -386,13 +416,16 @@ def test_a_proof_about_the_task_counts_on_points_of_its_reserves_alone(direction
     task = push(3, flight=flight)
     bounded, n = proof_task(task, "task"), len(task.load_cases)
     assert not any(case.weight for case in bounded.load_cases[n:])
-    assert set(bounded.dead_rotors) == {None}
+    assert bounded.dead_rotors[-12:] == tuple(range(12))
     sizes = set[tuple[float, float]]()
-    for case in bounded.load_cases[n:]:
+    for case, dead in zip(bounded.load_cases[n:], bounded.dead_rotors[n:], strict=True):
         at_tip = case.at_end_effector
         force, torque = np.linalg.norm(at_tip.force), np.linalg.norm(at_tip.torque)
         assert case.at_com.force == pytest.approx((0.0, 0.0, task.force_unit(3)))
         assert min(force, torque) == 0.0
+        if dead is not None:
+            assert force == torque == 0.0
+            continue
         assert directions == "all" or at_tip.force[2] == 0.0
         sizes.add((round(force / task.force_unit(3), 9), round(torque / task.torque_unit(3), 9)))
     assert sizes == {(round(0.1 - 5e-6, 9), 0.0), (0.0, round(0.2 - 5e-6, 9))}

@@ -86,10 +86,11 @@ def lower_bound(task: ResolvedTask, *, accuracy: float = 0.0) -> float:
 def lightest_cases(task: ResolvedTask) -> ResolvedTask:
     """Return the task with the lightest rod and with points of its reserves as load cases.
 
-    Tilts and errors of the centre of mass are left out: bounds of forces gain nothing from them, and take longer.
+    Tilts, errors of the centre of mass and dead rotors are left out: bounds of forces gain nothing from them, and
+    take longer.
     """
     light = task.declared.lightest
-    flight = light.flight.model_copy(update={"tilt_deg": 0.0, "com_error": 0.0})
+    flight = light.flight.model_copy(update={"tilt_deg": 0.0, "com_error": 0.0, "rotor_out": "none"})
     return to_corners(light.model_copy(update={"flight": flight}), inner=True)
 
 

@@ -58,16 +58,15 @@ def to_corners(task: ResolvedTask, *, inner: bool = False) -> ResolvedTask:
     Args:
         task: the task.
         inner: whether only what every clear design must be able to do is stated, for proofs: of reserves points of
-            the balls themselves, and none where `search.peak_input` is less than 1, which does not bind them; no
-            dead rotors.
+            the balls themselves, with a rotor dead the case without its torques, and neither where
+            `search.peak_input` is less than 1, which does not bind them.
     """
     if isinstance(task, CorneredTask):
         return task
     sets = [[Corner(*corner)] for corner in corners_of(task)]
     if not inner or task.search.peak_input == 1:
         sets += reserve_corners(task, inner=inner)
-    if not inner:
-        sets += failure_corners(task)
+        sets += failure_corners(task, inner=inner)
     if not sets:
         return task
     groups = [number for number, corners in enumerate(sets) for _ in corners]

@@ -437,12 +437,15 @@ def box_corners(half: float) -> Array:
     return half * np.array(list(product((1.0, -1.0), repeat=3)))
 
 
-def failure_corners(task: ResolvedTask) -> list[list[Corner]]:
-    """Return what must be possible with each rotor dead: corners around the torques that are left, or the case."""
+def failure_corners(task: ResolvedTask, *, inner: bool = False) -> list[list[Corner]]:
+    """Return what must be possible with each rotor dead: corners around the torques that are left, or the case.
+
+    `inner`: the case alone.
+    """
     flight, groups = task.flight, list[list[Corner]]()
     if flight.rotor_out == "none":
         return groups
-    around = (flight.rotor_out_torque or 0.0) * _circumscribe(disc=False)
+    around = (0.0 if inner else flight.rotor_out_torque or 0.0) * _circumscribe(disc=False)
     for _, label, case in centres_of(task, flight.rotor_out):
         for rotor in range(4 * task.n):
             words = f"{label}, {rotor_name(rotor)} dead"

@@ -34,13 +34,15 @@ holds of the first holds of the second."""
 def proof_task(task: ResolvedTask, problem: Problem) -> ResolvedTask:
     """Return the task that a proof bounds: with sets of wrenches and reserves written out as corners.
 
-    Of the balls of reserves `solver` has the corners around them, `task` points of the balls themselves. Failures
-    and angular accelerations are left out, and where `search.peak_input` is less than 1 reserves.
+    Of the balls of reserves `solver` has the corners around them, `task` points of the balls themselves. Angular
+    accelerations and the torque that a dead rotor leaves are left out, and where `search.peak_input` is less than 1
+    all reserves and failures.
     """
-    cornered = to_corners(task, inner=problem == "task" or task.search.peak_input < 1)
+    alone = task.with_fields("flight", rotor_out_torque=None)
+    cornered = to_corners(alone, inner=problem == "task" or task.search.peak_input < 1)
     if not isinstance(cornered, CorneredTask):
         return task
-    known = (c for c, corner in enumerate(cornered.corners) if corner.dead is None and not any(corner.acceleration))
+    known = (c for c, corner in enumerate(cornered.corners) if not any(corner.acceleration))
     return cornered.with_corners(known)
 
 

@@ -87,6 +87,7 @@ def knows(task: ResolvedTask, about: Problem) -> list[str]:
         words += [f"reserves ({balls})"] * (flight.force_reserve > 0 or flight.torque_reserve > 0)
         words += ["tilts"] * (flight.tilt_deg > 0 and (about == "task" or flight.allocator == "optimal"))
         words += ["errors of the centre of mass"] * (flight.com_error > 0)
+        words += ["rotor failures without torque"] * (flight.rotor_out != "none")
     if half_spaces(task.exposure) and task.end_effector.fixed_position is None:
         words.append("half-spaces that hold the airflow")
     return words

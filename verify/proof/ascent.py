@@ -16,9 +16,10 @@ is subtracted as well. For a step the root is replaced by the parabola over it t
 does for most boxes. For the others the points are all vertices: where a reserve is out of reach, D at the middle
 rises without end with the multipliers, and falls the more steeply towards the vertices.
 
-psi of a load case without weight, max(t, 0), has a kink, which Newton's method does not see. Here it counts as
-(t + root(t^2 + s^2) - s) / 2, and so does that of any weight under the width s. At the vertices T and s fall from
-stage to stage. Load cases that cost nothing then have multipliers that bring nothing: `leave` sets these to zero.
+psi of a load case without weight, m t + (1 - m) max(t, 0), has a kink, which Newton's method does not see. Here
+max(t, 0) counts as (t + root(t^2 + s^2) - s) / 2, and so it does with any weight under the width s. At the
+vertices T and s fall from stage to stage. Load cases that cost nothing then have multipliers that bring nothing:
+`leave` sets these to zero.
 """
 
 from __future__ import annotations
@@ -446,7 +447,7 @@ def climb(
 @njit(cache=True, allocates=False)
 def value(numbers: Numbers, at: Points, y: Array, sigma: Array, T: float) -> float:
     """Return what is maximised, and fill D and slopes."""
-    taken, least = 0.0, math.inf
+    taken, lowest, least = 0.0, math.inf, numbers.least
     for k in range(len(y)):
         if not at.active[k]:
             continue
@@ -469,21 +470,23 @@ def value(numbers: Numbers, at: Points, y: Array, sigma: Array, T: float) -> flo
             for j in range(at.a.shape[1]):
                 a = at.a[v, j]
                 t = a[0] * y0 + a[1] * y1 + a[2] * y2 + a[3] * y3 + a[4] * y4 + a[5] * y5
+                if j == numbers.dead[k]:
+                    continue
                 if blurred:
-                    total -= (t + math.sqrt(t * t + weight * weight) - weight) / 2
-                elif t > 0.0:
-                    u = min(t / (2 * weight), 1.0)
+                    total -= least * t + (1 - least) / 2 * (t + math.sqrt(t * t + weight * weight) - weight)
+                else:
+                    u = min(max(t / (2 * weight), least), 1.0)
                     total -= u * (t - weight * u)
         at.D[v] = total
-        least = min(least, total)
+        lowest = min(lowest, total)
     if len(at.turning.rho) > 0:
         _fill_slopes(numbers, at, y, sigma)
         for angle in range(len(at.turning.rho)):
             taken += at.turning.rho[angle] * (math.hypot(at.turning.slope[angle], at.ridge[2]) - at.ridge[2])
     shares = 0.0
     for v in range(len(at.D)):
-        shares += math.exp((least - at.D[v]) / T)
-    return least - T * math.log(shares) - taken
+        shares += math.exp((lowest - at.D[v]) / T)
+    return lowest - T * math.log(shares) - taken
 
 
 @njit(cache=True, allocates=False)
@@ -508,8 +511,8 @@ def _fill_slopes(numbers: Numbers, at: Points, y: Array, sigma: Array) -> None:
         for j in range(at.a.shape[1]):
             a = at.a[0, j]
             t = a[0] * y0 + a[1] * y1 + a[2] * y2 + a[3] * y3 + a[4] * y4 + a[5] * y5
-            u, stiff = _pull(t, weight, blurred)
-            if u <= 0.0:
+            u, stiff = _pull(t, weight, blurred, numbers.least)
+            if u <= 0.0 or j == numbers.dead[k]:
                 continue
             for angle in range(len(slope)):
                 if not turning.turned[angle, j // 4]:
@@ -522,14 +525,14 @@ def _fill_slopes(numbers: Numbers, at: Points, y: Array, sigma: Array) -> None:
 
 
 @njit(cache=True, allocates=False)
-def _pull(t: float, weight: float, blurred: bool) -> tuple[float, float]:
+def _pull(t: float, weight: float, blurred: bool, least: float) -> tuple[float, float]:
     """Return the first and second derivative of psi."""
     if blurred:
-        length = math.sqrt(t * t + weight * weight)
-        return (1 + t / length) / 2, weight * weight / (2 * length * length * length)
+        length, half = math.sqrt(t * t + weight * weight), (1 - least) / 2
+        return least + half * (1 + t / length), half * weight * weight / (length * length * length)
     u = t / (2 * weight)
-    if u <= 0.0:
-        return 0.0, 0.0
+    if u <= least:
+        return least, 0.0
     return (u, 1 / (2 * weight)) if u < 1.0 else (1.0, 0.0)
 
 
@@ -604,7 +607,9 @@ def _fill_model(
         for j in range(at.a.shape[1]):
             a = at.a[v, j]
             t = a[0] * y0 + a[1] * y1 + a[2] * y2 + a[3] * y3 + a[4] * y4 + a[5] * y5
-            u, stiff = _pull(t, weight, blurred)
+            if j == numbers.dead[k]:
+                continue
+            u, stiff = _pull(t, weight, blurred, numbers.least)
             stiff *= share[point]
             if u > 0.0:
                 for l in range(6):

@@ -9,15 +9,15 @@ produce is b_k + r_k with |r_k| as `verify.proof.platform` says, so
         + \sum_r \sigma_r (n_r \cdot (e_r - p'_E) + d_r) \ge
         \sum_k y_k \cdot b_k - |y_k| \cdot |r_k| - \sum_{j,k} \psi_k(a_j \cdot y_k)
         + \sum_r \sigma_r (n_r \cdot (e_r - p'_E) + d_r), \qquad
-    \psi_k(t) = \max_{-\tau \le u \le 1 + \tau} t u - \lambda_k u^2
+    \psi_k(t) = \max_{m - \tau \le u \le 1 + \tau} t u - \lambda_k u^2
 
-with tau the audit's tolerance. The ends e_r of envelopes keep within half-spaces, so that n_r . (e_r - p'_E) + d_r
-<= 0, and sigma_r >= 0. What must be possible but costs nothing has lambda_k = 0.
-p'_E drops out where sum_k g_k x mu_k = sum_r sigma_r n_r; what is missed of that costs as much times the farthest
-p'_E. psi is convex, a_j . y, b . y and n_r . e_r are affine in the pair of each angle (`verify.proof.arcs`), so the
-right-hand side is least at a choice of corners. A module adds what depends on the root and on the hinges of its
-path alone, so for each of the 27 choices of the root the least over the hinges is found from the leaves of the tree
-inwards.
+with tau the audit's tolerance and m the least input; of a dead rotor, -tau <= u <= tau. The ends e_r of envelopes
+keep within half-spaces, so that n_r . (e_r - p'_E) + d_r <= 0, and sigma_r >= 0. What must be possible but costs
+nothing has lambda_k = 0. p'_E drops out where sum_k g_k x mu_k = sum_r sigma_r n_r; what is missed of that costs
+as much times the farthest p'_E. psi is convex, a_j . y, b . y and n_r . e_r are affine in the pair of each angle
+(`verify.proof.arcs`), so the right-hand side is least at a choice of corners. A module adds what depends on the
+root and on the hinges of its path alone, so for each of the 27 choices of the root the least over the hinges is
+found from the leaves of the tree inwards.
 
 **Rounding.** Corners are at most 1.44, and a frame is a product of at most n + 2 matrices whose entries are off
 by 4 eps (eps = 2^-53), each product by 3 eps of the sums of sizes: entries of R are off by less than 16 (n + 2)
@@ -150,6 +150,9 @@ def _fill(numbers: Numbers, frames: Frames, i: int, v: int, work: Sums) -> None:
         y, weight = work.y[k], numbers.weight[k]
         steep = 0.5 / weight if weight > 0.5 / STEEP else STEEP
         for q in range(4):
+            low, high = numbers.least - TOLERANCE, 1 + TOLERANCE
+            if numbers.dead[k] == 4 * i + q:
+                low, high = -TOLERANCE, TOLERANCE
             ox, oy, oz = numbers.torques[q]
             tx = Mx + R[0, 0] * ox + R[0, 1] * oy + R[0, 2] * oz
             ty = My + R[1, 0] * ox + R[1, 1] * oy + R[1, 2] * oz
@@ -158,7 +161,7 @@ def _fill(numbers: Numbers, frames: Frames, i: int, v: int, work: Sums) -> None:
             for choice in range(CHOICES):
                 t = fx * y[0, choice] + fy * y[1, choice] + fz * y[2, choice]
                 t += tx * y[3, choice] + ty * y[4, choice] + tz * y[5, choice]
-                u = min(max(t * steep, -TOLERANCE), 1 + TOLERANCE)
+                u = min(max(t * steep, low), high)
                 into[choice] -= u * (t - weight * u)
 
 

@@ -74,6 +74,10 @@ class Numbers(NamedTuple):
     g: Array
     weight: Array
     """lambda_k, in the greatest, shape (K,)."""
+    dead: Indices
+    """Rotor at rest, 4 i + q, or -1, shape (K,)."""
+    least: float
+    """Least input of all others."""
     normal: Array
     module: Indices
     down: Array
@@ -172,6 +176,8 @@ def numbers(
         h=h,
         g=g,
         weight=weight / weight.max(),
+        dead=np.array([-1 if rotor is None else rotor for rotor in bounded.dead_rotors], np.int64),
+        least=task.min_input / task.max_input,
         normal=normal,
         module=module_of,
         down=down,

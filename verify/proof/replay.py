@@ -222,7 +222,7 @@ def _steepest(numbers: Numbers, work: Workspace, rho: Array) -> int:
     for k in range(len(work.y)):
         for j in range(at.a.shape[1]):
             t = (at.a[0, j] * work.y[k]).sum()
-            u = min(max(t / (2 * at.weight[k]), 0.0), 1.0)
+            u = min(max(t / (2 * at.weight[k]), numbers.least), 1.0)
             for angle in range(len(rho)):
                 if turning.turned[angle, j // 4]:
                     change = (turning.change[angle, j] * work.y[k]).sum()

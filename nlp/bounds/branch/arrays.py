@@ -82,6 +82,8 @@ class Loads(NamedTuple):
     h: Array
     g: Array
     weight: Array
+    dead: Indices
+    """Rotor at rest, 4 i + q, or -1: shape (K,)."""
     project: Array
     """Pseudo-inverse of sum_k [g_k]x [g_k]x^T, shape (3, 3)."""
 
@@ -143,8 +145,9 @@ class BranchProblem(NamedTuple):
     torques: Array
     """Torque of each rotor about its module's centre at unit thrust, shape (4, 3)."""
     l_c: float
+    u_min: float
     u_max: float
-    """With the audit's tolerance."""
+    """With the audit's tolerance, as the least."""
     angles: Array
     """Angles that hinges may have, in order; empty if any will do [rad]."""
 
@@ -191,6 +194,7 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
         bodies,
         4 * torque_map(module).T,
         l_c,
+        max(0.0, task.min_thrust_to_weight - U * TOLERANCE),
         U * (1 + TOLERANCE),
         hinge_angles(task),
     )
@@ -295,6 +299,7 @@ def _loads(task: ResolvedTask, carried: Masses, unit: Units) -> Loads:
     t = np.add([w.torque for w in tip], [w.torque for w in com]) / unit.torque
     n, share = task.n, carried.tip / carried.total
     weight = np.array([case.weight for case in cases])
+    dead = np.array([-1 if rotor is None else rotor for rotor in task.dead_rotors])
     if position is None:
         g, h = f_E + share * f_C, f_C / (carried.total * (n / carried.bodies))
     else:  # p'_E and the COM from B (`nlp.numbers.masses`)
@@ -302,7 +307,8 @@ def _loads(task: ResolvedTask, carried: Masses, unit: Units) -> Loads:
         t = t + carried.lever * np.cross(p_E, f_E) + carried.tip / carried.bodies * np.cross(p_E, f_C)
         g, h = np.zeros_like(f_E), (f_E + f_C) / n
     crosses = sum(((g_k @ g_k) * np.eye(3) - np.outer(g_k, g_k) for g_k in g), np.zeros((3, 3)))
-    return Loads(f_E + f_C, t, h, g, weight / weight.max(), np.linalg.pinv(crosses, rcond=1e-9, hermitian=True))
+    project = np.linalg.pinv(crosses, rcond=1e-9, hermitian=True)
+    return Loads(f_E + f_C, t, h, g, weight / weight.max(), dead, project)
 
 
 def _walls(task: ResolvedTask, unit: Units) -> Walls:

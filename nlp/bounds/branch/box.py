@@ -6,13 +6,14 @@ r"""A lower bound on the effort of every design whose angles lie in a box.
 
     J \ge \sum_k y_k \cdot b_k(\theta) - \sum_{j,k} \psi_k(a_j(\theta) \cdot y_k)
     + \sum_r \sigma_r (n_r \cdot e_r(\theta) + d_r) =: D(\theta; y, \sigma), \qquad
-    \psi_k(t) = \max_{0 \le u \le U} t u - \lambda_k u^2
+    \psi_k(t) = \max_{m \le u \le U} t u - \lambda_k u^2
 
 with sigma_r >= 0 of the rows of walls, n_r . (e_r - p'_E) + d_r <= 0, e_r an end of an envelope. The balance of
 load case k has p'_E x g_k in its torque; p'_E cancels in the sum where sum_k g_k x mu_k = sum_r sigma_r n_r, so
 that no box for it is needed. b_k . y_k is const + sum_i B_i . s with s = sum_k h_k x mu_k and B_i the moment of
-module i and its joints, p_i where joints weigh nothing. A corner of a reserve is a load case with lambda_k = 0,
-whose psi is U max(t, 0); one with y_k = 0 adds nothing.
+module i and its joints, p_i where joints weigh nothing; m >= 0, so that psi is nondecreasing. A corner of a reserve
+is a load case with lambda_k = 0, whose psi is m t + (U - m) max(t, 0); one with y_k = 0 adds nothing. A dead rotor
+has no psi.
 
 **Interpolation.** In every single angle a, the others held, t = a_j . y_k is A + alpha cos x + beta sin x, x
 from the middle of the box and |x| <= rho. It exceeds the line P_a t through its values at x = -rho and rho by
@@ -63,7 +64,7 @@ import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem, Indices
 from nlp.bounds.branch.frames import Axes, Frames, moment
-from nlp.bounds.branch.multipliers import imbalance
+from nlp.bounds.branch.multipliers import best_input, imbalance
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -385,20 +386,21 @@ def _add_remainders(problem: BranchProblem, roots: Array, axes: Axes, rho: Array
 @njit(cache=True, allocates=False)
 def _least(problem: BranchProblem, work: Sums, thrusts: Array, count: int, constant: float, cut: float) -> float:
     """Return the constant and the least sum over the modules of all vertices, or of some that are under the cut."""
-    first, parent, U, weights = problem.tree.first, problem.tree.parent, problem.u_max, problem.loads.weight
+    tree, loads, m, U = problem.tree, problem.loads, problem.u_min, problem.u_max
+    first, parent = tree.first, tree.parent
     active, added, least, result = work.active, work.added, work.least, math.inf
     for root in range(8):
-        for v in range(len(least)):
-            total = added[root, v]
-            for slot in range(count):
-                weight = weights[active[slot]]
-                full = 2 * weight * U
-                for q in range(4):
-                    t = thrusts[root, v, slot, q]
-                    if t > 0.0:
-                        u = U if t >= full else t / (2 * weight)
-                        total -= u * (t - weight * u)
-            least[v] = total
+        for i in range(len(parent)):
+            for v in range(first[i], first[i + 1]):
+                total = added[root, v]
+                for slot in range(count):
+                    weight, dead = loads.weight[active[slot]], loads.dead[active[slot]] - 4 * i
+                    for q in range(4):
+                        t = thrusts[root, v, slot, q]
+                        u = best_input(t, weight, m, U)
+                        if q != dead:
+                            total -= u * (t - weight * u)
+                least[v] = total
         for i in range(len(parent) - 1, 0, -1):
             h = parent[i]
             for v in range(first[h + 1] - first[h]):
@@ -477,7 +479,7 @@ def _drifts(problem: BranchProblem, rho: Array, drift: Array) -> None:
 @njit(cache=True, allocates=False)
 def gains(problem: BranchProblem, y: Array, R: Array, middle: Frames, axes: Axes, rho: Array, work: Sums) -> None:
     """Add to `slope` and `spread` of a box that was bounded what its rotors change, at the middle."""
-    U = problem.u_max
+    least, U = problem.u_min, problem.u_max
     slopes, parts = work.slopes, work.parts
     for k in range(len(y)):
         nx, ny, nz = _into(R, y[k, 0], y[k, 1], y[k, 2])
@@ -523,8 +525,8 @@ def gains(problem: BranchProblem, y: Array, R: Array, middle: Frames, axes: Axes
                 t = 0.25 * (force + own_x * about_x + own_y * about_y + own_z * about_z)
                 for at in range(count):
                     t += parts[at, q]
-                if t > 0.0:
-                    u = U if t >= 2 * weight * U else t / (2 * weight)
+                u = best_input(t, weight, least, U)
+                if u > 0.0 and problem.loads.dead[k] != 4 * i + q:
                     for at in range(count):
                         work.slope[path[at]] -= u * slopes[at, q]
                         work.spread[path[at]] += u * parts[at, q]

@@ -123,7 +123,7 @@ def wrenches(problem: BranchProblem, R: Array, at: Frames, work: Workspace) -> N
 @njit(cache=True, allocates=False)
 def value(problem: BranchProblem, work: Workspace, y: Array) -> float:
     """Return D(y), with the weights as they count here."""
-    total, U = 0.0, problem.u_max
+    total, m, U = 0.0, problem.u_min, problem.u_max
     for k in range(len(y)):
         weight = max(LEAST_WEIGHT, problem.loads.weight[k])
         for l in range(6):
@@ -132,10 +132,17 @@ def value(problem: BranchProblem, work: Workspace, y: Array) -> float:
             t = 0.0
             for l in range(6):
                 t += work.a[j, l] * y[k, l]
-            if t > 0.0:
-                u = min(U, t / (2 * weight))
-                total -= u * (t - weight * u)
+            u = best_input(t, weight, m, U)
+            total -= u * (t - weight * u)
     return total
+
+
+@njit(cache=True, allocates=False)
+def best_input(t: float, weight: float, m: float, U: float) -> float:
+    """Return the u between m and U that t u - weight u^2 is greatest at."""
+    if t <= 2 * weight * m:
+        return m
+    return U if t >= 2 * weight * U else t / (2 * weight)
 
 
 @njit(cache=True, literals=False, allocates=False)
@@ -223,7 +230,7 @@ def newton_step(problem: BranchProblem, work: Workspace, y: Array, tied: int) ->
 
     A row w with goal g and diagonal d takes (g + w . step)^2 / (2 d) from the model, or is held to 0 where d is 0.
     """
-    K, U = len(y), problem.u_max
+    K, least, U = len(y), problem.u_min, problem.u_max
     S, q = work.S, work.q
     for row in range(tied):
         q[row] = work.goal[row]
@@ -241,12 +248,12 @@ def newton_step(problem: BranchProblem, work: Workspace, y: Array, tied: int) ->
             t = 0.0
             for l in range(6):
                 t += work.a[j, l] * y[k, l]
-            if t <= 0.0:
+            u = best_input(t, weight, least, U)
+            if u == 0.0:
                 continue
-            u = min(U, t / (2 * weight))
             for l in range(6):
                 columns[0, l] -= u * work.a[j, l]
-            if u < U:
+            if least < u < U:
                 for l in range(6):
                     for m in range(l + 1):
                         H[l, m] += work.a[j, l] * work.a[j, m] / (2 * weight)

@@ -24,7 +24,7 @@ import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.frames import Axes, Frames, moment
-from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, copy, meet, newton_step
+from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, best_input, copy, meet, newton_step
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -126,7 +126,7 @@ def flatten(
 @njit(cache=True, allocates=False)
 def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
     """Return what is maximised, and fill g."""
-    tree, U, total = problem.tree, problem.u_max, 0.0
+    tree, m, U, total = problem.tree, problem.u_min, problem.u_max, 0.0
     g[:] = 0.0
     for k in range(len(y)):
         weight, h, mu = max(LEAST_WEIGHT, problem.loads.weight[k]), problem.loads.h[k], y[k, 3:]
@@ -140,8 +140,8 @@ def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, 
             t = 0.0
             for l in range(6):
                 t += work.a[j, l] * y[k, l]
-            if t > 0.0:
-                u = min(U, t / (2 * weight))
+            u = best_input(t, weight, m, U)
+            if u > 0.0:
                 total -= u * (t - weight * u)
                 for at in range(tree.depth[j // 4] + 3):
                     a = tree.path[j // 4, at]
@@ -155,7 +155,7 @@ def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, 
 @njit(cache=True, allocates=False)
 def _gradients(problem: BranchProblem, work: Workspace, slopes: Slopes, y: Array) -> None:
     """Fill the gradients of all slopes in y."""
-    tree, U = problem.tree, problem.u_max
+    tree, m, U = problem.tree, problem.u_min, problem.u_max
     for k in range(len(y)):
         weight, h, rows = max(LEAST_WEIGHT, problem.loads.weight[k]), problem.loads.h[k], work.rows[k, 3:]
         for a in range(len(rows)):
@@ -167,12 +167,12 @@ def _gradients(problem: BranchProblem, work: Workspace, slopes: Slopes, y: Array
             t = 0.0
             for l in range(6):
                 t += work.a[j, l] * y[k, l]
-            if t <= 0.0:
+            u = best_input(t, weight, m, U)
+            if u == 0.0:
                 continue
-            u = min(U, t / (2 * weight))
             for at in range(tree.depth[j // 4] + 3):
                 a, changed = tree.path[j // 4, at], 0.0
-                if u < U:
+                if m < u < U:
                     for l in range(6):
                         changed += slopes.beta[a, j, l] * y[k, l]
                     changed /= 2 * weight

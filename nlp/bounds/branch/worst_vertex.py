@@ -8,11 +8,11 @@ falls the more steeply towards the vertices. So what is maximised is D at all ve
     F(y, \sigma) = -T \log \sum_v e^{-D_v(y, \sigma) / T} + m \sum_r \log \sigma_r
         - \frac{1}{2} \sum_{k,l} r_l y_{kl}^2
 
-under the condition that p'_E drops out, by damped Newton steps while T, m and the width s of a kink fall: psi of a
-corner, U max(t, 0), counts as U (t + sqrt(t^2 + s^2) - s) / 2. That is less, and at the maximum sum_v w_v G_v is
-next to nothing, so hardly any multipliers lift the worst vertex above sum_v w_v D_v + W m: under the cut, the
-search ends. Corners whose thrusts are of the size of s cost nothing and are left out of later stages. Nothing that
-is proven rests on any of this: any multipliers will do.
+under the condition that p'_E drops out, by damped Newton steps while T, m and the width s of a kink fall: psi of
+a corner, m t + (U - m) max(t, 0), counts as m t + (U - m) (t + sqrt(t^2 + s^2) - s) / 2. That is less, and at the
+maximum sum_v w_v G_v is next to nothing, so hardly any multipliers lift the worst vertex above sum_v w_v D_v + W
+m: under the cut, the search ends. Corners whose thrusts are of the size of s cost nothing and are left out of
+later stages. Nothing that is proven rests on any of this: any multipliers will do.
 
 D_v is a sum over the modules, each in one of its frames at one of the 8 vertices of the root.
 
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from nlp.bounds.branch.arrays import BranchProblem, Indices
 from nlp.bounds.branch.frames import Frames, moment
-from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, copy, imbalance
+from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, best_input, copy, imbalance
 from nlp.numbers.cholesky import factor, solve_factored
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -371,7 +371,8 @@ def _value(
     problem: BranchProblem, into: Vertices, y: Array, sigma: Array, T: float, m: float, s: float
 ) -> tuple[float, float, float]:
     """Return F, the least D and the mean of all by their shares, and fill D and what it is computed from."""
-    loads, walls, U, n = problem.loads, problem.walls, problem.u_max, len(problem.tree.parent)
+    loads, walls, n = problem.loads, problem.walls, len(problem.tree.parent)
+    least_input, U = problem.u_min, problem.u_max
     constant, sx, sy, sz, barrier = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(y)):
         if into.on[k]:
@@ -396,16 +397,20 @@ def _value(
                 if not into.on[k]:
                     continue
                 weight, force = loads.weight[k], a0 * y[k, 0] + a1 * y[k, 1] + a2 * y[k, 2]
+                dead = loads.dead[k] - 4 * into.module[v]
                 for q in range(4):
                     t = force + a[q, 3] * y[k, 3] + a[q, 4] * y[k, 4] + a[q, 5] * y[k, 5]
                     into.t[root, v, k, q] = t
+                    if q == dead:
+                        continue
                     if weight == 0.0:
-                        smoothed = U / 2 * (t + math.sqrt(t * t + s * s) - s)
-                        total -= smoothed
-                        more += max(0.0, U * t) - smoothed
-                    elif t > 0.0:
+                        short = (U - least_input) / 2 * (math.sqrt(t * t + s * s) - s - abs(t))
+                        psi = best_input(t, 0.0, least_input, U) * t
+                        total -= psi + short
+                        more -= short
+                    else:
                         counted = max(weight, LEAST_WEIGHT)
-                        u = min(U, t / (2 * counted))
+                        u = best_input(t, counted, least_input, U)
                         total -= u * (t - counted * u)
             into.added[root, v], into.kinked[root, v] = total, more
     C, least, worst, total, mean = len(into.frame), math.inf, math.inf, 0.0, 0.0
@@ -503,7 +508,8 @@ def _newton(problem: BranchProblem, work: Workspace, into: Vertices, T: float, m
 @njit(cache=True, allocates=False)
 def _add_frame(problem: BranchProblem, root: int, v: int, into: Vertices, s: float) -> None:
     """Fill what a module in one of its frames adds to a gradient, and add its share to minus the Hessian."""
-    U, share, (cx, cy, cz) = problem.u_max, into.of_frame[root, v], into.moment[root, v]
+    least, U, dead = problem.u_min, problem.u_max, problem.loads.dead
+    share, (cx, cy, cz) = into.of_frame[root, v], into.moment[root, v]
     for k in range(len(into.y)):
         if not into.on[k]:
             continue
@@ -512,13 +518,15 @@ def _add_frame(problem: BranchProblem, root: int, v: int, into: Vertices, s: flo
             part[l] = 0.0
         for q in range(4):
             a, t = into.a[root, v, q], into.t[root, v, k, q]
+            if dead[k] == 4 * into.module[v] + q:
+                continue
             if weight == 0.0:
-                length = math.sqrt(t * t + s * s)
-                u, stiff = U / 2 * (1 + t / length), U / 2 * s * s / length**3
+                length, half = math.sqrt(t * t + s * s), (U - least) / 2
+                u, stiff = least + half * (1 + t / length), half * s * s / length**3
             else:
                 counted = max(weight, LEAST_WEIGHT)
-                u = max(0.0, min(U, t / (2 * counted)))
-                stiff = 1 / (2 * counted) if 0.0 < u < U else 0.0
+                u = best_input(t, counted, least, U)
+                stiff = 1 / (2 * counted) if least < u < U else 0.0
             for l in range(6):
                 part[l] -= u * a[l]
             if stiff > 0.0:
