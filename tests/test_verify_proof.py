@@ -30,6 +30,8 @@ from verify.proof.check import chunk_box
 from verify.proof.platform import all_angles, effort_unit, hang, numbers
 
 PAIR = Topology(((-1, -1, -1), (0, 0, 2)))
+PUSH = {"end_effector": {"force": [0.25, 0.0, 0.75]}}
+WALL = {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}]}
 
 
 def framed(stated, lower, upper):
@@ -342,12 +344,38 @@ def excludes(case, **fields):
 @pytest.fixture(scope="module")
 def pair():
     """Two modules, a design near their best, and the proof of a cut under it."""
-    task = push(2, load_cases=[{"end_effector": {"force": [0.25, 0.0, 0.75]}}, HOVER])
+    task = push(2, load_cases=[PUSH, HOVER])
     design = solve(task, PAIR, starts=range(24), seed=0)
     assert isinstance(design, Design)
     cut = 0.99 * design.objective
     root = proof_root(task, PAIR)
     return task, root, design, cut, [prove_chunk(task, PAIR, number, cut) for number in range(chunk_count(2))]
+
+
+KINDS = {
+    "a reserve and a wall": {"exposure": [WALL], "flight": {"torque_reserve": 0.2}},
+    "a dead rotor": DEAD,
+    "an error of the centre of mass": {"flight": {"com_error": 0.005}},
+    "a least input": {"module": {"min_input": 0.1, "max_thrust_to_weight": 4.0}},
+    "airflow that merges": {"search": {"interference": "parts", "body_clearance": False}},
+    "a set of angles": {"search": {"hinge_step_deg": 15}},
+    "wrenches between two": {"load_cases": [{**PUSH, "vertices": [{"force": [0.1, 0.0, 0.8]}]}, HOVER]},
+}
+
+
+@pytest.mark.parametrize("kind", few(KINDS, ["a dead rotor", "a least input"]))
+def test_no_start_undercuts_a_proof_of_any_kind_and_a_cut_above_the_best_is_refused(kind):
+    task = push(2, **{"load_cases": [PUSH, HOVER]} | KINDS[kind])
+    best = solve(task, PAIR, starts=range(24), seed=0)
+    root, numbers = proof_root(task, PAIR), range(chunk_count(2))
+    for cut, holds in ((0.99 * best.objective, True), (1.002 * best.objective, False)):
+        chunks = [prove_chunk(task, PAIR, number, cut, "solver", most_boxes=20_000) for number in numbers]
+        assert all(chunk.outcome == "closed" for chunk in chunks) == holds
+        closed = [chunk for chunk in chunks if chunk.outcome == "closed"]
+        assert not any(check_chunk(task, PAIR, root, cut, chunk, "solver").fault for chunk in closed)
+    for seed in range(1, 6):
+        other = solve(task, PAIR, starts=range(8), seed=seed)
+        assert not isinstance(other, Design) or other.objective >= 0.99 * best.objective
 
 
 def longest(chunks):
@@ -383,9 +411,7 @@ def test_a_proof_where_airflow_may_merge_is_checked(problem):
 @pytest.fixture(scope="module")
 def flying():
     """Two modules with a reserve of torque before a wall, a design, and some chunks of a proof, its own first."""
-    wall = {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}]}
-    loads = [{"end_effector": {"force": [0.25, 0.0, 0.75]}}, HOVER]
-    task = push(2, load_cases=loads, exposure=[wall], flight={"torque_reserve": 0.2})
+    task = push(2, load_cases=[PUSH, HOVER], exposure=[WALL], flight={"torque_reserve": 0.2})
     design = solve(task, PAIR, starts=range(8), seed=0)
     cut, theta = 0.9 * design.objective, (*design.root_orientation_rad, *design.hinge_angles_rad)
     boxes = [chunk_box(task, 2, number) for number in range(chunk_count(2))]
