@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from topo_search.model.corners import CorneredTask, to_corners
+from topo_search.model.load_case import Wrench
 from topo_search.model.task import ResolvedTask
 from topo_search.model.topology import Topology
 from topo_search.model.value import OMIT_EMPTY, Index, Number, Value
@@ -42,8 +43,11 @@ def proof_task(task: ResolvedTask, problem: Problem) -> ResolvedTask:
     cornered = to_corners(alone, inner=problem == "task" or task.search.peak_input < 1)
     if not isinstance(cornered, CorneredTask):
         return task
-    known = (c for c, corner in enumerate(cornered.corners) if not any(corner.acceleration))
-    return cornered.with_corners(known)
+    known = dict[tuple[int | None, Wrench, Wrench], int]()
+    for c, (_, case, dead, acceleration) in enumerate(cornered.corners):
+        if not any(acceleration):
+            known.setdefault((dead, case.at_end_effector, case.at_com), c)  # hover may be a load case, too
+    return cornered.with_corners(known.values())
 
 
 def chunk_count(n: int) -> int:
