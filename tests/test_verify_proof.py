@@ -457,6 +457,11 @@ def test_a_proof_about_the_task_counts_on_points_of_its_reserves_alone(direction
     assert sizes == {(round(0.1 - 5e-6, 9), 0.0), (0.0, round(0.2 - 5e-6, 9))}
 
 
+def test_hover_that_is_a_load_case_too_is_counted_once_with_each_rotor_dead():
+    task = push(3, load_cases=[HOVER], flight={"rotor_out": "all"})
+    assert proof_task(task, "solver").dead_rotors == proof_task(task, "task").dead_rotors == (None, *range(12))
+
+
 def with_record(chunk, record):
     return Chunk.of(chunk.number, "closed", bytes(record))
 
