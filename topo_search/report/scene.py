@@ -5,10 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import plotly.graph_objects as go
 import trimesh
 from trimesh import Trimesh
 
@@ -21,6 +20,9 @@ from topo_search.model.module import Module
 from topo_search.model.shape import Cone
 from topo_search.report.wording import clearance
 from verify.kinematics import Platform
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 TURN = math.radians(300)
 """Angle of a ring that is drawn [rad]."""
@@ -82,6 +84,8 @@ def scene(
 
 def figure(design: Design, at: Platform, nearest: Clearance | None, assembly: Assembly | None) -> go.Figure:
     """Return the picture as a figure of Plotly; see `scene`."""
+    import plotly.graph_objects as go  # slow to load, and pages are drawn without it
+
     shared = meshes(design.task.module, sides=sides(design.topology.n))
     drawn, named = go.Figure(), set()
     for part in scene(design, at, nearest, assembly):
