@@ -231,9 +231,9 @@ def triangles_of(mesh: Trimesh) -> dict[str, list[float]]:
     # the sides of an octagon just have no edge in between
     smooth = mesh.face_adjacency[mesh.face_adjacency_angles < math.radians(46)]
     parts = trimesh.graph.connected_component_labels(smooth, len(mesh.faces)).repeat(3)
-    of_part = np.column_stack([parts, mesh.faces.ravel()])
-    corners, faces = np.unique(of_part, axis=0, return_inverse=True)
-    return {"corners": mesh.vertices[corners[:, 1]].round(5).ravel().tolist(), "faces": faces.ravel().tolist()}
+    corners, faces = np.unique(parts * len(mesh.vertices) + mesh.faces.ravel(), return_inverse=True)
+    vertices = mesh.vertices[corners % len(mesh.vertices)]
+    return {"corners": vertices.round(5).ravel().tolist(), "faces": faces.tolist()}
 
 
 def ball(centre: Array, radius: float) -> Trimesh:
