@@ -1,6 +1,5 @@
 """Proven numbers are rounded to the side on which they are still proven, the same wherever they are shown."""
 
-import json
 import re
 from decimal import Decimal
 from fractions import Fraction
@@ -18,7 +17,6 @@ from topo_search.model import Limit, Status, Topology
 from topo_search.model.proven import SOLVER_PRECISION, at_least, at_most, gap_percent
 from topo_search.report.design_page import bound, design_page
 from topo_search.report.design_part import design_part
-from topo_search.report.page import figure_json
 from topo_search.report.progress import describe
 from topo_search.study.answer import statement
 
@@ -90,7 +88,7 @@ def test_bounds_of_clearances_and_errors_are_told_on_their_side() -> None:
     )
     part = design_part(made, changed)
     assert part["nearest"].rows[0][3:] == ["1.23 mm", "1.24 mm"]
-    pointed = json.loads(figure_json(part["clearances"][0].figure))["data"][0]["customdata"]
+    pointed = part["clearances"][0].figure["data"][0]["customdata"]
     assert "proven: 1.23 mm to 1.24 mm" in str(pointed)
     assert part["errors"].rows[0][1:3] == ["0.00409°", "0.00411°"]
     assert next(tolerance_lines(changed)).startswith(

@@ -236,18 +236,17 @@ def test_only_critical_clearances_have_a_colour_and_all_can_be_read(audited):
         for a, b, status, size in ((0, 1, "clear", 0.0101), (0, 2, "clear", 0.00999), (1, 2, "violated", -0.1))
     ]
     _, figure = next(iter(clearance_matrices(made, found.model_copy(update={"pairs": tuple(changed)}))))
-    heat, text = figure.data
-    assert [heat.z[i][j] for i, j in ((0, 1), (1, 0), (0, 2), (2, 1))] == [0, 0, 1, 2]
-    assert np.isnan(heat.z[3][4])
-    assert text.textfont.size >= 11
-    told = dict(
-        zip(zip(text.y, text.x, strict=True), zip(text.text, text.textfont.color, strict=True), strict=True)
-    )
+    heat, text = figure["data"]
+    assert [heat["z"][i][j] for i, j in ((0, 1), (1, 0), (0, 2), (2, 1))] == [0, 0, 1, 2]
+    assert heat["z"][3][4] is None
+    assert text["textfont"]["size"] >= 11
+    places, tints = zip(text["y"], text["x"], strict=True), text["textfont"]["color"]
+    told = dict(zip(places, zip(text["text"], tints, strict=True), strict=True))
     assert [told["0", "1"][0], told["0", "2"][0], told["1", "2"][0]] == ["10.1", "9.99", "−100"]
     grounds = ["#ffffff", palette.TIGHT, palette.NOT_CLEAR]
     for (i, j), ground in zip((("0", "1"), ("0", "2"), ("1", "2")), grounds, strict=True):
         assert contrast(told[i, j][1], ground) >= 4.5
-    assert heat.showscale is False
+    assert heat["showscale"] is False
 
 
 def test_the_gap_of_a_design_is_computed_and_not_read_from_its_file(tmp_path):

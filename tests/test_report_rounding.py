@@ -3,7 +3,6 @@
 Random values go through all places that print them; a number in a text is taken for a value that is near it.
 """
 
-import json
 import re
 from fractions import Fraction
 
@@ -30,7 +29,6 @@ from topo_search.model.proven import excess_texts
 from topo_search.model.search import Level
 from topo_search.report.design_page import bound
 from topo_search.report.design_part import design_part, flight_part
-from topo_search.report.page import figure_json
 from topo_search.report.ranking import ranking
 from topo_search.report.run_page import front_part
 from topo_search.report.wording import near_tie_cells
@@ -85,7 +83,7 @@ def test_clearances(audited, status, capsys):
         only = found.model_copy(update={"pairs": (pair,), "sensitivity": None, "flight": None, "residuals": ()})
         print_audit("mine", only)
         page = design_part(made, only)
-        pointed = json.loads(figure_json(page["clearances"][0].figure))["data"][0]["customdata"]
+        pointed = page["clearances"][0].figure["data"][0]["customdata"]
         for text in (
             capsys.readouterr().out,
             Rounded(made, only, only, 0.5, 1.0).notes[1],

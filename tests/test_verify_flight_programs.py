@@ -86,7 +86,7 @@ def test_wrong_points_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     class Nothing:
         status = 4
 
-    monkeypatch.setattr(verify.flight.programs, "linprog", lambda *_, **__: Nothing())
+    monkeypatch.setattr("scipy.optimize.linprog", lambda *_, **__: Nothing())
     unproven = greatest(c, M, m, box)
     assert np.all(unproven.attained == -np.inf)
     assert np.all(unproven.upper >= right.attained - 1e-9)
@@ -111,7 +111,7 @@ def test_any_basis_is_one_to_start_from(seed: int) -> None:
 
 def test_a_wrench_at_the_very_edge_is_reached_without_highs(monkeypatch: pytest.MonkeyPatch) -> None:
     """All inputs at a limit: what the others make up for is exactly what is missing, but for rounding."""
-    monkeypatch.setattr(verify.flight.programs, "linprog", None)
+    monkeypatch.setattr("scipy.optimize.linprog", None)
     rng = np.random.default_rng(3)
     A, box = rng.normal(size=(6, 20)), Box(np.zeros(20), np.ones(20))
     d = rng.normal(size=(50, 6))

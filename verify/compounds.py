@@ -46,7 +46,7 @@ import numpy as np
 
 from topo_search.model import Status
 from verify.bodies import Array
-from verify.certificate import ROUNDING, Certificate, judge
+from verify.certificate import FLOOR, ROUNDING, Certificate, judge
 from verify.convex import Convex, Polyhedron
 from verify.gjk import ITERATION, Cores, Flags, cores, nearest
 from verify.meshes import FARTHEST, Indices, Shape
@@ -137,7 +137,7 @@ def proximities(
     Args:
         pairs: the bodies.
         bolted: whether their frames may touch where they are bolted together.
-        measured: whether it matters how far they are in each other if they are; else d is only a lower bound then.
+        measured: whether it matters how far they are apart, or in each other; else only whether d <= FLOOR.
     """
     if not pairs:
         return []
@@ -226,14 +226,15 @@ class _Batch:
         n = np.broadcast_to(best.n[:, None, None], (*g.shape, 3)).copy()
         d, x_A, x_B = np.full_like(g, np.inf), np.zeros_like(n), np.zeros_like(n)
         d[rows, a, b], g[rows, a, b], x_A[rows, a, b], x_B[rows, a, b] = best.d, best.g, best.x_A, best.x_B
-        open_ = (g < best.d[:, None, None]) & (d == np.inf)
+        below = (best.d if self.measured else np.minimum(best.d, 2 * FLOOR))[:, None, None]
+        open_ = (g < below) & (d == np.inf)
         p, i, j = np.nonzero(open_)
         own_n = _unit(self.middle[B[p, j]] - self.middle[A[p, i]])
         own_g = self.gap(A[p, i], B[p, j], own_n)
         better = own_g > g[p, i, j]
         p, i, j = p[better], i[better], j[better]
         g[p, i, j], n[p, i, j] = own_g[better], own_n[better]
-        p, i, j = np.nonzero(open_ & (g < best.d[:, None, None]))
+        p, i, j = np.nonzero(open_ & (g < below))
         more = self.distances(A[p, i], B[p, j], n[p, i, j])
         d[p, i, j], g[p, i, j], n[p, i, j], x_A[p, i, j], x_B[p, i, j] = more
         a, b = np.divmod(d.reshape(len(index), -1).argmin(axis=1), k.size)
@@ -255,12 +256,13 @@ class _Batch:
 
     def distances(self, A: Indices, B: Indices, n: Array) -> _Apart:
         """Return how near N pairs of parts are; `n` stands in where nearest points have no direction."""
-        result = nearest(self.cores.take(A), self.cores.take(B), n)
+        r_A, r_B = self.ball[A], self.ball[B]
+        enough = np.inf if self.measured else r_A + r_B + 2 * FLOOR
+        result = nearest(self.cores.take(A), self.cores.take(B), n, enough)
         size = np.linalg.norm(result.v, axis=1)
         # Cores as near as the search is exact may as well overlap: what v says of them is rounding.
         lost = result.overlap | (size <= ITERATION.accuracy)
         n = np.where(lost[:, None], n, -result.v / np.where(size > 0, size, 1.0)[:, None])
-        r_A, r_B = self.ball[A], self.ball[B]
         d = size - r_A - r_B
         x_A, x_B = result.x_A + r_A[:, None] * n, result.x_B - r_B[:, None] * n
         deep = np.flatnonzero(lost)
@@ -269,7 +271,7 @@ class _Batch:
             n[deep], x_A[deep] = touch([(flat[A[k]], flat[B[k]]) for k in deep])
             n[deep], x_B[deep] = self.steepest_directions(A[deep], B[deep], n[deep]), x_A[deep]
         g = self.gap(A, B, n)
-        open_ = np.flatnonzero(~lost & (g < d - SETTINGS.least_gain))
+        open_ = np.flatnonzero(~lost & (g < d - SETTINGS.least_gain) & self.measured)
         n[open_], g[open_] = self.sharper_directions(A[open_], B[open_], n[open_], g[open_])
         d[deep] = g[deep]
         return _Apart(d, g, n, x_A, x_B)

@@ -104,15 +104,17 @@ class Nearest(NamedTuple):
     """True if the origin lies in C as far as rounding can tell, shape (N,)."""
 
 
-def nearest(A: Cores, B: Cores, towards: Array) -> Nearest:
+def nearest(A: Cores, B: Cores, towards: Array, enough: Array | float = np.inf) -> Nearest:
     """Return the nearest points of N pairs of solids.
 
     Args:
         A: first solids.
         B: second solids.
         towards: roughly from A to B where they are nearest: the better, the fewer steps. Shape (N, 3).
+        enough: a plane across which they are farther apart ends the iteration, shape (N,).
     """
     N = len(A.disc)
+    enough = np.broadcast_to(enough, N)
     X_A = np.repeat(A.support(towards)[:, None], 4, axis=1)
     X_B = np.repeat(B.support(-towards)[:, None], 4, axis=1)
     weights = np.tile([1.0, 0.0, 0.0, 0.0], (N, 1))
@@ -128,7 +130,7 @@ def nearest(A: Cores, B: Cores, towards: Array) -> Nearest:
         A_, B_, v_ = A.take(active), B.take(active), v[active]
         a, b = A_.support(-v_), B_.support(v_)
         gap = np.sum(v_ * (a - b), axis=1) / np.where(size > 0, size, 1.0)
-        goes_on = size - gap > ITERATION.accuracy * (1.0 + size)
+        goes_on = (size - gap > ITERATION.accuracy * (1.0 + size)) & (gap <= enough[active])
         active, a, b, size = active[goes_on], a[goes_on], b[goes_on], size[goes_on]
         if not len(active):
             break

@@ -125,5 +125,6 @@ def asked_wrenches(point: Point) -> Array:
     f_E, tau_E = np.array([wrench.force for wrench in tip]), np.array([wrench.torque for wrench in tip])
     f_C, tau_C = np.array([wrench.force for wrench in com]), np.array([wrench.torque for wrench in com])
     torque = tau_E + tau_C + np.cross(point.p_E, f_E) + np.cross(point.p_COM, f_C)
-    torque += np.array(point.task.accelerations) @ inertia(point)
+    if any(map(any, point.task.accelerations)):
+        torque += np.array(point.task.accelerations) @ inertia(point)
     return np.concatenate([f_E + f_C, torque], axis=1)

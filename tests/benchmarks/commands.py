@@ -63,7 +63,7 @@ def cpu_seconds(command: tuple[str, ...], source: Path, folder: Path) -> float:
         [sys.executable, "-m", "topo_search", *command],
         check=True,
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": str(source)},
+        env={**os.environ, "PYTHONPATH": str(source), "PYTHONDONTWRITEBYTECODE": ""},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )

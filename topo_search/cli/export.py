@@ -164,7 +164,8 @@ def export(
         if form in TABLES:
             write_atomically(out, _table(source, form))
         else:
-            design = read_design(source)
+            reads_gap = form in PICTURES or form not in OURS
+            design = (read_design if reads_gap else read_completed)(source)
             surface = None
             if air_speed is not None:
                 from topo_search.export.air_field import air_surface

@@ -1,6 +1,7 @@
 """Charts of the page, and plots of an answer for notebooks and scripts.
 
-Clearances as matrices, rotor inputs against their limits, the progress of a search, effort against a goal.
+Clearances as matrices, rotor inputs against their limits, the progress of a search, effort against a goal; each as
+plotly.js takes it.
 """
 
 from __future__ import annotations
@@ -10,18 +11,17 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from topo_search.export import palette
 from topo_search.model import Audit, BadInput, Clearance, Design, Fault
 from topo_search.model.proven import at_least, at_most, upper_text
-from topo_search.report.page import style
+from topo_search.report.page import LOOK, Figure
 from topo_search.report.wording import clearance, figures, length, millimetres, modules
 from topo_search.study import Answer, FrontPoint, SolveEvent, front
 
 if TYPE_CHECKING:
     import pandas as pd
+    import plotly.graph_objects as go
 
 IN_CELLS = 7
 """Largest matrix whose values are written into its cells, so that they fit."""
@@ -37,7 +37,7 @@ PAIRWISE = {
 }
 
 
-def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, go.Figure]]:
+def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, Figure]]:
     """Yield a caption and a matrix for every kind of pair of modules, and for modules against requirements."""
     n = design.topology.n
     for kind, caption in PAIRWISE.items():
@@ -64,123 +64,135 @@ def _requirement(pair: Clearance) -> str:
     return f"{solid}exposure {pair.b}" + ("" if pair.segment is None else f", part {pair.segment}")
 
 
-def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[str], title: str) -> go.Figure:
+def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[str], title: str) -> Figure:
     """Return a matrix of clearances in millimetres; what is tight or not clear has a colour."""
     colours = (palette.CELL, palette.TIGHT, palette.NOT_CLEAR)  # only what is critical has a colour
-    levels = np.full((n, len(columns)), np.nan)
-    hover = np.full((n, len(columns)), "", dtype=object)
+    levels: list[list[int | None]] = [[None] * len(columns) for _ in range(n)]
+    hover = [[""] * len(columns) for _ in range(n)]
     written: list[tuple[str, str, str, str]] = []
     for (i, j), pair in cells.items():
         level = 2 if pair.status != "clear" else int(pair.analytic_m <= 0.01)
-        levels[i, j] = level
+        levels[i][j] = level
         lower = "none" if pair.lower_m is None else length(at_least(pair.lower_m, 3))
         upper = "none" if pair.upper_m is None else length(at_most(pair.upper_m, 3))
-        hover[i, j] = f"{pair.name}<br>{pair.status}, {clearance(pair)}<br>proven: {lower} to {upper}"
+        hover[i][j] = f"{pair.name}<br>{pair.status}, {clearance(pair)}<br>proven: {lower} to {upper}"
         written.append((columns[j], str(i), millimetres(pair), palette.IN_CELLS[level]))
-    figure = go.Figure(
-        go.Heatmap(
-            z=levels.astype(np.float32),
-            x=list(columns),
-            y=[str(i) for i in range(n)],
-            customdata=hover,
-            hovertemplate="%{customdata}<extra></extra>",
-            hoverongaps=False,
-            xgap=1,
-            ygap=1,
-            colorscale=[(k / 3, colour) for level, colour in enumerate(colours) for k in (level, level + 1)],
-            zmin=0,
-            zmax=2,
-            showscale=False,
-        )
-    )
+    heat = {
+        "type": "heatmap",
+        "z": levels,
+        "x": list(columns),
+        "y": [str(i) for i in range(n)],
+        "customdata": hover,
+        "hovertemplate": "%{customdata}<extra></extra>",
+        "hoverongaps": False,
+        "xgap": 1,
+        "ygap": 1,
+        "colorscale": [(k / 3, colour) for level, colour in enumerate(colours) for k in (level, level + 1)],
+        "zmin": 0,
+        "zmax": 2,
+        "showscale": False,
+    }
+    texts = []
     if written and max(n, len(columns)) <= IN_CELLS:
         x, y, text, tints = (list(column) for column in zip(*written, strict=True))
         look = {"size": 12, "color": tints}
-        figure.add_trace(go.Scatter(x=x, y=y, text=text, textfont=look, mode="text", hoverinfo="skip"))
+        texts = [{"x": x, "y": y, "text": text, "textfont": look, "mode": "text", "hoverinfo": "skip"}]
     axis = {"type": "category", "constrain": "domain", "showgrid": False}
     square = {"scaleanchor": "x" if title else None, "autorange": "reversed"}
-    figure.update_xaxes(**axis, title={"text": title})
-    figure.update_yaxes(**axis, **square, title={"text": "module"})
-    figure.update_layout(showlegend=False)
-    return figure
+    across, down = {**axis, "title": {"text": title}}, {**axis, **square, "title": {"text": "module"}}
+    return {"data": [heat, *texts], "layout": {"xaxis": across, "yaxis": down, "showlegend": False}}
 
 
-def rotor_inputs(design: Design) -> go.Figure:
+def rotor_inputs(design: Design) -> Figure:
     """Return every rotor input in units of the largest one that is allowed, a trace for each load case."""
     u_max = design.task.module.max_input(design.task.gravity)
     n = design.topology.n
     x = np.arange(n).repeat(4) + np.tile([-0.3, -0.1, 0.1, 0.3], n)
     names = [f"module {i}, rotor {q}" for i in range(n) for q in range(4)]
-    figure = go.Figure()
     marks = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
     inputs, looks = design.inputs.reshape(-1, 4 * n), itertools.cycle(zip(palette.SERIES, marks, strict=True))
-    for case, u, (colour, symbol) in zip(design.task.case_labels, inputs, looks, strict=False):
-        figure.add_scatter(
-            x=x,
-            y=u / u_max,
-            name=case,
-            mode="markers",
-            marker={"color": colour, "symbol": symbol, "size": 6 if n <= 30 else 4},
-            text=[f"{name}<br>{case}: {figures(value)} rad²/s²" for name, value in zip(names, u, strict=True)],
-            hovertemplate="%{text}, %{y:.3f} u_max<extra></extra>",
-        )
+    traces = [
+        {
+            "x": x.round(1).tolist(),
+            "y": (u / u_max).tolist(),
+            "name": case,
+            "mode": "markers",
+            "marker": {"color": colour, "symbol": symbol, "size": 6 if n <= 30 else 4},
+            "text": [f"{name}<br>{case}: {figures(value)} rad²/s²" for name, value in zip(names, u, strict=True)],
+            "hovertemplate": "%{text}, %{y:.3f} u_max<extra></extra>",
+        }
+        for case, u, (colour, symbol) in zip(design.task.case_labels, inputs, looks, strict=False)
+    ]
     share = design.task.search.peak_input
     largest = "largest input, u_max" if share == 1 else f"largest input, {share:g} u_max"
-    for bound, name in ((design.task.module.min_input, "least input"), (share, largest)):
-        line = {"color": "#000000", "width": 1.5, "dash": "dash"}
-        figure.add_hline(bound, line=line, annotation={"text": name, "yanchor": "bottom", "xanchor": "right"})
-    figure.update_layout(
-        xaxis={"title": {"text": "module (four rotors each)"}, "dtick": 1 if n <= 30 else None, "zeroline": False},
-        yaxis={"title": {"text": "rotor input / u_max"}, "range": [-0.06, 1.13], "zeroline": False},
-        legend={"orientation": "h", "y": -0.25},
-    )
-    return figure
+    bounds = {"least input": design.task.module.min_input, largest: share}
+    above = {"x": 1, "xref": "x domain", "yref": "y", "xanchor": "right", "yanchor": "bottom", "showarrow": False}
+    unit = 1 if n <= 30 else None
+    layout = {
+        "xaxis": {"title": {"text": "module (four rotors each)"}, "dtick": unit, "zeroline": False},
+        "yaxis": {"title": {"text": "rotor input / u_max"}, "range": [-0.06, 1.13], "zeroline": False},
+        "legend": {"orientation": "h", "y": -0.25},
+        "shapes": [level(bound, width=1.5) for bound in bounds.values()],
+        "annotations": [{**above, "text": name, "y": bound} for name, bound in bounds.items()],
+    }
+    return {"data": traces, "layout": layout}
 
 
-def progress(solves: Sequence[SolveEvent], lower_bound: float) -> go.Figure:
+def level(y: float, axis: str = "y", *, width: float) -> dict[str, Any]:
+    """Return a dashed line across a figure."""
+    ends = {"x0": 0, "x1": 1, "xref": "x domain", "y0": y, "y1": y, "yref": axis}
+    return {"type": "line", **ends, "line": {"color": "#000000", "width": width, "dash": "dash"}}
+
+
+def progress(solves: Sequence[SolveEvent], lower_bound: float) -> Figure:
     """Return the incumbent against the number of solves over the count of each status."""
     J = np.array([np.nan if solve.objective is None else solve.objective for solve in solves]) / lower_bound
     number = np.arange(1, len(solves) + 1)
     incumbent = np.fmin.accumulate(J)
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, row_heights=[0.62, 0.38], vertical_spacing=0.06)
     solved = np.flatnonzero(np.isfinite(J))
     shown = _thin(solved)
-    figure.add_scatter(
-        x=number[shown],
-        y=J[shown],
-        name="candidate's best so far",
-        mode="markers",
-        marker={"color": palette.OFFSET, "size": 5, "symbol": "circle"},
-        text=[solves[k].key for k in shown],
-        hovertemplate="%{text}: %{y:.4f}<extra></extra>",
-        row=1,
-        col=1,
-    )
     steps = np.flatnonzero(np.diff(incumbent, prepend=np.inf) != 0)
-    steps = np.append(steps[np.isfinite(incumbent[steps])], len(solves) - 1)
-    line = {"color": palette.CONNECTOR, "width": 2.5, "shape": "hv"}
-    course = {"x": number[steps], "y": incumbent[steps], "name": "incumbent", "mode": "lines", "line": line}
-    figure.add_scatter(**course, row=1, col=1)
+    steps = np.append(steps[np.isfinite(incumbent[steps])], len(solves) - 1) if solved.size else solved
+    traces: list[dict[str, Any]] = [
+        {
+            "x": number[shown].tolist(),
+            "y": J[shown].tolist(),
+            "name": "candidate's best so far",
+            "mode": "markers",
+            "marker": {"color": palette.OFFSET, "size": 5, "symbol": "circle"},
+            "text": [solves[k].key for k in shown],
+            "hovertemplate": "%{text}: %{y:.4f}<extra></extra>",
+        },
+        {
+            "x": number[steps].tolist(),
+            "y": incumbent[steps].tolist(),
+            "name": "incumbent",
+            "mode": "lines",
+            "line": {"color": palette.CONNECTOR, "width": 2.5, "shape": "hv"},
+        },
+    ]
     at = _thin(np.arange(len(solves)))
     dashes = ("solid", "dash", "dot", "dashdot")
     for (status, colour), dash in zip(palette.STATUSES.items(), dashes, strict=True):
         count = np.cumsum([solve.status == status for solve in solves])
         if count[-1]:
-            line = {"color": colour, "width": 2, "dash": dash}
-            figure.add_scatter(x=number[at], y=count[at], name=status, mode="lines", line=line, row=2, col=1)
-    top = np.nanpercentile(J, 90) if solved.size else 1.0
-    figure.update_yaxes(title={"text": "J / lower bound"}, row=1, col=1)
+            look = {"name": status, "mode": "lines", "line": {"color": colour, "width": 2, "dash": dash}}
+            traces.append({"x": number[at].tolist(), "y": count[at].tolist(), **look, "yaxis": "y2"})
+    layout: dict[str, Any] = {
+        "xaxis": {"title": {"text": "solves"}, "anchor": "y2"},
+        "yaxis": {"title": {"text": "J / lower bound"}, "domain": [0.42, 1.0]},
+        "yaxis2": {"title": {"text": "solves"}, "domain": [0.0, 0.36], "rangemode": "tozero"},
+        "legend": {"orientation": "h", "y": -0.2},
+    }
     if solved.size:
+        top = np.nanpercentile(J, 90)
         highest = max(top, float(np.nanmin(J))) + 0.1 * (top - 1.0) + 1e-3
-        figure.update_yaxes(range=[1.0 - 0.05 * (top - 1.0), highest], row=1, col=1)
+        layout["yaxis"]["range"] = [1.0 - 0.05 * (top - 1.0), highest]
     else:
-        figure.update_yaxes(visible=False, row=1, col=1)
-        middle = {"x": 0.5, "y": 0.5, "xref": "x domain", "yref": "y domain"}
-        figure.add_annotation(text="no solve has found a design", showarrow=False, **middle)
-    figure.update_yaxes(title={"text": "solves"}, rangemode="tozero", row=2, col=1)
-    figure.update_xaxes(title={"text": "solves"}, row=2, col=1)
-    figure.update_layout(legend={"orientation": "h", "y": -0.2})
-    return figure
+        layout["yaxis"]["visible"] = False
+        middle = {"x": 0.5, "y": 0.5, "xref": "x domain", "yref": "y domain", "showarrow": False}
+        layout["annotations"] = [{"text": "no solve has found a design", **middle}]
+    return {"data": traces, "layout": layout}
 
 
 def _thin(indices: Any) -> Any:
@@ -204,7 +216,7 @@ AXES = {
 }
 
 
-def front_chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
+def front_chart(points: Sequence[FrontPoint], name: str) -> Figure:
     """Return effort over a goal: all points, and what each value of the goal takes, whatever the other goals."""
     least = points[0].row.objective or 1.0
     _, title, scale = AXES[name]
@@ -214,28 +226,27 @@ def front_chart(points: Sequence[FrontPoint], name: str) -> go.Figure:
         x = [scale * value if isinstance(value, int | float) else value for value in values]
         return {"x": x, "y": [(point.row.objective or 0.0) / least for point in chosen]}
 
-    figure = go.Figure()
-    figure.add_scatter(
+    least_for_each = {
         **at(front(points, [name])),
-        name="least control effort for as good a value",
-        mode="lines",
-        line={"color": palette.CONNECTOR, "width": 1.5, "dash": "dot", "shape": "vh"},
-        hoverinfo="skip",
-    )
-    figure.add_scatter(
+        "name": "least control effort for as good a value",
+        "mode": "lines",
+        "line": {"color": palette.CONNECTOR, "width": 1.5, "dash": "dot", "shape": "vh"},
+        "hoverinfo": "skip",
+    }
+    designs = {
         **at(points),
-        name="designs of the front",
-        mode="markers",
-        marker={"color": palette.CONNECTOR, "size": 9},
-        text=["<br>".join(_describe(point)) for point in points],
-        hovertemplate="%{text}<extra></extra>",
-    )
-    figure.update_layout(
-        xaxis={"title": {"text": title}, "dtick": 1 if name == "modules" else None},
-        yaxis={"title": {"text": "J / least J of the front"}},
-        legend={"orientation": "h", "y": -0.25},
-    )
-    return figure
+        "name": "designs of the front",
+        "mode": "markers",
+        "marker": {"color": palette.CONNECTOR, "size": 9},
+        "text": ["<br>".join(_describe(point)) for point in points],
+        "hovertemplate": "%{text}<extra></extra>",
+    }
+    layout = {
+        "xaxis": {"title": {"text": title}, "dtick": 1 if name == "modules" else None},
+        "yaxis": {"title": {"text": "J / least J of the front"}},
+        "legend": {"orientation": "h", "y": -0.25},
+    }
+    return {"data": [least_for_each, designs], "layout": layout}
 
 
 def _describe(point: FrontPoint) -> Iterator[str]:
@@ -272,7 +283,7 @@ def plot_front(answer: Answer, goal: str | None = None) -> go.Figure:
         >>> plot_front(answer, "clearance").show()  # doctest: +SKIP
     """
     names = [name for name in AXES if any(point.cells[name] is not None for point in answer.points)]
-    return style(front_chart(answer.points, _choose("goal", names, goal or next(iter(names), None))))
+    return _styled(front_chart(answer.points, _choose("goal", names, goal or next(iter(names), None))))
 
 
 def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
@@ -295,7 +306,7 @@ def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
     candidates, solves = (_of_level(answer, frame) for frame in (answer.candidates, answer.solves))
     keys = candidates.loc[candidates["modules"] == n, "key"]
     events = [SolveEvent(*row) for row in solves[solves["key"].isin(keys)].itertuples(index=False)]
-    return style(progress(events, bounds[n]))
+    return _styled(progress(events, bounds[n]))
 
 
 def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "objective") -> go.Figure:
@@ -318,20 +329,30 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
     numbers = list(candidates.select_dtypes("number").columns)
     for name, column in (("x", x), ("y", y)):
         _choose(name, numbers, column)
-    figure = go.Figure()
+    traces = []
     for colour, size in zip(palette.SERIES, answer.at_level.sizes, strict=False):
         rows = candidates[candidates["modules"] == size.modules].dropna(subset=[x, y])
-        figure.add_scatter(
-            x=rows[x],
-            y=rows[y],
-            name=f"{size.modules} modules",
-            mode="markers",
-            marker={"color": colour, "size": 9, "symbol": np.where(rows["audit"] == "clear", "circle", "x")},
-            text=rows["key"] + ", audit " + rows["audit"].fillna("none"),
-            hovertemplate=f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}<extra></extra>",
+        symbols = np.where(rows["audit"] == "clear", "circle", "x")
+        traces.append(
+            {
+                "x": rows[x],
+                "y": rows[y],
+                "name": f"{size.modules} modules",
+                "mode": "markers",
+                "marker": {"color": colour, "size": 9, "symbol": symbols},
+                "text": rows["key"] + ", audit " + rows["audit"].fillna("none"),
+                "hovertemplate": f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}<extra></extra>",
+            }
         )
-    figure.update_layout(xaxis={"title": {"text": x}}, yaxis={"title": {"text": y}}, showlegend=True)
-    return style(figure)
+    axes = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
+    return _styled({"data": traces, "layout": {**axes, "showlegend": True}})
+
+
+def _styled(figure: Figure) -> go.Figure:
+    """Return a figure of Plotly in the look of the page."""
+    import plotly.graph_objects as go  # slow to load, and pages are drawn without it
+
+    return go.Figure(figure["data"], {"template": "plotly_white", **LOOK, **figure["layout"]})
 
 
 def _of_level(answer: Answer, frame: pd.DataFrame) -> pd.DataFrame:

@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 
 from topo_search.export import palette
 from topo_search.export.sheet import STYLE
@@ -24,10 +22,10 @@ from topo_search.model.proven import at_least, gap_percent, lower_text
 from topo_search.model.task_warnings import task_warnings
 from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.value import BadInput, Fault, show
-from topo_search.report.charts import MOST_POINTS
+from topo_search.report.charts import MOST_POINTS, level
 from topo_search.report.design_part import design_part, flight_part
 from topo_search.report.headline import card, fragile, headline, tally
-from topo_search.report.page import Chart, Table, Tile
+from topo_search.report.page import Chart, Figure, Table, Tile
 from topo_search.report.scene import shared_meshes
 from topo_search.report.task_facts import facts, load_cases
 from topo_search.report.wording import EFFORT, figures, modules
@@ -177,32 +175,36 @@ def _course(path: Path, names: set[str]) -> dict[str, Array]:
     return {name: np.array(values) for name, values in rows.items()}
 
 
-def _figure(course: dict[str, Array]) -> go.Figure:
+def _figure(course: dict[str, Array]) -> Figure:
     """Return error, tilt and largest thrust of all flights over time."""
-    figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.05)
+    traces = []
     every = 1 + sum(map(len, course.values())) // MOST_POINTS
     looks = itertools.cycle((colour, dash) for dash in ("solid", "dash", "dot") for colour in palette.SERIES)
     for (name, rows), (colour, dash) in zip(course.items(), looks, strict=False):
         shown_rows = rows[::every]
         error = 100 * np.linalg.norm(shown_rows[:, 1:4], axis=1)
         for row, values in enumerate((error, shown_rows[:, 4], shown_rows[:, 5]), start=1):
-            figure.add_scatter(
-                x=shown_rows[:, 0].astype(np.float32),
-                y=values.astype(np.float32),
-                name=name,
-                legendgroup=name,
-                showlegend=row == 1,
-                mode="lines",
-                line={"color": colour, "width": 1.5, "dash": dash},
-                row=row,
-                col=1,
+            traces.append(
+                {
+                    "x": shown_rows[:, 0].round(4).tolist(),
+                    "y": values.round(4).tolist(),
+                    "yaxis": f"y{row}",
+                    "name": name,
+                    "legendgroup": name,
+                    "showlegend": row == 1,
+                    "mode": "lines",
+                    "line": {"color": colour, "width": 1.5, "dash": dash},
+                }
             )
+    layout: dict[str, Any] = {
+        "xaxis": {"title": {"text": "time [s]"}, "anchor": "y3"},
+        "shapes": [level(1.0, "y3", width=1)],
+        "legend": {"orientation": "h", "y": -0.15},
+    }
     for row, title in enumerate(("error [cm]", "tilt [deg]", "input / limit"), start=1):
-        figure.update_yaxes(title={"text": title}, rangemode="tozero", row=row, col=1)
-    figure.add_hline(1.0, line={"color": "#000000", "width": 1, "dash": "dash"}, row=3, col=1)
-    figure.update_xaxes(title={"text": "time [s]"}, row=3, col=1)
-    figure.update_layout(legend={"orientation": "h", "y": -0.15})
-    return figure
+        domain = [(3 - row) * 0.35, (3 - row) * 0.35 + 0.3]
+        layout[f"yaxis{row}"] = {"title": {"text": title}, "rangemode": "tozero", "domain": domain}
+    return {"data": traces, "layout": layout}
 
 
 def vehicle_page(name: str, rotors: int, capability: Capability) -> str:

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
-import plotly.graph_objects as go
-
 from topo_search.export import palette
 from topo_search.model import Audit
 from topo_search.model.proven import at_least, at_most, gap_percent
@@ -50,9 +48,8 @@ def ranking(candidates: Sequence[Candidate], *, proofs: bool) -> dict[str, Any]:
 
 def _choice() -> Chart:
     """Return the plot without its points, which the page draws from the ranking as it is filtered."""
-    figure = go.Figure()
-    figure.update_layout(hovermode="closest", legend={"orientation": "h", "y": -0.2}, colorway=palette.SERIES)
-    return Chart("choice", "Audited designs; click a point to see its design", figure)
+    layout = {"hovermode": "closest", "legend": {"orientation": "h", "y": -0.2}, "colorway": palette.SERIES}
+    return Chart("choice", "Audited designs; click a point to see its design", {"data": [], "layout": layout})
 
 
 def _round(value: float | None, digits: int) -> float | None:

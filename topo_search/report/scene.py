@@ -5,10 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import plotly.graph_objects as go
 import trimesh
 from trimesh import Trimesh
 
@@ -21,6 +20,9 @@ from topo_search.model.module import Module
 from topo_search.model.shape import Cone
 from topo_search.report.wording import clearance
 from verify.kinematics import Platform
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
 
 TURN = math.radians(300)
 """Angle of a ring that is drawn [rad]."""
@@ -82,6 +84,8 @@ def scene(
 
 def figure(design: Design, at: Platform, nearest: Clearance | None, assembly: Assembly | None) -> go.Figure:
     """Return the picture as a figure of Plotly; see `scene`."""
+    import plotly.graph_objects as go  # slow to load, and pages are drawn without it
+
     shared = meshes(design.task.module, sides=sides(design.topology.n))
     drawn, named = go.Figure(), set()
     for part in scene(design, at, nearest, assembly):
@@ -225,8 +229,11 @@ def _end_effector(design: Design, at: Platform, assembly: Assembly | None) -> It
 def triangles_of(mesh: Trimesh) -> dict[str, list[float]]:
     """Return a mesh as the page takes it, with corners apart at its edges."""
     # the sides of an octagon just have no edge in between
-    shaded = trimesh.graph.smooth_shade(mesh, angle=math.radians(46))
-    return {"corners": shaded.vertices.round(5).ravel().tolist(), "faces": shaded.faces.ravel().tolist()}
+    smooth = mesh.face_adjacency[mesh.face_adjacency_angles < math.radians(46)]
+    parts = trimesh.graph.connected_component_labels(smooth, len(mesh.faces)).repeat(3)
+    corners, faces = np.unique(parts * len(mesh.vertices) + mesh.faces.ravel(), return_inverse=True)
+    vertices = mesh.vertices[corners % len(mesh.vertices)]
+    return {"corners": vertices.round(5).ravel().tolist(), "faces": faces.tolist()}
 
 
 def ball(centre: Array, radius: float) -> Trimesh:

@@ -47,7 +47,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linprog
 
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
@@ -115,6 +114,8 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
     loose = np.flatnonzero(~(judged.upper - judged.attained <= GAP))
     if not len(loose):
         return judged
+    from scipy.optimize import linprog  # slow to load, and few programs need it
+
     v, y = v.copy(), y.copy()
     for row in loose:
         solution = linprog(
@@ -184,6 +185,8 @@ def _excludes(M: Array, m: Array, box: Box, y: Array) -> NDArray[np.bool_]:
 
 def nearest(M: Array, m: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Return by HiGHS the v that misses no equation by more than it must, and the multipliers that show it."""
+    from scipy.optimize import linprog  # slow to load, and few programs need it
+
     k, N = M.shape
     A = np.block([[M, -np.ones((k, 1))], [-M, -np.ones((k, 1))]])
     bounds = [*zip(low.tolist(), high.tolist(), strict=True), (0.0, None)]

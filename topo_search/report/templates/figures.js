@@ -27,7 +27,7 @@ function draw(plot, traces, layout) {
     displayModeBar: plot.closest(".matrix") ? false : undefined, // it would cover the colour bar
     modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
   };
-  return Plotly.react(plot, traces, layout, options);
+  return Plotly.react(plot, traces, { ...read("look"), ...layout }, options);
 }
 
 // Every figure is drawn from the JSON that follows its element, again whenever the page turns dark or light.
