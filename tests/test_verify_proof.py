@@ -325,7 +325,17 @@ def test_rotors_run_at_their_least_input_in_bounds(thrust, possible):
 def test_a_dead_rotor_is_at_rest_in_bounds():
     assert excludes(HOVER) == (False, False)
     assert excludes(HOVER, **DEAD) == (True, True)
-    assert excludes(HOVER, **DEAD, search={"peak_input": 0.9}) == (False, False)  # reserves may use more
+    assert excludes(HOVER, **DEAD, search={"peak_input": 0.9}) == (False, False)  # failures may use the full input
+
+
+def test_what_is_missed_by_little_is_out_of_reach_for_the_check_too():
+    """Multipliers must be long: 1 % of the weight is missing with a dead rotor."""
+    loads = [{"end_effector": {"force": [0.5, 0.0, 0.6], "torque": [0.0, 0.3, 0.2]}}, HOVER]
+    task = push(2, load_cases=loads, module={"min_input": 0.08, "max_thrust_to_weight": 3.0}, **DEAD)
+    theta, cut = np.radians([-0.1758, 0.0, 47.46, -75.94]), 3.77
+    for corners, how in ((range(8), ends.HELD), ((), ends.NOT_BOUNDED)):
+        stated = numbers(task, PAIR, "task", tuple(corners))
+        assert settled(stated, theta - 1e-7, theta + 1e-7, cut).how == how
 
 
 def excludes(case, **fields):
@@ -370,7 +380,7 @@ def test_no_start_undercuts_a_proof_of_any_kind_and_a_cut_above_the_best_is_refu
     root, numbers = proof_root(task, PAIR), range(chunk_count(2))
     for cut, holds in ((0.99 * best.objective, True), (1.002 * best.objective, False)):
         chunks = [prove_chunk(task, PAIR, number, cut, "solver", most_boxes=20_000) for number in numbers]
-        assert all(chunk.outcome == "closed" for chunk in chunks) == holds
+        assert {chunk.outcome for chunk in chunks} == ({"closed"} if holds else {"closed", "stuck"})
         closed = [chunk for chunk in chunks if chunk.outcome == "closed"]
         assert not any(check_chunk(task, PAIR, root, cut, chunk, "solver").fault for chunk in closed)
     for seed in range(1, 6):

@@ -58,8 +58,8 @@ def to_corners(task: ResolvedTask, *, inner: bool = False) -> ResolvedTask:
     Args:
         task: the task.
         inner: whether only what every clear design must be able to do is stated, for proofs: of reserves points of
-            the balls themselves, with a rotor dead the case without its torques, and neither where
-            `search.peak_input` is less than 1, which does not bind them.
+            the balls themselves, with a rotor dead the case alone; neither where `search.peak_input` is less than
+            1, a limit that they do not obey.
     """
     if isinstance(task, CorneredTask):
         return task

@@ -35,9 +35,9 @@ holds of the first holds of the second."""
 def proof_task(task: ResolvedTask, problem: Problem) -> ResolvedTask:
     """Return the task that a proof bounds: with sets of wrenches and reserves written out as corners.
 
-    Of the balls of reserves `solver` has the corners around them, `task` points of the balls themselves. Angular
-    accelerations and the torque that a dead rotor leaves are left out, and where `search.peak_input` is less than 1
-    all reserves and failures.
+    Of the balls of reserves `solver` has the corners around them, `task` points of the balls themselves.
+    Angular accelerations and the torque required with a rotor dead are left out, and where `search.peak_input`
+    is less than 1 all reserves and failures.
     """
     alone = task.with_fields("flight", rotor_out_torque=None)
     cornered = to_corners(alone, inner=problem == "task" or task.search.peak_input < 1)

@@ -87,7 +87,10 @@ def knows(task: ResolvedTask, about: Problem) -> list[str]:
         words += [f"reserves ({balls})"] * (flight.force_reserve > 0 or flight.torque_reserve > 0)
         words += ["tilts"] * (flight.tilt_deg > 0 and (about == "task" or flight.allocator == "optimal"))
         words += ["errors of the centre of mass"] * (flight.com_error > 0)
-        words += ["rotor failures without torque"] * (flight.rotor_out != "none")
+        if flight.rotor_out != "none":
+            which = "hover" if flight.rotor_out == "hover" else "hover and load cases that carry the weight"
+            words.append(f"{which} with any one rotor dead")
+    words += ["least inputs"] * (task.min_input > 0)
     if half_spaces(task.exposure) and task.end_effector.fixed_position is None:
         words.append("half-spaces that hold the airflow")
     return words

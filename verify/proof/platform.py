@@ -19,9 +19,9 @@ With p_E fixed from the COM, p_COM = C + kappa p_E and p'_E = C + (1 + kappa) p_
 
 **What a clear audit lets pass** (`topo_search.model.search`): the force is off by e = TOLERANCE m_t g; so are, in
 l_arm, the torques about the COM and about p_E. Torque changes linearly with the point that it is about, and C is on
-the line through both: off by (1 + 2 kappa) e about C, and by |C| e more about the origin. Inputs are between
--TOLERANCE and 1 + TOLERANCE (`min_input`, or 0 of a dead rotor), hinges within pi/2 + TOLERANCE, a fixed p_E within
-TOLERANCE l_arm.
+the line through both: off by (1 + 2 kappa) e about C, and by |C| e more about the origin. Inputs are
+between `min_input` - TOLERANCE and 1 + TOLERANCE, of a dead rotor within TOLERANCE of 0, hinges within pi/2 +
+TOLERANCE, a fixed p_E within TOLERANCE l_arm.
 
 Of a wrench that an audit finds inputs for by itself, as for hover and other centres of reserves, each component is
 off by e, of the torque about the COM alone, or where that may be in error. That is sqrt(3) e of the force, and
@@ -77,7 +77,7 @@ class Numbers(NamedTuple):
     dead: Indices
     """Rotor at rest, 4 i + q, or -1, shape (K,)."""
     least: float
-    """Least input of all others."""
+    """Least input of rotors that run."""
     normal: Array
     module: Indices
     down: Array

@@ -12,7 +12,7 @@ root orientation the tree hangs from its centre, which makes the paths from the 
 | lambda_k | weight, in the largest | (K,) |
 | n_r | outward normal of the half-space that row r keeps an end of an envelope in | (W, 3) |
 
-Load cases are followed by the corners of sets of wrenches and of reserves, which weigh nothing.
+Load cases are followed by the corners of sets of wrenches, of reserves and of rotor failures, which weigh nothing.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Indices = NDArray[np.int64]
 HALF_TURN = math.pi * (1 + 1e-12)
 """Boxes of the root orientation reach a little beyond pi, which no float is."""
 ROUNDING = 1e-11
-"""Share of the largest terms of a sum that is left to rounding (`nlp.bounds.branch.box`)."""
+"""Share of the largest terms of a sum that is left to rounding, up to n K = 10,000 (`nlp.bounds.branch.box`)."""
 
 
 class Tree(NamedTuple):
@@ -83,7 +83,7 @@ class Loads(NamedTuple):
     g: Array
     weight: Array
     dead: Indices
-    """Rotor at rest, 4 i + q, or -1: shape (K,)."""
+    """Rotor at rest, 4 i + q, or -1, shape (K,)."""
     project: Array
     """Pseudo-inverse of sum_k [g_k]x [g_k]x^T, shape (3, 3)."""
 
@@ -147,7 +147,7 @@ class BranchProblem(NamedTuple):
     l_c: float
     u_min: float
     u_max: float
-    """With the audit's tolerance, as the least."""
+    """Both limits include the audit's tolerance."""
     angles: Array
     """Angles that hinges may have, in order; empty if any will do [rad]."""
 
@@ -351,10 +351,11 @@ def _slack(
     both = [math.hypot(*case.at_end_effector.force) + math.hypot(*case.at_com.force) for case in task.load_cases]
     off = 0.0 if task.end_effector.fixed_position is None else TOLERANCE * carried.lever
     f, t, h = (np.linalg.norm(x, axis=1) for x in (loads.f, loads.t, loads.h))
-    force = e + n * d + ROUNDING * (f + n * U)
+    rounding = ROUNDING * max(1.0, n * len(f) / 10_000)
+    force = e + n * d + rounding * (f + n * U)
     levered = f + h + np.linalg.norm(loads.g, axis=1)
     torque = about_B + e * B + n * d * lever + off * np.array(both) / Units.of(task).force
-    torque = torque + ROUNDING * (t + n * lever * (levered + U))
+    torque = torque + rounding * (t + n * lever * (levered + U))
     tip = B + carried.lever * (task.farthest_end_effector(n) / unit + TOLERANCE)
-    wall = ROUNDING * (float(levers.centre.max()) + walls.length + float(np.abs(walls.beyond).max(initial=0.0)))
+    wall = rounding * (float(levers.centre.max()) + walls.length + float(np.abs(walls.beyond).max(initial=0.0)))
     return Slack(force, torque, wall, tip)

@@ -13,7 +13,7 @@ load case k has p'_E x g_k in its torque; p'_E cancels in the sum where sum_k g_
 that no box for it is needed. b_k . y_k is const + sum_i B_i . s with s = sum_k h_k x mu_k and B_i the moment of
 module i and its joints, p_i where joints weigh nothing; m >= 0, so that psi is nondecreasing. A corner of a reserve
 is a load case with lambda_k = 0, whose psi is m t + (U - m) max(t, 0); one with y_k = 0 adds nothing. A dead rotor
-has no psi.
+contributes no psi.
 
 **Interpolation.** In every single angle a, the others held, t = a_j . y_k is A + alpha cos x + beta sin x, x
 from the middle of the box and |x| <= rho. It exceeds the line P_a t through its values at x = -rho and rho by
@@ -48,11 +48,11 @@ those of the tree stretched out.
 2^-53: one rounding of each sine, product and sum), so an entry of a frame by under 8 (A + 1) eps, a position by
 that times the path's length, t by under 100 (A + 1) eps (|nu| + |mu| L), L the longest lever, and t + E by under
 six times that: rho_a < 1/2. psi' <= U, and sums of 4 n K + 5 n + 6 K terms are off by that many eps of the sum of
-their sizes, none of which is above U (|nu| + |mu| L), sigma L or the sizes of b . y. For A <= 20 and n K <= 10,000
-that is under 8e-12 of these in all; `Slack` takes ROUNDING = 1e-11 of them, beside the audit's tolerance, which is
-1e-6 of those of y and alone a hundred thousand times as large. Ends of boxes are floats, and adjacent boxes share
-them, so boxes leave no gap. What the condition on mu and sigma misses costs as much times |p'_E|, which is bounded
-by what an audit lets pass.
+their sizes, none of which is above U (|nu| + |mu| L), sigma L or the sizes of b . y. For A <= 20 and n K <=
+10,000 that is under 8e-12 of these in all; `Slack` takes ROUNDING = 1e-11 of them, in proportion more where n K
+is greater, beside the audit's tolerance, which is 1e-6 of those of y and alone a hundred thousand times as large.
+Ends of boxes are floats, and adjacent boxes share them, so boxes leave no gap. What the condition on mu and sigma
+misses costs as much times |p'_E|, which is bounded by what an audit lets pass.
 """
 
 from __future__ import annotations

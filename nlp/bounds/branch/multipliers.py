@@ -139,7 +139,7 @@ def value(problem: BranchProblem, work: Workspace, y: Array) -> float:
 
 @njit(cache=True, allocates=False)
 def best_input(t: float, weight: float, m: float, U: float) -> float:
-    """Return the u between m and U that t u - weight u^2 is greatest at."""
+    """Return the u in [m, U] at which t u - weight u^2 is greatest."""
     if t <= 2 * weight * m:
         return m
     return U if t >= 2 * weight * U else t / (2 * weight)

@@ -9,10 +9,10 @@ falls the more steeply towards the vertices. So what is maximised is D at all ve
         - \frac{1}{2} \sum_{k,l} r_l y_{kl}^2
 
 under the condition that p'_E drops out, by damped Newton steps while T, m and the width s of a kink fall: psi of
-a corner, m t + (U - m) max(t, 0), counts as m t + (U - m) (t + sqrt(t^2 + s^2) - s) / 2. That is less, and at the
-maximum sum_v w_v G_v is next to nothing, so hardly any multipliers lift the worst vertex above sum_v w_v D_v + W
-m: under the cut, the search ends. Corners whose thrusts are of the size of s cost nothing and are left out of
-later stages. Nothing that is proven rests on any of this: any multipliers will do.
+a corner, u_min t + (U - u_min) max(t, 0), counts as u_min t + (U - u_min) (t + sqrt(t^2 + s^2) - s) / 2. That is
+less, and at the maximum sum_v w_v G_v is next to nothing, so hardly any multipliers lift the worst vertex above
+sum_v w_v D_v + W m: under the cut, the search ends. Corners whose thrusts are of the size of s cost nothing and
+are left out of later stages. Nothing that is proven rests on any of this: any multipliers will do.
 
 D_v is a sum over the modules, each in one of its frames at one of the 8 vertices of the root.
 
