@@ -283,7 +283,7 @@ def plot_front(answer: Answer, goal: str | None = None) -> go.Figure:
         >>> plot_front(answer, "clearance").show()  # doctest: +SKIP
     """
     names = [name for name in AXES if any(point.cells[name] is not None for point in answer.points)]
-    return _styled(front_chart(answer.points, _choose("goal", names, goal or next(iter(names), None))))
+    return _plotly_figure(front_chart(answer.points, _choose("goal", names, goal or next(iter(names), None))))
 
 
 def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
@@ -306,7 +306,7 @@ def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
     candidates, solves = (_of_level(answer, frame) for frame in (answer.candidates, answer.solves))
     keys = candidates.loc[candidates["modules"] == n, "key"]
     events = [SolveEvent(*row) for row in solves[solves["key"].isin(keys)].itertuples(index=False)]
-    return _styled(progress(events, bounds[n]))
+    return _plotly_figure(progress(events, bounds[n]))
 
 
 def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "objective") -> go.Figure:
@@ -345,10 +345,10 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
             }
         )
     axes = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
-    return _styled({"data": traces, "layout": {**axes, "showlegend": True}})
+    return _plotly_figure({"data": traces, "layout": {**axes, "showlegend": True}})
 
 
-def _styled(figure: Figure) -> go.Figure:
+def _plotly_figure(figure: Figure) -> go.Figure:
     """Return a figure of Plotly in the look of the page."""
     import plotly.graph_objects as go  # slow to load, and pages are drawn without it
 
