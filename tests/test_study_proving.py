@@ -288,11 +288,12 @@ def test_a_proof_names_what_its_bound_takes_in_beyond_load_cases():
     weak = reserve.model_copy(update={"search": reserve.search.model_copy(update={"peak_input": 0.9})})
     assert "; with" not in problem(plain, "task")
     assert "; with half-spaces that hold the airflow;" in problem(wall, "task")
-    assert "; with reserves (points of the balls) and half-spaces that hold the airflow;" in problem(
-        reserve, "task"
-    )
-    assert "; with reserves (corners around the balls) and half-spaces" in problem(reserve, "solver")
+    assert "; with reserves (points of the balls), half-spaces that hold the airflow;" in problem(reserve, "task")
+    assert "; with reserves (corners around the balls), half-spaces" in problem(reserve, "solver")
     assert "reserves" not in problem(weak, "solver")
+    for which, cases in (("hover", "hover"), ("all", "hover and load cases that carry the weight")):
+        dead = plain.with_fields("flight", rotor_out=which).with_fields("module", min_input=0.1)
+        assert f"; with {cases} with any one rotor dead, least inputs;" in problem(dead, "task")
 
 
 def test_a_proof_with_a_wall_is_none_of_a_task_without():

@@ -200,7 +200,7 @@ def problem(task: ResolvedTask, about: Problem) -> str:
             kept += f" and centres of modules not bolted together be {upper_text(apart)} m{margin} apart"
     kept = f"the solver's own distances, {kept}" if about == "solver" else kept
     if known := knows(task, about):
-        kept += f"; with {' and '.join(known)}"
+        kept += f"; with {', '.join(known)}"
     # a proof holds for the trees and the orientations that the task allows
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
