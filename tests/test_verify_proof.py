@@ -339,7 +339,7 @@ def test_what_is_missed_by_little_is_out_of_reach_for_the_check_too():
 
 
 def excludes(case, **fields):
-    """Whether prover and check exclude a level module at ten times the effort of its thrust alone."""
+    """Verdicts of prover and check on a level module, with a cut at ten times the effort of its thrust."""
     task = push(1, load_cases=[case], **fields)
     tree, level = Topology(((-1, -1, -1),)), np.zeros(3)
     problem, (*_, thrust) = to_arrays(task, tree), task.load_cases[0].at_com.force

@@ -391,7 +391,7 @@ def lift(numbers: Numbers, at: Points, y: Array, sigma: Array, cut: float) -> No
     for _ in range(STAGES):
         blur(numbers, at, s)
         climb(numbers, at, y, sigma, T, TOO_MUCH * cut, TOO_MUCH * cut, STEPS)
-        held = (at.ridge[0] * (y * y).sum() + at.ridge[1] * (sigma * sigma).sum()) / 2  # back by ridges
+        held = (at.ridge[0] * (y * y).sum() + at.ridge[1] * (sigma * sigma).sum()) / 2  # by ridges
         if at.D.min() + T * math.log(len(at.D)) + held < HOPELESS * cut:
             break
         blur(numbers, at, SHARP)
