@@ -64,7 +64,7 @@ from topo_search.model.audit import Kind
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.bodies import Array, Cone, Rows
 from verify.certificate import ROUNDING, Solid, witnesses
-from verify.hulls import Hull, witness
+from verify.hulls import Hull
 from verify.meshes import Indices
 from verify.requirements import Requirement, Scene
 
@@ -328,9 +328,8 @@ def _points(kind: Kind) -> Indices:
 
 def _of_pairs(group: list[Requirement]) -> tuple[Array, Array, Array, Array]:
     """Return gaps, n, and swing, if any, of pairs of bodies."""
-    of_solids = witnesses([(r.body, r.against) for r in group if isinstance(r.against, Solid)])
-    at = [witness(r.body.body, r.against) if isinstance(r.against, Hull) else next(of_solids) for r in group]
-    n = np.array([nearest.n for nearest in at])
+    pairs = [(r.body, r.against) for r in group if not isinstance(r.against, Cone)]
+    n = np.array([nearest.n for nearest in witnesses(pairs)])
     most_of_A = Rows.of([r.body.body for r in group]).extents(n, 1)
     gaps = _starts([r.against for r in group], n)[:, None, :] - most_of_A[:, :, None]
     lengths = [float(np.linalg.norm(r.against.body.d)) if isinstance(r.against, Solid) else 0.0 for r in group]
