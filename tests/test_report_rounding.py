@@ -173,7 +173,8 @@ def test_efforts_and_gaps(capsys, monkeypatch):
         checked = Checked(trees=[CheckedTree("a300", 3, bound=x)])
         monkeypatch.setattr(compose, "check_proofs", lambda *_, given=checked, **__: given)
         check(CliRunner().invoke(main, ["prove", "run", "--check"]).stdout, least=x)
-        table = pd.DataFrame({"key": ["a300"], "proof": ["excluded"], "proven_bound": [x]})
+        proof = {"proven_bound": x, "proven_gap": 0.1, "proof": "excluded", "proven_problem": "task"}
+        table = pd.DataFrame([{"key": "a300", "modules": 3, "objective": x, **proof}])
         monkeypatch.setattr(compose, "prove", lambda *_, **__: Answer("nowhere", ()))
         monkeypatch.setattr("topo_search.study.answer.candidates", lambda _, given=table: given)
         check(CliRunner().invoke(main, ["prove", "run"]).stdout, least=x)
