@@ -11,7 +11,7 @@ from suites import few
 from toy_problem import toy_run
 
 from nlp import lower_bound
-from topo_search.cli.tables import print_answer
+from topo_search.cli.tables import answer_lines
 from topo_search.compose import audit, read_design, write_report
 from topo_search.compose.designs import write_page
 from topo_search.export import palette
@@ -173,7 +173,7 @@ def test_one_number_has_one_name(audited, tmp_path, capsys):
     assert "“Symmetric copies” counts" in run.text
     assert "symmetric copies included" in run.text
     with RunFolder.load(tmp_path / "run") as folder:
-        print_answer(answer_of(folder))
+        print(*answer_lines(answer_of(folder)), sep="\n")
     for text in (page, run.text, capsys.readouterr().out):
         assert not re.search(r"\b(objective|orbit|stands for)\b|(?<!control )effort", text.lower())
 

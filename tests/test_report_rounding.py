@@ -17,7 +17,7 @@ from toy_problem import toy_row
 from nlp import prove_impossible
 from topo_search import compose
 from topo_search.cli import main
-from topo_search.cli.tables import _print_front, _print_rows, print_audit
+from topo_search.cli.tables import _front, _rows, audit_lines
 from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
 from topo_search.compose.designs import Rounded
@@ -81,7 +81,7 @@ def test_clearances(audited, status, capsys):
             kind="airflow", a=0, b=1, status=status, lower_m=least, upper_m=3 * least, analytic_m=least, level=0
         )
         only = found.model_copy(update={"pairs": (pair,), "sensitivity": None, "flight": None, "residuals": ()})
-        print_audit("mine", only)
+        print(*audit_lines("mine", only), sep="\n")
         page = design_part(made, only)
         pointed = page["clearances"][0].figure["data"][0]["customdata"]
         for text in (
@@ -117,7 +117,7 @@ def test_errors_that_are_harmless_and_what_is_not_met(audited, capsys):
                 "interference": None,
             }
         )
-        print_audit("mine", changed)
+        print(*audit_lines("mine", changed), sep="\n")
         printed, page = capsys.readouterr().out, design_part(made, changed)
         summary = markdown([Judged("mine", made, changed)], [])
         for text in (printed, summary, *page["errors"].rows, page["findings"]):
@@ -155,7 +155,7 @@ def test_flights_fronts_and_near_ties(capsys):
         check(near_tie_cells(row, row)[2:], least=x, most=3 * x)
         point = FrontPoint(row, x, x, 3 * x, 0, Level(*[None] * len(Level._fields)), joint_moment=9 * x)
         answer = Answer("nowhere", (), (LevelAnswer(0, point.level, ()),), (point,))
-        _print_front(answer)
+        print(*_front(answer), sep="\n")
         printed = capsys.readouterr().out.splitlines()[3]
         for text in (printed, front_part(answer, [])["designs"].rows[0], answer._repr_html_()):
             check(text, least=x, most=3 * x)
@@ -168,12 +168,13 @@ def test_efforts_and_gaps(capsys, monkeypatch):
         check(bound(x, 0.1, 3)[0], least=x)
         check(_expectations({"candidates": 3, "quotient": "", "impossible": None, "lower_bound": x}), least=x)
         row = toy_row("a300", objective=x, gap=0.1)
-        _print_rows((row,))
+        print(*_rows((row,)), sep="\n")
         check(capsys.readouterr().out.splitlines()[1].split()[2], most=x / row.lower_bound)
         checked = Checked(trees=[CheckedTree("a300", 3, bound=x)])
         monkeypatch.setattr(compose, "check_proofs", lambda *_, given=checked, **__: given)
         check(CliRunner().invoke(main, ["prove", "run", "--check"]).stdout, least=x)
-        table = pd.DataFrame({"key": ["a300"], "proof": ["excluded"], "proven_bound": [x]})
+        proof = {"proven_bound": x, "proven_gap": 0.1, "proof": "excluded", "proven_problem": "task"}
+        table = pd.DataFrame([{"key": "a300", "modules": 3, "objective": x, **proof}])
         monkeypatch.setattr(compose, "prove", lambda *_, **__: Answer("nowhere", ()))
         monkeypatch.setattr("topo_search.study.answer.candidates", lambda _, given=table: given)
         check(CliRunner().invoke(main, ["prove", "run"]).stdout, least=x)
