@@ -20,7 +20,7 @@ from topo_search.cli import main
 from topo_search.cli.tables import _print_front, _print_rows, print_audit
 from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
-from topo_search.compose.designs import Rounded
+from topo_search.compose.designs import compare_audits
 from topo_search.export.audits import Judged, markdown
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.audit import WorstCase
@@ -86,7 +86,7 @@ def test_clearances(audited, status, capsys):
         pointed = page["clearances"][0].figure["data"][0]["customdata"]
         for text in (
             capsys.readouterr().out,
-            Rounded(made, only, only, 0.5, 1.0).notes[1],
+            compare_audits(only, only),
             [cell for row in page["nearest"].rows for cell in row],
             markdown([Judged("mine", made, only)], []),
             only._repr_html_(),
