@@ -283,16 +283,15 @@ def write_report(
                 return source / RunFile.REPORT
             page = run_page(folder)
     else:
-        design, judged = _read_audited(source)
+        design = read_completed(source)
         simulated = None if flight is None else read_simulated(Path(flight), design)
-        page = design_page(design, judged, source.name, simulated)
+        page = design_page(*_judge(design), source.name, simulated)
     path = Path(out or source.with_suffix(".html"))
     write_atomically(path, render(page))
     return path
 
 
-def _read_audited(path: Path) -> tuple[Design, Audit]:
-    design = read_completed(path)
+def _judge(design: Design) -> tuple[Design, Audit]:
     return with_bound(design, nlp.proven_bound(design.task)), audit(design)
 
 
@@ -357,7 +356,7 @@ def _designs(source: Path) -> list[Compared]:
     from topo_search.report.headline import rows_to_show
 
     if not source.is_dir():
-        design, judged = _read_audited(source)
+        design, judged = _judge(read_completed(source))
         return [Compared(source.stem, design, judged, design.gap if judged.verdict == "clear" else None)]
     with RunFolder.load(source) as folder:
         answer = answer_of(folder).at_level

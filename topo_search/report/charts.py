@@ -15,7 +15,7 @@ import numpy as np
 from topo_search.export import palette
 from topo_search.model import Audit, BadInput, Clearance, Design, Fault
 from topo_search.model.proven import at_least, at_most, upper_text
-from topo_search.report.page import LOOK, Figure
+from topo_search.report import LOOK, Figure
 from topo_search.report.wording import clearance, figures, length, millimetres, modules
 from topo_search.study import Answer, FrontPoint, SolveEvent, front
 
