@@ -22,7 +22,7 @@ from topo_search.model.proven import at_least, gap_percent, lower_text
 from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.value import BadInput, Fault, show
 from topo_search.report import Figure, Table, Tile
-from topo_search.report.charts import MOST_POINTS, level
+from topo_search.report.charts import MOST_POINTS, level, line
 from topo_search.report.design_part import cases, flight_sentences
 from topo_search.report.headline import card, headline
 from topo_search.report.scene import shared_meshes
@@ -170,18 +170,8 @@ def _figure(course: dict[str, Array]) -> Figure:
         shown_rows = rows[::every]
         error = 100 * np.linalg.norm(shown_rows[:, 1:4], axis=1)
         for row, values in enumerate((error, shown_rows[:, 4], shown_rows[:, 5]), start=1):
-            traces.append(
-                {
-                    "x": shown_rows[:, 0].round(4).tolist(),
-                    "y": values.round(4).tolist(),
-                    "yaxis": f"y{row}",
-                    "name": name,
-                    "legendgroup": name,
-                    "showlegend": row == 1,
-                    "mode": "lines",
-                    "line": {"color": colour, "width": 1.5, "dash": dash},
-                }
-            )
+            drawn = line(shown_rows[:, 0].round(4).tolist(), values.round(4).tolist(), name, colour, 1.5, dash=dash)
+            traces.append({**drawn, "yaxis": f"y{row}", "legendgroup": name, "showlegend": row == 1})
     layout: dict[str, Any] = {
         "xaxis": {"title": {"text": "time [s]"}, "anchor": "y3"},
         "shapes": [level(1.0, "y3", width=1)],

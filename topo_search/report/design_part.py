@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Vector
 from topo_search.report import Table
 from topo_search.report.task_facts import vector
-from topo_search.report.wording import clearance, figures, length, quantity, sentence
+from topo_search.report.wording import clearance, figures, least, length, most, quantity, sentence
 
 
 def joints(design: Design) -> Table:
@@ -106,9 +107,9 @@ def residuals(audit: Audit) -> Table:
         [
             row.words,
             str(row.status),
-            f"{figures(at_most(row.value, 3), 3)} {row.unit}",
-            figures(at_most(row.scaled, 2), 2),
-            figures(at_least(row.tolerance, 2), 2),
+            most(row.value, f" {row.unit}"),
+            most(row.scaled, digits=2),
+            least(row.tolerance, digits=2),
         ]
         for row in audit.residuals
     ]
@@ -186,30 +187,22 @@ def cases(flight: Flight) -> Table:
 
 def allocators(flight: Flight) -> Table | None:
     """Return two rows for each case, of the best inputs and of the pseudo-inverse; None of older files."""
-    rows = [
-        {
-            "case": case.name,
-            "inputs": inputs,
-            **{
-                title: _size(getattr(case, name + end), unit)
-                for title, name, unit in (
-                    ("any force at the tip", "force_reserve_N", " N"),
-                    ("at the centre of mass", "force_reserve_com_N", " N"),
-                    ("any side force at the tip", "horizontal_reserve_N", " N"),
-                    ("at the centre of mass, sideways", "horizontal_reserve_com_N", " N"),
-                    ("any torque", "torque_reserve_Nm", " N m"),
-                    ("any tilt up to", "tilt_deg", "°"),
-                )
-            },
-            "acceleration about x, y, z": ", ".join(
-                _size(a, "") for a in getattr(case, f"angular_acceleration_rad_s2{end}") or ()
-            ),
-            "centre of mass off by": _size(getattr(case, f"com_error_m{end}"), " m"),
-        }
-        for case in flight.cases
-        if case.force_reserve_com_N is not None
-        for inputs, end in (("optimal", ""), ("pseudo-inverse", "_pseudo_inverse"))
-    ]
+    reserves = {
+        "any force at the tip": ("force_reserve_N", " N"),
+        "at the centre of mass": ("force_reserve_com_N", " N"),
+        "any side force at the tip": ("horizontal_reserve_N", " N"),
+        "at the centre of mass, sideways": ("horizontal_reserve_com_N", " N"),
+        "any torque": ("torque_reserve_Nm", " N m"),
+        "any tilt up to": ("tilt_deg", "°"),
+    }
+    rows = []
+    known = [case for case in flight.cases if case.force_reserve_com_N is not None]
+    for case, (inputs, end) in product(known, (("optimal", ""), ("pseudo-inverse", "_pseudo_inverse"))):
+        row = {"case": case.name, "inputs": inputs}
+        row |= {title: least(getattr(case, name + end), unit) for title, (name, unit) in reserves.items()}
+        accelerations = getattr(case, f"angular_acceleration_rad_s2{end}") or ()
+        row["acceleration about x, y, z"] = ", ".join(map(least, accelerations))
+        rows.append(row | {"centre of mass off by": least(getattr(case, f"com_error_m{end}"), " m")})
     return Table.from_rows(rows, range(2, 10)) if rows else None
 
 
@@ -228,13 +221,13 @@ def _case(case: CaseFlight) -> list[str]:
     return [
         case.name,
         {True: "yes", False: "no", None: "undecided"}[case.possible],
-        _size(case.force_reserve_N, " N"),
+        least(case.force_reserve_N, " N"),
         _direction(case.force_weakest),
-        _size(case.horizontal_reserve_N, " N"),
+        least(case.horizontal_reserve_N, " N"),
         _direction(case.horizontal_weakest),
-        _size(case.torque_reserve_Nm, " N m"),
+        least(case.torque_reserve_Nm, " N m"),
         _direction(case.torque_weakest),
-        _size(case.load_factor, "", 4),
+        least(case.load_factor, "", 4),
         inputs,
         "" if case.inputs_at_limit is None else str(case.inputs_at_limit),
     ]
@@ -247,18 +240,14 @@ def joint_loads(flight: Flight) -> Table | None:
         {
             "joint": f"port {PORT_NAMES[load.port]} of module {load.module} to module {load.child}",
             "case": load.case,
-            "force": f"{figures(at_most(load.force_N, 3), 3)} N",
-            "moment": f"{figures(at_most(load.moment_Nm, 3), 3)} N m",
-            "about the hinge": f"{figures(at_most(load.about_hinge_Nm, 3), 3)} N m",
-            "across it": f"{figures(at_most(load.across_hinge_Nm, 3), 3)} N m",
+            "force": most(load.force_N, " N"),
+            "moment": most(load.moment_Nm, " N m"),
+            "about the hinge": most(load.about_hinge_Nm, " N m"),
+            "across it": most(load.across_hinge_Nm, " N m"),
         }
         for _, load in sorted(worst.items())
     ]
     return Table.from_rows(rows, {2, 3, 4, 5}) if rows else None
-
-
-def _size(value: float | None, unit: str, digits: int = 3) -> str:
-    return "" if value is None else f"{figures(at_least(value, digits), digits)}{unit}"
 
 
 def _direction(v: Vector | None) -> str:
