@@ -9,7 +9,7 @@ from verify_cases import design
 
 from topo_search.cli.tables import answer_lines, solved_lines
 from topo_search.model import Design, Topology
-from topo_search.report.design_part import design_part
+from topo_search.report.design_part import findings
 from topo_search.study import Solved
 from verify import audit
 
@@ -41,7 +41,7 @@ def test_what_a_shorter_rod_costs_is_said_of_clear_designs_alone(verdict, capsys
     print(*solved_lines(Solved(given, judged, ()), None), sep="\n")
     words = "rod of at most 0.26 m adds 1 % control effort"
     assert (words in capsys.readouterr().out) == (verdict == "clear")
-    assert any(words in line for line in design_part(given, judged)["findings"]) == (verdict == "clear")
+    assert any(words in line for line in findings(given, judged)) == (verdict == "clear")
 
 
 @pytest.mark.parametrize("case", CASES)

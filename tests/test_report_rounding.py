@@ -20,15 +20,16 @@ from topo_search.cli import main
 from topo_search.cli.tables import _front, _rows, audit_lines
 from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
-from topo_search.compose.designs import Rounded
+from topo_search.compose.designs import compare_audits
 from topo_search.export.audits import Judged, markdown
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.audit import WorstCase
 from topo_search.model.design import Relaxation
 from topo_search.model.proven import excess_texts
 from topo_search.model.search import Level
+from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import bound
-from topo_search.report.design_part import design_part, flight_part
+from topo_search.report.design_part import cases, errors, findings, flight_sentences, nearest, residuals
 from topo_search.report.ranking import ranking
 from topo_search.report.run_page import front_part
 from topo_search.report.wording import near_tie_cells
@@ -82,18 +83,18 @@ def test_clearances(audited, status, capsys):
         )
         only = found.model_copy(update={"pairs": (pair,), "sensitivity": None, "flight": None, "residuals": ()})
         print(*audit_lines("mine", only), sep="\n")
-        page = design_part(made, only)
-        pointed = page["clearances"][0].figure["data"][0]["customdata"]
+        _, figure = next(clearance_matrices(made, only))
+        rows, pointed = nearest(only.pairs).rows, figure["data"][0]["customdata"]
         for text in (
             capsys.readouterr().out,
-            Rounded(made, only, only, 0.5, 1.0).notes[1],
-            [cell for row in page["nearest"].rows for cell in row],
+            compare_audits(only, only),
+            [cell for row in rows for cell in row],
             markdown([Judged("mine", made, only)], []),
             only._repr_html_(),
             pointed,
         ):
             check(text, least=least)
-        for text in (page["nearest"].rows[0][4], only._repr_html_(), pointed):
+        for text in (rows[0][4], only._repr_html_(), pointed):
             check(text, most=3 * least)
 
 
@@ -104,13 +105,13 @@ def test_errors_that_are_harmless_and_what_is_not_met(audited, capsys):
         worst = WorstCase(
             kind="airflow", a=0, b=1, segment=None, status="clear", lower_m=x, attained_m=3 * x, factor=None
         )
-        errors = {"hinge_angle_deg": limit, "position_m": limit, "envelope_m": limit, "tolerances": worst}
+        limits = {"hinge_angle_deg": limit, "position_m": limit, "envelope_m": limit, "tolerances": worst}
         row = found.residuals[0].model_copy(
             update={"value": 9 * x, "scaled": 27 * x, "tolerance": 81 * x, "status": "violated"}
         )
         changed = found.model_copy(
             update={
-                "sensitivity": found.sensitivity.model_copy(update=errors),
+                "sensitivity": found.sensitivity.model_copy(update=limits),
                 "pairs": (),
                 "flight": None,
                 "residuals": (row,),
@@ -118,13 +119,13 @@ def test_errors_that_are_harmless_and_what_is_not_met(audited, capsys):
             }
         )
         print(*audit_lines("mine", changed), sep="\n")
-        printed, page = capsys.readouterr().out, design_part(made, changed)
+        printed, checked = capsys.readouterr().out, residuals(changed).rows[0]
         summary = markdown([Judged("mine", made, changed)], [])
-        for text in (printed, summary, *page["errors"].rows, page["findings"]):
+        for text in (printed, summary, *errors(changed).rows, findings(made, changed)):
             check(text, least=x, most=3 * x)
-        for text in (printed, summary, page["residuals"].rows[0], changed._repr_html_()):
+        for text in (printed, summary, checked, changed._repr_html_()):
             check(text, most=9 * x)
-        check(page["residuals"].rows[0], least=81 * x, most=27 * x)
+        check(checked, least=81 * x, most=27 * x)
 
 
 def test_flights_fronts_and_near_ties(capsys):
@@ -142,8 +143,8 @@ def test_flights_fronts_and_near_ties(capsys):
         )
         found = flight(cases=(case,))
         check(found.weakest_point, least=x)
-        check(flight_part(found)["sentences"], least=x)
-        check(flight_part(found)["cases"].rows[0], least=x, most=3 * x)
+        check(flight_sentences(found)[1:], least=x)
+        check(cases(found).rows[0], least=x, most=3 * x)
         row = Row(
             *("a300", 3, 1, "feasible"),
             objective=1e9,
