@@ -52,11 +52,7 @@ BESIDE_A_DECK: Table = {
         {"carries_weight": True},
     ],
     "exposure": [
-        {
-            "kind": "directional",
-            "radius": 0.1,
-            "polylines": [[[-1.0, 0.4, 0.0], [1.0, 0.4, 0.0], [1.0, 0.4, 0.3]]],
-        },
+        {"kind": "directional", "radius": 0.1, "polylines": [[[-1.0, 0.4, 0.0], [1.0, 0.4, 0.0], [1.0, 0.4, 0.3]]]},
         {"kind": "allowed", "planes": [{"normal": [0.0, 0.0, 1.0]}], "solid": True},
     ],
     "end_effector": {"mass": 0.15},
@@ -127,10 +123,7 @@ FEATURES: dict[str, Table] = {
     "stand-off": {"end_effector": {"stand_off": 0.4}},
     "stand-off in place of exclusion": {"end_effector": {"exclusion": False, "stand_off": 0.1}},
     "peak input": {"search": {"peak_input": 0.9}},
-    "end-effector at the COM": {
-        "end_effector": {"position": "com", "exclusion": False},
-        "load_cases": GENTLE_PUSH,
-    },
+    "end-effector at the COM": {"end_effector": {"position": "com", "exclusion": False}, "load_cases": GENTLE_PUSH},
     "fixed end-effector": {"end_effector": {"position": [0.1, 0.1, 0.3]}},
     "least input": {"module": {"min_input": 0.1}},
     "joint mass": {"module": {"joint_mass": 0.02}, "exposure": [CONE]},
@@ -255,8 +248,7 @@ def random_point(task: ResolvedTask, topology: Topology, rng: np.random.Generato
     p_E = rng.normal(size=3) * 5 * task.module.arm_length
     if task.end_effector.fixed_position is not None:
         p_E = fixed_end_effector(task, topology, root, alpha)
-    u = rng.uniform(0.0, task.max_input, (K, n, 4))
-    return Point(task, topology, root, alpha, p_E, u)
+    return Point(task, topology, root, alpha, p_E, rng.uniform(0.0, task.max_input, (K, n, 4)))
 
 
 def as_design(point: Point) -> Design:

@@ -35,5 +35,4 @@ def test_the_least_part_is_found_in_a_tree_that_holds_it() -> None:
     graph.add_edge(6, 7, ports={6: 2, 7: 0})
     graph.add_edge(0, 8, ports={0: 0, 8: 2})
     whole = Topology.from_graph(graph)
-    found = crowded_part(task_of(9, 0.22), whole, 3)
-    assert found.n == 7
+    assert crowded_part(task_of(9, 0.22), whole, 3).n == 7

@@ -5,11 +5,10 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
-from click.testing import CliRunner, Result
+from commands import invoke
 from pydantic import BaseModel
 from wording import says
 
-from topo_search.cli import main
 from topo_search.model import Allowed, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
 from topo_search.model.files import read_task, task_template
 
@@ -29,12 +28,8 @@ def in_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def init(*words: str) -> Result:
-    return CliRunner().invoke(main, ["init", *words], catch_exceptions=False)
-
-
 def test_the_file_is_a_task_in_which_all_but_the_load_cases_is_the_default(in_folder: Path) -> None:
-    assert init("window.toml").exit_code == 0
+    invoke("init", "window.toml")
     task = read_task("window.toml")
     advised = {
         "module": {"torque_coefficient": 3.1e-9, "joint_mass": 0.085, **SLIPSTREAMS},
@@ -47,7 +42,7 @@ def test_the_file_is_a_task_in_which_all_but_the_load_cases_is_the_default(in_fo
 
 
 def test_fields_that_are_taken_out_of_their_comments_say_what_their_default_was(in_folder: Path) -> None:
-    init("window.toml")
+    invoke("init", "window.toml")
     before = read_task("window.toml").resolve(5)
     path = in_folder / "window.toml"
     defaults = rf"^# (?!{EXAMPLES})(\w+ = )"
@@ -102,26 +97,20 @@ def test_every_field_is_explained() -> None:
     ("file", "name"),
     [("a b(c).toml", "a-b-c-"), (".hidden.toml", "hidden"), ("ä.toml", "task"), (f"{'x' * 80}.toml", "x" * 64)],
 )
-def test_the_name_of_the_task_is_that_of_its_file_as_far_as_it_may_be(
-    in_folder: Path, file: str, name: str
-) -> None:
-    assert init(file).exit_code == 0
+def test_the_name_of_the_task_is_that_of_its_file_as_far_as_it_may_be(in_folder, file, name):
+    invoke("init", file)
     assert read_task(file).name == name
 
 
 def test_without_a_name_it_is_task_toml_and_what_is_there_is_not_replaced(in_folder: Path) -> None:
-    assert init().stdout.endswith("topo-search check task.toml\n")
+    assert invoke("init").stdout.endswith("topo-search check task.toml\n")
     (in_folder / "task.toml").write_text("mine")
-    refused = init()
-    assert refused.exit_code == 2
-    assert says(refused.stderr, "task.toml:", "exists", "--force")
+    assert says(invoke("init", status=2).stderr, "task.toml:", "exists", "--force")
     assert (in_folder / "task.toml").read_text() == "mine"
-    assert init("--force").exit_code == 0
+    invoke("init", "--force")
     assert read_task("task.toml").name == "task"
 
 
 def test_a_folder_that_cannot_be_written_is_bad_input(in_folder: Path) -> None:
     (in_folder / "file").write_text("")
-    refused = init("file/task.toml")
-    assert refused.exit_code == 2
-    assert "FILE: must be writable" in refused.stderr
+    assert "FILE: must be writable" in invoke("init", "file/task.toml", status=2).stderr

@@ -13,7 +13,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from test_cli_prove import check as check_proofs
 from test_cli_prove import prove
 from test_study_checking import Checker
@@ -21,7 +21,6 @@ from test_study_proving import Prover
 from test_verify_vehicle import star
 from toy_problem import toy_run
 
-from topo_search.cli import main
 from topo_search.cli.run import answer_as_json
 from topo_search.cli.tables import answer_lines
 from topo_search.model.design import ShorterRod
@@ -47,7 +46,7 @@ def compare(text: str, figures: Iterator[Figure]) -> int:
 
 def run_both(*words: str) -> tuple[str, Any]:
     """Return what a command prints, and its JSON."""
-    text, data = (CliRunner().invoke(main, [*words, *more]) for more in ([], ["--json"]))
+    text, data = (invoke(*words, *more) for more in ([], ["--json"]))
     assert text.exit_code == data.exit_code < 2, text.output
     return text.stdout, json.loads(data.stdout)
 

@@ -5,15 +5,18 @@ import os
 import signal
 import subprocess
 import sys
+from multiprocessing.process import BaseProcess
 from unittest.mock import patch
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
+from own_code import fatal
 from processes import eventually, gone, ranking, recorded
 from toy_problem import InProcess
+from verify_cases import fan
 
 import topo_search
-from topo_search.cli import main
+from topo_search import OwnConstraint, audit, solve, to_json
 from topo_search.model import Design
 from topo_search.model.files import read_json, read_task
 from topo_search.study import COLUMNS
@@ -37,11 +40,9 @@ def found(tmp_path_factory):
 def test_the_best_of_four_modules_is_audited_and_its_file_stands_alone(found):
     _, answer = found
     assert answer.exit_status == 0
-    design = read_json(Design, answer.folder / "best.json")
-    assert design.objective == answer.best.objective
+    assert read_json(Design, answer.folder / "best.json").objective == answer.best.objective
     assert 0 < answer.best.gap < 0.1
-    done = CliRunner().invoke(main, ["audit", str(answer.folder / "best.json"), "--json"])
-    assert (done.exit_code, json.loads(done.stdout)["verdict"]) == (0, "clear"), done.stderr
+    assert json.loads(invoke("audit", answer.folder / "best.json", "--json").stdout)["verdict"] == "clear"
 
 
 def children_of(pid):
@@ -64,9 +65,7 @@ def test_two_workers_find_the_same_though_all_are_killed_and_then_one(found, tmp
     def start():
         command = [sys.executable, "-m", "topo_search", "run", "push", "--modules", "4", "--starts", "2"]
         return subprocess.Popen(
-            [*command, "--workers", "2", "--out", str(killed)],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            [*command, "--workers", "2", "--out", str(killed)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
 
     process = start()
@@ -120,3 +119,56 @@ def test_a_time_limit_still_ends_with_an_audited_design():
     task = read_task("push", ("modules=3",))
     solved = topo_search.solve(task, topo_search.Topology.from_key("a300"), starts=4, time_limit=30.0)
     assert solved.exit_status == 0
+
+
+# ---- A single candidate is solved and audited in the calling process, unless that has to be safe from what is
+# run.
+
+PLAIN = """
+from topo_search import audit, read_task, solve
+solved = solve(read_task("push", ("modules=3",)), "a300", starts=1)
+print(solved.audit.verdict, audit(solved.design).verdict)
+"""
+FATAL = OwnConstraint("fatal", fatal, upper=10.0, unit="m")
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """No process can be started."""
+
+    def refuse(process):
+        raise AssertionError(process)
+
+    monkeypatch.setattr(BaseProcess, "start", refuse)
+
+
+def test_a_script_without_a_guard_solves_and_audits(tmp_path):
+    (tmp_path / "plain.py").write_text(PLAIN)
+    done = subprocess.run([sys.executable, tmp_path / "plain.py"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "clear clear\n")
+    assert "Traceback" not in done.stderr
+
+
+def test_commands_on_one_candidate_start_no_process(alone, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["solve", "push", "--modules", "3", "--topology", "a300", "--starts", "1", "--out", "a300.json"]
+    for command in (words, ["audit", "a300.json"], ["audit", "a300.json", "--workers", "2"]):
+        invoke(*command)
+
+
+def test_several_designs_are_audited_in_workers(alone, tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.json").write_text(to_json(fan()))
+    with pytest.raises(AssertionError):
+        invoke("audit", tmp_path, "--workers", "1")
+
+
+@pytest.mark.parametrize("needs", [{"time_limit": 1.0}, {"constraints": [FATAL]}])
+def test_what_may_have_to_be_ended_is_solved_in_a_worker(alone, needs):
+    with pytest.raises(AssertionError):
+        solve(read_task("push", ("modules=3",)), "a300", starts=1, **needs)
+
+
+def test_a_constraint_that_ends_its_process_fails_the_audit_alone():
+    with pytest.raises(RuntimeError, match="SIGKILL"):
+        audit(fan(), constraints=[FATAL])

@@ -11,8 +11,7 @@ SAY = "from topo_search.supervisor import peak_mb; print(peak_mb())"
 
 def test_a_process_counts_its_own_memory_and_not_that_of_its_parent():
     before = peak_mb()
-    block = np.ones(int(BLOCK_MB * 2**20 / 8))
-    assert block.nbytes / 2**20 == BLOCK_MB
+    assert np.ones(int(BLOCK_MB * 2**20 / 8)).nbytes / 2**20 == BLOCK_MB
     assert peak_mb() > BLOCK_MB
     assert peak_mb() >= before
     child = float(subprocess.run([sys.executable, "-c", SAY], check=True, capture_output=True).stdout)

@@ -47,8 +47,7 @@ def test_the_best_of_survives_a_rotor_touches_with_any_one_dead(tmp_path):
     audit = read_json(Audit, tmp_path / "run" / "audits" / f"{answer.best.key}.json")
     assert audit.verdict == "clear"
     assert audit.flight.rotors_out_asked.survive == 12
-    design = read_json(Design, tmp_path / "run" / "best.json")
-    assert design.objective <= 1.8376e14
+    assert read_json(Design, tmp_path / "run" / "best.json").objective <= 1.8376e14
 
 
 @pytest.mark.slow

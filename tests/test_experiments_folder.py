@@ -23,6 +23,12 @@ def asked(**changes):
     return identify("scaling", settings.as_json(), f"topo-search experiment scaling {settings.as_options()}")
 
 
+def begin(folder, held=None):
+    """Open a folder for an experiment, and add no row."""
+    with Results.open(folder, held or asked()):
+        pass
+
+
 def cells():
     return plan(SETTINGS, (Variant("one, two"),), first=True)
 
@@ -60,16 +66,14 @@ def test_a_torn_row_is_cut_off_and_no_other(tmp_path, kept):
         rows.add(row_of(first))
         whole = (tmp_path / RESULTS).read_bytes()
         rows.add(row_of(second))
-    torn = (tmp_path / RESULTS).read_bytes()[: len(whole) + kept]
-    (tmp_path / RESULTS).write_bytes(torn)
+    (tmp_path / RESULTS).write_bytes((tmp_path / RESULTS).read_bytes()[: len(whole) + kept])
     with Results.open(tmp_path, asked()) as rows:
         assert (tmp_path / RESULTS).read_bytes() == whole
         assert [rows.has(cell) for cell in cells()] == [True, False, False]
 
 
 def test_a_kill_before_the_first_row_leaves_a_folder_to_go_on_with(tmp_path):
-    with Results.open(tmp_path, asked()):
-        pass
+    begin(tmp_path)
     (tmp_path / RESULTS).unlink()
     with Results.open(tmp_path, asked()) as rows:
         rows.add(row_of(cells()[0]))
@@ -90,49 +94,41 @@ def test_a_kill_before_the_first_row_leaves_a_folder_to_go_on_with(tmp_path):
 def test_a_folder_with_other_options_is_refused_by_their_name(tmp_path, changes, words):
     with Results.open(tmp_path, asked()) as rows:
         rows.add(row_of(cells()[0]))
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises(BadInput, match=words), Results.open(tmp_path, asked(**changes)):
-        pass
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name in (RESULTS, ABOUT)} == {
-        name: content for name, content in before.items() if name in (RESULTS, ABOUT)
-    }
+    before = [(tmp_path / name).read_bytes() for name in (RESULTS, ABOUT)]
+    with pytest.raises(BadInput, match=words):
+        begin(tmp_path, asked(**changes))
+    assert [(tmp_path / name).read_bytes() for name in (RESULTS, ABOUT)] == before
 
 
 def test_other_experiments_programs_and_versions_are_refused(tmp_path):
-    with Results.open(tmp_path, asked()):
-        pass
+    begin(tmp_path)
     other = {**asked(), "experiment": "ablation"}
-    with (
-        pytest.raises(BadInput, match="holds the experiment scaling, not ablation"),
-        Results.open(tmp_path, other),
-    ):
-        pass
+    with pytest.raises(BadInput, match="holds the experiment scaling, not ablation"):
+        begin(tmp_path, other)
     held = json.loads((tmp_path / ABOUT).read_text())
     held["versions"]["casadi"] = "1.0"
     (tmp_path / ABOUT).write_text(json.dumps(held))
-    with pytest.raises(BadInput, match='holds results of version casadi "1'), Results.open(tmp_path, asked()):
-        pass
+    with pytest.raises(BadInput, match='holds results of version casadi "1'):
+        begin(tmp_path)
     (tmp_path / ABOUT).write_text('{"format": "something"}')
-    with pytest.raises(BadInput, match="of another program"), Results.open(tmp_path, asked()):
-        pass
+    with pytest.raises(BadInput, match="of another program"):
+        begin(tmp_path)
     (tmp_path / ABOUT).unlink()
-    with pytest.raises(BadInput, match="but no about"), Results.open(tmp_path, asked()):
-        pass
+    with pytest.raises(BadInput, match="but no about"):
+        begin(tmp_path)
 
 
 def test_results_of_another_program_are_left_as_they_are(tmp_path):
-    with Results.open(tmp_path, asked()):
-        pass
+    begin(tmp_path)
     for content in ("", "a,b\n1,2"):
         (tmp_path / RESULTS).write_text(content)
-        with pytest.raises(BadInput, match="with other columns"), Results.open(tmp_path, asked()):
-            pass
+        with pytest.raises(BadInput, match="with other columns"):
+            begin(tmp_path)
         assert (tmp_path / RESULTS).read_text() == content
 
 
 def test_what_made_the_rows_is_said_without_where(tmp_path):
-    with Results.open(tmp_path, asked()):
-        pass
+    begin(tmp_path)
     text = (tmp_path / ABOUT).read_text()
     held = json.loads(text)
     assert held["command"] == (
@@ -193,8 +189,8 @@ def rows_of(tmp_path):
 def test_rows_that_are_none_are_named_and_left_as_they_are(tmp_path, harm, words):
     path = rows_of(tmp_path)
     path.write_bytes(harmed := harm(path.read_bytes()))
-    with pytest.raises(BadInput, match=words), Results.open(tmp_path, asked()):
-        pass
+    with pytest.raises(BadInput, match=words):
+        begin(tmp_path)
     assert path.read_bytes() == harmed
 
 
@@ -207,8 +203,8 @@ def test_what_is_not_said_of_rows_is_named(tmp_path, held):
     path = rows_of(tmp_path)
     (tmp_path / ABOUT).write_text(held)
     before = path.read_bytes()
-    with pytest.raises(BadInput) as refused, Results.open(tmp_path, asked()):
-        pass
+    with pytest.raises(BadInput) as refused:
+        begin(tmp_path)
     assert ABOUT in str(refused.value) or "holds" in str(refused.value)
     assert len(str(refused.value)) < 1000
     assert path.read_bytes() == before
@@ -221,8 +217,8 @@ def test_no_symbolic_link_is_followed_to_rows(tmp_path, name):
     (tmp_path / name).rename(outside)
     before = outside.read_bytes()
     (tmp_path / name).symlink_to(outside)
-    with pytest.raises(BadInput, match=f"symbolic link in place of its {name}"), Results.open(tmp_path, asked()):
-        pass
+    with pytest.raises(BadInput, match=f"symbolic link in place of its {name}"):
+        begin(tmp_path)
     assert outside.read_bytes() == before
 
 
@@ -248,8 +244,8 @@ def test_rows_that_vanish_end_the_experiment_and_are_not_called_kept(tmp_path, h
 def test_what_a_killed_experiment_left_half_written_is_removed(tmp_path):
     rows_of(tmp_path)
     (tmp_path / RunFile.PARTIAL).write_text("half")
-    with Results.open(tmp_path, asked()):
-        assert not (tmp_path / RunFile.PARTIAL).exists()
+    begin(tmp_path)
+    assert not (tmp_path / RunFile.PARTIAL).exists()
 
 
 def test_a_pipe_is_no_table_to_be_read(tmp_path):

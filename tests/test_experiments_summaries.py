@@ -20,8 +20,7 @@ def test_growth_is_the_exponent_of_the_power_law():
         measured(10, solve_s=5.0, task="ten-wrenches-directional"),
         measured(60, status="infeasible", solve_s=500.0),
     )
-    fits = experiment("scaling").findings(rows)
-    assert "the time to a design grows as n^1.0 to n^2.0, " in fits[1]
+    assert "the time to a design grows as n^1.0 to n^2.0, " in experiment("scaling").findings(rows)[1]
     table = growth(rows).set_index("task")
     assert table.loc["ten-wrenches", "exponent"] == pytest.approx(2.0)
     assert table.loc["ten-wrenches", "seconds_at_100"] == pytest.approx(2.0)
@@ -155,8 +154,7 @@ def test_that_the_deepest_overlap_is_reached_rests_on_what_counts_as_reached():
     """Nearly all of it is not all of it: 97 % is confirmed at 95 %, and not at 99.9 %."""
     overlap = {"variant": "separation", "colliding_pairs": 1, "largest_cluster": 2, "depths_percent": "97.0"}
     rows = frame(*(measured(10, deepest_percent=97.0, key=key, **overlap) for key in ("a300", "a500")))
-    found = experiment("ablation").findings(rows)[1]
-    assert says(found, "is confirmed", "95 %", "not confirmed", "99.9 %")
+    assert says(experiment("ablation").findings(rows)[1], "is confirmed", "95 %", "not confirmed", "99.9 %")
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -2,16 +2,17 @@
 
 import csv
 import io
+from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 from export_cases import OWN_FRAME, drawn_trees, in_mujoco, inertia_about_com, mass_matrix, random_design
 
-from topo_search.export.allocation import Allocation, allocation
+from topo_search.export.allocation import Allocation, allocation, px4_parameters, px4_warnings, set_points
 from topo_search.export.mjcf import mjcf
-from topo_search.model import Design, Topology
-from topo_search.model.files import to_json
+from topo_search.model import BadInput, Design, Topology
+from topo_search.model.files import read_json, to_json
 from verify.kinematics import platform, wrench_map
 
 TREES = [*drawn_trees(), Topology.from_key("af" + "0" * 4)]
@@ -92,3 +93,97 @@ def test_inputs_of_a_design_times_the_matrix_are_its_load_cases(solved_push: Des
         tau = np.cross(p_E, f_E) + case.at_end_effector.torque + case.at_com.torque
         off = acts.matrix @ u.ravel() - np.concatenate([f_E + f_C, tau])
         assert np.abs(off / units).max() < 1e-6
+
+
+# ---- PX4's parameters: its matrix built from them, as its source does, is that of the platform.
+
+FRD = np.diag([1.0, -1.0, -1.0])
+
+
+def read(text: str) -> dict[str, float]:
+    """Read a parameter file as QGroundControl does: five columns, the type as MAVLink numbers it."""
+    rows = [line.split("\t") for line in text.splitlines() if not line.startswith("#")]
+    assert all(row[:2] == ["1", "1"] and len(row) == 5 for row in rows)
+    assert all(row[4] == ("6" if row[2] in ("CA_AIRFRAME", "CA_METHOD", "CA_ROTOR_COUNT") else "9") for row in rows)
+    return {row[2]: float(row[3]) for row in rows}
+
+
+def effectiveness(parameters: dict[str, float]) -> np.ndarray:
+    """The matrix of PX4, torque first, in its body axes."""
+    columns = []
+    for i in range(int(parameters["CA_ROTOR_COUNT"])):
+        p, a = (np.array([parameters[f"CA_ROTOR{i}_{kind}{axis}"] for axis in "XYZ"]) for kind in "PA")
+        a = a / np.linalg.norm(a)
+        ct, km = parameters[f"CA_ROTOR{i}_CT"], parameters[f"CA_ROTOR{i}_KM"]
+        columns.append(np.concatenate([ct * np.cross(p, a) - ct * km * a, ct * a]))
+    return np.array(columns).T
+
+
+@pytest.mark.parametrize("key", ["a0", "a10", "a300", "p290"])
+def test_the_matrix_is_rebuilt_from_the_parameters(key: str) -> None:
+    acts = allocation(random_design(Topology.from_key(key), 7))
+    parameters = read(px4_parameters(acts))
+    assert parameters["CA_AIRFRAME"] == 0  # 7 stops motors below 2 % in flight
+    assert parameters["CA_METHOD"] == (0 if acts.rank == 6 else 1)
+    assert len(parameters) == 3 + ("MPC_THR_HOVER" in parameters) + 8 * len(acts.rotors)
+    B = effectiveness(parameters)
+    thrusts = np.array(acts.thrust_matrix) * acts.rotors[0].largest_thrust_N
+    np.testing.assert_allclose(FRD @ B[3:], thrusts[:3], atol=1e-7)
+    np.testing.assert_allclose(FRD @ B[:3], thrusts[3:], atol=1e-7)
+
+
+def test_a_level_module_is_the_quad_x_of_px4() -> None:
+    """PX4's `4001_quad_x`: counter-clockwise front right and rear left (KM > 0), the others clockwise."""
+    design = random_design(Topology.from_key("a0"), 0, {"end_effector": {"mass": 0.0}})
+    level = design.model_copy(update={"root_orientation_rad": (0.0, 0.0, 0.0)})
+    parameters = read(px4_parameters(allocation(level)))
+    turns = {}
+    for i in range(4):
+        assert parameters[f"CA_ROTOR{i}_AZ"] == -1
+        x, y = parameters[f"CA_ROTOR{i}_PX"], parameters[f"CA_ROTOR{i}_PY"]
+        turns["front" if x > 0 else "rear", "right" if y > 0 else "left"] = parameters[f"CA_ROTOR{i}_KM"] > 0
+    assert turns["front", "right"] == turns["rear", "left"]
+    assert turns["front", "left"] == turns["rear", "right"]
+    assert turns["front", "right"] is True
+
+
+def test_thirteen_rotors_and_numbers_out_of_range_are_refused_by_name() -> None:
+    four = allocation(random_design(Topology.from_key("a3020"), 7))
+    with pytest.raises(BadInput, match=r"at most 12 rotors, but the platform has 16; use allocation.json"):
+        px4_parameters(four)
+    strong = random_design(Topology.from_key("a0"), 7, {"module": {"max_thrust_to_weight": 1000.0}})
+    with pytest.raises(BadInput, match=r"CA_ROTOR0_CT: must be between 0 and 100 in PX4, but got 588"):
+        px4_parameters(allocation(strong))
+    drags = random_design(Topology.from_key("a0"), 7, {"module": {"torque_coefficient": 1e-6}})
+    with pytest.raises(BadInput, match=r"CA_ROTOR3_KM: must be between -1 and 1"):
+        px4_parameters(allocation(drags))
+
+
+def test_a_set_point_of_one_is_told_in_newtons() -> None:
+    """Against the source of PX4 1.17: the columns of the pseudo-inverse, normalised, and what they exert."""
+    design = read_json(Design, Path(__file__).parent / "designs" / "wall-push.json")
+    acts = allocation(design)
+    text = px4_parameters(acts)
+    G = effectiveness(read(text))
+    mix = np.linalg.pinv(G)
+    roll, pitch = (np.sqrt(np.sum(mix[:, k] ** 2) / (len(mix) / 2)) for k in (0, 1))
+    scale = [max(roll, pitch), max(roll, pitch), mix[:, 2].max(), *np.abs(mix[:, 3:]).mean(axis=0)]
+    exerted = G @ (mix / scale)
+    np.testing.assert_allclose(exerted, np.diag(set_points(acts)), atol=1e-6)
+    hover = read(text)["MPC_THR_HOVER"]
+    np.testing.assert_allclose(
+        exerted @ [0, 0, 0, 0, 0, -hover], [0, 0, 0, 0, 0, -acts.mass_kg * 9.80665], atol=1e-5
+    )
+    assert f"{set_points(acts)[5]:.4g} along z" in text
+    assert px4_warnings(acts) == ()
+
+
+def test_what_px4_cannot_exert_is_named_by_its_direction() -> None:
+    level = random_design(Topology.from_key("a0"), 7).model_copy(update={"root_orientation_rad": (0.0, 0.0, 0.0)})
+    flat, weak = px4_warnings(allocation(level))
+    assert "rank 4 of 6 and cannot exert force x, nor force y" in flat
+    assert "ignores yaw" in weak  # 1.47 N at 8 mm is less than PX4 counts
+    two = read_json(Design, Path(__file__).parent / "designs" / "small-force.json")
+    assert "rank 5 of 6 and cannot exert +0.47 force x -0.88 force y; " in px4_warnings(allocation(two))[0]
+    for text in (flat, weak):
+        assert text in px4_parameters(allocation(level))

@@ -102,5 +102,4 @@ def test_an_audit_without_figures_says_nothing_of_them(capsys: pytest.CaptureFix
     found = audit(given).model_copy(update={"flight": None})
     print(*audit_lines("fan.json", found), sep="\n")
     assert "hover" not in capsys.readouterr().out
-    page = Reader(render(design_page(given, found, "fan.json")))
-    assert "Beyond the task" not in page.text
+    assert "Beyond the task" not in Reader(render(design_page(given, found, "fan.json"))).text

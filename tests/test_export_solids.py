@@ -2,17 +2,23 @@
 
 import io
 import math
+from itertools import product
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import trimesh
 from export_cases import BLOCK, OWN_FRAME, WEDGE, drawn_trees, random_design, rod_ends, with_rod
 from numpy.typing import NDArray
+from verify_cases import fan
 
-from topo_search.export.picture import Picture, frame_faces
+from topo_search.export.picture import Picture, figure_of, frame_faces
 from topo_search.export.solids import cone_sphere, frame, glb, join, rotor_discs, stl
-from topo_search.model import Design, Module, Topology
+from topo_search.export.task_picture import task_figure
+from topo_search.model import Design, Local, Module, Topology
+from topo_search.report.scene import scene
+from topo_search.report.task_facts import requirement
 from verify.kinematics import platform, rotation
 
 Array = NDArray[np.float64]
@@ -25,15 +31,13 @@ DISCS = 4 * math.pi * 0.05**2 * 0.02
 
 
 def loaded_glb(design: Design, **given: Any) -> trimesh.Scene:
-    scene = trimesh.load_scene(io.BytesIO(glb(design, **given)), file_type="glb")
-    return scene.apply_transform(Z_UP)
+    return trimesh.load_scene(io.BytesIO(glb(design, **given)), file_type="glb").apply_transform(Z_UP)
 
 
 def in_place(scene: trimesh.Scene, node: str) -> trimesh.Trimesh:
     """A node's mesh where it is in the scene."""
     pose, geometry = scene.graph[node]
-    mesh = scene.geometry[geometry].copy()
-    return mesh.apply_transform(pose)
+    return scene.geometry[geometry].copy().apply_transform(pose)
 
 
 def cone_sphere_volume(L: float, r_0: float, r_1: float) -> float:
@@ -115,8 +119,7 @@ def test_a_scene_read_back_has_every_module_and_envelope_in_place(topology: Topo
             if not node.startswith("airflow"):
                 np.testing.assert_allclose(mesh.center_mass, centre, atol=1e-6)
         tip = p - (module.reach) * R[:, 2]  # the far end of the volume
-        far = np.linalg.norm(in_place(scene, f"airflow_{i}").vertices - tip, axis=1).min()
-        assert far < 1e-6
+        assert np.linalg.norm(in_place(scene, f"airflow_{i}").vertices - tip, axis=1).min() < 1e-6
     np.testing.assert_allclose(in_place(scene, "end_effector_0").center_mass, design.end_effector_m, atol=1e-6)
     np.testing.assert_allclose(in_place(scene, "centre_of_mass_0").center_mass, at.p_com, atol=1e-6)
 
@@ -199,3 +202,45 @@ def test_solids_of_modules_of_two_millimetres_are_closed():
     for mesh in (cone_sphere(np.zeros(3), 2e-3, end, 4.3e-3), cone_sphere(np.zeros(3), 1e-6, end, 1e-6)):
         assert mesh.is_watertight
         assert mesh.volume > 0
+
+
+# ---- Convex target regions in pictures, solids, words, and where the report marks the least clearance.
+
+CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
+REGIONS = [
+    {"kind": "local", "box": [0.4, 0.3, 0.2]},
+    {"kind": "local", "vertices": (0.1 * CUBE[[0, 1, 2, 4, 7]] + [0.3, 0.0, 0.2]).tolist()},
+]
+DESIGN = fan({"exposure": REGIONS})
+
+
+def test_the_solid_is_the_region_where_the_end_effector_is() -> None:
+    loaded = trimesh.load(io.BytesIO(glb(DESIGN)), file_type="glb")
+    box = next(
+        loaded.geometry[geometry].copy().apply_transform(transform)
+        for transform, geometry in (loaded.graph.get(node) for node in loaded.graph.nodes_geometry)
+        if geometry.startswith("exposure_0")
+    )
+    assert box.is_volume
+    assert box.volume == pytest.approx(0.4 * 0.3 * 0.2, rel=1e-6)
+    assert sorted(box.extents) == pytest.approx([0.2, 0.3, 0.4], rel=1e-6)
+
+
+def test_pictures_show_regions() -> None:
+    figures = [figure_of(DESIGN), figure_of(fan()), task_figure(DESIGN.task), task_figure(fan().task)]
+    try:
+        with_regions, without = (len(figure.axes[0].collections) for figure in figures[:2])
+        assert with_regions == without + 2 * len(REGIONS)  # faces and edges
+        with_regions, without = (len(figure.axes[0].patches) for figure in figures[2:])
+        assert with_regions == without + len(REGIONS)
+    finally:
+        for figure in figures:
+            plt.close(figure)
+    assert any("keep-out" in part.name for part in scene(DESIGN, platform(DESIGN)))
+
+
+def test_regions_in_words() -> None:
+    ball, box, points = (Local.model_validate(region) for region in ({"radius": 0.2}, *REGIONS))
+    assert requirement(ball) == "a ball of radius 20 cm around the end-effector"
+    assert requirement(box).startswith("a box of")
+    assert requirement(points) == "the convex hull of 5 points about the end-effector"

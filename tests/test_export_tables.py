@@ -1,14 +1,23 @@
 """Tables of candidates and clearances: columns of the right types, and files that read back the same."""
 
+import csv
 import io
+from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 import pytest
+import toy_problem
+from commands import invoke
 from toy_problem import toy_run
 from verify_cases import changed, fan
 
-from topo_search.export.audits import clearances, csv, parquet, residuals
+import verify
+from topo_search.export import audits as tables
+from topo_search.export.audits import Judged, clearances, escape, markdown, parquet, residuals
 from topo_search.model import Audit, Residual
+from topo_search.model.files import to_json
+from topo_search.model.text import escape_formula
 from topo_search.study import COLUMNS
 from verify import audit
 
@@ -31,8 +40,7 @@ def test_a_row_for_every_clearance(audited: Audit) -> None:
     assert len(frame) == len(audited.pairs)
     paths = frame[frame.kind == "directional"]
     assert sorted(zip(paths.a, paths.segment, strict=True)) == [(a, k) for a in range(3) for k in range(2)]
-    rotors = frame[frame.kind == "rotor-airflow"]
-    assert set(rotors.segment.dropna()) == {0, 1, 2, 3}
+    assert set(frame[frame.kind == "rotor-airflow"].segment.dropna()) == {0, 1, 2, 3}
     assert frame[~frame.kind.isin(["directional", "rotor-airflow"])].segment.isna().all()
     assert frame.analytic_m.min() == min(pair.analytic_m for pair in audited.pairs)
     assert (frame.lower_m <= frame.analytic_m).all()
@@ -48,7 +56,7 @@ def test_a_row_for_every_residual(audited: Audit) -> None:
 def test_files_read_back_as_they_were(audited: Audit) -> None:
     frame = clearances(audited)
     pd.testing.assert_frame_equal(pd.read_parquet(io.BytesIO(parquet(frame))), frame, check_dtype=False)
-    again = pd.read_csv(io.StringIO(csv(frame)), dtype={"segment": "Int64"})
+    again = pd.read_csv(io.StringIO(tables.csv(frame)), dtype={"segment": "Int64"})
     pd.testing.assert_frame_equal(again, frame, check_dtype=False, rtol=1e-14)
 
 
@@ -66,6 +74,68 @@ def test_the_candidates_of_an_answer_are_those_of_its_file(tmp_path, monkeypatch
     read = pd.read_csv(tmp_path / "run" / "candidates.csv", dtype=dict.fromkeys(said, object))
     read[said] = read[said].where(read[said].notna(), None)  # nothing is proven: empty columns
     pd.testing.assert_frame_equal(frame, read, check_dtype=False, rtol=1e-14)
-    assert csv(frame) == (tmp_path / "run" / "candidates.csv").read_text()
+    assert tables.csv(frame) == (tmp_path / "run" / "candidates.csv").read_text()
     assert set(frame.status) == {"feasible", "infeasible"}
     assert frame.objective.dtype == frame.violation.dtype == float
+
+
+# ---- Texts of users that a spreadsheet would run as formulas, or Markdown show as markup, in every table written.
+
+FORMULAS = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", '=HYPERLINK("http://x")']
+
+
+@pytest.mark.parametrize("text", FORMULAS)
+def test_a_text_is_no_formula(text: str) -> None:
+    assert escape_formula(text) == f"'{text}"
+    assert not escape(text).startswith(("=", "+", "-", "@"))
+
+
+@pytest.mark.parametrize(
+    "cell", [-1.5, 3, "-1.5", "+1e-3", "-inf", "", "a-b", "load case 0, torque", None, "clear"]
+)
+def test_numbers_and_plain_texts_stay_what_they_are(cell: object) -> None:
+    assert escape_formula(cell) == cell
+
+
+def test_tables_of_clearances_name_files_harmlessly() -> None:
+    audit = verify.audit(fan())
+    frame = tables.clearances_of([(name, audit) for name in FORMULAS])
+    rows = list(csv.DictReader(tables.csv(frame).splitlines()))
+    assert {row["design"] for row in rows} == {f"'{name}" for name in FORMULAS}
+    assert [float(row["analytic_m"]) for row in rows] == frame["analytic_m"].tolist()
+    numbers = pd.DataFrame({"x": [-1.5, np.nan], "n": pd.array([-1, None], dtype="Int64"), "t": ["-x", None]})
+    assert tables.csv(numbers) == "x,n,t\n-1.5,-1,'-x\n,,\n"
+
+
+def test_the_audit_command_names_files_harmlessly(in_process, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("=1+1.json", "@x.json"):
+        (tmp_path / name).write_text(to_json(fan()))
+    invoke("audit", "=1+1.json", "@x.json", "--csv", "t.csv", "--markdown", "t.md")
+    table = list(csv.DictReader((tmp_path / "t.csv").read_text().splitlines()))
+    assert {row["design"] for row in table} == {"'=1+1.json", "'@x.json"}
+    cells = [cell.strip() for line in (tmp_path / "t.md").read_text().splitlines() for cell in line.split("|")]
+    assert r"\=1+1.json" in cells
+    assert not [cell for cell in cells if cell.startswith(("=", "+", "@"))]
+
+
+def test_the_table_of_candidates_has_no_formulas(tmp_path, monkeypatch) -> None:
+    from topo_search.study import ledger
+    from topo_search.study.ledger import COLUMNS
+
+    ranked = ledger.Ledger.ranking
+
+    def hostile(self, n):
+        return [replace(row, worst_constraint="=1+1", unit="@x") for row in ranked(self, n)]
+
+    monkeypatch.setattr(ledger.Ledger, "ranking", hostile)
+    toy_problem.toy_run(tmp_path / "run", modules=2)
+    rows = list(csv.DictReader((tmp_path / "run" / "candidates.csv").read_text().splitlines()))
+    assert tuple(rows[0]) == COLUMNS
+    assert {(row["worst_constraint"], row["unit"]) for row in rows} == {("'=1+1", "'@x")}
+
+
+def test_markdown_lists_and_headings_are_text() -> None:
+    assert [escape(text) for text in ("# a", "1. a", "1.json", "- a")] == [r"\# a", r"1\. a", "1.json", r"\- a"]
+    summary = markdown([Judged("=1", fan(), verify.audit(fan()))], [("# x", "- y")])
+    assert r"- \# x: \- y" in summary

@@ -135,8 +135,7 @@ def test_every_kind_is_told_drawn_and_stored(kind):
     at = platform(design)
     for _, shape in shapes(design.task, at.p_e):
         assert len(region_mesh(shape, 1.0).faces) > 0
-    words = next(rows[0][1] for _, rows in facts(point.task) if rows[0][0] == "requirement 0")
-    assert len(words) > 10
+    assert len(next(rows[0][1] for _, rows in facts(point.task) if rows[0][0] == "requirement 0")) > 10
     for pair in exposed(audit(design)):
         gap = math.dist(*pair.closest_m)
         if pair.analytic_m > 0:

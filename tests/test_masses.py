@@ -172,9 +172,7 @@ HEAVY: dict[str, Any] = {
 
 
 @pytest.mark.parametrize(("allocator", "about_x"), few([("optimal", 20.0), ("pseudo-inverse", 14.0)], 1))
-def test_a_heavy_platform_has_the_accelerations_and_reserves_that_are_asked_for(
-    allocator: str, about_x: float
-) -> None:
+def test_a_heavy_platform_has_the_accelerations_and_reserves_that_are_asked_for(allocator, about_x):
     """Its inertia is that of the audit, and reserves in weights grow with the rod's, by either allocator."""
     flight = {"angular_acceleration": [about_x, 3.0, 2.0], "force_reserve": 0.05, "directions": "horizontal"}
     task = push(4, **HEAVY, flight={**flight, "allocator": allocator})

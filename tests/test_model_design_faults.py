@@ -66,23 +66,11 @@ def test_a_foreign_design_is_read() -> None:
 
 @pytest.mark.parametrize("field", ["topology_key", "lower_bound", "gap", "solver"])
 @pytest.mark.parametrize(
-    "value",
-    [
-        None,
-        "text",
-        "\ud800",
-        3,
-        float("nan"),
-        [],
-        {},
-        {"x": float("nan")},
-        {"x": [{}]},
-    ],
+    "value", [None, "text", "\ud800", 3, float("nan"), [], {}, {"x": float("nan")}, {"x": [{}]}]
 )
 def test_an_informative_field_is_never_a_reason_to_refuse(field: str, value: Any) -> None:
     design = validate(Design, changed((field,), value), "design.json")
-    again = validate(Design, json.loads(to_json(design)), "again")
-    assert again == design
+    assert validate(Design, json.loads(to_json(design)), "again") == design
     got = getattr(design, field)
     assert got is None or got == value
 
@@ -235,5 +223,4 @@ def test_angles_and_inputs_out_of_bounds_are_for_the_audit_to_judge() -> None:
     data = changed(("hinge_angles_rad", 0), 3.0)
     data["rotor_speeds_squared"][0][0] = -1.0
     data["objective"] = 0.0
-    design = validate(Design, data, "design.json")
-    np.testing.assert_array_equal(design.inputs[0, 0], [-1.0, 1e6, 1e6, 1e6])
+    np.testing.assert_array_equal(validate(Design, data, "design.json").inputs[0, 0], [-1.0, 1e6, 1e6, 1e6])

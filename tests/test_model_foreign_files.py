@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from click.testing import CliRunner
+from commands import invoke
 from mutations import ended_in_time
 
-from topo_search.cli import main
 from topo_search.experiments.conducting import Results, identify
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Task
@@ -220,9 +219,7 @@ ASCII = "\n".join(
         "two.stl": f"solid\n{ASCII}\nendsolid\nsolid b\n{ASCII}\nendsolid b".encode(),
     }.items(),
 )
-def test_a_box_reads_as_a_box_in_every_form(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, name: str, content: bytes
-) -> None:
+def test_a_box_reads_as_a_box_in_every_form(tmp_path, caplog, name, content):
     (tmp_path / name).write_bytes(content)
     mesh = surface(tmp_path / name)
     (corners,), (excess,) = convex_pieces(mesh)
@@ -320,9 +317,7 @@ def test_a_device_is_not_replaced_by_a_file(tmp_path: Path) -> None:
         ["init", str(tmp_path / "pipe"), "--force"],
         ["export", "none.json", "--format", "stl", "--out", str(tmp_path / "pipe")],
     ):
-        result = CliRunner().invoke(main, words)
-        assert result.exit_code == 2
-        assert "must be a regular file" in result.stderr
+        assert "must be a regular file" in invoke(*words, status=2).stderr
     assert (tmp_path / "pipe").is_fifo()
 
 
@@ -340,8 +335,7 @@ def test_a_killed_process_leaves_no_part_of_a_file(tmp_path: Path) -> None:
     """The old file stays as it was, and nothing is beside it."""
     path = tmp_path / "design.csv"
     path.write_text("old")
-    killed = subprocess.run([sys.executable, "-c", KILLED, path], check=False)
-    assert killed.returncode == -signal.SIGKILL
+    assert subprocess.run([sys.executable, "-c", KILLED, path], check=False).returncode == -signal.SIGKILL
     assert [(each.name, each.read_text()) for each in tmp_path.iterdir()] == [("design.csv", "old")]
 
 

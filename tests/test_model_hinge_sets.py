@@ -51,8 +51,7 @@ def test_a_set_beside_a_step_or_outside_what_rotors_leave_is_refused():
     with pytest.raises(BadInput, match="must be left out where hinge_angles_deg is given, but got 15"):
         of("hinge_step_deg=15", "hinge_angles_deg=[0]")
     tall = "module.body.rotor_radius=0.075"
-    largest = math.degrees(read_task("push", (tall,)).folds(1e-4)[0][1])
-    assert largest < 85
+    assert math.degrees(read_task("push", (tall,)).folds(1e-4)[0][1]) < 85
     with pytest.raises(BadInput, match="must have an angle that keeps rotors clear of a neighbour, at most"):
         read_task("push", (tall, "search.hinge_angles_deg=[85, 90]"))
     task = read_task("push", (tall, "search.hinge_angles_deg=[20, 90]")).resolve(3)

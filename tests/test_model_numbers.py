@@ -5,17 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from topo_search.model import (
-    Directional,
-    Exterior,
-    LoadCase,
-    Local,
-    Module,
-    Status,
-    Task,
-    Wrench,
-    ten_wrenches,
-)
+from topo_search.model import Directional, Exterior, LoadCase, Local, Module, Status, Task, Wrench, ten_wrenches
 from topo_search.model.files import read_task
 from topo_search.model.module import Airflow, Body
 
@@ -80,8 +70,7 @@ def test_the_inertia_of_the_shapes_is_their_integral(hub: tuple[float, float, fl
     module = Module(body=Body(hub=hub))
     volume, moments = boxes_and_discs(module, cells=60)
     np.testing.assert_allclose(module.inertia, module.mass / volume * moments, rtol=2e-3)
-    given = Module(body=Body(inertia=(1e-3, 1e-3, 2e-3)))
-    assert given.inertia == (1e-3, 1e-3, 2e-3)
+    assert Module(body=Body(inertia=(1e-3, 1e-3, 2e-3))).inertia == (1e-3, 1e-3, 2e-3)
 
 
 def test_units_of_weight() -> None:
@@ -114,8 +103,7 @@ def test_derived_defaults_of_the_search() -> None:
     ablation = read_task("push", ("search.interference=separation",))
     assert ablation.body_clearance is None
     assert ablation.resolve(5).search.separation == 0.20
-    wider = read_task("push", ("module.body.rotor_radius=0.08",))
-    assert wider.body_clearance == pytest.approx(0.36)
+    assert read_task("push", ("module.body.rotor_radius=0.08",)).body_clearance == pytest.approx(0.36)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 4, 12345])

@@ -161,10 +161,7 @@ def test_reserves_in_weights_grow_with_the_platform_and_a_design_has_newtons() -
         ({"angular_acceleration": [1, 1]}, "flight.angular_acceleration[2]: is required"),
         ({"allocator": "px4"}, 'flight.allocator: must be "optimal" or "pseudo-inverse", but got "px4"'),
         ({"reserve": 1}, "flight.reserve: unknown field; did you mean `force_reserve`?"),
-        (
-            {"force_reserve": 1e15},
-            "flight.force_reserve: must be at most 1e+15 N and N m, but got 1e+15 weights",
-        ),
+        ({"force_reserve": 1e15}, "flight.force_reserve: must be at most 1e+15 N and N m, but got 1e+15 weights"),
     ],
 )
 def test_what_is_wrong_with_reserves_is_told(flight: dict[str, Any], fault: str) -> None:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from report_cases import design
+from verify_cases import fan
 
 from topo_search.limits import LIMITS
 from topo_search.model import (
@@ -27,21 +29,12 @@ from topo_search.model import (
     Wrench,
 )
 from topo_search.model.files import examples, read_json, read_task, to_json, to_toml, validate, write_atomically
+from verify import audit
 
 EXAMPLES = [
-    "push",
-    "push-directional",
-    "push-exterior-60",
-    "push-exterior-90",
-    "push-local",
-    "push-two-paths",
-    "survives-a-rotor",
-    "ten-wrenches",
-    "ten-wrenches-directional",
-    "ten-wrenches-exterior-60",
-    "ten-wrenches-local",
-    "wall-push",
-    "window-cleaning",
+    *("push", "push-directional", "push-exterior-60", "push-exterior-90", "push-local", "push-two-paths"),
+    *("survives-a-rotor", "ten-wrenches", "ten-wrenches-directional", "ten-wrenches-exterior-60"),
+    *("ten-wrenches-local", "wall-push", "window-cleaning"),
 ]
 
 
@@ -99,9 +92,7 @@ search = st.one_of(
 )
 count = st.integers(1, 100)
 tasks = st.one_of(
-    st.fixed_dictionaries(
-        {"load_cases": st.lists(load_case, min_size=1, max_size=4)},
-    ),
+    st.fixed_dictionaries({"load_cases": st.lists(load_case, min_size=1, max_size=4)}),
     st.fixed_dictionaries({"load_cases": st.just("ten-wrenches"), "task_seed": st.integers(0, 2**63 - 1)}),
 ).flatmap(
     lambda cases: st.fixed_dictionaries(
@@ -131,28 +122,17 @@ def through_toml(task: Task) -> Task:
     return validate(Task, tomllib.loads(to_toml(task)), "again")
 
 
-def design_of(task: Task, topology: Topology, rng: np.random.Generator, **more: Any) -> Design:
-    resolved = task.resolve(topology.n)
-    return Design(
-        task=resolved,
-        topology=topology,
-        topology_key=topology.key,
-        root_orientation_rad=tuple(rng.uniform(-1, 1, 3).tolist()),
-        hinge_angles_rad=tuple(rng.uniform(-1.5, 1.5, topology.n - 1).tolist()),
-        end_effector_m=tuple(rng.uniform(-1, 1, 3).tolist()),
-        rotor_speeds_squared=rng.uniform(0, 3e6, (len(resolved.load_cases), 4 * topology.n)).tolist(),
-        objective=1.5e13,
-        **more,
-    )
+def comes_back(task: Task) -> None:
+    assert through_toml(task) == task
+    assert Task.model_validate(json.loads(to_json(task))) == task
+    assert pickle.loads(pickle.dumps(task)) == task
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_an_example_comes_back_from_toml_and_json(name: str) -> None:
     task = read_task(name)
     assert task.name == name
-    assert through_toml(task) == task
-    assert Task.model_validate(json.loads(to_json(task))) == task
-    assert pickle.loads(pickle.dumps(task)) == task
+    comes_back(task)
 
 
 def test_a_task_is_written_without_what_it_does_not_ask_for() -> None:
@@ -160,9 +140,7 @@ def test_a_task_is_written_without_what_it_does_not_ask_for() -> None:
     push = read_task("push")
     for text in (to_toml(push), to_json(push.resolve(5))):
         assert not re.search("hinge|stand_off|peak_input|goals|tolerances|flight|frame|min_input|solid", text)
-    asking = read_task("push", ("goals.peak_input=[0.9, 0.8]", "tolerances.position=1e-3"))
-    assert through_toml(asking) == asking
-    assert Task.model_validate_json(to_json(asking)) == asking
+    comes_back(read_task("push", ("goals.peak_input=[0.9, 0.8]", "tolerances.position=1e-3")))
 
 
 def test_the_shipped_examples_are_those_of_the_design() -> None:
@@ -172,10 +150,7 @@ def test_the_shipped_examples_are_those_of_the_design() -> None:
 @settings(max_examples=150)
 @given(tasks)
 def test_a_task_comes_back_from_toml_json_and_pickle(data: dict[str, Any]) -> None:
-    task = Task.model_validate(data)
-    assert through_toml(task) == task
-    assert Task.model_validate(json.loads(to_json(task))) == task
-    assert pickle.loads(pickle.dumps(task)) == task
+    comes_back(Task.model_validate(data))
 
 
 @settings(max_examples=150)
@@ -204,32 +179,24 @@ def test_a_task_made_in_python_keeps_the_kind_of_its_requirements() -> None:
 
 @pytest.mark.parametrize("key", ["a0", "a10", "af0000", "a110"])
 def test_a_design_comes_back_from_its_file(tmp_path: Any, key: str) -> None:
-    topology = Topology.from_key(key)
-    task = read_task("push-two-paths")
+    topology, versions = Topology.from_key(key), {"casadi": "3.7"}
     record = SolverRecord(
         status="Solve_Succeeded",
         iterations=61,
         seconds=0.5,
+        versions=versions,
         seed=3,
         start=1,
         starts=2,
         starts_feasible=1,
-        versions={"casadi": "3.7"},
     )
-    design = design_of(
-        task,
-        topology,
-        np.random.default_rng(4),
-        lower_bound=1.4e13,
-        gap=Design.gap_of(1.5e13, 1.4e13),
-        solver=record.model_dump(mode="json"),
-    )
+    made = design(topology, "push-two-paths", solver=record.model_dump(mode="json"))
     path = tmp_path / "deep" / "design.json"
-    write_atomically(path, to_json(design))
+    write_atomically(path, to_json(made))
     again = read_json(Design, path)
-    assert again == design
-    assert pickle.loads(pickle.dumps(design)) == design
-    np.testing.assert_array_equal(again.inputs.ravel(), np.ravel(design.rotor_speeds_squared))
+    assert again == made
+    assert pickle.loads(pickle.dumps(made)) == made
+    np.testing.assert_array_equal(again.inputs.ravel(), np.ravel(made.rotor_speeds_squared))
     assert again.inputs.shape == (3, topology.n, 4)
     assert not again.inputs.flags.writeable
     assert SolverRecord.model_validate(again.solver) == record
@@ -237,8 +204,7 @@ def test_a_design_comes_back_from_its_file(tmp_path: Any, key: str) -> None:
 
 
 def test_the_fields_of_a_design_file_are_those_of_the_format() -> None:
-    task = read_task("push")
-    written = json.loads(to_json(design_of(task, Topology.from_key("af0000"), np.random.default_rng(0))))
+    written = json.loads(to_json(design(Topology.from_key("af0000"))))
     assert set(written) == {
         *("format", "version", "task", "topology", "topology_key", "root_module", "root_orientation_rad"),
         *("hinge_angles_rad", "end_effector_m", "mount", "rotor_speeds_squared", "objective"),
@@ -260,53 +226,36 @@ def test_infeasible_and_audit_come_back_from_json() -> None:
         topology=Topology.from_key("a10"),
         topology_key="a10",
         status="infeasible",
+        unit="N m",
         worst_constraint="load case 2, torque",
         violation=0.3,
-        unit="N m",
         message="load case 2 lacks 0.3 N m of torque",
     )
     assert Infeasible.model_validate(json.loads(to_json(infeasible))) == infeasible
-    data = {
-        "format": "topo-search/audit",
-        "version": 1,
-        "verdict": "violated",
-        "pairs": [
-            {
-                "kind": "airflow",
-                "a": 0,
-                "b": 1,
-                "segment": None,
-                "status": "violated",
-                "lower_m": None,
-                "upper_m": -0.1,
-                "analytic_m": -0.1,
-                "level": 3,
-                "percent": -25.0,
-                "evidence": [],
-                "closest_m": [[0.1, 0.0, 0.2], [0.1, 0.0, 0.2]],
-            }
-        ],
-        "residuals": [],
-        "interference": {"colliding_pairs": 1, "deepest_percent": 25.0, "clusters": [[0, 1]]},
-        "sensitivity": {
-            "hinge_angle_deg": None,
-            "position_m": {
-                "kind": "airflow",
-                "a": 0,
-                "b": 1,
-                "segment": None,
-                "tolerated": 0.0,
-                "violated_at": 0.0,
-            },
-            "envelope_m": None,
-            "tolerances": None,
-        },
-        "flight": None,
-        "assembly": {"joints": [], "end_effector": None},
-        "allowed_contacts": [],
-        "versions": {},
-        "seconds": 0.25,
+    overlapping = audit(fan(hinges=(0.0, 0.0)))
+    data = json.loads(to_json(overlapping))
+    assert (data["format"], data["version"], data["verdict"]) == ("topo-search/audit", 1, "violated")
+    assert set(data) == {
+        *(
+            "format",
+            "version",
+            "verdict",
+            "pairs",
+            "residuals",
+            "interference",
+            "sensitivity",
+            "flight",
+            "power",
+            "air",
+        ),
+        *("assembly", "allowed_contacts", "versions", "seconds"),
     }
-    audit = Audit.model_validate(data)
-    assert json.loads(to_json(audit)) == data
-    assert Audit.model_validate({**data, "remark": "added by another program"}) == audit
+    assert set(data["pairs"][0]) == {
+        *("kind", "a", "b", "segment", "status", "lower_m", "upper_m", "analytic_m", "level", "percent"),
+        *("evidence", "closest_m"),
+    }
+    assert set(data["interference"]) == {"colliding_pairs", "deepest_percent", "clusters"}
+    assert set(data["sensitivity"]) == {"hinge_angle_deg", "position_m", "envelope_m", "tolerances"}
+    assert set(data["sensitivity"]["position_m"]) == {"kind", "a", "b", "segment", "tolerated", "violated_at"}
+    assert Audit.model_validate({**data, "remark": "added by another program"}) == overlapping
+    assert json.loads(to_json(Audit.model_validate(data))) == data

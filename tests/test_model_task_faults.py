@@ -78,10 +78,7 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "load_cases[1].com.force[2]: must be a finite number, but got NaN",
         ),
         ("[[load_cases]]\ncom = { force = [0, 0, 1e308] }", "load_cases[1]: must be at most 1e+15 N and N m..."),
-        (
-            "[[load_cases]]\nname = ''\ncom = { force = [0, 0, 1] }",
-            f'load_cases[1].name: {NAME}, but got ""',
-        ),
+        ("[[load_cases]]\nname = ''\ncom = { force = [0, 0, 1] }", f'load_cases[1].name: {NAME}, but got ""'),
         (
             "[[load_cases]]\nname = 'a\\nb'\ncom = { force = [0, 0, 1] }",
             f'load_cases[1].name: {NAME}, but got "a\\\\nb"',

@@ -157,8 +157,7 @@ def test_a_task_in_which_nothing_hovers() -> None:
     ],
 )
 def test_values_that_are_seldom_meant(fields: dict[str, Any], path: str, said: str) -> None:
-    warnings = found(**fields)
-    assert said in warnings[path]
+    assert said in found(**fields)[path]
 
 
 def scale(module: dict[str, Any], factors: dict[str, float]) -> dict[str, Any]:
@@ -191,9 +190,7 @@ def scale(module: dict[str, Any], factors: dict[str, float]) -> dict[str, Any]:
         ({"body.inertia": 1e7}, "module.body.inertia[2]"),
     ],
 )
-def test_a_slip_of_units_is_told_of_any_module(
-    module: dict[str, Any], factors: dict[str, float], path: str
-) -> None:
+def test_a_slip_of_units_is_told_of_any_module(module, factors, path):
     assert found(module=module) == {}
     assert path in found(module=scale(module, factors))
 

@@ -86,8 +86,7 @@ def test_moving_the_root_away_and_back_keeps_the_key(topology: Topology, data: s
 
 def test_a_hand_made_key() -> None:
     # a chain along +x with a module at the +y port of its middle: right of west is north in the slots of module 1
-    chain = Topology((ROOT, (0, 0, 2), (1, 0, 2), (1, 1, 3)))
-    assert chain.key == "a1600"
+    assert Topology((ROOT, (0, 0, 2), (1, 0, 2), (1, 1, 3))).key == "a1600"
     assert Topology((ROOT, (0, 0, 1))).key == "p18"
     assert Topology.from_key("p18").joints == (ROOT, (0, 0, 1))
     assert Topology((ROOT,)).key == "a0"

@@ -50,9 +50,7 @@ def test_a_box_is_centred_with_its_edges_along_the_axes(tmp_path: Path) -> None:
     assert box.model_dump(mode="json") == {"kind": "local", "box": [0.4, 0.2, 0.6]}
 
 
-def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(tmp_path, monkeypatch):
     (tmp_path / "shapes").mkdir()
     (tmp_path / "shapes" / "cube.stl").write_bytes(trimesh.creation.box((0.25, 0.25, 0.25)).export(file_type="stl"))
     task = read_task(written(tmp_path, 'mesh = "shapes/cube.stl"'))

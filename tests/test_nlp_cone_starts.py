@@ -126,16 +126,14 @@ def test_rounding_does_not_choose_among_turns_that_are_alike(monkeypatch):
         return replace(point, u=point.u * (1.0 - 1e-12 * next(calls)))
 
     monkeypatch.setattr(starts, "_with_least_norm", rounded)
-    other = draw(task, topology, generator(task, topology, 0, 0))
-    np.testing.assert_array_equal(other.root, start.root)
+    np.testing.assert_array_equal(draw(task, topology, generator(task, topology, 0, 0)).root, start.root)
 
 
 def test_one_seed_one_start():
     task, topology = conical(12), sample(12, 1, seed=0)[0]
     first, second = (draw(task, topology, generator(task, topology, 3, 0)) for _ in range(2))
     np.testing.assert_array_equal(first.pack(), second.pack())
-    other = draw(task, topology, generator(task, topology, 4, 0))
-    assert np.abs(other.alpha - first.alpha).max() > 0.1
+    assert np.abs(draw(task, topology, generator(task, topology, 4, 0)).alpha - first.alpha).max() > 0.1
 
 
 def test_a_fixed_end_effector_stays_where_it_is():

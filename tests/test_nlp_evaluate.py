@@ -124,8 +124,7 @@ def audited_clearances(design):
             name = names.exclusion(r.a)
         else:
             name = names.exposure(r.b, task.exposure[r.b], r.a, r.segment)
-        inside = isinstance(r.against, Cone)
-        assert inside == (r.kind in ("exterior", "allowed"))
+        assert isinstance(r.against, Cone) == (r.kind in ("exterior", "allowed"))
         found[name] = clearance_of(r) * task.module.arm_length - more
     return found
 
@@ -238,8 +237,7 @@ def test_equal_and_opposite_errors_do_not_cancel_in_the_check():
     assert checks["load case 0, force"].met
     assert checks["load case 0, torque"].met
     short = {c.name: c for c in violations(dataclasses.replace(point, u=0.75 * u))}
-    weight = task.force_unit(1)
-    assert short["load case 0, force"].amount == pytest.approx(weight / 4)
+    assert short["load case 0, force"].amount == pytest.approx(task.force_unit(1) / 4)
     assert short["load case 0, force"].scaled == pytest.approx(1 / 4)
     assert short["load case 0, torque"].amount == pytest.approx(0.0, abs=1e-12)
     rows = {r.name: r for r in residuals(as_design(point), platform(as_design(point)))}

@@ -35,8 +35,7 @@ def test_the_answer_is_of_the_set_and_clear_and_costs_more_than_any_angles(key, 
 def test_what_is_found_near_the_local_optima_is_what_all_combinations_hold(step, monkeypatch):
     found = solved(best("a3200", hinge_step_deg=step))
     monkeypatch.setattr(hinge_sets, "SEARCH", hinge_sets.SEARCH._replace(complete_up_to=10**6))
-    every = solved(best("a3200", hinge_step_deg=step))
-    assert every.objective == pytest.approx(found.objective, rel=1e-6)
+    assert solved(best("a3200", hinge_step_deg=step)).objective == pytest.approx(found.objective, rel=1e-6)
 
 
 def test_a_task_costs_no_more_than_with_a_region_besides():
@@ -66,8 +65,7 @@ def test_without_the_compiled_search_ipopt_solves_the_combinations(monkeypatch):
 def test_reserves_and_several_cases_hold_on_the_set_too():
     cases = [{**case, "name": f"case {k}"} for k, case in enumerate(PUSH)]
     fields = {"load_cases": cases, "flight": {"force_reserve": 0.05}, "search": {"hinge_step_deg": 10.0}}
-    design = best_design(push(4, **fields), Topology.from_key("a3020"), 3)
-    assert audit(design).verdict == "clear"
+    assert audit(best_design(push(4, **fields), Topology.from_key("a3020"), 3)).verdict == "clear"
 
 
 def test_a_design_of_the_set_is_carried_over():

@@ -123,8 +123,7 @@ def test_the_proof_is_sharp(over):
     halves = {"com": {"force": (direction / 2).tolist()}, "end_effector": {"force": (direction / 2).tolist()}}
     task = push(1, load_cases=[halves])
     assert (prove_impossible(task) is None) == (over < 1)
-    result = solve(task, Topology.from_key("a0"), starts=range(3), seed=0)
-    assert isinstance(result, Design) == (over < 1)
+    assert isinstance(solve(task, Topology.from_key("a0"), starts=range(3), seed=0), Design) == (over < 1)
 
 
 def pulling(n, forces, **fields):
@@ -295,8 +294,7 @@ def test_rotors_that_reach_beyond_the_connectors_are_impossible_with_body_cleara
     module = {"connector_distance": 0.1 / math.sqrt(2) + 0.05 - over}
     proof = prove_impossible(hover(2, module=module))
     assert (proof is not None) == (over > 0)
-    literal = hover(2, module=module, search={"body_clearance": False})
-    assert prove_impossible(literal) is None
+    assert prove_impossible(hover(2, module=module, search={"body_clearance": False})) is None
     if proof is not None:
         assert (proof.status, proof.unit) == ("impossible", "m")
         assert proof.violation == pytest.approx(over, rel=1e-6)

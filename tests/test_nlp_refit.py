@@ -55,8 +55,7 @@ def test_an_end_effector_fixed_from_the_centre_of_mass_stays_there() -> None:
     design = random_design(Topology.from_key("a10"), 5, task).model_copy(
         update={"root_orientation_rad": (0.0, 0.0, 0.0)}
     )
-    found = refit(design, [0.0])
-    np.testing.assert_allclose(platform(found).p_e, [0.5, 0.1, 0.0], atol=1e-12)
+    np.testing.assert_allclose(platform(refit(design, [0.0])).p_e, [0.5, 0.1, 0.0], atol=1e-12)
 
 
 def test_rotors_that_never_stop_keep_their_least_input(solved_push: Design) -> None:

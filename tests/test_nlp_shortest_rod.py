@@ -13,8 +13,7 @@ TREE = Topology.from_key("a300")
 
 def rod_of(design: Design) -> float:
     """The rod of the best design from the audit's own sheet [m]."""
-    sheet = audit(design).assembly.end_effector
-    return sheet.connectors[0].length_m
+    return audit(design).assembly.end_effector.connectors[0].length_m
 
 
 def solved(task: Task, *, near: tuple[Design, ...] = ()) -> Design:

@@ -152,8 +152,7 @@ def test_the_view_opens_on_the_platform_and_shows_what_is_chosen(opened: Open) -
     page.click("[data-part=airflow]")
     assert page.get_attribute("[data-part=airflow]", "aria-pressed") == "true"
     assert {"case", "airflow"} <= {*parts(page)}
-    told = page.inner_text(".told")
-    assert told.startswith("load case 1: force")
+    assert page.inner_text(".told").startswith("load case 1: force")
     page.click("[data-choice=platform]")
     assert "airflow" in parts(page)
     page.evaluate(PICTURE)
@@ -495,9 +494,7 @@ def test_the_ranking_shows_the_gap_as_everything_else_does(opened: Open, tmp_pat
     assert told in page.inner_text(".answer") or float(ranked[0]) == 0
 
 
-def test_a_page_without_a_design_says_what_to_relax(
-    opened: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_page_without_a_design_says_what_to_relax(opened, tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_NONE", "*")
     page = opened(toy_page(tmp_path / "run", modules=3, starts=2))
     assert "no single limit" in page.inner_text("header")
@@ -518,9 +515,7 @@ def test_on_a_phone_nothing_runs_off_the_screen(opened: Open, five: str, tmp_pat
 
 
 @pytest.mark.parametrize(("width", "scheme"), [(1200, "light"), (360, "dark")])
-def test_everybody_can_read_the_page(
-    opened: Open, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, width: int, scheme: str
-) -> None:
+def test_everybody_can_read_the_page(opened, tmp_path, monkeypatch, width, scheme):
     """By axe-core: contrast, names of what can be seen or pressed, order of headings, reach by keys."""
     monkeypatch.setenv("TOY_NONE", "a3010")
     page = opened(toy_page(tmp_path / "run", modules=4, starts=4), width=width)
@@ -559,13 +554,10 @@ def test_on_paper_there_are_no_controls(opened: Open, five: str) -> None:
     page.set_viewport_size({"width": 700, "height": 900})  # paper is narrow, and no phone
     assert page.locator("table.stacked thead").first.is_visible()
     page.evaluate("window.dispatchEvent(new Event('afterprint'))")
-    pages = re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))
-    assert 2 <= len(pages) <= 12
+    assert 2 <= len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) <= 12
 
 
-def test_without_webgl_the_rest_of_the_page_works(
-    launched: Callable[..., Browser], tmp_path: Path, five: str
-) -> None:
+def test_without_webgl_the_rest_of_the_page_works(launched, tmp_path, five):
     path = tmp_path / "page.html"
     path.write_text(five, encoding="utf-8")
     with launched("--disable-gpu", "--disable-3d-apis") as browser:

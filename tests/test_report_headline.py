@@ -1,19 +1,23 @@
 """The headline of the page: each tile says what the design, its audit or its row says, rounded to the safe side."""
 
+import re
+
 import numpy as np
 import pytest
-from report_cases import design
+from report_cases import Reader, design, toy_page
+from toy_problem import toy_row, toy_run
 from wording import says
 
 from topo_search.compose import audit
 from topo_search.model import Audit, Design, Topology
+from topo_search.report import headline as module
 from topo_search.report.design_page import design_page
 from topo_search.report.design_part import cases
-from topo_search.report.headline import fragile, headline, tally
+from topo_search.report.headline import cards, fragile, headline, rows_to_show, tally
 from topo_search.report.page import render
 from topo_search.report.scene import closest
 from topo_search.report.wording import near_tie_cells
-from topo_search.study import Row
+from topo_search.study import Row, RunFolder
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +53,7 @@ def test_the_least_clearance_is_the_least_of_all_pairs(audited: tuple[Design, Au
 
 
 @pytest.mark.parametrize(("metres", "degrees", "words"), [(0.00017, 0.0079, 2), (0.00099, 0.2, 1), (0.002, 0.1, 0)])
-def test_a_clear_design_with_hardly_any_margin_is_amber(
-    audited: tuple[Design, Audit], metres: float, degrees: float, words: int
-) -> None:
+def test_a_clear_design_with_hardly_any_margin_is_amber(audited, metres, degrees, words):
     made, found = audited
     pair = found.pairs[0].model_copy(update={"status": "clear", "analytic_m": metres, "lower_m": metres})
     flight = found.flight.model_copy(update={"hinge_tolerance_deg": degrees})
@@ -132,3 +134,62 @@ def test_what_is_not_clear_is_counted(audited: tuple[Design, Audit]) -> None:
     assert says(tally(found), f"{wrong} of {len(found.pairs) + len(found.residuals)}", "not clear")
     fine = found.model_copy(update={"verdict": "clear"})
     assert tally(fine).startswith(f"all {len(found.pairs)} clearances are proven")
+
+
+# ---- Which designs of a run the page shows beside the winner, and how much they may take.
+
+
+def keys(text: str) -> list[str]:
+    return re.findall(r'<template id="card-(\w+)">', text)
+
+
+def test_the_best_ten_have_a_card_the_winner_first(tmp_path):
+    text = toy_page(tmp_path / "run", modules=4, starts=4)
+    with RunFolder.load(tmp_path / "run") as folder:
+        ranked = [row.key for row in folder.ledger.ranking(4)]
+    assert len(ranked) > 10
+    assert keys(text) == ranked[:10]
+    assert len(Reader(text).ids) == len({*Reader(text).ids})
+
+
+def test_other_sizes_have_their_best_three(tmp_path):
+    answer = toy_run(tmp_path / "run", modules=(3, 4), starts=4)
+    assert answer.best is not None
+    rows = rows_to_show(answer, answer.best)
+    assert rows[0] == answer.best
+    assert [row.modules for row in rows].count(4) == 3
+    assert len({row.key for row in rows}) == len(rows)
+
+
+def test_a_run_without_a_design_has_no_cards(tmp_path, monkeypatch):
+    monkeypatch.setenv("TOY_NONE", "*")
+    assert keys(toy_page(tmp_path / "run")) == []
+
+
+def test_cards_stop_where_the_page_would_get_large(monkeypatch):
+    found = [
+        (toy_row(key, objective=1.0 + k, gap=0.1), design(Topology.from_key(key)), None)
+        for k, key in enumerate(("af0000", "a70010", "a31040"))
+    ]
+    best = found[0][0]
+    assert [card["key"] for card in cards(found, best)] == ["af0000", "a70010", "a31040"]
+    monkeypatch.setattr(module, "LARGEST", 20_000)
+    assert next(cards(found, best))["key"] == "af0000"
+    assert len(list(cards(found, best))) < 3
+
+
+def test_a_design_that_cannot_be_drawn_has_no_card():
+    far = design(Topology.from_key("a70010"), end_effector_m=[1e200, 0.0, 0.0])
+    near = design(Topology.from_key("af0000"))
+    best = toy_row("af0000", objective=1.0, gap=0.1)
+    found = [(best, near, None), (toy_row("a70010", objective=1.1, gap=0.1), far, None)]
+    assert [card["key"] for card in cards(found, best)] == ["af0000"]
+
+
+@pytest.mark.parametrize(("objective", "told"), [(1.0, "least found"), (1.0049, "+0.49 %"), (1.1, "+10.00 %")])
+def test_effort_is_told_over_that_of_the_best(objective, told):
+    best = toy_row("af0000", objective=1.0, gap=0.1)
+    row = best if objective == 1.0 else toy_row("a70010", objective=objective, gap=0.1)
+    (card,) = cards([(row, design(Topology.from_key(row.key)), None)], best)
+    figures = {tile.name: tile.figure for tile in card["figures"]}
+    assert (figures["Control effort"], figures["Audit"]) == (told, "none")

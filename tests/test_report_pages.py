@@ -1,21 +1,24 @@
 """The page as text: what it says, that it holds all it needs, and that no text of a user's ends up as markup."""
 
+import itertools
 import json
+import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from report_cases import Reader, design, grown, toy_page
 from suites import few
-from toy_problem import toy_run
+from toy_problem import BOUND, lower_bound, solve, toy_run, toy_task, value
 
-from nlp import lower_bound
+import nlp
 from topo_search.cli.tables import answer_lines
 from topo_search.compose import audit, read_design, write_report
 from topo_search.compose.designs import write_page
 from topo_search.export import palette
-from topo_search.model import BadInput, Design, Status, Topology
+from topo_search.model import BadInput, Design, Infeasible, Status, Topology
 from topo_search.model.files import read_json, read_task
 from topo_search.model.proven import gap_percent
 from topo_search.model.topology import PORT_NAMES
@@ -25,7 +28,10 @@ from topo_search.report.design_part import rod as rod_words
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page, write_run_page
 from topo_search.report.scene import closest_words, scene
-from topo_search.study import RunFolder, answer_of
+from topo_search.study import Request, RunFolder, answer_of
+from topo_search.study.answer import SHOWN
+from topo_search.study.ledger import Row, row_of
+from topo_search.topologies import Candidate, candidates
 from verify.kinematics import platform
 
 
@@ -116,11 +122,9 @@ def test_the_page_of_a_design_has_its_clearances_and_no_ranking(audited):
 
 def test_what_is_odd_about_the_task_is_on_the_page(audited, tmp_path):
     """`check` warns about two load cases of push, which do not carry the weight; the toy task is plain."""
-    page = Reader(render(design_page(*audited, "mine.json")))
-    assert page.text.count("Warning: load_cases[") == 2
+    assert Reader(render(design_page(*audited, "mine.json"))).text.count("Warning: load_cases[") == 2
     assert "Warning:" not in Reader(toy_page(tmp_path / "plain")).text
-    odd = read_task("push", ("gravity=1.62", "modules=3"))
-    toy_run(tmp_path / "run", task=odd)
+    toy_run(tmp_path / "run", task=read_task("push", ("gravity=1.62", "modules=3")))
     with RunFolder.load(tmp_path / "run") as folder:
         text = Reader(render(run_page(folder))).text
     assert "Warning: gravity: 1.62 m/s^2 is not that of the Earth's surface." in text
@@ -253,7 +257,7 @@ def test_the_gap_of_a_design_is_computed_and_not_read_from_its_file(tmp_path):
     file = Path(__file__).parent / "designs" / "forged-gap.json"
     made = read_design(file)
     assert read_json(Design, file).gap == pytest.approx(1e-4)
-    assert made.gap == pytest.approx(1 - lower_bound(made.task) / made.objective)
+    assert made.gap == pytest.approx(1 - nlp.lower_bound(made.task) / made.objective)
     assert made.gap > 0.015
     page = Reader(write_report(file, out=tmp_path / "page.html").read_text())
     assert gap_percent(made.gap) in page.text
@@ -280,3 +284,53 @@ def test_a_page_is_written_again_only_if_it_would_show_something_else(tmp_path, 
     page.write_text(page.read_text().replace("toy", "tay", 1))
     with pytest.raises(BadInput, match="is not the file that this run wrote"):
         count(5)
+
+
+# ---- The page of a large run stays small: ten thousand candidates, solved twice each.
+
+NUMBER = 10_000
+
+
+def result(number: int, candidate: Candidate, solved: Design) -> tuple[Row, Design | Infeasible]:
+    """Return what becomes of a candidate: every third is infeasible, the others are copies of one design."""
+    key, margin = candidate.key, solved.task.search.margin
+    if number % 3 == 0:
+        outcome = Infeasible(
+            topology=candidate.topology,
+            topology_key=key,
+            status="infeasible",
+            worst_constraint=f"airflow of modules {number % 7} and {number % 7 + 1}",
+            violation=0.001 * number,
+            unit="m",
+            message="missed",
+        )
+    else:
+        objective = value(key, 0, 0, margin)
+        inputs = ((math.sqrt(objective / 36),) * 36,)
+        own = {"topology": candidate.topology, "topology_key": key, "objective": objective}
+        outcome = solved.model_copy(update={**own, "rotor_speeds_squared": inputs})
+    row = row_of(outcome, key=key, modules=9, orbit=1, starts=1, lower_bound=BOUND)
+    return replace(row, margin=margin), outcome
+
+
+def test_ten_thousand_candidates_take_less_than_six_megabytes(tmp_path):
+    request = Request(toy_task(9), "none", starts=1, seed=0)
+    (context, *_), path = request.contexts(9), tmp_path / "run"
+    with RunFolder.open(path, request) as folder:
+        folder.ledger.begin(context, lower_bound(context.task), None)
+        drawn = list(itertools.islice(candidates(9), NUMBER))
+        assert len(drawn) == NUMBER
+        solved = solve(context.task, drawn[0].topology, starts=range(1), seed=0)
+        rows = [result(number, candidate, solved) for number, candidate in enumerate(drawn)]
+        ranked = sorted(rows, key=lambda pair: (pair[0].objective or math.inf, pair[0].key))
+        shown = {row.key for row, _ in ranked[:SHOWN]}
+        for _ in range(2):
+            folder.ledger.record(context, [(row, found if row.key in shown else None) for row, found in rows])
+        write_run_page(folder)
+    page = path / "report.html"
+    assert page.stat().st_size < 6e6
+    text = page.read_text(encoding="utf-8")
+    (data,) = re.findall(r'id="ranking-data">(.*?)</script>', text, re.DOTALL)
+    assert len(json.loads(data)["rows"]) == NUMBER
+    assert "airflow of two modules" in text
+    assert text.count("<tr>") < 200

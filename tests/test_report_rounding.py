@@ -9,14 +9,13 @@ from fractions import Fraction
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from nlp_cases import hover
 from report_cases import design, flight
 from toy_problem import toy_row
 
 from nlp import prove_impossible
 from topo_search import compose
-from topo_search.cli import main
 from topo_search.cli.tables import _front, _rows, audit_lines
 from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
@@ -173,12 +172,12 @@ def test_efforts_and_gaps(capsys, monkeypatch):
         check(capsys.readouterr().out.splitlines()[1].split()[2], most=x / row.lower_bound)
         checked = Checked(trees=[CheckedTree("a300", 3, bound=x)])
         monkeypatch.setattr(compose, "check_proofs", lambda *_, given=checked, **__: given)
-        check(CliRunner().invoke(main, ["prove", "run", "--check"]).stdout, least=x)
+        check(invoke("prove", "run", "--check").stdout, least=x)
         proof = {"proven_bound": x, "proven_gap": 0.1, "proof": "excluded", "proven_problem": "task"}
         table = pd.DataFrame([{"key": "a300", "modules": 3, "objective": x, **proof}])
         monkeypatch.setattr(compose, "prove", lambda *_, **__: Answer("nowhere", ()))
         monkeypatch.setattr("topo_search.study.answer.candidates", lambda _, given=table: given)
-        check(CliRunner().invoke(main, ["prove", "run"]).stdout, least=x)
+        check(invoke("prove", "run", status=4).stdout, least=x)
 
 
 def test_what_is_enough_is_not_rounded_to_what_is_not():

@@ -1,12 +1,12 @@
 """Flights on the page of a design: what is told of them, of whom they must be, and files that are damaged."""
 
 import json
+from functools import partial
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from report_cases import Reader, design, flown
 
-from topo_search.cli import main
 from topo_search.compose import audit
 from topo_search.model import Topology
 from topo_search.model.files import to_json
@@ -74,12 +74,11 @@ def command(tmp_path, monkeypatch, audited):
     (tmp_path / "other.json").write_text(to_json(made.model_copy(update={"end_effector_m": (0.5, 0.2, 0.4)})))
     flown(made, tmp_path / "flight")
     (tmp_path / "run").mkdir()
-    return lambda *words: CliRunner().invoke(main, ["report", *words], catch_exceptions=False)
+    return partial(invoke, "report")
 
 
 def test_the_command_reads_the_folder_of_fly(command, tmp_path):
-    result = command("mine.json", "--flight", "flight")
-    assert (result.exit_code, result.stdout) == (0, "the page is in mine.html\n")
+    assert command("mine.json", "--flight", "flight").stdout == "the page is in mine.html\n"
     assert "Flight in simulation: saturated" in (tmp_path / "mine.html").read_text(encoding="utf-8")
 
 
@@ -98,13 +97,10 @@ def test_flights_that_do_not_fit_are_refused(command, tmp_path, words, edit, sai
         kind, old, new = edit
         path = tmp_path / "flight" / f"flight.{kind}"
         path.write_text(path.read_text().replace(old, new, 1) if old else "{")
-    result = command(*words, "--flight", "flight")
-    assert result.exit_code == 2
-    assert said in " ".join(result.stderr.split())
+    assert said in " ".join(command(*words, "--flight", "flight", status=2).stderr.split())
     assert not list(tmp_path.rglob("*.html"))
 
 
 def test_a_folder_without_flights_is_named(command):
-    result = command("mine.json", "--flight", "run")
-    assert result.exit_code == 2
+    result = command("mine.json", "--flight", "run", status=2)
     assert "run/flight.json: no such file" in " ".join(result.stderr.split())

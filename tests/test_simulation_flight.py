@@ -5,16 +5,16 @@ import io
 import json
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from export_cases import random_design
 from PIL import Image
 from scipy.optimize import lsq_linear
 from suites import few
 
-from topo_search.cli import main
 from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
 from topo_search.model.load_case import AskedFlight, ForceCone
@@ -31,7 +31,7 @@ def command(tmp_path, monkeypatch, wall_press):
     """The command in an empty folder with a design."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "wall.json").write_text(to_json(wall_press))
-    return lambda *words: CliRunner().invoke(main, ["fly", *words], catch_exceptions=False)
+    return partial(invoke, "fly")
 
 
 @pytest.fixture(scope="module")
@@ -197,7 +197,6 @@ def test_files_and_answer_of_the_command(command, tmp_path, monkeypatch) -> None
     monkeypatch.setattr("topo_search.simulation.files.FRAMES_EVERY", 160)  # drawing takes longer than flying
     words = ("wall.json", "--out", "flight", "--video", "film.gif", "--only", "return from +x", "--seed", "3")
     result = command(*words, "--detection-time", "0.2", "--no-wake")
-    assert result.exit_code == 0
     assert result.stdout.splitlines()[1].split()[:4] == ["return", "from", "+x", "recovered"]
     assert result.stdout.endswith("in simulation: recovered\n")
     assert NO_DOWNWASH in result.stdout
@@ -221,8 +220,7 @@ def test_files_and_answer_of_the_command(command, tmp_path, monkeypatch) -> None
 
 def test_json_and_status_of_a_flight_that_fails(command, tmp_path, solved_push) -> None:
     (tmp_path / "push.json").write_text(to_json(solved_push))
-    result = command("push.json", "--only", "return from +x", "--json")
-    assert result.exit_code == 1
+    result = command("push.json", "--only", "return from +x", "--json", status=1)
     assert json.loads(result.stdout)["verdict"] == "not held"
 
 
@@ -237,9 +235,7 @@ def test_json_and_status_of_a_flight_that_fails(command, tmp_path, solved_push) 
     ],
 )
 def test_bad_input_is_one_line_and_status_two(command, tmp_path, words, said) -> None:
-    result = command(*words)
-    assert result.exit_code == 2
-    assert said in " ".join(result.stderr.split())
+    assert said in " ".join(command(*words, status=2).stderr.split())
     assert {path.name for path in tmp_path.iterdir()} == {"wall.json"}
 
 
@@ -247,8 +243,7 @@ def test_without_the_simulator_the_answer_is_how_to_install_it(command, monkeypa
     for name in [name for name in sys.modules if name.startswith("topo_search.simulation.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    result = command("wall.json")
-    assert result.exit_code == 2
+    result = command("wall.json", status=2)
     assert result.stderr.endswith('needs mujoco, which is not installed; run: pip install "topo-search[sim]"\n')
 
 

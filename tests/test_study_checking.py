@@ -91,20 +91,14 @@ def test_the_proof_of_another_tree_or_task_is_refused(run):
     told = {tree.key: tree.fault for tree in checked(run).trees}
     assert told[first.name] == f"proof/{first.name} is the proof of another tree, {second.name}"
     rewrite(first, one)
-    task = json.loads(one)["task"]
-    edited(first, task=task | {"gravity": 9.0})
+    edited(first, task=json.loads(one)["task"] | {"gravity": 9.0})
     told = {tree.key: tree.fault for tree in checked(run).trees}
     assert told[first.name] == f"proof/{first.name} is about another task"
 
 
 @pytest.mark.parametrize(
     ("change", "why"),
-    [
-        ({"version": 2}, "version"),
-        ({"format": "other"}, "format"),
-        ({"cut": "low"}, "cut"),
-        ({"more": 1}, "more"),
-    ],
+    [({"version": 2}, "version"), ({"format": "other"}, "format"), ({"cut": "low"}, "cut"), ({"more": 1}, "more")],
 )
 def test_a_proof_that_cannot_be_read_is_refused(run, change, why):
     file = min((run / "proof").iterdir())

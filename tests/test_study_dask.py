@@ -4,16 +4,16 @@ import os
 import signal
 import sys
 import threading
+from functools import partial
 
 import pytest
 import toy_problem
-from click.testing import CliRunner
+from commands import invoke
 from dask_cluster import Cluster, free_port
 from processes import eventually, ranking, recorded
 from toy_problem import solved_keys, toy_run, toy_task
 
 from topo_search import compose
-from topo_search.cli import main
 from topo_search.engine import DaskWorkers, WorkersLost, dask_workers
 from topo_search.model.files import to_toml
 
@@ -56,21 +56,18 @@ def command(tmp_path, monkeypatch):
     monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "toy.toml").write_text(to_toml(toy_task()))
-    return lambda *words: CliRunner().invoke(main, ["run", "toy.toml", *words], catch_exceptions=False)
+    return partial(invoke, "run", "toy.toml")
 
 
 def test_the_command_searches_on_a_cluster_and_answers_without_it_once_it_has_ended(cluster, command):
     first = command("--dask", cluster.address)
-    assert first.exit_code == 0
-    again = command("--dask", f"tcp://127.0.0.1:{free_port()}")
-    assert (again.exit_code, again.stdout) == (0, first.stdout), again.stderr
+    assert command("--dask", f"tcp://127.0.0.1:{free_port()}").stdout == first.stdout
 
 
 def test_no_scheduler_is_a_status_of_its_own(command, monkeypatch):
     monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(answer=0.5))
     address = f"tcp://127.0.0.1:{free_port()}"
-    result = command("--dask", address)
-    assert result.exit_code == 70
+    result = command("--dask", address, status=70)
     assert f"no Dask scheduler answers at {address}: " in result.stderr
     assert "the same command" in result.stderr
 
@@ -83,16 +80,13 @@ def test_no_scheduler_is_a_status_of_its_own(command, monkeypatch):
     ],
 )
 def test_what_does_not_go_together_is_bad_input(command, tmp_path, words, message):
-    result = command(*words)
-    assert result.exit_code == 2
-    assert message in result.stderr
+    assert message in command(*words, status=2).stderr
     assert not (tmp_path / "runs").exists()
 
 
 def test_without_the_extra_the_message_names_it(command, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    result = command("--dask", "tcp://node7:8786")
-    assert result.exit_code == 2
+    result = command("--dask", "tcp://node7:8786", status=2)
     assert (
         '--dask: needs distributed, which is not installed; run: pip install "topo-search[cluster]"'
         in result.stderr

@@ -18,9 +18,8 @@ from collections import Counter
 
 import failing_disk
 import pytest
-from processes import eventually, ranking, recorded
+from processes import Coordinator, eventually, processes_with, ranking, recorded
 from suites import few
-from test_study_interruptions import Coordinator, processes_with
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
 from topo_search.model import BadInput
@@ -117,8 +116,7 @@ ACTS = {
 @pytest.mark.parametrize("act", ACTS)
 def test_a_fault_at_every_write_of_a_small_run(tmp_path, monkeypatch, act):
     what, once = ACTS[act]
-    ends = check_every_write(tmp_path, monkeypatch, what, modules=1, once=once, step=16)
-    assert ends.total() > 2
+    assert check_every_write(tmp_path, monkeypatch, what, modules=1, once=once, step=16).total() > 2
 
 
 @pytest.mark.slow

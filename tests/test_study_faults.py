@@ -13,8 +13,7 @@ from contextlib import closing, contextmanager
 
 import pytest
 from dask_cluster import Cluster
-from processes import eventually, recorded
-from test_study_interruptions import HERE, Coordinator, processes_with
+from processes import HERE, Coordinator, eventually, processes_with, recorded
 from toy_problem import COMMAND, solved_keys, toy_run, toy_task
 
 from topo_search.model.files import to_toml

@@ -7,14 +7,13 @@ from dataclasses import replace
 
 import pytest
 import toy_problem
-from click.testing import CliRunner
+from commands import invoke
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from report_cases import Reader
 from toy_problem import solved_keys, toy_run, toy_task
 from wording import says
 
-from topo_search.cli import main
 from topo_search.cli.tables import answer_lines
 from topo_search.compose import search
 from topo_search.model import Audit, BadInput, Clearance, Design, LoadCase, Status, Task, Wrench
@@ -45,8 +44,7 @@ BACKENDS = replace(toy_problem.BACKENDS, audit=audit)
 
 
 def goal_run(path, goals=GOALS, **options):
-    task = toy_task().model_copy(update={"goals": goals})
-    return toy_run(path, task=task, backends=BACKENDS, **options)
+    return toy_run(path, task=toy_task().model_copy(update={"goals": goals}), backends=BACKENDS, **options)
 
 
 def table(path):
@@ -199,8 +197,7 @@ def test_a_level_is_the_run_of_its_task(tmp_path):
     """The toy problem makes nothing of designs that are carried over, so that every level is a run of its own."""
     goal_run(tmp_path / "front")
     for number, margin in enumerate(LEVELS):
-        task = toy_task().at(Level(margin, None, None))
-        toy_run(tmp_path / str(number), task=task, backends=BACKENDS)
+        toy_run(tmp_path / str(number), task=toy_task().at(Level(margin, None, None)), backends=BACKENDS)
         assert (tmp_path / f"front/levels/{number}/candidates.csv").read_text() == (
             tmp_path / f"{number}/candidates.csv"
         ).read_text()
@@ -214,8 +211,7 @@ def test_designs_are_carried_over_from_the_level_before(tmp_path, log):
 
 
 def test_every_level_has_a_study_of_its_own(tmp_path, log):
-    answer = goal_run(tmp_path / "run", strategy="optuna", sampler="random", trials=3, starts=1)
-    assert answer.complete
+    assert goal_run(tmp_path / "run", strategy="optuna", sampler="random", trials=3, starts=1).complete
     assert len(solved_keys(log)) == 3 * 3
     assert len(list((tmp_path / "run").glob("levels/*/study-n3.journal"))) == 3
     seen = set()
@@ -256,8 +252,7 @@ def test_a_run_that_was_cut_short_goes_on_to_the_same_front(tmp_path, log):
     assert table(tmp_path / "run/front.csv") == []
     assert not (tmp_path / "run/best.json").exists()
     goal_run(tmp_path / "whole")
-    answer = goal_run(tmp_path / "run")
-    assert answer.complete
+    assert goal_run(tmp_path / "run").complete
     assert (tmp_path / "run/front.csv").read_text() == (tmp_path / "whole/front.csv").read_text()
 
 
@@ -330,12 +325,11 @@ def test_the_command_tells_the_front(tmp_path):
         "[goals]\npeak_input = [1.0, 0.6, 0.4]\nstand_off = [0.2, 0.4]\n"
     )
     command = ["run", str(file), "--starts", "1", "--out", str(tmp_path / "run")]
-    ran = CliRunner().invoke(main, command, catch_exceptions=False)
-    assert ran.exit_code == 0
+    ran = invoke(*command)
     assert "level 0: end_effector.stand_off = 0.2, search.peak_input = 1" in ran.stdout
     assert ran.stdout.count("all rotors at full thrust give 2.355 N at most") == 2
     assert "front, " in ran.stdout
-    told = json.loads(CliRunner().invoke(main, [*command, "--json"], catch_exceptions=False).stdout)
+    told = json.loads(invoke(*command, "--json").stdout)
     assert [at["number"] for at in told["levels"]] == list(range(6))
     assert [at["sizes"][0]["best"] is None for at in told["levels"]] == [False, False, True] * 2
     assert told["front"][0]["key"] == told["best"]["key"] == "a0"

@@ -1,5 +1,9 @@
 """Ledgers that something else has changed: each is named with what is wrong and what to do, and left as it is."""
 
+import errno
+import fcntl
+import os
+import sqlite3
 from contextlib import contextmanager
 
 import pytest
@@ -171,3 +175,57 @@ def test_the_name_of_a_file_of_the_run_that_changed(run, use, name):
     ledger.write_bytes(content[:place] + bytes([content[place] ^ 2]) + content[place + 1 :])
     with named(run, "a row of its table files is not what was written"):
         use(run)
+
+
+# ---- disks without locks, pages, texts
+
+
+def test_a_disk_without_locks_is_refused_with_the_reason_and_what_to_do(tmp_path, monkeypatch):
+    def none_left(handle, operation):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", none_left)
+    with pytest.raises(BadInput, match="No locks available on its disk; choose another folder with --out"):
+        toy_run(tmp_path / "run")
+
+
+def test_a_ledger_that_is_damaged_where_it_is_looked_at_first_is_left_alone(tmp_path):
+    toy_run(tmp_path / "run", modules=4)
+    path = tmp_path / "run" / "ledger.sqlite"
+    content = bytearray(path.read_bytes())
+    content[4096 * 3 : 4096 * 3 + 200] = b"\xff" * 200
+    path.write_bytes(content)
+    with pytest.raises(BadInput, match="is damaged"):
+        toy_run(tmp_path / "run", modules=4)
+    assert path.read_bytes() == content
+
+
+@pytest.mark.parametrize("column", ["result", "audit"])
+@pytest.mark.parametrize(
+    "harm", ["DELETE FROM texts", "UPDATE texts SET {0} = CAST(replace({0}, '1', '2') AS BLOB)"]
+)
+def test_a_text_that_is_not_what_was_written_is_named(tmp_path, column, harm):
+    toy_run(tmp_path / "run")
+    with RunFolder.load(tmp_path / "run") as folder:
+        row = next(iter(folder.ledger.ranking(3)))
+    database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
+    with database:
+        database.execute(f"{harm.format(column)} WHERE key = ?", (row.key,))
+    database.close()
+    with RunFolder.load(tmp_path / "run") as folder:
+        read = {"result": folder.ledger.result, "audit": folder.ledger.audit}[column]
+        with pytest.raises(BadInput, match=rf"is damaged .its entry {row.key} has changed"):
+            read(folder.request.contexts(3)[0], row.key)
+    with pytest.raises(BadInput, match=row.key):
+        toy_run(tmp_path / "run")
+
+
+def test_the_ledger_of_another_program_is_left_alone(tmp_path):
+    database = sqlite3.connect(tmp_path / "ledger.sqlite")
+    database.execute("CREATE TABLE accounts (owner TEXT)")
+    database.commit()
+    database.close()
+    before = (tmp_path / "ledger.sqlite").read_bytes()
+    with pytest.raises(BadInput, match="is an SQLite file of another program"):
+        toy_run(tmp_path)
+    assert (tmp_path / "ledger.sqlite").read_bytes() == before

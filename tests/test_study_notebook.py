@@ -3,11 +3,15 @@
 import xml.etree.ElementTree as ElementTree
 from typing import Any
 
-from toy_problem import toy_run, toy_solved
+import numpy as np
+import pytest
+from toy_problem import toy_run, toy_solved, toy_task
 from verify_cases import changed, fan
 
-from topo_search import figure
+import topo_search
+from topo_search import figure, plot_candidates, plot_front, plot_history, read_answer
 from topo_search.export.picture import Picture
+from topo_search.model import BadInput
 from topo_search.model.proven import gap_percent, lower_text
 from topo_search.study import Solved
 from topo_search.study.ledger import FLIGHT, kind_of
@@ -114,8 +118,7 @@ def test_an_audit_shows_all_that_is_not_clear_and_the_tightest_of_the_rest() -> 
 
 def test_text_is_escaped(monkeypatch) -> None:
     solved = toy_solved("a10")
-    odd = Solved(solved.outcome, solved.audit, ("`a < b` & so on",))
-    assert "`a < b` & so on" in words(odd)
+    assert "`a < b` & so on" in words(Solved(solved.outcome, solved.audit, ("`a < b` & so on",)))
 
 
 def test_a_picture_is_a_png() -> None:
@@ -126,3 +129,60 @@ def test_a_figure_turns_and_marks_the_closest_pair_of_its_audit() -> None:
     plain, marked = figure(fan()), figure(fan(), audit(fan()))
     assert "plotly" in marked._repr_html_()
     assert len(marked.data) > len(plain.data)
+
+
+# ---- Plots of an answer show what its frames hold.
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plots") / "run"
+    toy_run(path, task=toy_task((3, 4)))
+    return path
+
+
+def points(figure, name):
+    return [list(zip(trace.x, trace.y, strict=True)) for trace in figure.data if trace.name == name]
+
+
+def test_candidates_of_every_size_are_drawn_by_two_columns(path):
+    answer = read_answer(path)
+    figure = plot_candidates(answer, x="gap", y="objective")
+    for n, rows in answer.candidates.dropna(subset=["objective"]).groupby("modules"):
+        assert points(figure, f"{n} modules") == [list(zip(rows["gap"], rows["objective"], strict=True))]
+    with pytest.raises(BadInput, match=r"y: must be one of modules, .*, but got audit"):
+        plot_candidates(answer, x="gap", y="audit")
+
+
+@pytest.mark.parametrize("n", [3, 4])
+def test_the_history_ends_with_the_best_of_its_size(path, n):
+    answer = read_answer(path)
+    rows = answer.candidates.query("modules == @n")
+    ((*_, (solves, last)),) = points(plot_history(answer, n), "incumbent")
+    assert solves == answer.solves["key"].isin(rows["key"]).sum()
+    assert last == pytest.approx((rows["objective"] / rows["lower_bound"]).min())
+    with pytest.raises(BadInput, match="modules: must be one of 3, 4, but got 5"):
+        plot_history(answer, 5)
+
+
+def test_a_run_without_goals_has_no_front_to_draw(path):
+    with pytest.raises(BadInput, match="goal: must be one of none, but got None"):
+        plot_front(read_answer(path))
+
+
+def test_a_front_is_drawn_over_each_goal_that_it_has_figures_for(tmp_path):
+    answer = toy_run(tmp_path / "run", task=toy_task().replace(goals={"peak_input": [1.0, 0.9]}))
+    figure = plot_front(answer, "peak_input")
+    least = answer.front["objective"].min()
+    front = sorted(zip(answer.front["peak_input"], answer.front["objective"] / least, strict=True))
+    assert np.array(sorted(*points(figure, "designs of the front"))) == pytest.approx(np.array(front))
+    assert plot_front(answer).layout.xaxis.title.text
+    with pytest.raises(BadInput, match=r"goal: must be one of .*, but got gain"):
+        plot_front(answer, "gain")
+    assert points(plot_history(answer), "incumbent")
+    assert len(plot_candidates(answer, x="gap").data) == 1
+
+
+def test_only_public_names_are_listed():
+    assert sorted(topo_search.__all__) == dir(topo_search)
+    assert all(getattr(topo_search, name) is not None for name in dir(topo_search))

@@ -6,12 +6,11 @@ from itertools import pairwise
 
 import pytest
 import toy_problem
-from click.testing import CliRunner
+from commands import invoke
 from nlp_cases import push, solved
 from toy_problem import toy_run
 
 from nlp import hinge_sets, local_optima, solve
-from topo_search.cli import main
 from topo_search.model import Design, Status, Topology
 from topo_search.model.files import read_json
 from topo_search.study import RunFolder
@@ -92,8 +91,7 @@ def test_a_job_that_fails_is_tried_again_by_the_next_call(tmp_path):
     "words", [["--keep-within", "2", "--prune"], ["--keep-within", "-1"], ["--keep-within", "nan"]]
 )
 def test_what_cannot_be_kept_is_refused(tmp_path, words):
-    done = CliRunner().invoke(main, ["run", "push", *words, "--out", str(tmp_path / "run")])
-    assert done.exit_code == 2
+    invoke("run", "push", *words, "--out", tmp_path / "run", status=2)
     assert not (tmp_path / "run").exists()
 
 

@@ -9,13 +9,12 @@ from dataclasses import replace
 
 import pytest
 import toy_problem
-from click.testing import CliRunner
+from commands import invoke
 from ledger_edit import forged
 from suites import few
 from toy_problem import toy_run, toy_task
 
 from topo_search import compose
-from topo_search.cli import main
 from topo_search.model import BadInput, Design
 from topo_search.model.files import to_json, to_toml, write_atomically
 from topo_search.study import LedgerLost, RunFolder, answer_of
@@ -193,8 +192,7 @@ def test_a_folder_that_vanishes_ends_the_run_with_what_it_had_found(
     backends = replace(toy_problem.BACKENDS, **{during: vanishing(getattr(toy_problem, during))})
     monkeypatch.setattr(compose.binding, "BACKENDS", backends)
     monkeypatch.setattr(compose.binding, "Workers", toy_problem.InProcess)
-    result = CliRunner().invoke(main, ["run", "toy.toml", "--symmetry", "c2", "--out", "run", *options])
-    assert result.exit_code == 74, result.output
+    result = invoke("run", "toy.toml", "--symmetry", "c2", "--out", "run", *options, status=74)
     assert re.search(r"ledger\.sqlite: was removed, moved, replaced or emptied", result.stderr)
     assert "everything is in" not in result.output
     assert "results are kept" not in result.output
@@ -224,8 +222,7 @@ def test_a_folder_that_vanishes_during_audits_ends_with_the_best_design(tmp_path
     backends = toy_problem.Backends(toy_problem.solve, audit, *list(vars(toy_problem.BACKENDS).values())[2:])
     with pytest.raises(LedgerLost) as caught:
         toy_run(tmp_path / "run", backends=backends)
-    best = toy_run(tmp_path / "whole").best
-    assert caught.value.answer.best.key == best.key
+    assert caught.value.answer.best.key == toy_run(tmp_path / "whole").best.key
     assert to_json(caught.value.design) == (tmp_path / "whole/best.json").read_text()
 
 
@@ -234,8 +231,7 @@ def test_ctrl_c_before_anything_was_begun_promises_nothing(tmp_path, monkeypatch
         raise KeyboardInterrupt
 
     monkeypatch.setattr(compose, "search", interrupted)
-    result = CliRunner().invoke(main, ["run", "push", "--out", str(tmp_path / "run")])
-    assert (result.exit_code, result.stderr.splitlines()[-1]) == (130, "stopped")
+    assert invoke("run", "push", "--out", tmp_path / "run", status=130).stderr.splitlines()[-1] == "stopped"
 
 
 @pytest.mark.parametrize(
@@ -393,15 +389,12 @@ def test_candidates_that_do_not_stand_for_all_trees_are_damage(tmp_path):
 def test_a_page_is_not_put_in_the_place_of_the_user_s(tmp_path, monkeypatch):
     toy_run(tmp_path / "run")
     monkeypatch.chdir(tmp_path)
-    invoke = CliRunner().invoke
-    assert invoke(main, ["report", "run"]).exit_code == 0
-    assert invoke(main, ["report", "run"]).exit_code == 0
+    invoke("report", "run")
+    invoke("report", "run")
     put(tmp_path / "run", {"report.html": "mine"})
-    result = invoke(main, ["report", "run"])
-    assert result.exit_code == 2
-    assert "report.html: is not the file that this run wrote" in result.stderr
+    assert "report.html: is not the file that this run wrote" in invoke("report", "run", status=2).stderr
     assert (tmp_path / "run/report.html").read_text() == "mine"
-    assert invoke(main, ["report", "run", "--out", "run/page.html"]).exit_code == 0
+    invoke("report", "run", "--out", "run/page.html")
     (tmp_path / "run/report.html").unlink()
     toy_run(tmp_path / "run", starts=3)
     assert (tmp_path / "run/page.html").exists()

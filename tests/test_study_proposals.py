@@ -9,9 +9,8 @@ import optuna
 import pytest
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
-from processes import eventually, ranking, recorded
+from processes import Coordinator, eventually, processes_with, ranking, recorded
 from suites import few
-from test_study_interruptions import Coordinator, processes_with
 from toy_problem import solved_keys, toy_run
 
 from topo_search.engine import Engine
@@ -72,8 +71,7 @@ def test_where_all_candidates_are_proposed_it_ends_like_an_exhaustive_search(tmp
         assert [row[:2] for row in ranking(tmp_path / "run")] == [
             row[:2] for row in ranking(tmp_path / "exhaustive")
         ]
-    shown = min(trials_of(tmp_path / "run"), key=lambda trial: trial.value)
-    assert shown.value == size.top[0].objective
+    assert min(trials_of(tmp_path / "run"), key=lambda trial: trial.value).value == size.top[0].objective
 
 
 def test_workers_change_nothing(tmp_path):

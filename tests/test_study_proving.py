@@ -169,10 +169,7 @@ def test_a_proof_of_another_task_does_not_count_and_a_damaged_one_is_named(run):
     assert proof.complete
     assert proof.chunks[5].record == bytes([2, 0, 1])
     rewritten(run, f"proof/{file.name}", json.dumps(text | {"cut": "low"}))
-    with (
-        pytest.raises(BadInput, match=rf"{file.name}.*cut"),
-        RunFolder.load(run) as folder,
-    ):
+    with pytest.raises(BadInput, match=rf"{file.name}.*cut"), RunFolder.load(run) as folder:
         folder.proofs(3)
 
 
@@ -233,8 +230,7 @@ def test_an_open_proof_or_one_of_another_task_serves_for_no_other(run, tmp_path)
     with pytest.raises(BadInput, match=r"has no complete proof that holds for toy-local, n = 3"):
         proven(tmp_path / "other", Prover(), lender=run)
     proven(tmp_path / "other", Prover())
-    heavy = toy_task().model_copy(update={"gravity": 3.7})
-    toy_run(tmp_path / "heavy", task=heavy)
+    toy_run(tmp_path / "heavy", task=toy_task().model_copy(update={"gravity": 3.7}))
     with pytest.raises(BadInput, match="only name and exposure may differ"):
         proven(tmp_path / "heavy", Prover(), lender=tmp_path / "other")
 

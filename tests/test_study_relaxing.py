@@ -120,21 +120,12 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
     )
     limits = {limit.field: limit for limit in relaxable(task, 5)}
     larger = {
-        "module.max_thrust_to_weight",
-        "module.connector_distance",
-        "search.peak_input",
-        "exposure[2].half_angle_deg",
-        "flight.joint_force",
-        "flight.joint_moment",
+        *("module.max_thrust_to_weight", "module.connector_distance", "search.peak_input"),
+        *("exposure[2].half_angle_deg", "flight.joint_force", "flight.joint_moment"),
     }
     smaller = {
-        "exposure[0].radius",
-        "exposure[1].radius",
-        "end_effector.stand_off",
-        "flight.force_reserve",
-        "flight.torque_reserve",
-        "flight.tilt_deg",
-        "flight.com_error",
+        *("exposure[0].radius", "exposure[1].radius", "end_effector.stand_off"),
+        *(f"flight.{name}" for name in ("force_reserve", "torque_reserve", "tilt_deg", "com_error")),
     }
     others = {"flight.angular_acceleration", "exposure[3].box", 'search.root = "free"', "load_cases"}
     assert set(limits) == larger | smaller | others
@@ -226,8 +217,7 @@ def test_what_is_proven_impossible_when_relaxed_is_not_said_to_be_solved(monkeyp
 def test_a_failure_after_a_design_leaves_what_was_tried():
     engine = Failing(lambda job: job[2].task.module.max_thrust_to_weight < 5)
     _, found = toy_relaxed(engine=engine, module={"max_thrust_to_weight": 2.5})
-    thrust = next(one for one in found.relaxations if one.field == "module.max_thrust_to_weight")
-    assert thrust.share == 1.0
+    assert next(one for one in found.relaxations if one.field == "module.max_thrust_to_weight").share == 1.0
 
 
 def test_what_fails_its_audit_is_not_advised(monkeypatch):
@@ -299,15 +289,8 @@ def test_what_could_not_be_tried_is_tried_again(tmp_path, monkeypatch):
 
 
 def test_no_word_of_proof():
-    one = Relaxation(
-        topology_key="a300",
-        limit="rotor limits",
-        change="4 % more thrust",
-        field="module.max_thrust_to_weight",
-        share=0.04,
-        given=2.5,
-        enough=2.6,
-    )
+    what = {"topology_key": "a300", "limit": "rotor limits", "field": "module.max_thrust_to_weight"}
+    one = Relaxation(**what, change="4 % more thrust", share=0.04, given=2.5, enough=2.6)
     first, *_ = Relaxed(modules=3, starts=8, relaxations=(one,), in_vain=()).sentences
     assert says(first, "relax first: rotor limits", "a300", "4 % more thrust", "max_thrust_to_weight: 2.5 -> 2.6")
     assert says(first, "a smaller change may be enough")
@@ -325,8 +308,7 @@ def test_a_run_without_a_design_keeps_and_tells_what_would_do(tmp_path, monkeypa
     kept = json.loads((tmp_path / "run" / "relaxed" / "n3.json").read_text())
     assert kept["format"] == "topo-search/relaxed"
     assert to_json(size.relaxed) == (tmp_path / "run" / "relaxed" / "n3.json").read_text()
-    again = toy_run(tmp_path / "run")
-    assert again.sizes == answer.sizes
+    assert toy_run(tmp_path / "run").sizes == answer.sizes
     monkeypatch.delenv("TOY_NONE")
     more = toy_run(tmp_path / "run", starts=4)
     if more.best is not None:

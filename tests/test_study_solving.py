@@ -5,9 +5,10 @@ import time
 
 import pytest
 import toy_problem
+from processes import table
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
-from topo_search.engine import Candidates, Proposal, Strategy
+from topo_search.engine import Candidates, ExhaustiveSearch, Proposal, Strategy
 from topo_search.model import BadInput
 from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.run import solve_proposals
@@ -130,8 +131,7 @@ def test_designs_may_stand_for_all_of_the_first_starts(tmp_path, log):
 
 
 def test_a_tree_without_a_design_is_no_warm_start(tmp_path, monkeypatch, log):
-    first = next(Candidates(toy_task(4).resolve(4), "c2").candidates()).key
-    monkeypatch.setenv("TOY_NONE", first)
+    monkeypatch.setenv("TOY_NONE", next(Candidates(toy_task(4).resolve(4), "c2").candidates()).key)
     _, told = run_strategy(tmp_path / "run", strategy=warm_starting)
     assert [scored.starts for scored in told[1]] == [3, 1]
     assert [len(line.split()) for line in log.read_text().splitlines()] == [3, 3, 3, 3, 4]
@@ -142,8 +142,7 @@ def test_more_starts_that_fail_leave_what_was_known(tmp_path, monkeypatch):
     with RunFolder.load(tmp_path / "run") as folder:
         before = list(folder.ledger.ranking(3))
     monkeypatch.setenv("TOY_SEGFAULT", before[0].key)
-    answer = toy_run(tmp_path / "run", starts=4, workers=1)
-    assert answer.sizes[0].complete
+    assert toy_run(tmp_path / "run", starts=4, workers=1).sizes[0].complete
     with RunFolder.load(tmp_path / "run") as folder:
         (row,) = (row for row in folder.ledger.ranking(3) if row.key == before[0].key)
         scores = [scored for scored in folder.ledger.scores(folder.request.contexts(3)[0]) if scored.key == row.key]
@@ -163,3 +162,64 @@ def test_a_ledger_of_an_older_version_is_refused_and_left_as_it_is(tmp_path):
     with pytest.raises(BadInput, match=r"has version 3, but this program reads version 7; it is left unchanged"):
         toy_run(tmp_path / "run")
     assert path.read_bytes() == content
+
+
+# ---- pruning
+
+
+def test_a_design_that_meets_the_bound_spares_the_rest_which_is_counted(tmp_path, monkeypatch, log):
+    keys = sorted(table_of_all(tmp_path))
+    ahead = (
+        ExhaustiveSearch.ahead + 3
+    )  # for each result before the one that meets the bound another one was proposed
+    monkeypatch.setenv("TOY_OPTIMAL", keys[3])
+    log.write_text("")
+    answer = toy_run(tmp_path / "run", modules=5, prune=True)
+    (size,) = answer.sizes
+    assert solved_keys(log) == keys[:ahead]
+    assert answer.best.key == keys[3]
+    assert size.complete
+    assert size.statuses == {"feasible": ahead, "pruned": len(keys) - ahead}
+    proven = "proven: no 5-module topology is better"
+    assert size.statement == f"the best found of all {len(keys)} candidates; {proven}"
+    rows = table(tmp_path / "run")
+    assert [key for key in keys if rows[key]["status"] == "pruned"] == keys[ahead:]
+    assert {rows[key]["starts"] for key in keys[ahead:]} == {"0"}
+    log.write_text("")
+    assert toy_run(tmp_path / "run", modules=5, prune=True) == answer
+    assert toy_run(tmp_path / "run", modules=5, starts=9, prune=True).sizes[0].complete
+    assert set(solved_keys(log)) <= set(keys[:ahead])
+    with RunFolder.load(tmp_path / "run") as folder:
+        assert folder.request.prune
+        assert {solve.key for solve in folder.ledger.solves(5)} == set(keys[:ahead])
+
+
+def table_of_all(tmp_path):
+    toy_run(tmp_path / "all", modules=5)
+    return table(tmp_path / "all")
+
+
+def test_what_was_skipped_for_a_design_that_fails_its_audit_is_solved_after_all(tmp_path, monkeypatch):
+    keys = sorted(table_of_all(tmp_path))
+    monkeypatch.setenv("TOY_OPTIMAL", keys[3])
+    monkeypatch.setenv("TOY_VIOLATED", keys[3])
+    answer = toy_run(tmp_path / "run", modules=5, prune=True)
+    assert answer.sizes[0].complete
+    assert answer.sizes[0].statuses == {"feasible": len(keys)}
+    whole = toy_run(tmp_path / "whole", modules=5)
+    assert (answer.best, answer.sizes) == (whole.best, whole.sizes)
+
+
+def test_nothing_is_pruned_while_the_bound_leaves_room(tmp_path):
+    pruned, whole = (toy_run(tmp_path / str(prune), modules=4, prune=prune) for prune in (True, False))
+    assert pruned.sizes == whole.sizes
+    gap = math.ceil(1e4 * (1 - toy_problem.BOUND / whole.best.objective)) / 100  # what is proven is rounded up
+    assert whole.sizes[0].statement == (
+        f"the best found of all 14 candidates; proven: no 4-module topology is more than {gap:.2f} % better"
+    )
+
+
+def test_a_folder_holds_either_kind_of_run(tmp_path):
+    toy_run(tmp_path / "run", prune=True)
+    with pytest.raises(BadInput, match="holds a run with prune True, not False"):
+        toy_run(tmp_path / "run")

@@ -3,12 +3,11 @@
 import networkx as nx
 import optuna
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from own_code import MINE, Fewest, make_qmc, make_random
 from suites import few
 
 from topo_search import BadInput, OwnSampler, Topology, read_task, search, solve, to_json
-from topo_search.cli import main
 
 pytestmark = pytest.mark.usefixtures("in_process")
 HOVER = ("load_cases=[{com={force=[0.0,0.0,1.0]}}]", "exposure=[]")
@@ -36,8 +35,7 @@ def test_only_listed_candidates_are_solved_as_they_stand(hover, tmp_path):
     answer = search(hover, out=tmp_path / "run", topologies=listed, starts=1)
     assert keys(answer) == ["a140", "a300", "a500", "aa00"]
     assert "every topology that was given is a candidate" in answer.sizes[0].quotient
-    again = search(hover, out=tmp_path / "run", topologies=reversed(listed), starts=1)
-    assert again.best == answer.best
+    assert search(hover, out=tmp_path / "run", topologies=reversed(listed), starts=1).best == answer.best
     with pytest.raises(BadInput, match="a run with other topologies"):
         search(hover, out=tmp_path / "run", topologies=["a500"], starts=1)
     assert "4 trees that the user listed" in (tmp_path / "run/report.html").read_text()
@@ -108,10 +106,7 @@ def test_a_file_lists_the_candidates_of_a_run(tmp_path):
     lines = tmp_path / "keys.txt"
     lines.write_text("a500\n\na300\n")
     options = ["--modules", "3", "--set", HOVER[0], "--set", HOVER[1], "--starts", "1", "--workers", "1"]
-    done = CliRunner().invoke(
-        main, ["run", "push", *options, "--topologies", str(lines), "--out", str(tmp_path / "run"), "--json"]
-    )
-    assert done.exit_code == 0, done.output
+    done = invoke("run", "push", *options, "--topologies", lines, "--out", tmp_path / "run", "--json")
     assert '"candidates": 2' in done.output
 
 
@@ -128,11 +123,8 @@ def test_a_file_lists_the_candidates_of_a_run(tmp_path):
 def test_a_wrong_file_of_candidates_is_named_with_2(tmp_path, text, words):
     lines = tmp_path / "keys.txt"
     lines.write_text(text)
-    done = CliRunner().invoke(main, ["run", "push", "--modules", "3", "--topologies", str(lines)])
-    assert done.exit_code == 2
-    assert words in done.output
-    done = CliRunner().invoke(main, ["run", "push", "--topologies", str(tmp_path / "none")])
-    assert (done.exit_code, "no such file" in done.output) == (2, True)
+    assert words in invoke("run", "push", "--modules", "3", "--topologies", lines, status=2).output
+    assert "no such file" in invoke("run", "push", "--topologies", tmp_path / "none", status=2).output
 
 
 def test_a_design_to_start_from_is_one_more_start(hover, tmp_path):
@@ -144,9 +136,7 @@ def test_a_design_to_start_from_is_one_more_start(hover, tmp_path):
     file = tmp_path / "design.json"
     file.write_text(to_json(known.design))
     options = ["--modules", "3", "--set", HOVER[0], "--set", HOVER[1], "--starts", "1", "--near", str(file)]
-    done = CliRunner().invoke(main, ["solve", "push", "--topology", "a500", *options, "--json"])
-    assert done.exit_code == 0, done.output
-    assert '"starts": 2' in done.output
+    assert '"starts": 2' in invoke("solve", "push", "--topology", "a500", *options, "--json").output
 
 
 def test_a_design_to_start_from_belongs_to_the_run(hover, tmp_path):
@@ -166,11 +156,9 @@ def test_a_design_to_start_from_belongs_to_the_run(hover, tmp_path):
 def test_any_sampler_proposes(hover, tmp_path, monkeypatch, sampler):
     monkeypatch.setattr("topo_search.compose.searching.write_page", lambda folder: None)
     given = {"strategy": "optuna", "trials": 2, "starts": 1, "workers": 1, "sampler": sampler}
-    answer = search(hover, out=tmp_path / "run", **given)
-    assert len(answer.candidates) == 2
+    assert len(search(hover, out=tmp_path / "run", **given).candidates) == 2
     if isinstance(sampler, OwnSampler):
-        again = search(hover, out=tmp_path / "run", **{**given, "trials": 3})
-        assert len(again.candidates) == 3
+        assert len(search(hover, out=tmp_path / "run", **{**given, "trials": 3}).candidates) == 3
         with pytest.raises(BadInput, match="a run with other sampler"):
             search(hover, out=tmp_path / "run", **{**given, "sampler": OwnSampler("random rows", make_random, "2")})
     else:

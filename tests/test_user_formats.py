@@ -3,17 +3,28 @@
 import inspect
 import pydoc
 from importlib import metadata
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from own_code import TEXT
 from pydantic import BaseModel
 
 import topo_search
-from topo_search import BadInput, OwnFormat, export_design, register_format, to_json
-from topo_search.cli import main
+from topo_search import (
+    Audit,
+    BadInput,
+    Design,
+    OwnFormat,
+    Task,
+    Topology,
+    compose,
+    export_design,
+    register_format,
+    to_json,
+)
 from topo_search.export import formats
+from topo_search.study import Solved
 
 
 @pytest.fixture(autouse=True)
@@ -110,8 +121,7 @@ def test_an_installed_package_adds_a_format_to_the_command(solved_push, tmp_path
         ["--format", "plain-text", "--out", str(tmp_path / "a.txt")],
         ["--out", str(tmp_path / "b.own")],
     ):
-        done = CliRunner().invoke(main, ["export", str(design), *options])
-        assert done.exit_code == 0, done.output
+        invoke("export", design, *options)
         assert (tmp_path / options[-1]).read_text().startswith("a70010 ")
 
 
@@ -166,3 +176,31 @@ def test_help_tells_the_fields(noun):
     assert len(told[2]) < 120
     assert all(any(f" {name}:" in line for line in told) for name in value.model_fields)
     assert "Annotated" not in str(inspect.signature(value))
+
+
+# ---- Clearances that survive errors of building, from a task to an audited answer.
+
+
+def solved(**given: Any) -> Solved:
+    forces = ([0.5, 0.0, 0.5], [0.0, 0.5, 0.5])
+    cases = [*({"end_effector": {"force": force}} for force in forces), {"com": {"force": [0.0, 0.0, 1.0]}}]
+    task = {"name": "push", "modules": 5, "load_cases": cases, "tolerances": {"hinge_angle_deg": 0.2}}
+    return compose.solve(Task.model_validate({**task, **given}), Topology.from_key("a70010"), starts=8, seed=0)
+
+
+@pytest.mark.slow
+def test_a_design_survives_the_tolerances_where_the_task_asks() -> None:
+    drawn, built = solved(flight={"tolerances": False}), solved()
+    least = []
+    for answer in (drawn, built):
+        assert isinstance(answer.outcome, Design)
+        assert isinstance(answer.audit, Audit)
+        assert answer.audit.verdict == "clear"
+        assert answer.audit.sensitivity.tolerances is not None
+        least.append(answer.audit.sensitivity.tolerances)
+    assert least[0].status == "violated"
+    assert least[1].status == "clear"
+    assert least[0].lower_m < 0 < least[1].lower_m
+    assert drawn.notes == ()
+    assert built.notes == ("the audit of the design with margin 0.0001 m is violated",)
+    assert drawn.design.objective < built.design.objective < 1.03 * drawn.design.objective

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 
 import verify
 from topo_search import BadInput, Design, Geometry, audit, read_design, read_json, read_task, to_json
-from topo_search.cli import main
 from topo_search.model import Status
 from topo_search.model.files import to_geometry
 from topo_search.model.proven import TOLERANCE
@@ -97,15 +96,11 @@ def test_what_a_geometry_lacks_is_named(field: str) -> None:
 def test_commands_read_a_geometry(in_process, tmp_path: Path) -> None:
     file, summary = tmp_path / "mine.json", tmp_path / "mine.md"
     file.write_text(json.dumps(HOVER))
-    run = CliRunner().invoke
-    result = run(main, ["audit", str(file), "--markdown", str(summary)])
-    assert result.exit_code == 1  # its envelopes overlap
+    result = invoke("audit", file, "--markdown", summary, status=1)  # its envelopes overlap
     assert "the design gives no inputs" in result.output
     assert "the design gives no inputs" in summary.read_text()
-    assert json.loads(run(main, ["audit", str(file), "--json"]).stdout)["inputs_computed"] is True
-    page = run(main, ["report", str(file), "--out", str(tmp_path / "mine.html")])
-    assert page.exit_code == 0
+    assert json.loads(invoke("audit", file, "--json", status=1).stdout)["inputs_computed"] is True
+    invoke("report", file, "--out", tmp_path / "mine.html")
     assert "the design gives no inputs" in (tmp_path / "mine.html").read_text()
-    design = read_design(file)
-    (tmp_path / "whole.json").write_text(to_json(design))
+    (tmp_path / "whole.json").write_text(to_json(read_design(file)))
     assert audit(read_json(Design, tmp_path / "whole.json")).inputs_computed

@@ -103,5 +103,4 @@ def test_brackets_that_are_stated_stay_stated_in_a_design() -> None:
     )
     given = task.resolve(2)
     assert given.module.bracket is not None
-    again = Task.model_validate_json(given.model_dump_json())
-    assert again.module.bracket == given.module.bracket
+    assert Task.model_validate_json(given.model_dump_json()).module.bracket == given.module.bracket

@@ -85,8 +85,7 @@ def test_hubs_that_end_at_the_connectors_stay_clear(hub, angle):
 @pytest.mark.parametrize("angle", few(ANGLES, [-90, 0, 75]))
 @pytest.mark.parametrize(("a", "b"), [(0, 2), (1, 0)])
 def test_meshes_with_flanges_at_the_connectors_stay_clear(a, b, angle):
-    body = struts_with_flanges((0.005, 0.05, 0.05))
-    assert pair(body, angle, a, b)[1].status == Status.CLEAR
+    assert pair(struts_with_flanges((0.005, 0.05, 0.05)), angle, a, b)[1].status == Status.CLEAR
 
 
 def test_flanges_past_the_connectors_are_violated_only_beyond_the_fitting():
@@ -185,8 +184,7 @@ def volume(solid):
     edges = np.concatenate([solid.triangles[:, [k, (k + 1) % 3]] for k in range(3)]).tolist()
     assert len({*map(tuple, edges)}) == len(edges)
     assert {(i, j) for i, j in edges} == {(j, i) for i, j in edges}
-    corners = solid.vertices[solid.triangles]
-    return float(np.sum(np.linalg.det(corners)) / 6)
+    return float(np.sum(np.linalg.det(solid.vertices[solid.triangles])) / 6)
 
 
 def test_what_a_plane_cuts_a_solid_into_is_all_of_it():

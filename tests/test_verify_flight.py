@@ -159,8 +159,7 @@ def test_the_largest_tilt_does_not_imply_smaller_ones() -> None:
     assert d @ force_at(math.radians(10.0), np.array([1.0, 0.0])) < s
     (t,) = half_angles(d[None], np.array([s - d @ up]), up)
     assert math.degrees(t) == pytest.approx(4.0, abs=1e-9)
-    whole = half_angles(d[None], np.array([1.001 - d @ up]), up)
-    assert whole == pytest.approx(math.pi)
+    assert half_angles(d[None], np.array([1.001 - d @ up]), up) == pytest.approx(math.pi)
 
 
 @pytest.mark.parametrize("seed", few(ABLE[:3], 1))

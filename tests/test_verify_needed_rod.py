@@ -15,8 +15,7 @@ NAME = "straight rod to the end-effector"
 def judged(rod, tip, **task):
     """The verdict, and what of the rod is not clear and counts."""
     end_effector = {**task.pop("end_effector", {}), "rod": rod}
-    given = design(ONE, {"end_effector": end_effector, **task}, hinges=(), end_effector=tip)
-    return audit(given)
+    return audit(design(ONE, {"end_effector": end_effector, **task}, hinges=(), end_effector=tip))
 
 
 def test_a_clear_rod_is_clear_either_way():

@@ -305,8 +305,7 @@ def test_what_is_neither_proven_nor_shown_to_be_lost_is_undecided() -> None:
     known = audit(fan({"tolerances": {"hinge_angle_deg": 1.0}})).sensitivity
     limit = known.hinge_angle_deg
     between = (limit.tolerated + limit.violated_at) / 2
-    found = audit(fan({"tolerances": {"hinge_angle_deg": between}}))
-    assert found.verdict == Status.UNDECIDED
+    assert audit(fan({"tolerances": {"hinge_angle_deg": between}})).verdict == Status.UNDECIDED
 
 
 def test_a_design_that_is_violated_tolerates_nothing() -> None:
@@ -323,8 +322,7 @@ def test_the_ablation_looks_at_distances_alone() -> None:
 
 def test_one_module_without_requirements_has_no_clearance_to_lose() -> None:
     one = Topology(((-1, -1, -1),))
-    alone = design(one, {"end_effector": {"exclusion": False}}, hinges=())
-    assert audit(alone).sensitivity is None
+    assert audit(design(one, {"end_effector": {"exclusion": False}}, hinges=())).sensitivity is None
     guarded = audit(design(one, {}, hinges=())).sensitivity
     assert guarded.hinge_angle_deg is None
     assert guarded.position_m.tolerated == pytest.approx((0.6 - 0.15) / 2, rel=1e-5)

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import invoke
 from scipy.spatial import ConvexHull
 
-from topo_search.cli import main
 from topo_search.export.allocation import allocation
 from topo_search.model import Design
 from topo_search.model.files import read_json
@@ -60,8 +59,7 @@ def test_the_omnicopter_exerts_any_force_without_torque(drag: float, ball: float
     vehicle = Vehicle(rotors=rotors)
     F = rotor_map(vehicle)[:3]
     np.testing.assert_allclose(F @ F.T, 8 / 3 * np.eye(3), atol=1e-12)
-    found = capability(vehicle)
-    assert found.zero_torque_ball_N == pytest.approx(ball, abs=1e-4 if drag else 2e-6)
+    assert capability(vehicle).zero_torque_ball_N == pytest.approx(ball, abs=1e-4 if drag else 2e-6)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -132,20 +130,13 @@ def test_the_command_judges_a_vehicle_by_a_task(tmp_path: Path, monkeypatch: pyt
     Path("heavy.toml").write_text('mass = 10.0\nrotors = "rotors.csv"\n')
     Path("wrong.csv").write_text(SPOILT[0])
 
-    def run(*words: str) -> Any:
-        return CliRunner().invoke(main, ["capability", *words], catch_exceptions=False)
-
-    strong = run("strong.toml", "--task", "wall-push", "--out", "page.html")
-    assert strong.exit_code == 0
+    strong = invoke("capability", "strong.toml", "--task", "wall-push", "--out", "page.html")
     assert "strong.toml: 12 rotors, rank 6 of 6" in strong.output
     assert "load case 0 (push): possible" in strong.output
     text = Path("page.html").read_text()
     assert "12 rotors, rank 6 of 6. The vehicle meets every load case of the task." in text
     assert "load case 0 (push)" in text
-    heavy = run("heavy.toml", "--task", "wall-push", "--json")
-    assert heavy.exit_code == 1
-    told = json.loads(heavy.output)
+    told = json.loads(invoke("capability", "heavy.toml", "--task", "wall-push", "--json", status=1).output)
     assert told["met"] is False
     assert told["flight"]["cases"][0] == {**told["flight"]["cases"][0], "name": "hover", "possible": False}
-    wrong = run("wrong.csv")
-    assert (wrong.exit_code, SPOILT[1] in wrong.output) == (2, True)
+    assert SPOILT[1] in invoke("capability", "wrong.csv", status=2).output

@@ -183,11 +183,7 @@ def local_optima(task, topology, *, starts, seed, near=(), most_effort) -> list[
 
 
 BACKENDS = Backends(
-    solve=solve,
-    audit=audit,
-    lower_bound=lower_bound,
-    prove_impossible=prove_impossible,
-    local_optima=local_optima,
+    solve=solve, audit=audit, lower_bound=lower_bound, prove_impossible=prove_impossible, local_optima=local_optima
 )
 
 
