@@ -18,7 +18,7 @@ from topo_search.model.proven import SOLVER_PRECISION, at_least, at_most, gap_pe
 from topo_search.report.design_page import bound, design_page
 from topo_search.report.design_part import design_part
 from topo_search.report.progress import describe
-from topo_search.study.answer import statement
+from topo_search.study.summary import statement
 
 PUSH = 0.088938
 """A gap of 8.89 % to the nearest, of which 8.90 % are proven."""
