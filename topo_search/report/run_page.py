@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 from typing import Any
 
 from topo_search.model import Infeasible
@@ -15,7 +17,7 @@ from topo_search.report.design_page import bound, title
 from topo_search.report.headline import cards, headline, rows_to_show
 from topo_search.report.page import render
 from topo_search.report.ranking import ranking
-from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, sentence
+from topo_search.report.wording import NEAR_TIES, figures, least, modules, near_tie_cells, quantity, sentence
 from topo_search.study import NEAR, NOTHING, Answer, FrontPoint, Own, Row, RunFile, RunFolder, SizeAnswer, answer_of
 from topo_search.study.ledger import kind_of
 
@@ -186,35 +188,29 @@ def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
 
 def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
     """Return how often which constraint was the one that the closest start missed, and by how little."""
-    groups: dict[tuple[int, str, str], list[Row]] = {}
-    for row in rows:
-        if not row.feasible:
-            missed = kind_of(row.worst_constraint or "")
-            groups.setdefault((row.modules, row.status, missed), []).append(row)
-    if not groups:
-        return None
-    most_first: list[tuple[tuple[int, str, str], Sequence[Row]]] = sorted(
-        groups.items(), key=lambda group: (group[0][0], -len(group[1]), group[0])
-    )
+
+    def group(row: Row) -> tuple[int, str, str]:
+        return row.modules, row.status, kind_of(row.worst_constraint or "")
+
+    missed = sorted((row for row in rows if not row.feasible), key=group)
+    groups = [(*key, list(members)) for key, members in groupby(missed, key=group)]
     cells = []
-    for (n, status, missed), members in most_first:
-        closest = min(members, key=lambda row: float("inf") if row.violation is None else row.violation)
-        by = ""
-        if closest.violation is not None:
-            by = f"{figures(at_least(closest.violation, 3), 3)} {closest.unit or ''}"
+    for n, status, kind, members in sorted(groups, key=lambda each: (each[0], -len(each[3]))):
+        closest = min(members, key=lambda row: math.inf if row.violation is None else row.violation)
+        by = "" if closest.violation is None else f"{least(closest.violation)} {closest.unit or ''}"
         result = folder.ledger.result(folder.request.contexts(n)[closest.step], closest.key)
         cells.append(
             {
                 "modules": str(n),
                 "status": status,
-                "constraint missed by most": missed,
+                "constraint missed by most": kind,
                 "candidates": str(len(members)),
                 "least missed by": by,
                 "in tree": closest.key,
                 "there": result.message if isinstance(result, Infeasible) else "",
             }
         )
-    return Table.from_rows(cells, {0, 3, 4})
+    return Table.from_rows(cells, {0, 3, 4}) if cells else None
 
 
 def _reproduction(folder: RunFolder) -> dict[str, Any]:
@@ -258,13 +254,13 @@ def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _designs(points: Sequence[FrontPoint]) -> Table:
-    least = points[0].row.objective if points else None
+    J_least = points[0].row.objective if points else None
     rows = [
         [
             point.row.key,
             str(point.row.modules),
             figures(point.row.objective or 0.0, 5),
-            f"{(point.row.objective or 0.0) / least:.4f}" if least else "",
+            f"{(point.row.objective or 0.0) / J_least:.4f}" if J_least else "",
             length_or_none(point.clearance),
             length_or_none(point.stand_off),
             upper_text(point.peak_input, 4),
