@@ -62,13 +62,13 @@ def test_what_cannot_hover_has_none() -> None:
 
 def test_the_picture_has_the_scale_of_the_arrows(able: Design) -> None:
     at, found = platform(able), audit(able)
-    shown = view("view", able, at, found, forces=True)
+    shown = view(able, at, found, forces=True)
     assert shown["forces"]
-    assert not view("view", able, at, found)["forces"]
-    value = shown["value"]["forces"]
+    assert not view(able, at, found)["forces"]
+    value = shown["forces"]
     assert "can be added in every direction" in value["told"]
     assert [part["kind"] for part in value["parts"]] == ["forces", "forces"]
     scale = metres_per_newton(able, at)
     (force,) = (case.at_com.force for case in able.task.load_cases)
-    tip, start = np.array(shown["value"]["cases"][0]["ends"][0][1]), at.p_com
+    tip, start = np.array(shown["cases"][0]["ends"][0][1]), at.p_com
     assert np.linalg.norm(tip - start) == pytest.approx(scale * np.linalg.norm(force), rel=1e-3)

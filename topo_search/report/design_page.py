@@ -231,7 +231,7 @@ def compare_page(first: Sequence[Compared], second: Sequence[Compared]) -> dict[
     cards = []
     for one in shown.values():
         made = card(one.name, one.design, one.audit, _effort(one.design), one.gap)
-        made["view"]["value"]["meshes"] = shared_meshes(one.design)
+        made["view"]["meshes"] = shared_meshes(one.design)
         cards.append(made)
     return {
         "title": f"{first[0].name} beside {second[0].name}",

@@ -14,9 +14,8 @@ from topo_search.model.proven import at_least, gap_percent, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
 from topo_search.report.design_page import bound, title
-from topo_search.report.headline import cards, headline, rows_to_show
+from topo_search.report.headline import cards, headline, ranking, rows_to_show
 from topo_search.report.page import render
-from topo_search.report.ranking import ranking
 from topo_search.report.wording import NEAR_TIES, figures, least, modules, near_tie_cells, quantity, sentence
 from topo_search.study import NEAR, NOTHING, Answer, FrontPoint, Own, Row, RunFile, RunFolder, SizeAnswer, answer_of
 from topo_search.study.ledger import kind_of

@@ -35,7 +35,14 @@ from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.allocation import thrust_matrix
-from topo_search.export.poses import azimuth_deg, largest_wrench, load_wrenches, rotation_to, towards_viewer
+from topo_search.export.poses import (
+    azimuth_deg,
+    largest_wrench,
+    load_wrenches,
+    poses_to_draw,
+    rotation_to,
+    towards_viewer,
+)
 from topo_search.export.solids import join, pose_matrix
 from topo_search.model import Assembly, Audit, Design, LoadCase
 from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
@@ -43,7 +50,7 @@ from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
 from topo_search.report.task_facts import vector as vector_text
-from topo_search.report.wording import clearance, figures, length, modules
+from topo_search.report.wording import clearance, figures, length
 from verify.air.jets import MODEL, jets
 from verify.flight.programs import Box
 from verify.flight.vehicle import force_hull
@@ -118,11 +125,10 @@ def force_polytope(design: Design, at: Platform) -> tuple[Array, Array] | None:
     return None if hull is None else (weight * (hull.points - carried), hull.simplices)
 
 
-def view(name: str, design: Design, at: Platform, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
-    """Return the picture of a design.
+def view(design: Design, at: Platform, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
+    """Return the picture of a design, as the page's script draws it.
 
     Args:
-        name: of its element.
         design: any design.
         at: its poses.
         audit: its audit.
@@ -130,9 +136,8 @@ def view(name: str, design: Design, at: Platform, audit: Audit | None, *, forces
     """
     assembly = None if audit is None else audit.assembly
     nearest = closest(audit)
-    cases = list(arrows(design, at))
     u_max = design.task.module.max_input(design.task.gravity)
-    value = {
+    return {
         "parts": [part.dump() for part in scene(design, at, nearest, assembly)],
         "towards": towards_viewer(azimuth_deg(at)).round(4).tolist(),
         "R": at.R.round(7).tolist(),
@@ -142,19 +147,10 @@ def view(name: str, design: Design, at: Platform, audit: Audit | None, *, forces
         "modules": _modules(design, at, audit),
         "throttle": (design.inputs / u_max).round(6).tolist(),
         "air": _air(design),
-        "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in cases],
+        "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in arrows(design, at)],
         "closest": None if nearest is None else closest_words(nearest),
         "steps": _steps(design, assembly),
         "forces": _forces(design, at, audit) if forces else None,
-    }
-    return {
-        "name": name,
-        "caption": f"{design.topology.key}, a platform of {modules(design.topology.n)}, in the axes of the task",
-        "value": value,
-        "still": thumbnail(design, at, 360),
-        "cases": [case["name"] for case in cases],
-        "listed": len(cases) > 12,  # so many are chosen from a list rather than by a button each
-        "forces": value["forces"] is not None,
     }
 
 
@@ -257,15 +253,14 @@ def _vector(values: np.ndarray[Any, Any]) -> str:
     return f"[{', '.join(f'{x:.3f}' for x in (values + 0.0).tolist())}]".replace("-", "−")
 
 
-def thumbnail(design: Design, at: Platform, side: int = 36) -> Markup:
+def thumbnail(design: Design, side: int = 36) -> Markup:
     """Return a small picture, which tells designs apart in a table: inline SVG, seen as in the page's view.
 
     Args:
         design: any design.
-        at: its poses.
         side: edge of the picture [px].
     """
-    sides = 10  # of a rotor's disc
+    at, sides = poses_to_draw(design), 10  # of a rotor's disc
     towards = towards_viewer(azimuth_deg(at))
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
