@@ -18,7 +18,7 @@ from topo_search.model import Audit, Design, Status
 from topo_search.model.arrays import Array
 from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import Capability, direction
-from topo_search.model.proven import at_least, gap_percent, lower_text
+from topo_search.model.proven import gap_percent, lower_text
 from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.value import BadInput, Fault, show
 from topo_search.report import Figure, Table, Tile
@@ -26,7 +26,7 @@ from topo_search.report.charts import MOST_POINTS, level, line
 from topo_search.report.design_part import cases, flight_sentences
 from topo_search.report.headline import card, headline
 from topo_search.report.scene import shared_meshes
-from topo_search.report.wording import EFFORT, figures, modules
+from topo_search.report.wording import EFFORT, figures, least, modules
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
 
 
@@ -66,7 +66,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
     """Return the lower bound and what it means, a paragraph each."""
     if lower_bound is None:
         return ("The design states no lower bound, so how far it is from the optimum is unknown.",)
-    statement = f"Lower bound: {figures(at_least(lower_bound, 5), 5)} rad⁴/s⁴ for the control effort {EFFORT}."
+    statement = f"Lower bound: {least(lower_bound, digits=5)} rad⁴/s⁴ for the control effort {EFFORT}."
     meaning = (
         f"It holds for every platform of {modules(n)} of this kind, for any tree, hinge angles and end-effector "
         "position: it is what the forces of the load cases would cost rotors within their limits if every thrust "

@@ -21,7 +21,7 @@ from topo_search.model.topology import PORT_NAMES
 from topo_search.report import Figure, Tile, json_in_script
 from topo_search.report.scene import closest
 from topo_search.report.view import view
-from topo_search.report.wording import clearance, figures, length, modules
+from topo_search.report.wording import clearance, figures, least, length, modules, most
 from topo_search.study import Answer, Row
 from topo_search.study.ledger import figures_of
 from topo_search.study.proofs import ProofState
@@ -48,7 +48,7 @@ def fragile(audit: Audit | None) -> tuple[str, ...]:
     if (nearest := closest(audit)) is not None and _lower_bound(nearest) < FRAGILE_M:
         margins.append(f"least clearance {clearance(nearest)}")
     if hinge is not None and hinge < FRAGILE_DEG:
-        margins.append(f"no hinge angle may be off by more than {figures(at_least(hinge, 3), 3)}°")
+        margins.append(f"no hinge angle may be off by more than {least(hinge, '°')}")
     return tuple(margins)
 
 
@@ -87,8 +87,8 @@ def headline(
         yield Tile("Air at the tip", f"{upper_text(air.tip_m_s, 3)} m/s", f"{over}by the jet model")
     yield Tile("Modules", str(n), compared)
     throttle = design.inputs / design.task.module.max_input(design.task.gravity)
-    peak = f"{figures(at_most(100 * float(throttle.max()), 3), 3)} %"
-    yield Tile("Peak throttle", peak, f"mean {figures(100 * float(throttle.mean()), 3)} % over all load cases")
+    mean = f"mean {figures(100 * float(throttle.mean()), 3)} % over all load cases"
+    yield Tile("Peak throttle", most(100 * float(throttle.max()), " %"), mean)
     if flight is None:
         return
     if flight.hover_input is not None and flight.hover_power_excess is not None:
@@ -96,8 +96,7 @@ def headline(
         yield Tile("Throttle in hover", f"{figures(100 * flight.hover_input, 3)} %", power)
     if (hinge := flight.hinge_tolerance_deg) is not None:
         survived = "error of every hinge angle at which all clearances last"
-        size = f"{figures(at_least(hinge, 3), 3)}°"
-        yield Tile("Hinge tolerance", size, survived, "fragile" * (hinge < FRAGILE_DEG))
+        yield Tile("Hinge tolerance", least(hinge, "°"), survived, "fragile" * (hinge < FRAGILE_DEG))
     out = flight.rotors_out_hover
     open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
     survived = f"single rotor failures survived in hover, once known{open_}"
@@ -115,7 +114,7 @@ def _side_force(flight: Flight) -> Iterator[Tile]:
     elif hover.horizontal_reserve_N is not None:
         weakest = hover.horizontal_weakest
         towards = "" if weakest is None else f", least towards {direction(weakest)}"
-        size = f"{figures(at_least(hover.horizontal_reserve_N, 3), 3)} N"
+        size = least(hover.horizontal_reserve_N, " N")
         yield Tile("Side force reserve", size, f"at the tip in hover{towards}")
 
 
