@@ -1,6 +1,7 @@
 """Which designs of a run the page shows beside the winner, and how much they may take."""
 
 import re
+from dataclasses import replace
 
 import pytest
 from report_cases import Reader, design, toy_page
@@ -8,7 +9,7 @@ from toy_problem import toy_row, toy_run
 
 from topo_search.model import Topology
 from topo_search.report import headline as module
-from topo_search.report.headline import cards, rows_to_show
+from topo_search.report.headline import Compared, cards, rows_to_show
 from topo_search.study import RunFolder
 
 
@@ -40,11 +41,8 @@ def test_a_run_without_a_design_has_no_cards(tmp_path, monkeypatch):
 
 
 def test_cards_stop_where_the_page_would_get_large(monkeypatch):
-    found = [
-        (toy_row(key, objective=1.0 + k, gap=0.1), design(Topology.from_key(key)), None)
-        for k, key in enumerate(("af0000", "a70010", "a31040"))
-    ]
-    best = found[0][0]
+    found = [Compared(key, design(Topology.from_key(key)), None, 0.1) for key in ("af0000", "a70010", "a31040")]
+    best = toy_row("af0000", objective=1.0, gap=0.1)
     assert [card["key"] for card in cards(found, best)] == ["af0000", "a70010", "a31040"]
     monkeypatch.setattr(module, "LARGEST", 20_000)
     assert next(cards(found, best))["key"] == "af0000"
@@ -55,14 +53,15 @@ def test_a_design_that_cannot_be_drawn_has_no_card():
     far = design(Topology.from_key("a70010"), end_effector_m=[1e200, 0.0, 0.0])
     near = design(Topology.from_key("af0000"))
     best = toy_row("af0000", objective=1.0, gap=0.1)
-    found = [(best, near, None), (toy_row("a70010", objective=1.1, gap=0.1), far, None)]
+    found = [Compared("af0000", near, None, 0.1), Compared("a70010", far, None, 0.1)]
     assert [card["key"] for card in cards(found, best)] == ["af0000"]
 
 
 @pytest.mark.parametrize(("objective", "told"), [(1.0, "least found"), (1.0049, "+0.49 %"), (1.1, "+10.00 %")])
 def test_effort_is_told_over_that_of_the_best(objective, told):
-    best = toy_row("af0000", objective=1.0, gap=0.1)
-    row = best if objective == 1.0 else toy_row("a70010", objective=objective, gap=0.1)
-    (card,) = cards([(row, design(Topology.from_key(row.key)), None)], best)
+    best = replace(toy_row("af0000", objective=1.0, gap=0.1), modules=5)
+    key = "af0000" if objective == 1.0 else "a70010"
+    made = design(Topology.from_key(key)).model_copy(update={"objective": objective})
+    (card,) = cards([Compared(key, made, None, 0.1)], best)
     figures = {tile.name: tile.figure for tile in card["figures"]}
     assert (figures["Control effort"], figures["Audit"]) == (told, "none")

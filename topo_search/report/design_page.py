@@ -7,7 +7,7 @@ import io
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from topo_search.model.value import BadInput, Fault, show
 from topo_search.report import Figure, Table, Tile
 from topo_search.report.charts import MOST_POINTS, level, line
 from topo_search.report.design_part import cases, flight_sentences
-from topo_search.report.headline import card, headline
+from topo_search.report.headline import Compared, card, headline
 from topo_search.report.scene import shared_meshes
 from topo_search.report.wording import EFFORT, figures, least, modules
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
@@ -209,16 +209,6 @@ def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
     return html_page(name, f"{STYLE}body {{ max-width: 260mm }}", lines)
 
 
-class Compared(NamedTuple):
-    """A design with the name that tells it from the others."""
-
-    name: str
-    design: Design
-    audit: Audit | None
-    gap: float | None
-    """Largest share of its effort that another platform of its size can save."""
-
-
 def compare_page(first: Sequence[Compared], second: Sequence[Compared]) -> dict[str, Any]:
     """Return the page.
 
@@ -230,7 +220,7 @@ def compare_page(first: Sequence[Compared], second: Sequence[Compared]) -> dict[
     shown = {one.name: one for one in (*first[:most], *reversed(second[:most]))}
     cards = []
     for one in shown.values():
-        made = card(one.name, one.design, one.audit, _effort(one.design), one.gap)
+        made = card(one, _effort(one.design))
         made["view"]["meshes"] = shared_meshes(one.design)
         cards.append(made)
     return {

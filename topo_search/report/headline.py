@@ -6,7 +6,7 @@ All candidates of a run: a row of the ranking each, and the plot to choose a des
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, Literal, NamedTuple
 
 from markupsafe import Markup
@@ -22,7 +22,7 @@ from topo_search.report import Figure, Tile, json_in_script
 from topo_search.report.scene import closest
 from topo_search.report.view import view
 from topo_search.report.wording import clearance, figures, least, length, modules, most
-from topo_search.study import Answer, Row
+from topo_search.study import Answer, Row, RunFolder
 from topo_search.study.ledger import figures_of
 from topo_search.study.proofs import ProofState
 
@@ -138,47 +138,49 @@ def rows_to_show(answer: Answer, shown: Row) -> list[Row]:
     return list(rows.values())
 
 
-def cards(
-    entries: Iterable[tuple[Row, Design | None, Audit | None]], best: Row, *, scoped: Collection[int] = ()
-) -> Iterator[dict[str, Any]]:
-    """Yield a card for each design that can be drawn, the winner's first, until they take too much.
+class Compared(NamedTuple):
+    """A design with the name that tells it from the others."""
 
-    Args:
-        entries: rows with their designs, where they are kept, and audits, the winner first.
-        best: the winner.
-        scoped: the sizes whose gaps branch and bound proves.
-    """
+    name: str
+    design: Design
+    audit: Audit | None
+    gap: float | None
+    """Largest share of its effort that another platform of its size can save."""
+    scoped: bool = False
+    """True if branch and bound proves the gap, within its scope."""
+
+
+def compared_designs(folder: RunFolder, answer: Answer, prefix: str = "") -> Iterator[Compared]:
+    """Yield the designs of `rows_to_show` that are kept, the winner first, named by their keys after a prefix."""
+    sizes = {size.modules: size for size in answer.sizes}
+    for row in () if answer.shown is None else rows_to_show(answer, answer.shown):
+        design, audit = folder.result_of(row)
+        if design is not None:
+            size = sizes[row.modules]
+            yield Compared(prefix + row.key, design, audit, size.gap_of(row), size.proven_gap is not None)
+
+
+def cards(shown: Iterable[Compared], best: Row) -> Iterator[dict[str, Any]]:
+    """Yield a card for each design that can be drawn, the winner's first, until they take too much."""
     taken = 0
-    for row, design, audit in entries:
-        if design is None:
-            continue
+    for one in shown:
         try:
-            shown = card(row.key, design, audit, _effort(row, best), row.gap, scoped=row.modules in scoped)
+            made = card(one, _effort(one.design, best))
         except BadInput:  # its end-effector is too far away to be drawn: the ranking still has its row
             continue
-        if row.key != best.key:
-            taken += len(json_in_script(shown["view"])) + len(shown["tree"])
+        if one.name != best.key:
+            taken += len(json_in_script(made["view"])) + len(made["tree"])
         if taken > LARGEST:
             return
-        yield shown
+        yield made
 
 
-def card(
-    name: str, design: Design, audit: Audit | None, effort: Tile, gap: float | None, *, scoped: bool = False
-) -> dict[str, Any]:
-    """Return what a page shows of a design beside another.
-
-    Args:
-        name: of the design, once on the page.
-        design: the design.
-        audit: its audit.
-        effort: its control effort.
-        gap: as for the headline.
-        scoped: as for the headline.
-    """
+def card(one: Compared, effort: Tile) -> dict[str, Any]:
+    """Return what a page shows of a design, with its control effort, beside another."""
+    design, audit = one.design, one.audit
     verdict = "none" if audit is None else str(audit.verdict)
     return {
-        "key": name,
+        "key": one.name,
         "design": design,
         "audit": audit,
         "view": view(design, poses_to_draw(design), audit),
@@ -186,16 +188,19 @@ def card(
         "figures": (
             Tile("Audit", verdict, "", "fragile" if fragile(audit) else verdict),
             effort,
-            *headline(design, audit, gap, "", scoped=scoped),
+            *headline(design, audit, one.gap, "", scoped=one.scoped),
         ),
     }
 
 
-def _effort(row: Row, best: Row) -> Tile:
+def _effort(design: Design, best: Row) -> Tile:
     """Return the effort of a design over that of the winner."""
-    if row.key == best.key or not row.objective or not best.objective or row.modules != best.modules:
-        return Tile("Control effort", "least found" if row.key == best.key else "of another size", "")
-    return Tile("Control effort", f"+{100 * (row.objective / best.objective - 1):.2f} %", "over that of the best")
+    is_best = design.topology.key == best.key
+    if is_best or not design.objective or not best.objective or design.topology.n != best.modules:
+        return Tile("Control effort", "least found" if is_best else "of another size", "")
+    return Tile(
+        "Control effort", f"+{100 * (design.objective / best.objective - 1):.2f} %", "over that of the best"
+    )
 
 
 Candidate = tuple[Row, ProofState, Audit | None]

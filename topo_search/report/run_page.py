@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
@@ -14,7 +13,7 @@ from topo_search.model.proven import at_least, gap_percent, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
 from topo_search.report.design_page import bound, title
-from topo_search.report.headline import cards, headline, ranking, rows_to_show
+from topo_search.report.headline import cards, compared_designs, headline, ranking
 from topo_search.report.page import render
 from topo_search.report.wording import NEAR_TIES, figures, least, modules, near_tie_cells, quantity, sentence
 from topo_search.study import NEAR, NOTHING, Answer, FrontPoint, Own, Row, RunFile, RunFolder, SizeAnswer, answer_of
@@ -128,15 +127,6 @@ def _own(user_inputs: Own) -> Iterator[str]:
         yield f"Candidates were proposed by the user's own sampler {user_inputs.sampler.name}."
 
 
-def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[dict[str, Any]]:
-    """Yield what is shown of the best designs beside the one that the page is about."""
-    if shown is not None:
-        of_size = {size.modules: size for size in answer.sizes}
-        rows = (replace(row, gap=of_size[row.modules].gap_of(row)) for row in rows_to_show(answer, shown))
-        scoped = [size.modules for size in answer.sizes if size.proven_gap is not None]
-        yield from cards(((row, *folder.result_of(row)) for row in rows), shown, scoped=scoped)
-
-
 def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str, Any]:
     candidates = [each for size in answer.sizes for each in folder.candidates(size.modules)]
     rows = [row for row, *_ in candidates]
@@ -150,7 +140,7 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str,
         "sizes": _sizes(answer),
         "near_ties": tuple(_near_ties(size) for size in answer.sizes if len(size.near_ties) > 1),
         **ranking(candidates, proofs=any(size.proven is not None for size in answer.sizes)),
-        "cards": tuple(_cards(folder, answer, shown)),
+        "cards": () if shown is None else tuple(cards(compared_designs(folder, answer), shown)),
         "progress": tuple(charts),
         "reasons": _reasons(folder, rows),
         "remarks": tuple(remark for size in answer.sizes for remark in size.remarks),
