@@ -109,16 +109,6 @@ def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
         rule = "must be of the design whose page this is; fly it again with --out"
         raise BadInput(str(folder / "flight.json"), [Fault("design", f"{rule} (got {show(result.design)})")])
     course = _course(folder / "flight.csv", {one.name for one in result.scenarios})
-    return simulated_part(result, course)
-
-
-def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, Any]:
-    """Return all that is shown of flights.
-
-    Args:
-        result: their table.
-        course: time and COURSE of each that was flown, (T, 1 + 5).
-    """
     x = result.options
     rod = f", the rod's {figures(1000 * result.rod_mass_kg, 3)} g included" if result.rod_mass_kg > 0 else ""
     sentences = (
