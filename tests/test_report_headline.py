@@ -1,6 +1,7 @@
 """The headline of the page: each tile says what the design, its audit or its row says, rounded to the safe side."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from topo_search.model import Audit, Design, Topology
 from topo_search.report import headline as module
 from topo_search.report.design_page import design_page
 from topo_search.report.design_part import cases
-from topo_search.report.headline import cards, fragile, headline, rows_to_show, tally
+from topo_search.report.headline import Compared, cards, fragile, headline, rows_to_show, tally
 from topo_search.report.page import render
 from topo_search.report.scene import closest
 from topo_search.report.wording import near_tie_cells
@@ -167,11 +168,8 @@ def test_a_run_without_a_design_has_no_cards(tmp_path, monkeypatch):
 
 
 def test_cards_stop_where_the_page_would_get_large(monkeypatch):
-    found = [
-        (toy_row(key, objective=1.0 + k, gap=0.1), design(Topology.from_key(key)), None)
-        for k, key in enumerate(("af0000", "a70010", "a31040"))
-    ]
-    best = found[0][0]
+    found = [Compared(key, design(Topology.from_key(key)), None, 0.1) for key in ("af0000", "a70010", "a31040")]
+    best = toy_row("af0000", objective=1.0, gap=0.1)
     assert [card["key"] for card in cards(found, best)] == ["af0000", "a70010", "a31040"]
     monkeypatch.setattr(module, "LARGEST", 20_000)
     assert next(cards(found, best))["key"] == "af0000"
@@ -182,14 +180,15 @@ def test_a_design_that_cannot_be_drawn_has_no_card():
     far = design(Topology.from_key("a70010"), end_effector_m=[1e200, 0.0, 0.0])
     near = design(Topology.from_key("af0000"))
     best = toy_row("af0000", objective=1.0, gap=0.1)
-    found = [(best, near, None), (toy_row("a70010", objective=1.1, gap=0.1), far, None)]
+    found = [Compared("af0000", near, None, 0.1), Compared("a70010", far, None, 0.1)]
     assert [card["key"] for card in cards(found, best)] == ["af0000"]
 
 
 @pytest.mark.parametrize(("objective", "told"), [(1.0, "least found"), (1.0049, "+0.49 %"), (1.1, "+10.00 %")])
 def test_effort_is_told_over_that_of_the_best(objective, told):
-    best = toy_row("af0000", objective=1.0, gap=0.1)
-    row = best if objective == 1.0 else toy_row("a70010", objective=objective, gap=0.1)
-    (card,) = cards([(row, design(Topology.from_key(row.key)), None)], best)
+    best = replace(toy_row("af0000", objective=1.0, gap=0.1), modules=5)
+    key = "af0000" if objective == 1.0 else "a70010"
+    made = design(Topology.from_key(key)).model_copy(update={"objective": objective})
+    (card,) = cards([Compared(key, made, None, 0.1)], best)
     figures = {tile.name: tile.figure for tile in card["figures"]}
     assert (figures["Control effort"], figures["Audit"]) == (told, "none")

@@ -29,7 +29,7 @@ from topo_search.model.search import Level
 from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import bound
 from topo_search.report.design_part import cases, errors, findings, flight_sentences, nearest, residuals
-from topo_search.report.ranking import ranking
+from topo_search.report.headline import ranking
 from topo_search.report.run_page import front_part
 from topo_search.report.wording import near_tie_cells
 from topo_search.study import Answer, FrontPoint

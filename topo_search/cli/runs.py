@@ -17,7 +17,7 @@ from topo_search.supervisor import ExitStatus
 
 if TYPE_CHECKING:
     from topo_search.model import Geometry
-    from topo_search.report.design_page import Compared
+    from topo_search.report.headline import Compared
 
 run_folder = click.argument("run", type=click.Path(path_type=Path, exists=True, file_okay=False))
 

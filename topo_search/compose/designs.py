@@ -24,7 +24,7 @@ from topo_search.study.directory import CHANGED
 from topo_search.topologies import OwnTopology, own_topology
 
 if TYPE_CHECKING:
-    from topo_search.report.design_page import Compared
+    from topo_search.report.headline import Compared
 
 
 def solve(
@@ -352,8 +352,7 @@ def compare(first: str | Path, second: str | Path, *, out: str | Path | None = N
 
 
 def _designs(source: Path) -> list[Compared]:
-    from topo_search.report.design_page import Compared
-    from topo_search.report.headline import rows_to_show
+    from topo_search.report.headline import Compared, compared_designs
 
     if not source.is_dir():
         design, judged = _judge(read_completed(source))
@@ -362,12 +361,4 @@ def _designs(source: Path) -> list[Compared]:
         answer = answer_of(folder).at_level
         if answer.shown is None:
             raise BadInput(str(source), "holds no design yet")
-        gaps = {size.modules: size.gap_of for size in answer.sizes}
-        level = folder.levels[answer.level]
-        read = ((row, *level.result_of(row)) for row in rows_to_show(answer, answer.shown))
-        name = source.resolve().name
-        return [
-            Compared(f"{name}/{row.key}", design, audited, gaps[row.modules](row))
-            for row, design, audited in read
-            if design is not None
-        ]
+        return [*compared_designs(folder.levels[answer.level], answer, f"{source.resolve().name}/")]

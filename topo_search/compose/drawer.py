@@ -217,13 +217,12 @@ def kit(
     out = Path(out)
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise BadInput("--out", f"must be a new or empty folder, but got {out}")
-    runs = [
-        Path(task)
-        if not isinstance(task, Task) and Path(task).is_dir()
-        else search(task, keep_within=within, workers=workers, observer=observer).folder
-        for task in tasks
-    ]
-    choices = [_read_choices(run, within) for run in runs]
+    runs, choices = list[Path](), list[list[Design]]()
+    for task in tasks:
+        if isinstance(task, Task) or not Path(task).is_dir():
+            task = search(task, keep_within=within, workers=workers, observer=observer).folder
+        runs.append(Path(task))
+        choices.append(_read_choices(runs[-1], within))
     _require_same_module(runs, choices)
     if tolerance_deg:
         alone, choices = choices, share_brackets(choices, tolerance_deg, within)

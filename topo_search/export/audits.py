@@ -234,12 +234,14 @@ def clearances(audit: Audit) -> pd.DataFrame:
         >>> list(frame["kind"].unique()[:2])
         ['airflow', 'exclusion']
     """
-    return _clearances(audit.pairs)
+    return clearances_of([("", audit)]).drop(columns="design")
 
 
 def clearances_of(audits: Sequence[tuple[str, Audit]]) -> pd.DataFrame:
     """Return the clearances of several audits; the last column, `design`, has the name that comes with each."""
-    frame = _clearances(pair for _, audit in audits for pair in audit.pairs)
+    numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m", "percent"), "float64")
+    frame = _frame(Clearance, (pair for _, audit in audits for pair in audit.pairs))
+    frame = frame.astype({**numbers, "segment": "Int64"}).drop(columns=["evidence", "closest_m"])
     return frame.assign(design=[name for name, audit in audits for _ in audit.pairs])
 
 
@@ -266,12 +268,6 @@ def parquet(frame: pd.DataFrame) -> bytes:
     import pyarrow  # noqa: F401 (pandas would say in other words that it is missing)
 
     return frame.to_parquet(None, engine="pyarrow", index=False)
-
-
-def _clearances(pairs: Iterable[Clearance]) -> pd.DataFrame:
-    numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m", "percent"), "float64")
-    frame = _frame(Clearance, pairs).astype({**numbers, "segment": "Int64"})
-    return frame.drop(columns=["evidence", "closest_m"])
 
 
 def _frame(kind: type[BaseModel], values: Iterable[BaseModel]) -> pd.DataFrame:

@@ -182,23 +182,21 @@ def _add(body: Element, asset: Element, name: str, shape: Shape) -> None:
     match shape:
         case Capsule() if shape.start == shape.end:
             geom = {"type": "sphere", "pos": numbers(*shape.start), "size": numbers(shape.radius)}
-            SubElement(body, "geom", {"name": name, **geom, **look})
         case Capsule():
             geom = {"type": "capsule", "fromto": numbers(*shape.start, *shape.end), "size": numbers(shape.radius)}
-            SubElement(body, "geom", {"name": name, **geom, **look})
         case Polytope():
             SubElement(asset, "mesh", name=name, vertex=numbers(*hull(shape).corners.ravel()))
-            SubElement(body, "geom", {"name": name, "type": "mesh", "mesh": name, **look})
+            geom = {"type": "mesh", "mesh": name}
         case Cone():
-            inward = _inward_normals(shape)
             # drawn 2 m wide
             plane = {"type": "plane", "pos": numbers(*shape.apex), "size": numbers(1, 1, 1), **look}
-            if len(inward) == 1:
-                SubElement(body, "geom", {"name": name, "zaxis": numbers(*inward[0]), **plane})
-            else:
-                for k, n_k in enumerate(inward):
-                    side = {"name": f"{name}_side_{k}", "zaxis": numbers(*n_k), "group": COLLISION}
-                    SubElement(body, "geom", {**side, **plane})
+            inward = _inward_normals(shape)
+            for k, n_k in enumerate(inward):
+                of_many = {"name": f"{name}_side_{k}", "zaxis": numbers(*n_k), "group": COLLISION}
+                side = of_many if len(inward) > 1 else {"name": name, "zaxis": numbers(*n_k)}
+                SubElement(body, "geom", {**side, **plane})
+            return
+    SubElement(body, "geom", {"name": name, **geom, **look})
 
 
 def _inward_normals(cone: Cone) -> Array:

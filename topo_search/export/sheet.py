@@ -265,14 +265,12 @@ def _view(design: Design, at: Platform, across: int, up: int, words: str) -> str
         return float(MILLIMETRES * p[across]), float(-MILLIMETRES * p[up])
 
     radius, width = 0.02 * size, 0.006 * size
-    for i, p in enumerate(at.p):
+    for p, ends, discs in zip(at.p, ports, rotors, strict=True):
         x, y = place(p)
-        for end in ports[i]:
-            u, v = place(end)
+        for u, v in map(place, ends):
             line = f'x1="{x:.2f}" y1="{y:.2f}" x2="{u:.2f}" y2="{v:.2f}"'
             svg.append(f'<line {line} stroke="{palette.CONNECTOR}" stroke-width="{width:.4g}"/>')
-        for end in rotors[i]:
-            u, v = place(end)
+        for u, v in map(place, discs):
             svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.ROTOR}"/>')
     u, v = place(at.end_effector)
     svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.END_EFFECTOR}"/>')

@@ -7,7 +7,7 @@ import io
 import itertools
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,15 +18,15 @@ from topo_search.model import Audit, Design, Status
 from topo_search.model.arrays import Array
 from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import Capability, direction
-from topo_search.model.proven import at_least, gap_percent, lower_text
+from topo_search.model.proven import gap_percent, lower_text
 from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.value import BadInput, Fault, show
 from topo_search.report import Figure, Table, Tile
 from topo_search.report.charts import MOST_POINTS, level, line
 from topo_search.report.design_part import cases, flight_sentences
-from topo_search.report.headline import card, headline
+from topo_search.report.headline import Compared, card, headline
 from topo_search.report.scene import shared_meshes
-from topo_search.report.wording import EFFORT, figures, modules
+from topo_search.report.wording import EFFORT, figures, least, modules
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
 
 
@@ -66,7 +66,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
     """Return the lower bound and what it means, a paragraph each."""
     if lower_bound is None:
         return ("The design states no lower bound, so how far it is from the optimum is unknown.",)
-    statement = f"Lower bound: {figures(at_least(lower_bound, 5), 5)} rad⁴/s⁴ for the control effort {EFFORT}."
+    statement = f"Lower bound: {least(lower_bound, digits=5)} rad⁴/s⁴ for the control effort {EFFORT}."
     meaning = (
         f"It holds for every platform of {modules(n)} of this kind, for any tree, hinge angles and end-effector "
         "position: it is what the forces of the load cases would cost rotors within their limits if every thrust "
@@ -109,16 +109,6 @@ def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
         rule = "must be of the design whose page this is; fly it again with --out"
         raise BadInput(str(folder / "flight.json"), [Fault("design", f"{rule} (got {show(result.design)})")])
     course = _course(folder / "flight.csv", {one.name for one in result.scenarios})
-    return simulated_part(result, course)
-
-
-def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, Any]:
-    """Return all that is shown of flights.
-
-    Args:
-        result: their table.
-        course: time and COURSE of each that was flown, (T, 1 + 5).
-    """
     x = result.options
     rod = f", the rod's {figures(1000 * result.rod_mass_kg, 3)} g included" if result.rod_mass_kg > 0 else ""
     sentences = (
@@ -209,16 +199,6 @@ def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
     return html_page(name, f"{STYLE}body {{ max-width: 260mm }}", lines)
 
 
-class Compared(NamedTuple):
-    """A design with the name that tells it from the others."""
-
-    name: str
-    design: Design
-    audit: Audit | None
-    gap: float | None
-    """Largest share of its effort that another platform of its size can save."""
-
-
 def compare_page(first: Sequence[Compared], second: Sequence[Compared]) -> dict[str, Any]:
     """Return the page.
 
@@ -230,8 +210,8 @@ def compare_page(first: Sequence[Compared], second: Sequence[Compared]) -> dict[
     shown = {one.name: one for one in (*first[:most], *reversed(second[:most]))}
     cards = []
     for one in shown.values():
-        made = card(one.name, one.design, one.audit, _effort(one.design), one.gap)
-        made["view"]["value"]["meshes"] = shared_meshes(one.design)
+        made = card(one, _effort(one.design))
+        made["view"]["meshes"] = shared_meshes(one.design)
         cards.append(made)
     return {
         "title": f"{first[0].name} beside {second[0].name}",

@@ -1,25 +1,30 @@
-"""Designs in short: a tile for each figure that a reader wants first, a card for each design beside the winner."""
+"""Designs in short: a tile for each figure that a reader wants first, a card for each design beside the winner.
+
+All candidates of a run: a row of the ranking each, and the plot to choose a design by.
+"""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterable, Iterator
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Literal, NamedTuple
 
 from markupsafe import Markup
 
+from topo_search.export import palette
 from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model import Audit, BadInput, Clearance, Design, Flight
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
 from topo_search.model.topology import PORT_NAMES
-from topo_search.report import Tile, json_in_script
-from topo_search.report.design_part import nearest, reserves
+from topo_search.report import Figure, Tile, json_in_script
 from topo_search.report.scene import closest
-from topo_search.report.view import thumbnail, view
-from topo_search.report.wording import clearance, figures, length, modules
-from topo_search.study import Answer, Row
+from topo_search.report.view import view
+from topo_search.report.wording import clearance, figures, least, length, modules, most
+from topo_search.study import Answer, Row, RunFolder
+from topo_search.study.ledger import figures_of
+from topo_search.study.proofs import ProofState
 
 
 def tally(audit: Audit) -> str:
@@ -43,7 +48,7 @@ def fragile(audit: Audit | None) -> tuple[str, ...]:
     if (nearest := closest(audit)) is not None and _lower_bound(nearest) < FRAGILE_M:
         margins.append(f"least clearance {clearance(nearest)}")
     if hinge is not None and hinge < FRAGILE_DEG:
-        margins.append(f"no hinge angle may be off by more than {figures(at_least(hinge, 3), 3)}°")
+        margins.append(f"no hinge angle may be off by more than {least(hinge, '°')}")
     return tuple(margins)
 
 
@@ -82,8 +87,8 @@ def headline(
         yield Tile("Air at the tip", f"{upper_text(air.tip_m_s, 3)} m/s", f"{over}by the jet model")
     yield Tile("Modules", str(n), compared)
     throttle = design.inputs / design.task.module.max_input(design.task.gravity)
-    peak = f"{figures(at_most(100 * float(throttle.max()), 3), 3)} %"
-    yield Tile("Peak throttle", peak, f"mean {figures(100 * float(throttle.mean()), 3)} % over all load cases")
+    mean = f"mean {figures(100 * float(throttle.mean()), 3)} % over all load cases"
+    yield Tile("Peak throttle", most(100 * float(throttle.max()), " %"), mean)
     if flight is None:
         return
     if flight.hover_input is not None and flight.hover_power_excess is not None:
@@ -91,8 +96,7 @@ def headline(
         yield Tile("Throttle in hover", f"{figures(100 * flight.hover_input, 3)} %", power)
     if (hinge := flight.hinge_tolerance_deg) is not None:
         survived = "error of every hinge angle at which all clearances last"
-        size = f"{figures(at_least(hinge, 3), 3)}°"
-        yield Tile("Hinge tolerance", size, survived, "fragile" * (hinge < FRAGILE_DEG))
+        yield Tile("Hinge tolerance", least(hinge, "°"), survived, "fragile" * (hinge < FRAGILE_DEG))
     out = flight.rotors_out_hover
     open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
     survived = f"single rotor failures survived in hover, once known{open_}"
@@ -110,7 +114,7 @@ def _side_force(flight: Flight) -> Iterator[Tile]:
     elif hover.horizontal_reserve_N is not None:
         weakest = hover.horizontal_weakest
         towards = "" if weakest is None else f", least towards {direction(weakest)}"
-        size = f"{figures(at_least(hover.horizontal_reserve_N, 3), 3)} N"
+        size = least(hover.horizontal_reserve_N, " N")
         yield Tile("Side force reserve", size, f"at the tip in hover{towards}")
 
 
@@ -134,65 +138,167 @@ def rows_to_show(answer: Answer, shown: Row) -> list[Row]:
     return list(rows.values())
 
 
-def cards(
-    entries: Iterable[tuple[Row, Design | None, Audit | None]], best: Row, *, scoped: Collection[int] = ()
-) -> Iterator[dict[str, Any]]:
-    """Yield a card for each design that can be drawn, the winner's first, until they take too much.
+class Compared(NamedTuple):
+    """A design with the name that tells it from the others."""
 
-    Args:
-        entries: rows with their designs, where they are kept, and audits, the winner first.
-        best: the winner.
-        scoped: the sizes whose gaps branch and bound proves.
-    """
+    name: str
+    design: Design
+    audit: Audit | None
+    gap: float | None
+    """Largest share of its effort that another platform of its size can save."""
+    scoped: bool = False
+    """True if branch and bound proves the gap, within its scope."""
+
+
+def compared_designs(folder: RunFolder, answer: Answer, prefix: str = "") -> Iterator[Compared]:
+    """Yield the designs of `rows_to_show` that are kept, the winner first, named by their keys after a prefix."""
+    sizes = {size.modules: size for size in answer.sizes}
+    for row in () if answer.shown is None else rows_to_show(answer, answer.shown):
+        design, audit = folder.result_of(row)
+        if design is not None:
+            size = sizes[row.modules]
+            yield Compared(prefix + row.key, design, audit, size.gap_of(row), size.proven_gap is not None)
+
+
+def cards(shown: Iterable[Compared], best: Row) -> Iterator[dict[str, Any]]:
+    """Yield a card for each design that can be drawn, the winner's first, until they take too much."""
     taken = 0
-    for row, design, audit in entries:
-        if design is None:
-            continue
+    for one in shown:
         try:
-            shown = card(row.key, design, audit, _effort(row, best), row.gap, scoped=row.modules in scoped)
+            made = card(one, _effort(one.design, best))
         except BadInput:  # its end-effector is too far away to be drawn: the ranking still has its row
             continue
-        if row.key != best.key:
-            taken += len(json_in_script(shown["view"]["value"])) + len(shown["tree"])
+        if one.name != best.key:
+            taken += len(json_in_script(made["view"])) + len(made["tree"])
         if taken > LARGEST:
             return
-        yield shown
+        yield made
 
 
-def card(
-    name: str, design: Design, audit: Audit | None, effort: Tile, gap: float | None, *, scoped: bool = False
-) -> dict[str, Any]:
-    """Return what a page shows of a design beside another.
-
-    Args:
-        name: of the design, once on the page.
-        design: the design.
-        audit: its audit.
-        effort: its control effort.
-        gap: as for the headline.
-        scoped: as for the headline.
-    """
-    at = poses_to_draw(design)
-    assembly = None if audit is None else audit.assembly
+def card(one: Compared, effort: Tile) -> dict[str, Any]:
+    """Return what a page shows of a design, with its control effort, beside another."""
+    design, audit = one.design, one.audit
     verdict = "none" if audit is None else str(audit.verdict)
     return {
-        "key": name,
-        "heading": f"{name}, {modules(design.topology.n)}",
-        "view": view(f"view-{name}", design, at, audit),
-        "tree": Markup(tree_svg(design, assembly)),
-        "thumbnail": thumbnail(design, at),
+        "key": one.name,
+        "design": design,
+        "audit": audit,
+        "view": view(design, poses_to_draw(design), audit),
+        "tree": Markup(tree_svg(design, None if audit is None else audit.assembly)),
         "figures": (
             Tile("Audit", verdict, "", "fragile" if fragile(audit) else verdict),
             effort,
-            *headline(design, audit, gap, "", scoped=scoped),
+            *headline(design, audit, one.gap, "", scoped=one.scoped),
         ),
-        "nearest": nearest(audit.pairs) if audit is not None and audit.pairs else None,
-        "cases": None if audit is None or audit.flight is None else reserves(audit.flight),
     }
 
 
-def _effort(row: Row, best: Row) -> Tile:
+def _effort(design: Design, best: Row) -> Tile:
     """Return the effort of a design over that of the winner."""
-    if row.key == best.key or not row.objective or not best.objective or row.modules != best.modules:
-        return Tile("Control effort", "least found" if row.key == best.key else "of another size", "")
-    return Tile("Control effort", f"+{100 * (row.objective / best.objective - 1):.2f} %", "over that of the best")
+    is_best = design.topology.key == best.key
+    if is_best or not design.objective or not best.objective or design.topology.n != best.modules:
+        return Tile("Control effort", "least found" if is_best else "of another size", "")
+    return Tile(
+        "Control effort", f"+{100 * (design.objective / best.objective - 1):.2f} %", "over that of the best"
+    )
+
+
+Candidate = tuple[Row, ProofState, Audit | None]
+
+
+class Column(NamedTuple):
+    """A column of the ranking."""
+
+    name: str
+    value: Callable[[Row, ProofState, Audit | None], str | float | None]
+    """Cell of a candidate, proven figures rounded to the safe side; None where there is nothing."""
+    kind: Literal["number", "text"] = "number"
+    better: Literal["less", "more"] | None = None
+    """The better side of a figure to choose by."""
+
+
+def ranking(candidates: Sequence[Candidate], *, proofs: bool) -> dict[str, Any]:
+    """Return the table of candidates, and the plot where there are audited designs to choose from.
+
+    Args:
+        candidates: all candidates with their proofs and audits, in the order of the ranking.
+        proofs: whether the table shows what branch and bound has proven.
+    """
+    columns = COLUMNS if proofs else COLUMNS[:-3]
+    return {
+        "candidates": {
+            "columns": [(column.name, column.kind, column.better) for column in columns],
+            "rows": [[column.value(*candidate) for column in columns] for candidate in candidates],
+        },
+        "choice": _choice() if sum(audit is not None for *_, audit in candidates) > 1 else None,
+    }
+
+
+def _choice() -> tuple[str, str, Figure]:
+    """Return the plot without its points, which the page draws from the ranking as it is filtered."""
+    layout = {"hovermode": "closest", "legend": {"orientation": "h", "y": -0.2}, "colorway": palette.SERIES}
+    return "choice", "Audited designs; click a point to see its design", {"data": [], "layout": layout}
+
+
+def _round(value: float | None, digits: int) -> float | None:
+    return None if value is None else float(f"{value:.{digits}g}")
+
+
+def _least(value: float | None, digits: int = 3) -> float | None:
+    return None if value is None else at_least(value, digits)
+
+
+def _most(value: float | None) -> float | None:
+    return None if value is None else at_most(value, 3)
+
+
+def _percent(gap: float | None) -> float | None:
+    return None if gap is None else float(gap_percent(gap).removesuffix(" %"))
+
+
+def _verdict(row: Row, audit: Audit | None) -> str | None:
+    if fragile(audit):
+        return "clear, fragile"
+    return row.audit or ("failed" if row.audit_failure else None)
+
+
+def _over_bound(row: Row) -> float | None:
+    return at_most(row.objective / row.lower_bound, 5) if row.objective is not None and row.lower_bound else None
+
+
+def _clearance_mm(audit: Audit | None) -> float | None:
+    nearest = closest(audit)
+    return None if nearest is None else at_least(1000 * nearest.analytic_m, 3)
+
+
+def _air(audit: Audit | None) -> float | None:
+    return None if audit is None else _most(figures_of(audit)["air_tip_m_s"])
+
+
+COLUMNS = (
+    Column("tree", lambda row, proven, audit: row.key, "text"),
+    Column("modules", lambda row, proven, audit: row.modules),
+    Column("J / bound", lambda row, proven, audit: _over_bound(row), better="less"),
+    Column("J [rad⁴/s⁴]", lambda row, proven, audit: _round(row.objective, 6), better="less"),
+    Column("gap [%]", lambda row, proven, audit: _percent(row.gap), better="less"),
+    Column("audit", lambda row, proven, audit: _verdict(row, audit), "text"),
+    Column("status", lambda row, proven, audit: row.status, "text"),
+    Column("any force [N]", lambda row, proven, audit: _least(row.force_reserve_N), better="more"),
+    Column("any torque [N m]", lambda row, proven, audit: _least(row.torque_reserve_Nm), better="more"),
+    Column("clearance [mm]", lambda row, proven, audit: _clearance_mm(audit), better="more"),
+    Column("hinge error [°]", lambda row, proven, audit: _least(row.hinge_tolerance_deg), better="more"),
+    Column("rod [m]", lambda row, proven, audit: _most(row.rod_length_m), better="less"),
+    Column("air at the tip [m/s]", lambda row, proven, audit: _air(audit), better="less"),
+    Column("symmetric copies", lambda row, proven, audit: row.orbit),
+    Column("hits", lambda row, proven, audit: row.starts_at_best),
+    Column("feasible starts", lambda row, proven, audit: row.starts_feasible),
+    Column("starts", lambda row, proven, audit: row.starts),
+    Column("time [s]", lambda row, proven, audit: _round(row.seconds, 3)),
+    Column("missed constraint", lambda row, proven, audit: row.worst_constraint, "text"),
+    Column("by", lambda row, proven, audit: _round(row.violation, 3)),
+    Column("unit", lambda row, proven, audit: row.unit, "text"),
+    Column("proof", lambda row, proven, audit: proven.proof, "text"),
+    Column("proven J at least", lambda row, proven, audit: _least(proven.proven_bound, 6)),
+    Column("proven gap [%]", lambda row, proven, audit: _percent(proven.proven_gap)),
+)
+"""Columns of the ranking; the last three are those of branch and bound."""

@@ -22,7 +22,7 @@ from topo_search.model.files import to_toml
 from topo_search.model.task_warnings import task_warnings
 from topo_search.report import LOOK, Table, charts, design_part, headline, json_in_script, task_facts, wording
 from topo_search.report.scene import shared_meshes
-from topo_search.report.view import view
+from topo_search.report.view import thumbnail, view
 
 
 def render(page: dict[str, Any]) -> str:
@@ -44,7 +44,7 @@ def render(page: dict[str, Any]) -> str:
         page=page,
         design=design,
         audit=audit,
-        drawn=None if design is None else view("view", design, poses_to_draw(design), audit, forces=True),
+        drawn=None if design is None else view(design, poses_to_draw(design), audit, forces=True),
         # what the template calls
         charts=charts,
         design_part=design_part,
@@ -53,6 +53,7 @@ def render(page: dict[str, Any]) -> str:
         wording=wording,
         shared_meshes=shared_meshes,
         task_warnings=task_warnings,
+        thumbnail=thumbnail,
         to_toml=to_toml,
         tree_svg=tree_svg,
         Table=Table,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from itertools import groupby
 from typing import Any
 
 from topo_search.model import Infeasible
@@ -12,10 +13,9 @@ from topo_search.model.proven import at_least, gap_percent, upper_text
 from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
 from topo_search.report.design_page import bound, title
-from topo_search.report.headline import cards, headline, rows_to_show
+from topo_search.report.headline import cards, compared_designs, headline, ranking
 from topo_search.report.page import render
-from topo_search.report.ranking import ranking
-from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, sentence
+from topo_search.report.wording import NEAR_TIES, figures, least, modules, near_tie_cells, quantity, sentence
 from topo_search.study import NEAR, NOTHING, Answer, FrontPoint, Own, Row, RunFile, RunFolder, SizeAnswer, answer_of
 from topo_search.study.ledger import kind_of
 
@@ -127,15 +127,6 @@ def _own(user_inputs: Own) -> Iterator[str]:
         yield f"Candidates were proposed by the user's own sampler {user_inputs.sampler.name}."
 
 
-def _cards(folder: RunFolder, answer: Answer, shown: Row | None) -> Iterator[dict[str, Any]]:
-    """Yield what is shown of the best designs beside the one that the page is about."""
-    if shown is not None:
-        of_size = {size.modules: size for size in answer.sizes}
-        rows = (replace(row, gap=of_size[row.modules].gap_of(row)) for row in rows_to_show(answer, shown))
-        scoped = [size.modules for size in answer.sizes if size.proven_gap is not None]
-        yield from cards(((row, *folder.result_of(row)) for row in rows), shown, scoped=scoped)
-
-
 def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str, Any]:
     candidates = [each for size in answer.sizes for each in folder.candidates(size.modules)]
     rows = [row for row, *_ in candidates]
@@ -149,7 +140,7 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str,
         "sizes": _sizes(answer),
         "near_ties": tuple(_near_ties(size) for size in answer.sizes if len(size.near_ties) > 1),
         **ranking(candidates, proofs=any(size.proven is not None for size in answer.sizes)),
-        "cards": tuple(_cards(folder, answer, shown)),
+        "cards": () if shown is None else tuple(cards(compared_designs(folder, answer), shown)),
         "progress": tuple(charts),
         "reasons": _reasons(folder, rows),
         "remarks": tuple(remark for size in answer.sizes for remark in size.remarks),
@@ -186,35 +177,29 @@ def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
 
 def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
     """Return how often which constraint was the one that the closest start missed, and by how little."""
-    groups: dict[tuple[int, str, str], list[Row]] = {}
-    for row in rows:
-        if not row.feasible:
-            missed = kind_of(row.worst_constraint or "")
-            groups.setdefault((row.modules, row.status, missed), []).append(row)
-    if not groups:
-        return None
-    most_first: list[tuple[tuple[int, str, str], Sequence[Row]]] = sorted(
-        groups.items(), key=lambda group: (group[0][0], -len(group[1]), group[0])
-    )
+
+    def group(row: Row) -> tuple[int, str, str]:
+        return row.modules, row.status, kind_of(row.worst_constraint or "")
+
+    missed = sorted((row for row in rows if not row.feasible), key=group)
+    groups = [(*key, list(members)) for key, members in groupby(missed, key=group)]
     cells = []
-    for (n, status, missed), members in most_first:
-        closest = min(members, key=lambda row: float("inf") if row.violation is None else row.violation)
-        by = ""
-        if closest.violation is not None:
-            by = f"{figures(at_least(closest.violation, 3), 3)} {closest.unit or ''}"
+    for n, status, kind, members in sorted(groups, key=lambda each: (each[0], -len(each[3]))):
+        closest = min(members, key=lambda row: math.inf if row.violation is None else row.violation)
+        by = "" if closest.violation is None else f"{least(closest.violation)} {closest.unit or ''}"
         result = folder.ledger.result(folder.request.contexts(n)[closest.step], closest.key)
         cells.append(
             {
                 "modules": str(n),
                 "status": status,
-                "constraint missed by most": missed,
+                "constraint missed by most": kind,
                 "candidates": str(len(members)),
                 "least missed by": by,
                 "in tree": closest.key,
                 "there": result.message if isinstance(result, Infeasible) else "",
             }
         )
-    return Table.from_rows(cells, {0, 3, 4})
+    return Table.from_rows(cells, {0, 3, 4}) if cells else None
 
 
 def _reproduction(folder: RunFolder) -> dict[str, Any]:
@@ -258,13 +243,13 @@ def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _designs(points: Sequence[FrontPoint]) -> Table:
-    least = points[0].row.objective if points else None
+    J_least = points[0].row.objective if points else None
     rows = [
         [
             point.row.key,
             str(point.row.modules),
             figures(point.row.objective or 0.0, 5),
-            f"{(point.row.objective or 0.0) / least:.4f}" if least else "",
+            f"{(point.row.objective or 0.0) / J_least:.4f}" if J_least else "",
             length_or_none(point.clearance),
             length_or_none(point.stand_off),
             upper_text(point.peak_input, 4),

@@ -35,15 +35,21 @@ from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.allocation import thrust_matrix
-from topo_search.export.poses import azimuth_deg, largest_wrench, load_wrenches, rotation_to, towards_viewer
+from topo_search.export.poses import (
+    azimuth_deg,
+    largest_wrench,
+    load_wrenches,
+    poses_to_draw,
+    rotation_to,
+    towards_viewer,
+)
 from topo_search.export.solids import join, pose_matrix
 from topo_search.model import Assembly, Audit, Design, LoadCase
 from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
-from topo_search.model.proven import at_least, at_most
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
 from topo_search.report.task_facts import vector as vector_text
-from topo_search.report.wording import clearance, figures, length, modules
+from topo_search.report.wording import clearance, figures, least, length, most
 from verify.air.jets import MODEL, jets
 from verify.flight.programs import Box
 from verify.flight.vehicle import force_hull
@@ -53,7 +59,7 @@ from verify.kinematics import Platform
 def arrows(design: Design, at: Platform) -> Iterator[dict[str, Any]]:
     """Yield every load case as arrows: its name, its words, the label and position of each arrow, its parts."""
     S = longest_arrow(design, at)
-    least, thick, radius = 0.15, 0.025, 0.3  # shortest arrow, shaft, torque's ring, over the longest arrow
+    shortest, thick, radius = 0.15, 0.025, 0.3  # shortest arrow, shaft, torque's ring, over the longest arrow
     largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
     for k, wrenches in itertools.groupby(load_wrenches(design, at), key=lambda wrench: wrench[0]):
         meshes, labels, words = [], [], []
@@ -61,7 +67,7 @@ def arrows(design: Design, at: Platform) -> Iterator[dict[str, Any]]:
             size = float(np.linalg.norm(vector))
             if not size:
                 continue
-            length = S * max(least, size / largest[kind])
+            length = S * max(shortest, size / largest[kind])
             shape, extent = (straight_arrow, length) if kind == "force" else (ring, radius * length)
             mesh, end = shape(point, vector / size, extent, thick * S)
             text = f"{figures(size, 3)} {'N' if kind == 'force' else 'N m'}"
@@ -118,11 +124,10 @@ def force_polytope(design: Design, at: Platform) -> tuple[Array, Array] | None:
     return None if hull is None else (weight * (hull.points - carried), hull.simplices)
 
 
-def view(name: str, design: Design, at: Platform, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
-    """Return the picture of a design.
+def view(design: Design, at: Platform, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
+    """Return the picture of a design, as the page's script draws it.
 
     Args:
-        name: of its element.
         design: any design.
         at: its poses.
         audit: its audit.
@@ -130,9 +135,8 @@ def view(name: str, design: Design, at: Platform, audit: Audit | None, *, forces
     """
     assembly = None if audit is None else audit.assembly
     nearest = closest(audit)
-    cases = list(arrows(design, at))
     u_max = design.task.module.max_input(design.task.gravity)
-    value = {
+    return {
         "parts": [part.dump() for part in scene(design, at, nearest, assembly)],
         "towards": towards_viewer(azimuth_deg(at)).round(4).tolist(),
         "R": at.R.round(7).tolist(),
@@ -142,19 +146,10 @@ def view(name: str, design: Design, at: Platform, audit: Audit | None, *, forces
         "modules": _modules(design, at, audit),
         "throttle": (design.inputs / u_max).round(6).tolist(),
         "air": _air(design),
-        "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in cases],
+        "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in arrows(design, at)],
         "closest": None if nearest is None else closest_words(nearest),
         "steps": _steps(design, assembly),
         "forces": _forces(design, at, audit) if forces else None,
-    }
-    return {
-        "name": name,
-        "caption": f"{design.topology.key}, a platform of {modules(design.topology.n)}, in the axes of the task",
-        "value": value,
-        "still": thumbnail(design, at, 360),
-        "cases": [case["name"] for case in cases],
-        "listed": len(cases) > 12,  # so many are chosen from a list rather than by a button each
-        "forces": value["forces"] is not None,
     }
 
 
@@ -190,48 +185,34 @@ def _forces(design: Design, at: Platform, audit: Audit | None) -> dict[str, Any]
     if reserve is not None:
         sphere = ball(at.end_effector, scale * reserve)
         parts.append(Part("forces", "in every direction", palette.END_EFFECTOR, sphere))
-        caption += f" The ball: {figures(at_least(reserve, 3), 3)} N can be added in every direction."
+        caption += f" The ball: {least(reserve, ' N')} can be added in every direction."
     return {"told": caption, "parts": [part.dump() for part in parts]}
 
 
 def _modules(design: Design, at: Platform, audit: Audit | None) -> list[str]:
     """Return the tooltip of each module."""
-    hinges = {
-        i: f"port {PORT_NAMES[b]} bolted to port {PORT_NAMES[a]} of module {h}, "
-        f"hinge {figures(math.degrees(alpha), 3)}°"
-        for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
-    }
-    return [
-        "\n".join(
-            [
-                f"module {i}",
-                hinges.get(i, "the root"),
-                f"centre {_vector(at.p[i])} m",
-                f"thrust axis {_vector(at.z[i])}",
-                *_audit_lines(audit, i),
-            ]
-        )
-        for i in range(design.topology.n)
-    ]
+    joints = ["the root"]
+    for (h, _, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
+        angle = f"hinge {figures(math.degrees(alpha), 3)}°"
+        joints.append(f"port {PORT_NAMES[b]} bolted to port {PORT_NAMES[a]} of module {h}, {angle}")
+    tooltips = []
+    for i, joint in enumerate(joints):
+        lines = [f"module {i}", joint, f"centre {_vector(at.p[i])} m", f"thrust axis {_vector(at.z[i])}"]
+        tooltips.append("\n".join([*lines, *([] if audit is None else _audit_lines(audit, i))]))
+    return tooltips
 
 
-def _audit_lines(audit: Audit | None, i: int) -> list[str]:
-    """Return a module's least clearance and the largest moment in its joint, as the audit knows them."""
-    if audit is None:
-        return []
-    lines = []
-    between = ("airflow", "separation", "body", "rotor-airflow", "bracket-airflow", "bracket-rotor")
-    pairs = [
-        pair for pair in audit.pairs if pair.a == i or (pair.b == i and pair.kind in (*between, "rod-airflow"))
-    ]
+def _audit_lines(audit: Audit, i: int) -> Iterator[str]:
+    """Yield a module's least clearance and the largest moment in its joint, as the audit knows them."""
+    between = ("airflow", "separation", "body", "rotor-airflow", "bracket-airflow", "bracket-rotor", "rod-airflow")
+    pairs = [pair for pair in audit.pairs if pair.a == i or (pair.b == i and pair.kind in between)]
     if pairs:
-        least = min(pairs, key=lambda pair: pair.analytic_m)
-        lines.append(f"least clearance {clearance(least)}: {least.name}")
+        nearest = min(pairs, key=lambda pair: pair.analytic_m)
+        yield f"least clearance {clearance(nearest)}: {nearest.name}"
     loads = [] if audit.flight is None else [load for load in audit.flight.joints if load.child == i]
     if loads:
         worst = max(loads, key=lambda load: load.moment_Nm)
-        lines.append(f"joint bears up to {figures(at_most(worst.moment_Nm, 3), 3)} N m, in {worst.case}")
-    return lines
+        yield f"joint bears up to {most(worst.moment_Nm, ' N m')}, in {worst.case}"
 
 
 def _steps(design: Design, assembly: Assembly | None) -> list[str]:
@@ -257,15 +238,14 @@ def _vector(values: np.ndarray[Any, Any]) -> str:
     return f"[{', '.join(f'{x:.3f}' for x in (values + 0.0).tolist())}]".replace("-", "−")
 
 
-def thumbnail(design: Design, at: Platform, side: int = 36) -> Markup:
+def thumbnail(design: Design, side: int = 36) -> Markup:
     """Return a small picture, which tells designs apart in a table: inline SVG, seen as in the page's view.
 
     Args:
         design: any design.
-        at: its poses.
         side: edge of the picture [px].
     """
-    sides = 10  # of a rotor's disc
+    at, sides = poses_to_draw(design), 10  # of a rotor's disc
     towards = towards_viewer(azimuth_deg(at))
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
