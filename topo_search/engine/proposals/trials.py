@@ -203,8 +203,6 @@ class TreeSampler(BaseSampler):
         self.ranking: list[Merit] = []
         """The best trial of each of these candidates, in the order of their merit."""
         self._merits: dict[str, Merit] = {}
-        self.drawn: dict[int, Idea] = {}
-        """Ideas drawn for trials, by trial number; the only tree of one module needs no draw."""
         self.values = ranges(space.n, self.connectors)
         """Number of values that each number that makes a tree can have."""
         self.distributions: dict[str, BaseDistribution] = {
@@ -255,13 +253,13 @@ class TreeSampler(BaseSampler):
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
     ) -> dict[str, Any]:
-        """Return the numbers of a tree that is drawn."""
+        """Return the numbers of a tree that is drawn, and take note of it."""
         for idea in islice(self.ideas(study, trial), HALVING.draws):
             if idea.again or idea.key not in self.proposed:
                 break
         else:
             idea = self._draw_unknown()
-        self.drawn[trial.number] = idea
+        self.note_idea(trial.number, idea)
         return dict(encode(Topology.from_key(idea.key), self.connectors))
 
     def sample_independent(
