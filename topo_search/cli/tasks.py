@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Iterator
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -81,12 +81,11 @@ def check(
     warnings = task_warnings(problem)
     first = problem.resolve(problem.sizes[0]).model_dump(mode="json")
     value = {"task": first, "sizes": sizes, "warnings": [one._asdict() for one in warnings]}
-    groups = [*_requirements(problem)]
-    groups += [(f"search of {quantity(size['modules'], 'module')}", _expectations(size)) for size in sizes]
-    groups += [("warnings", warnings)] * bool(warnings)
-    lines = [line for title, rows in groups for line in _group(title, rows)]
+    searches = [(f"search of {quantity(size['modules'], 'module')}", _expectations(size)) for size in sizes]
+    groups = chain(_requirements(problem), searches, [("warnings", warnings)] * bool(warnings))
+    lines = (line for title, rows in groups for line in _group(title, rows))
     drawn = [] if picture is None else [f"\nthe picture is in {picture}"]
-    options.echo_answer(value, [problem.name, *lines, *drawn])
+    options.echo_answer(value, chain([problem.name], lines, drawn))
 
 
 def _requirements(task: ts.Task) -> Iterator[tuple[str, Iterable[tuple[str, str]]]]:
