@@ -29,7 +29,6 @@ word with m modules and 2m + s free slots exactly s are the preorder text of a f
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -384,22 +383,16 @@ def own_candidates(
             raise BadInput(source, f"must list at most {LIMITS.own_topologies:,} topologies, but has more")
         position = f"[{number}]" if places is None else places[number]
         try:
-            topology = own_topology(item)
-            _require_allowed(topology, task)
+            key = _allowed(own_topology(item), task).key
+            if key in first:
+                raise ValueError(f"must be listed once, but {key} is in {first[key]} already")
+            first[key] = position
         except ValueError as error:
             faults.append(Fault(position, str(error)))
-            continue
-        if (key := topology.key) in first:
-            faults.append(Fault(position, f"must be listed once, but {key} is in {first[key]} already"))
-        else:
-            first[key] = position
-    if not faults and not first:
-        faults.append(Fault("", "must list at least one topology, but has none"))
-    sizes = Counter(len(key) - 1 for key in first)
-    if not faults and (missing := [n for n in task.sizes if not sizes[n]]):
-        faults.append(
-            Fault("", f"must list a topology of each size of the task, but none has {missing[0]} modules")
-        )
+    missing = [n for n in task.sizes if n not in {len(key) - 1 for key in first}]
+    if not faults and missing:
+        rule = f"a topology of each size of the task, but none has {missing[0]} modules"
+        faults.append(Fault("", f"must list {rule if first else 'at least one topology, but has none'}"))
     if faults:
         shown = 20  # named one by one
         left = [Fault("", f"has {len(faults) - shown:,} more faults")] if len(faults) > shown else []
@@ -424,9 +417,11 @@ def own_topology(given: OwnTopology) -> Topology:
     raise ValueError(f"must be a Topology, a key or a networkx graph, but got {type(given).__name__}")
 
 
-def _require_allowed(topology: Topology, task: Task) -> None:
+def _allowed(topology: Topology, task: Task) -> Topology:
+    """Return a tree that may be a candidate for a task; ValueError for another."""
     if topology.n not in task.sizes:
         sizes = " or ".join(map(str, task.sizes))
         raise ValueError(f"must have {sizes} modules, as the task asks, but {topology.key} has {topology.n}")
     if task.search.connectors == "aligned" and not topology.aligned:
         raise ValueError(f'{topology.key} needs search.connectors = "any", but the task has "aligned"')
+    return topology

@@ -67,10 +67,8 @@ Rank = tuple[float, float]
 
 def ranges(n: int, connectors: Connectors) -> dict[str, int]:
     """Return the names of the numbers that make a tree of n modules, and how many values each can have."""
-    numbers = {_port(k): 2 * k + 2 for k in range(1, n)}
-    if connectors == "any":
-        numbers |= {_spin(k): 2 for k in range(1, n)}
-    return numbers
+    spins = {f"spin {k}": 2 for k in range(1, n)} if connectors == "any" else {}
+    return {f"port {k}": 2 * k + 2 for k in range(1, n)} | spins
 
 
 def decode(numbers: Mapping[str, int], n: int) -> Topology:
@@ -78,8 +76,8 @@ def decode(numbers: Mapping[str, int], n: int) -> Topology:
     joints: list[Joint] = [ROOT]
     free = [(0, port) for port in range(4)]
     for k in range(1, n):
-        h, a = free.pop(numbers[_port(k)])
-        b = (a + 2 - numbers.get(_spin(k), 0)) % 4
+        h, a = free.pop(numbers[f"port {k}"])
+        b = (a + 2 - numbers.get(f"spin {k}", 0)) % 4
         joints.append((h, a, b))
         free.extend((k, (b + slot) % 4) for slot in (1, 2, 3))
     return Topology(tuple(joints))
@@ -91,20 +89,12 @@ def encode(topology: Topology, connectors: Connectors) -> dict[str, int]:
     numbers: dict[str, int] = {}
     free = [(0, port) for port in range(4)]
     for k, (h, a, b) in enumerate(joints[1:], start=1):
-        numbers[_port(k)] = free.index((h, a))
+        numbers[f"port {k}"] = free.index((h, a))
         if connectors == "any":
-            numbers[_spin(k)] = (a + 2 - b) % 2
+            numbers[f"spin {k}"] = (a + 2 - b) % 2
         free.remove((h, a))
         free.extend((k, (b + slot) % 4) for slot in (1, 2, 3))
     return numbers
-
-
-def _port(k: int) -> str:
-    return f"port {k}"
-
-
-def _spin(k: int) -> str:
-    return f"spin {k}"
 
 
 def rank(score: Tried) -> Rank:
