@@ -196,7 +196,7 @@ def _draw_forest(random: Random, trees: int, modules: int, connectors: Connector
     return waiting[::-1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Candidate:
     """One tree that stands for all those that a quotient takes for the same."""
 
