@@ -9,7 +9,7 @@ Their numbers have closed forms, and draws are exactly uniform:
 | n | number of modules |
 | T(x) = 1 + x T(x)^3 | generating function of ternary trees: a slot is free or holds a module with three slots |
 | F(n) | fixed trees: nothing but the choice of the root is the same; OEIS A000139 |
-| n F(n) | rooted trees: x T(x)^4; OEIS A006629 (offset 1) |
+| n F(n) | rooted trees, a forest at the four ports of the root: x T(x)^4; OEIS A006629 (offset 1) |
 | L, k | modules on the axis of a mirror; pairs of modules beside it, n = L + 2k |
 
 A quotient by a group has (1/|G|) sum over g of Fix(g) classes (Burnside's lemma). For one family there are OEIS
@@ -96,6 +96,7 @@ def _shapes(quarters: int, mirror: bool, n: int, connectors: Connectors, root: R
     """
 
     def shape(trees: int, modules: int, build: Build, *, times: int = 1, same: int = 1, joints: int = 0) -> _Shape:
+        # times: trees that a forest makes; same: forests that make one tree; joints: others than a forest's
         number = times * forests(trees, modules) // same
         return _Shape(trees, modules, number << (modules + joints if connectors == "any" else 0), build)
 
