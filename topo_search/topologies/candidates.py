@@ -436,7 +436,7 @@ def own_candidates(
             raise BadInput(source, f"must list at most {LIMITS.own_topologies:,} topologies, but has more")
         position = f"[{number}]" if places is None else places[number]
         try:
-            key = _allowed(own_topology(item), task).key
+            key = _require_allowed(own_topology(item), task).key
             if key in first:
                 raise ValueError(f"must be listed once, but {key} is in {first[key]} already")
             first[key] = position
@@ -470,7 +470,7 @@ def own_topology(given: OwnTopology) -> Topology:
     raise ValueError(f"must be a Topology, a key or a networkx graph, but got {type(given).__name__}")
 
 
-def _allowed(topology: Topology, task: Task) -> Topology:
+def _require_allowed(topology: Topology, task: Task) -> Topology:
     """Return a tree that may be a candidate for a task; ValueError for another."""
     if topology.n not in task.sizes:
         sizes = " or ".join(map(str, task.sizes))
