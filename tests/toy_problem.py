@@ -242,17 +242,13 @@ def toy_solved(key, task=None, starts=1):
 
 
 def follow(strategy, solver):
-    """Let a solver answer what a strategy proposes, each result when the strategy waits for it."""
+    """Let a solver answer what a strategy proposes, each result when the strategy needs it."""
     stage = None
-    while not strategy.over:
-        proposal = strategy.ask()
+    for proposal in strategy.propose(lambda _: solver.results(1)[0]):
         if strategy.stage is not stage:
             stage = strategy.stage
             solver.begin_stage(*stage)
-        if proposal is not None:
-            solver.submit(proposal)
-        elif not strategy.over:
-            strategy.tell(*solver.results(1))
+        solver.submit(proposal)
 
 
 def toy_row(key, *, objective, gap):

@@ -138,11 +138,9 @@ def simulated(space: Candidates, jobs: list[Job], size: int, trials: int, worker
     search = OptunaSearch(space, sampler="moves", trials=trials, round_size=size, starts=starts, seed=0)
     solver = SimulatedWorkers(jobs, workers)
     with suppress(StopIteration):
-        while not search.over:
-            if (proposal := search.ask()) is not None:
+        for proposal in search.propose(lambda _: solver.results(1)[0]):
+            if proposal is not None:
                 solver.submit(proposal, again=search.stage is not None and search.stage.again)
-            elif not search.over:
-                search.tell(*solver.results(1))
     spans = solver.spans
     last, end = max(began for began, _ in spans), max(solver.free)
     shares = (sum(min(b, until) - a for a, b in spans) / (workers * until) for until in (last, end))

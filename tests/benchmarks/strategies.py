@@ -232,13 +232,11 @@ def explore(
         space, sampler=way.sampler, trials=trials, round_size=way.round_size, starts=starts, seed=seed
     )
     results = deque[Tried]()
-    while not search.over:
-        if (proposal := search.ask()) is not None:
+    for proposal in search.propose(lambda _: results.popleft()):
+        if proposal is not None:
             results.append(source(proposal))
             if ends(source):
                 return
-        elif not search.over:
-            search.tell(results.popleft())
 
 
 if __name__ == "__main__":

@@ -14,14 +14,13 @@ from typing import Any, NoReturn
 
 import click
 
+import topo_search as ts
 from topo_search.supervisor import ExitStatus, Stop, is_out_of_memory
 
 
 @contextmanager
 def needs_extras(option: str) -> Iterator[None]:
     """Turn a missing library of an extra into how to install it."""
-    from topo_search.model import BadInput
-
     extras = {"distributed": "cluster", "matplotlib": "viz", "mujoco": "sim", "PIL": "sim", "pyarrow": "viz"}
     try:
         yield
@@ -30,7 +29,7 @@ def needs_extras(option: str) -> Iterator[None]:
         if extra is None:
             raise
         how = f'needs {error.name}, which is not installed; run: pip install "topo-search[{extra}]"'
-        raise BadInput(option, how) from None
+        raise ts.BadInput(option, how) from None
 
 
 @contextmanager
@@ -43,10 +42,7 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
     Args:
         resumes: whether the command keeps what it has finished, and goes on from there when it is typed again.
     """
-    from topo_search.engine import WorkersLost
-    from topo_search.model import BadInput
-    from topo_search.study.ledger_file import LedgerLost
-
+    BadInput, WorkersLost, LedgerLost = ts.BadInput, ts.WorkersLost, ts.LedgerLost  # later memory may have run out
     kept = "; finished results are safe; run the same command to continue" if resumes else ""
     current = signal.getsignal(signal.SIGTERM)
     stop = current if isinstance(current, Stop) else Stop()

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command
 
@@ -87,7 +88,6 @@ def experiment(
     Exit status: 0 done; 2 bad input; 70 no cell has an answer.
     """  # noqa: D301 (\b is click's)
     from topo_search.cli.progress import shown_progress
-    from topo_search.engine import WorkersLost
     from topo_search.experiments import Settings, conduct
     from topo_search.experiments import experiment as find_experiment
 
@@ -108,7 +108,7 @@ def experiment(
     failed = rows["status"] == "failed"
     answered = rows[~failed]  # a cell without an answer is not one without a design
     if answered.empty:
-        raise WorkersLost(f"all {len(rows)} cells failed: {rows['worst_constraint'].iloc[0]}")
+        raise ts.WorkersLost(f"all {len(rows)} cells failed: {rows['worst_constraint'].iloc[0]}")
     findings = study.findings(answered)
     if failed.any():
         number = f"{failed.sum()} of {len(rows)} cells"

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command, needs_extras, note
 
 if TYPE_CHECKING:
     from topo_search.export.mjcf import Physics
-    from topo_search.model import Audit, Design
 
 SUFFIXES = {
     ".csv": "csv",
@@ -128,7 +128,6 @@ def export(
     from topo_search.compose import audit, read_completed, read_design
     from topo_search.export.formats import content, formats, of_name
     from topo_search.export.mjcf import Physics
-    from topo_search.model import BadInput
     from topo_search.model.files import write_atomically
 
     if kind not in (None, *OURS) and kind not in formats():
@@ -138,24 +137,24 @@ def export(
     form: Any = kind or SUFFIXES.get(suffix)
     form = form or next((one.name for one in formats().values() if suffix in one.suffixes), None)
     if kind not in ("kit", "brackets") and out.is_dir():
-        raise BadInput("--out", f"must be a file unless --format is kit or brackets, but {out} is a directory")
+        raise ts.BadInput("--out", f"must be a file unless --format is kit or brackets, but {out} is a directory")
     if form is None:
         rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
-        raise BadInput("--out", rule)
+        raise ts.BadInput("--out", rule)
     if parts is not None and form not in ("glb", "stl"):
-        raise BadInput("--parts", f"applies only to glb and stl, but got {parts}")
+        raise ts.BadInput("--parts", f"applies only to glb and stl, but got {parts}")
     if air_speed is not None and form not in ("glb", *PICTURES):
-        raise BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {form}")
+        raise ts.BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {form}")
     if load_case is not None and air_speed is None:
-        raise BadInput("--load-case", "applies only with --air-speed")
+        raise ts.BadInput("--load-case", "applies only with --air-speed")
     if angle_step is not None and form not in KIT:
-        raise BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {form}")
+        raise ts.BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {form}")
     if form == "air" and SUFFIXES.get(suffix) != "air":
-        raise BadInput("--out", f"must end in .npz or .vti, but got {out.name}")
+        raise ts.BadInput("--out", f"must end in .npz or .vti, but got {out.name}")
     physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
     if physics != Physics() and form not in ("mjcf", "kit"):
         rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {form}"
-        raise BadInput("--motor-lag, --rod-mass, --contacts", rule)
+        raise ts.BadInput("--motor-lag, --rod-mass, --contacts", rule)
     if form in KIT:
         _write_kit(read_completed(source), form, out, angle_step, physics)
         return
@@ -188,26 +187,23 @@ def export(
     click.echo(f"the {kinds.get(form, 'design')} is in {out}")
 
 
-def _warn_unless_clear(audit: Audit) -> None:
+def _warn_unless_clear(audit: ts.Audit) -> None:
     """Warn of a design that is exported although its audit is not clear."""
-    from topo_search.model import Status
-
-    if audit.verdict != Status.CLEAR:
-        broken = [pair.name for pair in audit.pairs if pair.status != Status.CLEAR]
-        broken += [one.name for one in audit.residuals if one.status != Status.CLEAR]
+    if audit.verdict != ts.Status.CLEAR:
+        broken = [pair.name for pair in audit.pairs if pair.status != ts.Status.CLEAR]
+        broken += [one.name for one in audit.residuals if one.status != ts.Status.CLEAR]
         shown = ", ".join(broken[:3]) + ", ..." * (len(broken) > 3)
         note(f"warning: the audit of this design is {audit.verdict}: {shown}")
 
 
-def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:
+def _write_kit(design: ts.Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:
     """Write the kit of a design, or a part of it."""
     from topo_search.compose import audit, brackets_note, round_angles
     from topo_search.export.allocation import allocation, px4_warnings
     from topo_search.export.audits import broken_lines
     from topo_search.export.brackets import require_room
     from topo_search.export.kit import PIECES, require_kit_folder, write_brackets, write_kit
-    from topo_search.model import Status
-    from topo_search.model.files import to_json, write_atomically
+    from topo_search.model.files import write_atomically
 
     if kind == "kit":
         require_kit_folder(out)
@@ -221,7 +217,7 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
     else:
         design, audited, notes = round_angles(design, angle_step)
     options.echo_lines(notes)
-    if audited.verdict != Status.CLEAR and (kind == "kit" or angle_step is not None):
+    if audited.verdict != ts.Status.CLEAR and (kind == "kit" or angle_step is not None):
         for text in broken_lines(audited):
             note(text)
         note(f"nothing is written: the audit of this design is {audited.verdict}")
@@ -241,7 +237,7 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
     else:
         acts = allocation(design)
         as_json = kind == "allocation" and out.suffix.lower() == ".json"
-        write_atomically(out, to_json(acts) if as_json else PIECES[kind](design, notes))
+        write_atomically(out, ts.to_json(acts) if as_json else PIECES[kind](design, notes))
         for text in px4_warnings(acts) if kind == "px4" else ():
             note(f"warning: {text}")
         click.echo(f"the {'sheet' if kind == 'sheet' else 'table'} is in {out}")
@@ -258,17 +254,16 @@ def _table(source: str, kind: Any) -> str | bytes:
     return parquet(frame) if kind == "parquet" else csv(frame)
 
 
-def _audit_of(source: str) -> Audit:
+def _audit_of(source: str) -> ts.Audit:
     """Return the audit that a file holds, or that of the design that it holds."""
     from topo_search.cli.runs import AUDIT
     from topo_search.compose import audits, read_completed
     from topo_search.engine import Failed
-    from topo_search.model import Audit, BadInput
-    from topo_search.model.files import load_json, read_json, stated_format
+    from topo_search.model.files import load_json, stated_format
 
     if stated_format(load_json(source)) == AUDIT:
-        return read_json(Audit, source)
+        return ts.read_json(ts.Audit, source)
     (result,) = audits([read_completed(source)])
     if isinstance(result, Failed):
-        raise BadInput(source, f"the audit failed: {result.reason}")
+        raise ts.BadInput(source, f"the audit failed: {result.reason}")
     return result

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command, note
 from topo_search.limits import LIMITS
@@ -37,17 +38,16 @@ def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
     Exit status: 0; 1 a load case of the task is not proven to be possible; 2 bad input.
     """  # noqa: D301 (\b is click's)
     from topo_search.export.audits import flight_lines
-    from topo_search.model import BadInput
-    from topo_search.model.files import read_task, write_atomically
+    from topo_search.model.files import write_atomically
     from topo_search.model.flight import read_vehicle
     from topo_search.model.proven import lower_text
     from verify.flight.vehicle import capability as capability_of
 
     options.require_writable(page)
     loaded = read_vehicle(vehicle)
-    result = capability_of(loaded, None if judge is None else read_task(judge))
+    result = capability_of(loaded, None if judge is None else ts.read_task(judge))
     if result is None:
-        raise BadInput(vehicle, "has wrenches too large, in its weight and size, to compute with")
+        raise ts.BadInput(vehicle, "has wrenches too large, in its weight and size, to compute with")
     if page is not None:
         from topo_search.report.design_page import vehicle_page
 
@@ -90,16 +90,13 @@ def airflow(task: str | None, speed: float, at: str) -> None:
     Exit status: 0; 2 bad input, or no air is as fast.
     """
     from topo_search.compose.binding import enclose_speed, envelope_of_speed
-    from topo_search.model import Module
-    from topo_search.model.files import read_task
     from topo_search.model.module import AIR_DENSITY
     from topo_search.model.proven import lower_text, upper_text
-    from topo_search.model.task import Task
     from verify.air.envelope import envelope_air
 
-    module, density, gravity = Module(), AIR_DENSITY, Task.model_fields["gravity"].default
+    module, density, gravity = ts.Module(), AIR_DENSITY, ts.Task.model_fields["gravity"].default
     if task is not None:
-        read = enclose_speed(read_task(task))
+        read = enclose_speed(ts.read_task(task))
         module, density, gravity = read.module, read.air_density, read.gravity
     ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
     thrust = ratio * module.mass * gravity

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import topo_search as ts
 from topo_search.cli.errors import needs_extras, note
 from topo_search.limits import LIMITS
 
 if TYPE_CHECKING:
-    from topo_search.model import Design, Task
     from topo_search.model.task_warnings import TaskWarning
 
 SYMMETRIES = ("none", "c2", "d2", "c4", "d4")
@@ -138,9 +138,7 @@ def dask(command: Callable[..., Any]) -> Callable[..., Any]:
                 raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
             if not (dask_ca and dask_cert and dask_key):
                 raise click.UsageError("--dask-ca, --dask-cert and --dask-key must be given together")
-            from topo_search.engine import Certificates
-
-            tls = Certificates(dask_ca, dask_cert, dask_key)
+            tls = ts.Certificates(dask_ca, dask_cert, dask_key)
         command(dask=dask, dask_tls=tls, **others)
 
     function: Callable[..., Any] = with_certificates
@@ -160,7 +158,7 @@ def without_none(options: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fields: str | None) -> Task:
+def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fields: str | None) -> ts.Task:
     """Return the task that the command line names, with everything that its options set.
 
     Args:
@@ -173,30 +171,29 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
         BadInput: the task is wrong, or something else sets what `--paper` sets.
     """
     from topo_search.compose.binding import enclose_speed
-    from topo_search.model import BadInput, Fault
-    from topo_search.model.files import read_task
     from topo_search.model.text import PAPER
 
     changes = (*settings, *(f"{name.replace('__', '.')}={value}" for name, value in without_none(fields).items()))
     if not paper:
-        return enclose_speed(read_task(task, changes))
+        return enclose_speed(ts.read_task(task, changes))
     if twice := [setting for setting in changes if _meets(setting, PAPER)]:
-        raise BadInput("--paper", [Fault("", f"sets this field itself, but got {setting}") for setting in twice])
-    posed = enclose_speed(read_task(task, (*changes, *PAPER)))
+        faults = [ts.Fault("", f"sets this field itself, but got {setting}") for setting in twice]
+        raise ts.BadInput("--paper", faults)
+    posed = enclose_speed(ts.read_task(task, (*changes, *PAPER)))
     if posed.goals.clearance:
         rule = f"must be left out with --paper, whose margin is 0, but got {list(posed.goals.clearance)}"
-        raise BadInput(task, [Fault("goals.clearance", rule)])
+        raise ts.BadInput(task, [ts.Fault("goals.clearance", rule)])
     return posed
 
 
-def read_near(files: tuple[str, ...]) -> list[Design]:
+def read_near(files: tuple[str, ...]) -> list[ts.Design]:
     """Return the designs of some files; BadInput names every fault."""
     from topo_search.compose import read_completed
 
     return [read_completed(file) for file in files]
 
 
-def read_topologies(file: str, task: Task) -> tuple[str, ...]:
+def read_topologies(file: str, task: ts.Task) -> tuple[str, ...]:
     """Return the keys of a file that lists the candidates of a task.
 
     Raises:
@@ -211,7 +208,7 @@ def read_topologies(file: str, task: Task) -> tuple[str, ...]:
     return own_candidates([key for _, key in keys], task, source=file, places=places)
 
 
-def warn(task: Task) -> tuple[TaskWarning, ...]:
+def warn(task: ts.Task) -> tuple[TaskWarning, ...]:
     """Print the warnings about a task, as `check` does, on stderr; and return them."""
     from topo_search.model.task_warnings import task_warnings
 
@@ -261,10 +258,8 @@ def picture(text: str) -> Callable[..., Any]:
 
 def require_drawable(out: Path) -> None:
     """Refuse a picture that cannot be drawn, before any work is done for it."""
-    from topo_search.model import BadInput
-
     if out.suffix.lower() not in (".png", ".svg"):
-        raise BadInput("--picture", f"must end in .png or .svg, but got {out.name}")
+        raise ts.BadInput("--picture", f"must end in .png or .svg, but got {out.name}")
     require_writable(out, "--picture")
     with needs_extras("--picture"):
         import matplotlib  # noqa: F401 (pandas and numpy are always there, it is not)
@@ -272,17 +267,15 @@ def require_drawable(out: Path) -> None:
 
 def require_writable(out: Path | None, option: str = "--out") -> None:
     """Refuse a file that cannot be written, if one is asked for, before any work is done for it; none is left."""
-    from topo_search.model import BadInput
-
     if out is None:
         return
     folder = out.parent
     try:
         if out.exists() and not out.is_file():  # a device: its name would be taken by a file
-            raise BadInput(option, f"must be a regular file if it exists, but got {out}")
+            raise ts.BadInput(option, f"must be a regular file if it exists, but got {out}")
         while not folder.exists():
             folder = folder.parent
         with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{out.name}."):  # as `write_atomically` names it
             pass
     except OSError as error:
-        raise BadInput(option, f"must be writable, but got {out} ({folder}: {error.strerror})") from None
+        raise ts.BadInput(option, f"must be writable, but got {out} ({folder}: {error.strerror})") from None

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command, needs_extras
 from topo_search.limits import LIMITS
@@ -16,7 +17,6 @@ from topo_search.supervisor import ExitStatus
 
 if TYPE_CHECKING:
     from topo_search.model.task_warnings import TaskWarning
-    from topo_search.study import Answer, SizeAnswer
 
 
 @command(epilog="Example: topo-search run push --paper --out push-paper", resumes=True)
@@ -114,15 +114,13 @@ def run(
 
     warnings: list[TaskWarning] = []
     with _print_if_lost(warnings), shown_progress() as observer, needs_extras("--dask"):
-        from topo_search.compose import search
-
         fields = {"modules": modules, "search__root": root, "search__connectors": connectors}
         problem = options.task_of(task, settings, paper=paper, **fields)
         listed = None if topologies is None else options.read_topologies(topologies, problem)
         designs = options.read_near(near)
         warnings += options.warn(problem)
         given = options.without_none(option_values)
-        answer = search(problem, near=designs, topologies=listed, observer=observer, **given)
+        answer = ts.search(problem, near=designs, topologies=listed, observer=observer, **given)
     from topo_search.cli.tables import answer_lines
 
     options.echo_answer(answer_as_json(answer, warnings), answer_lines(answer))
@@ -133,14 +131,11 @@ def run(
 @contextmanager
 def _print_if_lost(warnings: Sequence[TaskWarning]) -> Iterator[None]:
     """Print the best design and what else was found if the run's folder is gone, so that it is not lost."""
-    from topo_search.study import LedgerLost
-
     try:
         yield
-    except LedgerLost as lost:
+    except ts.LedgerLost as lost:
         if lost.answer is not None:
             from topo_search.cli.tables import found_lines
-            from topo_search.model.files import to_json
 
             design, lines = lost.design, [*found_lines(lost.answer)]
             if design is not None and lost.answer.best is None:
@@ -149,11 +144,11 @@ def _print_if_lost(warnings: Sequence[TaskWarning]) -> Iterator[None]:
                 "exit_status": ExitStatus.INPUT_OUTPUT,
                 "design": design and design.model_dump(mode="json"),
             }
-            options.echo_answer(value, lines if design is None else [*lines, to_json(design).rstrip("\n")])
+            options.echo_answer(value, lines if design is None else [*lines, ts.to_json(design).rstrip("\n")])
         raise
 
 
-def answer_as_json(answer: Answer, warnings: Sequence[TaskWarning]) -> dict[str, Any]:
+def answer_as_json(answer: ts.Answer, warnings: Sequence[TaskWarning]) -> dict[str, Any]:
     """Return an answer, and the warnings about its task, as a JSON value."""
     value = {
         "folder": str(answer.folder),
@@ -179,5 +174,5 @@ def answer_as_json(answer: Answer, warnings: Sequence[TaskWarning]) -> dict[str,
     return {**value, "levels": levels, "front": [point.cells for point in answer.points]}
 
 
-def _size_as_json(size: SizeAnswer) -> dict[str, Any]:
+def _size_as_json(size: ts.SizeAnswer) -> dict[str, Any]:
     return {**asdict(size), "relaxed": size.relaxed and size.relaxed.model_dump(mode="json")}

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command, note
 from topo_search.cli.run import answer_as_json
@@ -16,7 +17,6 @@ from topo_search.limits import LIMITS
 from topo_search.supervisor import ExitStatus
 
 if TYPE_CHECKING:
-    from topo_search.model import Geometry
     from topo_search.report.headline import Compared
 
 run_folder = click.argument("run", type=click.Path(path_type=Path, exists=True, file_okay=False))
@@ -31,12 +31,11 @@ def list_runs(folder: Path) -> None:
     Exit status: 0 listed; 2 bad input.
     """
     from topo_search.cli.tables import run_lines
-    from topo_search.model import BadInput
     from topo_search.study import RunFolder, answer_of
     from topo_search.study.directory import RunFile
 
     if not folder.is_dir():
-        raise BadInput(str(folder), "no such folder: `topo-search run push` makes a first run in ./runs")
+        raise ts.BadInput(str(folder), "no such folder: `topo-search run push` makes a first run in ./runs")
 
     runs = []
     for ledger in sorted(folder.glob(f"*/{RunFile.LEDGER}")):
@@ -69,14 +68,13 @@ def open_page(run: Path) -> None:
 
     Exit status: 0 opened; 2 bad input, or no browser.
     """
-    from topo_search.model import BadInput
     from topo_search.study import RunFile
 
     page = run / RunFile.REPORT
     if not page.is_file():
-        raise BadInput(str(run), f"has no {RunFile.REPORT} yet: topo-search report {run} writes it")
+        raise ts.BadInput(str(run), f"has no {RunFile.REPORT} yet: topo-search report {run} writes it")
     if click.launch(str(page)):
-        raise BadInput(str(page), "no program on this machine opens it")
+        raise ts.BadInput(str(page), "no program on this machine opens it")
 
 
 @command(epilog="Example: topo-search report runs/push-*/")
@@ -98,10 +96,8 @@ def report(source: Path, out: Path | None, flight: Path | None) -> None:
 
     Exit status: 0 written, whatever the verdict; 2 bad input.
     """
-    from topo_search import compose
-
     options.require_writable(out)
-    click.echo(f"the page is in {compose.write_report(source, out=out, flight=flight, note=note)}")
+    click.echo(f"the page is in {ts.write_report(source, out=out, flight=flight, note=note)}")
 
 
 @command(epilog="Example: topo-search compare runs/push-1 runs/push-2")
@@ -116,11 +112,10 @@ def compare(first: Path, second: Path, out: Path) -> None:
 
     Exit status: 0 compared; 2 bad input.
     """
-    from topo_search import compose
     from topo_search.cli.tables import figure_lines
 
     options.require_writable(out)
-    figures = {side[0].name: _figures(side[0]) for side in compose.compare(first, second, out=out)}
+    figures = {side[0].name: _figures(side[0]) for side in ts.compare(first, second, out=out)}
     options.echo_answer(figures, (*figure_lines(figures), f"the page is in {out}"))
 
 
@@ -157,7 +152,6 @@ def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, wo
     from topo_search.compose import audits, available_cores
     from topo_search.engine import Failed
     from topo_search.export.audits import Judged, clearances_of, csv, markdown
-    from topo_search.model import Status
     from topo_search.model.files import write_atomically
 
     for option, out in (("--csv", table), ("--markdown", summary)):
@@ -188,7 +182,7 @@ def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, wo
         write_atomically(summary, markdown(judged, [*failed, *refused]))
     if refused:
         raise SystemExit(ExitStatus.BAD_INPUT)
-    if failed or any(verdict != Status.CLEAR for verdict in verdicts):
+    if failed or any(verdict != ts.Status.CLEAR for verdict in verdicts):
         raise SystemExit(1)
 
 
@@ -196,17 +190,16 @@ AUDIT = "topo-search/audit"
 """`format` of an audit's file."""
 
 
-def _read_designs(words: Sequence[str]) -> tuple[list[tuple[str, Geometry]], list[tuple[str, str]], int]:
+def _read_designs(words: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]], list[tuple[str, str]], int]:
     """Return designs and faults of other files, each with a file's name, and the number of audits passed over.
 
     A folder stands for all `*.json` below it, sorted, and may hold audits that a run keeps beside its designs.
     Links to folders are followed when they are given, not when they are met.
     """
-    from topo_search.model import BadInput
     from topo_search.model.files import load_json, stated_format, to_geometry
     from topo_search.model.value import to_printable
 
-    read: list[tuple[str, Geometry]] = []
+    read: list[tuple[str, ts.Geometry]] = []
     refused: list[tuple[str, str]] = []
     skipped = 0
     for word in words:
@@ -215,13 +208,13 @@ def _read_designs(words: Sequence[str]) -> tuple[list[tuple[str, Geometry]], lis
             name = to_printable(path)
             try:
                 if fault is not None:
-                    raise BadInput(name, fault)
+                    raise ts.BadInput(name, fault)
                 data = load_json(path, most_bytes=LIMITS.design_bytes)
                 if in_folder and stated_format(data) == AUDIT:
                     skipped += 1
                 else:
                     read.append((name, to_geometry(data, name)))
-            except BadInput as error:
+            except ts.BadInput as error:
                 refused.append((name, "; ".join(map(str, error.faults))))
                 note("\n".join(f"{name}: {each}" for each in error.faults))
     return read, refused, skipped

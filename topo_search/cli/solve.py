@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command, explain_errors, needs_extras, note
 from topo_search.limits import LIMITS
 from topo_search.supervisor import ExitStatus
-
-if TYPE_CHECKING:
-    from topo_search.model import Task, Topology
 
 
 @command(epilog="Example: topo-search solve push --topology af0000 --out design.json")
@@ -56,22 +54,20 @@ def solve(
     --json prints the design, or why there is none. If --out cannot be written, the design is printed instead, so
     nothing is lost. Exit status as for `run`.
     """
-    from topo_search import compose
     from topo_search.cli.tables import progress_line, solved_lines
     from topo_search.engine import Failed
-    from topo_search.model import Design
-    from topo_search.model.files import to_json, write_atomically
+    from topo_search.model.files import write_atomically
 
     problem = options.task_of(task, settings, paper=paper, modules=modules)
     topology = _topology(problem, key, sample_seed, sized=modules is not None)
     designs = options.read_near(near)
     options.require_writable(out)
     options.warn(problem.model_copy(update={"modules": topology.n}))
-    solved = compose.solve(
+    solved = ts.solve(
         problem, topology, near=designs, progress=lambda best: note(progress_line(best)), note=note, **option_values
     )
-    if out is not None and isinstance(solved.outcome, Design):
-        text = to_json(solved.outcome)
+    if out is not None and isinstance(solved.outcome, ts.Design):
+        text = ts.to_json(solved.outcome)
         try:
             write_atomically(out, text)
         except OSError:
@@ -81,27 +77,26 @@ def solve(
     if isinstance(solved.outcome, Failed):
         options.echo_answer({"status": "failed", "reason": solved.outcome.reason}, lines)
     else:
-        options.echo_lines([to_json(solved.outcome).rstrip("\n")] if options.is_json() else lines)
+        options.echo_lines([ts.to_json(solved.outcome).rstrip("\n")] if options.is_json() else lines)
     raise SystemExit(solved.exit_status)
 
 
-def _topology(task: Task, key: str | None, sample_seed: int | None, *, sized: bool) -> Topology:
+def _topology(task: ts.Task, key: str | None, sample_seed: int | None, *, sized: bool) -> ts.Topology:
     """Return the tree that the options name."""
-    from topo_search.model import BadInput, Topology
     from topo_search.topologies import sample
 
     if key is not None and sample_seed is None:
         try:
-            topology = Topology.from_key(key)
+            topology = ts.Topology.from_key(key)
         except ValueError as error:
-            raise BadInput("--topology", str(error)) from None
+            raise ts.BadInput("--topology", str(error)) from None
         if sized and topology.n not in task.sizes:
             rule = f"must have the number of modules of --modules, but got {topology.n} in {key}"
-            raise BadInput("--topology", rule)
+            raise ts.BadInput("--topology", rule)
         return topology
     if key is None and sample_seed is not None:
         if len(task.sizes) > 1:
-            raise BadInput("--sample-seed", "needs one number of modules: choose it with --modules N")
+            raise ts.BadInput("--sample-seed", "needs one number of modules: choose it with --modules N")
         search = task.search
         (topology,) = sample(task.sizes[0], 1, sample_seed, connectors=search.connectors, root=search.root)
         return topology
@@ -171,9 +166,7 @@ def prove(
     from topo_search.cli.progress import shown_progress
 
     with shown_progress() as observer, needs_extras("--dask"):
-        from topo_search.compose import prove as prove_run
-
-        answer = prove_run(folder, topology=topology, observer=observer, **options.without_none(option_values))
+        answer = ts.prove(folder, topology=topology, observer=observer, **options.without_none(option_values))
     from topo_search.study.answer import candidates
 
     table = candidates(folder)

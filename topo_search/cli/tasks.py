@@ -5,19 +5,17 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Iterator
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command
 from topo_search.limits import LIMITS
 from topo_search.report.wording import figures, quantity
-
-if TYPE_CHECKING:
-    from topo_search.model import Task
 
 
 @command(epilog="Example: topo-search init window.toml && topo-search check window.toml")
@@ -30,11 +28,10 @@ def init(file: Path, force: bool) -> None:
 
     Exit status: 0 written; 2 bad input.
     """
-    from topo_search.model import BadInput
     from topo_search.model.files import task_template, write_atomically
 
     if file.exists() and not force:
-        raise BadInput(str(file), "already exists; --force overwrites it")
+        raise ts.BadInput(str(file), "already exists; --force overwrites it")
     options.require_writable(file, "FILE")
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", file.stem).lstrip("._-")[:64]
     write_atomically(file, task_template(name or "task"))
@@ -84,15 +81,14 @@ def check(
     warnings = task_warnings(problem)
     first = problem.resolve(problem.sizes[0]).model_dump(mode="json")
     value = {"task": first, "sizes": sizes, "warnings": [one._asdict() for one in warnings]}
-    groups = [*_requirements(problem)]
-    groups += [(f"search of {quantity(size['modules'], 'module')}", _expectations(size)) for size in sizes]
-    groups += [("warnings", warnings)] * bool(warnings)
-    lines = [line for title, rows in groups for line in _group(title, rows)]
+    searches = [(f"search of {quantity(size['modules'], 'module')}", _expectations(size)) for size in sizes]
+    groups = chain(_requirements(problem), searches, [("warnings", warnings)] * bool(warnings))
+    lines = (line for title, rows in groups for line in _group(title, rows))
     drawn = [] if picture is None else [f"\nthe picture is in {picture}"]
-    options.echo_answer(value, [problem.name, *lines, *drawn])
+    options.echo_answer(value, chain([problem.name], lines, drawn))
 
 
-def _requirements(task: Task) -> Iterator[tuple[str, Iterable[tuple[str, str]]]]:
+def _requirements(task: ts.Task) -> Iterator[tuple[str, Iterable[tuple[str, str]]]]:
     """Yield all that a task asks for, in groups; what a unit of weight is, for every number of modules."""
     from topo_search.report.task_facts import facts, goals, load_cases
 
@@ -133,7 +129,7 @@ def _group(title: str, rows: Iterable[tuple[str, str]]) -> Iterator[str]:
         yield from textwrap.wrap(value, 120, initial_indent=beside, subsequent_indent=below, break_on_hyphens=False)
 
 
-def _size(task: Task, n: int) -> dict[str, Any]:
+def _size(task: ts.Task, n: int) -> dict[str, Any]:
     """Return what is known of a number of modules before anything is solved."""
     from nlp import lower_bound, prove_impossible
     from topo_search.study import Request

@@ -1,6 +1,6 @@
 """Search strategies: what they have in common, the exhaustive one, their candidates, and samplers of a user's own.
 
-A strategy is asked for proposals and told their results in the order of its proposals, whichever job ended first.
+A strategy proposes candidates, and takes their results in the order of its proposals, whichever job ended first.
 It knows neither workers nor files, and it is deterministic: with the same results it makes the same proposals. So a
 run that was killed repeats its proposals from the ledger, and neither the number of workers nor their speed changes
 what is proposed.
@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import repeat
 from random import Random
@@ -31,7 +31,7 @@ from topo_search.protocols import require_stated
 from topo_search.topologies import Candidate, Family, Root, Symmetry
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Proposal:
     """A candidate that is to have been solved from its first starts."""
 
@@ -41,7 +41,7 @@ class Proposal:
     near: tuple[str, ...] = ()
     """Keys of candidates whose designs are carried over in place of as many of the next starts.
 
-    The result of each was told, and none of them is proposed again before that of this one is: how far it had come
+    The result of each was taken, and none of them is proposed again before that of this one is: how far it had come
     would depend on which job ends first.
     """
 
@@ -79,32 +79,39 @@ class Strategy(ABC):
     stage: Stage | None = None
     """That of the latest proposal."""
     over = False
-    """True if no more will be proposed, and all results were told."""
+    """True if no more will be proposed, and all results were taken."""
 
     def __init__(self) -> None:
-        self._results = deque[Tried]()
-        self._proposals = self.proposals()
+        self._open = deque[Proposal]()
+        """Proposals whose results were not taken."""
 
-    def ask(self) -> Proposal | None:
-        """Return the next proposal; None if it depends on results that were not told, or if there is no more."""
-        for proposal in self._proposals:
-            return proposal
+    def propose(self, result_of: Callable[[Proposal], Tried | None]) -> Iterator[Proposal | None]:
+        """Yield proposals; None as long as the next one depends on results that are not known.
+
+        Args:
+            result_of: returns the result of a proposal, once it is known.
+        """
+        self._result_of = result_of
+        for proposal in self.proposals():
+            if proposal is not None:
+                self._open.append(proposal)
+            yield proposal
         self.over = True
-        return None
-
-    def tell(self, scored: Tried) -> None:
-        """Take the result of the earliest proposal whose result was not told."""
-        self._results.append(scored)
 
     @abstractmethod
     def proposals(self) -> Iterator[Proposal | None]:
-        """Yield what `ask` returns."""
+        """Yield what `propose` does."""
 
     def results(self, number: int) -> Generator[None, None, list[Tried]]:
-        """Return so many results in the order of their proposals, once they were told (with `yield from`)."""
-        while len(self._results) < number:
-            yield None
-        return [self._results.popleft() for _ in range(number)]
+        """Return so many results in the order of their proposals, once they are known (with `yield from`)."""
+        results = list[Tried]()
+        while len(results) < number:
+            if (result := self._result_of(self._open[0])) is None:
+                yield None
+            else:
+                self._open.popleft()
+                results.append(result)
+        return results
 
 
 class ExhaustiveSearch(Strategy):

@@ -382,8 +382,6 @@ class Workers(_OneThread):
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
                         continue  # stays in `running`; the pool is no longer active and is replaced above
-                    if isinstance(error, WorkersLost):
-                        raise error
                     trial = running.pop(future)
                     self._breaks = 0
                     allowed = work.deadline(trial.job)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from bisect import bisect_left
-from collections import defaultdict, deque
+from collections import defaultdict
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -103,8 +103,6 @@ class Proposals:
         self._incumbent: Row | None = next(iter(ledger.best_designs(context, 0, 1)), None)
         self._shown: set[str] = set()
         """Candidates of the present stage that the observer has seen."""
-        self._unknown = deque[Proposal]()
-        """Proposals whose results the strategy was not told."""
         self._scores = defaultdict[str, list[Tried]](list)
         for scored in ledger.scores(context):
             self._scores[scored.key].append(scored)
@@ -112,31 +110,24 @@ class Proposals:
     def jobs(self) -> Iterator[Job | None]:
         """Yield what is to be solved; None while that depends on what is being solved."""
         stage = None
-        while True:
-            proposal = self._strategy.ask()
-            if self._strategy.over:
-                return
+        for proposal in self._strategy.propose(self._result):
             if self._strategy.stage is not stage:
                 self._begin_stage(stage.starts if stage else 0)
                 stage = self._strategy.stage
             if proposal is None:
                 yield None
-                continue
-            self._unknown.append(proposal)
-            if self._result(proposal) is None:
+            elif self._result(proposal) is None:
                 yield self._job(proposal)
             else:
                 self._report(proposal.candidate.key, known=True)
-                self._tell()
 
     def record(self, job: Job, outcome: Outcome) -> None:
-        """Write the outcome of a job, and tell the strategy."""
+        """Write the outcome of a job, which the strategy takes from here."""
         row = record(self._ledger, self._context, job, outcome, lower_bound=self._lower_bound)
         self._scores[row.key].append(score(row, self._context.task))
         designs = [one for one in (self._incumbent, row) if one is not None and one.objective is not None]
         self._incumbent = min(designs, key=lambda one: (one.objective, one.key), default=None)
         self._report(row.key)
-        self._tell()
 
     def _begin_stage(self, starts_before: int) -> None:
         if (stage := self._strategy.stage) is None:
@@ -145,12 +136,6 @@ class Proposals:
         before = starts_before if stage.again and starts_before != stage.starts else 0
         self._observer.phase(solving_phase(name, self._context.task, stage.candidates, stage.starts, before))
         self._shown.clear()
-
-    def _tell(self) -> None:
-        """Tell the strategy the results that it can be told in the order of its proposals."""
-        while self._unknown and (scored := self._result(self._unknown[0])) is not None:
-            self._unknown.popleft()
-            self._strategy.tell(scored)
 
     def _job(self, proposal: Proposal) -> Job:
         """Return what is left to solve of a proposal."""

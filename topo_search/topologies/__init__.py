@@ -11,5 +11,5 @@ from topo_search.topologies.candidates import (
     own_topology,
     sample,
 )
-from topo_search.topologies.rooted import Connectors, Quotient, Root, Symmetry
+from topo_search.topologies.rooted import Connectors, Root, Symmetry
 from topo_search.topologies.task_symmetry import Resolution, improper_isometry, resolve_symmetry

@@ -9,7 +9,7 @@ Their numbers have closed forms, and draws are exactly uniform:
 | n | number of modules |
 | T(x) = 1 + x T(x)^3 | generating function of ternary trees: a slot is free or holds a module with three slots |
 | F(n) | fixed trees: nothing but the choice of the root is the same; OEIS A000139 |
-| n F(n) | rooted trees: x T(x)^4; OEIS A006629 (offset 1) |
+| n F(n) | rooted trees, a forest at the four ports of the root: x T(x)^4; OEIS A006629 (offset 1) |
 | L, k | modules on the axis of a mirror; pairs of modules beside it, n = L + 2k |
 
 A quotient by a group has (1/|G|) sum over g of Fix(g) classes (Burnside's lemma). For one family there are OEIS
@@ -29,7 +29,6 @@ word with m modules and 2m + s free slots exactly s are the preorder text of a f
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -45,16 +44,20 @@ from topo_search.topologies.rooted import (
     GROUPS,
     Connectors,
     Group,
-    Quotient,
     Root,
     Rooted,
     Symmetry,
+    centre,
     group_of,
+    image,
     key_of,
     mirror_code,
+    other_centroid,
     plant,
+    reroot,
     rooted_at,
     rooted_of,
+    stabilizers,
     text_of,
     turn,
 )
@@ -93,6 +96,7 @@ def _shapes(quarters: int, mirror: bool, n: int, connectors: Connectors, root: R
     """
 
     def shape(trees: int, modules: int, build: Build, *, times: int = 1, same: int = 1, joints: int = 0) -> _Shape:
+        # times: trees that a forest makes; same: forests that make one tree; joints: others than a forest's
         number = times * forests(trees, modules) // same
         return _Shape(trees, modules, number << (modules + joints if connectors == "any" else 0), build)
 
@@ -142,20 +146,19 @@ def _equal_halves(slots: Sequence[str], random: Random, _: Connectors) -> Rooted
     return turn((plant((right, ahead, left)), right, ahead, left), random.randrange(2))
 
 
-def classes(n: int, group: Group, *, connectors: Connectors = "aligned", root: Root = "free") -> int:
+def classes(n: int, group: Group, connectors: Connectors, root: Root) -> int:
     """Return the number of trees of n modules up to a group."""
     return sum(_weights(n, group, connectors, root)) // len(GROUPS[group])
 
 
-def draw_tree(random: Random, n: int, quotient: Quotient, connectors: Connectors) -> Rooted:
-    """Return the representative of a class of n modules, drawn uniformly from all classes."""
-    weights = _weights(n, quotient.group, connectors, quotient.root)
-    quarters, mirror = GROUPS[quotient.group][_pick(random, weights)]
-    shapes = _shapes(quarters, mirror, n, connectors, quotient.root)
+def _draw_tree(random: Random, n: int, group: Group, connectors: Connectors, root: Root) -> Rooted:
+    """Return a tree of n modules; its class up to a group is drawn uniformly from all classes."""
+    quarters, mirror = GROUPS[group][_pick(random, _weights(n, group, connectors, root))]
+    shapes = _shapes(quarters, mirror, n, connectors, root)
     on_axis = mirror and quarters % 2 == 0  # the only elements with several shapes
     shape = shapes[_pick(random, [shape.number for shape in shapes])] if on_axis else shapes[0]
     tree = shape.build(_draw_forest(random, shape.trees, shape.modules, connectors), random, connectors)
-    return quotient.representative(turn(tree, quarters // 2) if mirror else tree)
+    return turn(tree, quarters // 2) if mirror else tree
 
 
 @lru_cache(maxsize=64)
@@ -197,7 +200,7 @@ def _draw_forest(random: Random, trees: int, modules: int, connectors: Connector
     return waiting[::-1]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Candidate:
     """One tree that stands for all those that a quotient takes for the same."""
 
@@ -213,7 +216,11 @@ class Candidate:
 
 
 class Family:
-    """The trees of one number of modules that are candidates, and which of them are one."""
+    """The trees of one number of modules that are candidates, and which of them are one.
+
+    With the paper's root a tree is its rooted tree. With the free root a tree is represented by the trees rooted at
+    its centroids, of which there are one or (next to each other, for even n) two.
+    """
 
     def __init__(
         self,
@@ -241,8 +248,10 @@ class Family:
         if n < 1:
             raise ValueError(f"`n >= 1` must hold, but got n = {n}")
         mirrors = None if task is None or symmetry != "task" else improper_isometry(task) is not None
-        self.n, self.symmetry, self.connectors = n, symmetry, connectors
-        self._quotient = Quotient(group_of(symmetry, connectors=connectors, root=root, mirrors=mirrors), root)
+        self.n, self.symmetry, self.connectors, self.root = n, symmetry, connectors, root
+        self.group = group_of(symmetry, connectors=connectors, root=root, mirrors=mirrors)
+        """The turns and mirrors under which trees are one."""
+        self._exact: Group = "c1" if root == "paper" or self.group == "c1" else "c2"
 
     def candidates(self) -> Iterator[Candidate]:
         """Yield every candidate, in ascending order of keys.
@@ -252,15 +261,15 @@ class Family:
         # the aligned ones, keys `a...`, then (for any port) those with an odd kappa, keys `p...`
         families: tuple[Connectors, ...] = ("aligned",) if self.connectors == "aligned" else ("aligned", "any")
         for family in families:
-            for tree in rooted_at(self._quotient.root, self.n, family, self._quotient.masks):
-                if self._quotient.lists(tree):
+            for tree in rooted_at(self.root, self.n, family, stabilizers(self.group)):
+                if self._lists(tree):
                     key = key_of(text_of(tree))
                     if (key[0] == "a") == (family == "aligned"):
-                        yield Candidate(key, self._quotient.orbit(tree))
+                        yield Candidate(key, self._orbit(tree))
 
     def count(self) -> int:
         """Return the number of candidates, by closed form."""
-        return classes(self.n, self._quotient.group, connectors=self.connectors, root=self._quotient.root)
+        return classes(self.n, self.group, self.connectors, self.root)
 
     @property
     def classes(self) -> int:
@@ -268,13 +277,12 @@ class Family:
 
         Exact are half turns; for any port quarter turns with spin flip; with the paper's root nothing.
         """
-        exact: Group = "c1" if self.symmetry == "none" or self._quotient.root == "paper" else "c2"
-        return classes(self.n, exact, connectors=self.connectors, root=self._quotient.root)
+        return classes(self.n, self._exact, self.connectors, self.root)
 
     def candidate_of(self, topology: Topology) -> Candidate:
         """Return the candidate that stands for a topology; ValueError if its connectors are not allowed."""
         listed = self._representative(topology)
-        return Candidate(key_of(text_of(listed)), self._quotient.orbit(listed))
+        return Candidate(key_of(text_of(listed)), self._orbit(listed))
 
     def key_of(self, topology: Topology) -> str:
         """Return the key of the candidate that stands for a topology, sooner than the candidate."""
@@ -287,15 +295,15 @@ class Family:
         otherwise in the world, and there is only itself; nor is there without symmetry, where half turns are
         candidates of their own.
         """
-        turned = self._quotient.root != "paper" and self.symmetry != "none"
+        turned = self.root != "paper" and self.symmetry != "none"
         return self.candidate_of(with_spins_reversed(topology) if turned else topology)
 
     def draws(self, seed: int) -> Iterator[Topology]:
         """Yield candidates, drawn independently and uniformly, without end."""
         random = Random(seed)
         while True:
-            tree = draw_tree(random, self.n, self._quotient, self.connectors)
-            yield Topology.from_key(key_of(text_of(tree)))
+            tree = _draw_tree(random, self.n, self.group, self.connectors, self.root)
+            yield Topology.from_key(key_of(text_of(self._least(tree))))
 
     def sample(self, m: int, seed: int) -> list[Topology]:
         """Return m candidates, drawn independently and uniformly, so that one may come twice.
@@ -307,7 +315,51 @@ class Family:
     def _representative(self, topology: Topology) -> Rooted:
         if self.connectors == "aligned" and not topology.aligned:
             raise ValueError(f"an aligned topology has only even kappas, but got {list(topology.kappas)}")
-        return self._quotient.representative(rooted_of(topology.key))
+        return self._least(rooted_of(topology.key))
+
+    def _least(self, rooted: Rooted) -> Rooted:
+        """Return the tree with the least text among those that are one candidate with a given one."""
+        return min(self._equivalents(rooted if self.root == "paper" else centre(rooted), self.group), key=text_of)
+
+    def _lists(self, rooted: Rooted) -> bool:
+        """True if a tree (free root: one rooted at a centroid) has the least text of its candidate."""
+        text = text_of(rooted)
+        stabilizer = stabilizers(self.group).get(int(text[0], 16))
+        # the root's digit comes first in a text: all other elements lead to a greater one
+        if stabilizer is None or any(text_of(image(rooted, element)) < text for element in stabilizer):
+            return False
+        first, *second = self._rootings(rooted)
+        return first == rooted and all(
+            text <= text_of(image(other, element)) for other in second for element in GROUPS[self.group]
+        )
+
+    def _orbit(self, rooted: Rooted) -> int:
+        """Return the number of exact classes that are one candidate with a tree (free root: one at a centroid)."""
+        if self._exact == self.group:
+            return 1
+        rest, classes = set(self._equivalents(rooted, self.group)), 0
+        while rest:
+            rest.difference_update(self._equivalents(rest.pop(), self._exact))
+            classes += 1
+        return classes
+
+    def _equivalents(self, rooted: Rooted, group: Group) -> Iterator[Rooted]:
+        """Yield the rooted trees that a group takes for one with a given one (free root: rooted at a centroid)."""
+        for tree in self._rootings(rooted):
+            for element in GROUPS[group]:
+                yield image(tree, element)
+
+    def _rootings(self, rooted: Rooted) -> tuple[Rooted, ...]:
+        """Return the tree rooted at each of its centroids."""
+        port = None if self.root == "paper" else other_centroid(rooted)
+        if port is None:
+            return (rooted,)
+        other = reroot(rooted, port)
+        if self.group == "c1" and rooted[port] >= "8":
+            # Centroids of unlike spins see the tree a quarter turn apart, so no frame is common to both. The one
+            # with the lesser key up to a half turn is the root, and its two half turns are listed.
+            return (min(rooted, other, key=lambda tree: min(text_of(tree), text_of(turn(tree, 2)))),)
+        return (rooted, other)
 
 
 def with_spins_reversed(topology: Topology) -> Topology:
@@ -384,22 +436,16 @@ def own_candidates(
             raise BadInput(source, f"must list at most {LIMITS.own_topologies:,} topologies, but has more")
         position = f"[{number}]" if places is None else places[number]
         try:
-            topology = own_topology(item)
-            _require_allowed(topology, task)
+            key = _require_allowed(own_topology(item), task).key
+            if key in first:
+                raise ValueError(f"must be listed once, but {key} is in {first[key]} already")
+            first[key] = position
         except ValueError as error:
             faults.append(Fault(position, str(error)))
-            continue
-        if (key := topology.key) in first:
-            faults.append(Fault(position, f"must be listed once, but {key} is in {first[key]} already"))
-        else:
-            first[key] = position
-    if not faults and not first:
-        faults.append(Fault("", "must list at least one topology, but has none"))
-    sizes = Counter(len(key) - 1 for key in first)
-    if not faults and (missing := [n for n in task.sizes if not sizes[n]]):
-        faults.append(
-            Fault("", f"must list a topology of each size of the task, but none has {missing[0]} modules")
-        )
+    missing = [n for n in task.sizes if n not in {len(key) - 1 for key in first}]
+    if not faults and missing:
+        rule = f"a topology of each size of the task, but none has {missing[0]} modules"
+        faults.append(Fault("", f"must list {rule if first else 'at least one topology, but has none'}"))
     if faults:
         shown = 20  # named one by one
         left = [Fault("", f"has {len(faults) - shown:,} more faults")] if len(faults) > shown else []
@@ -424,9 +470,11 @@ def own_topology(given: OwnTopology) -> Topology:
     raise ValueError(f"must be a Topology, a key or a networkx graph, but got {type(given).__name__}")
 
 
-def _require_allowed(topology: Topology, task: Task) -> None:
+def _require_allowed(topology: Topology, task: Task) -> Topology:
+    """Return a tree that may be a candidate for a task; ValueError for another."""
     if topology.n not in task.sizes:
         sizes = " or ".join(map(str, task.sizes))
         raise ValueError(f"must have {sizes} modules, as the task asks, but {topology.key} has {topology.n}")
     if task.search.connectors == "aligned" and not topology.aligned:
         raise ValueError(f'{topology.key} needs search.connectors = "any", but the task has "aligned"')
+    return topology

@@ -23,7 +23,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from numbers import Integral
 from pathlib import Path
 from typing import Any, cast
@@ -62,20 +62,9 @@ from topo_search.engine.strategy import (
 from topo_search.engine.workers import rounds
 from topo_search.model import BadInput, Fault, Topology
 from topo_search.supervisor import is_out_of_memory
-from topo_search.topologies import Candidate
 
 LEARNT, SHARE_LEARNT = 8, 16
 """Fewest results that the sampler learns at once, and the divisor of a large round that gives their number."""
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    """A candidate whose result is not known."""
-
-    trial: optuna.Trial
-    candidate: Candidate
-    near: tuple[str, ...]
-    """Keys of the candidates whose designs are carried over to it."""
 
 
 class OptunaSearch(Strategy):
@@ -145,41 +134,44 @@ class OptunaSearch(Strategy):
         left = min(self._trials, self._space.count())
         learnt = min(self._round_size, max(LEARNT, self._round_size // SHARE_LEARNT))
         self.stage = Stage(left, starts)
-        unknown, again = deque[_Drawn](), deque[_Drawn]()  # those whose results are not known, and that go on
+        unknown, again = deque[Drawn](), deque[Drawn]()  # those whose results are not known, and that go on
         while left or again or unknown:
             while (left or again) and len(unknown) < self._round_size:
-                one = again.popleft() if again else _draw(self._study, proposer)
-                left -= one.candidate.key not in ranks
-                unknown.append(one)
-                next_starts = ladder[bisect_right(ladder, had.get(one.candidate.key, 0))]
-                yield Proposal(one.candidate, next_starts, one.near)
+                trial, idea = again.popleft() if again else _draw(self._study, proposer)
+                left -= idea.key not in ranks
+                unknown.append((trial, idea))
+                next_starts = ladder[bisect_right(ladder, had.get(idea.key, 0))]
+                candidate = self._space.candidate_of(Topology.from_key(idea.key))
+                yield Proposal(candidate, next_starts, idea.warm_starts)
             scores = yield from self.results(min(learnt, len(unknown)))
             ranks |= {score.key: rank(score) for score in scores}
             had |= {score.key: score.starts for score in scores}
             ranking = sorted(ranks.values()) if proposer.promotes else []
             ended = []
             for score in scores:
-                one = unknown.popleft()
+                trial, _ = unknown.popleft()
                 promoted = proposer.promotes and score.starts < starts
                 if promoted and goes_on(score, ranking, bisect_right(ladder, score.starts)):
-                    again.append(replace(one, near=()))
+                    again.append((trial, Idea(score.key)))
                 else:
-                    proposer.note_score(one.trial.number, score)
-                    ended.append(_tell(self._study, one.trial, score))
+                    proposer.note_score(trial.number, score)
+                    ended.append(_tell(self._study, trial, score))
             if self._journal is not None:
                 self._journal.add_trials(ended)
 
 
-def _draw(study: optuna.Study, proposer: TreeSampler) -> _Drawn:
-    """Return the next candidate, with those whose designs are carried over to it."""
+Drawn = tuple[optuna.Trial, Idea]
+
+
+def _draw(study: optuna.Study, proposer: TreeSampler) -> Drawn:
+    """Return the next trial with its candidate."""
     trial = study.ask(proposer.distributions)
-    candidate = proposer.space.candidate_of(decode(trial.params, proposer.space.n))
-    idea = proposer.drawn.pop(trial.number, Idea(candidate.key))
-    proposer.note_idea(trial.number, idea)
-    near = idea.warm_starts
-    trial.set_user_attr("key", candidate.key)
-    trial.set_user_attr("near", near)
-    return _Drawn(trial, candidate, near)
+    if not proposer.distributions:  # the only tree of one module has no numbers to draw
+        proposer.note_idea(trial.number, proposer.uniform())
+    idea = proposer.running[trial.number]
+    trial.set_user_attr("key", idea.key)
+    trial.set_user_attr("near", idea.warm_starts)
+    return trial, idea
 
 
 def _trial_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:

@@ -67,10 +67,8 @@ Rank = tuple[float, float]
 
 def ranges(n: int, connectors: Connectors) -> dict[str, int]:
     """Return the names of the numbers that make a tree of n modules, and how many values each can have."""
-    numbers = {_port(k): 2 * k + 2 for k in range(1, n)}
-    if connectors == "any":
-        numbers |= {_spin(k): 2 for k in range(1, n)}
-    return numbers
+    spins = {f"spin {k}": 2 for k in range(1, n)} if connectors == "any" else {}
+    return {f"port {k}": 2 * k + 2 for k in range(1, n)} | spins
 
 
 def decode(numbers: Mapping[str, int], n: int) -> Topology:
@@ -78,8 +76,8 @@ def decode(numbers: Mapping[str, int], n: int) -> Topology:
     joints: list[Joint] = [ROOT]
     free = [(0, port) for port in range(4)]
     for k in range(1, n):
-        h, a = free.pop(numbers[_port(k)])
-        b = (a + 2 - numbers.get(_spin(k), 0)) % 4
+        h, a = free.pop(numbers[f"port {k}"])
+        b = (a + 2 - numbers.get(f"spin {k}", 0)) % 4
         joints.append((h, a, b))
         free.extend((k, (b + slot) % 4) for slot in (1, 2, 3))
     return Topology(tuple(joints))
@@ -91,20 +89,12 @@ def encode(topology: Topology, connectors: Connectors) -> dict[str, int]:
     numbers: dict[str, int] = {}
     free = [(0, port) for port in range(4)]
     for k, (h, a, b) in enumerate(joints[1:], start=1):
-        numbers[_port(k)] = free.index((h, a))
+        numbers[f"port {k}"] = free.index((h, a))
         if connectors == "any":
-            numbers[_spin(k)] = (a + 2 - b) % 2
+            numbers[f"spin {k}"] = (a + 2 - b) % 2
         free.remove((h, a))
         free.extend((k, (b + slot) % 4) for slot in (1, 2, 3))
     return numbers
-
-
-def _port(k: int) -> str:
-    return f"port {k}"
-
-
-def _spin(k: int) -> str:
-    return f"spin {k}"
 
 
 def rank(score: Tried) -> Rank:
@@ -203,8 +193,6 @@ class TreeSampler(BaseSampler):
         self.ranking: list[Merit] = []
         """The best trial of each of these candidates, in the order of their merit."""
         self._merits: dict[str, Merit] = {}
-        self.drawn: dict[int, Idea] = {}
-        """Ideas drawn for trials, by trial number; the only tree of one module needs no draw."""
         self.values = ranges(space.n, self.connectors)
         """Number of values that each number that makes a tree can have."""
         self.distributions: dict[str, BaseDistribution] = {
@@ -255,13 +243,13 @@ class TreeSampler(BaseSampler):
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
     ) -> dict[str, Any]:
-        """Return the numbers of a tree that is drawn."""
+        """Return the numbers of a tree that is drawn, and take note of it."""
         for idea in islice(self.ideas(study, trial), HALVING.draws):
             if idea.again or idea.key not in self.proposed:
                 break
         else:
             idea = self._draw_unknown()
-        self.drawn[trial.number] = idea
+        self.note_idea(trial.number, idea)
         return dict(encode(Topology.from_key(idea.key), self.connectors))
 
     def sample_independent(
