@@ -219,7 +219,7 @@ def test_a_check_looks_which_trees_there_are(run, other):
     other = other.ljust(len(key), "0")
     forged(run, ("UPDATE candidates SET key = ? WHERE key = ?", (other, key)))
     with RunFolder.load(run, writes=True) as folder:
-        folder.keep_proof(Proof.model_validate(proof | {"topology_key": other}))
+        folder.keep(f"proof/{other}", to_json(Proof.model_validate(proof | {"topology_key": other})))
     found = checked(run)
     assert [tree.fault for tree in found.trees if tree.key == other] == ["is no candidate of this run"]
     assert "checked:" not in found.sentences[0]

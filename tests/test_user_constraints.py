@@ -113,6 +113,15 @@ def test_a_run_without_versions_is_not_resumed(hover, tmp_path):
             search(hover, out=tmp_path / "run", constraints=others, **given)
 
 
+def test_a_run_that_was_only_begun_may_have_functions_without_versions(task, tmp_path):
+    from topo_search.study import Own, Request, RunFolder
+
+    own = Own(constraints=({"name": "span", "upper": 0.6},))
+    for _ in range(2):
+        with RunFolder.open(tmp_path / "run", Request(task, "task", 1, 0, user_inputs=own)):
+            pass
+
+
 @pytest.mark.usefixtures("in_process")
 def test_a_constraint_that_tells_modules_apart_gets_every_rooted_tree(tmp_path):
     hover = read_task("push", ("modules=2", "load_cases=[{com={force=[0.0,0.0,1.0]}}]", "exposure=[]"))

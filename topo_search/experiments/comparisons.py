@@ -20,20 +20,18 @@ wrenches each have their own, so that there is no best of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable
-from dataclasses import replace
+from collections.abc import Hashable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from topo_search.experiments.conducting import Experiment
-from topo_search.experiments.plan import AIRFLOW_ALONE, Cell, Settings, Variant, cell_count, plan, require_few
+from topo_search.experiments.plan import AIRFLOW_ALONE, Settings, Variant, plan
 from topo_search.export import palette
 from topo_search.model import Topology
 from topo_search.model.proven import gap_percent
 from topo_search.topologies import candidate_of
-from topo_search.topologies.rooted import Rooted, key_of, reroot, rooted_of, text_of, turn
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,7 +45,6 @@ def comparison(
     tasks: tuple[tuple[str, tuple[int, ...]], ...],
     variants: tuple[Variant, ...],
     title: str,
-    cells: Callable[[Settings], list[Cell]] | None = None,
 ) -> Experiment:
     """Return the experiment that solves every tree under all variants; the first variant is the reference."""
     names = [variant.name for variant in variants]
@@ -56,7 +53,7 @@ def comparison(
         question=question,
         full=Settings(tasks, topologies=(50, 10), starts=24),
         small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
-        cells=cells or partial(plan, variants=variants, first=False),
+        cells=partial(plan, variants=variants, first=False),
         summary=partial(summary, names=names),
         findings=partial(findings, names=names),
         figure=partial(figure, names=names, title=title),
@@ -180,36 +177,6 @@ def tree_of(key: str) -> str:
     return candidate_of(Topology.from_key(key)).key
 
 
-PAPER_ROOT = Variant("paper root", ('search.root="paper"',))
-
-
-def root_cells(settings: Settings) -> list[Cell]:
-    """Return the plan: every tree with a free root, then with each of its modules as the paper's root.
-
-    Raises:
-        BadInput: there would be more than CELLS.
-    """
-    require_few(cell_count(settings, lambda n: 1 + n // 4))  # at least: half and quarter turns make some roots one
-    cells = []
-    for cell in plan(settings, (Variant("free root"), PAPER_ROOT), first=False):
-        keys = roots(cell.key) if cell.variant == PAPER_ROOT else [cell.key]
-        cells += [replace(cell, key=key) for key in keys]
-        require_few(len(cells))
-    return cells
-
-
-def roots(key: str) -> list[str]:
-    """Return the keys of a tree with each of its modules as the root, as it lies and after a half turn."""
-    trees = rootings(rooted_of(key))
-    return sorted({key_of(text_of(turn(tree, quarters))) for tree in trees for quarters in (0, 2)})
-
-
-def rootings(tree: Rooted, entered: int | None = None) -> list[Rooted]:
-    """Return an aligned tree with each of its modules as the root; none beyond the port where it was entered."""
-    beyond = (port for port in range(4) if tree[port] and port != entered)
-    return [tree, *(other for port in beyond for other in rootings(reroot(tree, port), (port + 2) % 4))]
-
-
 COMPARISONS = (
     comparison(
         name="placement",
@@ -246,8 +213,7 @@ COMPARISONS = (
         name="root",
         question="What does the paper's root cost, compared with one that turns freely?",
         tasks=(("push", (3, 4, 5)), ("push-exterior-60", (3, 4, 5))),
-        variants=(Variant("free root"), PAPER_ROOT),
+        variants=(Variant("free root"), Variant("paper root", ('search.root="paper"',), every_root=True)),
         title="What the paper's root costs: each point a tree, its best root compared with a free one",
-        cells=root_cells,
     ),
 )

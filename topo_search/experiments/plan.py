@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -14,6 +14,7 @@ from topo_search.model import BadInput, Fault, ResolvedTask
 from topo_search.model.files import examples, read_task
 from topo_search.model.value import nearest, show
 from topo_search.topologies import Family, candidates, count
+from topo_search.topologies.rooted import Rooted, key_of, reroot, rooted_of, text_of, turn
 
 AIRFLOW_ALONE = "search.body_clearance=false"
 """The paper's clearances: only airflow keeps modules apart."""
@@ -116,6 +117,8 @@ class Variant:
     name: str
     overrides: tuple[str, ...] = ()
     """`FIELD=VALUE` settings of the task."""
+    every_root: bool = False
+    """True if a tree is tried with each of its modules as the root."""
 
 
 @dataclass(frozen=True)
@@ -164,25 +167,38 @@ def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> l
     Raises:
         BadInput: there would be more than LIMITS.cells.
     """
-    require_few(cell_count(settings, lambda _: len(variants)))
+    sizes_of_all = [n for _, sizes in settings.tasks for n in set(sizes)]
+    at_least = sum(  # half and quarter turns make some roots one
+        min(count(n), settings.trees(n)) * sum(n // 4 if variant.every_root else 1 for variant in variants)
+        for n in sizes_of_all
+    )
+    require_few(at_least * max(1, len(settings.distances)))
     tasks = {name: read_task(name) for name, _ in settings.tasks}
     drawn = {name for name, task in tasks.items() if task.task_seed is not None}
-    return [
+    cells = [
         Cell(variant, name, distance, n, key, settings.seed + number if name in drawn else None, settings, first)
-        for n in sorted({n for _, sizes in settings.tasks for n in sizes})
-        for number, key in enumerate(trees(n, settings.trees(n), settings.seed))
+        for n in sorted(set(sizes_of_all))
+        for number, tree in enumerate(trees(n, settings.trees(n), settings.seed))
         for name, sizes in settings.tasks
         if n in sizes
         for distance in settings.distances or (tasks[name].module.connector_distance,)
         for variant in variants
+        for key in (roots(tree) if variant.every_root else [tree])
     ]
+    require_few(len(cells))
+    return cells
 
 
-def cell_count(settings: Settings, cells_per_tree: Callable[[int], int]) -> int:
-    """Return the number of cells, from the number for each tree of n modules in a task and at a distance."""
-    sizes = [n for _, sizes in settings.tasks for n in set(sizes)]
-    trees = sum(min(count(n), settings.trees(n)) * cells_per_tree(n) for n in sizes)
-    return max(1, len(settings.distances)) * trees
+def roots(key: str) -> list[str]:
+    """Return the keys of a tree with each of its modules as the root, as it lies and after a half turn."""
+    trees = rootings(rooted_of(key))
+    return sorted({key_of(text_of(turn(tree, quarters))) for tree in trees for quarters in (0, 2)})
+
+
+def rootings(tree: Rooted, entered: int | None = None) -> list[Rooted]:
+    """Return an aligned tree with each of its modules as the root; none beyond the port where it was entered."""
+    beyond = (port for port in range(4) if tree[port] and port != entered)
+    return [tree, *(other for port in beyond for other in rootings(reroot(tree, port), (port + 2) % 4))]
 
 
 def require_few(number: int) -> None:

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Proof, ResolvedTask, Task
-from topo_search.model.files import to_json, to_toml, validate
+from topo_search.model.files import to_toml, validate
 from topo_search.model.task import before_requirement
 from topo_search.model.text import csv_text, decode, toml_data
 from topo_search.model.value import faults_of, naming
@@ -202,15 +202,17 @@ class RunFolder:
             for level, request in ((f"levels/{k}/", request) for k, request in enumerate(self.request.levels))
         )
 
-    def keep(self, name: str, content: str | bytes) -> None:
-        """Write a file of the run's own, unless it holds that already.
+    def keep(self, name: str, content: str | None) -> None:
+        """Write a file of the run's own, unless it holds that already; None: remove it, if it is there.
 
         Raises:
             BadInput: it is there, but the run did not write it.
             OSError: it cannot be written.
         """
-        data = content if isinstance(content, bytes) else content.encode()
-        self._files.keep([(self._level + name, data)])
+        if content is None:
+            self._files.remove([self._level + name])
+        else:
+            self._files.keep([(self._level + name, content.encode())])
 
     def keep_table(self, name: str, columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
         """Write a file of the run's own as CSV; errors as of `keep`."""
@@ -228,10 +230,6 @@ class RunFolder:
             and page.endswith(self.page_mark().encode())
             and not self._files.is_changed(RunFile.REPORT, page)
         )
-
-    def drop(self, name: str) -> None:
-        """Remove a file of the run's own, if it is there."""
-        self._files.remove([self._level + name])
 
     def journal(self, name: str) -> Path:
         """Return where a library may keep a journal, which it makes anew and locks.
@@ -284,10 +282,6 @@ class RunFolder:
     def cells(self, n: int) -> Iterator[list[object]]:
         """Yield the row of every ranked candidate of n modules in `candidates.csv`."""
         return (cells(*candidate) for candidate in self.candidates(n))
-
-    def keep_proof(self, proof: Proof) -> None:
-        """Write the proof of one tree, or as much of it as there is."""
-        self.keep(f"{RunFile.PROOFS}/{proof.topology_key}", to_json(proof))
 
     def changed_files(self) -> list[str]:
         """Return the names of all files whose content is not what the run wrote."""
@@ -361,10 +355,7 @@ class RunFolder:
         files = {f"best-n{n}.json": row for n, row in best.items()} if len(sizes) > 1 else {}
         files["best.json"] = next((row for row in best.values() if row is not None), None)
         for name, row in files.items():
-            if row is None:
-                self.drop(name)
-            else:
-                self.keep(name, self.text(row) or "")
+            self.keep(name, None if row is None else self.text(row))
 
     def text(self, row: Row) -> str | None:
         """Return the design of a row as JSON text."""

@@ -169,11 +169,7 @@ def write_front(folder: RunFolder) -> None:
     """Write `front.csv`, and the design of least effort as `best.json`."""
     points = front_of(folder)
     folder.keep_table(RunFile.FRONT, FRONT_COLUMNS, (point.cells.values() for point in points))
-    if points:
-        point = points[0]
-        folder.keep("best.json", folder.levels[point.number].text(point.row) or "")
-    else:
-        folder.drop("best.json")
+    folder.keep("best.json", folder.levels[points[0].number].text(points[0].row) if points else None)
 
 
 def _measure(row: Row, design: Design, audit: Audit, number: int, level: Level) -> FrontPoint:
@@ -292,10 +288,9 @@ def keep_optima(folder: RunFolder, n: int, percent: float, tools: Tools) -> None
         clear = [design for design, is_clear in result if is_clear]
         gained |= _take_better(folder, row, clear)
         before = record.trees.get(row.key)
-        for k, design in enumerate(clear, start=1):
-            folder.keep(f"{RunFile.OPTIMA}/{row.key}-{k}.json", to_json(design))
-        for k in range(len(clear) + 1, (before.kept if before else 0) + 1):
-            folder.drop(f"{RunFile.OPTIMA}/{row.key}-{k}.json")
+        texts = [*map(to_json, clear), *[None] * ((before.kept if before else 0) - len(clear))]
+        for k, text in enumerate(texts, start=1):
+            folder.keep(f"{RunFile.OPTIMA}/{row.key}-{k}.json", text)
         tree = TreeOptima(
             context=contexts[row.step].name,
             starts=request.starts,

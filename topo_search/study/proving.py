@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from topo_search.engine import AuditDesign, Engine, Failed, WorkersLost, audit_deadline
+from topo_search.engine import AuditDesign, Candidates, Engine, Failed, WorkersLost, audit_deadline
 from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
+from topo_search.model.files import to_json
 from topo_search.model.proof import Aim, Problem, chunk_count
 from topo_search.model.proven import gap_percent
 from topo_search.study.answer import Answer
@@ -93,7 +94,7 @@ class _Work:
     def keep(self) -> None:
         """Write what is not written yet."""
         for key in sorted(self.due):
-            self.folder.keep_proof(self.proofs[key])
+            self.folder.keep(f"{RunFile.PROOFS}/{key}", to_json(self.proofs[key]))
         self.due.clear()
         self.kept = time.monotonic()
 
@@ -344,13 +345,14 @@ def check(
                 continue
             if fault := _best_fault(folder, best, audit, engine):
                 checked.faults.append(fault)
+            task, space = folder.request.contexts(n)[0].task, folder.request.space(n)
             trees, jobs = dict[str, CheckedTree](), list[_CheckJob]()
             for row in rows:
-                trees[row.key], proof = _examine(folder, row)
+                trees[row.key], proof = _examine(folder, row, task, space)
                 if proof is not None:
                     jobs += [(proof.without_chunks, chunk) for chunk in proof.chunks]
             if jobs:
-                prepare(folder.request.contexts(n)[0].task)
+                prepare(task)
             _replay(jobs, trees, check_chunk, engine, observer)
             checked.trees += trees.values()
         with_trees = {f"{RunFile.PROOFS}/{tree.key}" for tree in checked.trees}  # refused with their trees
@@ -368,12 +370,14 @@ def check(
     return checked
 
 
-def _examine(folder: RunFolder, row: Row) -> tuple[CheckedTree, Proof | None]:
+def _examine(
+    folder: RunFolder, row: Row, task: ResolvedTask, space: Candidates
+) -> tuple[CheckedTree, Proof | None]:
     """Return what can be said of a tree without checking chunks, and its proof if they are to be checked."""
-    tree, name, request = CheckedTree(row.key, row.modules), f"{RunFile.PROOFS}/{row.key}", folder.request
+    tree, name = CheckedTree(row.key, row.modules), f"{RunFile.PROOFS}/{row.key}"
     proof: Proof | None = None
     try:
-        if request.space(row.modules).candidate_of(Topology.from_key(row.key)).key != row.key:
+        if space.candidate_of(Topology.from_key(row.key)).key != row.key:
             raise ValueError(f"{row.key} is one of several trees that are one candidate")
         proof = folder.read_own(name, Proof)
     except BadInput as error:
@@ -381,7 +385,7 @@ def _examine(folder: RunFolder, row: Row) -> tuple[CheckedTree, Proof | None]:
     except ValueError:
         tree.fault = "is no candidate of this run"
     if proof is not None:
-        tree.fault = _unfit(proof, row.key, request.contexts(row.modules)[0].task)
+        tree.fault = _unfit(proof, row.key, task)
     if tree.fault is None and (proof is None or not proof.complete):
         open_ = "not examined" if proof is None else "open"
         tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else open_
@@ -431,14 +435,12 @@ def _check(check_chunk: CheckChunk, job: _CheckJob) -> CheckedChunk:
 
 def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine) -> str | None:
     """Say what is wrong with the best design, which proofs are against."""
-    n, ledger = best.modules, folder.ledger
-    contexts = folder.request.contexts(n)
     try:
-        check_designs(ledger, contexts, folder.request.space(n), [best])
+        check_designs(folder, [best])
         design = Design.model_validate_json(folder.text(best) or "")
     except BadInput as error:
         return str(error)
-    verdict = engine.run_one(audit, design, deadline=audit_deadline(n))
+    verdict = engine.run_one(audit, design, deadline=audit_deadline(best.modules))
     if isinstance(verdict, Failed):
         return f"{best.key}: the audit of the best design failed: {verdict.reason}"
     return None if verdict.verdict == "clear" else f"{best.key}: the audit of the best design is {verdict.verdict}"

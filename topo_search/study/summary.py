@@ -29,12 +29,12 @@ from topo_search.model.proven import gap_percent, improvement
 from topo_search.study.answer import NEAR, SHOWN, Answer, LevelAnswer, SizeAnswer, quotient_remark
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
-from topo_search.study.ledger import FLIGHT, Ledger, Row, flight_of
+from topo_search.study.ledger import FLIGHT, Row, flight_of
 from topo_search.study.ledger_file import LedgerLost, damage
 from topo_search.study.optima import front_of
 from topo_search.study.proofs import summarize
 from topo_search.study.relaxing import causes
-from topo_search.study.request import Context, Request
+from topo_search.study.request import Request
 from topo_search.study.solving import audits_left
 
 
@@ -62,27 +62,27 @@ def check_rows(rows: Iterable[Row], space: Candidates, lower_bound: float, path:
         raise damage(path, f"its {number} candidates represent {orbits} trees, but there are {classes}")
 
 
-def check_designs(ledger: Ledger, contexts: list[Context], space: Candidates, rows: Iterable[Row]) -> None:
+def check_designs(folder: RunFolder, rows: Iterable[Row]) -> None:
     """Make sure that rows, designs, audits and trees say the same of each other.
 
     Raises:
         BadInput: they do not; names the candidate.
     """
     for row in rows:
-        if (difference := _difference(ledger, contexts, space, row)) is not None:
-            raise damage(ledger.path, f"{row.key}: its {difference}")
+        if (difference := _difference(folder, row)) is not None:
+            raise damage(folder.ledger.path, f"{row.key}: its {difference}")
 
 
-def _difference(ledger: Ledger, contexts: list[Context], space: Candidates, row: Row) -> str | None:
+def _difference(folder: RunFolder, row: Row) -> str | None:
     """Return the first thing in which a row, its design, its audit and its tree differ."""
+    contexts = folder.request.contexts(row.modules)
     if not 0 <= row.step < len(contexts):
         return f"margin has place {row.step} of {len(contexts)}"
-    context = contexts[row.step]
-    design, audit = ledger.result(context, row.key), ledger.audit(context, row.key)
-    if not isinstance(design, Design):
+    context, (design, audit) = contexts[row.step], folder.result_of(row)
+    if design is None:
         return "design is missing"
     try:
-        candidate = space.candidate_of(Topology.from_key(row.key))
+        candidate = folder.request.space(row.modules).candidate_of(Topology.from_key(row.key))
     except ValueError as error:
         return f"key names no tree: {error}"
     if {row.key, design.topology_key or row.key, design.topology.key} != {candidate.key}:
@@ -212,7 +212,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
     if ended and settled < candidates:
         number = f"{candidates - settled} of {candidates} candidates"
         remarks.append(f"{number} were never proposed: nothing is known about them")
-    check_designs(ledger, contexts, space, top if best is None or best in top else [*top, best])
+    check_designs(folder, top if best is None or best in top else [*top, best])
     proven = summarize(folder, n, best)
     words = None if best is None else statement(best, settled - statuses["failed"], candidates)
     return SizeAnswer(
