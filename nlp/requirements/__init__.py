@@ -23,25 +23,14 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from nlp.requirements.balances import Balance, balances
-from nlp.requirements.bounds import Bound, bounds, variable_bounds
+from nlp.requirements.bounds import variable_bounds
 from nlp.requirements.exposure import end_effector_clearances, exposure
 from nlp.requirements.modules import module_clearances
 from nlp.requirements.rod import rod_clearances
 from nlp.requirements.statement import Formula, Requirement
 from topo_search.model import ResolvedTask, Topology
 
-__all__ = [
-    "Balance",
-    "Bound",
-    "Formula",
-    "Requirement",
-    "balances",
-    "bounds",
-    "clearances",
-    "exposure",
-    "variable_bounds",
-]
+__all__ = ["Formula", "Requirement", "clearances", "exposure", "variable_bounds"]
 
 
 @lru_cache(maxsize=16)
