@@ -10,11 +10,11 @@ problem.
 from pathlib import Path
 
 from nlp.assembled.air import derive_speeds
-from nlp.assembled.program import AssembledProgram, polish_with
+from nlp.assembled.program import AssembledProgram
 from nlp.numbers import jets
 from nlp.symbols import clearance
 from topo_search.model.compiled_code import refresh
 
 refresh(derive_speeds, Path(__file__).parent, Path(clearance.__file__), Path(jets.__file__))
 
-__all__ = ["AssembledProgram", "polish_with"]
+__all__ = ["AssembledProgram"]

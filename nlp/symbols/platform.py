@@ -43,7 +43,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from nlp.numbers.geometry import torque_map
+from nlp.numbers.geometry import QUARTER_TURNS, torque_map
 from nlp.numbers.masses import TINY, Body, Masses, RodMass, masses
 from nlp.units import Units
 from topo_search.model import EndEffector, LoadCase, Module, Topology
@@ -82,12 +82,6 @@ def Rz(angle: ca.SX) -> ca.SX:
     return ca.blockcat([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
-def quarter_turns(kappa: int) -> ca.SX:
-    """Return Rz(kappa pi/2) with exact zeros and ones."""
-    c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[kappa % 4]
-    return ca.SX(ca.DM([[c, -s, 0], [s, c, 0], [0, 0, 1]]))
-
-
 def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: float) -> list[Pose]:
     """Return the poses of all modules, in module order.
 
@@ -104,7 +98,7 @@ def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: float) -> list[Pos
         hinge = Ry(alpha[i - 1]) if a % 2 == 0 else Rx(alpha[i - 1])
         R_hinge = parent.R @ hinge
         p_i = parent.p + l_c * (parent.R @ e_a) + l_c * (R_hinge @ e_a)
-        result.append(Pose(R=R_hinge @ quarter_turns(kappa), p=p_i))
+        result.append(Pose(R=R_hinge @ ca.DM(QUARTER_TURNS[kappa]), p=p_i))
     return result
 
 
