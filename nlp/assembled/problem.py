@@ -68,28 +68,24 @@ class AssembledProblem:
             for derived in derived_rows(formula, beta)
         ]
         margins = [np.full(term.m, term.margin) for term in self._terms]
-        turned, turning = [], list(turning_terms(task, layout))
-        for row, term in turning:
-            turned += [row] * term.m
-        self._index(turned, [term for _, term in turning])
+        self._index(list(turning_terms(task, layout)))
         self.lower = np.concatenate([np.zeros(6 * self.K), *margins])
         self.upper = np.concatenate([np.zeros(6 * self.K), np.full(self.rows - 6 * self.K, math.inf)])
         self._x = np.full(self.g, math.nan)
         self._jets: list[Jet] | None = None
         self._further: list[tuple[DerivedRows | SpeedRows, slice, Indices, Indices]] = []
 
-    def _index(self, turned: list[int], turning: list[Term]) -> None:
-        """Find where derivatives are not zero; `turning` terms are taken off the rows `turned` of the balances."""
+    def _index(self, turning: list[tuple[int, Term]]) -> None:
+        """Find where derivatives are not zero; `turning` terms are taken off rows of the balances."""
         n, K, g = self.n, self.K, self.g
         changing = np.concatenate([np.ones((6 * K, g), dtype=bool), *(term.changing for term in self._terms)])
-        self.rows, self._turned = len(changing), np.array(turned, dtype=np.intp)
-        self._terms += turning
+        self.rows = len(changing)
+        self._turned = np.array([row for row, term in turning for _ in range(term.m)], dtype=np.intp)
+        self._terms += (term for _, term in turning)
         self._changing = changing.T
         moved = self.layout.rotor_moves > 0
         self._mixed = np.flatnonzero(moved)
-        self._by_angles = np.hstack([moved, np.zeros((4 * n, 1), dtype=bool)])[
-            np.hstack([moved, np.ones((4 * n, 1), dtype=bool)])
-        ]
+        self._by_angles = np.nonzero(np.hstack([moved, np.ones((4 * n, 1), dtype=bool)]))[1] < n + 2
         """Of the entries of a load case's inputs, those by the angles; the others are on the diagonal."""
         balances_by_inputs = ca.diagcat(*[ca.Sparsity.dense(6, 4 * n)] * K)
         clearances_by_inputs = ca.Sparsity(self.rows - 6 * K, 4 * n * K)
