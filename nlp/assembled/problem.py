@@ -86,7 +86,7 @@ class AssembledProblem:
         moved = self.layout.rotor_moves > 0
         self._mixed = np.flatnonzero(moved)
         self._by_angles = np.nonzero(np.hstack([moved, np.ones((4 * n, 1), dtype=bool)]))[1] < n + 2
-        """Of the entries of a load case's inputs, those by the angles; the others are on the diagonal."""
+        """True for the entries of a load case's inputs by the angles; the others are on the diagonal."""
         balances_by_inputs = ca.diagcat(*[ca.Sparsity.dense(6, 4 * n)] * K)
         clearances_by_inputs = ca.Sparsity(self.rows - 6 * K, 4 * n * K)
         by_inputs = ca.vertcat(balances_by_inputs, clearances_by_inputs)
