@@ -120,7 +120,7 @@ class AssembledProblem:
             self.platform, self._jets = Platform(self.layout, self._x), None
         return self.platform, variables[self.g :].reshape(self.K, -1)
 
-    def _derived(self, at: Platform) -> list[Jet]:
+    def _derive(self, at: Platform) -> list[Jet]:
         """Return all terms with their derivatives; Ipopt takes Jacobian and Hessian at the same points."""
         self._jets = self._jets or [term.at(at, derive=True) for term in self._terms]
         return self._jets
@@ -154,7 +154,7 @@ class AssembledProblem:
         balances = -self._levers @ at.dV[-3:-1].transpose(0, 2, 1).reshape(6, -1)
         balances[:, : self.n + 2] += (u @ at.dA).transpose(1, 0, 2).reshape(6 * self.K, -1)
         rows = [balances]
-        for term, (_, gradient, _) in zip(self._terms, self._derived(at), strict=True):
+        for term, (_, gradient, _) in zip(self._terms, self._derive(at), strict=True):
             rows.append(slopes(gradient, term.plus, term.minus, at.dV, term.changing))
         by_geometry = self._take_off_turning(np.concatenate(rows))
         result = np.concatenate([by_geometry.T[self._changing], *[at.A.ravel()] * self.K])
@@ -170,7 +170,7 @@ class AssembledProblem:
         weights = np.concatenate([multipliers[6 * K : own], -multipliers[self._turned]])
         by_V, curved, row = np.zeros_like(at.V), np.zeros((self.g, self.g)), 0
         by_V[-3:-1] -= (mu.ravel() @ self._levers).reshape(2, 3)
-        for term, (_, gradient, hessian) in zip(self._terms, self._derived(at), strict=True):
+        for term, (_, gradient, hessian) in zip(self._terms, self._derive(at), strict=True):
             of_term = weights[row : row + term.m]
             add_curvature(of_term, gradient, hessian, term.plus, term.minus, at.dV, term.moving, by_V, curved)
             row += term.m
