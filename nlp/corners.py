@@ -6,7 +6,7 @@ given angles produces it is a small convex problem of its own, so that all are j
 
 from __future__ import annotations
 
-from collections.abc import Callable, Set
+from collections.abc import Set
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,8 +22,6 @@ from nlp.start_result import StartResult
 from nlp.user_constraints import UserConstraints, correct_point, violations_of
 from topo_search.model import ResolvedTask
 from topo_search.model.corners import CorneredTask
-
-SolveFrom = Callable[[Point, Limits | None], IpoptResult]
 
 
 class TakingIn(NamedTuple):
@@ -52,7 +50,8 @@ def take_in_corners(
     start: int,
     origin: Point,
     constraints: UserConstraints = (),
-    solve: SolveFrom | None = None,
+    *,
+    rounds: bool = False,
 ) -> StartResult:
     """Return the result of a start whose program takes in corners, and loads in joints, until none is missed.
 
@@ -61,18 +60,16 @@ def take_in_corners(
         start: index of the start.
         origin: of a task with some of them.
         constraints: constraints of the user, to which the point is held as well.
-        solve: solves the program of a point's own task from there, with limits of what joints bear if it has any;
-            None: a polish.
+        rounds: whether the origin is any point, from which rounds lead; else a polish is enough.
     """
-    if solve is None:
-        from nlp.assembled import polish_with  # compiled code, which other commands need not load
+    from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
 
-        solve = polish_with(constraints)
     near_limits = [at for at in fastest(origin) if at.speed > TAKING_IN.near_speed * at.limit]
     first = tuple(sorted({point for at in near_limits for point in at.points}))
     point, iterations, limits = origin, 0, Limits(None, (), first) if first else None
     for _ in range(TAKING_IN.rounds):
-        result = solve(point, limits)
+        program = AssembledProgram(point.task, point.topology, constraints, limits)
+        result = program.solve(point) if rounds else program.polish(point)
         iterations += result.iterations
         result = replace(result, iterations=iterations)
         reached = correct_point(result.point if result.finite else point, constraints)

@@ -30,18 +30,20 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from nlp import airspeed
+from nlp import airspeed, names
 from nlp.joints import limited_loads, loads
-from nlp.numbers.geometry import root_angles, root_rotation
+from nlp.numbers.geometry import fold_excess, root_angles, root_rotation
 from nlp.numbers.point import Point, weigh_rod
-from nlp.requirements import balances, bounds, clearances
+from nlp.requirements import clearances
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, missed_wrenches, wrench_matrix
-from nlp.requirements.bounds import running_rotors
+from nlp.requirements.bounds import PAPER_ROOT, running_rotors
 from topo_search.model import Design
 from topo_search.model.arrays import Array
 
 LOAD_TOLERANCE = 1e-7
 """Tolerance of a joint's load above the largest [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
+PLACE_TOLERANCE = 1e-9
+"""Largest error of a fixed end-effector's place [l_arm]."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +83,10 @@ def worst(checks: list[Violation]) -> Violation:
 
 
 def _balances(point: Point) -> Iterator[Violation]:
-    for balance, missed in zip(balances(point.task), missed_wrenches(point).ravel().tolist(), strict=True):
-        yield Violation(balance.name, missed * balance.one, balance.unit, missed, balance.tolerance)
+    task, n = point.task, point.topology.n
+    for label, (force, torque) in zip(task.case_labels, missed_wrenches(point).tolist(), strict=True):
+        yield Violation(names.force(label), force * task.force_unit(n), "N", force, WRENCH_TOLERANCE)
+        yield Violation(names.torque(label), torque * task.torque_unit(n), "N m", torque, WRENCH_TOLERANCE)
 
 
 def _joints(point: Point) -> Iterator[Violation]:
@@ -107,8 +111,29 @@ def _clearances(point: Point) -> Iterator[Violation]:
 
 
 def _bounds(point: Point) -> Iterator[Violation]:
-    for bound in bounds(point):
-        yield Violation(bound.name, bound.beyond, bound.unit, bound.beyond / bound.one, bound.tolerance)
+    """Yield those of inputs, hinges, root, and p_E where it is bounded.
+
+    The printed problem has no row for the end-effector's reach, and none for its place where a task fixes that: it
+    is no unknown then.
+    """
+    task, l_arm = point.task, point.task.module.arm_length
+    u, alive = point.u.reshape(len(task.load_cases), -1), running_rotors(task)
+    above = (u - task.max_input * alive).max(axis=1).tolist()
+    below = (task.min_input * alive - u).max(axis=1).tolist()
+    for label, over, under in zip(task.case_labels, above, below, strict=True):
+        yield Violation(f"{label}, largest rotor input", over, "rad^2/s^2", over / task.max_input)
+        yield Violation(f"{label}, smallest rotor input", under, "rad^2/s^2", under / task.max_input)
+    for i, excess in enumerate(fold_excess(task, point.topology, point.alpha).tolist(), start=1):
+        yield Violation(f"hinge angle of module {i}", excess, "rad", excess)
+    if task.search.root == "paper":
+        for (name, limit), angle in zip(PAPER_ROOT.items(), point.root.tolist(), strict=True):
+            yield Violation(f"root orientation, {name}", abs(angle) - limit, "rad", abs(angle) - limit)
+    offset, position = point.p_E - point.p_COM, task.end_effector.fixed_position
+    too_far = float(np.linalg.norm(offset)) - task.farthest_end_effector(point.topology.n)
+    yield Violation(names.REACH, too_far, "m", too_far / l_arm)
+    if position is not None:
+        off = float(np.linalg.norm(offset - position))
+        yield Violation(names.POSITION, off, "m", off / l_arm, PLACE_TOLERANCE)
 
 
 class Correction(NamedTuple):

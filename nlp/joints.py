@@ -40,7 +40,7 @@ from nlp.numbers.point import Connector, Point, connectors, rod_path
 from nlp.problem import Variables
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
-from nlp.symbols.platform import of_module, of_platform, of_rod, rod_vector, scale, thrust
+from nlp.symbols.platform import of_module, of_platform, of_rod, rod_vector, scale
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
@@ -186,7 +186,7 @@ def _vectors(
         force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
         for j in beyond[load.child]:
             u_j = variables.u[load.case][4 * j : 4 * j + 4]
-            pull = a + ca.cross(spin, o[j]) + up - thrust(u_j) * placed[j].z
+            pull = a + ca.cross(spin, o[j]) + up - ca.sum1(u_j) / 4 * placed[j].z
             force += pull
             moment += turning[j] @ spin - placed[j].R @ (torques @ u_j) + ca.cross(o[j] - c, pull)
             if j != load.child:  # the joint that is cut hangs at the parent

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.airspeed import fastest
-from nlp.assembled import polish_with
+from nlp.assembled import AssembledProgram
 from nlp.assembled.air import derive_speeds
 from nlp.corners import judge, take_in_corners, without_corners
 from nlp.joints import Limits
@@ -252,7 +252,7 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     point = point_of(without_corners(task), tree, problem, best[0])
     if limited:  # the polish states air speeds
         points = sorted({at for fast in fastest(point) for at in fast.points})
-        polish_with(())(point, Limits(None, (), tuple(points)))
+        AssembledProgram(point.task, tree, (), Limits(None, (), tuple(points))).polish(point)
 
 
 def solve_starts(

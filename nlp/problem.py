@@ -54,9 +54,11 @@ from dataclasses import dataclass
 
 import casadi as ca
 
+from nlp import names
 from nlp.numbers.masses import masses
-from nlp.requirements import balances, clearances, variable_bounds
-from nlp.symbols.platform import Pose, of_platform, poses, tip_and_com
+from nlp.requirements import clearances, variable_bounds
+from nlp.requirements.balances import turns
+from nlp.symbols.platform import Pose, asked_wrench, of_platform, poses, tip_and_com, wrench_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 
@@ -141,11 +143,13 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     # (2)-(3) wrench balance of every load case
     carried = masses(module, task.end_effector, topology)
     J = of_platform([pose.p - p_COM for pose in modules], [pose.R for pose in modules], p_E - p_COM, carried)
+    A = wrench_map([pose.R for pose in modules], [pose.p for pose in modules], module)
     constraints: list[Constraint] = []
-    for row, balance in enumerate(balances(task)):
-        u_k = variables.u[row // 2]
-        missing = balance.smooth(modules, u_k, p_E=p_E, p_COM=p_COM, J=J, module=module, unit=unit)
-        constraints.append(Constraint(balance.name, missing, 0.0, 0.0))
+    for u_k, label, case, turn in zip(variables.u, task.case_labels, task.load_cases, turns(task), strict=True):
+        missing = A @ u_k - asked_wrench(case, unit, p_E=p_E, p_COM=p_COM)
+        missing[3:] -= J @ ca.DM(turn)
+        constraints.append(Constraint(names.force(label), missing[:3] / n, 0.0, 0.0))
+        constraints.append(Constraint(names.torque(label), missing[3:] / n, 0.0, 0.0))
 
     # (4)-(9) clearances
     for requirement in clearances(task, topology):

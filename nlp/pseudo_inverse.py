@@ -29,10 +29,9 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from nlp.numbers.geometry import torque_map
 from nlp.numbers.masses import masses
 from nlp.requirements.balances import WRENCH_TOLERANCE
-from nlp.symbols.platform import of_platform
+from nlp.symbols.platform import of_platform, wrench_map
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.arrays import Array
@@ -67,7 +66,10 @@ class _Kept:
         task = platform.task
         unit = Units.of(task)
         units = ca.DM([unit.force] * 3 + [unit.torque] * 3)
-        A, tip, com = _rotors(platform), self.case.at_end_effector, self.case.at_com
+        A = task.module.max_thrust_to_weight * wrench_map(
+            platform.orientations, [o / unit.length for o in platform.centres], task.module
+        )
+        tip, com = self.case.at_end_effector, self.case.at_com
         levers = ca.cross(platform.end_effector, ca.DM(tip.force)) + np.cross(error, com.force)
         b = ca.vertcat(ca.DM(tip.force) + ca.DM(com.force), ca.DM(tip.torque) + ca.DM(com.torque) + levers)
         inputs = A.T @ ca.solve(A @ A.T, ca.horzcat(b / units, self._additions(error, platform) / units))
@@ -145,19 +147,6 @@ def _requirements(task: ResolvedTask) -> Iterator[tuple[str, _Kept]]:
     if flight.tilt_deg:
         (_, label, case), *_ = centres_of(task, "hover")
         yield f"{label}, tilt", _Kept(case, "tilt", (math.radians(flight.tilt_deg),), error)
-
-
-def _rotors(platform: SymbolicPlatform) -> ca.SX:
-    """Return A."""
-    module = platform.task.module
-    torques, columns = ca.DM(torque_map(module)), []
-    for o, R in zip(platform.centres, platform.orientations, strict=True):
-        z = R[:, 2] / 4
-        force = ca.repmat(z, 1, 4)
-        torque = R @ torques + ca.repmat(ca.cross(o / module.arm_length, z), 1, 4)
-        columns.append(ca.vertcat(force, torque))
-    A: ca.SX = module.max_thrust_to_weight * ca.horzcat(*columns)
-    return A
 
 
 def _inertia(platform: SymbolicPlatform) -> ca.SX:

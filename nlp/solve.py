@@ -13,8 +13,7 @@ import numpy as np
 from nlp.bounds import bound_of, prove_impossible
 from nlp.corners import judge, take_in_corners, without_corners
 from nlp.evaluation import correct
-from nlp.ipopt import IpoptResult
-from nlp.joints import Limits, rod_of
+from nlp.joints import rod_of
 from nlp.numbers.point import Point, weigh_rod
 from nlp.pseudo_inverse import pseudo_inverse_constraints
 from nlp.reduced import REDUCED_UP_TO, reason_against
@@ -248,19 +247,13 @@ class _Request:
 
     def _solve_whole_problem(self, task: ResolvedTask) -> list[StartResult]:
         """Return the results of Ipopt on the whole problem, from untangled starts."""
-        from nlp.assembled import AssembledProgram  # compiled code, which other commands need not load
-
         plain, results = without_corners(task), []
-
-        def solve_from(point: Point, limits: Limits | None) -> IpoptResult:
-            return AssembledProgram(point.task, self.topology, self.constraints, limits).solve(point)
-
         draws: list[tuple[int, Callable[..., Point]]]
         draws = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(self.near)]
         draws += [(s, draw) for s in self.starts]
         for s, start in draws:
             origin = start(plain, self.topology, rng=generator(plain, self.topology, s, self.seed))
-            results.append(take_in_corners(task, s, origin, self.constraints, solve_from))
+            results.append(take_in_corners(task, s, origin, self.constraints, rounds=True))
         return results
 
 

@@ -179,18 +179,14 @@ def test_mirrored_trees_cost_the_same_with_failures() -> None:
 
 def test_a_program_that_takes_in_corners_ends_where_one_with_all_of_them_does() -> None:
     task = whole(asked(cases=GENTLE_PUSH, force_reserve=0.15, directions="horizontal"))
-    from nlp.assembled import AssembledProgram
     from nlp.starts.random_starts import draw, generator
-
-    def solve_whole(point, _):
-        return AssembledProgram(point.task, TREE).solve(point)
 
     found = []
     for begun in (without_corners(task), task):
         best = []
         for s in range(6):
             origin = draw(begun, TREE, generator(begun, TREE, s, 0))
-            best.append(take_in_corners(task, s, origin, solve=solve_whole))
+            best.append(take_in_corners(task, s, origin, rounds=True))
         found.append(min(best, key=lambda outcome: outcome.rank))
     assert found[0].worst.met
     assert found[1].worst.met

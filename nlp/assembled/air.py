@@ -19,7 +19,7 @@ import numpy as np
 
 from nlp.airspeed import AIMED_AT, SpeedPoint
 from nlp.assembled.platform import Indices
-from nlp.assembled.problem import AssembledProblem, spread
+from nlp.assembled.problem import AssembledProblem
 from nlp.numbers.jets import JETS, ROUNDED, Jet, by_inputs, curvature, jet_of, point_of_ball, speed
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
 from topo_search.model import ResolvedTask
@@ -70,8 +70,10 @@ class SpeedRows:
         at, dy, weights = self._program.platform, self._chain(), -multipliers[self._rows]
         first, second = self._upper
         each = weights[:, None] * (dy @ hessian @ dy.transpose(0, 2, 1))[:, first, second]
-        by_vectors = (weights[:, None] * gradient[:, :18]).reshape(-1, 3)
-        H = at.bend(spread(by_vectors, self._plus.ravel(), self._minus.ravel(), len(at.V)))
+        by_V, by_vectors = np.zeros_like(at.V), weights[:, None, None] * gradient[:, :18].reshape(-1, 6, 3)
+        np.add.at(by_V, self._plus, by_vectors)
+        np.subtract.at(by_V, self._minus, by_vectors)
+        H = at.bend(by_V)
         each[0, self._bends] += H[first[self._bends], second[self._bends]]
         return np.asarray(np.bincount(self._in_hessian, each.ravel()), dtype=float)
 
@@ -85,7 +87,7 @@ class SpeedRows:
         """Return the derivatives of (y, u) by the geometric unknowns and u, shape (m n, g + 4, 22)."""
         dV, g = self._program.platform.dV, self._program.g
         dy = np.zeros((len(self._rows), g + 4, 22))
-        dy[:, :g, :18] = (dV[self._plus] - dV[self._minus]).reshape(-1, 18, g).transpose(0, 2, 1)
+        dy[:, :g, :18] = (dV[self._plus] - dV[self._minus]).transpose(0, 2, 1, 3).reshape(-1, g, 18)
         dy[:, g:, 18:] = np.eye(4)
         return dy
 

@@ -6,7 +6,6 @@
 | u | inputs of every load case | (K, 4n) |
 | mu | multipliers of the balances | (K, 6) |
 | V, A | vectors of the platform, wrenches of its rotors; see `nlp.assembled.platform` | |
-| y | local vectors of all terms, one below the other | (L, 3) |
 
 All dimensionless, variables in the order of `nlp.problem.Variables`. The rows are the balances, then the
 clearances, term by term.
@@ -21,6 +20,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from nlp.assembled.chain_rule import add_curvature, slopes
 from nlp.assembled.platform import CROSS, Indices, Layout, Platform
 from nlp.assembled.terms import Jet, Term, derived_rows, turning_terms
 from nlp.requirements import Requirement
@@ -68,36 +68,31 @@ class AssembledProblem:
             for derived in derived_rows(formula, beta)
         ]
         margins = [np.full(term.m, term.margin) for term in self._terms]
-        turned, turning = [], list(turning_terms(task, layout))
-        for row, term in turning:
-            turned += [row] * term.m
-        self._index(turned, [term for _, term in turning])
+        self._index(list(turning_terms(task, layout)))
         self.lower = np.concatenate([np.zeros(6 * self.K), *margins])
         self.upper = np.concatenate([np.zeros(6 * self.K), np.full(self.rows - 6 * self.K, math.inf)])
         self._x = np.full(self.g, math.nan)
+        self._jets: list[Jet] | None = None
         self._further: list[tuple[DerivedRows | SpeedRows, slice, Indices, Indices]] = []
 
-    def _index(self, turned: list[int], turning: list[Term]) -> None:
-        """Find where derivatives are not zero; `turning` terms are taken off the rows `turned` of the balances."""
+    def _index(self, turning: list[tuple[int, Term]]) -> None:
+        """Find where derivatives are not zero; `turning` terms are taken off rows of the balances."""
         n, K, g = self.n, self.K, self.g
-        slopes = np.concatenate([np.ones((6 * K, g), dtype=bool), *(term.slopes for term in self._terms)])
-        self.rows, self._turned = len(slopes), np.array(turned, dtype=np.intp)
-        self._terms += turning
-        self._plus, self._minus = (
-            np.concatenate([np.empty(0, np.intp), *(getattr(term, side).ravel() for term in self._terms)])
-            for side in ("plus", "minus")
-        )
-        counts = [term.plus.shape[1] for term in self._terms for _ in range(term.m)]
-        self._starts = np.cumsum([0, *counts])[:-1]
-        self._slopes = slopes.T
-        self._mixed = np.ones((4 * n, n + 3), dtype=bool)
-        self._mixed[:, :-1] = np.repeat(self.layout.tree.moves.T, 4, axis=0)
+        changing = np.concatenate([np.ones((6 * K, g), dtype=bool), *(term.changing for term in self._terms)])
+        self.rows = len(changing)
+        self._turned = np.array([row for row, term in turning for _ in range(term.m)], dtype=np.intp)
+        self._terms += (term for _, term in turning)
+        self._changing = changing.T
+        moved = self.layout.rotor_moves > 0
+        self._mixed = np.flatnonzero(moved)
+        self._by_angles = np.nonzero(np.hstack([moved, np.ones((4 * n, 1), dtype=bool)]))[1] < n + 2
+        """True for the entries of a load case's inputs by the angles; the others are on the diagonal."""
         balances_by_inputs = ca.diagcat(*[ca.Sparsity.dense(6, 4 * n)] * K)
         clearances_by_inputs = ca.Sparsity(self.rows - 6 * K, 4 * n * K)
         by_inputs = ca.vertcat(balances_by_inputs, clearances_by_inputs)
-        self.jacobian_pattern = ca.horzcat(_pattern(self._slopes), by_inputs)
+        self.jacobian_pattern = ca.horzcat(_pattern(self._changing), by_inputs)
         mixed = np.zeros((4 * n, g), dtype=bool)
-        mixed[:, : n + 2] = self._mixed[:, :-1]
+        mixed[:, : n + 2] = moved
         inputs = ca.vertcat(ca.horzcat(*[_pattern(mixed)] * K), ca.Sparsity.diag(4 * n * K))
         geometry = ca.vertcat(ca.Sparsity.upper(g), ca.Sparsity(4 * n * K, g))
         self.hessian_pattern = ca.horzcat(geometry, inputs)
@@ -122,8 +117,13 @@ class AssembledProblem:
         x = variables[: self.g]
         if not np.array_equal(x, self._x):
             self._x = x.copy()
-            self.platform = Platform(self.layout, self._x)
+            self.platform, self._jets = Platform(self.layout, self._x), None
         return self.platform, variables[self.g :].reshape(self.K, -1)
+
+    def _derive(self, at: Platform) -> list[Jet]:
+        """Return all terms with their derivatives; Ipopt takes Jacobian and Hessian at the same points."""
+        self._jets = self._jets or [term.at(at, derive=True) for term in self._terms]
+        return self._jets
 
     def objective(self, variables: Array) -> float:
         """Return (1)."""
@@ -135,20 +135,11 @@ class AssembledProblem:
         u = variables[self.g :].reshape(self.K, -1)
         return np.concatenate([np.zeros(self.g), (2 * self._weights[:, None] * u).ravel()])
 
-    def _derive(self, order: int, at: Platform) -> list[Jet]:
-        """Return values, and derivatives by their local vectors up to an order, of all terms."""
-        y, jets, first = at.V[self._plus] - at.V[self._minus], [], 0
-        for term in self._terms:
-            last = first + term.plus.size
-            jets.append(term.derived(order, y[first:last].reshape(*term.plus.shape, 3)))
-            first = last
-        return jets
-
     def constraints(self, variables: Array) -> Array:
         """Return (2) to (9)."""
         at, u = self.at(variables)
         asked = self._wrenches + self._levers @ at.V[-3:-1].ravel()
-        values = [(u @ at.A).ravel() - asked, *(values for (values,) in self._derive(0, at))]
+        values = [(u @ at.A).ravel() - asked, *(term.at(at, derive=False)[0] for term in self._terms)]
         further = [np.asarray(rows.values(variables), dtype=float).ravel() for rows, _, _, _ in self._further]
         return np.concatenate([self._take_off_turning(np.concatenate(values)), *further])
 
@@ -160,14 +151,15 @@ class AssembledProblem:
     def jacobian(self, variables: Array) -> Array:
         """Return the Jacobian of (2) to (9), its entries in the order of `jacobian_pattern`."""
         at, u = self.at(variables)
-        balances = -self._levers @ at.dV[-3:-1].reshape(6, -1)
-        balances[:, : self.n + 2] += (u @ at.dA.reshape(4 * self.n, -1)).reshape(6 * self.K, -1)
-        gradients = np.concatenate([np.empty((0, 3)), *(jet[1].reshape(-1, 3) for jet in self._derive(1, at))])
-        each = np.einsum("la,lag->lg", gradients, at.dV[self._plus] - at.dV[self._minus])
-        by_geometry = self._take_off_turning(np.vstack([balances, np.add.reduceat(each, self._starts)]))
-        result = np.concatenate([by_geometry.T[self._slopes], *[at.A.ravel()] * self.K])
-        for rows, _, order, _ in self._further:
-            result = np.concatenate([result, rows.jacobian(variables)])[order]
+        balances = -self._levers @ at.dV[-3:-1].transpose(0, 2, 1).reshape(6, -1)
+        balances[:, : self.n + 2] += (u @ at.dA).transpose(1, 0, 2).reshape(6 * self.K, -1)
+        rows = [balances]
+        for term, (_, gradient, _) in zip(self._terms, self._derive(at), strict=True):
+            rows.append(slopes(gradient, term.plus, term.minus, at.dV, term.changing))
+        by_geometry = self._take_off_turning(np.concatenate(rows))
+        result = np.concatenate([by_geometry.T[self._changing], *[at.A.ravel()] * self.K])
+        for further, _, order, _ in self._further:
+            result = np.concatenate([result, further.jacobian(variables)])[order]
         return result
 
     def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
@@ -176,31 +168,20 @@ class AssembledProblem:
         K, own = self.K, self.rows - sum(len(rows.lower) for rows, _, _, _ in self._further)
         mu = multipliers[: 6 * K].reshape(K, 6)
         weights = np.concatenate([multipliers[6 * K : own], -multipliers[self._turned]])
-        dy, first, row = at.dV[self._plus] - at.dV[self._minus], 0, 0
-        gradients, bent = np.empty((len(dy), 3)), np.empty((3 * len(dy), self.g))
-        for term, (_, gradient, hessian) in zip(self._terms, self._derive(2, at), strict=True):
-            last, weight = first + term.plus.size, weights[row : row + term.m, None, None]
-            gradients[first:last] = (weight * gradient).reshape(-1, 3)
-            each = (weight * hessian) @ dy[first:last].reshape(term.m, -1, self.g)
-            bent[3 * first : 3 * last] = each.reshape(-1, self.g)
-            first, row = last, row + term.m
-        by_V = spread(gradients, self._plus, self._minus, len(at.V))
+        by_V, curved, row = np.zeros_like(at.V), np.zeros((self.g, self.g)), 0
         by_V[-3:-1] -= (mu.ravel() @ self._levers).reshape(2, 3)
-        H = at.bend(by_V, u.T @ mu) + dy.reshape(-1, self.g).T @ bent
-        mixed = np.empty((K, *self._mixed.shape))
-        mixed[:, :, :-1] = np.tensordot(mu, at.dA, (1, 1))
-        mixed[:, :, -1] = 2 * of_objective * self._weights[:, None]
-        result = np.concatenate([H.T[self._triangle], mixed[:, self._mixed].ravel()])
+        for term, (_, gradient, hessian) in zip(self._terms, self._derive(at), strict=True):
+            of_term = weights[row : row + term.m]
+            add_curvature(of_term, gradient, hessian, term.plus, term.minus, at.dV, term.moving, by_V, curved)
+            row += term.m
+        H = curved + at.bend(by_V, u.T @ mu)
+        by_inputs = np.repeat(2 * of_objective * self._weights[:, None], len(self._by_angles), axis=1)
+        by_inputs[:, self._by_angles] = mu @ at.dA.reshape(6, -1).take(self._mixed, 1)
+        result = np.concatenate([H.T[self._triangle], by_inputs.ravel()])
         for rows, mine, _, entries in self._further:
             added = rows.hessian(variables, multipliers[mine])
             result = np.bincount(entries, np.concatenate([result, added])).astype(float)
         return result
-
-
-def spread(gradients: Array, plus: Indices, minus: Indices, count: int) -> Array:
-    """Return the gradient by V (count, 3) of a function with a gradient by local vectors, shape (L, 3)."""
-    sides = [np.bincount(plus, side, count) - np.bincount(minus, side, count) for side in gradients.T]
-    return np.stack(sides, axis=1)
 
 
 def _pattern(filled: Array) -> ca.Sparsity:

@@ -197,16 +197,16 @@ class AssembledProgram:
         return IpoptResult(point, status, iterations)
 
     def polish(self, start: Point) -> IpoptResult:
-        """Return where one round from a point next to a minimum ends: all envelopes are kept apart."""
-        return self._round(
-            start, LIMITS.polish, {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.exact}
-        )
-
-    def approach(self, start: Point) -> IpoptResult:
-        """Return where one round with long steps ends, whatever it does to what is not stated."""
-        return self._round(
-            start, LIMITS.bold, {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.next_to_minimum}
-        )
+        """Return where a point next to a minimum of the search leads."""
+        limits, options = self._limits, {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.exact}
+        if limits is not None and limits.air and not (self._constraints or limits.loads):
+            # no rounds: they take back what is faster between points than at them, and more points come anyway
+            options = {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.next_to_minimum}
+            return self._round(start, LIMITS.bold, options)
+        if self._constraints or limits is not None:
+            # the search did not know of them: they may pull far from the point
+            return self.solve(start)
+        return self._round(start, LIMITS.polish, options)
 
     def _round(self, start: Point, limit: float, options: Options) -> IpoptResult:
         requirements = [requirement.restrict(start.vectors) for requirement in self._clearances]
@@ -238,21 +238,6 @@ class AssembledProgram:
     def _merit(self, point: Point) -> _Merit:
         reason = worst(violations_of(correct_point(point, self._constraints), self._constraints))
         return _Merit(reason.met, point.objective if reason.met else reason.rank)
-
-
-def polish_with(constraints: UserConstraints) -> Callable[[Point, Limits | None], IpoptResult]:
-    """Return a function that polishes a point of any task and tree, under limits of what joints bear."""
-
-    def polish(point: Point, limits: Limits | None) -> IpoptResult:
-        program = AssembledProgram(point.task, point.topology, constraints, limits)
-        if limits is not None and limits.air and not (constraints or limits.loads):
-            # no rounds: they take back what is faster between points than at them, and more points come anyway
-            return program.approach(point)
-        if constraints or limits is not None:  # the search did not know of them: they may pull far from the point
-            return program.solve(point)
-        return program.polish(point)
-
-    return polish
 
 
 @dataclass(frozen=True)

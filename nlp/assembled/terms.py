@@ -1,7 +1,7 @@
 """The formulas of `nlp.requirements` with gradients and Hessians by their local vectors.
 
-CasADi derives them, once a process and not once a topology. Of pairs of envelopes, of which there are most, it
-derives what their coefficients make; those are bilinear in the local vectors.
+CasADi derives them, once a process and not once a topology; by hand are pairs of envelopes, of which there are most
+(`nlp.assembled.kkt_candidates`): CasADi takes nine times as long, a fifth of a solve of 40 modules.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -17,14 +17,15 @@ of o_i and their axes, of one of p_E, and of one of the rod that counts (`nlp.sy
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 
-from nlp.assembled.platform import Indices, Layout
+from nlp.assembled.kkt_candidates import smooth_least
+from nlp.assembled.platform import Indices, Layout, Platform
 from nlp.numbers.masses import Body, RodMass
 from nlp.requirements.balances import turns
 from nlp.requirements.bodies import Air
@@ -40,18 +41,22 @@ from nlp.requirements.statement import (
     LocalVector,
     PlatformVector,
 )
-from nlp.symbols.clearance import as_length, quadratic_candidates
 from nlp.symbols.platform import beside_halves, of_body, spread
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.value import Vector
 
-Jet = list[Array]
-"""Values (m,), then as far as asked for gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
+Jet = tuple[Array, ...]
+"""Values (m,), then, if they are derived, gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
 KEPT = 30
-"""Largest number of buffers of one expression, one for each order and number of columns in use."""
-Derived = Callable[[int, Array], Jet]
-"""derived(order, y); order 0, 1 or 2."""
+"""Largest number of buffers of one expression, one for each number of columns in use, with derivatives or not."""
+
+
+class Derived(Protocol):
+    """A function of local vectors."""
+
+    def __call__(self, y: Array, *, derive: bool) -> Jet:
+        """Return it at m of them each, shape (m, s, 3)."""
 
 
 class Term:
@@ -74,12 +79,18 @@ class Term:
             layout: where vectors stand.
             margin: required clearance beyond zero [l_arm].
         """
-        self.derived, self.margin = derived, margin
+        self._derived, self.margin = derived, margin
         self.plus, self.minus = layout.endpoints(vectors, subjects)
         self.m, involved = len(self.plus), np.concatenate([self.plus, self.minus], axis=1)
-        moving, turning = layout.moved[involved].any(axis=1), layout.turned[involved].all(axis=1)
-        self.slopes = moving & ~turning  # what turns as one stays as it is
-        """Which unknowns change each clearance, shape (m, g)."""
+        self.moving = layout.moved[involved].any(axis=1)
+        """Which unknowns move a vector of each clearance, shape (m, g)."""
+        self.changing = self.moving & ~layout.turned[involved].all(axis=1)  # what turns as one stays as it is
+        """Which change it."""
+
+    def at(self, platform: Platform, *, derive: bool) -> Jet:
+        """Return values, and derivatives by the local vectors if wanted."""
+        V = platform.V
+        return self._derived(V.take(self.plus, 0) - V.take(self.minus, 0), derive=derive)
 
 
 class Mapped:
@@ -90,30 +101,28 @@ class Mapped:
         hessian, gradient = ca.hessian(expression, variables)
         results = [expression, ca.densify(gradient), ca.densify(hessian)]
         self._size = variables.numel()
-        self._functions = [ca.Function("term", [variables], results[: order + 1]) for order in range(3)]
-        self._buffers: dict[tuple[int, int], tuple[Any, Any, Array, Jet]] = {}
+        self._functions = [ca.Function("term", [variables], some) for some in (results[:1], results)]
+        self._buffers: dict[tuple[bool, int], tuple[Any, Any, Array, Jet]] = {}
 
-    def __call__(self, order: int, y: Array) -> Jet:
-        """Return values, and gradients and Hessians up to an order, for vectors of shape (m, s, size / s)."""
+    def __call__(self, y: Array, *, derive: bool) -> Jet:
+        """Return values, and gradients and Hessians if wanted."""
         m = len(y)
-        if (order, m) not in self._buffers:
+        if (derive, m) not in self._buffers:
             while len(self._buffers) >= KEPT:  # the oldest goes first
                 del self._buffers[next(iter(self._buffers))]
-            self._buffers[order, m] = self._buffer(order, m)
-        _, trigger, inputs, outputs = self._buffers[order, m]
+            self._buffers[derive, m] = self._buffer(m, derive=derive)
+        _, trigger, inputs, outputs = self._buffers[derive, m]
         inputs[...] = y.reshape(m, -1)
         trigger()
-        jet = [output.copy() for output in outputs]
-        if order:
-            jet[1] = jet[1].reshape(y.shape)
-        return jet
+        shapes = (m,), y.shape, (m, self._size, self._size)
+        return tuple(output.copy().reshape(shape) for output, shape in zip(outputs, shapes, strict=False))
 
-    def _buffer(self, order: int, m: int) -> tuple[Any, Any, Array, Jet]:
+    def _buffer(self, m: int, *, derive: bool) -> tuple[Any, Any, Array, Jet]:
         """Return CasADi's buffer of the mapped function with the arrays that it reads and writes."""
-        function: Any = self._functions[order].map(m)
+        function: Any = self._functions[derive].map(m)
         buffer, trigger = function.buffer()
         inputs = np.zeros((m, self._size))
-        outputs = [np.zeros((m, *(self._size,) * axes)) for axes in range(order + 1)]
+        outputs = tuple(np.zeros(m * self._size**axes) for axes in range(3 if derive else 1))
         buffer.set_arg(0, inputs.data)
         for number, output in enumerate(outputs):
             buffer.set_res(number, output.data)
@@ -132,32 +141,28 @@ def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
 def _envelope_pair(air: Air, beta: float) -> Derived:
     """Return the smooth clearance of two airflow envelopes, of w, z_i, z_j, as a function of C, D, E and F.
 
-    Each of those is y^T Q y / 2 and a constant, with the same number in Q for all axes of two vectors.
+    Each of those is a constant and a multiple of the product of two of y; Q has its derivatives by their axes.
     """
     l, r_0, dr = air.length, 2 * air.start_radius, air.growth
-    radii, CDEF = r_0 + 2 * dr, ca.SX.sym("CDEF", 4)
-    C, D, E, F = ca.vertsplit(CDEF)
-    A = l**2 - dr**2
-    candidates = quadratic_candidates(A, A, C, D, E, 0.0)  # F, which all have, is added to the least
-    by_coefficients = Mapped([CDEF], as_length(candidates, radii, ca.SX(beta)) + F / (2 * radii))
+    A, scale = l**2 - dr**2, 2 * (r_0 + 2 * dr)
     constants = np.array([-2 * dr**2, -2 * r_0 * dr, -2 * r_0 * dr, -(r_0**2)])
-    pairs = np.zeros((4, 3, 3))
-    for coefficient, (one, other, number) in enumerate(
-        ((1, 2, -2 * l**2), (0, 1, -2 * l), (0, 2, 2 * l), (0, 0, 2))
-    ):
-        pairs[coefficient, one, other] = pairs[coefficient, other, one] = number
-    Q = np.einsum("kst,ab->ksatb", pairs, np.eye(3)).reshape(4, 81)
+    one, other = (1, 0, 0, 0), (2, 1, 2, 0)
+    numbers, multiples = np.array([-2 * l**2, -2 * l, 2 * l, 1.0]), np.zeros((4, 3, 3))
+    np.add.at(multiples, ([*range(4)] * 2, one + other, other + one), np.tile(numbers, 2))
+    Q, same_axis = multiples.reshape(4, 9), np.eye(3)[:, None, :]
 
-    def differentiate(order: int, y: Array) -> Jet:
+    def differentiate(y: Array, *, derive: bool) -> Jet:
         m = len(y)
-        G = (pairs.reshape(12, 3) @ y).reshape(m, 4, 9)  # gradients of the coefficients
-        coefficients = constants + (G @ y.reshape(m, 9, 1))[..., 0] / 2
-        jet = by_coefficients(order, coefficients)
-        if order >= 2:
-            jet[2] = G.transpose(0, 2, 1) @ jet[2] @ G + (jet[1] @ Q).reshape(m, 9, 9)
-        if order >= 1:
-            jet[1] = (jet[1][:, None] @ G).reshape(y.shape)
-        return jet
+        dots = np.einsum("rka,rka->rk", y.take(one, 1), y.take(other, 1))
+        coefficients = numbers * dots + constants
+        psi, by_CDE, curved = smooth_least(coefficients, A, beta, derive)
+        values = (psi + coefficients[:, 3]) / scale  # F, which all candidates have, is added to the least
+        if not derive:
+            return (values,)
+        weighted = ((by_CDE @ Q[:3] + Q[3]) / scale).reshape(m, 3, 3)
+        by_y = (Q[:3].reshape(9, 3) @ y).reshape(m, 3, 9)
+        bent = (weighted[:, :, None, :, None] * same_axis).reshape(m, 9, 9)
+        return values, weighted @ y, by_y.transpose(0, 2, 1) @ (curved / scale) @ by_y + bent
 
     return differentiate
 

@@ -1,4 +1,4 @@
-"""The wrench balance of every load case; (2) and (3) of the printed problem.
+"""The wrench balance of every load case as numbers; (2) and (3) of the printed problem.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -12,59 +12,15 @@ What a task asks to be possible besides (reserves, cones and sets of wrenches) a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-
-import casadi as ca
 import numpy as np
 
-from nlp import names
 from nlp.numbers.masses import TINY, masses, spread
 from nlp.numbers.point import Point
-from nlp.symbols.platform import Pose, force_residual, torque_residual
-from nlp.units import Units
-from topo_search.model import LoadCase, Module, ResolvedTask
+from topo_search.model import ResolvedTask
 from topo_search.model.arrays import ROTOR_DIRECTIONS, ROTOR_SPINS, Array
-from topo_search.model.value import Vector
 
 WRENCH_TOLERANCE = 1e-8
 """Largest wrench residual of a design [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
-
-
-@dataclass(frozen=True)
-class Balance:
-    """An equation between what the rotors produce and what a load case asks for."""
-
-    equation: int
-    """Its number on the printed problem (`nlp.problem`)."""
-    name: str
-    case: LoadCase
-    unit: str
-    one: float
-    """m_t g [N] or l_arm m_t g [N m]."""
-    turn: Vector
-    """Angular acceleration of the platform, dimensionless [g / l_arm]."""
-    tolerance: float = WRENCH_TOLERANCE
-    """Largest residual of a design, over `one`."""
-
-    def smooth(
-        self, modules: list[Pose], u: ca.SX, *, p_E: ca.SX, p_COM: ca.SX, J: ca.SX, module: Module, unit: Units
-    ) -> ca.SX:
-        """Return what is produced less what is asked for, over the number of modules, dimensionless, (3,)."""
-        if self.equation == 2:
-            residual = force_residual(self.case, modules, u, unit)
-        else:
-            residual = torque_residual(self.case, modules, u, unit, p_E=p_E, p_COM=p_COM, module=module)
-            residual -= J @ ca.DM(self.turn)
-        return residual / len(modules)
-
-
-def balances(task: ResolvedTask) -> Iterator[Balance]:
-    """Yield (2) and (3) of every load case."""
-    force, torque = task.force_unit(task.n), task.torque_unit(task.n)
-    for label, case, (x, y, z) in zip(task.case_labels, task.load_cases, turns(task).tolist(), strict=True):
-        yield Balance(2, names.force(label), case, "N", force, (x, y, z))
-        yield Balance(3, names.torque(label), case, "N m", torque, (x, y, z))
 
 
 def turns(task: ResolvedTask) -> Array:
@@ -75,8 +31,7 @@ def turns(task: ResolvedTask) -> Array:
 def missed_wrenches(point: Point) -> Array:
     """Return by how much every load case's force and torque are missed, shape (K, 2) [m_t g, l_arm m_t g].
 
-    These are the exact residuals of all `balances`, in their order; of a torque, the larger one of those about the
-    COM and about p_E.
+    Of a torque, it is the larger one of those about the COM and about p_E.
     """
     task, n = point.task, point.topology.n
     K = len(task.load_cases)

@@ -124,7 +124,7 @@ class HullRegion:
 
     def smooth(self, body: Sequence[Swept], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return two rows: the log-sum-exp, and how far the centre is outside (`nlp.symbols.clearance`)."""
-        return hull_clearances(body[0], ca.SX.zeros(3), hull_of(self.corners), beta)
+        return hull_clearances(body[0], hull_of(self.corners), beta)
 
     def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
         """Return the gap where f is least."""

@@ -148,24 +148,22 @@ def quadratic_candidates(
 Scalar = ca.SX | float
 
 
-def hull_clearances(envelope: Swept, origin: ca.SX, hull: Hull, beta: ca.SX) -> ca.SX:
+def hull_clearances(seen: Swept, hull: Hull, beta: ca.SX) -> ca.SX:
     """Return two rows: the smooth clearance, in l_arm near contact, and how far the first centre is outside.
 
     Args:
-        envelope: the airflow envelope of a module, or a rod.
-        origin: where the hull's origin is.
+        seen: the airflow envelope of a module, or a rod, from the hull's origin.
         hull: Q, lengths in l_arm.
         beta: sharpness of the log-sum-exp.
     """
-    seen = Swept(envelope.o - origin, envelope.d, envelope.r_0, envelope.dr)
-    f = [_at_corner(seen, corner) for corner in hull.corners]
-    for start, end in hull.corners[hull.edges]:
-        f += _along_edge(seen, start, end)
+    f = [_against_ball(seen, Ball(ca.DM(corner), 0.0))[0] for corner in hull.corners]
+    for start, end in hull.corners[hull.edges]:  # what belongs to a corner is counted once
+        f += _against_segment(seen, Swept(ca.DM(start), ca.DM(end - start), 0.0))[:3]
     for triangle, normal, offset in zip(hull.corners[hull.triangles], hull.normals, hull.offsets, strict=True):
         f += _at_face(seen, triangle, normal, float(offset))
     outside = [ca.dot(ca.DM(normal), seen.o) - offset for *normal, offset in hull.planes.tolist()]
     return ca.vertcat(
-        as_length(f, envelope.end_radius, beta),
+        as_length(f, seen.end_radius, beta),
         -log_sum_exp([-height for height in outside], beta),
     )
 
@@ -173,29 +171,6 @@ def hull_clearances(envelope: Swept, origin: ca.SX, hull: Hull, beta: ca.SX) -> 
 def _f(one: Swept, eta: Scalar, y: ca.SX | ca.DM) -> ca.SX:
     apart: ca.SX = one.o + eta * one.d - y
     return ca.dot(apart, apart) - (one.r_0 + eta * one.dr) ** 2
-
-
-def _at_corner(one: Swept, corner: Array) -> ca.SX:
-    """Return f of a corner and the nearest ball, as for a ball at p_E (paper, Sec. III-B)."""
-    w_0 = one.o - ca.DM(corner)
-    A = ca.dot(one.d, one.d) - one.dr**2
-    D = 2 * ca.dot(one.d, w_0) - 2 * one.r_0 * one.dr
-    return _f(one, smooth_clamp(-D * A / (2 * A**2 + EPSILON)), ca.DM(corner))
-
-
-def _along_edge(one: Swept, start: Array, end: Array) -> list[ca.SX]:
-    """Return f of an edge where both parameters are stationary, and at either end of the axis."""
-    d_j = ca.DM(end - start)
-    w_0 = one.o - ca.DM(start)
-    A, B = ca.dot(one.d, one.d) - one.dr**2, ca.dot(d_j, d_j)
-    C = -2 * ca.dot(one.d, d_j)
-    D, E = 2 * ca.dot(one.d, w_0) - 2 * one.r_0 * one.dr, -2 * ca.dot(d_j, w_0)
-    f_det = 4 * A * B - C**2
-    eta_0 = smooth_clamp((C * E - 2 * B * D) * f_det / (f_det**2 + EPSILON))
-    gamma_0 = smooth_clamp((C * D - 2 * A * E) * f_det / (f_det**2 + EPSILON))
-    places: list[tuple[Scalar, Scalar]] = [(eta_0, gamma_0)]
-    places += [(eta, smooth_clamp(-(C * eta + E) / (2 * B))) for eta in (0.0, 1.0)]
-    return [_f(one, eta, ca.DM(start) + gamma * d_j) for eta, gamma in places]
 
 
 def _at_face(one: Swept, triangle: Array, normal: Array, offset: float) -> list[ca.SX]:

@@ -43,7 +43,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-from nlp.numbers.geometry import torque_map
+from nlp.numbers.geometry import QUARTER_TURNS, torque_map
 from nlp.numbers.masses import TINY, Body, Masses, RodMass, masses
 from nlp.units import Units
 from topo_search.model import EndEffector, LoadCase, Module, Topology
@@ -82,12 +82,6 @@ def Rz(angle: ca.SX) -> ca.SX:
     return ca.blockcat([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
-def quarter_turns(kappa: int) -> ca.SX:
-    """Return Rz(kappa pi/2) with exact zeros and ones."""
-    c, s = ((1, 0), (0, 1), (-1, 0), (0, -1))[kappa % 4]
-    return ca.SX(ca.DM([[c, -s, 0], [s, c, 0], [0, 0, 1]]))
-
-
 def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: float) -> list[Pose]:
     """Return the poses of all modules, in module order.
 
@@ -104,37 +98,26 @@ def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: float) -> list[Pos
         hinge = Ry(alpha[i - 1]) if a % 2 == 0 else Rx(alpha[i - 1])
         R_hinge = parent.R @ hinge
         p_i = parent.p + l_c * (parent.R @ e_a) + l_c * (R_hinge @ e_a)
-        result.append(Pose(R=R_hinge @ quarter_turns(kappa), p=p_i))
+        result.append(Pose(R=R_hinge @ ca.DM(QUARTER_TURNS[kappa]), p=p_i))
     return result
 
 
-def thrust(u_i: ca.SX) -> ca.SX:
-    """Return s_i, from the four inputs of module i."""
-    return ca.sum1(u_i) / 4
+def wrench_map(orientations: Sequence[ca.SX], positions: Sequence[ca.SX], module: Module) -> ca.SX:
+    """Return the wrench of every rotor at unit input about where positions [l_arm] are from, shape (6, 4n)."""
+    columns, torques = [], ca.DM(torque_map(module))
+    for R, p in zip(orientations, positions, strict=True):
+        z = R[:, 2] / 4
+        columns.append(ca.vertcat(ca.repmat(z, 1, 4), R @ torques + ca.repmat(ca.cross(p, z), 1, 4)))
+    return ca.horzcat(*columns)
 
 
-def force_residual(case: LoadCase, modules: list[Pose], u: ca.SX, unit: Units) -> ca.SX:
-    """Return what the rotors' force exceeds the asked force by [m g], equation (2)."""
-    produced = ca.SX.zeros(3)
-    for i, pose in enumerate(modules):
-        produced += thrust(u[4 * i : 4 * i + 4]) * pose.z
-    required = scale(case.at_end_effector.force, unit.force) + scale(case.at_com.force, unit.force)
-    return produced - required
-
-
-def torque_residual(
-    case: LoadCase, modules: list[Pose], u: ca.SX, unit: Units, *, p_E: ca.SX, p_COM: ca.SX, module: Module
-) -> ca.SX:
-    """Return what the rotors' torque about W's origin exceeds the asked torque by [l_arm m g], equation (3)."""
-    own_torque = ca.DM(torque_map(module))
-    produced = ca.SX.zeros(3)
-    for i, pose in enumerate(modules):
-        u_i = u[4 * i : 4 * i + 4]
-        produced += ca.cross(pose.p, thrust(u_i) * pose.z) + pose.R @ (own_torque @ u_i)
-    tip, com = case.at_end_effector, case.at_com
-    required = scale(tip.torque, unit.torque) + ca.cross(p_E, scale(tip.force, unit.force))
-    required += scale(com.torque, unit.torque) + ca.cross(p_COM, scale(com.force, unit.force))
-    return produced - required
+def asked_wrench(case: LoadCase, unit: Units, *, p_E: ca.SX, p_COM: ca.SX) -> ca.SX:
+    """Return the wrench of a load case about W's origin, shape (6,) [m g, l_arm m g]."""
+    (f_E, f_C), (tau_E, tau_C) = (
+        [scale(getattr(at, kind), one) for at in (case.at_end_effector, case.at_com)]
+        for kind, one in (("force", unit.force), ("torque", unit.torque))
+    )
+    return ca.vertcat(f_E + f_C, tau_E + ca.cross(p_E, f_E) + tau_C + ca.cross(p_COM, f_C))
 
 
 def scale(vector: Vector, unit: float) -> ca.SX:

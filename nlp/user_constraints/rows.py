@@ -101,7 +101,8 @@ UserConstraints = tuple[OwnConstraint, ...]
 
 def violations_of(point: Point, constraints: UserConstraints) -> list[Violation]:
     """Return how far a point is from meeting everything: the printed problem, and own constraints."""
-    return [*violations(point), *rows_of(constraints, point.task, point.topology).violations(point)]
+    own = rows_of(constraints, point.task, point.topology).violations(point) if constraints else ()
+    return [*violations(point), *own]
 
 
 def correct_point(point: Point, constraints: UserConstraints) -> Point:
@@ -109,43 +110,26 @@ def correct_point(point: Point, constraints: UserConstraints) -> Point:
     return correct(point, settled=len(point.task.declared.load_cases) if constraints else 0)
 
 
+@lru_cache(maxsize=32)
 def rows_of(constraints: UserConstraints, task: ResolvedTask, topology: Topology) -> UserRows:
     """Return own constraints as rows; those of the last few programs are kept."""
-    return _kept_rows(constraints, task, topology) if constraints else UserRows((), task, topology)
+    return UserRows(constraints, task, topology)
 
 
 class UserRows:
-    """The own constraints of one task and topology; there may be none."""
+    """The own constraints of one task and topology."""
 
     def __init__(self, constraints: Sequence[OwnConstraint], task: ResolvedTask, topology: Topology) -> None:
-        """Take them; symbols are built when they are first asked for."""
-        self.constraints, self.task, self.topology = tuple(constraints), task, topology
-        self._scales = [scale_of(constraint, task) for constraint in self.constraints]
-
-    @cached_property
-    def _variables(self) -> Variables:
-        return Variables.of(self.task, self.topology)
-
-    @cached_property
-    def x(self) -> ca.SX:
-        """The unknowns."""
-        return self._variables.vector()
-
-    @cached_property
-    def _columns(self) -> list[ca.SX]:
-        """The rows of each constraint over its scale."""
-        platform = symbolic_platform(self.task, self.topology, self._variables)
-        return [rows(one, platform) / scale for one, scale in zip(self.constraints, self._scales, strict=True)]
-
-    @cached_property
-    def g(self) -> ca.SX:
-        """The rows of all constraints over their scales, as expressions of x."""
-        return ca.cse(ca.vertcat(*self._columns))
-
-    @property
-    def counts(self) -> list[int]:
+        """Build their expressions."""
+        self.constraints, self.task, self.topology = constraints, task, topology
+        self._scales = [scale_of(constraint, task) for constraint in constraints]
+        variables = Variables.of(task, topology)
+        platform, self.x = symbolic_platform(task, topology, variables), variables.vector()
+        columns = [rows(one, platform) / scale for one, scale in zip(constraints, self._scales, strict=True)]
+        self.counts = [column.numel() for column in columns]
         """The number of rows of each constraint."""
-        return [column.numel() for column in self._columns]
+        self.g = ca.cse(ca.vertcat(*columns))
+        """The rows of all constraints over their scales, as expressions of the unknowns x."""
 
     def draw(self, rng: np.random.Generator) -> Array:
         """Return random unknowns, small or large: angles to a right angle, p'_E as far as modules reach, inputs."""
@@ -162,16 +146,10 @@ class UserRows:
     @property
     def bounds(self) -> tuple[Array, Array]:
         """Bounds on g; those of inequalities a little closer, so that they are met where Ipopt ends."""
-        sides = []
-        for sign, name in ((1.0, "lower"), (-1.0, "upper")):
-            limits = [getattr(one, name) / scale for one, scale in zip(self.constraints, self._scales, strict=True)]
-            room = [
-                one.upper - one.lower > 4 * TOLERANCE * s
-                for one, s in zip(self.constraints, self._scales, strict=True)
-            ]
-            closer = [bound + sign * IMPOSED * TOLERANCE * wide for bound, wide in zip(limits, room, strict=True)]
-            sides.append(np.repeat(np.array(closer, dtype=float), self.counts))
-        return sides[0], sides[1]
+        sides = np.array([(one.lower, one.upper) for one in self.constraints], dtype=float).T / self._scales
+        closer = IMPOSED * TOLERANCE * (sides[1] - sides[0] > 4 * TOLERANCE)
+        lower, upper = np.repeat([sides[0] + closer, sides[1] - closer], self.counts, axis=1)
+        return lower, upper
 
     @cached_property
     def values(self) -> ca.Function:
@@ -185,8 +163,6 @@ class UserRows:
 
     def violations(self, point: Point) -> list[Violation]:
         """Return how far a point is from meeting each constraint."""
-        if not self.constraints:
-            return []
         values = np.asarray(self.values(point.pack()), dtype=float).ravel()
         parts = np.split(values, np.cumsum(self.counts)[:-1])
         return [
@@ -201,11 +177,6 @@ def _violation(constraint: OwnConstraint, scale: float, values: Array) -> Violat
         return Violation(f"{constraint.name} (no finite value)", scale, constraint.unit, math.nan, TOLERANCE)
     off = float(max(np.max(constraint.lower / scale - values), np.max(values - constraint.upper / scale)))
     return Violation(constraint.name, off * scale, constraint.unit, off, TOLERANCE)
-
-
-@lru_cache(maxsize=32)
-def _kept_rows(constraints: UserConstraints, task: ResolvedTask, topology: Topology) -> UserRows:
-    return UserRows(constraints, task, topology)
 
 
 class DerivedRows:
