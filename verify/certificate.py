@@ -8,12 +8,13 @@
 | lower | gap of a plane across n: min of n.x over B's outer mesh, minus max over A's, so d >= lower |
 | upper | distance of a point proven in A to one proven in B, or minus the depth of one proven in both: d <= upper |
 
-A pair is `clear` when numpy finds the plane (lower > 0) and FCL finds the outer meshes apart; `violated` when numpy
-finds the point and FCL finds the inner meshes overlapping. Neither the closed form nor FCL can make a verdict by
-itself: if they are wrong, the proof fails. A failed proof is tried again on meshes turned towards the witness,
-which lose nothing there, and on finer ones. B may be a convex region: a polytope itself, it loses nothing, and `d`
-is the closed form of `verify.hulls`. What stays unproven is `undecided` within the floor of rounding and
+A pair is `clear` when numpy finds the plane (lower > 0) and FCL finds the outer meshes apart; `violated` when
+numpy finds the point and FCL finds the inner meshes overlapping. Neither the closed form nor FCL can make a verdict
+by itself: if they are wrong, the proof fails. A failed proof is tried again on meshes turned towards the witness,
+which lose nothing there, and on finer ones. What stays unproven is `undecided` within the floor of rounding and
 `inconsistent` beyond it: then closed form, meshes and FCL disagree, which is a fault of this tool.
+
+B may also be a convex region, which is a mesh itself and loses nothing; d is then that of `verify.hulls`.
 """
 
 from __future__ import annotations

@@ -153,16 +153,6 @@ def proximities(
     return result
 
 
-class _Apart(NamedTuple):
-    """Clearances of N pairs of parts: d_ij, g_ij(n), n, and points as in `Proximity`."""
-
-    d: Array
-    g: Array
-    n: Array
-    x_A: Array
-    x_B: Array
-
-
 class _Batch:
     """Some bodies, all parts in arrays."""
 
@@ -221,12 +211,15 @@ class _Batch:
         guess = np.where(relevant, self.gaps(A, B, along), np.inf).reshape(len(index), -1).argmin(axis=1)
         a, b = np.divmod(guess, k.size)
         best = self.distances(A[rows, a], B[rows, b], along)
+        best_d, _, best_n, *_ = best
         # What that plane says of all parts, then what one across their own centre line says; last, a search.
-        g = np.where(relevant, self.gaps(A, B, best.n), np.inf)
-        n = np.broadcast_to(best.n[:, None, None], (*g.shape, 3)).copy()
+        g = np.where(relevant, self.gaps(A, B, best_n), np.inf)
+        n = np.broadcast_to(best_n[:, None, None], (*g.shape, 3)).copy()
         d, x_A, x_B = np.full_like(g, np.inf), np.zeros_like(n), np.zeros_like(n)
-        d[rows, a, b], g[rows, a, b], x_A[rows, a, b], x_B[rows, a, b] = best.d, best.g, best.x_A, best.x_B
-        below = (best.d if self.measured else np.minimum(best.d, 2 * FLOOR))[:, None, None]
+        results = d, g, n, x_A, x_B
+        for result, value in zip(results, best, strict=True):
+            result[rows, a, b] = value
+        below = (best_d if self.measured else np.minimum(best_d, 2 * FLOOR))[:, None, None]
         open_ = (g < below) & (d == np.inf)
         p, i, j = np.nonzero(open_)
         own_n = _unit(self.middle[B[p, j]] - self.middle[A[p, i]])
@@ -235,8 +228,8 @@ class _Batch:
         p, i, j = p[better], i[better], j[better]
         g[p, i, j], n[p, i, j] = own_g[better], own_n[better]
         p, i, j = np.nonzero(open_ & (g < below))
-        more = self.distances(A[p, i], B[p, j], n[p, i, j])
-        d[p, i, j], g[p, i, j], n[p, i, j], x_A[p, i, j], x_B[p, i, j] = more
+        for result, value in zip(results, self.distances(A[p, i], B[p, j], n[p, i, j]), strict=True):
+            result[p, i, j] = value
         a, b = np.divmod(d.reshape(len(index), -1).argmin(axis=1), k.size)
         least, lower = d[rows, a, b].tolist(), g.min(axis=(1, 2)).tolist()
         m = self.count[index]
@@ -254,8 +247,11 @@ class _Batch:
         """Return g(n) of N pairs of parts, shape (N,)."""
         return self.gaps(A[:, None], B[:, None], n)[:, 0, 0]
 
-    def distances(self, A: Indices, B: Indices, n: Array) -> _Apart:
-        """Return how near N pairs of parts are; `n` stands in where nearest points have no direction."""
+    def distances(self, A: Indices, B: Indices, n: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Return d_ij, g_ij(n), n and points as in `Proximity` of N pairs of parts.
+
+        The given n stands in where nearest points have no direction.
+        """
         r_A, r_B = self.ball[A], self.ball[B]
         enough = np.inf if self.measured else r_A + r_B + 2 * FLOOR
         result = nearest(self.cores.take(A), self.cores.take(B), n, enough)
@@ -274,7 +270,7 @@ class _Batch:
         open_ = np.flatnonzero(~lost & (g < d - SETTINGS.least_gain) & self.measured)
         n[open_], g[open_] = self.sharper_directions(A[open_], B[open_], n[open_], g[open_])
         d[deep] = g[deep]
-        return _Apart(d, g, n, x_A, x_B)
+        return d, g, n, x_A, x_B
 
     def sharper_directions(self, A: Indices, B: Indices, n: Array, g: Array) -> tuple[Array, Array]:
         """Return directions across which N pairs of parts are farther apart than along n, if any, and how far.
@@ -391,32 +387,22 @@ def _certify(A: Compound, B: Compound, proximity: Proximity) -> Certificate:
 
 
 def _see_apart(A: Compound, B: Compound, proximity: Proximity, level: int) -> bool:
-    """Return whether FCL sees the bodies apart: boxes around them; at level 1 all parts that must not touch."""
+    """Return whether FCL sees the bodies apart: boxes around them; at level 1 all parts that must not touch.
+
+    Meshes turned towards n are made only where the parts' common ones do not do. Those have their origin between
+    the parts: FCL needs the digits there, above all for sides that face each other.
+    """
     if level == 0:
         return bool(proximity.relevant.all()) and not A.bounds.shape.overlaps(B.bounds.shape)
-    return all(
-        _keep_off(A.parts[i], B.parts[j], proximity.normals[i, j], _point_between(A, B, proximity, i, j))
-        for i, j in np.argwhere(proximity.relevant).tolist()
-    )
-
-
-def _point_between(A: Compound, B: Compound, proximity: Proximity, i: int, j: int) -> Array:
-    """Return a point between two parts: of the nearest two it is where they are nearest."""
-    if (i, j) == (proximity.a, proximity.b):
-        return (proximity.x_A + proximity.x_B) / 2
-    return (A.parts[i].centre + B.parts[j].centre) / 2
-
-
-def _keep_off(part_A: Convex, part_B: Convex, n: Array, x: Array) -> bool:
-    """True if FCL sees two parts apart; meshes turned towards n are made only where common ones do not do.
-
-    Those have their origin at x, between the parts: FCL needs the digits there, above all for sides that face each
-    other.
-    """
-    if not part_A.shape.overlaps(part_B.shape):
-        return True
-    near_A, near_B = (part.place(np.eye(3), -x) for part in (part_A, part_B))
-    return not Shape(near_A.outer(n)).overlaps(Shape(near_B.outer(-n)))
+    for i, j in np.argwhere(proximity.relevant).tolist():
+        part_A, part_B, n = A.parts[i], B.parts[j], proximity.normals[i, j]
+        if part_A.shape.overlaps(part_B.shape):
+            nearest_two = (i, j) == (proximity.a, proximity.b)
+            x = (proximity.x_A + proximity.x_B) / 2 if nearest_two else (part_A.centre + part_B.centre) / 2
+            near_A, near_B = (part.place(np.eye(3), -x) for part in (part_A, part_B))
+            if Shape(near_A.outer(n)).overlaps(Shape(near_B.outer(-n))):
+                return False
+    return True
 
 
 def _overlap(part_A: Convex, part_B: Convex, x: Array, level: int) -> bool:

@@ -23,7 +23,7 @@ from __future__ import annotations
 import functools
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -111,9 +111,9 @@ class Convex(ABC):
     def inner(self, x: Array) -> ConvexMesh:
         """Return a polytope inside the solid that holds its point x."""
 
-    @abstractmethod
     def place(self, R: Array, p: Array) -> Self:
         """Return the solid turned by R, shape (3, 3), then moved by p, shape (3,)."""
+        return replace(self, vertices=self.vertices @ R.T + p, axis=R @ self.axis, copied=(self, R, p))
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,17 +151,17 @@ class Polyhedron(Convex):
         """Return the polyhedron itself."""
         return ConvexMesh(self.vertices, self.triangles)
 
-    def place(self, R: Array, p: Array) -> Polyhedron:
-        """Return the solid turned by R, then moved by p."""
-        return Polyhedron(self.name, self.vertices @ R.T + p, self.triangles, copied=(self, R, p))
-
 
 @dataclass(frozen=True, eq=False)
 class Box(Polyhedron):
-    """A box; copies of it are polyhedra."""
+    """A box."""
 
     half: Array
     """Rows: half its edges, right-handed and at right angles, shape (3, 3)."""
+
+    def place(self, R: Array, p: Array) -> Self:
+        """Return the box turned by R, then moved by p."""
+        return replace(super().place(R, p), half=self.half @ R.T)
 
 
 def box(name: str, centre: Array, half: Array) -> Box:
@@ -212,11 +212,6 @@ class Cylinder(Convex):
         ]
         return ConvexMesh(np.concatenate([low + radius * ring, high + radius * ring]), np.concatenate(triangles))
 
-    def place(self, R: Array, p: Array) -> Cylinder:
-        """Return the solid turned by R, then moved by p."""
-        moved = self.vertices @ R.T + p
-        return Cylinder(self.name, moved, axis=R @ self.axis, disc=self.disc, copied=(self, R, p))
-
 
 def cylinder(name: str, centre: Array, axis: Array, radius: float, height: float) -> Cylinder:
     """Return a cylinder around a unit axis."""
@@ -246,10 +241,6 @@ class Capsule(Convex):
         away = x - body.centre(float(nearest_on_axis(body.o - x, body.d, body.dr)))
         distance = np.linalg.norm(away)
         return inner_mesh(body, MESHES.capsule_level, away / distance if distance > 0 else self.axis)
-
-    def place(self, R: Array, p: Array) -> Capsule:
-        """Return the solid turned by R, then moved by p."""
-        return Capsule(self.name, self.vertices @ R.T + p, ball=self.ball, copied=(self, R, p))
 
 
 def capsule(name: str, start: Array, end: Array, radius: float) -> Capsule:

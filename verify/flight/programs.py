@@ -246,101 +246,68 @@ def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices 
         the equations, zero where none was found, (B, k); the variables of each basis, to start from for costs that
         differ a little, (B, k).
     """
-    programs, (k, N) = len(c), M.shape
-    unit = np.zeros((programs, k))
-    if bases is None:
-        bases = np.tile(np.arange(N, N + k), (programs, 1))
-    state = _State(
-        np.concatenate([c, unit], axis=1),
-        np.concatenate([M, np.eye(k)], axis=1),
-        m,
-        np.concatenate([low, unit], axis=1),
-        np.concatenate([high, unit], axis=1),
-        bases,
-    )
-    bases = bases.copy()
-    v, y, rays = np.zeros((programs, N + k)), np.zeros((programs, k)), np.zeros((programs, k))
-    numbers = np.arange(programs)
-    for _ in range(100 + k + N // 10):  # 100 more than one per equation and per ten variables
-        if not len(numbers):
-            break
+    (programs, N), k, box = c.shape, len(M), (low, high)
+    M, unit = np.concatenate([M, np.eye(k)], axis=1), np.zeros((programs, k))
+    c, low, high = (np.concatenate([x, unit], axis=1) for x in (c, low, high))
+    basis = np.tile(np.arange(N, N + k), (programs, 1)) if bases is None else bases.copy()
+    bases, left = basis.copy(), np.arange(programs)
+    v, y, rays, at_high = np.zeros_like(c), unit.copy(), unit.copy(), np.zeros(c.shape, dtype=bool)
+    for step in range(100 + k + N // 10):  # 100 more than one per equation and per ten variables
+        rows = np.arange(len(left))
+        at = rows[:, None], basis
         try:
-            ended, ray = state.step()
+            inverse = np.linalg.inv(M.T[basis].transpose(0, 2, 1))
         except np.linalg.LinAlgError:  # a singular basis
             break
-        v[numbers], y[numbers], rays[numbers], bases[numbers] = state.v, state.y, ray, state.basis
-        numbers = numbers[~ended]
-        state.keep(~ended)
-    return np.clip(v[:, :N], low, high), y, rays, bases
-
-
-class _State:
-    """The programs that have not ended."""
-
-    def __init__(self, c: Array, M: Array, m: Array, low: Array, high: Array, basis: Indices) -> None:
-        self.c, self.M, self.m, self.low, self.high = c, M, m, low, high
-        self.basis, self.in_basis = basis.copy(), np.zeros(c.shape, dtype=bool)
-        self.in_basis[np.arange(len(c))[:, None], basis] = True
-        self.at_high: NDArray[np.bool_] | None = None
-        self.v, self.y = np.zeros_like(c), np.zeros_like(m)
-
-    def keep(self, rows: NDArray[np.bool_]) -> None:
-        """Go on with some programs only."""
-        if not rows.all():
-            for name in ("c", "m", "low", "high", "basis", "in_basis", "at_high"):
-                setattr(self, name, getattr(self, name)[rows])
-
-    def step(self) -> tuple[NDArray[np.bool_], Array]:
-        """Make a step; return which programs have ended, and the rays of those without feasible variables."""
-        rows = np.arange(len(self.c))
-        at = rows[:, None], self.basis
-        inverse = np.linalg.inv(self.M.T[self.basis].transpose(0, 2, 1))
-        self.y = (self.c[at][:, None] @ inverse)[:, 0]
-        r = self.c - self.y @ self.M
+        y[left] = (c[at][:, None] @ inverse)[:, 0]
+        r = c - y[left] @ M
         r[at] = 0.0
-        if self.at_high is None:
-            self.at_high = r > 0
-        self.v = np.where(self.at_high, self.high, self.low)
-        self.v[at] = 0.0
-        inside = (inverse @ (self.m - self.v @ self.M.T)[:, :, None])[:, :, 0]
-        self.v[at] = inside
-        below = self.low[at] - inside
-        beyond = np.maximum(below, inside - self.high[at])
-        scale = (self.high - self.low).max(axis=1)
+        if step == 0:
+            at_high = r > 0
+        outside = np.where(at_high, high, low)
+        outside[at] = 0.0
+        inside = (inverse @ (m - outside @ M.T)[:, :, None])[:, :, 0]
+        v[left] = outside
+        v[left[:, None], basis] = inside
+        below = low[at] - inside
+        beyond = np.maximum(below, inside - high[at])
+        scale = (high - low).max(axis=1)
         slot = np.argmax(beyond / np.linalg.norm(inverse, axis=2), axis=1)
-        missing = beyond[rows, slot]
         # largest final violation of bounds, in units of the largest range of any
         optimal = beyond.max(axis=1) <= 1e-11 * scale
         rho = inverse[rows, slot]
         sign = np.where(below[rows, slot] > 0, 1.0, -1.0)
-        alpha = sign[:, None] * (rho @ self.M)
-        entering, passed, enters = self._breakpoints(r, alpha, missing, self.at_high)
-        ended = optimal | ~enters
-        move = ~ended
-        leaving = self.basis[rows, slot]
-        self.at_high ^= passed & move[:, None]
-        self.in_basis[rows[move], leaving[move]] = False
-        self.at_high[rows[move], leaving[move]] = sign[move] < 0
-        self.basis[rows[move], slot[move]] = entering[move]
-        self.in_basis[rows[move], entering[move]] = True
-        return ended, np.where((~optimal & ~enters)[:, None], -sign[:, None] * rho, 0.0)
+        alpha = sign[:, None] * (rho @ M)
+        free = high > low
+        free[at] = False
+        entering, passed, enters = _breakpoints(r, alpha, beyond[rows, slot], at_high, free, high - low)
+        move = ~optimal & enters
+        rays[left] = np.where((~optimal & ~enters)[:, None], -sign[:, None] * rho, 0.0)
+        at_high ^= passed & move[:, None]
+        at_high[rows[move], basis[rows, slot][move]] = sign[move] < 0
+        basis[rows[move], slot[move]] = entering[move]
+        bases[left] = basis
+        left = left[move]
+        if not len(left):
+            break
+        if not move.all():
+            c, m, low, high, basis, at_high = (x[move] for x in (c, m, low, high, basis, at_high))
+    return np.clip(v[:, :N], *box), y, rays, bases
 
-    def _breakpoints(
-        self, r: Array, alpha: Array, missing: Array, at_high: NDArray[np.bool_]
-    ) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which variable enters, which ones are passed and change their bound, and whether any enters."""
-        width = self.high - self.low
-        towards = np.where(at_high, alpha, -alpha)
-        # smallest pivot, in units of the largest of its row
-        blocks = ~self.in_basis & (width > 0) & (towards > 1e-9 * np.abs(alpha).max(axis=1, keepdims=True))
-        at = np.where(blocks, np.abs(r) / np.where(blocks, towards, 1.0), np.inf)
-        order = np.argsort(at, axis=1, kind="stable")
-        rows = np.arange(len(order))[:, None]
-        gained = np.cumsum(np.where(blocks, towards * width, 0.0)[rows, order], axis=1)
-        turns = gained >= (1 - 1e-10) * missing[:, None]  # the others need not make up for rounding
-        enters = turns[:, -1]
-        first = np.argmax(turns, axis=1)
-        rank = np.empty_like(order)
-        rank[rows, order] = np.arange(order.shape[1])
-        passed = blocks & (rank < first[:, None])
-        return order[rows[:, 0], first], passed, enters
+
+def _breakpoints(
+    r: Array, alpha: Array, missing: Array, at_high: NDArray[np.bool_], free: NDArray[np.bool_], width: Array
+) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which variable enters, which ones are passed and change their bound, and whether any enters."""
+    towards = np.where(at_high, alpha, -alpha)
+    # smallest pivot, in units of the largest of its row
+    blocks = free & (towards > 1e-9 * np.abs(alpha).max(axis=1, keepdims=True))
+    at = np.where(blocks, np.abs(r) / np.where(blocks, towards, 1.0), np.inf)
+    order = np.argsort(at, axis=1, kind="stable")
+    rows = np.arange(len(order))[:, None]
+    gained = np.cumsum(np.where(blocks, towards * width, 0.0)[rows, order], axis=1)
+    turns = gained >= (1 - 1e-10) * missing[:, None]  # the others need not make up for rounding
+    first = np.argmax(turns, axis=1)
+    rank = np.empty_like(order)
+    rank[rows, order] = np.arange(order.shape[1])
+    return order[rows[:, 0], first], blocks & (rank < first[:, None]), turns[:, -1]
