@@ -7,9 +7,9 @@ import toy_problem
 from toy_problem import toy_run
 from verify_cases import design
 
-from topo_search.cli.tables import print_answer, print_solved
+from topo_search.cli.tables import answer_lines, solved_lines
 from topo_search.model import Design, Topology
-from topo_search.report.design_part import design_part
+from topo_search.report.design_part import findings
 from topo_search.study import Solved
 from verify import audit
 
@@ -27,7 +27,7 @@ WORDS = "without a straight rod that is clear of all parts and airflow"
 @pytest.mark.parametrize("case", CASES)
 def test_the_last_line_about_a_solved_design_says_so(case, tmp_path, capsys):
     given, clear = CASES[case]
-    print_solved(Solved(given, audit(given), ()), tmp_path / "design.json")
+    print(*solved_lines(Solved(given, audit(given), ()), tmp_path / "design.json"), sep="\n")
     *told, files = capsys.readouterr().out.splitlines()
     assert files.startswith("the design is in ")
     assert told[-1].endswith(WORDS) == (not clear)
@@ -38,10 +38,10 @@ def test_the_last_line_about_a_solved_design_says_so(case, tmp_path, capsys):
 def test_what_a_shorter_rod_costs_is_said_of_clear_designs_alone(verdict, capsys):
     given = CASES["clear"][0].model_copy(update={"solver": {"shorter_rod": {"length_m": 0.26, "cost": 0.01}}})
     judged = audit(given).model_copy(update={"verdict": verdict})
-    print_solved(Solved(given, judged, ()), None)
+    print(*solved_lines(Solved(given, judged, ()), None), sep="\n")
     words = "rod of at most 0.26 m adds 1 % control effort"
     assert (words in capsys.readouterr().out) == (verdict == "clear")
-    assert any(words in line for line in design_part(given, judged)["findings"]) == (verdict == "clear")
+    assert any(words in line for line in findings(given, judged)) == (verdict == "clear")
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -54,7 +54,7 @@ def test_the_last_line_about_the_best_design_of_a_run_says_so(case, tmp_path, ca
         return toy_problem.audit(found).model_copy(update={"assembly": sheet})
 
     answer = toy_run(tmp_path / "run", backends=replace(toy_problem.BACKENDS, audit=judged))
-    print_answer(answer)
+    print(*answer_lines(answer), sep="\n")
     *told, best, files = capsys.readouterr().out.splitlines()
     assert files == f"everything is in {answer.folder}"
     assert best.startswith(f"best design: {answer.best.key}, ")

@@ -26,7 +26,6 @@ from nlp.evaluation import refit
 from topo_search.cli import main
 from topo_search.compose import searching
 from topo_search.compose.drawer import (
-    Choices,
     SharedKit,
     choose,
     count_kinds,
@@ -269,15 +268,15 @@ def test_a_shared_bracket_needs_a_clear_design():
             for size, a in zip(turned, design.hinge_angles_rad, strict=True)
         ],
     )
-    choices = [Choices(Path("one"), (design,)), Choices(Path("two"), (other,))]
-    assert choose([each.designs for each in choices]) == (0, 0)
+    choices = [[design], [other]]
+    assert choose(choices) == (0, 0)
     near = share_brackets(choices, 0.3, 10.0)
-    chosen = [each.designs[d] for each, d in zip(near, choose([each.designs for each in near]), strict=True)]
+    chosen = [designs[d] for designs, d in zip(near, choose(near), strict=True)]
     assert all(verify.audit(one).verdict == "clear" for one in chosen)
     assert drawer_size(chosen) < drawer_size([design, other])
     assert share_brackets(choices, 0.1, 10.0) == choices  # nothing agrees so well
     for each, before in zip(share_brackets(choices, 0.3, 0.0), choices, strict=True):
-        assert max(one.objective for one in each.designs) <= before.designs[0].objective
+        assert max(one.objective for one in each) <= before[0].objective
 
 
 def test_the_commands_of_the_tutorial_make_what_it_shows(tmp_path, monkeypatch):

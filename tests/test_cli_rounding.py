@@ -22,7 +22,7 @@ from test_verify_vehicle import star
 from toy_problem import toy_run
 
 from topo_search.cli.run import answer_as_json
-from topo_search.cli.tables import print_answer
+from topo_search.cli.tables import answer_lines
 from topo_search.model.design import ShorterRod
 
 DESIGNS = Path(__file__).parent / "designs"
@@ -129,7 +129,7 @@ def test_capability(tmp_path: Path, tilt_deg: float) -> None:
 def test_run_prove_and_check(tmp_path: Path, log: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     answer = toy_run(run := tmp_path / "run")
     capsys.readouterr()
-    print_answer(answer)
+    print(*answer_lines(answer), sep="\n")
     (size,) = answer_as_json(answer, ())["sizes"]
     figures = []
     for row in size["top"]:

@@ -56,7 +56,7 @@ def test_every_dask_worker_prepares_once_and_says_once_where_compiled_code_is(tm
     ):
         for _ in range(2):
             cluster.add_worker("--nthreads", "2")
-        eventually(lambda: len(workers._connection.threads()) == 2)
+        eventually(lambda: len(workers.threads()) == 2)
         marks = tmp_path / "marks"
         marks.mkdir()
         workers.prepare(mark, marks)

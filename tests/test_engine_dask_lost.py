@@ -80,10 +80,10 @@ def test_a_scheduler_that_ends_while_a_call_waits_is_gone_at_once(tmp_path, monk
         cluster.add_worker()
         assert workers.run_one(square, 3, deadline=LONG) == 9
         ending = threading.Event()
-        monkeypatch.setattr(workers._connection.client(), "nthreads", ending.wait)
+        monkeypatch.setattr(workers.client(), "nthreads", ending.wait)
         threading.Timer(0.5, cluster.scheduler.kill).start()
         with pytest.raises(WorkersLost, match="is gone"):
-            workers._connection.threads()
+            workers.threads()
         ending.set()
 
 
@@ -109,7 +109,7 @@ def test_a_scheduler_that_is_restarted_without_workers_ends_the_run(tmp_path, mo
         os.kill(cluster.scheduler.pid, signal.SIGKILL)
         cluster.scheduler.wait()
         cluster.start_scheduler()
-        eventually(lambda: workers._connection.stands, 60)
+        eventually(lambda: workers.stands, 60)
         with pytest.raises(WorkersLost, match=r"is gone|no worker has returned"):
             workers.run_one(square, 3, deadline=LONG)
 

@@ -7,7 +7,7 @@ from report_cases import Reader, flight
 from verify_cases import fan
 from wording import says
 
-from topo_search.cli.tables import print_audit
+from topo_search.cli.tables import audit_lines
 from topo_search.export.audits import Judged, flight_lines, markdown
 from topo_search.model import CaseFlight, RotorsOut
 from topo_search.model.flight import direction
@@ -85,7 +85,7 @@ def test_text_summary_and_page_of_an_audit_tell_of_it(capsys: pytest.CaptureFixt
     found = audit(given)
     assert found.flight is not None
     lines = list(flight_lines(found.flight))
-    print_audit("fan.json", found)
+    print(*audit_lines("fan.json", found), sep="\n")
     text = capsys.readouterr().out.splitlines()
     summary = markdown([Judged("fan.json", given, found)], []).splitlines()
     page = Reader(render(design_page(given, found, "fan.json")))
@@ -100,6 +100,6 @@ def test_text_summary_and_page_of_an_audit_tell_of_it(capsys: pytest.CaptureFixt
 def test_an_audit_without_figures_says_nothing_of_them(capsys: pytest.CaptureFixture[str]) -> None:
     given = fan()
     found = audit(given).model_copy(update={"flight": None})
-    print_audit("fan.json", found)
+    print(*audit_lines("fan.json", found), sep="\n")
     assert "hover" not in capsys.readouterr().out
     assert "Beyond the task" not in Reader(render(design_page(given, found, "fan.json"))).text

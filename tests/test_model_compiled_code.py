@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numba
 import pytest
 
-import nlp.assembled
+import nlp.assembled.air
 import nlp.bounds.branch.proof
 import nlp.reduced.platform
 import verify.proof.check
@@ -61,7 +61,7 @@ def test_what_was_made_from_other_sources_is_dropped(place):
 
 def test_all_rooms_of_compiled_code_are_marked():
     for module, function in (
-        (nlp.assembled, nlp.assembled.smooth_least),
+        (nlp.assembled.air, nlp.assembled.air.derive_speeds),
         (nlp.reduced.platform, nlp.reduced.platform.platform),
         (nlp.bounds.branch.proof, nlp.bounds.branch.proof.search),
         (verify.proof.check, verify.proof.check.replay.replay),

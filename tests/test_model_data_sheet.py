@@ -67,6 +67,12 @@ def test_the_least_input_is_a_share_of_the_modules_largest_whatever_a_design_may
     assert given.min_input == pytest.approx(given.max_input / 8)
 
 
+@pytest.mark.parametrize(("at", "ratio"), [("hover", 1.0), ("full", 2.5), (1.5, 1.5)])
+def test_the_thrust_of_an_air_speed_is_a_word_or_a_number(at: Any, ratio: float) -> None:
+    module = task({"airflow": {"speed": 2.0, "at": at}}).module
+    assert module.thrust_over_weight(module.airflow.at) == ratio
+
+
 def test_too_little_thrust_names_the_field_that_was_given() -> None:
     (odd,) = (one for one in task_warnings(task({"max_thrust": 0.5})) if "produce at most" in one.words)
     assert odd.path == "module.max_thrust"

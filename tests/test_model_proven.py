@@ -15,10 +15,11 @@ from topo_search.compose import audit
 from topo_search.export.audits import tolerance_lines
 from topo_search.model import Limit, Status, Topology
 from topo_search.model.proven import SOLVER_PRECISION, at_least, at_most, gap_percent
+from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import bound, design_page
-from topo_search.report.design_part import design_part
+from topo_search.report.design_part import errors, nearest
 from topo_search.report.progress import describe
-from topo_search.study.answer import statement
+from topo_search.study.summary import statement
 
 PUSH = 0.088938
 """A gap of 8.89 % to the nearest, of which 8.90 % are proven."""
@@ -86,11 +87,11 @@ def test_bounds_of_clearances_and_errors_are_told_on_their_side() -> None:
     changed = found.model_copy(
         update={"pairs": (pair,), "sensitivity": found.sensitivity.model_copy(update={"hinge_angle_deg": limit})}
     )
-    part = design_part(made, changed)
-    assert part["nearest"].rows[0][3:] == ["1.23 mm", "1.24 mm"]
-    pointed = part["clearances"][0].figure["data"][0]["customdata"]
+    assert nearest(changed.pairs).rows[0][3:] == ["1.23 mm", "1.24 mm"]
+    _, figure = next(clearance_matrices(made, changed))
+    pointed = figure["data"][0]["customdata"]
     assert "proven: 1.23 mm to 1.24 mm" in str(pointed)
-    assert part["errors"].rows[0][1:3] == ["0.00409°", "0.00411°"]
+    assert errors(changed).rows[0][1:3] == ["0.00409°", "0.00411°"]
     assert next(tolerance_lines(changed)).startswith(
         "hinge angles may be off by 0.00409 deg (too much: 0.00411 deg)"
     )

@@ -10,6 +10,7 @@ from suites import few
 
 from nlp.assembled import AssembledProgram, program
 from nlp.assembled.problem import AssembledProblem
+from nlp.assembled.terms import derived_rows
 from nlp.evaluation import correct, violations, worst
 from nlp.ipopt import BETA, OPTIONS
 from nlp.numbers.point import Point
@@ -123,6 +124,15 @@ def test_ipopt_reaches_what_it_reaches_on_the_printed_problem(name, monkeypatch)
         efforts += [[np.sum(end.u**2) for end in ends]] if all(met) else []
     assert efforts
     np.testing.assert_allclose(*np.array(efforts).T, rtol=1e-6)
+
+
+def test_exactly_parallel_envelopes_have_finite_derivatives():
+    """The stationary point is a whole line then, and the printed problem's epsilon keeps it from blowing up."""
+    (airflow,) = clearances(push(2), Topology.from_key("a10"))[0].formulas
+    (pair,) = derived_rows(airflow, BETA)
+    z = np.array([0.0, 0.0, 1.0])
+    y = np.array([[[0.3, 0.0, 0.2], z, z], [[0.0, 0.1, 1.0], z, -z], [[2.0, 0.0, 0.0], z, z]])
+    assert all(np.all(np.isfinite(part)) for part in pair(2, y))
 
 
 def test_twenty_modules_are_solved_and_every_pair_is_clear():

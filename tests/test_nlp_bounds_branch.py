@@ -14,7 +14,7 @@ from test_nlp_bounds_attack import random_task
 
 from nlp import solve
 from nlp.bounds.branch import box, frames, multipliers, search, slopes, worst_vertex
-from nlp.bounds.branch.arrays import centre, effort_unit, hang, to_arrays, whole_box
+from nlp.bounds.branch.arrays import centre, effort_unit, reroot, to_arrays, whole_box
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from nlp.bounds.branch.proof import chunk_box, prove_chunk
 from nlp.numbers.point import Point
@@ -113,7 +113,7 @@ def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed, flies):
     rng = np.random.default_rng([25, seed])
     task = random_task(rng, flies=flies)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
-    tree = hang(tree, centre(task, tree))
+    tree = reroot(tree, centre(task, tree))
     stated = to_arrays(task, tree)
     least, most = whole_box(task, task.n)
     middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, 0, size=len(least))
@@ -134,7 +134,7 @@ def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(
     rng = np.random.default_rng([26, seed])
     task = random_task(rng, flies=flies)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
-    tree = hang(tree, centre(task, tree))
+    tree = reroot(tree, centre(task, tree))
     stated, theta = to_arrays(task, tree), rng.uniform(*whole_box(task, task.n))
     y, sigma = multipliers_for(stated, rng)
     true = dual_value(task, tree, theta, np.zeros(3), y, rows(stated, sigma))
@@ -202,12 +202,12 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
     least, most = whole_box(task, 4)
     for _ in range(200):
         tree = random_tree(4, rng, aligned=True)
-        stated = to_arrays(task, hang(tree, centre(task, tree)))
+        stated = to_arrays(task, reroot(tree, centre(task, tree)))
         lower = rng.uniform(least, most - 0.4)
         roots, middle, axes, _, rho = seen(stated, lower, lower + 0.4)
         work, flat = multipliers.workspace(stated), slopes.blank(4, len(rho))
         multipliers.wrenches(stated, roots[0], middle, work)
-        work.ridge[:] = search.RIDGE * 4 / 24 * (rho**2).sum()
+        work.ridge[:] = search.BRANCHING.ridge * 4 / 24 * (rho**2).sum()
         y = np.zeros((3, 6))
         y[:, :3] = 2 * stated.loads.f
         if multipliers.improve(stated, work, y, 4, effort) > effort:
@@ -313,7 +313,7 @@ EXPOSED = ["push-local", "push-directional", "push-two-paths", "push-exterior-60
 @pytest.mark.parametrize("example", EXPOSED)
 def test_exposure_changes_nothing_in_what_boxes_are_bounded_from(example):
     """So a proof about push is one about these tasks, too."""
-    tree = hang(Topology.from_key("a70010"), 1)
+    tree = reroot(Topology.from_key("a70010"), 1)
     folder = resources.files("topo_search") / "examples"
     tasks = [read_task(Path(str(folder / f"{name}.toml"))).resolve(5) for name in ("push", example)]
     plain, exposed = (numbers_of(to_arrays(task, tree)) for task in tasks)
@@ -353,7 +353,7 @@ def test_a_cut_under_the_best_is_proven_and_one_above_is_not(best):
 def test_brute_force_finds_nothing_under_what_is_proven(best):
     """A grid over all angles, and a descent from its best points: at fixed angles the rest is a convex problem."""
     task, tree, design = best
-    tree = hang(tree, centre(task, tree))
+    tree = reroot(tree, centre(task, tree))
     stated, unit, (least, most) = to_arrays(task, tree), effort_unit(task), whole_box(task, tree.n)
     work, A = multipliers.workspace(stated), len(least)
     work.ridge[:] = 1e-9

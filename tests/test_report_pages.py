@@ -14,7 +14,7 @@ from suites import few
 from toy_problem import BOUND, lower_bound, solve, toy_run, toy_task, value
 
 import nlp
-from topo_search.cli.tables import print_answer
+from topo_search.cli.tables import answer_lines
 from topo_search.compose import audit, read_design, write_report
 from topo_search.compose.designs import write_page
 from topo_search.export import palette
@@ -24,7 +24,7 @@ from topo_search.model.proven import gap_percent
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import design_page
-from topo_search.report.design_part import design_part
+from topo_search.report.design_part import rod as rod_words
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page, write_run_page
 from topo_search.report.scene import closest_words, scene
@@ -60,7 +60,7 @@ def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
 )
 def test_only_a_required_rod_carries_the_end_effector(audited, rod, said):
     made = design(Topology.from_key("af0000"), "push-two-paths", f"end_effector.rod={rod}")
-    assert said in design_part(made, audited[1])["rod"]
+    assert said in rod_words(made, audited[1])
 
 
 def test_only_several_audited_designs_have_a_plot_to_choose_from(tmp_path):
@@ -177,7 +177,7 @@ def test_one_number_has_one_name(audited, tmp_path, capsys):
     assert "“Symmetric copies” counts" in run.text
     assert "symmetric copies included" in run.text
     with RunFolder.load(tmp_path / "run") as folder:
-        print_answer(answer_of(folder))
+        print(*answer_lines(answer_of(folder)), sep="\n")
     for text in (page, run.text, capsys.readouterr().out):
         assert not re.search(r"\b(objective|orbit|stands for)\b|(?<!control )effort", text.lower())
 

@@ -16,18 +16,19 @@ from toy_problem import toy_row
 
 from nlp import prove_impossible
 from topo_search import compose
-from topo_search.cli.tables import _print_front, _print_rows, print_audit
+from topo_search.cli.tables import _front, _rows, audit_lines
 from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
-from topo_search.compose.designs import Rounded
+from topo_search.compose.designs import compare_audits
 from topo_search.export.audits import Judged, markdown
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.audit import WorstCase
 from topo_search.model.design import Relaxation
 from topo_search.model.proven import excess_texts
 from topo_search.model.search import Level
+from topo_search.report.charts import clearance_matrices
 from topo_search.report.design_page import bound
-from topo_search.report.design_part import design_part, flight_part
+from topo_search.report.design_part import cases, errors, findings, flight_sentences, nearest, residuals
 from topo_search.report.ranking import ranking
 from topo_search.report.run_page import front_part
 from topo_search.report.wording import near_tie_cells
@@ -80,19 +81,19 @@ def test_clearances(audited, status, capsys):
             kind="airflow", a=0, b=1, status=status, lower_m=least, upper_m=3 * least, analytic_m=least, level=0
         )
         only = found.model_copy(update={"pairs": (pair,), "sensitivity": None, "flight": None, "residuals": ()})
-        print_audit("mine", only)
-        page = design_part(made, only)
-        pointed = page["clearances"][0].figure["data"][0]["customdata"]
+        print(*audit_lines("mine", only), sep="\n")
+        _, figure = next(clearance_matrices(made, only))
+        rows, pointed = nearest(only.pairs).rows, figure["data"][0]["customdata"]
         for text in (
             capsys.readouterr().out,
-            Rounded(made, only, only, 0.5, 1.0).notes[1],
-            [cell for row in page["nearest"].rows for cell in row],
+            compare_audits(only, only),
+            [cell for row in rows for cell in row],
             markdown([Judged("mine", made, only)], []),
             only._repr_html_(),
             pointed,
         ):
             check(text, least=least)
-        for text in (page["nearest"].rows[0][4], only._repr_html_(), pointed):
+        for text in (rows[0][4], only._repr_html_(), pointed):
             check(text, most=3 * least)
 
 
@@ -103,27 +104,27 @@ def test_errors_that_are_harmless_and_what_is_not_met(audited, capsys):
         worst = WorstCase(
             kind="airflow", a=0, b=1, segment=None, status="clear", lower_m=x, attained_m=3 * x, factor=None
         )
-        errors = {"hinge_angle_deg": limit, "position_m": limit, "envelope_m": limit, "tolerances": worst}
+        limits = {"hinge_angle_deg": limit, "position_m": limit, "envelope_m": limit, "tolerances": worst}
         row = found.residuals[0].model_copy(
             update={"value": 9 * x, "scaled": 27 * x, "tolerance": 81 * x, "status": "violated"}
         )
         changed = found.model_copy(
             update={
-                "sensitivity": found.sensitivity.model_copy(update=errors),
+                "sensitivity": found.sensitivity.model_copy(update=limits),
                 "pairs": (),
                 "flight": None,
                 "residuals": (row,),
                 "interference": None,
             }
         )
-        print_audit("mine", changed)
-        printed, page = capsys.readouterr().out, design_part(made, changed)
+        print(*audit_lines("mine", changed), sep="\n")
+        printed, checked = capsys.readouterr().out, residuals(changed).rows[0]
         summary = markdown([Judged("mine", made, changed)], [])
-        for text in (printed, summary, *page["errors"].rows, page["findings"]):
+        for text in (printed, summary, *errors(changed).rows, findings(made, changed)):
             check(text, least=x, most=3 * x)
-        for text in (printed, summary, page["residuals"].rows[0], changed._repr_html_()):
+        for text in (printed, summary, checked, changed._repr_html_()):
             check(text, most=9 * x)
-        check(page["residuals"].rows[0], least=81 * x, most=27 * x)
+        check(checked, least=81 * x, most=27 * x)
 
 
 def test_flights_fronts_and_near_ties(capsys):
@@ -141,8 +142,8 @@ def test_flights_fronts_and_near_ties(capsys):
         )
         found = flight(cases=(case,))
         check(found.weakest_point, least=x)
-        check(flight_part(found)["sentences"], least=x)
-        check(flight_part(found)["cases"].rows[0], least=x, most=3 * x)
+        check(flight_sentences(found)[1:], least=x)
+        check(cases(found).rows[0], least=x, most=3 * x)
         row = Row(
             *("a300", 3, 1, "feasible"),
             objective=1e9,
@@ -154,7 +155,7 @@ def test_flights_fronts_and_near_ties(capsys):
         check(near_tie_cells(row, row)[2:], least=x, most=3 * x)
         point = FrontPoint(row, x, x, 3 * x, 0, Level(*[None] * len(Level._fields)), joint_moment=9 * x)
         answer = Answer("nowhere", (), (LevelAnswer(0, point.level, ()),), (point,))
-        _print_front(answer)
+        print(*_front(answer), sep="\n")
         printed = capsys.readouterr().out.splitlines()[3]
         for text in (printed, front_part(answer, [])["designs"].rows[0], answer._repr_html_()):
             check(text, least=x, most=3 * x)
@@ -167,12 +168,13 @@ def test_efforts_and_gaps(capsys, monkeypatch):
         check(bound(x, 0.1, 3)[0], least=x)
         check(_expectations({"candidates": 3, "quotient": "", "impossible": None, "lower_bound": x}), least=x)
         row = toy_row("a300", objective=x, gap=0.1)
-        _print_rows((row,))
+        print(*_rows((row,)), sep="\n")
         check(capsys.readouterr().out.splitlines()[1].split()[2], most=x / row.lower_bound)
         checked = Checked(trees=[CheckedTree("a300", 3, bound=x)])
         monkeypatch.setattr(compose, "check_proofs", lambda *_, given=checked, **__: given)
         check(invoke("prove", "run", "--check").stdout, least=x)
-        table = pd.DataFrame({"key": ["a300"], "proof": ["excluded"], "proven_bound": [x]})
+        proof = {"proven_bound": x, "proven_gap": 0.1, "proof": "excluded", "proven_problem": "task"}
+        table = pd.DataFrame([{"key": "a300", "modules": 3, "objective": x, **proof}])
         monkeypatch.setattr(compose, "prove", lambda *_, **__: Answer("nowhere", ()))
         monkeypatch.setattr("topo_search.study.answer.candidates", lambda _, given=table: given)
         check(invoke("prove", "run", status=4).stdout, least=x)

@@ -8,7 +8,7 @@ from ledger_edit import forged
 from processes import table
 from toy_problem import toy_run, toy_solved, toy_task
 
-from topo_search.cli.tables import print_answer
+from topo_search.cli.tables import answer_lines
 from topo_search.model import BadInput, Design, Task, Tolerances
 from topo_search.model.files import read_json
 from topo_search.model.load_case import AskedFlight
@@ -178,7 +178,8 @@ def test_a_folder_keeps_whether_its_task_requires_tolerances(tmp_path):
 def test_the_last_lines_say_what_tolerances_that_are_only_measured_leave(tmp_path, monkeypatch, capsys):
     keys = keys_by_rank(tmp_path)
     monkeypatch.setenv("TOY_LOSS", "5e-5")
-    print_answer(toy_run(tmp_path / "run", task=tolerant(tolerances=False)))
+    answer = toy_run(tmp_path / "run", task=tolerant(tolerances=False))
+    print(*answer_lines(answer), sep="\n")
     words = f"{keys[0]}: within the task's tolerances: clear, least clearance 5e-05 m or more"
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith(words)

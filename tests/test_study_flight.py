@@ -11,7 +11,7 @@ from report_cases import HOVER, Reader, flight, joint
 from toy_problem import toy_run
 from wording import says
 
-from topo_search.cli.tables import print_answer
+from topo_search.cli.tables import answer_lines
 from topo_search.model import Audit, BadInput, CaseFlight, CasePower, Design, Flight, RotorsOut
 from topo_search.model.audit import AirSpeeds, CaseAir, RegionAir
 from topo_search.report.page import render
@@ -108,7 +108,7 @@ def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys
     assert [row.key for row in size.top] == ["a500", "a600", "aa00", "a300"]
     assert [row.key for row in size.near_ties] == ["aa00", "a500", "a600"]
     assert size.near_ties_unaudited == 0
-    print_answer(answer)
+    print(*answer_lines(answer), sep="\n")
     lines = capsys.readouterr().out.splitlines()
     place = next(k for k, line in enumerate(lines) if line.startswith("within 1 % of the least control effort"))
     assert [line.split()[0] for line in lines[place + 2 : place + 5]] == ["aa00", "a500", "a600"]

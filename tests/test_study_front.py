@@ -14,7 +14,7 @@ from report_cases import Reader
 from toy_problem import solved_keys, toy_run, toy_task
 from wording import says
 
-from topo_search.cli.tables import print_answer
+from topo_search.cli.tables import answer_lines
 from topo_search.compose import search
 from topo_search.model import Audit, BadInput, Clearance, Design, LoadCase, Status, Task, Wrench
 from topo_search.model.files import read_json
@@ -310,7 +310,7 @@ def test_fewer_modules_against_effort_of_a_hover(tmp_path):
 def test_the_design_of_least_effort_is_not_called_the_smallest(tmp_path, capsys):
     """Both sizes are feasible, and the larger one takes less effort or has more clearance."""
     task = toy_task((2, 3)).model_copy(update={"goals": GOALS})
-    print_answer(answer := toy_run(tmp_path / "run", task=task, backends=BACKENDS))
+    print(*answer_lines(answer := toy_run(tmp_path / "run", task=task, backends=BACKENDS)), sep="\n")
     assert len(answer.sizes) == 2
     assert f"best design: {answer.best.key}, {answer.best.modules} modules, J = " in capsys.readouterr().out
 

@@ -13,7 +13,7 @@ from test_study_proving import Prover, proven, table
 from toy_problem import toy_run
 
 import nlp
-from topo_search.cli.tables import print_answer
+from topo_search.cli.tables import answer_lines
 from topo_search.compose import audit, write_report
 from topo_search.compose.binding import BACKENDS
 from topo_search.engine import Failed
@@ -51,7 +51,7 @@ def test_no_figure_that_is_proven_excludes_a_clear_design(tmp_path, log, capsys)
     answer = proven(tmp_path / "run", Prover(refuses=("a10", "a20")), gap=0.005)
     best = answer.best.objective
     assert best > 1.2 * CHEAPER.objective
-    print_answer(answer)
+    print(*answer_lines(answer), sep="\n")
     told = capsys.readouterr().out
     with RunFolder.load(tmp_path / "run") as folder:
         page = run_page(folder)

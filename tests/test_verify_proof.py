@@ -27,7 +27,8 @@ from verify.kinematics import poses
 from verify.proof import arcs, ascent, dual, nearness
 from verify.proof import replay as ends
 from verify.proof.check import chunk_box
-from verify.proof.platform import all_angles, effort_unit, hang, numbers
+from verify.proof.platform import all_angles, effort_unit, numbers, reroot
+from verify.proof.points import fill_point, fill_turns, turns, workspace
 
 PAIR = Topology(((-1, -1, -1), (0, 0, 2)))
 PUSH = {"end_effector": {"force": [0.25, 0.0, 0.75]}}
@@ -65,7 +66,7 @@ def dual_value(task, tree, theta, tip, y, walls, corners=()):
 def any_multipliers(stated, rng):
     y = rng.normal(size=(len(stated.f), 6)) * 10 ** rng.uniform(-2, 1)
     sigma = np.maximum(0.0, rng.normal(size=len(stated.normal)))
-    ascent.balance(stated, ascent.workspace(stated, 1, 0), y, sigma)
+    ascent.balance(stated, workspace(stated, 1, 0), y, sigma)
     return y, sigma
 
 
@@ -78,7 +79,7 @@ def any_corners(task, rng):
 def any_tree(rng, *, flies=False):
     task = random_task(rng, flies=flies)
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
-    return task, tree if task.search.root == "paper" else hang(tree, int(rng.integers(task.n)))
+    return task, tree if task.search.root == "paper" else reroot(tree, int(rng.integers(task.n)))
 
 
 @pytest.mark.parametrize("flies", [False, True])
@@ -210,9 +211,9 @@ def test_wrenches_change_with_every_angle_as_is_said(seed):
 
     def wrenches(theta):
         points, frames = framed_middle(stated, theta)
-        at = ascent.workspace(stated, 1, len(theta))
-        ascent.look(stated, points, frames, at, 0)
-        ascent.look_around(stated, points, frames, np.zeros(len(theta)), at)
+        at = workspace(stated, 1, len(theta))
+        fill_point(stated, points, frames, at, 0)
+        fill_turns(stated, points, frames, np.zeros(len(theta)), at)
         return at.a[0], at.turning.change
 
     (_, change), step = wrenches(theta), 1e-6
@@ -224,7 +225,7 @@ def test_wrenches_change_with_every_angle_as_is_said(seed):
             while above > 0:
                 path.add(above + 2)
                 above = tree.parents[above]
-            assert ascent.turns(stated, angle, j // 4) == (angle < 3 or angle in path)
+            assert turns(stated, angle, j // 4) == (angle < 3 or angle in path)
             assert measured[j] == pytest.approx(change[angle, j], abs=1e-7 * tree.n)
 
 
@@ -235,12 +236,12 @@ def test_the_dual_function_changes_with_angles_and_its_slopes_with_multipliers_a
     task, tree = any_tree(rng, flies=flies)
     stated = numbers(task, tree, "task", any_corners(task, rng))
     theta, (y, sigma) = rng.uniform(-1.5, 1.5, size=tree.n + 2), any_multipliers(stated, rng)
-    at = ascent.workspace(stated, 1, len(theta))
+    at = workspace(stated, 1, len(theta))
 
     def looked_at(theta, y):
         points, frames = framed_middle(stated, theta)
-        ascent.look(stated, points, frames, at, 0)
-        ascent.look_around(stated, points, frames, np.full(len(theta), 0.1), at)
+        fill_point(stated, points, frames, at, 0)
+        fill_turns(stated, points, frames, np.full(len(theta), 0.1), at)
         ascent.begin(stated, at, np.full(len(theta), 0.1), 1.0)
         ascent.blur(stated, at, 0.1)  # without kinks
         ascent.value(stated, at, y, sigma, 1.0)
@@ -266,9 +267,9 @@ def test_multipliers_for_points_get_better_by_what_the_bounds_of_points_are(seed
         numbers(task, tree, "task", any_corners(task, rng)),
         rng.uniform(-1.5, 1.5, size=(5, tree.n + 2)),
     )
-    at, (y, sigma) = ascent.workspace(stated, len(theta), 0), any_multipliers(stated, rng)
+    at, (y, sigma) = workspace(stated, len(theta), 0), any_multipliers(stated, rng)
     for v, one in enumerate(theta):
-        ascent.look(stated, *framed_middle(stated, one), at, v)
+        fill_point(stated, *framed_middle(stated, one), at, v)
     ascent.begin(stated, at, np.full(tree.n + 2, 0.1), 1.0)
     ascent.blur(stated, at, 1e-12)
     ascent.value(stated, at, y, sigma, 0.1)
@@ -535,14 +536,14 @@ def test_chunks_of_prover_and_checker_cover_all_angles_and_share_no_more_than_fa
         assert len({(*lower, *upper) for lower, upper in boxes}) == len(boxes)
 
 
-@pytest.mark.parametrize("hang", [hang, arrays.hang], ids=["checker", "prover"])
-def test_the_same_platform_hangs_from_any_module(hang):
+@pytest.mark.parametrize("reroot", [reroot, arrays.reroot], ids=["checker", "prover"])
+def test_the_same_platform_hangs_from_any_module(reroot):
     rng = np.random.default_rng(47)
     for n in (2, 3, 5, 8):
         tree = random_tree(n, rng, aligned=False)
         for root in range(n):
-            other = hang(tree, root)
-            assert hang(other, 0).key == other.key
+            other = reroot(tree, root)
+            assert reroot(other, 0).key == other.key
             assert sorted(dict(other.graph().degree).values()) == sorted(dict(tree.graph().degree).values())
             assert sum(kappa % 2 for kappa in other.kappas) == sum(kappa % 2 for kappa in tree.kappas)
 

@@ -30,11 +30,11 @@ import numpy as np
 
 from topo_search.model import Status
 from verify.bodies import Array, Rows, nearest_on_axis
-from verify.certificate import ROUNDING, TURNED_LEVELS, Certificate, Row, Solid, judge
+from verify.certificate import ROUNDING, TURNED_LEVELS, Certificate, Row, Solid, judge, turned
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
-from verify.meshes import ConvexMesh, Indices, Shape, encloses, inner_mesh, lies_within, outer_mesh
+from verify.meshes import ConvexMesh, Indices, Shape
 
 ROTORS = 4
 
@@ -139,18 +139,19 @@ def _fcl_apart(pair: BesideAirflow, n: Array, x: Array, level: int) -> bool:
     near = [part for part in parts_of(pair) if outer is None or part.shape.overlaps(outer[1])]
     if level == 1 or not near:
         return not near
-    body = pair.against.body.move(-x)
-    mesh = outer_mesh(body, TURNED_LEVELS[level - 2], n)
-    if not encloses(mesh, body):
+    mesh = turned(pair.against.body, x, n, TURNED_LEVELS[level - 2], inside=False)
+    if mesh is None:
         return False
     shape = Shape(mesh)
     return not any(shape.overlaps(Shape(_move(part.outer(-n), -x))) for part in near)
 
 
 def _fcl_overlap(pair: BesideAirflow, at: _Found, n: Array, x: Array, level: int) -> bool:
-    body = pair.against.body.move(-x)
-    mesh, part = inner_mesh(body, TURNED_LEVELS[level - 2], n), pair.body.parts[int(at.part)]
-    return lies_within(mesh, body) and Shape(mesh).overlaps(Shape(_move(part.inner(x), -x)))
+    mesh, part = (
+        turned(pair.against.body, x, n, TURNED_LEVELS[level - 2], inside=True),
+        pair.body.parts[int(at.part)],
+    )
+    return mesh is not None and Shape(mesh).overlaps(Shape(_move(part.inner(x), -x)))
 
 
 def _move(mesh: ConvexMesh, shift: Array) -> ConvexMesh:

@@ -8,10 +8,11 @@
 | lower | gap of a plane across n: min of n.x over B's outer mesh, minus max over A's, so d >= lower |
 | upper | distance of a point proven in A to one proven in B, or minus the depth of one proven in both: d <= upper |
 
-A pair is `clear` when numpy finds the plane (lower > 0) and FCL finds the outer meshes apart; `violated` when
-numpy finds the point and FCL finds the inner meshes overlapping. Neither the closed form nor FCL can make a verdict
-by itself: if they are wrong, the proof fails. A failed proof is tried again on meshes turned towards the witness,
-which lose nothing there, and on finer ones. What stays unproven is `undecided` within the floor of rounding and
+A pair is `clear` when numpy finds the plane (lower > 0) and FCL finds the outer meshes apart; `violated` when numpy
+finds the point and FCL finds the inner meshes overlapping. Neither the closed form nor FCL can make a verdict by
+itself: if they are wrong, the proof fails. A failed proof is tried again on meshes turned towards the witness,
+which lose nothing there, and on finer ones. B may be a convex region: a polytope itself, it loses nothing, and `d`
+is the closed form of `verify.hulls`. What stays unproven is `undecided` within the floor of rounding and
 `inconsistent` beyond it: then closed form, meshes and FCL disagree, which is a fault of this tool.
 """
 
@@ -27,6 +28,7 @@ import numpy as np
 from topo_search.model import Status
 from topo_search.model.audit import Kind
 from verify.bodies import Array, ConeSphere, Rows, clearances
+from verify.hulls import Hull, approach
 from verify.meshes import FARTHEST, ConvexMesh, Shape, encloses, inner_mesh, lies_within, outer_mesh
 
 FLOOR = 1e-7
@@ -58,6 +60,7 @@ class Certificate:
     """What closed form, meshes and FCL say where they disagree, with all digits, to find the fault by."""
 
 
+Mesh = tuple[ConvexMesh, Shape]
 Proof = Callable[[int], tuple[float, bool] | None]
 """From a level of meshes to a lower bound and whether FCL agrees with its sign; None: a mesh fails its check."""
 
@@ -89,7 +92,7 @@ class Solid:
     def __init__(self, body: ConeSphere) -> None:
         self.body = body
         self._copied: tuple[Solid, Array, Array] | None = None
-        self._made: dict[Callable[[ConeSphere, int], ConvexMesh], tuple[ConvexMesh, Shape]] = {}
+        self._made: dict[bool, Mesh] = {}
 
     def place(self, R: Array, p: Array) -> Solid:
         """Return a copy turned by R, shape (3, 3), then moved by p, shape (3,)."""
@@ -98,32 +101,46 @@ class Solid:
         return elsewhere
 
     @functools.cached_property
-    def outer(self) -> tuple[ConvexMesh, Shape] | None:
+    def outer(self) -> Mesh | None:
         """The common outer mesh; None if it fails its own check."""
-        mesh, shape = self._common_part(outer_mesh)
-        return (mesh, shape) if encloses(mesh, self.body) else None
+        common = self._common(inside=False)
+        return common if encloses(common[0], self.body) else None
 
     @functools.cached_property
-    def inner(self) -> Shape | None:
+    def inner(self) -> Mesh | None:
         """The common inner mesh; None if it fails its own check."""
-        mesh, shape = self._common_part(inner_mesh)
-        return shape if lies_within(mesh, self.body) else None
+        common = self._common(inside=True)
+        return common if lies_within(common[0], self.body) else None
 
-    def _common_part(self, make: Callable[[ConeSphere, int], ConvexMesh]) -> tuple[ConvexMesh, Shape]:
-        if make not in self._made:
+    def _common(self, *, inside: bool) -> Mesh:
+        if inside not in self._made:
             if self._copied is None:
-                mesh = make(self.body, COMMON_LEVEL)
-                self._made[make] = mesh, Shape(mesh)
+                mesh = (inner_mesh if inside else outer_mesh)(self.body, COMMON_LEVEL)
+                self._made[inside] = mesh, Shape(mesh)
             else:
                 solid, R, p = self._copied
-                mesh, shape = solid._common_part(make)
-                self._made[make] = ConvexMesh(mesh.vertices @ R.T + p, mesh.triangles), shape.place(R, p)
-        return self._made[make]
+                mesh, shape = solid._common(inside=inside)
+                self._made[inside] = ConvexMesh(mesh.vertices @ R.T + p, mesh.triangles), shape.place(R, p)
+        return self._made[inside]
+
+    def shown(self, x: Array, n: Array, level: int, *, inside: bool) -> Mesh | None:
+        """Return the common mesh at level 0, a turned one at any other; None if it fails its own check."""
+        if level == 0:
+            return self.inner if inside else self.outer
+        mesh = turned(self.body, x, n, TURNED_LEVELS[level - 1], inside=inside)
+        return None if mesh is None else (mesh, Shape(mesh))
 
     @functools.cached_property
     def in_range(self) -> bool:
         """True if the body is near enough to the origin that coordinates keep the digits a proof needs."""
         return bool(np.all(np.abs(self.body.o) + 2 * self.body.extent < FARTHEST / 16))
+
+
+def turned(body: ConeSphere, x: Array, n: Array, level: int, *, inside: bool) -> ConvexMesh | None:
+    """Return a mesh around or inside a body, turned towards n, with its origin at x; None if it fails its check."""
+    near = body.move(-x)  # the digits are needed around x
+    mesh = (inner_mesh if inside else outer_mesh)(near, level, n)
+    return mesh if (lies_within if inside else encloses)(mesh, near) else None
 
 
 class Witness(NamedTuple):
@@ -141,20 +158,39 @@ class Witness(NamedTuple):
     """These points, shape (2, 3)."""
 
 
-def certify_pairs(pairs: Sequence[tuple[Solid, Solid]]) -> list[Certificate]:
-    """Return the certificates of pairs of cone-spheres."""
+def certify_pairs(pairs: Sequence[tuple[Solid, Solid | Hull]]) -> list[Certificate]:
+    """Return the certificates of cone-spheres that must keep out of others, or of convex regions."""
     certificates = []
     for (A, B), at in zip(pairs, witnesses(pairs), strict=True):
         if not (A.in_range and B.in_range):
             certificates.append(Certificate(Status.UNDECIDED, None, None, at.d, 0))
             continue
-        proof = functools.partial(_separating_gap if at.d > 0 else _common_point, A, B, at)
-        certificates.append(judge(at.d, at.upper, at.closest, proof, levels=1 + len(TURNED_LEVELS)))
+        first = int(isinstance(B, Hull))  # the region loses nothing, so that the other mesh is turned at once
+        proof = functools.partial(_prove, A, B, at, first)
+        certificates.append(judge(at.d, at.upper, at.closest, proof, levels=1 + len(TURNED_LEVELS) - first))
     return certificates
 
 
-def witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
-    """Yield the witness of every pair; all are found at once."""
+def _prove(A: Solid, B: Solid | Hull, at: Witness, first: int, level: int) -> tuple[float, bool] | None:
+    """Return the gap across n, between outer meshes or negative between supports, and whether FCL agrees."""
+    apart = at.d > 0
+    mesh_A, mesh_B = (side.shown(at.x, n, first + level, inside=not apart) for side, n in ((A, at.n), (B, -at.n)))
+    if mesh_A is None or mesh_B is None:
+        return None
+    overlap = mesh_A[1].overlaps(mesh_B[1])
+    if apart:
+        return float((mesh_B[0].vertices @ at.n).min() - (mesh_A[0].vertices @ at.n).max()), not overlap
+    support_B = (mesh_B[0].vertices @ -at.n).max() if isinstance(B, Hull) else B.body.move(-at.x).support(-at.n)
+    return -float(A.body.move(-at.x).support(at.n) + support_B), overlap
+
+
+def witnesses(pairs: Sequence[tuple[Solid, Solid | Hull]]) -> Iterator[Witness]:
+    """Yield the witness of every pair; those of cone-spheres are found at once."""
+    of_solids = _witnesses([(A, B) for A, B in pairs if isinstance(B, Solid)])
+    return (_beside_region(A.body, B) if isinstance(B, Hull) else next(of_solids) for A, B in pairs)
+
+
+def _witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
     d, eta, gamma = clearances([(A.body, B.body) for A, B in pairs])
     A, B = (Rows.of([pair[side].body for pair in pairs]) for side in (0, 1))
     P_A, r_A, P_B, r_B = A.centre(eta), A.radius(eta), B.centre(gamma), B.radius(gamma)
@@ -175,6 +211,23 @@ def witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
     proven = np.where(gap, reached, shared)
     for k, value in enumerate(d.tolist()):
         yield Witness(value, n[k], x[k], float(upper[k]) if proven[k] else None, closest[k])
+
+
+def _beside_region(body: ConeSphere, region: Hull) -> Witness:
+    closest = approach(body, region)
+    P, r = body.centre(closest.eta), body.radius(closest.eta)
+    x = P if region.depth(P) > ROUNDING else region.nearest_of_surface(P)
+    apart, into = float(np.linalg.norm(x - P)), region.centre - P
+    deep = float(np.linalg.norm(into))
+    inwards = into / deep if deep > 0 else np.array([0.0, 0.0, 1.0])
+    n = (x - P) / apart if apart > 0 else inwards
+    if closest.d > 0:
+        x_K = P + r * n
+        reached = body.depth(x_K) > -ROUNDING
+        upper = float(np.linalg.norm(x - x_K)) if reached else None
+        return Witness(closest.d, n, (x_K + x) / 2, upper, np.stack([x_K, x]))
+    depth = float(body.depth(x))
+    return Witness(closest.d, n, x, -depth if depth > ROUNDING else None, np.stack([x, x]))
 
 
 def judge(d: float, upper: float | None, closest: Array, proof: Proof, levels: int) -> Certificate:
@@ -210,45 +263,3 @@ def judge(d: float, upper: float | None, closest: Array, proof: Proof, levels: i
             ),
         )
     return Certificate(status, lower, upper, d, level, closest, evidence)
-
-
-def _separating_gap(A: Solid, B: Solid, at: Witness, level: int) -> tuple[float, bool] | None:
-    """Return the gap between the outer meshes across a plane normal to n, and whether FCL sees them apart."""
-    if level == 0:
-        if A.outer is None or B.outer is None:
-            return None
-        (mesh_A, shape_A), (mesh_B, shape_B) = A.outer, B.outer
-    else:
-        meshes = _turned_meshes(A, B, at, level, outer_mesh, encloses)
-        if meshes is None:
-            return None
-        mesh_A, mesh_B = meshes
-        shape_A, shape_B = Shape(mesh_A), Shape(mesh_B)
-    gap = float((mesh_B.vertices @ at.n).min() - (mesh_A.vertices @ at.n).max())
-    return gap, not shape_A.overlaps(shape_B)
-
-
-def _common_point(A: Solid, B: Solid, at: Witness, level: int) -> tuple[float, bool] | None:
-    """Return the supports' (negative) gap along n, and whether FCL sees the inner meshes overlap."""
-    shapes = A.inner, B.inner
-    if level > 0:
-        meshes = _turned_meshes(A, B, at, level, inner_mesh, lies_within)
-        shapes = (None, None) if meshes is None else (Shape(meshes[0]), Shape(meshes[1]))
-    if shapes[0] is None or shapes[1] is None:
-        return None
-    gap = -float(A.body.move(-at.x).support(at.n) + B.body.move(-at.x).support(-at.n))
-    return gap, shapes[0].overlaps(shapes[1])
-
-
-def _turned_meshes(
-    A: Solid,
-    B: Solid,
-    at: Witness,
-    level: int,
-    make: Callable[[ConeSphere, int, Array], ConvexMesh],
-    check: Callable[[ConvexMesh, ConeSphere], bool],
-) -> list[ConvexMesh] | None:
-    """Return meshes of a level turned towards the witness, their origin; None if one fails its own check."""
-    bodies = A.body.move(-at.x), B.body.move(-at.x)  # the digits are needed around x
-    meshes = [make(body, TURNED_LEVELS[level - 1], n) for body, n in zip(bodies, (at.n, -at.n), strict=True)]
-    return meshes if all(map(check, meshes, bodies)) else None

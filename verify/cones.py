@@ -37,6 +37,7 @@ part must reach into it.
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -44,10 +45,10 @@ import numpy as np
 
 from topo_search.model import Status
 from verify.bodies import Array, Cone, ConeSphere, basis_across, cone_clearance
-from verify.certificate import COMMON_LEVEL, ROUNDING, Certificate, Solid, judge
+from verify.certificate import COMMON_LEVEL, ROUNDING, Certificate, Solid, judge, turned
 from verify.compounds import Compound
 from verify.convex import Convex, Cylinder
-from verify.meshes import FARTHEST, Shape, box_below, encloses, inner_mesh, lies_within, outer_mesh
+from verify.meshes import FARTHEST, Shape, box_below
 from verify.meshes import ROUNDING as MESH_ROUNDING
 
 
@@ -108,33 +109,38 @@ def keeps_off(solid: Solid, cone: Cone, eta: float) -> bool:
 
     One that is turned towards the half-space is made only where the common one does not do.
     """
-    m, x, beyond = _half_space(solid.body, cone, eta)
+    m, x, beyond = _beyond_ball(solid.body, cone, eta)
     if solid.outer is not None and not solid.outer[1].overlaps(beyond.place(np.eye(3), x)):
         return True
-    near = solid.body.move(-x)
-    mesh = outer_mesh(near, COMMON_LEVEL, -m)
-    return encloses(mesh, near) and not Shape(mesh).overlaps(beyond)
+    mesh = turned(solid.body, x, -m, COMMON_LEVEL, inside=False)
+    return mesh is not None and not Shape(mesh).overlaps(beyond)
 
 
 def reaches_beyond(body: ConeSphere, cone: Cone, eta: float) -> bool:
     """True if FCL sees the body's inner mesh reach into the half-space beyond the cone nearest to an end ball."""
-    m, x, beyond = _half_space(body, cone, eta)
-    near = body.move(-x)
-    mesh = inner_mesh(near, COMMON_LEVEL, -m)
-    return lies_within(mesh, near) and Shape(mesh).overlaps(beyond)
+    m, x, beyond = _beyond_ball(body, cone, eta)
+    mesh = turned(body, x, -m, COMMON_LEVEL, inside=True)
+    return mesh is not None and Shape(mesh).overlaps(beyond)
 
 
-def _half_space(body: ConeSphere, cone: Cone, eta: float) -> tuple[Array, Array, Shape]:
-    """Return the supporting half-space nearest to an end ball: its normal, the ball's point next to it, and a box.
+def _beyond_ball(body: ConeSphere, cone: Cone, eta: float) -> tuple[Array, Array, Shape]:
+    """Return the normal of the half-space nearest to an end ball, the ball's point next to it, and what is beyond.
 
-    The box is what lies beyond: on the plane, with that point as origin, and large enough that the body cannot pass
-    it by or through: no point of the body is farther from the origin than twice its extent.
+    No point of the body is farther from that point than twice its extent.
     """
     centre = body.centre(eta)
     m = cone.inward_normal(centre)
     x = centre - body.radius(eta) * m
+    return m, x, _beyond(cone, x, m, 4 * body.extent)
+
+
+def _beyond(cone: Cone, x: Array, m: Array, size: float) -> Shape:
+    """Return a box of what lies beyond a supporting half-space with the normal m, with its origin at a point x.
+
+    It is so large that no body of that size at x can pass it by or through.
+    """
     height = float(m @ (x - cone.apex))
-    return m, x, Shape(box_below(-height * m, m, 4 * body.extent + abs(height)))
+    return Shape(box_below(-height * m, m, size + abs(height)))
 
 
 def lathe(theta: float, sides: int) -> tuple[Array, Array, Array]:
@@ -171,12 +177,18 @@ def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:
     d, x = heights[k], lowest[k]
     within = module.parts[k].depth(x) > -ROUNDING and (d > 0 or d < -ROUNDING)
 
+    def overlaps(part: Convex, x: Array, *, inside: bool) -> bool:
+        """True if FCL sees a polytope inside, or around, a part reach beyond the half-space nearest to x."""
+        m, near = cone.inward_normal(x), part.place(np.eye(3), -x)
+        mesh = near.inner(np.zeros(3)) if inside else near.outer(-m)
+        return Shape(mesh).overlaps(_beyond(cone, x, m, 8 * part.radius))
+
     def proof(level: int) -> tuple[float, bool]:
         """Return the least s over corners, and whether FCL sees all parts inside, or the deepest reach beyond."""
         least = _least_corner(module.parts, cone, MESHES.part_sides[level])
         if d > 0:
-            return least, all(_keeps_off(part, cone, y) for part, y in zip(module.parts, lowest, strict=True))
-        return least, _reaches_beyond(module.parts[k], cone, x)
+            return least, not any(map(functools.partial(overlaps, inside=False), module.parts, lowest))
+        return least, overlaps(module.parts[k], x, inside=True)
 
     closest = np.stack([x, x - d * cone.inward_normal(x)])
     return judge(d, d if within else None, closest, proof, levels=len(MESHES.part_sides))
@@ -221,23 +233,3 @@ def _least_corner(parts: tuple[Convex, ...], cone: Cone, sides: int) -> float:
             corners = _rings(part, angles, (1 + MESH_ROUNDING) * part.disc / math.cos(math.pi / sides))
         least = min(least, float(cone.s(corners).min()))
     return least
-
-
-def _keeps_off(part: Convex, cone: Cone, x: Array) -> bool:
-    m, beyond = _half_space_beyond(part, cone, x)
-    return not Shape(part.place(np.eye(3), -x).outer(-m)).overlaps(beyond)
-
-
-def _reaches_beyond(part: Convex, cone: Cone, x: Array) -> bool:
-    _, beyond = _half_space_beyond(part, cone, x)
-    return Shape(part.place(np.eye(3), -x).inner(np.zeros(3))).overlaps(beyond)
-
-
-def _half_space_beyond(part: Convex, cone: Cone, x: Array) -> tuple[Array, Shape]:
-    """Return the normal of the supporting half-space nearest to a point of a part, and a box of what lies beyond.
-
-    The box has the point as origin, and is so large that the part cannot pass it by or through.
-    """
-    m = cone.inward_normal(x)
-    height = float(m @ (x - cone.apex))
-    return m, Shape(box_below(-height * m, m, 8 * part.radius + abs(height)))

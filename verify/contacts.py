@@ -55,7 +55,7 @@ from verify.certificate import FLOOR, Certificate, Row, Solid, certify_pairs
 from verify.compounds import Compound, certify_compounds
 from verify.cones import certify_inside, certify_parts_inside
 from verify.convex import CLIPPING, Convex, Polyhedron, capsule, clip
-from verify.hulls import Hull, approach, certify_outside, hull
+from verify.hulls import Hull, approach, hull
 from verify.parts import FIT, UP
 from verify.requirements import Requirement, Scene
 
@@ -226,7 +226,7 @@ def certify(rows: Sequence[AnyRow]) -> list[Certificate]:
     certifiers: dict[tuple[type, type], Callable[[list[AnyRow]], list[Certificate]]] = {
         (Solid, Solid): lambda some: certify_pairs([(row.body, row.against) for row in some]),
         (Solid, Cone): lambda some: [certify_inside(row.body, row.against) for row in some],
-        (Solid, Hull): lambda some: [certify_outside(row.body, row.against) for row in some],
+        (Solid, Hull): lambda some: certify_pairs([(row.body, row.against) for row in some]),
         (Compound, Compound): lambda some: certify_compounds(
             [(row.body, row.against) for row in some], [row.bolted for row in some]
         ),

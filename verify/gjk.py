@@ -137,7 +137,7 @@ def nearest(A: Cores, B: Cores, towards: Array, enough: Array | float = np.inf) 
         rows, slot = np.arange(len(active)), np.argmin(weights[active], axis=1)
         Y_A, Y_B = X_A[active], X_B[active]
         Y_A[rows, slot], Y_B[rows, slot] = a, b
-        new_weights, inside = _least_weights(Y_A - Y_B)
+        new_weights, inside = least_weights(Y_A - Y_B)
         v_ = np.einsum("nj,njx->nx", new_weights, Y_A - Y_B)
         nearer = inside | (np.linalg.norm(v_, axis=1) < size)
         overlap[active[inside]] = True
@@ -148,7 +148,7 @@ def nearest(A: Cores, B: Cores, towards: Array, enough: Array | float = np.inf) 
     return Nearest(x_A, x_B, v, overlap)
 
 
-def _least_weights(Y: Array) -> tuple[Array, Flags]:
+def least_weights(Y: Array) -> tuple[Array, Flags]:
     """Return the weights of the point of conv(Y) nearest to the origin, and whether the origin is inside.
 
     Every vertex, edge and triangle proposes its own nearest point; the nearest of those inside their feature wins.

@@ -12,20 +12,6 @@ to an edge is that of two cone-spheres, one without radius. Over the inside of a
 so that its least value is at an end of the axis or on an edge after all. Where the axis enters Q, the largest
 radius in there counts too; but a ball that has left Q may be deeper in it still, if it grows faster than its centre
 moves away, as beside a wall at a small angle to the axis.
-
-Proven verdicts on a cone-sphere and a convex target region.
-
-| symbol | meaning |
-|---|---|
-| K, Q | the cone-sphere and the region, lengths in l_arm |
-| d | exact signed clearance, from the closed form of `verify.hulls` |
-| n | unit vector from K to Q where they are nearest |
-| lower | gap of a plane across n: least n.x over Q's corners, minus the most over K's outer mesh |
-| upper | distance of a point proven in K to one proven in Q, or minus the depth in K of a point x proven in Q |
-
-As for cone-spheres, `clear` needs the plane in NumPy, and FCL must find Q and the outer mesh apart; `violated`
-needs the point, and FCL must find Q and K's inner mesh overlapping. Q is a polytope itself, so that nothing is lost
-there.
 """
 
 from __future__ import annotations
@@ -36,10 +22,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from topo_search.model import Status
 from verify.bodies import Array, ConeSphere, clearances
-from verify.certificate import ROUNDING, TURNED_LEVELS, Certificate, Solid, Witness, judge
-from verify.meshes import FARTHEST, ConvexMesh, Indices, Shape, encloses, inner_mesh, lies_within, outer_mesh
+from verify.gjk import least_weights
+from verify.meshes import FARTHEST, ConvexMesh, Indices, Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,27 +58,21 @@ class Hull:
         return float((self.offsets - self.normals @ x).min())
 
     def nearest_of_surface(self, x: Array) -> Array:
-        """Return the surface's point nearest to x, shape (3,), by weights of corners: it is in the region for sure.
-
-        Every triangle's own nearest point is inside it or on a side.
-        """
-        a, b, c = self.mesh.vertices[self.mesh.triangles].transpose(1, 0, 2)
-        sides = []
-        for start, end in ((a, b), (b, c), (c, a)):
-            along = end - start
-            t = np.sum((x - start) * along, axis=1) / np.maximum(
-                np.sum(along * along, axis=1), np.finfo(float).tiny
-            )
-            t = np.clip(t, 0.0, 1.0)[:, None]
-            sides.append((1.0 - t) * start + t * end)
-        normal = np.cross(b - a, c - a)
-        area2 = np.sum(normal * normal, axis=1)
-        weights = np.stack([np.sum(normal * np.cross(p - x, q - x), axis=1) for p, q in ((b, c), (c, a), (a, b))])
-        weights = np.maximum(weights / np.where(area2 > 0, area2, 1.0), 0.0)
-        weights /= np.maximum(weights.sum(axis=0), np.finfo(float).tiny)
-        inside = np.einsum("kf,kfx->fx", weights, np.stack([a, b, c]))[weights.sum(axis=0) > 0.5]
-        points = np.concatenate([*sides, inside])
+        """Return the surface's point nearest to x, shape (3,), by weights of corners: it is in the region."""
+        corners = self.mesh.vertices[self.mesh.triangles[:, [0, 1, 2, 2]]]
+        weights, _ = least_weights(corners - x)
+        points = np.einsum("fk,fkx->fx", weights, corners)
         return np.asarray(points[np.argmin(np.linalg.norm(points - x, axis=1))])
+
+    @property
+    def in_range(self) -> bool:
+        """True if coordinates keep the digits that a proof needs."""
+        return bool(np.all(np.abs(self.mesh.vertices) < FARTHEST / 16))
+
+    def shown(self, x: Array, n: Array, level: int, *, inside: bool) -> tuple[ConvexMesh, Shape]:
+        """Return the region itself with its origin at x, whatever mesh of it is asked for."""
+        mesh = ConvexMesh(self.mesh.vertices - x, self.mesh.triangles)
+        return mesh, Shape(mesh)
 
     def move(self, shift: Array) -> Hull:
         """Return the same region elsewhere."""
@@ -171,49 +150,3 @@ def _largest_eta_inside(endpoints: Array, region: Hull) -> float | None:
     low = float(np.max(crossing[slope < 0], initial=0.0))
     high = float(np.min(crossing[slope > 0], initial=1.0))
     return high if low <= high else None
-
-
-def certify_outside(solid: Solid, region: Hull) -> Certificate:
-    """Return the certificate that a cone-sphere keeps out of a region."""
-    at = witness(solid.body, region)
-    if not (solid.in_range and np.all(np.abs(region.mesh.vertices) < FARTHEST / 16)):
-        return Certificate(Status.UNDECIDED, None, None, at.d, 0)
-    prove = _separating_gap if at.d > 0 else _common_point
-    proof = functools.partial(prove, solid.body, region, at)
-    return judge(at.d, at.upper, at.closest, proof, levels=len(TURNED_LEVELS))
-
-
-def witness(body: ConeSphere, region: Hull) -> Witness:
-    """Return where a cone-sphere and a region are nearest, or a point in both."""
-    closest = approach(body, region)
-    P, r = body.centre(closest.eta), body.radius(closest.eta)
-    x = P if region.depth(P) > ROUNDING else region.nearest_of_surface(P)
-    apart, into = float(np.linalg.norm(x - P)), region.centre - P
-    deep = float(np.linalg.norm(into))
-    inwards = into / deep if deep > 0 else np.array([0.0, 0.0, 1.0])
-    n = (x - P) / apart if apart > 0 else inwards
-    if closest.d > 0:
-        x_K = P + r * n
-        reached = body.depth(x_K) > -ROUNDING
-        upper = float(np.linalg.norm(x - x_K)) if reached else None
-        return Witness(closest.d, n, (x_K + x) / 2, upper, np.stack([x_K, x]))
-    depth = float(body.depth(x))
-    return Witness(closest.d, n, x, -depth if depth > ROUNDING else None, np.stack([x, x]))
-
-
-def _separating_gap(body: ConeSphere, region: Hull, at: Witness, level: int) -> tuple[float, bool] | None:
-    """Return the gap of a plane across n between K's outer mesh and Q, and whether FCL sees them apart."""
-    body, Q = body.move(-at.x), region.move(-at.x).mesh  # the digits are needed around x
-    mesh = outer_mesh(body, TURNED_LEVELS[level], at.n)
-    if not encloses(mesh, body):
-        return None
-    return float((Q.vertices @ at.n).min() - (mesh.vertices @ at.n).max()), not Shape(mesh).overlaps(Shape(Q))
-
-
-def _common_point(body: ConeSphere, region: Hull, at: Witness, level: int) -> tuple[float, bool] | None:
-    """Return the supports' (negative) gap along n, and whether FCL sees K's inner mesh and Q overlap."""
-    body, Q = body.move(-at.x), region.move(-at.x).mesh
-    mesh = inner_mesh(body, TURNED_LEVELS[level], at.n)
-    if not lies_within(mesh, body):
-        return None
-    return float((Q.vertices @ at.n).min() - body.support(at.n)), Shape(mesh).overlaps(Shape(Q))

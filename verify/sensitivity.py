@@ -66,124 +66,118 @@ def sensitivity(scene: Scene, requirements: Sequence[Requirement], holder: int) 
     bounded = [r for r in requirements if r.counts and r.kind in KINDS]
     if not bounded or scene.design.task.search.interference == "parts":  # of parts beside airflow there is no bound
         return None
-    search = _Search(scene.design, Tolerance(scene, bounded, holder), scene.l_arm, holder)
-    l_arm, tolerances = scene.l_arm, scene.design.task.tolerances
-    errors = Errors(
-        math.radians(tolerances.hinge_angle_deg), tolerances.position / l_arm, tolerances.envelope / l_arm
-    )
+    tolerance, l_arm, stated = Tolerance(scene, bounded, holder), scene.l_arm, scene.design.task.tolerances
+    errors = Errors(math.radians(stated.hinge_angle_deg), stated.position / l_arm, stated.envelope / l_arm)
     return Sensitivity(
-        hinge_angle_deg=search.limit(Errors(delta=1.0), SEARCH.largest_turn, math.degrees(1.0)),
-        position_m=search.limit(Errors(delta_p=1.0), SEARCH.largest_shift, l_arm),
-        envelope_m=search.limit(Errors(delta_e=1.0), SEARCH.largest_shift, l_arm),
-        tolerances=search.worst_case(errors) if any(errors) else None,
+        hinge_angle_deg=_limit(tolerance, Errors(delta=1.0), SEARCH.largest_turn, math.degrees(1.0)),
+        position_m=_limit(tolerance, Errors(delta_p=1.0), SEARCH.largest_shift, l_arm),
+        envelope_m=_limit(tolerance, Errors(delta_e=1.0), SEARCH.largest_shift, l_arm),
+        tolerances=_worst_case(tolerance, errors) if any(errors) else None,
     )
 
 
-class _Search:
-    """Looks for the largest errors of one design."""
+def _limit(tolerance: Tolerance, errors: Errors, largest: float, unit: float) -> Limit | None:
+    """Return the largest factor of some errors that is proven to violate nothing, times a unit.
 
-    def __init__(self, design: Design, tolerance: Tolerance, l_arm: float, holder: int) -> None:
-        self._design, self._tolerance, self._l_arm, self._holder = design, tolerance, l_arm, holder
-
-    def limit(self, errors: Errors, largest: float, unit: float) -> Limit | None:
-        """Return the largest factor of some errors that is proven to violate nothing, times a unit.
-
-        None if the largest that is looked for violates nothing either.
-        """
-        if self._tolerance.keeps(errors.times(largest)):
-            return None
-        nominal = self._tolerance.weakest(Errors())
-        if nominal.bound <= ROUNDING:
-            return Limit(
-                **_pair(nominal.requirement), tolerated=0.0, violated_at=0.0 if nominal.bound < 0 else None
-            )
-        low, high = 0.0, largest
-        while high - low > SEARCH.accuracy * high and high > 1e-12:
-            # quarter the range of sizes first, then halve what is left
-            middle = 0.25 * high if low == 0.0 else (low + high) / 2
-            low, high = (middle, high) if self._tolerance.keeps(errors.times(middle)) else (low, middle)
-        first, violating = self._first_to_break(errors, high, largest)
-        return Limit(
-            **_pair(first.requirement),
-            tolerated=low * unit,
-            violated_at=None if violating is None else violating * unit,
-        )
-
-    def worst_case(self, errors: Errors) -> WorstCase:
-        """Return what errors of some size do."""
-        weakest = self._tolerance.weakest(errors)
-        attained = self._least_clearance(weakest, errors)
-        status = Status.CLEAR if weakest.bound > ROUNDING else Status.UNDECIDED
-        return WorstCase(
-            **_pair(weakest.requirement),
-            status=Status.VIOLATED if attained < -ROUNDING else status,
-            lower_m=weakest.bound * self._l_arm,
-            attained_m=attained * self._l_arm,
-            factor=self.limit(errors, SEARCH.largest_factor, 1.0),
-        )
-
-    def _first_to_break(self, errors: Errors, proven: float, largest: float) -> tuple[Weakest, float | None]:
-        """Return the pair with the least factor at which an example violates it, and that factor.
-
-        None, and the pair whose bound vanishes first, if no example violates any.
-        """
-        first = self._tolerance.weakest(errors.times(proven))
-        least = self._violating_factor(first, errors, proven, largest)
-        tried = {id(first.requirement)}
-        reach = min(SEARCH.leap * SEARCH.leap * proven, largest) if least is None else least
-        for other in self._tolerance.pairs_up_to(errors.times(reach), 0.0):
-            if id(other.requirement) in tried:
-                continue
-            if least is None:
-                factor = self._violating_factor(other, errors, proven, largest)
-            elif self._least_clearance(other, errors.times(least)) < 0:
-                factor = self._crossing(other, errors, proven, least)
-            else:
-                continue
-            if factor is not None:
-                first, least = other, factor
-        return first, least
-
-    def _crossing(self, weakest: Weakest, errors: Errors, low: float, high: float) -> float:
-        """Return a factor at which an example violates the pair, and just below which none does."""
-        while high - low > SEARCH.crossing * high:
-            middle = (low + high) / 2
-            low, high = (
-                (low, middle) if self._least_clearance(weakest, errors.times(middle)) < 0 else (middle, high)
-            )
-        return high
-
-    def _violating_factor(self, weakest: Weakest, errors: Errors, factor: float, largest: float) -> float | None:
-        """Return a factor near the least at which an example violates the pair; None if none is found."""
-        before, left_before = 0.0, self._least_clearance(weakest, Errors())
-        for _ in range(SEARCH.trials):
-            left = self._least_clearance(weakest, errors.times(factor))
-            if left < 0:
-                return self._crossing(weakest, errors, before, factor)
-            slope = (left_before - left) / (factor - before)
-            step = left / slope if slope > 0 else factor
-            before, left_before = factor, left
-            factor = min(
-                factor + SEARCH.overshoot * max(step, SEARCH.accuracy * factor), SEARCH.leap * factor, largest
-            )
-            if factor == before:
-                break
+    None if the largest that is looked for violates nothing either.
+    """
+    if tolerance.keeps(errors.times(largest)):
         return None
+    nominal = tolerance.weakest(Errors())
+    if nominal.bound <= ROUNDING:
+        return Limit(**_pair(nominal.requirement), tolerated=0.0, violated_at=0.0 if nominal.bound < 0 else None)
+    low, high = 0.0, largest
+    while high - low > SEARCH.accuracy * high and high > 1e-12:
+        # quarter the range of sizes first, then halve what is left
+        middle = 0.25 * high if low == 0.0 else (low + high) / 2
+        low, high = (middle, high) if tolerance.keeps(errors.times(middle)) else (low, middle)
+    first, violating = _first_to_break(tolerance, errors, high, largest)
+    at = None if violating is None else violating * unit
+    return Limit(**_pair(first.requirement), tolerated=low * unit, violated_at=at)
 
-    def _least_clearance(self, weakest: Weakest, errors: Errors) -> float:
-        """Return the least exact clearance that an example leaves its pair [l_arm]."""
-        least = math.inf
-        for example in weakest.examples:
-            scene = deviate(
-                self._design,
-                turns=errors.delta * example.turns,
-                shifts=errors.delta_p * self._l_arm * example.shifts,
-                tip=errors.delta_p * self._l_arm * example.tip,
-                envelope=errors.delta_e * self._l_arm,
-                holder=self._holder,
-            )
-            least = min(least, clearance_of(scene.counterpart(weakest.requirement)))
-        return least
+
+def _worst_case(tolerance: Tolerance, errors: Errors) -> WorstCase:
+    """Return what errors of some size do."""
+    weakest = tolerance.weakest(errors)
+    attained = _least_clearance(tolerance, weakest, errors)
+    status = Status.CLEAR if weakest.bound > ROUNDING else Status.UNDECIDED
+    return WorstCase(
+        **_pair(weakest.requirement),
+        status=Status.VIOLATED if attained < -ROUNDING else status,
+        lower_m=weakest.bound * tolerance.scene.l_arm,
+        attained_m=attained * tolerance.scene.l_arm,
+        factor=_limit(tolerance, errors, SEARCH.largest_factor, 1.0),
+    )
+
+
+def _first_to_break(
+    tolerance: Tolerance, errors: Errors, proven: float, largest: float
+) -> tuple[Weakest, float | None]:
+    """Return the pair with the least factor at which an example violates it, and that factor.
+
+    None, and the pair whose bound vanishes first, if no example violates any.
+    """
+    first = tolerance.weakest(errors.times(proven))
+    least = _violating_factor(tolerance, first, errors, proven, largest)
+    reach = min(SEARCH.leap * SEARCH.leap * proven, largest) if least is None else least
+    nearest = first.requirement
+    for other in tolerance.pairs_up_to(errors.times(reach), 0.0):
+        if other.requirement is nearest:
+            continue
+        if least is None:
+            factor = _violating_factor(tolerance, other, errors, proven, largest)
+        elif _least_clearance(tolerance, other, errors.times(least)) < 0:
+            factor = _crossing(tolerance, other, errors, proven, least)
+        else:
+            continue
+        if factor is not None:
+            first, least = other, factor
+    return first, least
+
+
+def _crossing(tolerance: Tolerance, weakest: Weakest, errors: Errors, low: float, high: float) -> float:
+    """Return a factor at which an example violates the pair, and just below which none does."""
+    while high - low > SEARCH.crossing * high:
+        middle = (low + high) / 2
+        violated = _least_clearance(tolerance, weakest, errors.times(middle)) < 0
+        low, high = (low, middle) if violated else (middle, high)
+    return high
+
+
+def _violating_factor(
+    tolerance: Tolerance, weakest: Weakest, errors: Errors, factor: float, largest: float
+) -> float | None:
+    """Return a factor near the least at which an example violates the pair; None if none is found."""
+    before, left_before = 0.0, _least_clearance(tolerance, weakest, Errors())
+    for _ in range(SEARCH.trials):
+        left = _least_clearance(tolerance, weakest, errors.times(factor))
+        if left < 0:
+            return _crossing(tolerance, weakest, errors, before, factor)
+        slope = (left_before - left) / (factor - before)
+        step = left / slope if slope > 0 else factor
+        before, left_before = factor, left
+        beyond = factor + SEARCH.overshoot * max(step, SEARCH.accuracy * factor)
+        factor = min(beyond, SEARCH.leap * factor, largest)
+        if factor == before:
+            break
+    return None
+
+
+def _least_clearance(tolerance: Tolerance, weakest: Weakest, errors: Errors) -> float:
+    """Return the least exact clearance that an example leaves its pair [l_arm]."""
+    l_arm = tolerance.scene.l_arm
+    scenes = (
+        deviate(
+            tolerance.scene.design,
+            turns=errors.delta * example.turns,
+            shifts=errors.delta_p * l_arm * example.shifts,
+            tip=errors.delta_p * l_arm * example.tip,
+            envelope=errors.delta_e * l_arm,
+            holder=tolerance.holder,
+        )
+        for example in weakest.examples
+    )
+    return min(clearance_of(scene.counterpart(weakest.requirement)) for scene in scenes)
 
 
 def deviate(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope: float, holder: int) -> Scene:

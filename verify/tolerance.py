@@ -53,8 +53,7 @@ S = sum |t_m| and C = sum (m - 1/2) rho_m. Hinges that turn both sides of a pair
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -65,25 +64,9 @@ from topo_search.model.audit import Kind
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.bodies import Array, Cone, Rows
 from verify.certificate import ROUNDING, Solid, witnesses
-from verify.hulls import Hull, witness
+from verify.hulls import Hull
 from verify.meshes import Indices
 from verify.requirements import Requirement, Scene
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Largest motion along n of N points with two positions each: at most `along(delta)`, delta in radians."""
-
-    L: Array
-    """Shape (N, 2)."""
-    S: Array
-    """Shape (N, 2)."""
-    C: Array
-    """Shape (N, 2)."""
-
-    def bound_along(self, delta: float) -> Array:
-        """Return the bound, shape (N, 2)."""
-        return np.asarray(np.minimum(delta * self.L, delta * self.S + delta * delta * self.C))
 
 
 class Levers:
@@ -118,8 +101,8 @@ class Levers:
         on_path = self.moves.sum(axis=0, dtype=float)
         self._depth = np.array([max(on_path[h], on_path[i]) for h, i, _, _ in topology.edges()])
 
-    def motion(self, carrier: Indices, held: Indices, points: Indices, n: Array) -> Motion:
-        """Return how far points can move along n, seen from the last module that two paths from the holder share.
+    def motion(self, carrier: Indices, held: Indices, points: Indices, n: Array) -> Array:
+        """Return L, S and C of points seen from the last module that two paths share, shape (N, 3, 2).
 
         Args:
             carrier: the module that carries the point, shape (N,).
@@ -127,7 +110,7 @@ class Levers:
             points: which two of the carrier's points, shape (2,).
             n: unit vectors, shape (N, 2, 3).
         """
-        L, S, C = (np.zeros((len(carrier), 2)) for _ in range(3))
+        motion = np.zeros((len(carrier), 3, 2))
         step = max(1, 500_000 // max(1, len(self.moves)))  # arms that are held at a time
         for start in range(0, len(carrier), step):
             rows = slice(start, start + step)
@@ -137,9 +120,10 @@ class Levers:
             rho = self._rho[i[k], h][:, points]
             t = np.sum(self._arms[i[k], h][:, points] * n[rows][k], axis=-1)
             order = (self._depth[h] - shared[k])[:, None]
-            for total, terms in ((L, rho), (S, np.abs(t)), (C, (order - 0.5) * rho)):
-                total[rows] = np.stack([np.bincount(k, term, len(i)) for term in terms.T], axis=1)
-        return Motion(L, S, C)
+            terms = np.hstack([rho, np.abs(t), (order - 0.5) * rho])
+            sums = np.stack([np.bincount(k, term, len(i)) for term in terms.T], axis=1)
+            motion[rows] = sums.reshape(-1, 3, 2)
+        return motion
 
     def arms_towards(self, carrier: int, held: int, end: int) -> Array:
         """Return by how much a point moves as each hinge turns, and 0 off its path, shape (H, 3)."""
@@ -153,8 +137,8 @@ class Levers:
 
 KINDS: tuple[Kind, ...] = ("airflow", *EXPOSURE_KINDS, "exclusion", "separation")
 """The kinds of requirements that have a bound."""
-BOTH, CENTRE = np.array([0, 1]), np.array([0, 0])
-"""Indices of the two end balls of a module's envelope whose hull a side is."""
+BETWEEN: tuple[Kind, ...] = ("airflow", "separation")
+"""Those between two modules; of all others B goes with p_E."""
 
 
 class Errors(NamedTuple):
@@ -190,39 +174,40 @@ class Weakest(NamedTuple):
     """One or more for each two ends."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Group:
-    """The N requirements of one kind."""
+class _Table(NamedTuple):
+    """N requirements."""
 
-    requirements: Sequence[Requirement]
-    points: Array
-    """BOTH or CENTRE."""
     gaps: Array
     """Without errors, for each end of A and of B, shape (N, 2, 2)."""
     n: Array
     """From A to B, or out of the cone, for each end of A, shape (N, 2, 3)."""
-    of_A: Motion
-    of_B: Motion | None
-    """None if B goes with p_E."""
-    envelopes: int
-    """Number of sides that are airflow."""
+    of_A: Array
+    """L, S, C of both ends of A, shape (N, 3, 2)."""
+    of_B: Array
+    """The same of B; zero if B goes with p_E."""
+    envelopes: Array
+    """Number of sides that are airflow, shape (N, 1, 1)."""
     swing: Array
     """Distance over which an end of B (of A, in a cone) feels a change of p_E's direction, shape (N, 2)."""
-    bend: Array | None = None
-    """cos(theta) / (2 |w|) for each end of A, shape (N, 2); None unless B is a cone."""
+    bend: Array
+    """cos(theta) / (2 |w|) for each end of A, shape (N, 2); NaN unless B is a cone."""
 
     def bounds(self, errors: Errors, kappa: float) -> Array:
-        """Return the least gaps with errors, shape (N, 2, 2)."""
-        lost = self.of_A.bound_along(errors.delta) + 2 * errors.delta_p
-        if self.bend is not None:
-            u = errors.delta * self.of_A.L + 2 * errors.delta_p
-            lost = np.minimum(u, lost + self.bend * u * u) + kappa * np.where(self.swing > 0, self.swing + u, 0.0)
-            gaps = self.gaps - lost[:, :, None]
-        else:
-            gaps = self.gaps - lost[:, :, None] - kappa * self.swing[:, None, :]
-            if self.of_B is not None:
-                gaps -= self.of_B.bound_along(errors.delta)[:, None, :]
-        return np.asarray(gaps - self.envelopes * errors.delta_e)
+        """Return the least gaps with errors, shape (N,)."""
+        lost = _along(self.of_A, errors.delta) + 2 * errors.delta_p
+        u = errors.delta * self.of_A[:, 0] + 2 * errors.delta_p
+        curved = np.minimum(u, lost + self.bend * u * u) + kappa * np.where(self.swing > 0, self.swing + u, 0.0)
+        in_cone = ~np.isnan(self.bend)
+        gaps = self.gaps - np.where(in_cone, curved, lost)[:, :, None]
+        gaps = gaps - kappa * np.where(in_cone, 0.0, self.swing)[:, None, :]
+        gaps -= _along(self.of_B, errors.delta)[:, None, :]
+        return np.asarray((gaps - self.envelopes * errors.delta_e).min(axis=(1, 2)))
+
+
+def _along(motion: Array, delta: float) -> Array:
+    """Return the largest motion along n, shape (N, 2)."""
+    L, S, C = motion.transpose(1, 0, 2)
+    return np.asarray(np.minimum(delta * L, delta * S + delta * delta * C))
 
 
 class Tolerance:
@@ -230,7 +215,7 @@ class Tolerance:
 
     def __init__(self, scene: Scene, requirements: Sequence[Requirement], holder: int) -> None:
         """Measure every requirement of KINDS once; there must be one. The holder is a module."""
-        self._task, self._scene, self._holder, design = scene.design.task, scene, holder, scene.design
+        self.scene, self.holder, design = scene, holder, scene.design
         l_c = design.task.module.connector_distance / scene.l_arm
 
         def levers(envelopes: Sequence[Solid]) -> Levers:
@@ -239,9 +224,11 @@ class Tolerance:
 
         self._levers, self._region_levers = levers(scene.envelopes), levers(scene.region_envelopes)
         of_kind = [[r for r in requirements if r.kind == kind] for kind in KINDS]
-        self._groups = [self._group(group) for group in of_kind if group]
+        self._requirements = [r for group in of_kind for r in group]
+        self._table = _Table(*map(np.concatenate, zip(*map(self._measure, filter(None, of_kind)), strict=True)))
         n, module = design.topology.n, design.task.module
-        arms = self._levers.motion(np.arange(n), np.full(n, holder), CENTRE, np.zeros((n, 2, 3))).L[:, 0]
+        centre, still = _points("separation"), np.zeros((n, 2, 3))
+        arms = self._levers.motion(np.arange(n), np.full(n, holder), centre, still)[:, 0, 0]
         # a connector is l_c from its module's centre, and turns with it by as many errors as there are hinges to it
         parents = [h for h, _, _, _ in design.topology.edges()]
         joints = (arms + l_c * self._levers.moves.sum(axis=0))[parents]
@@ -250,119 +237,66 @@ class Tolerance:
         self._share = float(self._shares[0])
         self._offset = float(np.linalg.norm(scene.offset))
 
-    def _group(self, group: list[Requirement]) -> _Group:
-        return self._of_regions(group) if isinstance(group[0].against, Cone) else self._of_pairs(group)
+    def _measure(self, group: list[Requirement]) -> _Table:
+        """Return the table of requirements of one kind."""
+        kind, a, N = group[0].kind, np.array([r.a for r in group]), len(group)
+        b = np.array([r.b if kind in BETWEEN else self.holder for r in group])
+        levers, points = self._levers_of(kind), _points(kind)
+        turns = np.array([self._turns(r) for r in group])[:, None]
+        measure = _in_cones if isinstance(group[0].against, Cone) else _of_pairs
+        gaps, n, swing, bend = measure(group)
+        of_B = levers.motion(b, a, points, n) if kind in BETWEEN else np.zeros((N, 3, 2))
+        airflow = np.full((N, 1, 1), 2 if kind == "airflow" else int(kind in EXPOSURE_KINDS))
+        return _Table(gaps, n, levers.motion(a, b, points, n), of_B, airflow, turns * swing, bend)
 
-    def _of_pairs(self, group: list[Requirement]) -> _Group:
-        """Return requirements of pairs of bodies."""
-        kind, a = group[0].kind, np.array([r.a for r in group])
-        of_solids = witnesses([(r.body, r.against) for r in group if isinstance(r.against, Solid)])
-        at = [witness(r.body.body, r.against) if isinstance(r.against, Hull) else next(of_solids) for r in group]
-        n = np.array([nearest.n for nearest in at])
-        most_of_A = Rows.of([r.body.body for r in group]).extents(n, 1)
-        least_of_B = _starts([r.against for r in group], n)
-        gaps = least_of_B[:, None, :] - most_of_A[:, :, None]
-        n = np.repeat(n[:, None], 2, axis=1)
-        swing = np.zeros((len(group), 2))
-        for row, r in enumerate(group):
-            if isinstance(r.against, Solid) and self._turns(r):
-                swing[row, 1] = np.linalg.norm(r.against.body.d)
-        between = kind in ("airflow", "separation")
-        b = np.array([r.b for r in group]) if between else np.full_like(a, self._holder)
-        points = CENTRE if kind in ("exclusion", "separation") else BOTH
-        levers = self._levers_of(group[0])
-        return _Group(
-            group,
-            points,
-            gaps,
-            n,
-            levers.motion(a, b, points, n),
-            levers.motion(b, a, points, n) if between else None,
-            2 if kind == "airflow" else int(kind in EXPOSURE_KINDS),
-            swing,
-        )
-
-    def _of_regions(self, group: list[Requirement]) -> _Group:
-        """Return requirements of allowed cones and half-spaces."""
-        a = np.array([r.a for r in group])
-        inside = [(r.body.body, r.against) for r in group if isinstance(r.against, Cone)]
-        X = np.array([(body.o, body.o + body.d) for body, _ in inside])
-        m = np.array([cone.inward_normal(points) for (_, cone), points in zip(inside, X, strict=True)])
-        gaps = np.array(
-            [cone.s(points) - (body.r, body.r + body.dr) for (body, cone), points in zip(inside, X, strict=True)]
-        )
-        q = X - np.array([cone.apex for _, cone in inside])[:, None]
-        axes = np.array([cone.axis for _, cone in inside])[:, None]
-        w = np.linalg.norm(q - np.sum(q * axes, axis=-1, keepdims=True) * axes, axis=-1)
-        cos = np.array([cone.sin_cos[1] for _, cone in inside])
-        turns = np.array([self._turns(r) for r in group])
-        return _Group(
-            group,
-            BOTH,
-            np.repeat(gaps[:, :, None], 2, axis=2),
-            -m,
-            self._region_levers.motion(a, np.full_like(a, self._holder), BOTH, m),
-            None,
-            1,
-            turns[:, None] * np.linalg.norm(q, axis=-1),
-            cos[:, None] / (2 * np.maximum(w, 1e-9)),
-        )
-
-    def _levers_of(self, requirement: Requirement) -> Levers:
-        return self._region_levers if requirement.kind in EXPOSURE_KINDS else self._levers
+    def _levers_of(self, kind: Kind) -> Levers:
+        return self._region_levers if kind in EXPOSURE_KINDS else self._levers
 
     def _turns(self, requirement: Requirement) -> bool:
         """True if a requirement takes its direction from p_E."""
         exposed = requirement.kind in EXPOSURE_KINDS
-        return exposed and needs_offset(self._task.exposure[requirement.b])
+        return exposed and needs_offset(self.scene.design.task.exposure[requirement.b])
 
-    def _kappa(self, errors: Errors) -> float:
+    def _bounds(self, errors: Errors) -> Array:
+        """Return every pair's bound, shape (N,)."""
         e = float(self._shares @ (errors.delta * self._arms + 2 * errors.delta_p))
-        return min(2.0, 2 * e / (2 * self._offset - e)) if e < self._offset else 2.0
+        kappa = min(2.0, 2 * e / (2 * self._offset - e)) if e < self._offset else 2.0
+        return self._table.bounds(errors, kappa)
 
     def keeps(self, errors: Errors) -> bool:
         """Return whether every pair's bound stays above rounding."""
-        kappa = self._kappa(errors)
-        return all(group.bounds(errors, kappa).min() > ROUNDING for group in self._groups)
+        return bool(self._bounds(errors).min() > ROUNDING)
 
     def weakest(self, errors: Errors) -> Weakest:
         """Return the pair with the least bound of all."""
-        kappa, least = self._kappa(errors), []
-        for number, group in enumerate(self._groups):
-            bounds = group.bounds(errors, kappa).min(axis=(1, 2))
-            row = int(np.argmin(bounds))
-            least.append((float(bounds[row]), number, row))
-        bound, number, row = min(least)
-        return self._example(self._groups[number], row, bound)
+        bounds = self._bounds(errors)
+        return self._example(int(np.argmin(bounds)), float(bounds.min()))
 
-    def pairs_up_to(self, errors: Errors, bound: float) -> list[Weakest]:
-        """Return all pairs whose bound is no more than that, the weakest first."""
-        kappa, pairs = self._kappa(errors), []
-        for number, group in enumerate(self._groups):
-            bounds = group.bounds(errors, kappa).min(axis=(1, 2))
-            pairs += [(float(bounds[row]), number, row) for row in np.flatnonzero(bounds <= bound).tolist()]
-        return [self._example(self._groups[number], row, least) for least, number, row in sorted(pairs)]
+    def pairs_up_to(self, errors: Errors, bound: float) -> Iterator[Weakest]:
+        """Yield all pairs whose bound is no more than that, the weakest first."""
+        bounds = self._bounds(errors)
+        order = np.argsort(bounds, kind="stable")
+        return (self._example(int(row), float(bounds[row])) for row in order if bounds[row] <= bound)
 
-    def _example(self, group: _Group, row: int, bound: float) -> Weakest:
-        requirement = group.requirements[row]
-        a, b = requirement.a, requirement.b
-        held = self._holder if group.of_B is None else b
+    def _example(self, row: int, bound: float) -> Weakest:
+        requirement = self._requirements[row]
+        a, b, between = requirement.a, requirement.b, requirement.kind in BETWEEN
+        levers, points = self._levers_of(requirement.kind), _points(requirement.kind)
         examples = []
-        for end_A, end in enumerate(group.points):
-            n = group.n[row, end_A]
-            drift = self._drift(requirement, group.points[end_A], n)
-            turns = np.sum(self._levers_of(requirement).arms_towards(a, held, end) * n, axis=-1)
+        for n, end in zip(self._table.n[row], points, strict=True):
+            drift = self._drift(requirement, end, n)
+            turns = np.sum(levers.arms_towards(a, b if between else self.holder, end) * n, axis=-1)
             turns -= self._levers.drift(self._share * drift)
-            shifts = np.tile(-self._share * drift, (len(self._scene.centres), 1))
+            shifts = np.tile(-self._share * drift, (len(self.scene.centres), 1))
             shifts[a] += n
-            tip = np.zeros(3) if group.of_B is not None else len(shifts) * self._share * drift - n
-            if group.of_B is None:
+            if not between:
+                tip = len(shifts) * self._share * drift - n
                 examples.append(Example(np.sign(turns), _units(shifts), _units(tip)))
                 continue
             shifts[b] -= n
-            for other in group.points:
-                against = np.sum(self._levers.arms_towards(b, a, other) * n, axis=-1)
-                examples.append(Example(np.sign(turns - against), _units(shifts), tip))
+            for other in points:
+                against = np.sum(levers.arms_towards(b, a, other) * n, axis=-1)
+                examples.append(Example(np.sign(turns - against), _units(shifts), np.zeros(3)))
         different = {b"".join(errors.tobytes() for errors in example): example for example in examples}
         return Weakest(bound, requirement, tuple(different.values()))
 
@@ -373,7 +307,7 @@ class Tolerance:
         """
         if not self._turns(requirement):
             return np.zeros(3)
-        v = self._scene.offset
+        v = self.scene.offset
         along = v / self._offset
         if isinstance(requirement.against, Cone):
             cone, body = requirement.against, requirement.body.body
@@ -385,6 +319,35 @@ class Tolerance:
         elif isinstance(requirement.against, Solid):
             grows = -float(np.linalg.norm(requirement.against.body.d)) * n  # the far end of the path
         return np.asarray(grows - (grows @ along) * along) / self._offset
+
+
+def _points(kind: Kind) -> Indices:
+    """Return the two end balls of a module's envelope whose hull a side is: of a ball, the first one twice."""
+    return np.array([0, 0] if kind in ("exclusion", "separation") else [0, 1])
+
+
+def _of_pairs(group: list[Requirement]) -> tuple[Array, Array, Array, Array]:
+    """Return gaps, n, and swing, if any, of pairs of bodies."""
+    pairs = [(r.body, r.against) for r in group if not isinstance(r.against, Cone)]
+    n = np.array([nearest.n for nearest in witnesses(pairs)])
+    most_of_A = Rows.of([r.body.body for r in group]).extents(n, 1)
+    gaps = _starts([r.against for r in group], n)[:, None, :] - most_of_A[:, :, None]
+    lengths = [float(np.linalg.norm(r.against.body.d)) if isinstance(r.against, Solid) else 0.0 for r in group]
+    return gaps, np.repeat(n[:, None], 2, axis=1), np.outer(lengths, [0.0, 1.0]), np.full((len(group), 2), np.nan)
+
+
+def _in_cones(group: list[Requirement]) -> tuple[Array, Array, Array, Array]:
+    """Return gaps, n, swing, if any, and bend of bodies in cones and half-spaces."""
+    inside = [(r.body.body, r.against) for r in group if isinstance(r.against, Cone)]
+    X = np.array([(body.o, body.o + body.d) for body, _ in inside])
+    m = np.array([cone.inward_normal(points) for (_, cone), points in zip(inside, X, strict=True)])
+    gaps = [cone.s(points) - (body.r, body.r + body.dr) for (body, cone), points in zip(inside, X, strict=True)]
+    q = X - np.array([cone.apex for _, cone in inside])[:, None]
+    axes = np.array([cone.axis for _, cone in inside])[:, None]
+    w = np.linalg.norm(q - np.sum(q * axes, axis=-1, keepdims=True) * axes, axis=-1)
+    cos = np.array([cone.sin_cos[1] for _, cone in inside])[:, None]
+    both = np.repeat(np.array(gaps)[:, :, None], 2, axis=2)
+    return both, -m, np.linalg.norm(q, axis=-1), cos / (2 * np.maximum(w, 1e-9))
 
 
 def _starts(against: Sequence[Solid | Cone | Hull], n: Array) -> Array:

@@ -18,9 +18,8 @@ import casadi as ca
 import numpy as np
 
 from nlp.airspeed import AIMED_AT, SpeedPoint
-from nlp.assembled.balance import add_bends
-from nlp.assembled.local_vectors import Indices, add_gradients, differences
-from nlp.assembled.problem import AssembledProblem
+from nlp.assembled.platform import Indices
+from nlp.assembled.problem import AssembledProblem, spread
 from nlp.numbers.jets import JETS, ROUNDED, Jet, by_inputs, curvature, jet_of, point_of_ball, speed
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
 from topo_search.model import ResolvedTask
@@ -68,29 +67,25 @@ class SpeedRows:
     def hessian(self, variables: Array, multipliers: Array) -> Array:
         """Return the entries of the Hessian of their sum, times multipliers."""
         _, gradient, hessian = self._derive(2, variables)
-        program, n, dy, weights = self._program, self._program.n, self._chain(), -multipliers[self._rows]
+        at, dy, weights = self._program.platform, self._chain(), -multipliers[self._rows]
         first, second = self._upper
         each = weights[:, None] * (dy @ hessian @ dy.transpose(0, 2, 1))[:, first, second]
-        at, H, to = program.platform, np.zeros((program.g, program.g)), np.zeros((4 * n + 3, 3))
-        add_gradients(weights, gradient[:, :18].copy().reshape(-1, 6, 3), self._plus, self._minus, to)
-        nothing = np.zeros((n, 4, 6)), np.zeros((0, n, 4)), np.zeros((0, 6))  # no balances
-        g_p, g_axes = at.push_to_modules(to)
-        add_bends(*nothing, at.links.omega, at.links.v, program.parents, at.links.p, at.axes, g_p, g_axes, H)
+        by_vectors = (weights[:, None] * gradient[:, :18]).reshape(-1, 3)
+        H = at.bend(spread(by_vectors, self._plus.ravel(), self._minus.ravel(), len(at.V)))
         each[0, self._bends] += H[first[self._bends], second[self._bends]]
         return np.asarray(np.bincount(self._in_hessian, each.ravel()), dtype=float)
 
     def _derive(self, order: int, variables: Array) -> tuple[Array, Array, Array]:
         """Return every module's speed over the limit at each point, with derivatives by (y, u)."""
         at, u = self._program.at(variables)
-        return derive_speeds(
-            order, self._jet, differences(at.V, self._plus, self._minus), u.ravel()[self._inputs], self._numbers
-        )
+        y = at.V[self._plus] - at.V[self._minus]
+        return derive_speeds(order, self._jet, y, u.ravel()[self._inputs], self._numbers)
 
     def _chain(self) -> Array:
         """Return the derivatives of (y, u) by the geometric unknowns and u, shape (m n, g + 4, 22)."""
         dV, g = self._program.platform.dV, self._program.g
         dy = np.zeros((len(self._rows), g + 4, 22))
-        dy[:, :g, :18] = (dV[self._plus] - dV[self._minus]).transpose(0, 2, 1, 3).reshape(-1, g, 18)
+        dy[:, :g, :18] = (dV[self._plus] - dV[self._minus]).reshape(-1, 18, g).transpose(0, 2, 1)
         dy[:, g:, 18:] = np.eye(4)
         return dy
 

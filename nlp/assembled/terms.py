@@ -1,7 +1,7 @@
 """The formulas of `nlp.requirements` with gradients and Hessians by their local vectors.
 
-Those of pairs, of which there are most, are derived by hand (`nlp.assembled.kkt_candidates`), the others by CasADi,
-once a process and not once a topology.
+CasADi derives them, once a process and not once a topology. Of pairs of envelopes, of which there are most, it
+derives what their coefficients make; those are bilinear in the local vectors.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -24,9 +24,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from nlp.assembled.kkt_candidates import smooth_least
-from nlp.assembled.local_vectors import Indices, PlatformVectors, VectorLayout, differences, dot
-from nlp.numbers.masses import Body, Masses, RodMass
+from nlp.assembled.platform import Indices, Layout
+from nlp.numbers.masses import Body, RodMass
 from nlp.requirements.balances import turns
 from nlp.requirements.bodies import Air
 from nlp.requirements.modules import BesideAirflow
@@ -37,15 +36,14 @@ from nlp.requirements.statement import (
     X_I,
     Y_I,
     Z_I,
-    Distance,
     Formula,
     LocalVector,
     PlatformVector,
 )
+from nlp.symbols.clearance import as_length, quadratic_candidates
 from nlp.symbols.platform import beside_halves, of_body, spread
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
 from topo_search.model.value import Vector
 
 Jet = list[Array]
@@ -64,7 +62,7 @@ class Term:
         derived: Derived,
         vectors: Iterable[LocalVector],
         subjects: Indices,
-        layout: VectorLayout,
+        layout: Layout,
         margin: float = 0.0,
     ) -> None:
         """Find the places.
@@ -76,40 +74,39 @@ class Term:
             layout: where vectors stand.
             margin: required clearance beyond zero [l_arm].
         """
-        self._derived, self.margin = derived, margin
+        self.derived, self.margin = derived, margin
         self.plus, self.minus = layout.endpoints(vectors, subjects)
         self.m, involved = len(self.plus), np.concatenate([self.plus, self.minus], axis=1)
         moving, turning = layout.moved[involved].any(axis=1), layout.turned[involved].all(axis=1)
-        self.rows, self.columns = np.nonzero(moving & ~turning)  # what turns as one stays as it is
-        self.starts = np.concatenate([[0], np.cumsum(moving.sum(axis=1))])
-        self.moving = np.nonzero(moving)[1]
-
-    def derive(self, order: int, at: PlatformVectors) -> Jet:
-        """Return values, and derivatives by the local vectors up to an order."""
-        return self._derived(order, differences(at.V, self.plus, self.minus))
+        self.slopes = moving & ~turning  # what turns as one stays as it is
+        """Which unknowns change each clearance, shape (m, g)."""
 
 
 class Mapped:
-    """A scalar CasADi expression of one column, evaluated with its derivatives for many columns at once."""
+    """A scalar CasADi expression of local vectors, evaluated with its derivatives for many at once."""
 
-    def __init__(self, variables: ca.SX, expression: ca.SX) -> None:
+    def __init__(self, y: Sequence[ca.SX], expression: ca.SX) -> None:
+        variables = ca.vertcat(*y)
         hessian, gradient = ca.hessian(expression, variables)
         results = [expression, ca.densify(gradient), ca.densify(hessian)]
         self._size = variables.numel()
         self._functions = [ca.Function("term", [variables], results[: order + 1]) for order in range(3)]
         self._buffers: dict[tuple[int, int], tuple[Any, Any, Array, Jet]] = {}
 
-    def __call__(self, order: int, columns: Array) -> Jet:
-        """Return values, and gradients and Hessians up to an order, for columns of shape (m, size)."""
-        m = len(columns)
+    def __call__(self, order: int, y: Array) -> Jet:
+        """Return values, and gradients and Hessians up to an order, for vectors of shape (m, s, size / s)."""
+        m = len(y)
         if (order, m) not in self._buffers:
             while len(self._buffers) >= KEPT:  # the oldest goes first
                 del self._buffers[next(iter(self._buffers))]
             self._buffers[order, m] = self._buffer(order, m)
         _, trigger, inputs, outputs = self._buffers[order, m]
-        inputs[...] = columns
+        inputs[...] = y.reshape(m, -1)
         trigger()
-        return [output.copy() for output in outputs]
+        jet = [output.copy() for output in outputs]
+        if order:
+            jet[1] = jet[1].reshape(y.shape)
+        return jet
 
     def _buffer(self, order: int, m: int) -> tuple[Any, Any, Array, Jet]:
         """Return CasADi's buffer of the mapped function with the arrays that it reads and writes."""
@@ -123,129 +120,43 @@ class Mapped:
         return (function, buffer), trigger, inputs, outputs  # the trigger keeps neither alive
 
 
-def _envelope_pair(air: Air, beta: float) -> tuple[Derived]:
-    """Return the smooth clearance of two airflow envelopes, of w, z_i, z_j.
-
-    f depends on them through C, D, E and F alone, and on F by addition.
-    """
-    length, r_air, dr_air = air
-    A = length**2 - dr_air**2
-    sizes = length, dr_air, 2 * r_air, 4 * (r_air + dr_air)
-
-    def differentiate(order: int, y: Array) -> Jet:
-        c, base = _coefficients(y, *sizes)
-        psi, by_c, curved = smooth_least(c, A, beta, order)
-        jet = [(psi + base) / sizes[-1]]
-        if order >= 1:
-            jet.append(_gradients(y, by_c, *sizes))
-        if order >= 2:
-            jet.append(_hessians(y, by_c, curved, *sizes))
-        return jet
-
-    return (differentiate,)
-
-
-@njit(cache=True)
-def _coefficients(y: Array, length: float, dr_air: float, r_0: float, scale: float) -> tuple[Array, Array]:
-    """Return C, D, E, shape (m, 3), and F, shape (m,)."""
-    CDE, F = np.empty((len(y), 3)), np.empty(len(y))
-    for r in range(len(y)):
-        w, z_i, z_j = y[r]
-        CDE[r, 0] = -2 * (length**2 * dot(z_i, z_j) + dr_air**2)
-        CDE[r, 1] = -2 * (length * dot(z_i, w) + r_0 * dr_air)
-        CDE[r, 2] = 2 * (length * dot(z_j, w) - r_0 * dr_air)
-        F[r] = dot(w, w) - r_0**2
-    return CDE, F
-
-
-@njit(cache=True)
-def _gradients(y: Array, by_CDE: Array, length: float, dr_air: float, r_0: float, scale: float) -> Array:
-    """Return the gradients by y; C, D, E and F are bilinear."""
-    gradients = np.empty_like(y)
-    for r in range(len(y)):
-        C, D, E = by_CDE[r]
-        for axis in range(3):
-            w, z_i, z_j = y[r, 0, axis], y[r, 1, axis], y[r, 2, axis]
-            gradients[r, 0, axis] = (2 * w - 2 * length * (D * z_i - E * z_j)) / scale
-            gradients[r, 1, axis] = -2 * length * (length * C * z_j + D * w) / scale
-            gradients[r, 2, axis] = -2 * length * (length * C * z_i - E * w) / scale
-    return gradients
-
-
-@njit(cache=True)
-def _hessians(
-    y: Array, by_CDE: Array, curved: Array, length: float, dr_air: float, r_0: float, scale: float
-) -> Array:
-    """Return the Hessians by y; `curved` is the Hessian by C, D, E."""
-    hessians = np.zeros((len(y), 9, 9))
-    G = np.zeros((3, 9))  # gradients of C, D, E by y
-    for r in range(len(y)):
-        for axis in range(3):
-            w, z_i, z_j = y[r, 0, axis], y[r, 1, axis], y[r, 2, axis]
-            G[0, 3 + axis], G[0, 6 + axis] = -2 * length**2 * z_j, -2 * length**2 * z_i
-            G[1, axis], G[1, 3 + axis] = -2 * length * z_i, -2 * length * w
-            G[2, axis], G[2, 6 + axis] = 2 * length * z_j, 2 * length * w
-        H = hessians[r]
-        for one in range(9):
-            a, b, c = G[0, one] / scale, G[1, one] / scale, G[2, one] / scale
-            by_C = a * curved[r, 0, 0] + b * curved[r, 1, 0] + c * curved[r, 2, 0]
-            by_D = a * curved[r, 0, 1] + b * curved[r, 1, 1] + c * curved[r, 2, 1]
-            by_E = a * curved[r, 0, 2] + b * curved[r, 1, 2] + c * curved[r, 2, 2]
-            for other in range(9):
-                H[one, other] = by_C * G[0, other] + by_D * G[1, other] + by_E * G[2, other]
-        C, D, E = by_CDE[r]
-        for axis in range(3):
-            w, i, j = axis, 3 + axis, 6 + axis
-            H[w, w] += 2 / scale
-            for row, column, value in (
-                (i, j, -2 * length**2 * C / scale),
-                (w, i, -2 * length * D / scale),
-                (w, j, 2 * length * E / scale),
-            ):
-                H[row, column] += value
-                H[column, row] += value
-    return hessians
-
-
-def _distance(formula: Distance) -> tuple[Derived]:
-    """Return (||w||^2 - d^2) / (2 d), of w."""
-    d = formula.least
-
-    def differentiate(order: int, y: Array) -> Jet:
-        w = y[:, 0]
-        jet: Jet = [(np.einsum("ra,ra->r", w, w) - d**2) / (2 * d)]
-        if order >= 1:
-            jet.append(y / d)
-        if order >= 2:
-            jet.append(np.tile(np.eye(3) / d, (len(w), 1, 1)))
-        return jet
-
-    return (differentiate,)
-
-
 @cache
 def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
-    """Return every row of a formula's smooth form with its derivatives.
-
-    The most frequent and the simplest rows have derivatives by hand.
-    """
-    if isinstance(formula, Distance):
-        return _distance(formula)
+    """Return every row of a formula's smooth form with its derivatives."""
     if isinstance(formula, BesideAirflow) and isinstance(formula.body, Air):
-        return _envelope_pair(formula.air, beta)
+        return (_envelope_pair(formula.air, beta),)
     y = [ca.SX.sym("y", 3) for _ in formula.local_vectors]
-    rows = ca.vertsplit(formula.smooth(y, ca.SX(beta)))
-    return tuple(derive(y, row) for row in rows)
+    return tuple(Mapped(y, row) for row in ca.vertsplit(formula.smooth(y, ca.SX(beta))))
 
 
-def derive(y: Sequence[ca.SX], row: ca.SX) -> Derived:
-    """Return an expression of local vectors with its derivatives."""
-    mapped = Mapped(ca.vertcat(*y), row)
+def _envelope_pair(air: Air, beta: float) -> Derived:
+    """Return the smooth clearance of two airflow envelopes, of w, z_i, z_j, as a function of C, D, E and F.
+
+    Each of those is y^T Q y / 2 and a constant, with the same number in Q for all axes of two vectors.
+    """
+    l, r_0, dr = air.length, 2 * air.start_radius, air.growth
+    radii, CDEF = r_0 + 2 * dr, ca.SX.sym("CDEF", 4)
+    C, D, E, F = ca.vertsplit(CDEF)
+    A = l**2 - dr**2
+    candidates = quadratic_candidates(A, A, C, D, E, 0.0)  # F, which all have, is added to the least
+    by_coefficients = Mapped([CDEF], as_length(candidates, radii, ca.SX(beta)) + F / (2 * radii))
+    constants = np.array([-2 * dr**2, -2 * r_0 * dr, -2 * r_0 * dr, -(r_0**2)])
+    pairs = np.zeros((4, 3, 3))
+    for coefficient, (one, other, number) in enumerate(
+        ((1, 2, -2 * l**2), (0, 1, -2 * l), (0, 2, 2 * l), (0, 0, 2))
+    ):
+        pairs[coefficient, one, other] = pairs[coefficient, other, one] = number
+    Q = np.einsum("kst,ab->ksatb", pairs, np.eye(3)).reshape(4, 81)
 
     def differentiate(order: int, y: Array) -> Jet:
-        jet = mapped(order, y.reshape(len(y), -1))
+        m = len(y)
+        G = (pairs.reshape(12, 3) @ y).reshape(m, 4, 9)  # gradients of the coefficients
+        coefficients = constants + (G @ y.reshape(m, 9, 1))[..., 0] / 2
+        jet = by_coefficients(order, coefficients)
+        if order >= 2:
+            jet[2] = G.transpose(0, 2, 1) @ jet[2] @ G + (jet[1] @ Q).reshape(m, 9, 9)
         if order >= 1:
-            jet[1] = jet[1].reshape(y.shape)
+            jet[1] = (jet[1][:, None] @ G).reshape(y.shape)
         return jet
 
     return differentiate
@@ -255,12 +166,12 @@ PLACE = LocalVector(PlatformVector("p", 0), COM)
 """o_i."""
 
 
-def turning_terms(task: ResolvedTask, carried: Masses, layout: VectorLayout) -> Iterator[tuple[int, Term]]:
+def turning_terms(task: ResolvedTask, layout: Layout) -> Iterator[tuple[int, Term]]:
     """Yield the rows of the balances that an acceleration changes, and the terms whose sums are taken off them."""
-    n, m_E, rod = task.n, carried.tip, carried.rod
+    n, m_E, rod = task.n, layout.masses.tip, layout.masses.rod
     alike = dict[Body, list[int]]()
     for i in range(n):
-        alike.setdefault(carried.body(i), []).append(i)
+        alike.setdefault(layout.masses.body(i), []).append(i)
     holder = np.full((2, 1), rod.module)
     for k, (x, y, z) in enumerate(turns(task).tolist()):
         for axis in range(3) if any((x, y, z)) else ():
@@ -278,7 +189,7 @@ def turning_terms(task: ResolvedTask, carried: Masses, layout: VectorLayout) -> 
 def _of_body(body: Body, a: Vector, axis: int) -> Derived:
     """Return a component of a module's part of J a, of o_i and its axes."""
     y = [ca.SX.sym("y", 3) for _ in range(4)]
-    return derive(y, (of_body(y[0], ca.horzcat(*y[1:]), body) @ ca.DM(a))[axis])
+    return Mapped(y, (of_body(y[0], ca.horzcat(*y[1:]), body) @ ca.DM(a))[axis])
 
 
 @cache
@@ -286,11 +197,11 @@ def _of_rod(rod: RodMass, a: Vector, axis: int) -> Derived:
     """Return a component of what a rod adds to its halves, of p_i - p'_E and the axes x and y of its module."""
     y = [ca.SX.sym("y", 3) for _ in range(3)]
     d = -y[0] - rod.foot[0] * y[1] - rod.foot[1] * y[2]
-    return derive(y, (beside_halves(d, rod) @ ca.DM(a))[axis])
+    return Mapped(y, (beside_halves(d, rod) @ ca.DM(a))[axis])
 
 
 @cache
 def _of_tip(a: Vector, axis: int) -> Derived:
     """Return a component of the part of a point of unit mass, of its place."""
     y = ca.SX.sym("y", 3)
-    return derive([y], (spread(y) @ ca.DM(a))[axis])
+    return Mapped([y], (spread(y) @ ca.DM(a))[axis])

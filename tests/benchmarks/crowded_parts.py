@@ -23,7 +23,7 @@ from numba import njit
 from untangling import overlaps
 
 from nlp.bounds.branch import frames
-from nlp.bounds.branch.arrays import BranchProblem, centre, hang, to_arrays, whole_box
+from nlp.bounds.branch.arrays import BranchProblem, centre, reroot, to_arrays, whole_box
 from nlp.bounds.branch.crowded import ALL_OVER, NOWHERE, crowding
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.untangling import untangle
@@ -114,7 +114,7 @@ def can_be_placed(topology: Topology, l_c: float, starts: int) -> bool:
 
 def prove_crowded(task: ResolvedTask, topology: Topology, most: int) -> tuple[int, str]:
     """Return how many boxes were looked at, and what they came to."""
-    hung = hang(topology, centre(task, topology))
+    hung = reroot(topology, centre(task, topology))
     lower, upper = whole_box(task, topology.n)
     lower[:3] = upper[:3] = 0.0  # where the root points does not matter
     boxes, placed = exclude(to_arrays(task, hung), lower, upper, most)

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import command
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 NAMES = ("scaling", "ablation", "placement", "root", "body", "hinges")
 
@@ -74,7 +70,6 @@ def experiment(
     topologies: tuple[int, ...] | None,
     workers: int | None,
     picture: Path | None,
-    as_json: bool,
     **option_values: Any,
 ) -> None:
     """Repeat a study of the paper, or a further one, and keep its rows in a folder.
@@ -122,17 +117,12 @@ def experiment(
         from topo_search.export.picture import save
 
         save(study.figure(answered), picture)
-    _print(out, study.summary(answered), findings, picture, as_json=as_json)
-
-
-def _print(out: Path, summary: pd.DataFrame, findings: list[str], picture: Path | None, *, as_json: bool) -> None:
-    """Print what came of an experiment."""
-    if as_json:
-        table = summary.astype(object).where(summary.notna(), None).to_dict(orient="records")
-        options.echo_json({"folder": str(out), "summary": table, "findings": findings})
-        return
-    click.echo(summary.to_string(index=False, line_width=200, float_format=lambda value: f"{value:.4g}"))
-    options.echo_lines(findings)
-    click.echo(f"all rows are in {out / 'results.csv'}")
-    if picture is not None:
-        click.echo(f"the picture is in {picture}")
+    summary = study.summary(answered)
+    table = summary.astype(object).where(summary.notna(), None).to_dict(orient="records")
+    lines = [
+        summary.to_string(index=False, line_width=200, float_format=lambda value: f"{value:.4g}"),
+        *findings,
+        f"all rows are in {out / 'results.csv'}",
+        *([] if picture is None else [f"the picture is in {picture}"]),
+    ]
+    options.echo_answer({"folder": str(out), "summary": table, "findings": findings}, lines)

@@ -219,8 +219,7 @@ def _write_kit(design: Design, kind: Any, out: Path, angle_step: float | None, p
     if angle_step is None:
         audited = audit(design)
     else:
-        rounded = round_angles(design, angle_step)
-        design, notes, audited = rounded.design, rounded.notes, rounded.audit
+        design, audited, notes = round_angles(design, angle_step)
     options.echo_lines(notes)
     if audited.verdict != Status.CLEAR and (kind == "kit" or angle_step is not None):
         for text in broken_lines(audited):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -63,7 +64,6 @@ def fly(
     design: str,
     out: Path | None,
     video: Path | None,
-    as_json: bool,
     **option_values: Any,
 ) -> None:
     """Fly a design in closed-loop simulation with rotor limits, motor lag and noise.
@@ -108,28 +108,25 @@ def fly(
         if video is not None and film is not None:
             write_atomically(video, film.gif())
     result = campaign.result
-    if as_json:
-        options.echo_json(result.model_dump(mode="json"))
-    else:
-        _print(result)
+    options.echo_answer(result.model_dump(mode="json"), _lines(result))
     if result.verdict != "held":
         raise SystemExit(1)
 
 
-def _print(result: FlightResult) -> None:
-    """Print the table."""
+def _lines(result: FlightResult) -> Iterator[str]:
+    """Yield the lines of the table, and what it does not hold."""
     from topo_search.simulation.result import CELLS, word
 
     head = ("scenario", "outcome", *CELLS[:-1], "largest")
     rows = [head, *((one.name, word(one), *one.cells) for one in result.scenarios)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     for row in rows:
-        click.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
     for one in result.scenarios:
         if one.reason is not None:
-            click.echo(f"{one.name}: {word(one)}{'' if one.counts else ' (informative)'}: {one.reason}")
+            yield f"{one.name}: {word(one)}{'' if one.counts else ' (informative)'}: {one.reason}"
     x, y, _ = result.weakest_direction
-    click.echo(
+    yield (
         f"side force in hover: {result.weakest_force_N:.3g} N in the weakest direction [{x:.2f}, {y:.2f}], "
         f"{100 * result.weakest_force_share:.3g} % of the weight; "
         f"survives {result.rotors_out} of {result.rotors} single rotor failures, known after "
@@ -137,6 +134,6 @@ def _print(result: FlightResult) -> None:
     )
     if result.rod_mass_kg > 0:
         mass = f"{1000 * result.rod_mass_kg:.3g} g"
-        click.echo(f"simulated with the rod's mass of {mass}, which the design model neglects")
-    click.echo("\n".join(result.notes))
-    click.echo(f"in simulation: {word(result)}")
+        yield f"simulated with the rod's mass of {mass}, which the design model neglects"
+    yield "\n".join(result.notes)
+    yield f"in simulation: {word(result)}"

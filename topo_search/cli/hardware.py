@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 @click.option("--task", "judge", metavar="TASK", help="Judge the vehicle against the load cases of this task.")
 @options.out("--out", "page", "Write the figures as a page (.html) as well.")
 @options.as_json
-def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool) -> None:
+def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
     """State what any vehicle with fixed rotors can do, as the audit does of a design.
 
     \b
@@ -52,18 +52,16 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
         from topo_search.report.design_page import vehicle_page
 
         write_atomically(page, vehicle_page(Path(vehicle).name, len(loaded.rotors), result))
-    if as_json:
-        options.echo_json(result.model_dump(mode="json"))
-    else:
-        click.echo(f"{vehicle}: {len(loaded.rotors)} rotors, rank {result.rank} of 6")
-        ball = f"{lower_text(result.zero_torque_ball_N, 5)} N in every direction"
-        volume = lower_text(result.zero_torque_volume_N3, 5)
-        click.echo(f"  forces without torque: {ball}, a volume of {volume} N^3")
-        for line in flight_lines(result.flight):
-            click.echo(f"  {line.replace(' of module 0', '')}")
-        for case in result.flight.cases[1:]:
-            verdict = {True: "possible", False: "impossible", None: "undecided"}[case.possible]
-            click.echo(f"  {case.name}: {verdict}")
+    ball = f"{lower_text(result.zero_torque_ball_N, 5)} N in every direction"
+    volume = lower_text(result.zero_torque_volume_N3, 5)
+    verdicts = {True: "possible", False: "impossible", None: "undecided"}
+    lines = [
+        f"{vehicle}: {len(loaded.rotors)} rotors, rank {result.rank} of 6",
+        f"  forces without torque: {ball}, a volume of {volume} N^3",
+        *(f"  {line.replace(' of module 0', '')}" for line in flight_lines(result.flight)),
+        *(f"  {case.name}: {verdicts[case.possible]}" for case in result.flight.cases[1:]),
+    ]
+    options.echo_answer(result.model_dump(mode="json"), lines)
     if result.met is False:
         raise SystemExit(1)
 
@@ -80,7 +78,7 @@ def capability(vehicle: str, judge: str | None, page: Path | None, as_json: bool
     help="Thrust of the module: its weight, the most that it has, or a multiple of its weight.",
 )
 @options.as_json
-def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
+def airflow(task: str | None, speed: float, at: str) -> None:
     """Compute the smallest cone-sphere around all air of one module that is at least as fast as V.
 
     Prints start_radius, spread_angle_deg and reach for [module.airflow], and the largest speeds on the envelope
@@ -108,19 +106,18 @@ def airflow(task: str | None, speed: float, at: str, as_json: bool) -> None:
     where = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
     least = envelope_of_speed(module, density, gravity, speed, ratio, source="--speed")
     present = envelope_air(module, density, thrust)
-    if as_json:
-        inputs = {"speed_m_s": speed, "thrust_to_weight": ratio, "thrust_N": thrust}
-        options.echo_json({**inputs, **least.model_dump(mode="json"), **present.model_dump(mode="json")})
-        return
-    click.echo(f"at {where}, all air of {speed:g} m/s and more is inside")
-    click.echo(f"  start_radius = {upper_text(least.start_radius_m, 5)}")
-    click.echo(f"  spread_angle_deg = {upper_text(least.spread_angle_deg, 5)}")
-    click.echo(f"  reach = {upper_text(least.reach_m, 5)}")
+    inputs = {"speed_m_s": speed, "thrust_to_weight": ratio, "thrust_N": thrust}
     volume, bound = upper_text(least.volume_m3, 4), lower_text(least.least_volume_m3, 4)
-    click.echo(f"a volume of {volume} m³; none is below {bound} m³")
-    click.echo("largest speeds on the present envelope")
-    for name, words in speeds_on(present):
-        click.echo(f"  {name:14} {words}")
+    lines = [
+        f"at {where}, all air of {speed:g} m/s and more is inside",
+        f"  start_radius = {upper_text(least.start_radius_m, 5)}",
+        f"  spread_angle_deg = {upper_text(least.spread_angle_deg, 5)}",
+        f"  reach = {upper_text(least.reach_m, 5)}",
+        f"a volume of {volume} m³; none is below {bound} m³",
+        "largest speeds on the present envelope",
+        *(f"  {name:14} {words}" for name, words in speeds_on(present)),
+    ]
+    options.echo_answer({**inputs, **least.model_dump(mode="json"), **present.model_dump(mode="json")}, lines)
 
 
 def speeds_on(envelope: EnvelopeAir) -> Iterator[tuple[str, str]]:
@@ -173,7 +170,6 @@ def kit(
     modules: str | None,
     settings: tuple[str, ...],
     out: Path,
-    as_json: bool,
     **option_values: Any,
 ) -> None:
     """Choose one design per task so that a few brackets build them all.
@@ -207,7 +203,4 @@ def kit(
     except NoCommonKit as error:
         note(str(error))
         raise SystemExit(3) from None
-    if as_json:
-        options.echo_json(shared.model_dump(mode="json"))
-    else:
-        options.echo_lines((*shared.lines, f"the kits are in {out}"))
+    options.echo_answer(shared.model_dump(mode="json"), (*shared.lines, f"the kits are in {out}"))

@@ -73,7 +73,13 @@ root = choice("--root", ["free", "paper"], "Root orientation: free, or limited t
 paper = click.option(
     "--paper", is_flag=True, help="The paper's literal problem: its root, no margin, no body clearance, no rod."
 )
-as_json = click.option("--json", "as_json", is_flag=True, help="Print the answer as JSON.")
+as_json = click.option(
+    "--json",
+    is_flag=True,
+    expose_value=False,
+    callback=lambda context, _, chosen: context.meta.update(json=chosen),
+    help="Print the answer as JSON.",
+)
 
 
 near = click.option(
@@ -223,15 +229,20 @@ def _meets(setting: str, others: tuple[str, ...]) -> bool:
     return bool(mine) and any(all(a == b for a, b in zip(mine, field_of(other), strict=False)) for other in others)
 
 
-def echo_json(value: Any) -> None:
-    """Print a value as JSON."""
-    click.echo(json.dumps(value, indent=1, allow_nan=False))
+def is_json() -> bool:
+    """True if the command was given `--json`."""
+    return bool(click.get_current_context().meta["json"])
 
 
-def echo_lines(lines: Iterable[str], indent: str = "") -> None:
+def echo_answer(value: Any, lines: Iterable[str]) -> None:
+    """Print an answer: with `--json` as a JSON value, otherwise as lines."""
+    echo_lines([json.dumps(value, indent=1, allow_nan=False)] if is_json() else lines)
+
+
+def echo_lines(lines: Iterable[str]) -> None:
     """Print lines, each as soon as it is there."""
     for line in lines:
-        click.echo(f"{indent}{line}")
+        click.echo(line)
 
 
 def echo_json_list(values: Iterable[Any]) -> None:

@@ -89,7 +89,6 @@ def run(
     connectors: str | None,
     topologies: str | None,
     near: tuple[str, ...],
-    as_json: bool,
     **option_values: Any,
 ) -> None:
     """Search the topologies for TASK (a file, or the name of a shipped example) and audit the best.
@@ -114,7 +113,7 @@ def run(
     from topo_search.cli.progress import shown_progress
 
     warnings: list[TaskWarning] = []
-    with _print_if_lost(warnings, as_json=as_json), shown_progress() as observer, needs_extras("--dask"):
+    with _print_if_lost(warnings), shown_progress() as observer, needs_extras("--dask"):
         from topo_search.compose import search
 
         fields = {"modules": modules, "search__root": root, "search__connectors": connectors}
@@ -124,13 +123,15 @@ def run(
         warnings += options.warn(problem)
         given = options.without_none(option_values)
         answer = search(problem, near=designs, topologies=listed, observer=observer, **given)
-    echo_answer(answer, warnings, as_json=as_json)
+    from topo_search.cli.tables import answer_lines
+
+    options.echo_answer(answer_as_json(answer, warnings), answer_lines(answer))
     unproven = option_values["prove"] is not None and answer.best is not None and not answer.proven
     raise SystemExit(ExitStatus.OPEN if unproven else answer.exit_status)
 
 
 @contextmanager
-def _print_if_lost(warnings: Sequence[TaskWarning], *, as_json: bool) -> Iterator[None]:
+def _print_if_lost(warnings: Sequence[TaskWarning]) -> Iterator[None]:
     """Print the best design and what else was found if the run's folder is gone, so that it is not lost."""
     from topo_search.study import LedgerLost
 
@@ -138,30 +139,18 @@ def _print_if_lost(warnings: Sequence[TaskWarning], *, as_json: bool) -> Iterato
         yield
     except LedgerLost as lost:
         if lost.answer is not None:
-            if as_json:
-                design = None if lost.design is None else lost.design.model_dump(mode="json")
-                value = answer_as_json(lost.answer, warnings)
-                options.echo_json({**value, "exit_status": ExitStatus.INPUT_OUTPUT, "design": design})
-            else:
-                from topo_search.cli.tables import print_found
-                from topo_search.model.files import to_json
+            from topo_search.cli.tables import found_lines
+            from topo_search.model.files import to_json
 
-                print_found(lost.answer)
-                if lost.design is not None:
-                    if lost.answer.best is None:
-                        click.echo(f"best design so far, not audited: {lost.design.topology.key}")
-                    click.echo(to_json(lost.design), nl=False)
+            design, lines = lost.design, [*found_lines(lost.answer)]
+            if design is not None and lost.answer.best is None:
+                lines.append(f"best design so far, not audited: {design.topology.key}")
+            value = answer_as_json(lost.answer, warnings) | {
+                "exit_status": ExitStatus.INPUT_OUTPUT,
+                "design": design and design.model_dump(mode="json"),
+            }
+            options.echo_answer(value, lines if design is None else [*lines, to_json(design).rstrip("\n")])
         raise
-
-
-def echo_answer(answer: Answer, warnings: Sequence[TaskWarning] = (), *, as_json: bool) -> None:
-    """Print an answer, as JSON with the warnings about its task."""
-    if as_json:
-        options.echo_json(answer_as_json(answer, warnings))
-    else:
-        from topo_search.cli.tables import print_answer
-
-        print_answer(answer)
 
 
 def answer_as_json(answer: Answer, warnings: Sequence[TaskWarning]) -> dict[str, Any]:

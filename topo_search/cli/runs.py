@@ -11,7 +11,7 @@ import click
 
 from topo_search.cli import options
 from topo_search.cli.errors import command, note
-from topo_search.cli.run import answer_as_json, echo_answer
+from topo_search.cli.run import answer_as_json
 from topo_search.limits import LIMITS
 from topo_search.supervisor import ExitStatus
 
@@ -25,12 +25,12 @@ run_folder = click.argument("run", type=click.Path(path_type=Path, exists=True, 
 @command("list", epilog="Example: topo-search list")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False), default=Path("runs"))
 @options.as_json
-def list_runs(folder: Path, as_json: bool) -> None:
+def list_runs(folder: Path) -> None:
     """List the runs in a folder (default: runs), with their best designs.
 
     Exit status: 0 listed; 2 bad input.
     """
-    from topo_search.cli.tables import print_runs
+    from topo_search.cli.tables import run_lines
     from topo_search.model import BadInput
     from topo_search.study import RunFolder, answer_of
     from topo_search.study.directory import RunFile
@@ -42,25 +42,23 @@ def list_runs(folder: Path, as_json: bool) -> None:
     for ledger in sorted(folder.glob(f"*/{RunFile.LEDGER}")):
         with RunFolder.load(ledger.parent) as opened:
             runs.append((ledger.parent, answer_of(opened)))
-    if as_json:
-        options.echo_json([answer_as_json(answer, ()) for _, answer in runs])
-    else:
-        print_runs(runs)
+    options.echo_answer([answer_as_json(answer, ()) for _, answer in runs], run_lines(runs))
 
 
 @command(epilog="Example: topo-search show runs/push-*/")
 @run_folder
 @options.as_json
-def show(run: Path, as_json: bool) -> None:
+def show(run: Path) -> None:
     """Print the answer of a RUN again, as far as it has come.
 
     Exit status: as `run` ends with this answer; 2 bad input.
     """
+    from topo_search.cli.tables import answer_lines
     from topo_search.study import RunFolder, answer_of
 
     with RunFolder.load(run) as folder:
         answer = answer_of(folder)
-    echo_answer(answer, as_json=as_json)
+    options.echo_answer(answer_as_json(answer, ()), answer_lines(answer))
     raise SystemExit(answer.exit_status)
 
 
@@ -111,7 +109,7 @@ def report(source: Path, out: Path | None, flight: Path | None) -> None:
 @click.argument("second", metavar="RUN|DESIGN.json", type=options.PATH)
 @options.out("--out", "out", "Where to write the page.", default=Path("compare.html"))
 @options.as_json
-def compare(first: Path, second: Path, out: Path, as_json: bool) -> None:
+def compare(first: Path, second: Path, out: Path) -> None:
     """Compare two runs or designs, as a table and a page.
 
     The table compares the best designs; the page shows any two of the best of each run in linked views.
@@ -119,15 +117,11 @@ def compare(first: Path, second: Path, out: Path, as_json: bool) -> None:
     Exit status: 0 compared; 2 bad input.
     """
     from topo_search import compose
-    from topo_search.cli.tables import print_figures
+    from topo_search.cli.tables import figure_lines
 
     options.require_writable(out)
     figures = {side[0].name: _figures(side[0]) for side in compose.compare(first, second, out=out)}
-    if as_json:
-        options.echo_json(figures)
-    else:
-        print_figures(figures)
-        click.echo(f"the page is in {out}")
+    options.echo_answer(figures, (*figure_lines(figures), f"the page is in {out}"))
 
 
 def _figures(design: Compared) -> dict[str, object]:
@@ -151,9 +145,7 @@ def _figures(design: Compared) -> dict[str, object]:
 @options.out("--csv", "table", "Write all clearances to a CSV table.")
 @options.out("--markdown", "summary", "Write a summary in Markdown.")
 @options.workers
-def audit(
-    designs: tuple[str, ...], as_json: bool, table: Path | None, summary: Path | None, workers: int | None
-) -> None:
+def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, workers: int | None) -> None:
     """Audit designs exactly, from the design files alone.
 
     Given a folder, every .json file below it is audited; audits in a run's folder are skipped.
@@ -161,7 +153,7 @@ def audit(
     Exit status: 0 all clear; 1 a design is violated, undecided or inconsistent, or its audit failed;
     2 a file cannot be read or is not a design (the others are still audited).
     """
-    from topo_search.cli.tables import print_audit, print_tally
+    from topo_search.cli.tables import audit_lines, tally_lines
     from topo_search.compose import audits, available_cores
     from topo_search.engine import Failed
     from topo_search.export.audits import Judged, clearances_of, csv, markdown
@@ -181,15 +173,15 @@ def audit(
             note(": ".join(failed[-1]))
             continue
         judged.append(Judged(name, design, result))
-        if not as_json:
-            print_audit(name, result)
+        if not options.is_json():
+            options.echo_lines(audit_lines(name, result))
     verdicts = [each.audit.verdict for each in judged]
-    if as_json:
+    if options.is_json():
         values = [{"file": each.name, **each.audit.model_dump(mode="json")} for each in judged]
         alone = len(designs) == len(values) == 1 and not Path(designs[0]).is_dir()
-        options.echo_json(values[0] if alone else values)
+        options.echo_answer(values[0] if alone else values, ())
     elif files > 1:
-        print_tally(verdicts, len(failed), len(refused), skipped)
+        options.echo_lines(tally_lines(verdicts, len(failed), len(refused), skipped))
     if table is not None:
         write_atomically(table, csv(clearances_of([(each.name, each.audit) for each in judged])))
     if summary is not None:

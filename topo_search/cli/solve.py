@@ -46,7 +46,6 @@ def solve(
     paper: bool,
     near: tuple[str, ...],
     out: Path | None,
-    as_json: bool,
     **option_values: Any,
 ) -> None:
     """Solve TASK for one topology and audit the design.
@@ -58,7 +57,7 @@ def solve(
     nothing is lost. Exit status as for `run`.
     """
     from topo_search import compose
-    from topo_search.cli.tables import print_solved, progress_line
+    from topo_search.cli.tables import progress_line, solved_lines
     from topo_search.engine import Failed
     from topo_search.model import Design
     from topo_search.model.files import to_json, write_atomically
@@ -78,12 +77,11 @@ def solve(
         except OSError:
             click.echo(text, nl=False)  # so that the design is not lost
             raise
-    if not as_json:
-        print_solved(solved, out)
-    elif isinstance(solved.outcome, Failed):
-        options.echo_json({"status": "failed", "reason": solved.outcome.reason})
+    lines = solved_lines(solved, out)
+    if isinstance(solved.outcome, Failed):
+        options.echo_answer({"status": "failed", "reason": solved.outcome.reason}, lines)
     else:
-        click.echo(to_json(solved.outcome), nl=False)
+        options.echo_lines([to_json(solved.outcome).rstrip("\n")] if options.is_json() else lines)
     raise SystemExit(solved.exit_status)
 
 
@@ -148,7 +146,6 @@ def prove(
     folder: Path,
     topology: str | None,
     checks: bool,
-    as_json: bool,
     **option_values: Any,
 ) -> None:
     """Prove that no tree of a finished RUN beats its best audited design, or bound by how much one could.
@@ -169,7 +166,7 @@ def prove(
             if option_values[option] is not None:
                 raise click.UsageError(f"{name} cannot be combined with --check")
         engine = {name: option_values[name] for name in ("workers", "dask", "dask_tls")}
-        _check(folder, as_json=as_json, topology=topology, **engine)
+        _check(folder, topology=topology, **engine)
         return
     from topo_search.cli.progress import shown_progress
 
@@ -177,23 +174,16 @@ def prove(
         from topo_search.compose import prove as prove_run
 
         answer = prove_run(folder, topology=topology, observer=observer, **options.without_none(option_values))
-    from topo_search.model.proven import lower_text
     from topo_search.study.answer import candidates
 
     table = candidates(folder)
     table = table if topology is None else table[table["key"] == topology]
-    if as_json:
-        names = ["key", "modules", "objective", "proven_bound", "proven_gap", "proof", "proven_problem"]
-        rows = table[names].astype(object).where(table[names].notna(), None).to_dict("records")
-        options.echo_json({"sentences": [size.proven for size in answer.sizes], "candidates": rows})
-    else:
-        columns = (table[name].tolist() for name in ("key", "proof", "proven_bound"))
-        for key, proof, bound in zip(*columns, strict=True):
-            by = f", J >= {lower_text(bound)} rad^4/s^4" if bound > 0 else ""
-            click.echo(f"{key}: {proof if isinstance(proof, str) else 'not examined'}{by}")
-        for size in answer.sizes:
-            if size.proven is not None:
-                click.echo(size.proven)
+    names = ["key", "modules", "objective", "proven_bound", "proven_gap", "proof", "proven_problem"]
+    rows = table[names].astype(object).where(table[names].notna(), None).to_dict("records")
+    sentences = [size.proven for size in answer.sizes]
+    lines = [_proof_line(row["key"], row["proof"] or "not examined", row["proven_bound"] or None) for row in rows]
+    value = {"sentences": sentences, "candidates": rows}
+    options.echo_answer(value, (*lines, *(words for words in sentences if words is not None)))
     settled = table["proof"].isin(["excluded", "within", "impossible"]).all()
     if not settled or (topology is None and not answer.proven):
         resumable = any(topology in (None, key) for size in answer.sizes for key in size.proof_resumable)
@@ -201,25 +191,26 @@ def prove(
         raise SystemExit(ExitStatus.OPEN)
 
 
-def _check(folder: Path, *, as_json: bool, **option_values: Any) -> None:
+def _proof_line(key: str, verdict: str, bound: float | None, fault: str | None = None) -> str:
+    from topo_search.model.proven import lower_text
+
+    by = "" if bound is None else f", J >= {lower_text(bound)} rad^4/s^4"
+    return f"{key}: {verdict}{by}" + (f": {fault}" if fault else "")
+
+
+def _check(folder: Path, **option_values: Any) -> None:
     """Check the proofs of a run, and end with the status that this comes to."""
     with explain_errors():
         from topo_search.cli.progress import shown_progress
         from topo_search.compose import check_proofs
-        from topo_search.model.proven import lower_text
 
         with shown_progress() as observer, needs_extras("--dask"):
             result = check_proofs(folder, observer=observer, **option_values)
-    if as_json:
-        trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in result.trees]
-        options.echo_json({"sentences": result.sentences, "faults": result.faults, "trees": trees})
-    else:
-        for fault in result.faults:
-            click.echo(f"refused: {fault}")
-        for tree in result.trees:
-            by = "" if tree.bound is None else f", J >= {lower_text(tree.bound)} rad^4/s^4"
-            click.echo(f"{tree.key}: {tree.verdict}{by}" + (f": {tree.fault}" if tree.fault else ""))
-        options.echo_lines(result.sentences)
+    trees = [{"key": tree.key, "verdict": tree.verdict} | asdict(tree) for tree in result.trees]
+    refused = [f"refused: {fault}" for fault in result.faults]
+    lines = [_proof_line(tree.key, tree.verdict, tree.bound, tree.fault) for tree in result.trees]
+    value = {"sentences": result.sentences, "faults": result.faults, "trees": trees}
+    options.echo_answer(value, (*refused, *lines, *result.sentences))
     if result.refused:
         raise SystemExit(1)
     if not result.settled:

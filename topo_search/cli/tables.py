@@ -1,17 +1,15 @@
-"""Tables and sentences that commands print."""
+"""Lines that commands print: tables and sentences."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import click
 from rich.console import Console
 from rich.table import Table
 
-from topo_search.cli.options import echo_lines
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audits import flight_lines, power_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Status
@@ -25,57 +23,57 @@ NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
 """End of the line about a design whose end-effector no such rod carries."""
 
 
-def print_answer(answer: Answer) -> None:
-    """Print what a run found, and where it is."""
-    print_found(answer)
-    click.echo(f"everything is in {answer.folder}")
+def answer_lines(answer: Answer) -> Iterator[str]:
+    """Yield what a run found, and where it is."""
+    yield from found_lines(answer)
+    yield f"everything is in {answer.folder}"
     for words in (answer.weakest_point, *answer.air, answer.tolerances, answer.shorter_rod):
         if answer.best is not None and words is not None:
-            click.echo(f"{answer.best.key}: {words}")
+            yield f"{answer.best.key}: {words}"
 
 
-def print_found(answer: Answer) -> None:
-    """Print what a run found."""
+def found_lines(answer: Answer) -> Iterator[str]:
+    """Yield what a run found."""
     if answer.levels:
-        _print_front(answer)
+        yield from _front(answer)
     else:
         for size in answer.sizes:
-            _print_size(size)
+            yield from _size(size)
     best = answer.best
     if best is not None:
         smallest = f", {answer.smallest}" if answer.smallest else ""
         line = f"best design: {best.key}, {modules(best.modules)}{smallest}"
         rod = "" if answer.clear_rod else NO_CLEAR_ROD
         if (note := answer.note) is not None:
-            click.echo(f"note on {best.key}: {note}")
-        click.echo(f"{line}, {_effort(best)}, audit {best.audit}{rod}")
+            yield f"note on {best.key}: {note}"
+        yield f"{line}, {_effort(best)}, audit {best.audit}{rod}"
     elif answer.exit_status == 1:
-        click.echo("designs were found, but none passed its audit")
+        yield "designs were found, but none passed its audit"
     else:
-        click.echo("no design was found")
+        yield "no design was found"
 
 
-def _print_size(size: SizeAnswer) -> None:
-    """Print the table of one size."""
-    click.echo(_counts(size))
-    click.echo(size.quotient)
+def _size(size: SizeAnswer) -> Iterator[str]:
+    """Yield the table of one size."""
+    yield _counts(size)
+    yield size.quotient
     if size.feasible:
-        click.echo(f"feasible trees, symmetric copies included: {size.feasible}")
-        _print_rows(size.top)
-        _print_near_ties(size)
+        yield f"feasible trees, symmetric copies included: {size.feasible}"
+        yield from _rows(size.top)
+        yield from _near_ties(size)
     if not size.complete:
         reached = f", after {quantity(size.starts, 'start')} of each candidate" if size.starts else ""
-        click.echo(f"not finished{reached}; run the same command to continue")
+        yield f"not finished{reached}; run the same command to continue"
     if size.statement is not None and size.best is not None:
-        click.echo(f"{size.best.key} is {size.statement}")
+        yield f"{size.best.key} is {size.statement}"
     if size.proven is not None:
-        click.echo(size.proven)
-    _print_remarks(size)
+        yield size.proven
+    yield from _remarks(size)
 
 
-def _print_remarks(size: SizeAnswer, indent: str = "") -> None:
+def _remarks(size: SizeAnswer) -> tuple[str, ...]:
     reasons = () if size.reason is None else (size.reason,)
-    echo_lines((*size.remarks, *reasons, *(size.relaxed.sentences if size.relaxed else ())), indent)
+    return (*size.remarks, *reasons, *(size.relaxed.sentences if size.relaxed else ()))
 
 
 def _counts(size: SizeAnswer) -> str:
@@ -84,36 +82,36 @@ def _counts(size: SizeAnswer) -> str:
     return f"{text} ({size.counts})" if size.counts else text
 
 
-def _print_front(answer: Answer) -> None:
-    """Print the outcome of each level of the goals, and the front."""
+def _front(answer: Answer) -> Iterator[str]:
+    """Yield the outcome of each level of the goals, and the front."""
     for outcome in answer.levels:
-        click.echo(f"level {outcome.number}: {outcome.level.words}")
+        yield f"level {outcome.number}: {outcome.level.words}"
         for size in outcome.sizes:
-            click.echo(f"  {_counts(size)}")
+            yield f"  {_counts(size)}"
             if size.best is not None:
-                click.echo(f"  best {size.best.key}, {_effort(size.best)}")
+                yield f"  best {size.best.key}, {_effort(size.best)}"
             if not size.complete:
-                click.echo("  not finished; run the same command to continue")
-            _print_remarks(size, "  ")
+                yield "  not finished; run the same command to continue"
+            yield from (f"  {line}" for line in _remarks(size))
     if not answer.points:
         return
-    click.echo(f"front, {quantity(len(answer.points), 'design')}, none better than another in every goal:")
+    yield f"front, {quantity(len(answer.points), 'design')}, none better than another in every goal:"
     rows = []
     for point in answer.points:
         reached = ["" if x is None else length(at_least(x, 3)) for x in (point.clearance, point.stand_off)]
         effort, peak = f"{point.row.objective:.6g}", f"{upper_text(point.peak_input, 4)} u_max"
         rows.append((point.row.key, str(point.row.modules), effort, *reached, peak, str(point.number)))
-    _print_table(("key", "modules", "J [rad^4/s^4]", "clearance", "stand-off", "peak input", "level"), rows)
-    echo_lines(answer.idle_goals)
+    yield from _table(("key", "modules", "J [rad^4/s^4]", "clearance", "stand-off", "peak input", "level"), rows)
+    yield from answer.idle_goals
 
 
-def _print_rows(rows: tuple[Row, ...]) -> None:
+def _rows(rows: tuple[Row, ...]) -> Iterator[str]:
     cells = []
     for row in rows:
         key, objective, gap, audit = _in_short(row)
         over = f"{at_most(row.objective / row.lower_bound, 5):.4f}" if row.objective and row.lower_bound else ""
         cells.append((key, objective, over, gap, f"{row.starts_at_best} of {row.starts}", str(row.orbit), audit))
-    _print_table(("key", "J [rad^4/s^4]", "J over bound", "gap", "hits", "symmetric copies", "audit"), cells)
+    return _table(("key", "J [rad^4/s^4]", "J over bound", "gap", "hits", "symmetric copies", "audit"), cells)
 
 
 def _in_short(row: Row) -> tuple[str, str, str, str]:
@@ -121,25 +119,25 @@ def _in_short(row: Row) -> tuple[str, str, str, str]:
     return row.key, f"{row.objective:.6g}", gap, row.audit or ("failed" if row.audit_failure else "")
 
 
-def _print_near_ties(size: SizeAnswer) -> None:
-    """Print what designs leave in hover that cost about the same, unless there is no choice."""
+def _near_ties(size: SizeAnswer) -> Iterator[str]:
+    """Yield what designs leave in hover that cost about the same, unless there is no choice."""
     if size.best is None or len(size.near_ties) < 2:
         return
-    click.echo(f"within {100 * NEAR:g} % of the least control effort, largest force reserve in hover first:")
-    _print_table(NEAR_TIES, [near_tie_cells(row, size.best) for row in size.near_ties])
+    yield f"within {100 * NEAR:g} % of the least control effort, largest force reserve in hover first:"
+    yield from _table(NEAR_TIES, [near_tie_cells(row, size.best) for row in size.near_ties])
     if size.near_ties_unaudited:
-        click.echo(f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}")
+        yield f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}"
 
 
-def print_figures(designs: Mapping[str, Mapping[str, object]]) -> None:
-    """Print a column for each design, and a row for each figure that one of them has."""
+def figure_lines(designs: Mapping[str, Mapping[str, object]]) -> Iterator[str]:
+    """Return a table with a column for each design, and a row for each figure that one of them has."""
     rows = []
     for name in next(iter(designs.values())):
         figures = [each.get(name) for each in designs.values()]
         if any(figure is not None for figure in figures):
             label = "J [rad^4/s^4]" if name == "objective" else name  # files keep the older name
             rows.append((label, *("" if figure is None else _text(name, figure) for figure in figures)))
-    _print_table(("", *designs), rows)
+    return _table(("", *designs), rows)
 
 
 def _text(name: str, figure: Any) -> str:
@@ -148,18 +146,18 @@ def _text(name: str, figure: Any) -> str:
     return gap_percent(figure) if name == "gap" else str(proven_cell(name, figure))
 
 
-def print_runs(runs: Sequence[tuple[Path, Answer]]) -> None:
-    """Print a row for each run."""
+def run_lines(runs: Sequence[tuple[Path, Answer]]) -> Iterator[str]:
+    """Return a table with a row for each run."""
     rows = []
     for path, answer in runs:
         sizes = ", ".join(str(size.modules) for size in answer.sizes)
         solved = f"{sum(size.settled for size in answer.sizes)} of {sum(size.candidates for size in answer.sizes)}"
         short = ("none", "", "", "") if answer.best is None else _in_short(answer.best)
         rows.append((str(path), sizes, solved, *short))
-    _print_table(("run", "modules", "candidates solved", "best", "J [rad^4/s^4]", "gap", "audit"), rows)
+    return _table(("run", "modules", "candidates solved", "best", "J [rad^4/s^4]", "gap", "audit"), rows)
 
 
-def _print_table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
+def _table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
     table = Table(box=None, pad_edge=False)
     for name in columns:
         table.add_column(name, justify="left" if name in ("", "key", "audit", "run") else "right")
@@ -168,7 +166,9 @@ def _print_table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> None:
     console = Console(highlight=False, markup=False)  # units in brackets are no markup
     if not console.is_terminal:
         console = Console(highlight=False, markup=False, width=100)
-    console.print(table)
+    with console.capture() as captured:
+        console.print(table)
+    yield from captured.get().splitlines()
 
 
 def _effort(design: Row | Design) -> str:
@@ -186,61 +186,62 @@ def progress_line(outcome: Outcome) -> str:
     return _effort(outcome) + ("" if tried is None else f" after {quantity(tried, 'start')}")
 
 
-def print_solved(solved: Solved, out: Path | None) -> None:
-    """Print the outcome of one topology."""
-    echo_lines(solved.notes)
-    click.echo(progress_line(solved.outcome))
+def solved_lines(solved: Solved, out: Path | None) -> Iterator[str]:
+    """Yield the outcome of one topology."""
+    yield from solved.notes
+    yield progress_line(solved.outcome)
     if isinstance(solved.outcome, Infeasible) and solved.outcome.relaxed:
-        echo_lines(solved.outcome.relaxed.sentences)
+        yield from solved.outcome.relaxed.sentences
     if isinstance(solved.outcome, Design):
         if isinstance(solved.audit, Audit):
-            print_audit(solved.outcome.topology.key, solved.audit)
+            yield from audit_lines(solved.outcome.topology.key, solved.audit)
             sheet = solved.audit.assembly.end_effector
             if sheet is None or not sheet.clear_rod:
-                click.echo(f"{solved.outcome.topology.key}{NO_CLEAR_ROD}")
+                yield f"{solved.outcome.topology.key}{NO_CLEAR_ROD}"
         if solved.found and (words := solved.outcome.shorter_rod) is not None:
-            click.echo(f"{solved.outcome.topology.key}: {words}")
+            yield f"{solved.outcome.topology.key}: {words}"
         if out is not None:
-            click.echo(f"the design is in {out}")
+            yield f"the design is in {out}"
 
 
-def print_audit(name: str, audit: Audit) -> None:
-    """Print a verdict, and everything that is not clear."""
+def audit_lines(name: str, audit: Audit) -> Iterator[str]:
+    """Yield a verdict, and everything that is not clear."""
     nearest = min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
     least = "" if nearest is None else f"; least clearance {lower_text(nearest.analytic_m)} m, {nearest.name}"
-    click.echo(f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{least}")
+    yield f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{least}"
     if audit.inputs_words is not None:
-        click.echo(f"  {audit.inputs_words}")
+        yield f"  {audit.inputs_words}"
     overlaps = audit.interference
     if overlaps is not None and overlaps.colliding_pairs:
         sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
-        click.echo(
+        yield (
             f"  {quantity(overlaps.colliding_pairs, 'pair')} of envelopes overlap, in clusters of {sizes} modules; "
             f"the deepest by {upper_text(overlaps.deepest_percent, 3)} % of the deepest possible"
         )
     for pair in audit.pairs:
         if pair.status != "clear":
-            click.echo(f"  {pair.name}: {pair.status}, {lower_text(pair.analytic_m)} m")
-            echo_lines(pair.evidence, "    ")
+            yield f"  {pair.name}: {pair.status}, {lower_text(pair.analytic_m)} m"
+            yield from (f"    {line}" for line in pair.evidence)
     for constraint in audit.stated:
-        click.echo(f"  {constraint.name} ({NOT_CERTIFIED}): {constraint.words}, bounds: {constraint.bounds}")
+        yield f"  {constraint.name} ({NOT_CERTIFIED}): {constraint.words}, bounds: {constraint.bounds}"
     for residual in audit.residuals:
         if residual.status != "clear":
             off = f"off by {upper_text(residual.value, 3)} {residual.unit}"
-            click.echo(f"  {residual.words}: {residual.status}, {off}")
+            yield f"  {residual.words}: {residual.status}, {off}"
     for larger in audit.mesh_excess:
-        click.echo(f"  note: {larger.words}")
+        yield f"  note: {larger.words}"
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
-        click.echo(f"  note: {sheet.note}")
+        yield f"  note: {sheet.note}"
     flight = () if audit.flight is None else (*flight_lines(audit.flight), *power_lines(audit))
-    echo_lines((*tolerance_lines(audit), *flight, *(() if audit.air is None else audit.air.sentences())), "  ")
+    air = () if audit.air is None else audit.air.sentences()
+    yield from (f"  {line}" for line in (*tolerance_lines(audit), *flight, *air))
 
 
-def print_tally(verdicts: Sequence[Status], failed: int, refused: int, passed_over: int) -> None:
-    """Print how many designs of a whole command ended how."""
+def tally_lines(verdicts: Sequence[Status], failed: int, refused: int, passed_over: int) -> Iterator[str]:
+    """Yield how many designs of a whole command ended how."""
     counts = {**Counter(map(str, verdicts)), "failed": failed, "bad input": refused}
     text = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
-    click.echo(f"{quantity(len(verdicts) + failed, 'design')}: {text or 'none'}")
+    yield f"{quantity(len(verdicts) + failed, 'design')}: {text or 'none'}"
     if passed_over:
-        click.echo(f"{quantity(passed_over, 'audit')} in the folders skipped")
+        yield f"{quantity(passed_over, 'audit')} in the folders skipped"

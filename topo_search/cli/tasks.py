@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,14 +43,12 @@ def init(file: Path, force: bool) -> None:
 
 @command(epilog='Example: topo-search run "$(topo-search examples | head -n 1)"')
 @options.as_json
-def examples(as_json: bool) -> None:
+def examples() -> None:
     """List the shipped tasks, by the name that `run` and `solve` take."""
     from topo_search.model import files
 
-    if as_json:
-        options.echo_json(files.examples())
-        return
-    options.echo_lines(files.examples())
+    names = files.examples()
+    options.echo_answer(names, names)
 
 
 @command(epilog="Example: topo-search check push-local --picture push-local.png")
@@ -66,7 +64,6 @@ def check(
     settings: tuple[str, ...],
     paper: bool,
     picture: Path | None,
-    as_json: bool,
 ) -> None:
     """Explain a task in words, and warn about suspicious values.
 
@@ -85,40 +82,35 @@ def check(
         save(task_figure(problem.resolve(problem.sizes[0])), picture)
     sizes = [_size(problem, n) for n in problem.sizes]
     warnings = task_warnings(problem)
-    if as_json:
-        first = problem.resolve(problem.sizes[0]).model_dump(mode="json")
-        options.echo_json({"task": first, "sizes": sizes, "warnings": [one._asdict() for one in warnings]})
-        return
-    _explain(problem)
-    for size in sizes:
-        _group(f"search of {quantity(size['modules'], 'module')}", _expectations(size))
-    if warnings:
-        _group("warnings", warnings)
-    if picture is not None:
-        click.echo(f"\nthe picture is in {picture}")
+    first = problem.resolve(problem.sizes[0]).model_dump(mode="json")
+    value = {"task": first, "sizes": sizes, "warnings": [one._asdict() for one in warnings]}
+    groups = [*_requirements(problem)]
+    groups += [(f"search of {quantity(size['modules'], 'module')}", _expectations(size)) for size in sizes]
+    groups += [("warnings", warnings)] * bool(warnings)
+    lines = [line for title, rows in groups for line in _group(title, rows)]
+    drawn = [] if picture is None else [f"\nthe picture is in {picture}"]
+    options.echo_answer(value, [problem.name, *lines, *drawn])
 
 
-def _explain(task: Task) -> None:
-    """Print everything that a task asks for; what a unit of weight is, for every number of modules."""
+def _requirements(task: Task) -> Iterator[tuple[str, Iterable[tuple[str, str]]]]:
+    """Yield all that a task asks for, in groups; what a unit of weight is, for every number of modules."""
     from topo_search.report.task_facts import facts, goals, load_cases
 
     first, *others = (task.resolve(n) for n in task.sizes)
-    click.echo(task.name)
     platform, *groups = facts(first)
-    for group in (platform, *(facts(other)[0] for other in others), *groups):
-        _group(*group)
+    yield from (platform, *(facts(other)[0] for other in others), *groups)
     if any(exposure.geometry for exposure in first.exposure):
         from topo_search.cli.hardware import speeds_on
         from verify.air.envelope import envelope_air
 
         hover = first.module.mass * first.gravity
         speeds = speeds_on(envelope_air(first.module, first.air_density, hover))
-        _group("air of one module in hover, on the envelope that keeps out of regions: at most", speeds)
+        yield "air of one module in hover, on the envelope that keeps out of regions: at most", speeds
     if task.goals.names:
-        _group(*goals(task))
+        yield goals(task)
     of = f" of {quantity(first.n, 'module')}" if others else ""
     cases = [(f"load case {k}", f"{wrench}; weight {weight}") for k, wrench, weight in load_cases(first)]
-    _group(f"load cases{of}, each the total wrench of the rotors", cases)
+    yield f"load cases{of}, each the total wrench of the rotors", cases
 
 
 def _expectations(size: dict[str, Any]) -> list[tuple[str, str]]:
@@ -133,13 +125,12 @@ def _expectations(size: dict[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def _group(title: str, rows: Iterable[tuple[str, str]]) -> None:
-    """Print named values below their title, wrapped."""
-    click.echo(f"\n{title}")
+def _group(title: str, rows: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """Yield the lines of named values below their title, wrapped."""
+    yield f"\n{title}"
     for name, value in rows:
         beside, below = f"  {name:38} ", " " * 41
-        lines = textwrap.wrap(value, 120, initial_indent=beside, subsequent_indent=below, break_on_hyphens=False)
-        click.echo("\n".join(lines))
+        yield from textwrap.wrap(value, 120, initial_indent=beside, subsequent_indent=below, break_on_hyphens=False)
 
 
 def _size(task: Task, n: int) -> dict[str, Any]:
@@ -178,7 +169,6 @@ def topologies(
     symmetry: Any,
     connectors: Any,
     root: Any,
-    as_json: bool,
 ) -> None:
     """Print the keys of all topologies of N modules, one per line."""
     from topo_search.topologies import Family
@@ -191,7 +181,4 @@ def topologies(
         keys = (candidate.key for candidate in family.candidates())
     else:
         keys = (topology.key for topology in islice(family.draws(seed), size))
-    if as_json:
-        options.echo_json_list(keys)
-        return
-    options.echo_lines(keys)
+    (options.echo_json_list if options.is_json() else options.echo_lines)(keys)

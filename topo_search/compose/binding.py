@@ -12,9 +12,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from itertools import islice
-from typing import Unpack, get_args
+from typing import TypeVar, Unpack, get_args
 
 import cloudpickle
 
@@ -49,79 +49,68 @@ from topo_search.protocols import (
 from topo_search.study import Observer, Sampler
 from verify.air.envelope import Unreached, enclose
 
-
-def solve_mounted(
-    task: ResolvedTask, topology: Topology, *, constraints: Sequence[OwnConstraint] = (), **given: Unpack[Given]
-) -> Design | Infeasible:
-    """Solve one topology, and choose where the rod of a design's end-effector is bolted."""
-    outcome = nlp.solve(task, topology, constraints=constraints, **given)
-    return _mount(task, outcome, constraints) if isinstance(outcome, Design) else outcome
+Item = TypeVar("Item")
 
 
-def _mount(task: ResolvedTask, design: Design, constraints: Sequence[OwnConstraint]) -> Design:
-    """Return a design of a task with its rod bolted on."""
-    mount = verify.choose_mount(design)
-    if task.end_effector.rod_mass == "ignored":
-        return design.model_copy(update={"mount": mount})
-    if mount not in (None, design.mount):
-        # the solver counts a rod within its limits; where parts or airflow block it, another is bolted on
-        design = nlp.hold_rod(design, mount, constraints)
-    # to the last digit the given task with that rod, by whatever rods the solver went
-    return design.model_copy(update={"task": task.with_rod(design.task.end_effector.counted_rod)})
+@dataclass(frozen=True)
+class Composed:
+    """Solver and audit, given a user's constraints; the rod of every design's end-effector is bolted on."""
 
+    constraints: tuple[OwnConstraint, ...] = ()
 
-def local_optima_mounted(
-    task: ResolvedTask,
-    topology: Topology,
-    *,
-    most_effort: float,
-    constraints: Sequence[OwnConstraint] = (),
-    **given: Unpack[Given],
-) -> list[Design]:
-    """Find the local optima of one topology, and choose where the rod of each is bolted."""
-    designs = nlp.local_optima(task, topology, constraints=constraints, most_effort=most_effort, **given)
-    return [_mount(task, design, constraints) for design in designs]
+    def solve(self, task: ResolvedTask, topology: Topology, **given: Unpack[Given]) -> Design | Infeasible:
+        """Solve one topology."""
+        outcome = nlp.solve(task, topology, constraints=self.constraints, **given)
+        return self._mount(task, outcome) if isinstance(outcome, Design) else outcome
 
+    def local_optima(
+        self, task: ResolvedTask, topology: Topology, *, most_effort: float, **given: Unpack[Given]
+    ) -> list[Design]:
+        """Find the local optima of one topology."""
+        found = nlp.local_optima(task, topology, constraints=self.constraints, most_effort=most_effort, **given)
+        return [self._mount(task, design) for design in found]
 
-def audit_with(geometry: Geometry, *, constraints: Sequence[OwnConstraint] = ()) -> Audit:
-    """Audit a design, and evaluate own constraints at the poses that the audit derives."""
-    if not constraints:
-        return verify.audit(geometry)
-    from verify.kinematics import platform
+    def audit(self, geometry: Geometry) -> Audit:
+        """Audit a design, and evaluate the constraints at the poses that the audit derives."""
+        if not self.constraints:
+            return verify.audit(geometry)
+        from verify.kinematics import platform
 
-    design = verify.complete(geometry)
-    audited, at = verify.audit(design), platform(design)
-    checks = nlp.check_stated(constraints, design, orientations=at.poses.R, centres=at.o, end_effector=at.p_e)
-    names = {one.name for one in checks}
-    missed = any(one.status == "missed" for one in checks)
-    return audited.model_copy(
-        update={
-            "stated": (*checks, *(one for one in audited.stated if one.name not in names)),
-            "verdict": Status.worst([audited.verdict, Status.VIOLATED if missed else Status.CLEAR]),
-        }
-    )
+        design = verify.complete(geometry)
+        audited, at = verify.audit(design), platform(design)
+        poses = {"orientations": at.poses.R, "centres": at.o, "end_effector": at.p_e}
+        checks = nlp.check_stated(self.constraints, design, **poses)
+        names = {one.name for one in checks}
+        missed = any(one.status == "missed" for one in checks)
+        return audited.model_copy(
+            update={
+                "stated": (*checks, *(one for one in audited.stated if one.name not in names)),
+                "verdict": Status.worst([audited.verdict, Status.VIOLATED if missed else Status.CLEAR]),
+            }
+        )
+
+    def _mount(self, task: ResolvedTask, design: Design) -> Design:
+        """Return a design of a task with its rod bolted on."""
+        mount = verify.choose_mount(design)
+        if task.end_effector.rod_mass == "ignored":
+            return design.model_copy(update={"mount": mount})
+        if mount not in (None, design.mount):
+            # the solver counts a rod within its limits; where parts or airflow block it, another is bolted on
+            design = nlp.hold_rod(design, mount, self.constraints)
+        # to the last digit the given task with that rod, by whatever rods the solver went
+        return design.model_copy(update={"task": task.with_rod(design.task.end_effector.counted_rod)})
 
 
 def backends(constraints: Sequence[OwnConstraint]) -> Backends:
     """Return solver, audit and bounds; own constraints are the business of the first two."""
     if not constraints:
         return BACKENDS
-    given = tuple(constraints)
-    return replace(
-        BACKENDS,
-        solve=partial(solve_mounted, constraints=given),
-        audit=partial(audit_with, constraints=given),
-        local_optima=partial(local_optima_mounted, constraints=given),
-    )
+    own = Composed(tuple(constraints))
+    return replace(BACKENDS, solve=own.solve, audit=own.audit, local_optima=own.local_optima)
 
 
-BACKENDS = Backends(
-    solve=solve_mounted,
-    audit=audit_with,
-    lower_bound=nlp.proven_bound,
-    prove_impossible=nlp.prove_impossible,
-    local_optima=local_optima_mounted,
-)
+_PLAIN = Composed()
+BACKENDS = Backends(_PLAIN.solve, _PLAIN.audit, nlp.proven_bound, nlp.prove_impossible, _PLAIN.local_optima)
 
 
 def open_engine(
@@ -159,19 +148,7 @@ AnySampler = Sampler | OwnSampler | SamplerFactory | TopologySampler
 
 def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
     """Return the designs to start from; BadInput for anything else, or too many."""
-    if isinstance(near, Design | str) or not isinstance(near, Iterable):
-        raise BadInput("near", f"must be a list of designs, but got {_one(near)}")
-    designs = tuple(near)
-    faults = [
-        Fault(f"[{k}]", f"must be a Design, but got {type(design).__name__}")
-        for k, design in enumerate(designs)
-        if not isinstance(design, Design)
-    ]
-    if len(designs) > LIMITS.near:
-        faults = [Fault("", f"must be at most {LIMITS.near:,} designs, but got {len(designs):,}")]
-    if faults:
-        raise BadInput("near", faults)
-    return designs
+    return tuple(_items("near", near, Design, "designs", LIMITS.near))
 
 
 def own_constraints(constraints: Iterable[OwnConstraint]) -> tuple[OwnConstraint, ...]:
@@ -180,32 +157,37 @@ def own_constraints(constraints: Iterable[OwnConstraint]) -> tuple[OwnConstraint
     Raises:
         BadInput: two have one name, one is no constraint or cannot be sent, or there are too many.
     """
-    if isinstance(constraints, str) or not isinstance(constraints, Iterable):
-        raise BadInput("constraints", f"must be a list of OwnConstraint, but got {_one(constraints)}")
-    given = list(islice(constraints, LIMITS.own_constraints + 1))
-    if len(given) > LIMITS.own_constraints:
-        raise BadInput("constraints", f"must be at most {LIMITS.own_constraints:,}, but got more")
+    given = _items("constraints", constraints, OwnConstraint, "OwnConstraint", LIMITS.own_constraints)
     faults = list[Fault]()
     for k, one in enumerate(given):
-        if not isinstance(one, OwnConstraint):
-            faults.append(Fault(f"[{k}]", f"must be an OwnConstraint, but got {type(one).__name__}"))
-            continue
         try:
             given[k] = _sendable(one)
         except (AttributeError, TypeError, pickle.PicklingError) as error:  # it refers to a file, a lock, ...
             how = "write it as a function at the top of a module, with `functools.partial` for its numbers"
             faults.append(Fault(one.name, f"cannot be sent to worker processes ({error}); {how}"))
-    if not faults:
-        names = Counter(one.name for one in given)
-        faults = [Fault(name, "must be the name of one constraint") for name, times in names.items() if times > 1]
+    names = Counter(one.name for one in given)
+    faults += [Fault(name, "must be the name of one constraint") for name, times in names.items() if times > 1]
     if faults:
         raise BadInput("constraints", faults)
     return tuple(given)
 
 
-def _one(given: object) -> str:
-    kind = type(given).__name__
-    return f"one {kind}: write it in brackets" if isinstance(given, Design | OwnConstraint) else kind
+def _items(name: str, values: Iterable[Item], kind: type[Item], plural: str, most: int) -> list[Item]:
+    """Return the values of a list of at most so many of a kind; BadInput for anything else."""
+    if isinstance(values, kind | str) or not isinstance(values, Iterable):
+        one = f"one {kind.__name__}: write it in brackets" if isinstance(values, kind) else type(values).__name__
+        raise BadInput(name, f"must be a list of {plural}, but got {one}")
+    items = list(islice(values, most + 1))
+    if len(items) > most:
+        raise BadInput(name, f"must be at most {most:,}, but got more")
+    article = "an" if kind.__name__.startswith(tuple("AEIOU")) else "a"
+    if faults := [
+        Fault(f"[{k}]", f"must be {article} {kind.__name__}, but got {type(item).__name__}")
+        for k, item in enumerate(items)
+        if not isinstance(item, kind)
+    ]:
+        raise BadInput(name, faults)
+    return items
 
 
 @dataclass(frozen=True)

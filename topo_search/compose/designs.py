@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +19,7 @@ from topo_search.model.files import load_json, read_task, to_geometry, write_ato
 from topo_search.model.proven import lower_text
 from topo_search.model.value import naming
 from topo_search.protocols import OwnConstraint
-from topo_search.study import Observer, RunFile, RunFolder, Solved, answer_of, solve_single
+from topo_search.study import RunFile, RunFolder, Solved, answer_of, solve_single
 from topo_search.study.directory import CHANGED
 from topo_search.topologies import OwnTopology, own_topology
 
@@ -129,31 +127,7 @@ def with_bound(design: Design, bound: float) -> Design:
     return design.model_copy(update={"lower_bound": bound, "gap": gap})
 
 
-@dataclass(frozen=True)
-class Rounded:
-    """A design with rounded hinge angles, and the audits before and after."""
-
-    design: Design
-    audit: Audit
-    before: Audit
-    step_deg: float
-    """[deg]"""
-    effort: float
-    """Its control effort over that before."""
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Changes by rounding, one sentence each."""
-        least = (min((pair.analytic_m for pair in each.pairs), default=None) for each in (self.before, self.audit))
-        was, now = ("none" if one is None else f"{lower_text(1000 * one, 3)} mm" for one in least)
-        return (
-            f"Hinge angles are rounded to {self.step_deg:g} deg and the inputs recomputed: "
-            f"control effort {100 * (self.effort - 1):+.3g} %.",
-            f"Audit: {self.audit.verdict} (before: {self.before.verdict}); least clearance {now} (before: {was}).",
-        )
-
-
-def round_angles(design: Design, step_deg: float) -> Rounded:
+def round_angles(design: Design, step_deg: float) -> tuple[Design, Audit, tuple[str, ...]]:
     """Round the hinge angles of a design, recompute its inputs and audit it again.
 
     The root orientation is kept: the autopilot holds it, no bracket does.
@@ -161,6 +135,9 @@ def round_angles(design: Design, step_deg: float) -> Rounded:
     Args:
         design: the design.
         step_deg: step to round hinge angles to [deg].
+
+    Returns:
+        The rounded design, its audit, and what the rounding changed, one sentence each.
 
     Raises:
         BadInput: with these angles the rotors can no longer produce a load case.
@@ -174,9 +151,18 @@ def round_angles(design: Design, step_deg: float) -> Rounded:
     except NotPossible as error:
         rule = f"{error} with angles rounded to {step_deg:g} deg; choose a smaller step"
         raise BadInput("--angle-step", rule) from None
-    before, after = (audit(each) for each in (design, refitted))
     effort = refitted.objective / design.objective if design.objective else 1.0
-    return Rounded(refitted, after, before, step_deg, effort)
+    before, after = audit(design), audit(refitted)
+    rounded = f"Hinge angles are rounded to {step_deg:g} deg and the inputs recomputed"
+    cost = f"{rounded}: control effort {100 * (effort - 1):+.3g} %."
+    return refitted, after, (cost, compare_audits(before, after))
+
+
+def compare_audits(before: Audit, after: Audit) -> str:
+    """Return a sentence about how a design's audit changed."""
+    least = (min((pair.analytic_m for pair in each.pairs), default=None) for each in (before, after))
+    was, now = ("none" if one is None else f"{lower_text(1000 * one, 3)} mm" for one in least)
+    return f"Audit: {after.verdict} (before: {before.verdict}); least clearance {now} (before: {was})."
 
 
 def brackets_note(design: Design) -> str:
@@ -285,30 +271,28 @@ def write_report(
     from topo_search.report.run_page import run_page, write_run_page
 
     source = Path(source)
-    if source.is_dir() and flight is not None:
-        rule = f"must come with the file of the design that was flown, but got the folder {source}"
-        raise BadInput("--flight", rule)
-    if source.is_dir() and out is None:
-        with RunFolder.load(source, writes=True) as folder:
-            _name_changed(folder, note)
-            write_run_page(folder)
-        return source / RunFile.REPORT
     if source.is_dir():
-        with RunFolder.load(source) as folder:
-            _name_changed(folder, note)
+        if flight is not None:
+            rule = f"must come with the file of the design that was flown, but got the folder {source}"
+            raise BadInput("--flight", rule)
+        with RunFolder.load(source, writes=out is None) as folder:
+            for name in folder.changed_files():
+                note(f"warning: {name} {CHANGED}; the page shows what the run wrote")
+            if out is None:
+                write_run_page(folder)
+                return source / RunFile.REPORT
             page = run_page(folder)
     else:
         design = read_completed(source)
         simulated = None if flight is None else read_simulated(Path(flight), design)
-        page = design_page(with_bound(design, nlp.proven_bound(design.task)), audit(design), source.name, simulated)
+        page = design_page(*_judge(design), source.name, simulated)
     path = Path(out or source.with_suffix(".html"))
     write_atomically(path, render(page))
     return path
 
 
-def _name_changed(folder: RunFolder, note: Callable[[str], None]) -> None:
-    for name in folder.changed_files():
-        note(f"warning: {name} {CHANGED}; the page shows what the run wrote")
+def _judge(design: Design) -> tuple[Design, Audit]:
+    return with_bound(design, nlp.proven_bound(design.task)), audit(design)
 
 
 def write_page(folder: RunFolder) -> None:
@@ -318,18 +302,6 @@ def write_page(folder: RunFolder) -> None:
     from topo_search.report.run_page import write_run_page
 
     write_run_page(folder)
-
-
-@contextmanager
-def follow_live(path: Path, observer: Observer, *, live: bool) -> Iterator[Observer]:
-    """Return who observes a run: the same, or one that serves the page as well while the block runs."""
-    if not live:
-        yield observer
-        return
-    from topo_search.report.live import serve_live
-
-    with serve_live(path, observer) as serving:
-        yield serving
 
 
 def plot_platform(design: Design, audited: Audit | None = None) -> Any:
@@ -384,9 +356,7 @@ def _designs(source: Path) -> list[Compared]:
     from topo_search.report.headline import rows_to_show
 
     if not source.is_dir():
-        design = read_completed(source)
-        design = with_bound(design, nlp.proven_bound(design.task))
-        judged = audit(design)
+        design, judged = _judge(read_completed(source))
         return [Compared(source.stem, design, judged, design.gap if judged.verdict == "clear" else None)]
     with RunFolder.load(source) as folder:
         answer = answer_of(folder).at_level

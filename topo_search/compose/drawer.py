@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 from html import escape
 from itertools import pairwise, product
 from pathlib import Path
@@ -185,15 +185,6 @@ class SharedKit(Value):
         ]
 
 
-@dataclass(frozen=True)
-class Choices:
-    """Designs of a run to choose from."""
-
-    run: Path
-    designs: tuple[Design, ...]
-    """Least effort first."""
-
-
 def kit(
     tasks: Sequence[Task | str | Path],
     *,
@@ -226,32 +217,38 @@ def kit(
     out = Path(out)
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise BadInput("--out", f"must be a new or empty folder, but got {out}")
-    choices = [_read_choices(_run_of(task, within, workers, observer), within) for task in tasks]
-    _require_same_module(choices)
+    runs = [
+        Path(task)
+        if not isinstance(task, Task) and Path(task).is_dir()
+        else search(task, keep_within=within, workers=workers, observer=observer).folder
+        for task in tasks
+    ]
+    choices = [_read_choices(run, within) for run in runs]
+    _require_same_module(runs, choices)
     if tolerance_deg:
         alone, choices = choices, share_brackets(choices, tolerance_deg, within)
         if choices == alone:
             note(f"no design is clear with a bracket shared within {tolerance_deg:g} deg")
-    chosen = [each.designs[d] for each, d in zip(choices, choose([each.designs for each in choices]), strict=True)]
-    shared = _describe(choices, chosen, within)
+    chosen = [designs[d] for designs, d in zip(choices, choose(choices), strict=True)]
+    shared = _describe(runs, choices, chosen, within)
     for number, (design, entry) in enumerate(zip(chosen, shared.tasks, strict=True)):
         beside = brackets_note(design)
-        note(f"{entry.task}: {beside}")
         before = [f"{change.words}." for change in shared.changes[number - 1 : number]]
         written = write_kit(design, (out / entry.design).parent, (*before, beside))
-        for text in written.notes:
+        for text in (beside, *written.notes):
             note(f"{entry.task}: {text}")
     for kind in shared.brackets:
         solid = bracket(chosen[0].task.module.bracket_sizes, math.radians(kind.angle_deg))
         write_atomically(out / kind.file, Part("bracket", kind.file, solid).stl())
-    for name, change, (one, other) in zip(shared.pages, shared.changes, pairwise(chosen), strict=True):
-        write_atomically(out / name, _change_page(change, one, other))
+    for name, change, pair in zip(shared.pages, shared.changes, pairwise(chosen), strict=True):
+        title = f"From {change.before} to {change.after}"
+        write_atomically(out / name, html_page(title, STYLE, _change_lines(change, *pair)))
     write_atomically(out / PAGE, _drawer_page(shared, chosen))
     write_atomically(out / FILE, to_json(shared))
     return shared
 
 
-def share_brackets(choices: Sequence[Choices], tolerance_deg: float, within: float) -> list[Choices]:
+def share_brackets(choices: Sequence[Sequence[Design]], tolerance_deg: float, within: float) -> list[list[Design]]:
     """Return choices with designs added whose hinge angles are those of shared brackets, if they are clear.
 
     Sizes of angles are shared in groups no wider than the tolerance, from the least on; the root's orientation and
@@ -259,7 +256,7 @@ def share_brackets(choices: Sequence[Choices], tolerance_deg: float, within: flo
     """
     from nlp.evaluation import NotPossible, refit  # loads CasADi
 
-    sizes = sorted({size for each in choices for design in each.designs for size in count_kinds(design)})
+    sizes = sorted({size for designs in choices for design in designs for size in count_kinds(design)})
     shared, group = dict[float, float](), list[float]()
     for size, after in zip(sizes, [*sizes[1:], math.inf], strict=True):
         group.append(size)
@@ -267,35 +264,22 @@ def share_brackets(choices: Sequence[Choices], tolerance_deg: float, within: flo
             shared |= dict.fromkeys(group, round((group[0] + group[-1]) / 2, DIGITS))
             group = []
     result = []
-    for each in choices:
+    for designs in choices:
         moved = list[Design]()
-        for design in each.designs:
-            angles = [
-                math.copysign(math.radians(shared[abs(phi)]), alpha)
-                for alpha, (*_, phi) in zip(design.hinge_angles_rad, _joints(design), strict=True)
-            ]
+        for design in designs:
             if all(shared[size] == size for size in count_kinds(design)):
                 continue
-            try:
-                moved.append(refit(design, angles))
-            except NotPossible:
-                continue
-        most = (1 + within / 100) * each.designs[0].objective
+            turns = zip(design.hinge_angles_rad, bracket_turns(design), strict=True)
+            with suppress(NotPossible):
+                moved.append(refit(design, [math.copysign(math.radians(shared[abs(phi)]), a) for a, phi in turns]))
+        most = (1 + within / 100) * designs[0].objective
         clear = [
             design
             for design, verdict in zip(moved, audits(moved), strict=True)
             if isinstance(verdict, Audit) and verdict.verdict is Status.CLEAR and design.objective <= most
         ]
-        designs = sorted((*each.designs, *clear), key=lambda design: design.objective)
-        result.append(Choices(each.run, tuple(designs)))
+        result.append(sorted((*designs, *clear), key=lambda design: design.objective))
     return result
-
-
-def _run_of(task: Task | str | Path, within: float, workers: int | None, observer: Observer | None) -> Path:
-    """Return the folder of a task's run, which is searched first, or goes on, unless it is a folder itself."""
-    if not isinstance(task, Task) and Path(task).is_dir():
-        return Path(task)
-    return search(task, keep_within=within, workers=workers, observer=observer).folder
 
 
 def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
@@ -408,15 +392,10 @@ def shared_part(one: Design, other: Design) -> dict[int, int]:
     return largest
 
 
-def _joints(design: Design) -> list[tuple[int, int, int, int, float]]:
-    # h, i, a, b and phi, the child's turn as of `export.brackets` [deg]
-    return [(*edge, phi) for edge, phi in zip(design.topology.edges(), bracket_turns(design), strict=True)]
-
-
 def _ports(design: Design) -> dict[int, dict[int, tuple[int, int, float]]]:
     """Return for every module's port with a joint the module there, its port, and phi, the same at both ends."""
     ports: dict[int, dict[int, tuple[int, int, float]]] = {i: {} for i in range(design.topology.n)}
-    for h, i, a, b, phi in _joints(design):
+    for (h, i, a, b), phi in zip(design.topology.edges(), bracket_turns(design), strict=True):
         ports[h][a], ports[i][b] = (i, b, phi), (h, a, phi)
     return ports
 
@@ -439,8 +418,8 @@ def _excess(design: Design, choices: Sequence[Design]) -> float:
     return design.objective / least - 1 if least else 0.0
 
 
-def _read_choices(run: Path, within: float) -> Choices:
-    """Return the designs of a run with a clear audit, of the best one's size and so much effort at most."""
+def _read_choices(run: Path, within: float) -> list[Design]:
+    """Return the designs of a run with a clear audit, of its best size and so much effort at most, by effort."""
     with RunFolder.load(run) as folder:
         answer = answer_of(folder)
         if not answer.complete:
@@ -458,23 +437,24 @@ def _read_choices(run: Path, within: float) -> Choices:
             for design in clear_designs(level, row)
             if design.objective <= most
         ]
-        return Choices(run, tuple(sorted(designs, key=lambda design: (design.objective, design.topology.key))))
+        return sorted(designs, key=lambda design: (design.objective, design.topology.key))
 
 
-def _require_same_module(choices: Sequence[Choices]) -> None:
+def _require_same_module(runs: Sequence[Path], choices: Sequence[Sequence[Design]]) -> None:
     """Refuse tasks whose modules are not the same, whatever their airflow: that is up to the task."""
-    first, *others = (each.designs[0].task.module.model_dump(mode="json", exclude={"airflow"}) for each in choices)
-    for each, other in zip(choices[1:], others, strict=True):
-        names = sorted({*first, *other})
+    first, *others = (designs[0].task.module.model_dump(mode="json", exclude={"airflow"}) for designs in choices)
+    for run, other in zip(runs[1:], others, strict=True):
         if faults := [
-            Fault(f"module.{name}", f"must be that of {choices[0].run}, as one drawer holds modules of one kind")
-            for name in names
+            Fault(f"module.{name}", f"must be that of {runs[0]}, as one drawer holds modules of one kind")
+            for name in sorted({*first, *other})
             if first.get(name) != other.get(name)
         ]:
-            raise BadInput(str(each.run), faults)
+            raise BadInput(str(run), faults)
 
 
-def _describe(choices: Sequence[Choices], chosen: Sequence[Design], within: float) -> SharedKit:
+def _describe(
+    runs: Sequence[Path], choices: Sequence[Sequence[Design]], chosen: Sequence[Design], within: float
+) -> SharedKit:
     """Return what `kit.json` says of the designs that are chosen."""
     drawer = Counter[float]()
     for design in chosen:
@@ -499,16 +479,16 @@ def _describe(choices: Sequence[Choices], chosen: Sequence[Design], within: floa
         tasks=tuple(
             ChosenDesign(
                 task=design.task.name,
-                run=str(each.run),
+                run=str(run),
                 design=f"{number}-{design.task.name}/design.json",
                 topology_key=design.topology.key,
-                over_best_percent=100 * _excess(design, each.designs),
+                over_best_percent=100 * _excess(design, designs),
             )
-            for number, (each, design) in enumerate(zip(choices, chosen, strict=True), start=1)
+            for number, (run, designs, design) in enumerate(zip(runs, choices, chosen, strict=True), start=1)
         ),
         brackets=tuple(Brackets(angle_deg=angle, count=count) for angle, count in sorted(drawer.items())),
         changes=tuple(changes),
-        designs_kept=tuple(len(each.designs) for each in choices),
+        designs_kept=tuple(map(len, choices)),
     )
 
 
@@ -525,11 +505,6 @@ def _drawer_page(shared: SharedKit, designs: Sequence[Design]) -> str:
     for number, change in enumerate(shared.changes):
         lines += _change_lines(change, designs[number], designs[number + 1])
     return html_page(f"One drawer for {len(designs)} tasks", STYLE, lines)
-
-
-def _change_page(change: Change, before: Design, after: Design) -> str:
-    """Return the sheet of one change."""
-    return html_page(f"From {change.before} to {change.after}", STYLE, _change_lines(change, before, after))
 
 
 def _change_lines(change: Change, before: Design, after: Design) -> Iterator[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -22,7 +23,7 @@ from topo_search.compose.binding import (
     own_constraints,
     starting_points,
 )
-from topo_search.compose.designs import follow_live, write_page
+from topo_search.compose.designs import write_page
 from topo_search.engine import Certificates, DaskWorkers, Workers
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
@@ -169,10 +170,12 @@ def search(
     def prove_best(gap: float) -> Answer:
         return _prove(path, engine, follower, gap=gap, time_limit=until - time.monotonic())
 
-    with (
-        open_engine(workers, dask, dask_tls, request.versions, observer) as engine,
-        follow_live(path, observer, live=live) as follower,
-    ):
+    serving: AbstractContextManager[Observer] = nullcontext(observer)
+    if live:
+        from topo_search.report.live import serve_live
+
+        serving = serve_live(path, observer)
+    with open_engine(workers, dask, dask_tls, request.versions, observer) as engine, serving as follower:
         return run(
             request,
             path,

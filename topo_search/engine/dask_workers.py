@@ -18,14 +18,15 @@ import ssl
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, fields
+from functools import partial
 from importlib import metadata
 from multiprocessing import current_process
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from topo_search.engine.workers import Engine, Failed, Item, Result, Results, Work, Workers, WorkersLost
 from topo_search.limits import quantity
@@ -63,164 +64,40 @@ class Certificates:
             except OSError as error:
                 raise BadInput(f"dask-{field.name}", f"{path}: {error.strerror}") from None
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        option, what = "dask-ca", f"a certificate in PEM format, but got {self.ca}"
         try:
             context.load_verify_locations(cafile=self.ca)
-        except ssl.SSLError as error:
-            rule = f"must be a certificate in PEM format, but got {self.ca} ({error})"
-            raise BadInput("dask-ca", rule) from None
-        try:
+            option = "dask-cert, dask-key"
+            what = f"a certificate and its key in PEM format, but got {self.cert}, {self.key}"
             context.load_cert_chain(self.cert, self.key, password="")  # no passphrase is asked for
         except ssl.SSLError as error:
-            rule = f"must be a certificate and its key in PEM format, but got {self.cert}, {self.key} ({error})"
-            raise BadInput("dask-cert, dask-key", rule) from None
+            raise BadInput(option, f"must be {what} ({error})") from None
 
 
-def security_of(address: str, certificates: Certificates | None) -> Security | None:
-    """Return how a scheduler is connected to; None: as Dask's own configuration has it.
+def _security(address: str, certificates: Certificates | None) -> Security | None:
+    """Return how a scheduler is connected to; None: without TLS, or as Dask's own configuration has it.
 
     Raises:
         BadInput: certificates without TLS, or TLS without certificates.
     """
-    encrypted = address.startswith("tls://")
-    if certificates is None:
-        if encrypted:
-            _require_configuration()
+    if not address.startswith("tls://"):
+        if certificates is not None:
+            raise BadInput("dask", f"must be tls://HOST:PORT for certificates, but got {address!r}")
         return None
-    if not encrypted:
-        raise BadInput("dask", f"must be tls://HOST:PORT for certificates, but got {address!r}")
     from distributed import Security
 
-    return Security(
-        require_encryption=True,
-        tls_ca_file=str(certificates.ca),
-        tls_client_cert=str(certificates.cert),
-        tls_client_key=str(certificates.key),
-    )
-
-
-def _require_configuration() -> None:
-    """Refuse TLS if Dask's own configuration has no certificates either; a key may be in the certificate's file."""
-    import distributed  # noqa: F401 (has the defaults of the configuration)
-    from dask import config
-
-    lacking = [
-        name
-        for name in ("distributed.comm.tls.ca-file", "distributed.comm.tls.client.cert")
-        if config.get(name) is None
-    ]
-    if lacking:
+    ends = {"tls_ca_file": "ca", "tls_client_cert": "cert", "tls_client_key": "key"}
+    given = {} if certificates is None else {name: str(getattr(certificates, end)) for name, end in ends.items()}
+    security = Security(require_encryption=True, **given)
+    known = security.get_tls_config_for_role("client")
+    needs = {"ca_file": "ca-file", "cert": "client.cert"}  # a key may be in the certificate's file
+    if lacking := [f"distributed.comm.tls.{name}" for end, name in needs.items() if known[end] is None]:
         rule = (
             "needs certificates with tls://HOST:PORT: give --dask-ca, --dask-cert and --dask-key (in Python: "
             f"dask_tls), or set {' and '.join(lacking)} in Dask's configuration"
         )
         raise BadInput("dask", rule)
-
-
-class Connection:
-    """A client of a Dask scheduler, made when it is first needed."""
-
-    def __init__(self, address: str, certificates: Certificates | None) -> None:
-        """Name the scheduler.
-
-        Raises:
-            BadInput: it is no address, or its certificates are missing, or of no use.
-        """
-        if re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", address) is None:
-            rule = f"must be the address of a Dask scheduler, tcp://HOST:PORT, but got {address!r}"
-            raise BadInput("dask", rule)
-        self.address = address
-        self._security = security_of(address, certificates)
-        self._client: Client | None = None
-
-    @property
-    def stands(self) -> bool:
-        """True if the scheduler can be reached."""
-        return self._client is not None and self._client.status == "running"
-
-    def client(self) -> Client:
-        """Return the client; the first call connects it.
-
-        Raises:
-            WorkersLost: nobody answers, or the scheduler is gone.
-        """
-        if self._client is None:
-            self._client = self._connect()
-        if not self.stands:
-            raise self.loss()
-        return self._client
-
-    def _connect(self) -> Client:
-        """Connect within a time limit; Dask has none for a scheduler that accepts and stays silent."""
-        from distributed import Client
-
-        def connect() -> Client:
-            _require_scheduler(self.address)
-            return Client(self.address, timeout=DURATIONS.answer, set_as_default=False, security=self._security)
-
-        try:
-            return _begin(connect).result(DURATIONS.answer)
-        except TimeoutError as error:
-            why = str(error) or f"no answer within {DURATIONS.answer:.0f} s"
-        except (OSError, ValueError) as error:  # ValueError: words arrived before the handshake of TLS
-            why = str(error)
-        raise WorkersLost(f"no Dask scheduler answers at {self.address}: {why}")
-
-    def threads(self) -> dict[str, int]:
-        """Return how many jobs each Dask worker runs at a time."""
-        return self._reply(self.client().nthreads)
-
-    def run(self, function: Callable[[], Reply], workers: Iterable[str]) -> dict[str, Reply]:
-        """Return what a function returns in each of some Dask workers; those that are just leaving are left out."""
-        client, addresses = self.client(), list(workers)
-        return self._reply(lambda: client.run(function, workers=addresses, on_error="ignore")) if addresses else {}
-
-    def submit(
-        self, function: Callable[[Any], Reply], argument: Any, *, worker: str | None = None
-    ) -> Future[Reply]:
-        """Hand a call to the scheduler, for one Dask worker or whichever is free.
-
-        Not by Dask's own executor: of a worker that ends once its result has arrived, that one makes a TypeError.
-        """
-        sent = self.client().submit(function, argument, workers=worker, pure=False)
-        future: Future[Reply] = Future()
-
-        def settle(_: object) -> None:
-            if sent.cancelled():
-                future.cancel()
-            if future.set_running_or_notify_cancel():
-                _settle(future, sent.result)
-
-        sent.add_done_callback(settle)
-        future.add_done_callback(lambda done: sent.cancel() if done.cancelled() else None)
-        return future
-
-    def close(self) -> None:
-        """End the connection, if there is one."""
-        if self._client is not None:
-            self._client.close(timeout=1.0)
-            self._client = None
-
-    def loss(self) -> WorkersLost:
-        """Return the error that says that there is no scheduler any more."""
-        return WorkersLost(f"the Dask scheduler at {self.address} is gone")
-
-    def _reply(self, ask: Callable[[], Reply]) -> Reply:
-        """Return what the scheduler answers.
-
-        Raises:
-            WorkersLost: it is gone, which Dask may notice on another stream than the call's, or is silent.
-        """
-        answer = _begin(ask)
-        until = time.monotonic() + DURATIONS.answer
-        while time.monotonic() < until and self.stands and not answer.done():
-            wait([answer], DURATIONS.poll)
-        if not answer.done() and self.stands:
-            text = f"the Dask scheduler at {self.address} has not answered for {DURATIONS.answer:.0f} s"
-            raise WorkersLost(text)
-        try:
-            return answer.result(0)
-        except OSError:  # TimeoutError among them
-            raise self.loss() from None
+    return security
 
 
 def _require_scheduler(address: str) -> None:
@@ -432,8 +309,12 @@ class DaskWorkers(Engine):
         Raises:
             BadInput: it is no address, or its certificates are missing, or of no use.
         """
-        self._connection = Connection(address, certificates)
+        if re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", address) is None:
+            rule = f"must be the address of a Dask scheduler, tcp://HOST:PORT, but got {address!r}"
+            raise BadInput("dask", rule)
         self.address = address
+        self._security = _security(address, certificates)
+        self._client: Client | None = None
         self._versions = dict(versions)
         self._note = note
         self._looked = -math.inf
@@ -446,7 +327,85 @@ class DaskWorkers(Engine):
         return self
 
     def __exit__(self, *raised: object) -> None:
-        self._connection.close()
+        if self._client is not None:
+            self._client.close(timeout=1.0)
+            self._client = None
+
+    @property
+    def stands(self) -> bool:
+        """True if the scheduler can be reached."""
+        return self._client is not None and self._client.status == "running"
+
+    def client(self) -> Client:
+        """Return the client; the first call connects it.
+
+        Raises:
+            WorkersLost: nobody answers, or the scheduler is gone.
+        """
+        if self._client is None:
+            self._client = self._connect()
+        if not self.stands:
+            raise self._loss()
+        return self._client
+
+    def _connect(self) -> Client:
+        """Connect within a time limit; Dask has none for a scheduler that accepts and stays silent."""
+        from distributed import Client
+
+        def connect() -> Client:
+            _require_scheduler(self.address)
+            return Client(self.address, timeout=DURATIONS.answer, set_as_default=False, security=self._security)
+
+        try:
+            return _begin(connect).result(DURATIONS.answer)
+        except TimeoutError as error:
+            why = str(error) or f"no answer within {DURATIONS.answer:.0f} s"
+        except (OSError, ValueError) as error:  # ValueError: words arrived before the handshake of TLS
+            why = str(error)
+        raise WorkersLost(f"no Dask scheduler answers at {self.address}: {why}")
+
+    def threads(self) -> dict[str, int]:
+        """Return how many jobs each Dask worker runs at a time."""
+        return self._reply(self.client().nthreads)
+
+    def _reply(self, ask: Callable[[], Reply]) -> Reply:
+        """Return what the scheduler answers.
+
+        Raises:
+            WorkersLost: it is gone, which Dask may notice on another stream than the call's, or is silent.
+        """
+        answer = _begin(ask)
+        until = time.monotonic() + DURATIONS.answer
+        while time.monotonic() < until and self.stands and not answer.done():
+            wait([answer], DURATIONS.poll)
+        if not answer.done() and self.stands:
+            text = f"the Dask scheduler at {self.address} has not answered for {DURATIONS.answer:.0f} s"
+            raise WorkersLost(text)
+        try:
+            return answer.result(0)
+        except OSError:  # TimeoutError among them
+            raise self._loss() from None
+
+    def _loss(self) -> WorkersLost:
+        return WorkersLost(f"the Dask scheduler at {self.address} is gone")
+
+    def _submit(self, batch: Batch, worker: str | None = None) -> Future[Ended]:
+        """Hand a batch to the scheduler, for one Dask worker or whichever is free.
+
+        Not by Dask's own executor: of a worker that ends once its result has arrived, that one makes a TypeError.
+        """
+        sent = self.client().submit(run_guarded, batch, workers=worker, pure=False)
+        future: Future[Ended] = Future()
+
+        def settle(_: object) -> None:
+            if sent.cancelled():
+                future.cancel()
+            if future.set_running_or_notify_cancel():
+                _settle(future, sent.result)
+
+        sent.add_done_callback(settle)
+        future.add_done_callback(lambda done: sent.cancel() if done.cancelled() else None)
+        return future
 
     def prepare(self, function: Callable[[Item, Callable[[str], None]], object], task: Item) -> None:
         """Compile on every Dask worker there is, before a time limit counts; messages go to its log.
@@ -462,7 +421,7 @@ class DaskWorkers(Engine):
             DURATIONS.preparation,
             self._versions,
         )
-        running = {self._connection.submit(run_guarded, batch, worker=address) for address in self._known}
+        running = {self._submit(batch, address) for address in self._known}
         while running:
             ended, running = wait(running, DURATIONS.poll, FIRST_COMPLETED)
             for future in ended:
@@ -499,7 +458,7 @@ class DaskWorkers(Engine):
                 while batch and len(running) < 2 * self._threads:
                     calls = tuple(pickle.dumps((work.function, job)) for job in batch)
                     limits = tuple(map(work.deadline, batch)), work.until - time.monotonic()
-                    running[self._connection.submit(run_guarded, Batch(calls, *limits, self._versions))] = batch
+                    running[self._submit(Batch(calls, *limits, self._versions))] = batch
                     batch = draw()
                 pause = min(DURATIONS.poll, max(0.0, work.until - time.monotonic()))
                 if not running:
@@ -521,7 +480,7 @@ class DaskWorkers(Engine):
                         alone = []
                 batch = batch or draw()
         finally:
-            if self._connection.stands:
+            if self.stands:
                 for future in running:
                     future.cancel()
 
@@ -534,11 +493,13 @@ class DaskWorkers(Engine):
         if time.monotonic() - self._looked < DURATIONS.poll:
             return
         first = self._looked == -math.inf
-        threads = self._connection.threads()
+        client, threads = self.client(), self.threads()
         joined = [address for address in threads if address not in self._known]
-        for address, fault in self._connection.run(find_fault(self._versions), joined).items():
-            if fault is not None:
-                raise WorkersLost(f"the Dask worker {address} {fault}")
+        if joined:  # those that are just leaving are left out
+            find = partial(client.run, find_fault(self._versions), workers=joined, on_error="ignore")
+            for address, fault in self._reply(find).items():
+                if fault is not None:
+                    raise WorkersLost(f"the Dask worker {address} {fault}")
         self._known = set(threads)
         self._looked = time.monotonic()
         if threads:
@@ -559,7 +520,7 @@ class DaskWorkers(Engine):
         from distributed import KilledWorker
 
         if future.cancelled():
-            raise self._connection.loss()
+            raise self._loss()
         error = future.exception()
         if isinstance(error, KilledWorker):
             times = error.allowed_failures + 1

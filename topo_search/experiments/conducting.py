@@ -15,7 +15,7 @@ import math
 import os
 import platform
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import astuple, dataclass, fields, replace
 from datetime import UTC, datetime
 from itertools import groupby
@@ -33,7 +33,7 @@ from topo_search.model.text import decode, escape_formula, read_regular
 from topo_search.model.value import naming, show
 from topo_search.study import Observer, Phase, Silent
 from topo_search.study.directory import Directory
-from topo_search.study.folder import refusal
+from topo_search.study.folder import make_folder, refusal
 from topo_search.study.ledger_file import KEPT, LedgerLost
 from topo_search.study.request import installed_versions
 from topo_search.supervisor import Clock, peak_mb
@@ -103,25 +103,12 @@ class Measured:
 COLUMNS = tuple(field.name for field in fields(Measured))
 
 
-class ResultsLost(LedgerLost):
-    """The rows, or their folder, were removed, moved, replaced or cut off while an experiment worked."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self.args = (
-            f"{path}: was removed, moved, replaced or truncated while the experiment ran; it stopped, and "
-            "only the rows still in that file are kept",
-        )
-
-
 class Results:
     """The rows of one experiment, held by this process alone."""
 
     def __init__(self, path: Path, handle: int, done: set[tuple[str, ...]]) -> None:
         """Take a file that is open for appending, and the identities of its rows."""
-        self._path = path
-        self._handle = handle
-        self._done = done
+        self._path, self._handle, self._done = path, handle, done
         self._size = os.fstat(handle).st_size
 
     @classmethod
@@ -136,17 +123,12 @@ class Results:
         Raises:
             BadInput: the folder cannot be used; it is left unchanged.
         """
-        if folder.exists() and not folder.is_dir():
-            raise refusal(folder, "is a file")
+        make_folder(folder)
         for name in (RESULTS, ABOUT):
             if (folder / name).is_symlink():
                 raise refusal(folder, f"has a symbolic link in place of its {name}")
         if (folder / RESULTS).exists() and not (folder / ABOUT).exists():
             raise refusal(folder, f"has a {RESULTS} but no {ABOUT}: it is not an experiment folder")
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise refusal(folder, f"cannot be made: {error.strerror}") from None
         with Directory.open(folder) as directory, directory.lock():
             directory.tidy()
             if (folder / ABOUT).exists():
@@ -178,7 +160,7 @@ class Results:
         """Append a row; it is on the disk when this returns.
 
         Raises:
-            ResultsLost: it is not: the file is gone.
+            LedgerLost: it is not: the file is gone.
             OSError: it cannot be written; names the file.
         """
         line = io.StringIO()
@@ -195,14 +177,13 @@ class Results:
         self._done.add(_identity(vars(row)))
 
     def require(self) -> None:
-        """Make sure that the file is still there with all rows; ResultsLost if not."""
+        """Make sure that the file is still there with all rows; LedgerLost if not."""
         held = os.fstat(self._handle)
-        try:
-            there = os.lstat(self._path)
-        except OSError:
-            raise ResultsLost(self._path) from None
-        if not os.path.samestat(held, there) or held.st_size != self._size:
-            raise ResultsLost(self._path)
+        with suppress(OSError):
+            if os.path.samestat(held, os.lstat(self._path)) and held.st_size == self._size:
+                return
+        ended = "truncated while the experiment ran; it stopped, and only the rows still in that file are kept"
+        raise LedgerLost(self._path, ended)
 
 
 def identify(name: str, settings: dict[str, Any], command: str) -> dict[str, Any]:
@@ -331,7 +312,7 @@ def conduct(
     Raises:
         BadInput: settings or folder cannot be used.
         KeyboardInterrupt: after Ctrl-C; all rows are kept, and a note (PEP 678) says so.
-        ResultsLost: the folder or its rows vanished meanwhile.
+        LedgerLost: the folder or its rows vanished meanwhile.
     """
     observer = observer or Silent()
     cells = experiment.cells(settings)

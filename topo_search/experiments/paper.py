@@ -314,22 +314,19 @@ def draw(axes: Axes, series: Sequence[tuple[str, pd.DataFrame]], column: str, si
     width = room / max(1, len(series))
     for number, (name, rows) in enumerate(series):
         colour = style(number)["color"]
-        values = {k: rows.loc[rows["n"] == n, column].dropna().to_numpy(float) for k, n in enumerate(sizes)}
-        values = {k: numbers for k, numbers in values.items() if len(numbers)}
-        if values:
-            boxes = axes.boxplot(
-                list(values.values()),
-                positions=[k + (number + 0.5) * width - room / 2 for k in values],
-                widths=0.8 * width,
-                whis=(0, 100),
-                manage_ticks=False,
-                patch_artist=True,
-                boxprops={"facecolor": (colour, 0.35), "edgecolor": colour},
-                medianprops={"color": colour, "linewidth": 1.6},
-                whiskerprops={"color": colour},
-                capprops={"color": colour},
-            )
-            boxes["boxes"][0].set_label(name)
+        axes.boxplot(
+            [rows.loc[rows["n"] == n, column].dropna().to_numpy(float) for n in sizes],
+            positions=[k + (number + 0.5) * width - room / 2 for k in range(len(sizes))],
+            label=name,
+            widths=0.8 * width,
+            whis=(0, 100),
+            manage_ticks=False,
+            patch_artist=True,
+            boxprops={"facecolor": (colour, 0.35), "edgecolor": colour},
+            medianprops={"color": colour, "linewidth": 1.6},
+            whiskerprops={"color": colour},
+            capprops={"color": colour},
+        )
     axes.set_xticks(range(len(sizes)), [str(n) for n in sizes])
     axes.set_xlabel("modules $n$")
     axes.grid(axis="y", alpha=0.3)

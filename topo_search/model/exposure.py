@@ -11,7 +11,7 @@ from itertools import pairwise, product
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
-from pydantic import AfterValidator, ConfigDict, Field, Tag, ValidationInfo, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
@@ -24,13 +24,13 @@ from topo_search.model.value import (
     NonEmpty,
     NonNegative,
     Omitted,
+    OneOf,
     Positive,
     PositiveVector,
     Value,
     Vector,
     at_most,
     is_zero,
-    one_of,
     refuse,
     show,
 )
@@ -45,10 +45,7 @@ def _has_direction(vector: Vector) -> Vector:
 
 
 Direction = Annotated[Vector, AfterValidator(_has_direction)]
-Axis = Annotated[
-    Annotated[Literal["com"], Tag("<com>")] | Annotated[Direction, Tag("<list>")],
-    one_of('must be "com" or [x, y, z]'),
-]
+Axis = Annotated[Literal["com"] | Direction, OneOf('must be "com" or [x, y, z]')]
 
 
 def _check_volume(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:

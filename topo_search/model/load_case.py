@@ -41,7 +41,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 import numpy as np
-from pydantic import AfterValidator, Field, Tag
+from pydantic import AfterValidator, Field
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
@@ -55,13 +55,13 @@ from topo_search.model.value import (
     Flag,
     NonNegative,
     Omitted,
+    OneOf,
     Positive,
     PositiveOrZero,
     Value,
     Vector,
     at_most,
     omit_if,
-    one_of,
     show,
 )
 
@@ -252,10 +252,7 @@ truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and 
 UNSEEN = 5 * TOLERANCE
 """Tolerance of a reserve, to either side, in an audit [m_t g, l_arm m_t g]."""
 
-LargestLoad = Annotated[
-    Annotated[Positive, Tag("<number>")] | Annotated[Literal["rated"], Tag("<rated>")],
-    one_of('must be a number or "rated"'),
-]
+LargestLoad = Annotated[Positive | Literal["rated"], OneOf('must be a number or "rated"')]
 Failing = Literal["none", "hover", "all"]
 Place = Literal["", "_com"]
 PLACES: dict[str, tuple[Place, ...]] = {"tip": ("",), "com": ("_com",), "both": ("", "_com")}

@@ -68,7 +68,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal, NamedTuple
 
-from pydantic import BeforeValidator, ConfigDict, Field, Tag, ValidationInfo, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from topo_search.limits import LIMITS
 from topo_search.model.mesh_file import ConvexPiece, frame_of, mesh_schema, take_mesh
@@ -81,29 +81,21 @@ from topo_search.model.value import (
     NonNegative,
     Number,
     Omitted,
+    OneOf,
     Positive,
     PositiveVector,
     Value,
     Vector,
     at_most,
     omit_if,
-    one_of,
     refuse,
 )
 
 TIP = 2.0
 """Length of a rod that counts as its tip, in radii of the rod."""
 
-Position = Annotated[
-    Annotated[Literal["free"], Tag("<free>")]
-    | Annotated[Literal["com"], Tag("<com>")]
-    | Annotated[Vector, Tag("<list>")],
-    one_of('must be "free", "com" or [x, y, z]'),
-]
-Reach = Annotated[
-    Annotated[Positive, Tag("<number>")] | Annotated[Literal[False], Tag("<false>")],
-    one_of("must be a length in metres or false"),
-]
+Position = Annotated[Literal["free"] | Literal["com"] | Vector, OneOf('must be "free", "com" or [x, y, z]')]
+Reach = Annotated[Positive | Literal[False], OneOf("must be a length in metres or false")]
 
 
 class CountedRod(Value):
@@ -262,8 +254,7 @@ def _none_if_false(given: object) -> object:
 
 
 Thrust = Annotated[
-    Annotated[Literal["hover", "full"], Tag("<hover>")] | Annotated[Positive, Tag("<number>")],
-    one_of('must be "hover", "full" or a thrust over the weight'),
+    Literal["hover", "full"] | Positive, OneOf('must be "hover", "full" or a thrust over the weight')
 ]
 
 

@@ -10,7 +10,7 @@ import math
 from itertools import pairwise, product
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_args
 
-from pydantic import AfterValidator, Field, Tag
+from pydantic import AfterValidator, Field
 
 from topo_search.limits import LIMITS
 from topo_search.model.load_case import Failing
@@ -22,17 +22,14 @@ from topo_search.model.value import (
     NonEmpty,
     NonNegative,
     Omitted,
+    OneOf,
     Positive,
     Value,
     at_most,
-    one_of,
     show,
 )
 
-BodyClearance = Annotated[
-    Annotated[Positive, Tag("<number>")] | Annotated[Literal[False], Tag("<false>")],
-    one_of("must be a length or false"),
-]
+BodyClearance = Annotated[Positive | Literal[False], OneOf("must be a length or false")]
 
 APART_DEG = 0.1
 """Least difference of two angles of a set, and least step [deg]: brackets are not made more exactly."""

@@ -15,7 +15,7 @@ import math
 import re
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Tag, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
 
 from topo_search.limits import LIMITS
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
@@ -43,12 +43,12 @@ from topo_search.model.value import (
     Index,
     NonEmpty,
     NonNegative,
+    OneOf,
     Positive,
     Value,
     Vector,
     at_most,
     omit_if,
-    one_of,
     show,
 )
 
@@ -66,14 +66,12 @@ def _fewest_and_most(sizes: Any) -> Any:
 
 
 Sizes = Annotated[
-    Annotated[Count, Tag("<number>")]
-    | Annotated[Annotated[tuple[Count, Count], BeforeValidator(_fewest_and_most)], Tag("<list>")],
-    one_of("must be a whole number of modules or [fewest, most]"),
+    Count | Annotated[tuple[Count, Count], BeforeValidator(_fewest_and_most)],
+    OneOf("must be a whole number of modules or [fewest, most]"),
 ]
 LoadCases = Annotated[
-    Annotated[Literal["ten-wrenches"], Tag("<ten-wrenches>")]
-    | Annotated[tuple[LoadCase, ...], at_most(LIMITS.load_cases), NonEmpty, Tag("<list>")],
-    one_of('must be a list of load cases or "ten-wrenches"'),
+    Literal["ten-wrenches"] | Annotated[tuple[LoadCase, ...], at_most(LIMITS.load_cases), NonEmpty],
+    OneOf('must be a list of load cases or "ten-wrenches"'),
 ]
 
 

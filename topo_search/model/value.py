@@ -14,26 +14,26 @@ import os
 import re
 import reprlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Self, TypeVar, get_args
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
-    Discriminator,
     Field,
+    GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     ValidationError,
     model_validator,
 )
 from pydantic.fields import FieldInfo
-from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
 
 from topo_search.limits import LIMITS
 
@@ -164,7 +164,7 @@ def _fault(detail: Any, model: type[BaseModel]) -> Fault:
 def _walk(location: tuple[Any, ...], model: type[BaseModel]) -> tuple[list[Any], type[BaseModel]]:
     """Split pydantic's location into the names and indices of the file, and find the model that owns the last name.
 
-    Pydantic puts the branches of unions in between: `<...>` (see `value.one_of`), or the `kind` of a table.
+    Pydantic puts the branches of unions in between: `<...>` (see `value.OneOf`), or the `kind` of a table.
     """
     parts: list[Any] = []
     owner, inside = model, [model]
@@ -323,13 +323,25 @@ def _branch(value: Any) -> str:
     return f"<{value}>" if isinstance(value, str) else "<table>"
 
 
-def one_of(rule: str) -> Discriminator:
-    """Choose among the branches of a union, each with its `Tag`, before looking inside.
+@dataclass(frozen=True)
+class OneOf:
+    """Chooses the branch of a union of words, a number and a list by what a value is, before looking inside.
 
-    A wrong value is then answered by the one branch that it was meant for, or by `rule` if there is none. Tags:
-    `<number>`, `<list>`, `<false>`, or a word in angle brackets.
+    A wrong value is then answered by the one branch that it was meant for, or by the rule if there is none.
     """
-    return Discriminator(_branch, custom_error_type="branch", custom_error_message=rule)
+
+    rule: str
+
+    def __get_pydantic_core_schema__(self, union: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Return a schema that tells branches apart by `_branch`."""
+        branches: dict[Hashable, CoreSchema] = {}
+        for branch in get_args(union):
+            kind = get_args(branch)[0] if get_origin(branch) is Annotated else branch
+            values = get_args(kind) if get_origin(kind) is Literal else [()] if get_origin(kind) is tuple else [0]
+            branches |= dict.fromkeys(map(_branch, values), handler.generate_schema(branch))
+        return core_schema.tagged_union_schema(
+            branches, _branch, custom_error_type="branch", custom_error_message=self.rule
+        )
 
 
 def _not_extreme(value: float) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from topo_search.export import palette
 from topo_search.model import Audit, BadInput, Clearance, Design, Fault
 from topo_search.model.proven import at_least, at_most, upper_text
-from topo_search.report.page import LOOK, Figure
+from topo_search.report import LOOK, Figure
 from topo_search.report.wording import clearance, figures, length, millimetres, modules
 from topo_search.study import Answer, FrontPoint, SolveEvent, front
 
@@ -112,29 +112,26 @@ def rotor_inputs(design: Design) -> Figure:
     marks = ("circle", "square", "diamond", "triangle-up", "x", "cross", "star")
     inputs, looks = design.inputs.reshape(-1, 4 * n), itertools.cycle(zip(palette.SERIES, marks, strict=True))
     traces = [
-        {
-            "x": x.round(1).tolist(),
-            "y": (u / u_max).tolist(),
-            "name": case,
-            "mode": "markers",
-            "marker": {"color": colour, "symbol": symbol, "size": 6 if n <= 30 else 4},
-            "text": [f"{name}<br>{case}: {figures(value)} rad²/s²" for name, value in zip(names, u, strict=True)],
-            "hovertemplate": "%{text}, %{y:.3f} u_max<extra></extra>",
-        }
+        markers(
+            *(x.round(1).tolist(), (u / u_max).tolist(), case, colour),
+            [f"{name}<br>{case}: {figures(value)} rad²/s²" for name, value in zip(names, u, strict=True)],
+            "%{text}, %{y:.3f} u_max",
+            symbol=symbol,
+            size=6 if n <= 30 else 4,
+        )
         for case, u, (colour, symbol) in zip(design.task.case_labels, inputs, looks, strict=False)
     ]
     share = design.task.search.peak_input
     largest = "largest input, u_max" if share == 1 else f"largest input, {share:g} u_max"
     bounds = {"least input": design.task.module.min_input, largest: share}
     above = {"x": 1, "xref": "x domain", "yref": "y", "xanchor": "right", "yanchor": "bottom", "showarrow": False}
-    unit = 1 if n <= 30 else None
     layout = {
-        "xaxis": {"title": {"text": "module (four rotors each)"}, "dtick": unit, "zeroline": False},
-        "yaxis": {"title": {"text": "rotor input / u_max"}, "range": [-0.06, 1.13], "zeroline": False},
-        "legend": {"orientation": "h", "y": -0.25},
+        **axes("module (four rotors each)", "rotor input / u_max", legend=-0.25),
         "shapes": [level(bound, width=1.5) for bound in bounds.values()],
         "annotations": [{**above, "text": name, "y": bound} for name, bound in bounds.items()],
     }
+    layout["xaxis"] |= {"dtick": 1 if n <= 30 else None, "zeroline": False}
+    layout["yaxis"] |= {"range": [-0.06, 1.13], "zeroline": False}
     return {"data": traces, "layout": layout}
 
 
@@ -142,6 +139,23 @@ def level(y: float, axis: str = "y", *, width: float) -> dict[str, Any]:
     """Return a dashed line across a figure."""
     ends = {"x0": 0, "x1": 1, "xref": "x domain", "y0": y, "y1": y, "yref": axis}
     return {"type": "line", **ends, "line": {"color": "#000000", "width": width, "dash": "dash"}}
+
+
+def markers(x: Any, y: Any, name: str, colour: str, text: Any, pointed: str, **look: Any) -> dict[str, Any]:
+    """Return points with a text each, and what is shown of the one at the pointer."""
+    points = {"x": x, "y": y, "name": name, "mode": "markers", "marker": {"color": colour, **look}}
+    return {**points, "text": text, "hovertemplate": f"{pointed}<extra></extra>"}
+
+
+def line(x: Any, y: Any, name: str, colour: str, width: float, **look: Any) -> dict[str, Any]:
+    """Return a line through points."""
+    return {"x": x, "y": y, "name": name, "mode": "lines", "line": {"color": colour, "width": width, **look}}
+
+
+def axes(across: str, up: str, *, legend: float) -> dict[str, Any]:
+    """Return the layout of a figure with two axes over a legend."""
+    titles = {"xaxis": {"title": {"text": across}}, "yaxis": {"title": {"text": up}}}
+    return {**titles, "legend": {"orientation": "h", "y": legend}}
 
 
 def progress(solves: Sequence[SolveEvent], lower_bound: float) -> Figure:
@@ -153,37 +167,24 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> Figure:
     shown = _thin(solved)
     steps = np.flatnonzero(np.diff(incumbent, prepend=np.inf) != 0)
     steps = np.append(steps[np.isfinite(incumbent[steps])], len(solves) - 1) if solved.size else solved
-    traces: list[dict[str, Any]] = [
-        {
-            "x": number[shown].tolist(),
-            "y": J[shown].tolist(),
-            "name": "candidate's best so far",
-            "mode": "markers",
-            "marker": {"color": palette.OFFSET, "size": 5, "symbol": "circle"},
-            "text": [solves[k].key for k in shown],
-            "hovertemplate": "%{text}: %{y:.4f}<extra></extra>",
-        },
-        {
-            "x": number[steps].tolist(),
-            "y": incumbent[steps].tolist(),
-            "name": "incumbent",
-            "mode": "lines",
-            "line": {"color": palette.CONNECTOR, "width": 2.5, "shape": "hv"},
-        },
+    keys = [solves[k].key for k in shown]
+    each, best = (number[shown].tolist(), J[shown].tolist()), (number[steps].tolist(), incumbent[steps].tolist())
+    look = {"size": 5, "symbol": "circle"}
+    traces = [
+        markers(*each, "candidate's best so far", palette.OFFSET, keys, "%{text}: %{y:.4f}", **look),
+        line(*best, "incumbent", palette.CONNECTOR, 2.5, shape="hv"),
     ]
     at = _thin(np.arange(len(solves)))
     dashes = ("solid", "dash", "dot", "dashdot")
     for (status, colour), dash in zip(palette.STATUSES.items(), dashes, strict=True):
         count = np.cumsum([solve.status == status for solve in solves])
         if count[-1]:
-            look = {"name": status, "mode": "lines", "line": {"color": colour, "width": 2, "dash": dash}}
-            traces.append({"x": number[at].tolist(), "y": count[at].tolist(), **look, "yaxis": "y2"})
-    layout: dict[str, Any] = {
-        "xaxis": {"title": {"text": "solves"}, "anchor": "y2"},
-        "yaxis": {"title": {"text": "J / lower bound"}, "domain": [0.42, 1.0]},
-        "yaxis2": {"title": {"text": "solves"}, "domain": [0.0, 0.36], "rangemode": "tozero"},
-        "legend": {"orientation": "h", "y": -0.2},
-    }
+            counted = line(number[at].tolist(), count[at].tolist(), status, colour, 2, dash=dash)
+            traces.append({**counted, "yaxis": "y2"})
+    layout = axes("solves", "J / lower bound", legend=-0.2)
+    layout["xaxis"]["anchor"] = "y2"
+    layout["yaxis"]["domain"] = [0.42, 1.0]
+    layout["yaxis2"] = {"title": {"text": "solves"}, "domain": [0.0, 0.36], "rangemode": "tozero"}
     if solved.size:
         top = np.nanpercentile(J, 90)
         highest = max(top, float(np.nanmin(J))) + 0.1 * (top - 1.0) + 1e-3
@@ -221,32 +222,20 @@ def front_chart(points: Sequence[FrontPoint], name: str) -> Figure:
     least = points[0].row.objective or 1.0
     _, title, scale = AXES[name]
 
-    def at(chosen: Sequence[FrontPoint]) -> dict[str, list[Any]]:
+    def at(chosen: Sequence[FrontPoint]) -> tuple[list[Any], list[float]]:
         values = [point.cells[name] for point in chosen]
         x = [scale * value if isinstance(value, int | float) else value for value in values]
-        return {"x": x, "y": [(point.row.objective or 0.0) / least for point in chosen]}
+        return x, [(point.row.objective or 0.0) / least for point in chosen]
 
-    least_for_each = {
-        **at(front(points, [name])),
-        "name": "least control effort for as good a value",
-        "mode": "lines",
-        "line": {"color": palette.CONNECTOR, "width": 1.5, "dash": "dot", "shape": "vh"},
-        "hoverinfo": "skip",
-    }
-    designs = {
-        **at(points),
-        "name": "designs of the front",
-        "mode": "markers",
-        "marker": {"color": palette.CONNECTOR, "size": 9},
-        "text": ["<br>".join(_describe(point)) for point in points],
-        "hovertemplate": "%{text}<extra></extra>",
-    }
-    layout = {
-        "xaxis": {"title": {"text": title}, "dtick": 1 if name == "modules" else None},
-        "yaxis": {"title": {"text": "J / least J of the front"}},
-        "legend": {"orientation": "h", "y": -0.25},
-    }
-    return {"data": [least_for_each, designs], "layout": layout}
+    best, dotted = "least control effort for as good a value", {"dash": "dot", "shape": "vh"}
+    texts = ["<br>".join(_describe(point)) for point in points]
+    layout = axes(title, "J / least J of the front", legend=-0.25)
+    layout["xaxis"]["dtick"] = 1 if name == "modules" else None
+    traces = [
+        {**line(*at(front(points, [name])), best, palette.CONNECTOR, 1.5, **dotted), "hoverinfo": "skip"},
+        markers(*at(points), "designs of the front", palette.CONNECTOR, texts, "%{text}", size=9),
+    ]
+    return {"data": traces, "layout": layout}
 
 
 def _describe(point: FrontPoint) -> Iterator[str]:
@@ -333,19 +322,11 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
     for colour, size in zip(palette.SERIES, answer.at_level.sizes, strict=False):
         rows = candidates[candidates["modules"] == size.modules].dropna(subset=[x, y])
         symbols = np.where(rows["audit"] == "clear", "circle", "x")
-        traces.append(
-            {
-                "x": rows[x],
-                "y": rows[y],
-                "name": f"{size.modules} modules",
-                "mode": "markers",
-                "marker": {"color": colour, "size": 9, "symbol": symbols},
-                "text": rows["key"] + ", audit " + rows["audit"].fillna("none"),
-                "hovertemplate": f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}<extra></extra>",
-            }
-        )
-    axes = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
-    return _plotly_figure({"data": traces, "layout": {**axes, "showlegend": True}})
+        texts = rows["key"] + ", audit " + rows["audit"].fillna("none")
+        name, pointed = f"{size.modules} modules", f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}"
+        traces.append(markers(rows[x], rows[y], name, colour, texts, pointed, size=9, symbol=symbols))
+    titles = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
+    return _plotly_figure({"data": traces, "layout": {**titles, "showlegend": True}})
 
 
 def _plotly_figure(figure: Figure) -> go.Figure:

@@ -14,20 +14,18 @@ import numpy as np
 from topo_search.export import palette
 from topo_search.export.sheet import STYLE
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, Design, ResolvedTask, Status, Task
+from topo_search.model import Audit, Design, Status
 from topo_search.model.arrays import Array
-from topo_search.model.files import load_text, read_json, to_toml
+from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import Capability, direction
 from topo_search.model.proven import at_least, gap_percent, lower_text
-from topo_search.model.task_warnings import task_warnings
 from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.value import BadInput, Fault, show
-from topo_search.report.charts import MOST_POINTS, level
-from topo_search.report.design_part import design_part, flight_part
-from topo_search.report.headline import card, fragile, headline, tally
-from topo_search.report.page import Chart, Figure, Table, Tile
+from topo_search.report import Figure, Table, Tile
+from topo_search.report.charts import MOST_POINTS, level, line
+from topo_search.report.design_part import cases, flight_sentences
+from topo_search.report.headline import card, headline
 from topo_search.report.scene import shared_meshes
-from topo_search.report.task_facts import facts, load_cases
 from topo_search.report.wording import EFFORT, figures, modules
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
 
@@ -46,16 +44,14 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
     return {
         "title": title(task.name, task.n),
         "key": design.topology.key,
-        "verdict": str(audit.verdict),
-        "checked": tally(audit),
-        "fragile": fragile(audit),
         "answer": "This report covers one design, not a search.",
         "tiles": tuple(headline(design, audit, gap, "a single design")),
         "notes": () if audit.inputs_words is None else (audit.inputs_words,),
         "bound": bound(design.lower_bound, gap, task.n),
-        "task": task_part(task, task),
-        "design": design_part(design, audit),
-        "meshes": shared_meshes(design),
+        "task": task,
+        "user_task": task,
+        "design": design,
+        "audit": audit,
         "reproduction": _reproduction(design, audit, file),
         "simulated": simulated,
     }
@@ -64,16 +60,6 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
 def title(name: str, n: int) -> str:
     """Return what a page is about: its task and size."""
     return f"{name}: {modules(n)}"
-
-
-def task_part(task: ResolvedTask, user_task: Task) -> dict[str, Any]:
-    """Return the task as it was understood, with the warnings about it as it was stated."""
-    columns = ("load case", "the rotors together produce", "weight λ")
-    return {
-        "facts": facts(task),
-        "load_cases": Table(columns, load_cases(task), {0, 2}),
-        "warnings": task_warnings(user_task),
-    }
 
 
 def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ...]:
@@ -106,7 +92,7 @@ def _reproduction(design: Design, audit: Audit, file: str) -> dict[str, Any]:
         commands.append(f"topo-search solve task.toml --topology {design.topology.key} {options}")
     both = {**(solver.get("versions") or {}), **audit.versions}
     versions = {str(name): str(value) for name, value in both.items()}
-    return {"commands": commands, "task": to_toml(design.task), "versions": versions, "notes": ()}
+    return {"commands": commands, "task": design.task, "versions": versions, "notes": ()}
 
 
 COURSE = ("error_x_m", "error_y_m", "error_z_m", "tilt_deg", "largest_input")
@@ -148,7 +134,7 @@ def simulated_part(result: FlightResult, course: dict[str, Array]) -> dict[str, 
     )
     caption = "Errors of position and attitude, and the largest input; a click on a name hides that flight"
     scenarios = Table(("scenario", "outcome", *CELLS, "why"), [_row(one) for one in result.scenarios], range(2, 8))
-    chart = Chart("simulated-course", caption, _figure(course)) if course else None
+    chart = ("simulated-course", caption, _figure(course)) if course else None
     return {"outcome": word(result), "scenarios": scenarios, "course": chart, "sentences": sentences}
 
 
@@ -184,18 +170,8 @@ def _figure(course: dict[str, Array]) -> Figure:
         shown_rows = rows[::every]
         error = 100 * np.linalg.norm(shown_rows[:, 1:4], axis=1)
         for row, values in enumerate((error, shown_rows[:, 4], shown_rows[:, 5]), start=1):
-            traces.append(
-                {
-                    "x": shown_rows[:, 0].round(4).tolist(),
-                    "y": values.round(4).tolist(),
-                    "yaxis": f"y{row}",
-                    "name": name,
-                    "legendgroup": name,
-                    "showlegend": row == 1,
-                    "mode": "lines",
-                    "line": {"color": colour, "width": 1.5, "dash": dash},
-                }
-            )
+            drawn = line(shown_rows[:, 0].round(4).tolist(), values.round(4).tolist(), name, colour, 1.5, dash=dash)
+            traces.append({**drawn, "yaxis": f"y{row}", "legendgroup": name, "showlegend": row == 1})
     layout: dict[str, Any] = {
         "xaxis": {"title": {"text": "time [s]"}, "anchor": "y3"},
         "shapes": [level(1.0, "y3", width=1)],
@@ -215,7 +191,8 @@ def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
         rotors: how many it has.
         capability: what it can do.
     """
-    shown = flight_part(capability.flight)
+    summary, *others = (text.replace(" of module 0", "") for text in flight_sentences(capability.flight))
+    reserves = cases(capability.flight)
     verdict = {True: "meets every load case of the task.", False: "does not meet the task.", None: ""}[
         capability.met
     ]
@@ -225,9 +202,9 @@ def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
             f"Without torque it exerts any force up to {lower_text(capability.zero_torque_ball_N, 5)} N; all such "
             f"forces have a volume of {lower_text(capability.zero_torque_volume_N3, 5)} N³."
         ),
-        paragraph(shown["summary"].replace(" of module 0", "")),
-        table(shown["cases"].columns, shown["cases"].rows),
-        *(paragraph(sentence.replace(" of module 0", "")) for sentence in shown["sentences"]),
+        paragraph(summary),
+        table(reserves.columns, reserves.rows),
+        *map(paragraph, others),
     ]
     return html_page(name, f"{STYLE}body {{ max-width: 260mm }}", lines)
 

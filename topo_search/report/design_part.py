@@ -4,58 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from itertools import product
 
 import numpy as np
-from markupsafe import Markup
 
 from topo_search.export.audits import flight_lines
-from topo_search.export.poses import poses_to_draw
-from topo_search.export.tree_drawing import tree_svg
-from topo_search.model import Assembly, Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
+from topo_search.model import Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
 from topo_search.model.audit import AirSpeeds
 from topo_search.model.design import StatedCheck
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Vector
-from topo_search.report.charts import clearance_matrices, rotor_inputs
-from topo_search.report.page import Chart, Table
+from topo_search.report import Table
 from topo_search.report.task_facts import vector
-from topo_search.report.view import view
-from topo_search.report.wording import EFFORT, clearance, figures, length, modules, quantity, sentence
+from topo_search.report.wording import clearance, figures, least, length, most, quantity, sentence
 
 
-def design_part(design: Design, audit: Audit | None) -> dict[str, Any]:
-    """Return all that is shown of a design."""
-    shown = {
-        "heading": f"{design.topology.key}, {modules(design.topology.n)}",
-        "view": view("view", design, poses_to_draw(design), audit, forces=True),
-        "tree": Markup(tree_svg(design, None if audit is None else audit.assembly)),
-        "joints": _joints(design),
-        "stated": _stated_constraints(design, audit),
-        "inputs": Chart("inputs", "Every rotor's input in every load case", rotor_inputs(design)),
-        "effort": f"Control effort {EFFORT} = {figures(design.objective, 5)} rad⁴/s⁴.",
-        "loads": _loads(design),
-    }
-    if audit is None:
-        absent = dict.fromkeys(("rod", "nearest", "errors", "residuals", "flight", "air"))
-        return {**shown, **absent, "clearances": (), "findings": ()}
-    matrices = enumerate(clearance_matrices(design, audit))
-    return {
-        **shown,
-        "rod": _rod(audit.assembly, required=design.task.end_effector.rod != "none"),
-        "clearances": tuple(Chart(f"clearances-{k}", caption, figure) for k, (caption, figure) in matrices),
-        "nearest": nearest(audit.pairs) if audit.pairs else None,
-        "findings": _findings(design, audit),
-        "errors": _errors(audit),
-        "residuals": _residuals(audit),
-        "flight": None if audit.flight is None else flight_part(audit.flight) | {"power": _power(audit)},
-        "air": None if audit.air is None else _air(audit.air),
-    }
-
-
-def _joints(design: Design) -> Table:
+def joints(design: Design) -> Table:
     """Return what is bolted to what, in an order in which the first part of every joint is already there."""
     rows = [
         [str(i), f"{PORT_NAMES[b]} ({b})", str(h), f"{PORT_NAMES[a]} ({a})", f"{figures(math.degrees(alpha), 5)}°"]
@@ -64,9 +30,9 @@ def _joints(design: Design) -> Table:
     return Table(("module", "its port", "bolted to module", "port there", "hinge angle"), rows, {0, 2, 4})
 
 
-def _rod(assembly: Assembly, *, required: bool) -> str | None:
+def rod(design: Design, audit: Audit) -> str | None:
     """Return what holds, or would hold, the end-effector, as far as the audit says."""
-    sheet = assembly.end_effector
+    sheet, required = audit.assembly.end_effector, design.task.end_effector.rod != "none"
     if sheet is None:
         return None
     note = "" if sheet.note is None else f" Note: {sheet.note}."
@@ -99,7 +65,7 @@ def nearest(pairs: tuple[Clearance, ...]) -> Table:
     return Table.from_rows(rows, {2, 3, 4})
 
 
-def _findings(design: Design, audit: Audit) -> tuple[str, ...]:
+def findings(design: Design, audit: Audit) -> tuple[str, ...]:
     """Return how severely airflow envelopes overlap, what tolerances do, and what a shorter rod costs."""
     sentences = []
     if (overlaps := audit.interference) is not None and overlaps.colliding_pairs:
@@ -112,7 +78,7 @@ def _findings(design: Design, audit: Audit) -> tuple[str, ...]:
     return *sentences, *(sentence(words) for words in (audit.tolerances_words, shorter) if words)
 
 
-def _errors(audit: Audit) -> Table | None:
+def errors(audit: Audit) -> Table | None:
     """Return how large errors of each kind may be, and which pair a larger one violates first."""
     sensitivity = audit.sensitivity
     if sensitivity is None:
@@ -135,22 +101,22 @@ def _errors(audit: Audit) -> Table | None:
     return Table.from_rows(rows, {1, 2}) if rows else None
 
 
-def _residuals(audit: Audit) -> Table:
+def residuals(audit: Audit) -> Table:
     """Return every number that the audit checked against a limit."""
     rows = [
         [
             row.words,
             str(row.status),
-            f"{figures(at_most(row.value, 3), 3)} {row.unit}",
-            figures(at_most(row.scaled, 2), 2),
-            figures(at_least(row.tolerance, 2), 2),
+            most(row.value, f" {row.unit}"),
+            most(row.scaled, digits=2),
+            least(row.tolerance, digits=2),
         ]
         for row in audit.residuals
     ]
     return Table(("checked", "audit", "off by", "in its scale", "allowed"), rows, {2, 3, 4})
 
 
-def _stated_constraints(design: Design, audit: Audit | None) -> Table | None:
+def stated_constraints(design: Design, audit: Audit | None) -> Table | None:
     """Return what constraints of the user's own came to, or that nobody looked."""
     checks = [StatedCheck(**one.model_dump(), status="not checked") for one in design.stated]
     rows = [
@@ -160,7 +126,7 @@ def _stated_constraints(design: Design, audit: Audit | None) -> Table | None:
     return Table(("constraint", "version", "bounds", "it came to"), rows) if rows else None
 
 
-def _loads(design: Design) -> Table:
+def loads(design: Design) -> Table:
     """Return the least and largest input of every load case, and its share of the effort."""
     u_max = design.task.module.max_input(design.task.gravity)
     k_f = design.task.module.thrust_coefficient
@@ -180,14 +146,12 @@ def _loads(design: Design) -> Table:
     return Table.from_rows(rows, range(5))
 
 
-def flight_part(flight: Flight) -> dict[str, Any]:
-    """Return all that is shown of it."""
-    first, *others = map(sentence, flight_lines(flight))
-    shown = {"cases": cases(flight), "allocators": allocators(flight), "joints": _joint_loads(flight)}
-    return {"summary": first, "sentences": others, **shown}
+def flight_sentences(flight: Flight) -> list[str]:
+    """Return what the design can do beyond its task, the weakest point first."""
+    return [*map(sentence, flight_lines(flight))]
 
 
-def _power(audit: Audit) -> Table | None:
+def power(audit: Audit) -> Table | None:
     """Return a row for hover and each load case: what its rotors take."""
     rows = [
         {
@@ -202,7 +166,7 @@ def _power(audit: Audit) -> Table | None:
     return Table.from_rows(rows, {1, 2, 3, 4}) if rows else None
 
 
-def _air(air: AirSpeeds) -> Table:
+def air(air: AirSpeeds) -> Table:
     """Return a row for each load case: how fast the air is."""
     rows = []
     for case in air.cases:
@@ -223,30 +187,22 @@ def cases(flight: Flight) -> Table:
 
 def allocators(flight: Flight) -> Table | None:
     """Return two rows for each case, of the best inputs and of the pseudo-inverse; None of older files."""
-    rows = [
-        {
-            "case": case.name,
-            "inputs": inputs,
-            **{
-                title: _size(getattr(case, name + end), unit)
-                for title, name, unit in (
-                    ("any force at the tip", "force_reserve_N", " N"),
-                    ("at the centre of mass", "force_reserve_com_N", " N"),
-                    ("any side force at the tip", "horizontal_reserve_N", " N"),
-                    ("at the centre of mass, sideways", "horizontal_reserve_com_N", " N"),
-                    ("any torque", "torque_reserve_Nm", " N m"),
-                    ("any tilt up to", "tilt_deg", "°"),
-                )
-            },
-            "acceleration about x, y, z": ", ".join(
-                _size(a, "") for a in getattr(case, f"angular_acceleration_rad_s2{end}") or ()
-            ),
-            "centre of mass off by": _size(getattr(case, f"com_error_m{end}"), " m"),
-        }
-        for case in flight.cases
-        if case.force_reserve_com_N is not None
-        for inputs, end in (("optimal", ""), ("pseudo-inverse", "_pseudo_inverse"))
-    ]
+    reserves = {
+        "any force at the tip": ("force_reserve_N", " N"),
+        "at the centre of mass": ("force_reserve_com_N", " N"),
+        "any side force at the tip": ("horizontal_reserve_N", " N"),
+        "at the centre of mass, sideways": ("horizontal_reserve_com_N", " N"),
+        "any torque": ("torque_reserve_Nm", " N m"),
+        "any tilt up to": ("tilt_deg", "°"),
+    }
+    rows = []
+    known = [case for case in flight.cases if case.force_reserve_com_N is not None]
+    for case, (inputs, end) in product(known, (("optimal", ""), ("pseudo-inverse", "_pseudo_inverse"))):
+        row = {"case": case.name, "inputs": inputs}
+        row |= {title: least(getattr(case, name + end), unit) for title, (name, unit) in reserves.items()}
+        accelerations = getattr(case, f"angular_acceleration_rad_s2{end}") or ()
+        row["acceleration about x, y, z"] = ", ".join(map(least, accelerations))
+        rows.append(row | {"centre of mass off by": least(getattr(case, f"com_error_m{end}"), " m")})
     return Table.from_rows(rows, range(2, 10)) if rows else None
 
 
@@ -265,37 +221,33 @@ def _case(case: CaseFlight) -> list[str]:
     return [
         case.name,
         {True: "yes", False: "no", None: "undecided"}[case.possible],
-        _size(case.force_reserve_N, " N"),
+        least(case.force_reserve_N, " N"),
         _direction(case.force_weakest),
-        _size(case.horizontal_reserve_N, " N"),
+        least(case.horizontal_reserve_N, " N"),
         _direction(case.horizontal_weakest),
-        _size(case.torque_reserve_Nm, " N m"),
+        least(case.torque_reserve_Nm, " N m"),
         _direction(case.torque_weakest),
-        _size(case.load_factor, "", 4),
+        least(case.load_factor, "", 4),
         inputs,
         "" if case.inputs_at_limit is None else str(case.inputs_at_limit),
     ]
 
 
-def _joint_loads(flight: Flight) -> Table | None:
+def joint_loads(flight: Flight) -> Table | None:
     """Return the case with the largest moment of each joint."""
     worst = {load.child: load for load in sorted(flight.joints, key=lambda load: load.moment_Nm)}
     rows = [
         {
             "joint": f"port {PORT_NAMES[load.port]} of module {load.module} to module {load.child}",
             "case": load.case,
-            "force": f"{figures(at_most(load.force_N, 3), 3)} N",
-            "moment": f"{figures(at_most(load.moment_Nm, 3), 3)} N m",
-            "about the hinge": f"{figures(at_most(load.about_hinge_Nm, 3), 3)} N m",
-            "across it": f"{figures(at_most(load.across_hinge_Nm, 3), 3)} N m",
+            "force": most(load.force_N, " N"),
+            "moment": most(load.moment_Nm, " N m"),
+            "about the hinge": most(load.about_hinge_Nm, " N m"),
+            "across it": most(load.across_hinge_Nm, " N m"),
         }
         for _, load in sorted(worst.items())
     ]
     return Table.from_rows(rows, {2, 3, 4, 5}) if rows else None
-
-
-def _size(value: float | None, unit: str, digits: int = 3) -> str:
-    return "" if value is None else f"{figures(at_least(value, digits), digits)}{unit}"
 
 
 def _direction(v: Vector | None) -> str:

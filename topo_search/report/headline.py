@@ -14,8 +14,8 @@ from topo_search.model import Audit, BadInput, Clearance, Design, Flight
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
 from topo_search.model.topology import PORT_NAMES
+from topo_search.report import Tile, json_in_script
 from topo_search.report.design_part import nearest, reserves
-from topo_search.report.page import Tile, json_in_script
 from topo_search.report.scene import closest
 from topo_search.report.view import thumbnail, view
 from topo_search.report.wording import clearance, figures, length, modules

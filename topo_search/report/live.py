@@ -90,10 +90,10 @@ class Live:
         try:
             with RunFolder.load(self._path) as folder:
                 page = run_page(folder)
+            return render(page if page["key"] is not None else {**page, "answer": "There is no design yet."})
         except (BadInput, OSError, sqlite3.Error) as error:  # the folder is not complete yet, or gone
             why = type(error).__name__
             return f"<!DOCTYPE html><html lang='en'><title>No page yet</title><p>No page yet: {why}."
-        return render(page if page["key"] is not None else {**page, "answer": "There is no design yet."})
 
 
 @contextmanager

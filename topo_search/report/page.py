@@ -7,9 +7,8 @@ import functools
 import gzip
 import json
 import re
-from collections.abc import Collection, Sequence
 from importlib import resources
-from typing import Any, NamedTuple
+from typing import Any
 
 import jinja2
 import trimesh
@@ -17,51 +16,13 @@ from markupsafe import Markup, escape
 from trimesh.viewer import scene_to_html
 
 from topo_search.export import palette
-
-Figure = dict[str, Any]
-"""Data and layout of a figure, as plotly.js takes them."""
-LOOK: dict[str, Any] = {
-    "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#222222"},
-    "paper_bgcolor": "rgba(0,0,0,0)",
-    "plot_bgcolor": "rgba(0,0,0,0)",
-    "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "#777777", "activecolor": "#0072b2"},
-    "autosize": True,
-    "margin": {"l": 60, "r": 20, "t": 36, "b": 50},
-}
-"""Layout of all figures."""
-
-
-class Chart(NamedTuple):
-    """A figure with what it shows in words."""
-
-    name: str
-    """Name of its element: letters, digits and dashes."""
-    caption: str
-    figure: Figure
-
-
-class Table(NamedTuple):
-    """A table with a heading a column."""
-
-    columns: tuple[str, ...]
-    rows: Sequence[Sequence[str]]
-    numeric: Collection[int] = ()
-    """Columns of numbers, which are aligned to the right."""
-
-    @classmethod
-    def from_rows(cls, rows: Sequence[dict[str, str]], numeric: Collection[int] = ()) -> Table:
-        """Return a table of rows that have the same headings, each beside its cell."""
-        return cls(tuple(rows[0]) if rows else (), [list(row.values()) for row in rows], numeric)
-
-
-class Tile(NamedTuple):
-    """A figure of the headline."""
-
-    name: str
-    figure: str
-    meaning: str
-    status: str = ""
-    """A verdict that colours it, or `fragile`; empty for none."""
+from topo_search.export.poses import poses_to_draw
+from topo_search.export.tree_drawing import tree_svg
+from topo_search.model.files import to_toml
+from topo_search.model.task_warnings import task_warnings
+from topo_search.report import LOOK, Table, charts, design_part, headline, json_in_script, task_facts, wording
+from topo_search.report.scene import shared_meshes
+from topo_search.report.view import view
 
 
 def render(page: dict[str, Any]) -> str:
@@ -73,14 +34,28 @@ def render(page: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    # parts that a page may lack, then those that only some kinds of page have
-    absent = dict.fromkeys(("key", "verdict", "design", "meshes", "task", "bound", "reproduction"))
-    absent |= dict.fromkeys(("run", "front", "compared", "simulated"))
+    absent = dict.fromkeys(("key", "design", "audit", "task", "bound", "reproduction", "run", "front", "compared"))
+    page = {**absent, "simulated": None, "notes": (), **page}
+    design, audit = page["design"], page["audit"]
     # in the order in which they run
     scripts = ("figures", "labels", "stage", "air", "view", "beside", "choice", "ranking", "page")
-    environment.filters |= {"json": json_in_script, "code": mark_code}
+    environment.filters |= {"json": lambda value: Markup(json_in_script(value)), "code": mark_code}
     return environment.get_template("page.html.j2").render(
-        page={**absent, "fragile": (), "notes": (), **page},
+        page=page,
+        design=design,
+        audit=audit,
+        drawn=None if design is None else view("view", design, poses_to_draw(design), audit, forces=True),
+        # what the template calls
+        charts=charts,
+        design_part=design_part,
+        headline=headline,
+        task_facts=task_facts,
+        wording=wording,
+        shared_meshes=shared_meshes,
+        task_warnings=task_warnings,
+        to_toml=to_toml,
+        tree_svg=tree_svg,
+        Table=Table,
         palette=palette,
         FIRST_TILES=6,  # beside the view
         style=_template("page.css"),
@@ -111,13 +86,6 @@ def _of_plotly(name: str) -> str:
 def mark_code(text: str) -> Markup:
     """Return a text with its names between backticks as code."""
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
-
-
-def json_in_script(value: Any) -> Markup:
-    """Return a value as JSON inside a script element."""
-    text = json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
-    # no text in the JSON can end the script element
-    return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
 
 
 def _template(name: str) -> Markup:

@@ -8,8 +8,8 @@ from typing import Any, Literal, NamedTuple
 from topo_search.export import palette
 from topo_search.model import Audit
 from topo_search.model.proven import at_least, at_most, gap_percent
+from topo_search.report import Figure
 from topo_search.report.headline import fragile
-from topo_search.report.page import Chart
 from topo_search.report.scene import closest
 from topo_search.study import Row
 from topo_search.study.ledger import figures_of
@@ -46,10 +46,10 @@ def ranking(candidates: Sequence[Candidate], *, proofs: bool) -> dict[str, Any]:
     }
 
 
-def _choice() -> Chart:
+def _choice() -> tuple[str, str, Figure]:
     """Return the plot without its points, which the page draws from the ranking as it is filtered."""
     layout = {"hovermode": "closest", "legend": {"orientation": "h", "y": -0.2}, "colorway": palette.SERIES}
-    return Chart("choice", "Audited designs; click a point to see its design", {"data": [], "layout": layout})
+    return "choice", "Audited designs; click a point to see its design", {"data": [], "layout": layout}
 
 
 def _round(value: float | None, digits: int) -> float | None:

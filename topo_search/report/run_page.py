@@ -8,15 +8,13 @@ from typing import Any
 
 from topo_search.model import Infeasible
 from topo_search.model.design import NOT_CERTIFIED
-from topo_search.model.files import to_toml
 from topo_search.model.proven import at_least, gap_percent, upper_text
+from topo_search.report import Table, Tile
 from topo_search.report.charts import AXES, front_chart, length_or_none, progress
-from topo_search.report.design_page import bound, task_part, title
-from topo_search.report.design_part import design_part
-from topo_search.report.headline import cards, fragile, headline, rows_to_show, tally
-from topo_search.report.page import Chart, Table, Tile, render
+from topo_search.report.design_page import bound, title
+from topo_search.report.headline import cards, headline, rows_to_show
+from topo_search.report.page import render
 from topo_search.report.ranking import ranking
-from topo_search.report.scene import shared_meshes
 from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, sentence
 from topo_search.study import NEAR, NOTHING, Answer, FrontPoint, Own, Row, RunFile, RunFolder, SizeAnswer, answer_of
 from topo_search.study.ledger import kind_of
@@ -57,9 +55,6 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
     return {
         "title": title(request.task.name, n),
         "key": shown.key if shown else None,
-        "verdict": None if audit is None else str(audit.verdict),
-        "checked": "" if audit is None else tally(audit),
-        "fragile": fragile(audit),
         "answer": _answer(answer, request.task.name, shown, size),
         "tiles": tiles,
         "notes": (
@@ -71,9 +66,10 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
             *bound(size.lower_bound, shown.gap if shown else None, n),
             *(sentence(proven) for size in answer.sizes if (proven := size.proven) is not None),
         ),
-        "task": task_part(request.task.resolve(n), request.task),
-        "design": None if design is None else design_part(design, audit),
-        "meshes": {} if design is None else shared_meshes(design),
+        "task": request.task.resolve(n),
+        "user_task": request.task,
+        "design": design,
+        "audit": audit,
         "run": _run_part(folder, answer, shown),
         "reproduction": _reproduction(folder),
     }
@@ -148,7 +144,7 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str,
         solves = list(folder.ledger.solves(size.modules))
         if solves and size.lower_bound > 0:
             caption = f"{modules(size.modules)}: {quantity(len(solves), 'solve')}"
-            charts.append(Chart(f"progress-{size.modules}", caption, progress(solves, size.lower_bound)))
+            charts.append((f"progress-{size.modules}", caption, progress(solves, size.lower_bound)))
     return {
         "sizes": _sizes(answer),
         "near_ties": tuple(_near_ties(size) for size in answer.sizes if len(size.near_ties) > 1),
@@ -240,7 +236,7 @@ def _reproduction(folder: RunFolder) -> dict[str, Any]:
         notes = (*notes, lead + " ".join(_own(request.user_inputs)))
     return {
         "commands": (f"topo-search run task.toml {options}",),
-        "task": to_toml(request.task),
+        "task": request.task,
         "versions": request.versions,
         "notes": notes,
     }
@@ -254,7 +250,7 @@ def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
         names: the goals.
     """
     charts = [
-        Chart(f"front-{name.replace('_', '-')}", f"J against {AXES[name][0]}", front_chart(answer.points, name))
+        (f"front-{name.replace('_', '-')}", f"J against {AXES[name][0]}", front_chart(answer.points, name))
         for name in names
         if any(point.cells[name] is not None for point in answer.points)
     ]

@@ -45,6 +45,20 @@ def length(metres: float) -> str:
     return f"{figures(100 * metres, 3)} cm" if abs(metres) < 1 else f"{figures(metres, 3)} m"
 
 
+def least(value: float | None, unit: str = "", digits: int = 3) -> str:
+    """Return a figure that is proven from below, rounded down, with its unit; nothing for None."""
+    from topo_search.model.proven import at_least
+
+    return "" if value is None else f"{figures(at_least(value, digits), digits)}{unit}"
+
+
+def most(value: float | None, unit: str = "", digits: int = 3) -> str:
+    """Return a figure that is proven from above, rounded up, with its unit; nothing for None."""
+    from topo_search.model.proven import at_most
+
+    return "" if value is None else f"{figures(at_most(value, digits), digits)}{unit}"
+
+
 def clearance(pair: Clearance) -> str:
     """Return a clearance in figures with its unit, rounded down."""
     from topo_search.model.proven import at_least
@@ -61,23 +75,17 @@ def millimetres(pair: Clearance) -> str:
 
 def near_tie_cells(row: Row, best: Row) -> tuple[str, ...]:
     """Return the cells of a design; its effort over that of the best, what is proven rounded to the safe side."""
-    from topo_search.model.proven import at_least, at_most
+    from topo_search.model.proven import at_most
 
-    proven = (
-        (row.force_reserve_N, 3, " N"),
-        (row.torque_reserve_Nm, 3, " N m"),
-        (row.rotors_out_hover, 3, f" of {4 * row.modules}"),
-        (row.load_factor, 4, ""),
-    )
     more = 100 * ((row.objective or 0.0) / best.objective - 1) if best.objective else 0.0
     return (
         row.key,
         f"+{more:.2f} %",
-        *(
-            "" if value is None else f"{figures(at_least(value, digits), digits)}{unit}"
-            for value, digits, unit in proven
-        ),
-        "" if row.joint_moment_Nm is None else f"{figures(at_most(row.joint_moment_Nm, 3), 3)} N m",
-        "" if row.hinge_tolerance_deg is None else f"{figures(at_least(row.hinge_tolerance_deg, 3), 3)}°",
+        least(row.force_reserve_N, " N"),
+        least(row.torque_reserve_Nm, " N m"),
+        least(row.rotors_out_hover, f" of {4 * row.modules}"),
+        least(row.load_factor, digits=4),
+        most(row.joint_moment_Nm, " N m"),
+        least(row.hinge_tolerance_deg, "°"),
         "none" if row.rod_length_m is None else length(at_most(row.rod_length_m, 3)),
     )

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from topo_search.limits import quantity
 from topo_search.model import Audit, Design, Infeasible, Relaxed
-from topo_search.model.proven import gap_percent, improvement
+from topo_search.model.proven import gap_percent
 from topo_search.model.search import Level
 from topo_search.model.text import heading, paragraph, table
 from topo_search.study.folder import RunFolder
@@ -26,65 +24,6 @@ SHOWN = 10
 """Number of rows in the table of the best."""
 NEAR = 0.01
 """Share of the effort of the best by which another design may need more and still be as good a choice."""
-
-
-def statement(best: Row, solved: int, candidates: int) -> str:
-    """Say what is known of the best design: starts are no proof; the bound is, of every tree of the size."""
-    number = f"all {candidates}" if solved == candidates else f"{solved} of {candidates}"
-    words = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
-    if best.gap is None:
-        return words
-    return f"{words}; proven: no {best.modules}-module topology is {improvement(best.gap)}"
-
-
-def proven_statement(candidates: int, gap: float) -> str:
-    """Say that the best design is proven to be the best, but for a share of its effort."""
-    number = "the only candidate" if candidates == 1 else f"all {candidates} candidates"
-    return f"the best of {number}, proven" + (f" to within {gap_percent(gap)}" if gap > 0 else "")
-
-
-def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
-    """Say why there is no design: what is proven, or the smallest shortfall of all starts, which proves nothing.
-
-    Args:
-        proof: that no topology can do it.
-        closest: the candidate of the start that came closest, of those that are not proven to be impossible.
-        statuses: how many candidates ended with which status.
-    """
-    if proof is not None:
-        return proof.message
-    number, impossible = statuses.total(), statuses["impossible"]
-    if number == 0:
-        return "time limit reached before the first candidate was solved; nothing is known yet"
-    if impossible == number:
-        which = "the only candidate" if number == 1 else f"each of {number} candidates"
-        return f"{which} is proven impossible; candidates.csv names what it cannot meet"
-
-    def candidates(some: int) -> str:
-        return "the only candidate" if number == 1 else quantity(some, "candidate")
-
-    parts, failed = list[str](), statuses["failed"]
-    if number > impossible + failed:
-        tried = f"no start of {candidates(number - failed)} led to a design"
-        parts.append(f"{tried} ({impossible} proven impossible)" if impossible else tried)
-    elif impossible:
-        parts.append(f"{candidates(impossible)} proven impossible")
-    if failed:
-        parts.append(f"{candidates(failed)} failed, so nothing is known of {'it' if failed == 1 else 'them'}")
-    if closest is not None:
-        miss = f"{closest.key} misses `{closest.worst_constraint}` by {closest.violation:.3g} {closest.unit}"
-        parts.append(f"smallest shortfall (not a proof): {miss}".rstrip())
-    return "; ".join(parts)
-
-
-def remark(row: Row) -> list[str]:
-    """Say what an audit led to, if it was not clear at once."""
-    again = f"solved again with margin {row.margin:g} m because its audit was not clear" if row.step else ""
-    over = "" if row.audit is None or row.clear else f"skipped, its audit is {row.audit}"
-    if row.audit_failure is not None:
-        over = f"skipped, its audit failed: {row.audit_failure}"
-    text = "; ".join(part for part in (again, over) if part)
-    return [f"{row.key}: {text}"] if text else []
 
 
 @dataclass(frozen=True)

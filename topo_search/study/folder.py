@@ -83,12 +83,22 @@ def require_same(path: Path, request: Request, ledger: Ledger) -> None:
 
 
 def require_versions(path: Path, ledger: Ledger) -> None:
-    """Refuse to take up a run whose own functions may have changed since: nobody could tell."""
+    """Refuse to take up a run whose own functions may have changed since its first result: nobody could tell."""
     user_inputs = ledger.identity().own
-    if user_inputs is not None and user_inputs.unversioned:
+    if user_inputs is not None and user_inputs.unversioned and ledger.versions() is not None:
         names = ", ".join(map(repr, user_inputs.unversioned))
         own_code = f"{names} of your own, which has no version"
         raise refusal(path, f"holds a run with {own_code}, so that it cannot be resumed")
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder unless it is there; BadInput if it cannot be."""
+    if os.path.lexists(path) and not path.is_dir():
+        raise refusal(path, "is a file")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise refusal(path, f"cannot be made: {error.strerror}") from None
 
 
 def refusal(path: Path, what: str) -> BadInput:
@@ -138,30 +148,19 @@ class RunFolder:
             ReadOnlyFolder: it is there, but cannot be written to.
             BadInput: it holds another run or something else, or another process works in it; it is left unchanged.
         """
-        if os.path.lexists(path) and not path.is_dir():
-            raise refusal(path, "is a file")
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise refusal(path, f"cannot be made: {error.strerror}") from None
+        make_folder(path)
         with Directory.open(path) as directory:
-            if holds_run(directory) and not os.access(path / RunFile.LEDGER, os.W_OK):
-                raise ReadOnlyFolder(path, f"{RunFile.LEDGER} is read-only")
-            with directory.lock():
-                resumed = holds_run(directory)
-                if not resumed:
-                    directory.write(RunFile.LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True)))
-                with Ledger.open(path / RunFile.LEDGER) as ledger:
-                    if resumed:
-                        require_versions(path, ledger)
-                    require_same(path, request, ledger)
-                    folder = cls(path, request, ledger, directory)
-                    directory.tidy()
-                    sizes = [f"best-n{n}.json" for n in request.task.sizes]
-                    folder._files.require((*RunFile.RESULTS, *sizes))
-                    ledger.ask(request.starts, request.trials)
-                    folder.keep(RunFile.TASK, to_toml(request.task))
-                    yield folder
+            if not holds_run(directory):
+                with directory.lock():
+                    if not holds_run(directory):  # else another process was faster
+                        identity = request.identity.model_dump_json(exclude_defaults=True)
+                        directory.write(RunFile.LEDGER, blank(identity))
+        with cls.load(path, request, writes=True) as folder:
+            folder._directory.tidy()
+            folder._files.require((*RunFile.RESULTS, *(f"best-n{n}.json" for n in request.task.sizes)))
+            folder.ledger.ask(request.starts, request.trials)
+            folder.keep(RunFile.TASK, to_toml(request.task))
+            yield folder
 
     @classmethod
     @contextmanager

@@ -439,7 +439,7 @@ class Ledger:
 
     def files_in(self, directory: Directory) -> RunFiles:
         """Return the files that the run wrote into its directory."""
-        return RunFiles(self._database, self.path, directory)
+        return RunFiles(self._database, directory)
 
     def of(self, contexts: Iterable[Context]) -> Self:
         """Return the same ledger with rankings of the rows of these contexts."""

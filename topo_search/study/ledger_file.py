@@ -90,20 +90,26 @@ Model = TypeVar("Model", bound=BaseModel)
 class LedgerLost(Exception):
     """The ledger, or its folder, was removed, moved, replaced or emptied while a run worked in it."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, end: str = "") -> None:
         self.answer: Answer | None = None
         """Results of the run, as far as they can still be read."""
         self.design: Design | None = None
         """The best design, audited if any is: nothing else may hold it any more."""
-        super().__init__(
-            f"{path}: was removed, moved, replaced or emptied during the run; the run stopped, and what it found "
-            "since then is kept only in the output printed here"
+        end = end or (
+            "emptied during the run; the run stopped, and what it found since then is kept only in the output "
+            "printed here"
         )
+        super().__init__(f"{path}: was removed, moved, replaced or {end}")
 
 
 def checksum(values: Sequence[Any]) -> int:
     """Return the checksum of a row's values."""
     return zlib.crc32(ascii(tuple(values)).encode("ascii"))
+
+
+def is_within_folder(name: str) -> bool:
+    """Return whether a relative name leads nowhere else."""
+    return all(part not in ("", "..") for part in name.split("/"))
 
 
 def seal_changes(database: sqlite3.Connection) -> None:
@@ -140,12 +146,12 @@ def fault(database: sqlite3.Connection, table: str) -> str | None:
         stored = values[-1]
         if checksum(values[:-1]) != stored:
             return f"a row of its table {table} is not what was written"
-        if table not in PLACES:
-            continue
         if (types := tuple(map(type, values))) not in known:
             if not all(kind in allowed for kind, allowed in zip(types, kinds, strict=True)):
                 return f"a row of its table {table} has a value of another kind"
             known.add(types)
+        if table == "files" and not is_within_folder(values[0]):
+            return f"its table files has the name {values[0][:40]!r}"
         if table != "run" and not before < (before := values[key_columns]):
             return f"the rows of its table {table} are not in order"
         if table == "candidates" and (len(values[1]) != values[2] + 1 or not KEY.fullmatch(values[1])):

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from math import isclose
@@ -110,7 +110,12 @@ class FrontPoint:
 
 def front_of(folder: RunFolder) -> tuple[FrontPoint, ...]:
     """Return the front of a run with goals, the least effort first."""
-    points = [point for number, level in enumerate(folder.levels) for point in _clear_points(level, number)]
+    points = list[FrontPoint]()
+    for number, level in enumerate(folder.levels):
+        for row in (row for n in level.request.task.sizes for row in level.ledger.ranking(n) if row.clear):
+            design, audit = level.result_of(row)
+            if design is not None and audit is not None and level.request.level is not None:
+                points.append(_measure(row, design, audit, number, level.request.level))
     return front(points, folder.request.task.goals.names)
 
 
@@ -169,17 +174,6 @@ def write_front(folder: RunFolder) -> None:
         folder.keep("best.json", folder.levels[point.number].text(point.row) or "")
     else:
         folder.drop("best.json")
-
-
-def _clear_points(folder: RunFolder, number: int) -> Iterator[FrontPoint]:
-    """Yield the designs of one level whose audit is clear."""
-    level = folder.request.level
-    for n in folder.request.task.sizes:
-        for row in folder.ledger.ranking(n):
-            if row.clear and level is not None:
-                design, audit = folder.result_of(row)
-                if design is not None and audit is not None:
-                    yield _measure(row, design, audit, number, level)
 
 
 def _measure(row: Row, design: Design, audit: Audit, number: int, level: Level) -> FrontPoint:
@@ -297,6 +291,11 @@ def keep_optima(folder: RunFolder, n: int, percent: float, tools: Tools) -> None
             continue
         clear = [design for design, is_clear in result if is_clear]
         gained |= _take_better(folder, row, clear)
+        before = record.trees.get(row.key)
+        for k, design in enumerate(clear, start=1):
+            folder.keep(f"{RunFile.OPTIMA}/{row.key}-{k}.json", to_json(design))
+        for k in range(len(clear) + 1, (before.kept if before else 0) + 1):
+            folder.drop(f"{RunFile.OPTIMA}/{row.key}-{k}.json")
         tree = TreeOptima(
             context=contexts[row.step].name,
             starts=request.starts,
@@ -304,7 +303,8 @@ def keep_optima(folder: RunFolder, n: int, percent: float, tools: Tools) -> None
             kept=len(clear),
             not_clear=len(result) - len(clear),
         )
-        record = _keep(folder, record, row.key, tree, clear)
+        record = record.model_copy(update={"trees": {**record.trees, row.key: tree}})
+        folder.keep(RunFile.OPTIMA_RECORD, to_json(record))
     if gained:
         audit_best(folder, n, best.lower_bound or 0.0, tools)
     trees = [record.trees[key] for key in rows if key in record.trees]
@@ -331,18 +331,6 @@ def clear_designs(folder: RunFolder, row: Row) -> list[Design]:
     known = [design.objective for design in designs]
     differ = (one for one in kept if one and not any(isclose(one.objective, J, rel_tol=TOLERANCE) for J in known))
     return [*designs, *differ]
-
-
-def _keep(folder: RunFolder, record: Optima, key: str, tree: TreeOptima, designs: Sequence[Design]) -> Optima:
-    """Write the designs of a tree, then the record, and return it."""
-    before = record.trees.get(key)
-    for k, design in enumerate(designs, start=1):
-        folder.keep(f"{RunFile.OPTIMA}/{key}-{k}.json", to_json(design))
-    for k in range(tree.kept + 1, (before.kept if before else 0) + 1):
-        folder.drop(f"{RunFile.OPTIMA}/{key}-{k}.json")
-    record = record.model_copy(update={"trees": {**record.trees, key: tree}})
-    folder.keep(RunFile.OPTIMA_RECORD, to_json(record))
-    return record
 
 
 def _take_better(folder: RunFolder, row: Row, clear: list[Design]) -> bool:

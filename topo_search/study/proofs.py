@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from topo_search.model import Audit, Proof, ResolvedTask
+from topo_search.limits import quantity
+from topo_search.model import Audit, BadInput, Proof, ResolvedTask
 from topo_search.model.exposure import half_spaces
 from topo_search.model.proof import Problem
 from topo_search.model.proven import improvement, upper_text
 from topo_search.study.ledger import AUDITED, COLUMNS, Row, figures_of
-from topo_search.study.request import Request
 
 if TYPE_CHECKING:
     from topo_search.study.folder import RunFolder
@@ -99,36 +99,22 @@ def knows(task: ResolvedTask, about: Problem) -> list[str]:
 class ProofSummary(NamedTuple):
     """Summary of the proofs of one size."""
 
-    sentence: str | None
+    sentence: str | None = None
     """None unless a proof was asked for."""
-    gap: float | None
+    gap: float | None = None
     """Largest share by which a design of this size can cost less than the best; None while trees are open."""
     resumable: tuple[str, ...] = ()
     """The trees that are open and of which the same command could prove more."""
 
 
-def summarize(
-    rows: Sequence[Row],
-    proofs: Mapping[str, Proof],
-    best: Row | None,
-    task: ResolvedTask,
-    candidates: int,
-    subject: str,
-) -> ProofSummary:
-    """Say what the proofs of one size come to together.
-
-    Args:
-        rows: of all candidates that are settled.
-        proofs: by key.
-        best: the best design whose audit is clear.
-        task: the task.
-        candidates: how many there are.
-        subject: of which trees a complete proof speaks, as `subject_of` has it.
-    """
+def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
+    """Say what the proofs of one size come to together; `best`: the best design whose audit is clear."""
+    proofs = folder.proofs(n)
     if best is None or best.objective is None or not proofs:
-        return ProofSummary(None, None)
-    states = [proof_state(row, proofs.get(row.key), best.objective) for row in rows]
-    counts = Counter(one.proof or "not examined" for one in states)
+        return ProofSummary()
+    candidates = folder.request.space(n).count()
+    states = {row.key: proof_state(row, proofs.get(row.key), best.objective) for row in folder.ledger.ranking(n)}
+    counts = Counter(one.proof or "not examined" for one in states.values())
     words = {
         EXCLUDED: "cannot beat the best",
         WITHIN: "proven to within the gap asked for",
@@ -137,11 +123,10 @@ def summarize(
         "not examined": "not examined",
     }
     verdicts = ", ".join(f"{counts[name]} {text}" for name, text in words.items() if counts[name])
-    number = f"{candidates} candidate{'s' * (candidates > 1)}"
-    unsolved = candidates - len(rows)
+    number, unsolved = quantity(candidates, "candidate"), candidates - len(states)
     if unsolved:
         verdicts += f", {unsolved} not solved by `run`"
-    due = [row.key for row, state in zip(rows, states, strict=True) if state.proof in (OPEN, None)]
+    due = [key for key, state in states.items() if state.proof in (OPEN, None)]
     if due or unsolved:
         sentence = f"branch and bound, {number}: {verdicts}; nothing new is proven while some are open"
         stuck = [key for key in due if key in proofs and is_stuck(proofs[key], best.objective)]
@@ -152,37 +137,52 @@ def summarize(
                 "many: try a larger --gap or --problem solver"
             )
         return ProofSummary(sentence, None, tuple(key for key in due if key not in stuck))
-    least = min([one.proven_bound for one in states if one.proven_bound is not None], default=best.objective)
-    gap = max(0.0, 1 - least / best.objective)
-    about = weakest_problem([proof.problem for row in rows if (proof := proofs.get(row.key)) is not None])
-    limit = f"{subject} is {improvement(gap)} ({number}: {verdicts})"
-    return ProofSummary(f"proven by branch and bound: {limit}; {problem(task, about)}", gap)
+    bounds = [one.proven_bound for one in states.values() if one.proven_bound is not None]
+    gap, claim, scope = claim_of(
+        folder, best, bounds, [proof.problem for key, proof in proofs.items() if key in states]
+    )
+    return ProofSummary(f"proven by branch and bound: {claim} ({number}: {verdicts}); {scope}", gap)
 
 
-def sizes_with_best(folder: RunFolder, key: str | None) -> tuple[list[tuple[int, Row, list[Row]]], bool]:
-    """Return every size with a clear design, the best, and all rows or that of a key; and if it is a candidate."""
-    sizes, known = list[tuple[int, Row, list[Row]]](), key is None
-    for n in folder.request.task.sizes:
-        rows = [row for row in folder.ledger.ranking(n) if key in (None, row.key)]
-        known = known or bool(rows)
-        if (best := folder.ledger.best_clear(n)) is not None:
-            sizes.append((n, best, rows))
-    return sizes, known
+def claim_of(
+    folder: RunFolder, best: Row, bounds: Sequence[float], problems: Sequence[Problem]
+) -> tuple[float, str, str]:
+    """Return what the bounds of all trees of a size prove: its gap, in words, and which designs it is about.
+
+    Args:
+        folder: of the run.
+        best: the best design of the size.
+        bounds: of trees with a complete proof [rad^4/s^4].
+        problems: designs that the proofs are about: together, those that all of them are about.
+    """
+    effort, n = best.objective or 0.0, best.modules
+    gap = max(0.0, 1 - min(bounds, default=effort) / effort)
+    subject = f"no {n}-module topology" if folder.request.covers(n) else f"none of the {n}-module candidates"
+    about: Problem = "solver" if "solver" in problems else "task"
+    return gap, f"{subject} is {improvement(gap)}", problem(folder.request.contexts(n)[0].task, about)
+
+
+def sizes_with_best(folder: RunFolder, key: str | None, *, none: str) -> list[tuple[int, Row, float, list[Row]]]:
+    """Return every size with a clear design: it, its effort, and all rows, or that of a key.
+
+    Raises:
+        BadInput: no row has the key, or no size has such a design, which `none` says.
+    """
+    rows = {
+        n: [row for row in folder.ledger.ranking(n) if key in (None, row.key)] for n in folder.request.task.sizes
+    }
+    if key is not None and not any(rows.values()):
+        raise BadInput(str(folder.path), f"has no candidate {key}")
+    best = ((n, folder.ledger.best_clear(n)) for n in rows)
+    sizes = [(n, row, row.objective, rows[n]) for n, row in best if row is not None and row.objective]
+    if not sizes:
+        raise BadInput(str(folder.path), none)
+    return sizes
 
 
 def is_stuck(proof: Proof, best: float) -> bool:
     """True if a proof has a chunk that cannot be closed, at the lowest cut that its gap allows."""
     return proof.open_at is not None and proof.cut <= best * (1 - proof.gap)
-
-
-def subject_of(request: Request, n: int) -> str:
-    """Return of which trees of a size a proof of all candidates speaks."""
-    return f"no {n}-module topology" if request.covers(n) else f"none of the {n}-module candidates"
-
-
-def weakest_problem(problems: Sequence[Problem]) -> Problem:
-    """Return which designs several proofs together are about: those that all of them are about."""
-    return "solver" if "solver" in problems else "task"
 
 
 def problem(task: ResolvedTask, about: Problem) -> str:

@@ -13,17 +13,17 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from topo_search.engine import AuditDesign, Candidates, Engine, Failed, WorkersLost, audit_deadline
+from topo_search.engine import AuditDesign, Engine, Failed, WorkersLost, audit_deadline
 from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
 from topo_search.model.proof import Aim, Problem, chunk_count
-from topo_search.model.proven import gap_percent, improvement
+from topo_search.model.proven import gap_percent
 from topo_search.study.answer import Answer
 from topo_search.study.directory import CHANGED, RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import Row
 from topo_search.study.ledger_file import KEPT
 from topo_search.study.progress import EXPECTED, Observer, Phase
-from topo_search.study.proofs import IMPOSSIBLE, problem, sizes_with_best, subject_of, target, weakest_problem
+from topo_search.study.proofs import IMPOSSIBLE, claim_of, sizes_with_best, target
 from topo_search.study.request import Request
 from topo_search.study.summary import answer_of, check_designs, refuse_lost
 
@@ -139,9 +139,11 @@ def prove(
     """
     until = time.monotonic() + time_limit
     with RunFolder.load(path, writes=True) as folder, refuse_lost(folder):
-        sizes = _sizes(folder, path, key)
+        refuse_unprovable(folder.request, str(path))
+        sizes = sizes_with_best(folder, key, none="has no audited design to prove against")
         try:
             for n, incumbent, best, rows in sizes:
+                rows.sort(key=lambda row: row.status == IMPOSSIBLE)  # last: theirs is for the check alone
                 impossible = frozenset(row.key for row in rows if row.status == IMPOSSIBLE)
                 work = _Work(folder, observer, best * (1 - gap), impossible=impossible)
                 task = folder.request.contexts(n)[0].task
@@ -235,20 +237,6 @@ def _lend(lender: Path | None, task: ResolvedTask) -> dict[str, Proof]:
 
 def _lower(proof: Proof, floor: float) -> Proof:
     return proof.without_chunks.model_copy(update={"aim": "within", "cut": floor})
-
-
-def _sizes(folder: RunFolder, path: Path, key: str | None) -> list[tuple[int, Row, float, list[Row]]]:
-    """Return size, best design, its effort, and trees to prove of every size that has a best design."""
-    refuse_unprovable(folder.request, str(path))
-    sizes, known = sizes_with_best(folder, key)
-    if not known:
-        raise BadInput(str(path), f"has no candidate {key}")
-    provable = [(n, best, best.objective, rows) for n, best, rows in sizes if best.objective]
-    if not provable:
-        raise BadInput(str(path), "has no audited design to prove against")
-    for *_, rows in provable:
-        rows.sort(key=lambda row: row.status == IMPOSSIBLE)  # last: theirs is for the check alone
-    return provable
 
 
 def _words(proof: Proof, floor: float) -> str:
@@ -350,63 +338,53 @@ def check(
     checked = Checked()
     with RunFolder.load(path) as folder:
         _refuse_goals(folder.request, str(path))
-        sizes, known = sizes_with_best(folder, key)
-        results = list[tuple[int, Row, ResolvedTask, list[CheckedTree]]]()
-        for n, best, rows in sizes:
+        sizes = sizes_with_best(folder, key, none="holds no audited design that a proof could be against")
+        for n, best, _, rows in sizes:
             if not rows:
                 continue
             if fault := _best_fault(folder, best, audit, engine):
                 checked.faults.append(fault)
-            task, space = folder.request.contexts(n)[0].task, folder.request.space(n)
             trees, jobs = dict[str, CheckedTree](), list[_CheckJob]()
             for row in rows:
-                trees[row.key], proof = _examine(folder, row, task, space)
+                trees[row.key], proof = _examine(folder, row)
                 if proof is not None:
                     jobs += [(proof.without_chunks, chunk) for chunk in proof.chunks]
             if jobs:
-                prepare(task)
+                prepare(folder.request.contexts(n)[0].task)
             _replay(jobs, trees, check_chunk, engine, observer)
             checked.trees += trees.values()
-            results.append((n, best, task, list(trees.values())))
         with_trees = {f"{RunFile.PROOFS}/{tree.key}" for tree in checked.trees}  # refused with their trees
         checked.faults += [f"{name} {CHANGED}" for name in folder.changed_files() if name not in with_trees]
         if checked.refused:  # then nothing is claimed, whatever else holds
             for examined in checked.trees:
                 examined.bound = None
-        for n, best, task, of_size in results:
+        for n, best, _, rows in sizes:
             count = folder.request.space(n).count()
             if key is None:
-                checked.missing += count - len(of_size)
-            if len(of_size) > 1:
-                subject = subject_of(folder.request, n)
-                checked.sentences.append(_sentence(of_size, best, task, count, subject, proven=not checked.refused))
-    if not sizes:
-        raise BadInput(str(path), "holds no audited design that a proof could be against")
-    if not known:
-        raise BadInput(str(path), f"has no candidate {key}")
+                checked.missing += count - len(rows)
+            if len(rows) > 1:
+                of_size = [tree for tree in checked.trees if tree.modules == n]
+                checked.sentences.append(_sentence(folder, of_size, best, count, proven=not checked.refused))
     return checked
 
 
-def _examine(
-    folder: RunFolder, row: Row, task: ResolvedTask, space: Candidates
-) -> tuple[CheckedTree, Proof | None]:
+def _examine(folder: RunFolder, row: Row) -> tuple[CheckedTree, Proof | None]:
     """Return what can be said of a tree without checking chunks, and its proof if they are to be checked."""
-    tree, name = CheckedTree(row.key, row.modules), f"{RunFile.PROOFS}/{row.key}"
+    tree, name, request = CheckedTree(row.key, row.modules), f"{RunFile.PROOFS}/{row.key}", folder.request
     proof: Proof | None = None
     try:
-        if space.candidate_of(Topology.from_key(row.key)).key != row.key:
+        if request.space(row.modules).candidate_of(Topology.from_key(row.key)).key != row.key:
             raise ValueError(f"{row.key} is one of several trees that are one candidate")
         proof = folder.read_own(name, Proof)
     except BadInput as error:
         tree.fault = f"{name}{':' if error.faults[0].path else ''} {error.faults[0]}"
     except ValueError:
         tree.fault = "is no candidate of this run"
-    else:
-        if proof is not None:
-            tree.fault = _unfit(proof, row.key, task)
-        if tree.fault is None and (proof is None or not proof.complete):
-            open_ = "not examined" if proof is None else "open"
-            tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else open_
+    if proof is not None:
+        tree.fault = _unfit(proof, row.key, request.contexts(row.modules)[0].task)
+    if tree.fault is None and (proof is None or not proof.complete):
+        open_ = "not examined" if proof is None else "open"
+        tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else open_
     if proof is None or tree.fault is not None or tree.left is not None:
         return tree, None
     tree.bound, tree.problem = proof.cut, proof.problem
@@ -478,9 +456,7 @@ def _unfit(proof: Proof, key: str, task: ResolvedTask) -> str | None:
     return None
 
 
-def _sentence(
-    trees: list[CheckedTree], best: Row, task: ResolvedTask, candidates: int, subject: str, *, proven: bool
-) -> str:
+def _sentence(folder: RunFolder, trees: list[CheckedTree], best: Row, candidates: int, *, proven: bool) -> str:
     """Say what the checked proofs of one size come to; `proven`: nothing of the run is refused."""
     done = [tree for tree in trees if tree.verdict == "checked"]
     counts = {word: sum(tree.verdict == word for tree in trees) for word in ("refused", "open", "not examined")}
@@ -488,11 +464,8 @@ def _sentence(
     left = [f"{number} {word}" for word, number in counts.items() if number]
     impossible = sum(tree.verdict == IMPOSSIBLE for tree in trees)
     beside = f", {impossible} said to be impossible, which is not checked" if impossible else ""
-    if left or not proven or best.objective is None:
+    if left or not proven:
         return ", ".join([f"{len(done)} of {candidates} trees checked", *left]) + beside
-    least = min([tree.bound for tree in done if tree.bound is not None], default=best.objective)
-    gap = max(0.0, 1 - least / best.objective)
-    return (
-        f"checked: {subject} is {improvement(gap)} than {best.key} ({len(done)} of {candidates} trees"
-        f"{beside}); {problem(task, weakest_problem([tree.problem for tree in done]))}"
-    )
+    bounds = [tree.bound for tree in done if tree.bound is not None]
+    _, claim, scope = claim_of(folder, best, bounds, [tree.problem for tree in done])
+    return f"checked: {claim} than {best.key} ({len(done)} of {candidates} trees{beside}); {scope}"

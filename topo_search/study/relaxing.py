@@ -62,7 +62,7 @@ class Relaxable:
     """Largest share."""
     relaxed: Callable[[float], Task]
     """The task with the limit relaxed by a share."""
-    value: Callable[[Task], float | None]
+    value: Callable[[Task], float | None] = lambda _: None
     """Returns the limit; None where it is no single number."""
     unit: str = ""
     at_once: bool = False
@@ -121,13 +121,9 @@ def _numbers(task: Task, n: int) -> Iterator[Relaxable]:
         if (given := value(task)) and given != NOWHERE:
             field = f"{part}.{name}" if isinstance(part, str) else f"exposure[{part}].{name}"
             change = partial(_change, task, part, name, given, math.copysign(1.0, most))
-            number_of = _none if isinstance(given, tuple) else value
+            number_of = (lambda _: None) if isinstance(given, tuple) else value
             tightens = name == "largest_reach" and most < 0
             yield Relaxable(limit, field, more, abs(most), change, number_of, unit, tightens=tightens)
-
-
-def _none(_: Task) -> None:
-    return None
 
 
 def _value(n: int, part: str | int, name: str, task: Task) -> Any:
@@ -165,7 +161,7 @@ def _switches(task: Task) -> Iterator[Relaxable]:
         ("position of the end-effector", 'end_effector.position = "free"', fixed, free_tip),
     ):
         if holds:
-            yield Relaxable(limit, field, "freeing it", 1.0, partial(_return_freed, freed), _none, at_once=True)
+            yield Relaxable(limit, field, "freeing it", 1.0, partial(_return_freed, freed), at_once=True)
 
 
 def _return_freed(freed: Task, _: float) -> Task:
@@ -178,7 +174,7 @@ def _others(task: Task) -> Iterator[Relaxable]:
         if isinstance(exposure, Allowed):
             limit, more = f"exposure {number} ({exposure.kind})", "of the airflow's length as extra room"
             moved = partial(_move_planes, task, number, exposure.planes)
-            yield Relaxable(limit, f"exposure[{number}].planes", more, 1.0, moved, _none)
+            yield Relaxable(limit, f"exposure[{number}].planes", more, 1.0, moved)
 
     def lighten(x: float) -> Task:
         # the weight stays
@@ -187,7 +183,7 @@ def _others(task: Task) -> Iterator[Relaxable]:
 
     if lighten(0.5).load_cases != task.cases:
         more = "less force and torque at the end-effector"
-        yield Relaxable("load cases", "load_cases", more, 1 - RELAXING.least, lighten, _none)
+        yield Relaxable("load cases", "load_cases", more, 1 - RELAXING.least, lighten)
 
 
 def _move_planes(task: Task, number: int, planes: Sequence[Plane], x: float) -> Task:
@@ -198,13 +194,12 @@ def _move_planes(task: Task, number: int, planes: Sequence[Plane], x: float) -> 
 
 @dataclass
 class _Attempt:
-    """One limit of one tree, as far as it was tried."""
+    """The search for the least share of one limit that gives one tree a design with a clear audit."""
 
-    task: Task
     topology: Topology
     limit: Relaxable
-    enough: int | None = None
-    """Place in the ladder of the least share that led to a design with a clear audit."""
+    enough: int
+    """Place in the ladder of the least share that did; the ladder's length while none has."""
     short: int = -1
     """Place of the largest share that was tried in vain."""
     proven: bool = False
@@ -213,14 +208,12 @@ class _Attempt:
     """Why the solver or the audit gave no answer, with the change that was tried."""
 
     @property
-    def next(self) -> int | None:
+    def rung(self) -> int | None:
         """Place of the share to try; None when nothing is left to try."""
-        last = len(self.limit.shares) - 1
-        if self.failure is not None:
+        if self.failure is not None or self.enough - self.short == 1:
             return None
-        if self.enough is None:
-            return last if self.short < last else None
-        return (self.enough + self.short) // 2 if self.enough - self.short > 1 else None
+        last = len(self.limit.shares) - 1
+        return last if self.enough > last else (self.enough + self.short) // 2
 
     def task_at(self, rung: int) -> ResolvedTask:
         """Return the task with the limit relaxed, as a user who changes the field gets it."""
@@ -230,25 +223,24 @@ class _Attempt:
         """Name the limit and a change of it."""
         return f"{self.limit.limit}: {self.limit.change(self.limit.shares[rung])}"
 
-    def take(self, rung: int, outcome: bool | Failed) -> None:
-        """Take up whether a share led to a design with a clear audit."""
-        if isinstance(outcome, Failed):
-            self.failure = f"{self.change(rung)} ({outcome.reason})"
-        elif outcome:
-            self.enough = rung
-        else:
-            self.short = rung
+    def is_possible(self, backends: Backends) -> bool:
+        """Return whether there is a share to solve; those with which the task is proven impossible are passed."""
+        while (rung := self.rung) is not None:
+            if backends.prove_impossible(self.task_at(rung)) is None:
+                return True
+            self.short, self.proven = rung, True
+        return False
 
-    def relaxation(self, rung: int) -> Relaxation:
-        """Return what is known of a share that is enough."""
-        limit, share = self.limit, self.limit.shares[rung]
+    def relaxation(self, task: Task) -> Relaxation:
+        """Return what is known of the share that is enough."""
+        limit, share = self.limit, self.limit.shares[self.enough]
         return Relaxation(
             topology_key=self.topology.key,
             limit=limit.limit,
             change=limit.change(share),
             field=limit.field,
             share=share,
-            given=limit.value(self.task),
+            given=limit.value(task),
             enough=limit.value(limit.relaxed(share)),
             unit=limit.unit,
             not_enough=None if self.short < 0 else limit.shares[self.short],
@@ -268,7 +260,7 @@ def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: i
     """
     backends, observer = tools.backends, tools.observer
     trees, n = topologies[: RELAXING.trees], topologies[0].n
-    attempts = [_Attempt(task, tree, limit) for tree in trees for limit in relaxable(task, n)]
+    attempts = [_Attempt(tree, limit, len(limit.shares)) for tree in trees for limit in relaxable(task, n)]
     resolved, few = task.resolve(n), range(min(starts, STARTS))
     proven = backends.prove_impossible(resolved) is not None  # else what is easier is not either
 
@@ -277,19 +269,34 @@ def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: i
         return (1 + LARGER_MARGINS) * (numbered[2].deadline + audit_deadline(n))
 
     over = False
-    while not over and (due := _possible_attempts(attempts, backends if proven else None)):
-        observer.phase(solving_phase("relaxing", resolved, len(due), len(few)))
-        jobs = [(k, rung, Job(attempts[k].task_at(rung), attempts[k].topology, 1, few, seed)) for k, rung in due]
+    while not over:
+        jobs = [
+            (number, one.rung, Job(one.task_at(one.rung), one.topology, 1, few, seed))
+            for number, one in enumerate(attempts)
+            if (not proven or one.is_possible(backends)) and one.rung is not None
+        ]
+        if not jobs:
+            break
+        observer.phase(solving_phase("relaxing", resolved, len(jobs), len(few)))
         over = True
         ended = tools.engine.run(partial(_leads_to_a_design, backends), jobs, deadline=deadline, until=tools.until)
-        for count, ((k, rung, _), outcome) in enumerate(ended, 1):
-            attempts[k].take(rung, outcome)
+        for count, ((number, rung, _), outcome) in enumerate(ended, 1):
+            attempt = attempts[number]
+            if isinstance(outcome, Failed):
+                attempt.failure = f"{attempt.change(rung)} ({outcome.reason})"
+            elif outcome:
+                attempt.enough = rung
+            else:
+                attempt.short = rung
             observer.settled(None)
             over = count < len(jobs)
-    helpful = _least(attempts)
-    if over and not helpful:
+    least = dict[str, Relaxation]()  # of every limit that helped: first what costs nothing, then the least change
+    helpful = [one.relaxation(task) for one in attempts if one.enough < len(one.limit.shares)]
+    for relaxed in sorted(helpful, key=lambda one: (not one.tightens, one.share, one.limit, one.topology_key)):
+        least.setdefault(relaxed.limit, relaxed)
+    if over and not least:
         return None
-    others = [one for one in attempts if one.limit.limit not in {helped.limit for helped in helpful}]
+    others = [one for one in attempts if one.limit.limit not in least]
     untried = {one.limit.limit: one.failure for one in others if one.failure is not None}
     in_vain = {
         one.limit.limit: one.change(one.short) + (" (still proven impossible)" if one.proven else "")
@@ -299,33 +306,11 @@ def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: i
     return Relaxed(
         modules=n,
         starts=starts,
-        relaxations=tuple(helpful[:3]),
+        relaxations=tuple(least.values())[:3],
         in_vain=tuple(sorted(words for limit, words in in_vain.items() if limit not in untried)),
         untried=tuple(sorted(untried.values())),
         topologies=tuple(tree.key for tree in trees),
     )
-
-
-def _possible_attempts(attempts: list[_Attempt], backends: Backends | None) -> list[tuple[int, int]]:
-    """Return which attempts to solve with which place of their ladders; with proofs, those that may be possible."""
-    due = list[tuple[int, int]]()
-    for number, attempt in enumerate(attempts):
-        while (rung := attempt.next) is not None:
-            if backends is None or backends.prove_impossible(attempt.task_at(rung)) is None:
-                due.append((number, rung))
-                break
-            attempt.take(rung, False)
-            attempt.proven = True
-    return due
-
-
-def _least(attempts: list[_Attempt]) -> list[Relaxation]:
-    """Return the least change of every limit that helped: first what costs nothing, then the least change."""
-    helpful = [one.relaxation(one.enough) for one in attempts if one.enough is not None]
-    least = dict[str, Relaxation]()
-    for one in sorted(helpful, key=lambda one: (not one.tightens, one.share, one.limit, one.topology_key)):
-        least.setdefault(one.limit, one)
-    return list(least.values())
 
 
 def _leads_to_a_design(backends: Backends, numbered: tuple[int, int, Job]) -> bool:

@@ -23,37 +23,28 @@ from itertools import count
 from pathlib import Path
 
 from topo_search.engine import Candidates, scaled_violation
-from topo_search.model import BadInput, Design, Topology
-from topo_search.study.answer import (
-    NEAR,
-    SHOWN,
-    Answer,
-    LevelAnswer,
-    SizeAnswer,
-    proven_statement,
-    quotient_remark,
-    reason,
-    remark,
-    statement,
-)
+from topo_search.limits import quantity
+from topo_search.model import BadInput, Design, Infeasible, Topology
+from topo_search.model.proven import gap_percent, improvement
+from topo_search.study.answer import NEAR, SHOWN, Answer, LevelAnswer, SizeAnswer, quotient_remark
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import FLIGHT, Ledger, Row, flight_of
 from topo_search.study.ledger_file import LedgerLost, damage
 from topo_search.study.optima import front_of
-from topo_search.study.proofs import ProofSummary, subject_of, summarize
+from topo_search.study.proofs import summarize
 from topo_search.study.relaxing import causes
 from topo_search.study.request import Context, Request
 from topo_search.study.solving import audits_left
 
 
 def check_rows(rows: Iterable[Row], space: Candidates, lower_bound: float, path: Path) -> Iterator[Row]:
-    """Yield the ranked rows of one size, none of which may contradict the bound, the ranking or their number.
+    """Yield the ranked rows of one size, none of which may contradict the bound or their number.
 
     Raises:
         BadInput: one does; names the candidate.
     """
-    last, number, orbits, classes = -math.inf, 0, 0, space.classes
+    number, orbits, classes = 0, 0, space.classes
     statuses = ("feasible", "infeasible", "impossible", "pruned", "failed")
     for row in rows:
         number, orbits = number + 1, orbits + row.orbit
@@ -66,9 +57,6 @@ def check_rows(rows: Iterable[Row], space: Candidates, lower_bound: float, path:
             below = 3.0e-6  # share by which J may lie below: rounding, and what earlier ledgers leave to the audit
             if not (math.isfinite(row.objective) and row.objective >= least * (1 - below)):
                 raise damage(path, f"{row.key} has the objective {row.objective!r}, under the bound of {least!r}")
-            if row.objective < last:
-                raise damage(path, f"{row.key} is not where its objective ranks it")
-            last = row.objective
         yield row
     if number == space.count() and orbits != classes:
         raise damage(path, f"its {number} candidates represent {orbits} trees, but there are {classes}")
@@ -225,11 +213,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         number = f"{candidates - settled} of {candidates} candidates"
         remarks.append(f"{number} were never proposed: nothing is known about them")
     check_designs(ledger, contexts, space, top if best is None or best in top else [*top, best])
-    proofs = folder.proofs(n)
-    proven = ProofSummary(None, None)
-    if proofs:
-        rows, subject = list(ledger.ranking(n)), subject_of(request, n)
-        proven = summarize(rows, proofs, best, contexts[0].task, candidates, subject)
+    proven = summarize(folder, n, best)
     words = None if best is None else statement(best, settled - statuses["failed"], candidates)
     return SizeAnswer(
         modules=n,
@@ -256,6 +240,65 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         candidates_gap=proven.gap,
         proof_resumable=proven.resumable,
     )
+
+
+def statement(best: Row, solved: int, candidates: int) -> str:
+    """Say what is known of the best design: starts are no proof; the bound is, of every tree of the size."""
+    number = f"all {candidates}" if solved == candidates else f"{solved} of {candidates}"
+    words = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
+    if best.gap is None:
+        return words
+    return f"{words}; proven: no {best.modules}-module topology is {improvement(best.gap)}"
+
+
+def proven_statement(candidates: int, gap: float) -> str:
+    """Say that the best design is proven to be the best, but for a share of its effort."""
+    number = "the only candidate" if candidates == 1 else f"all {candidates} candidates"
+    return f"the best of {number}, proven" + (f" to within {gap_percent(gap)}" if gap > 0 else "")
+
+
+def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
+    """Say why there is no design: what is proven, or the smallest shortfall of all starts, which proves nothing.
+
+    Args:
+        proof: that no topology can do it.
+        closest: the candidate of the start that came closest, of those that are not proven to be impossible.
+        statuses: how many candidates ended with which status.
+    """
+    if proof is not None:
+        return proof.message
+    number, impossible = statuses.total(), statuses["impossible"]
+    if number == 0:
+        return "time limit reached before the first candidate was solved; nothing is known yet"
+    if impossible == number:
+        which = "the only candidate" if number == 1 else f"each of {number} candidates"
+        return f"{which} is proven impossible; candidates.csv names what it cannot meet"
+
+    def candidates(some: int) -> str:
+        return "the only candidate" if number == 1 else quantity(some, "candidate")
+
+    parts, failed = list[str](), statuses["failed"]
+    if number > impossible + failed:
+        tried = f"no start of {candidates(number - failed)} led to a design"
+        parts.append(f"{tried} ({impossible} proven impossible)" if impossible else tried)
+    elif impossible:
+        parts.append(f"{candidates(impossible)} proven impossible")
+    if failed:
+        parts.append(f"{candidates(failed)} failed, so nothing is known of {'it' if failed == 1 else 'them'}")
+    if closest is not None:
+        miss = f"{closest.key} misses `{closest.worst_constraint}` by {closest.violation:.3g} {closest.unit}"
+        parts.append(f"smallest shortfall (not a proof): {miss}".rstrip())
+    return "; ".join(parts)
+
+
+def remark(row: Row) -> list[str]:
+    """Say what an audit led to, if it was not clear at once."""
+    again = f"solved again with margin {row.margin:g} m because its audit was not clear" if row.step else ""
+    over = "" if row.audit is None or row.clear else f"skipped, its audit is {row.audit}"
+    if row.audit_failure is not None:
+        over = f"skipped, its audit failed: {row.audit_failure}"
+    text = "; ".join(part for part in (again, over) if part)
+    return [f"{row.key}: {text}"] if text else []
 
 
 def _fragility(row: Row) -> tuple[float, float, float]:

@@ -30,13 +30,13 @@ word with m modules and 2m + s free slots exactly s are the preorder text of a f
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import islice
-from math import comb, factorial
+from itertools import accumulate, islice
+from math import comb
 from random import Random
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Fault, ResolvedTask, Task, Topology
@@ -69,97 +69,99 @@ def forests(trees: int, modules: int) -> int:
     return trees * comb(3 * modules + trees, modules) // (3 * modules + trees)
 
 
-def ternary_trees(modules: int) -> int:
-    """Return the number of ternary trees, C(3k, k) / (2k + 1); OEIS A001764."""
-    return forests(1, modules)
+Build = Callable[[Sequence[str], Random, Connectors], Rooted]
 
 
-def fixed_trees(n: int) -> int:
-    """Return F(n) = 2 (3n)! / ((2n+1)! (n+1)!); OEIS A000139."""
-    return 2 * factorial(3 * n) // (factorial(2 * n + 1) * factorial(n + 1))
+class _Shape(NamedTuple):
+    """Trees that are each made of a forest of ternary trees."""
+
+    trees: int
+    """Trees of the forest."""
+    modules: int
+    """Modules of the forest."""
+    number: int
+    """Trees of this shape."""
+    build: Build
+    """Makes a tree from the codes of a forest; draws what the forest leaves open."""
 
 
-def rooted_trees(n: int) -> int:
-    """Return n F(n), also 4 C(3n+1, n-1) / (3n+1); OEIS A006629 with offset 1."""
-    return n * fixed_trees(n)
+@lru_cache(maxsize=512)
+def _shapes(quarters: int, mirror: bool, n: int, connectors: Connectors, root: Root) -> list[_Shape]:
+    """Return the shapes of the trees that an element (q, mirror) of a group leaves as they are.
 
-
-def mirror_paths(n: int, *, connectors: Connectors = "aligned", root: Root = "free") -> list[int]:
-    """Return, for L = 1..n, the number of trees with L modules on the x axis that are their own mirror image in it.
-
-    They stand in a row, each between a tree and its mirror image: [x^k] T(x)^L. With the paper's root any of the
-    L modules can be the root.
+    Those of a mirror are as in the x axis, or the diagonal between x and y.
     """
-    numbers = []
-    for on_axis in range(1, n + 1):
-        pairs, rest = divmod(n - on_axis, 2)
-        number = 0 if rest else forests(on_axis, pairs)
-        if connectors == "any":
-            number <<= on_axis - 1 + pairs
-        numbers.append(number if root == "free" else number * on_axis)
-    return numbers
 
+    def shape(trees: int, modules: int, build: Build, *, times: int = 1, same: int = 1, joints: int = 0) -> _Shape:
+        number = times * forests(trees, modules) // same
+        return _Shape(trees, modules, number << (modules + joints if connectors == "any" else 0), build)
 
-def mirror_bridges(n: int, *, connectors: Connectors = "aligned", root: Root = "free") -> int:
-    """Return the number of trees that are mirror images in the x axis of themselves with no module on the axis.
-
-    A joint across the axis, at modules of one spin, holds two mirror images together.
-    """
-    if n % 2 or root == "paper":
-        return 0
-    return ternary_trees(n // 2) << (n // 2 - 1 if connectors == "any" else 0)
-
-
-def count_fixed(
-    quarters: int, mirror: bool, n: int, *, connectors: Connectors = "aligned", root: Root = "free"
-) -> int:
-    """Return the number of trees that an element (q, mirror) of a group leaves as they are."""
+    half, odd = divmod(n, 2)
+    free = root == "free"
     if mirror and quarters % 2 == 0:
-        paths = mirror_paths(n, connectors=connectors, root=root)
-        return sum(paths) + mirror_bridges(n, connectors=connectors, root=root)
-    number, joints = _count_fixed_by_turn(quarters, mirror, n, root)
-    return number << joints if connectors == "any" else number
+        rows = [
+            shape(L, (n - L) // 2, _row_on_axis, times=1 if free else L, joints=L - 1)
+            for L in range(2 - odd, n + 1, 2)
+        ]
+        return rows if odd or not free else [shape(3, half - 1, _joint_across_axis), *rows]
+    if quarters == 0:
+        return [shape(4, n - 1, lambda ports, *_: (ports[0], ports[1], ports[2], ports[3]), same=n if free else 1)]
+    if mirror:
+        return [shape(2, half, lambda ports, *_: _beside_diagonal(*ports))] if odd else []
+    if quarters % 2:  # one tree at all four ports of a centre
+        return [shape(1, n // 4, lambda ports, *_: (*ports, *ports, *ports, *ports))] if n % 4 == 1 else []
+    if odd:
+        return [shape(2, half, lambda ports, *_: (*ports, *ports))]
+    return [shape(3, half - 1, _equal_halves, times=2)] if free else []
 
 
-def _count_fixed_by_turn(quarters: int, mirror: bool, n: int, root: Root) -> tuple[int, int]:
-    """Return how many aligned trees an element that is no axis mirror leaves as they are, and their free joints."""
-    if not mirror and quarters == 0:
-        return (fixed_trees(n) if root == "free" else rooted_trees(n)), n - 1
-    if not mirror and quarters % 2:  # one tree at all four ports of a centre
-        return (ternary_trees(n // 4) if n % 4 == 1 else 0), n // 4
-    if n % 2:  # two trees at the ports of a centre, each with its image
-        return forests(2, n // 2), n // 2
-    if mirror or root == "paper":
-        return 0, 0
-    return 2 * ternary_trees(n // 2), n // 2 - 1  # a joint along x or y, with the same half at both ends
+def _row_on_axis(sides: Sequence[str], random: Random, connectors: Connectors) -> Rooted:
+    """Return a tree with a row of modules on the x axis, each between a tree and its mirror image."""
+    root = random.randrange(len(sides))
+    east = west = ""
+    for side in reversed(sides[root + 1 :]):
+        east = plant((mirror_code(side), east, side), _draw_parity(random, connectors))
+    for side in sides[:root]:
+        west = plant((side, west, mirror_code(side)), _draw_parity(random, connectors))
+    return east, sides[root], west, mirror_code(sides[root])
+
+
+def _joint_across_axis(slots: Sequence[str], *_: object) -> Rooted:
+    """Return a tree of two mirror images in the x axis that a joint across it holds together."""
+    right, ahead, left = slots
+    return left, mirror_code(plant((right, ahead, left))), right, ahead
+
+
+def _beside_diagonal(first: str, third: str) -> Rooted:
+    return first, mirror_code(first), third, mirror_code(third)
+
+
+def _equal_halves(slots: Sequence[str], random: Random, _: Connectors) -> Rooted:
+    """Return a tree of two halves, the same as seen from the joint between them along x or y."""
+    right, ahead, left = slots
+    return turn((plant((right, ahead, left)), right, ahead, left), random.randrange(2))
 
 
 def classes(n: int, group: Group, *, connectors: Connectors = "aligned", root: Root = "free") -> int:
     """Return the number of trees of n modules up to a group."""
-    elements = GROUPS[group]
-    return sum(count_fixed(q, mirror, n, connectors=connectors, root=root) for q, mirror in elements) // len(
-        elements
-    )
+    return sum(_weights(n, group, connectors, root)) // len(GROUPS[group])
 
 
 def draw_tree(random: Random, n: int, quotient: Quotient, connectors: Connectors) -> Rooted:
     """Return the representative of a class of n modules, drawn uniformly from all classes."""
-    weights = _weights(n, quotient, connectors)
+    weights = _weights(n, quotient.group, connectors, quotient.root)
     quarters, mirror = GROUPS[quotient.group][_pick(random, weights)]
-    return quotient.representative(_Draw(random, n, connectors, quotient.root).draw_fixed(quarters, mirror))
+    shapes = _shapes(quarters, mirror, n, connectors, quotient.root)
+    on_axis = mirror and quarters % 2 == 0  # the only elements with several shapes
+    shape = shapes[_pick(random, [shape.number for shape in shapes])] if on_axis else shapes[0]
+    tree = shape.build(_draw_forest(random, shape.trees, shape.modules, connectors), random, connectors)
+    return quotient.representative(turn(tree, quarters // 2) if mirror else tree)
 
 
 @lru_cache(maxsize=64)
-def _weights(n: int, quotient: Quotient, connectors: Connectors) -> tuple[int, ...]:
-    elements = GROUPS[quotient.group]
-    return tuple(count_fixed(q, mirror, n, connectors=connectors, root=quotient.root) for q, mirror in elements)
-
-
-@lru_cache(maxsize=64)
-def _mirror_weights(n: int, connectors: Connectors, root: Root) -> tuple[int, ...]:
-    """Return the numbers of trees by what lies on the mirror's axis: nothing, or 1..n modules."""
-    paths = mirror_paths(n, connectors=connectors, root=root)
-    return (mirror_bridges(n, connectors=connectors, root=root), *paths)
+def _weights(n: int, group: Group, connectors: Connectors, root: Root) -> tuple[int, ...]:
+    """Return how many trees each element of a group leaves as they are."""
+    return tuple(sum(shape.number for shape in _shapes(*of, n, connectors, root)) for of in GROUPS[group])
 
 
 def _pick(random: Random, weights: Sequence[int]) -> int:
@@ -172,79 +174,27 @@ def _pick(random: Random, weights: Sequence[int]) -> int:
     raise AssertionError("a number under the sum of the weights lies within one of them")
 
 
-@dataclass(frozen=True)
-class _Draw:
-    """Uniform draws of trees that an element of a group leaves as they are."""
+def _draw_parity(random: Random, connectors: Connectors) -> int:
+    """Return the parity of a joint's kappa."""
+    return random.randrange(2) if connectors == "any" else 0
 
-    random: Random
-    n: int
-    connectors: Connectors
-    root: Root
 
-    def draw_fixed(self, quarters: int, mirror: bool) -> Rooted:
-        """Return a tree that an element (q, mirror) leaves as it is."""
-        n = self.n
-        if mirror and quarters % 2 == 0:
-            return turn(self._mirror_image(), quarters // 2)  # the mirrors in the x and in the y axis
-        if mirror:
-            first, third = self._forest(2, n // 2)
-            return turn((first, mirror_code(first), third, mirror_code(third)), quarters // 2)
-        if quarters == 0:
-            east, north, west, south = self._forest(4, n - 1)
-            return east, north, west, south
-        if quarters % 2:
-            (code,) = self._forest(1, n // 4)
-            return code, code, code, code
-        if n % 2:
-            first, second = self._forest(2, n // 2)
-            return first, second, first, second
-        right, ahead, left = self._forest(3, n // 2 - 1)
-        half = plant((right, ahead, left))
-        return turn((half, right, ahead, left), self.random.randrange(2))
-
-    def _mirror_image(self) -> Rooted:
-        """Return a tree that is its own mirror image in the x axis."""
-        on_axis = _pick(self.random, _mirror_weights(self.n, self.connectors, self.root))
-        if on_axis == 0:
-            right, ahead, left = self._forest(3, self.n // 2 - 1)
-            return left, mirror_code(plant((right, ahead, left))), right, ahead
-        sides = self._forest(on_axis, (self.n - on_axis) // 2)
-        at = self.random.randrange(on_axis)
-        east = west = ""
-        for side in reversed(sides[at + 1 :]):
-            east = plant((mirror_code(side), east, side), self._odd())
-        for side in sides[:at]:
-            west = plant((side, west, mirror_code(side)), self._odd())
-        return east, sides[at], west, mirror_code(sides[at])
-
-    def _odd(self) -> int:
-        """Return the parity of a joint's kappa."""
-        return self.random.randrange(2) if self.connectors == "any" else 0
-
-    def _forest(self, trees: int, modules: int) -> list[str]:
-        """Return the codes of `trees` ternary trees with `modules` modules in all; empty trees have empty codes."""
-        length = 3 * modules + trees
-        word = [-1] * length
-        for position in self.random.sample(range(length), modules):
-            word[position] = 2
-        waiting: list[str] = []
-        for step in reversed(self._rotate(word, trees)):
-            if step < 0:
-                waiting.append("")
-            else:
-                right, ahead, left = waiting.pop(), waiting.pop(), waiting.pop()
-                waiting.append(plant((right, ahead, left), self._odd()))
-        return waiting[::-1]
-
-    def _rotate(self, word: list[int], trees: int) -> list[int]:
-        """Return one of the `trees` rotations of a word that only end when as many trees are complete."""
-        height, heights = 0, []
-        for step in word:
-            height += step
-            heights.append(height)
-        # each begins behind the first place of one of the lowest heights
-        start = heights.index(min(heights) + self.random.randrange(trees)) + 1
-        return word[start:] + word[:start]
+def _draw_forest(random: Random, trees: int, modules: int, connectors: Connectors) -> list[str]:
+    """Return the codes of `trees` ternary trees with `modules` modules in all; empty trees have empty codes."""
+    word = [-1] * (3 * modules + trees)
+    for position in random.sample(range(len(word)), modules):
+        word[position] = 2
+    # one of the rotations that only end when all trees do: each begins behind the first place of a lowest height
+    heights = list(accumulate(word))
+    start = heights.index(min(heights) + random.randrange(trees)) + 1
+    waiting: list[str] = []
+    for step in reversed(word[start:] + word[:start]):
+        if step < 0:
+            waiting.append("")
+        else:
+            right, ahead, left = waiting.pop(), waiting.pop(), waiting.pop()
+            waiting.append(plant((right, ahead, left), _draw_parity(random, connectors)))
+    return waiting[::-1]
 
 
 @dataclass(frozen=True)

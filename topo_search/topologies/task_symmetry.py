@@ -22,7 +22,7 @@ change nothing, and either half turn of a pair of perpendicular frames will do.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
@@ -54,25 +54,14 @@ class _Feature(NamedTuple):
     axial: Array
     """Vectors that go to -O v, shape (k, 3)."""
 
-    def rotate(self, P: Array) -> _Feature:
-        """Return the image under O = -P."""
-        return self._replace(polar=-self.polar @ P.T, axial=self.axial @ P.T)
-
     @property
     def vectors(self) -> Array:
         """All vectors, shape (m + k, 3)."""
         return np.vstack([self.polar, self.axial])
 
-    def equals(self, other: _Feature) -> bool:
-        """True if two regions are the same within the tolerance."""
-        if len(self.vectors) != len(other.vectors) or not np.allclose(self.scalars, other.scalars, TOLERANCE, 0.0):
-            return False
-        same = _are_same(self.vectors[:, None], other.vectors)
-        return bool(np.all(same.any(axis=0)) and np.all(same.any(axis=1)))
-
 
 class _Kind(NamedTuple):
-    """Features that may be images of each other: of one kind and with as many vectors, in order."""
+    """Features that may be images of each other: of one kind and with as many vectors."""
 
     vectors: Array
     """Vectors of f features, polar ones first, shape (f, m + k, 3)."""
@@ -80,6 +69,8 @@ class _Kind(NamedTuple):
     """-1 for polar vectors and 1 for axial ones, as O = -P maps them, shape (m + k, 1)."""
     alike: NDArray[np.bool_]
     """True if two of them have the same scalars, shape (f, f)."""
+    ordered: bool
+    """False for regions, whose vectors have no order."""
 
     @classmethod
     def of(cls, features: list[_Feature]) -> _Kind:
@@ -88,12 +79,17 @@ class _Kind(NamedTuple):
         scalars = np.array([feature.scalars for feature in features])
         signs = np.repeat([-1.0, 1.0], [len(first.polar), len(first.axial)])[:, None]
         alike = np.isclose(scalars[:, None], scalars, rtol=TOLERANCE, atol=0.0).all(axis=-1)
-        return cls(np.array([feature.vectors for feature in features]), signs, alike)
+        return cls(np.array([feature.vectors for feature in features]), signs, alike, first.kind != REGION)
 
     def maps_onto_itself(self, P: Array) -> bool:
         """True if the image of each of them under O = -P is one of them."""
         images = self.signs * self.vectors @ P.T
-        same = _are_same(images[:, None], self.vectors).all(axis=-1)
+        if self.ordered:
+            same = _are_same(images[:, None], self.vectors).all(axis=-1)
+        else:
+            pairs = (_are_same(image[:, None], self.vectors[:, None]) for image in images)  # (f, m, m) each
+            both = [np.all(pair.any(axis=1), axis=1) & np.all(pair.any(axis=2), axis=1) for pair in pairs]
+            same = np.array(both)
         return bool(np.all(np.any(self.alike & same, axis=1)))
 
 
@@ -107,30 +103,20 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
     with p_E and allow every isometry. Among several the one nearest to a plain reflection is returned.
     """
     features = _features(to_corners(task))
-    regions = [feature for feature in features if feature.kind == REGION]
-    kinds = _kinds(feature for feature in features if feature.kind != REGION)
+    alike: dict[tuple[str, int, int], list[_Feature]] = {}
+    for feature in features:
+        alike.setdefault((feature.kind, len(feature.polar), len(feature.axial)), []).append(feature)
+    kinds = [_Kind.of(group) for group in alike.values()]
     best = None
     for P in _rotations(features):
-        if best is not None and np.trace(P) >= np.trace(best) - TOLERANCE:
-            continue
-        if not all(kind.maps_onto_itself(P) for kind in kinds):
-            continue
-        images = (region.rotate(P) for region in regions)
-        if all(any(image.equals(region) for region in regions) for image in images):
+        nearer = best is None or np.trace(P) < np.trace(best) - TOLERANCE
+        if nearer and all(kind.maps_onto_itself(P) for kind in kinds):
             best = P
     if best is None:
         return None
     O = -best
     O.flags.writeable = False
     return O
-
-
-def _kinds(features: Iterable[_Feature]) -> list[_Kind]:
-    """Return features that have their vectors in order, by what they are."""
-    alike: dict[tuple[str, int, int], list[_Feature]] = {}
-    for feature in features:
-        alike.setdefault((feature.kind, len(feature.polar), len(feature.axial)), []).append(feature)
-    return [_Kind.of(group) for group in alike.values()]
 
 
 def _features(task: ResolvedTask) -> list[_Feature]:

@@ -44,7 +44,7 @@ from topo_search.model import (
 from topo_search.model.load_case import centres_of
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
-from verify.flight.balls import FORCES, TORQUES, Ball, PseudoInverse, largest_balls, largest_caps, remainder
+from verify.flight.balls import TORQUES, Ball, PseudoInverse, largest_balls, largest_caps, remainder
 from verify.flight.joints import inertia, joint_loads
 from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest, least_inputs
 from verify.kinematics import Platform, required_wrench, wrench_map
@@ -185,43 +185,47 @@ class Measured:
         return tuple(rows)
 
     def _reserves(self, b: Array) -> list[dict[str, Any]]:
-        """Return the fields of what can be added to wrenches that some v produce, shape (B, 6)."""
-        torques = largest_balls(self.A[3:], self.A[:3], b[:, 3:], b[:, :3], self.box)
-        reserves = [
-            _ball("torque_reserve{}_Nm", "torque_weakest", ball, self.torque) | fields
-            for ball, fields in zip(torques, self._accelerations(b), strict=True)
-        ]
-        reserves = [fields | self._allocation(one) for fields, one in zip(reserves, b, strict=True)]
-        for point, about_rows, about in (
-            ("", _torques_about(self.p_E, self.A), _torques_about(self.p_E, b.T).T),
-            ("_com", self.A[3:], b[:, 3:]),
+        """Return the fields of what can be added to wrenches that some v produce, shape (B, 6).
+
+        About the tip or the COM, some rows of forces or torques grow while others are held.
+        """
+        fields = self._accelerations(b)
+        force, side, torque, torque_and_lift = slice(0, 3), slice(0, 2), slice(3, 6), slice(3, 7)
+        for which, point, unit, grow, hold in (
+            ("torque", "", "Nm", torque, force),
+            ("force", "", "N", force, torque),
+            ("horizontal", "", "N", side, torque_and_lift),
+            ("force", "_com", "N", force, torque),
+            ("horizontal", "_com", "N", side, torque_and_lift),
         ):
-            forces = largest_balls(self.A[:3], about_rows, b[:, :3], about, self.box)
-            level, held = np.vstack([about_rows, self.A[2:3]]), np.hstack([about, b[:, 2:3]])
-            sides = largest_balls(self.A[:2], level, b[:, :2], held, self.box)
-            for which, balls in (("force", forces), ("horizontal", sides)):
-                name, weakest = f"{which}_reserve{point}{{}}_N", f"{which}_weakest{point}"
-                reserves = [
-                    fields | _ball(name, weakest, ball, self.force)
-                    for fields, ball in zip(reserves, balls, strict=True)
-                ]
-        return reserves
+            name, size = f"{which}_reserve{point}{{}}_{unit}", self.force if unit == "N" else self.torque
+            # a torque is the same about all points, but leaves the force at the COM alone
+            p = np.zeros(3) if point or which == "torque" else self.p_E
+            M, w = (np.vstack([W[:3], _torques_about(p, W), W[2:3]]) for W in (self.A, b.T))
+            balls = largest_balls(M[grow], M[hold], w[grow].T, w[hold].T, self.box)
+            E = np.eye(6)
+            E[3:, :3] = np.cross(p, np.eye(3)).T
+            for row, ball, one in zip(fields, balls, b, strict=True):
+                row |= _ball(name, f"{which}_weakest{point}", ball, size)
+                row[f"{name.format('')}_pseudo_inverse"] = self.pseudo_inverse.ball(one, E[:, grow]) * size
+        return fields
 
     def _accelerations(self, b: Array) -> list[dict[str, Any]]:
         """Return the fields of accelerations about each axis: the greatest s of which A v = b +- s J e / |J e|."""
-        sizes = np.zeros(3) if self.J is None else np.linalg.norm(self.J, axis=0)
-        if self.J is None or not sizes.all():
+        if self.J is None:
             return [{} for _ in b]
+        sizes, ways = np.linalg.norm(self.J, axis=0), TORQUES @ self.J
+        multiplied = [tuple(self.pseudo_inverse.ball(one, ways[:, [k]]) for k in range(3)) for one in b]
+        fields: list[dict[str, Any]] = [{"angular_acceleration_rad_s2_pseudo_inverse": one} for one in multiplied]
+        if not sizes.all():
+            return fields
         turns = np.hstack([np.zeros((3, 3)), (self.J / sizes).T])
         steps = self._greatest_steps(b, np.vstack([turns, -turns]))
         lower, upper = (np.reshape(side, (-1, 2, 3)).min(axis=1) / sizes for side in steps)
-        return [
-            {
-                "angular_acceleration_rad_s2": tuple(np.maximum(least, 0.0).tolist()),
-                "angular_acceleration_at_most_rad_s2": tuple(clamp(x) for x in np.maximum(at_most, 0.0).tolist()),
-            }
-            for least, at_most in zip(lower, upper, strict=True)
-        ]
+        for row, least, at_most in zip(fields, lower, upper, strict=True):
+            row["angular_acceleration_rad_s2"] = tuple(np.maximum(least, 0.0).tolist())
+            row["angular_acceleration_at_most_rad_s2"] = tuple(clamp(x) for x in np.maximum(at_most, 0.0).tolist())
+        return fields
 
     def _greatest_steps(self, b: Array, ways: Array) -> tuple[Array, Array]:
         """Return the greatest s of which A v = b + s d, at least and at most, for each b and d, shape (B, D) each.
@@ -246,25 +250,6 @@ class Measured:
     def pseudo_inverse(self) -> PseudoInverse:
         """The allocator that only multiplies."""
         return PseudoInverse(self.A, self.box)
-
-    def _allocation(self, b: Array) -> dict[str, Any]:
-        """Return the fields of what the pseudo-inverse can add to a wrench."""
-        at_tip = FORCES.copy()
-        at_tip[3:] = np.cross(self.p_E, np.eye(3)).T
-        added = {
-            "force_reserve_N": (at_tip, self.force),
-            "horizontal_reserve_N": (at_tip[:, :2], self.force),
-            "force_reserve_com_N": (FORCES, self.force),
-            "horizontal_reserve_com_N": (FORCES[:, :2], self.force),
-            "torque_reserve_Nm": (TORQUES, self.torque),
-        }
-        balls: dict[str, Any] = {name: self.pseudo_inverse.ball(b, E) * unit for name, (E, unit) in added.items()}
-        if self.J is not None:
-            ways = TORQUES @ self.J
-            balls["angular_acceleration_rad_s2"] = tuple(
-                self.pseudo_inverse.ball(b, ways[:, [k]]) for k in range(3)
-            )
-        return {f"{name}_pseudo_inverse": value for name, value in balls.items()}
 
     def rotors_out(self, cases: int) -> RotorsOut:
         """Return which single rotors may fail in the first so many cases."""

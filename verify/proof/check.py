@@ -14,7 +14,7 @@ from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, proof_ta
 from topo_search.model.topology import straight_chain
 from verify.bodies import Array
 from verify.proof import replay
-from verify.proof.platform import all_angles, angles_around, angles_of_hinges, effort_unit, hang, numbers
+from verify.proof.platform import all_angles, angles_around, angles_of_hinges, effort_unit, numbers, reroot
 
 refresh(replay.replay, Path(__file__).parent, Path(proven.__file__))
 
@@ -26,7 +26,7 @@ REASONS = {
     replay.NO_SUCH_ANGLE: "the record halves an unknown angle, or one without width",
     replay.TOO_DEEP: "the record halves it more often than a number can be",
     replay.NOT_BOUNDED: "no bound excludes it",
-    replay.NOT_NEAR: "no two modules are too close everywhere in it",
+    replay.NOT_CROWDED: "no two modules are too close everywhere in it",
 }
 """Faults of a box, by the outcome of its replay."""
 
@@ -54,7 +54,7 @@ def check_chunk(
     lower, upper = chunk_box(task, n, chunk.number)
     if np.any(lower > upper) and not len(record):  # no angles of the task's set are in the chunk
         return CheckedChunk(number=chunk.number, fault=None)
-    data = numbers(task, hang(topology, root_module), problem, chunk.corners)
+    data = numbers(task, reroot(topology, root_module), problem, chunk.corners)
     # a bound in these units is off from one in SI by a few roundings
     replayed = replay.replay(data, lower, upper, cut / effort_unit(task) * (1 + 1e-12), record)
     fault = None

@@ -9,12 +9,12 @@ produce is b_k + r_k with |r_k| as `verify.proof.platform` says, so
         + \sum_r \sigma_r (n_r \cdot (e_r - p'_E) + d_r) \ge
         \sum_k y_k \cdot b_k - |y_k| \cdot |r_k| - \sum_{j,k} \psi_k(a_j \cdot y_k)
         + \sum_r \sigma_r (n_r \cdot (e_r - p'_E) + d_r), \qquad
-    \psi_k(t) = \max_{m - \tau \le u \le 1 + \tau} t u - \lambda_k u^2
+    \psi_k(t) = \max_{u_{min} - \tau \le u \le 1 + \tau} t u - \lambda_k u^2
 
-with tau the audit's tolerance and m the least input; of a dead rotor, -tau <= u <= tau. The ends e_r of envelopes
-keep within half-spaces, so that n_r . (e_r - p'_E) + d_r <= 0, and sigma_r >= 0. What must be possible but costs
-nothing has lambda_k = 0. p'_E drops out where sum_k g_k x mu_k = sum_r sigma_r n_r; what is missed of that costs
-as much times the farthest p'_E. psi is convex, a_j . y, b . y and n_r . e_r are affine in the pair of each angle
+with tau the audit's tolerance; of a dead rotor, -tau <= u <= tau. The ends e_r of envelopes keep within
+half-spaces, so that n_r . (e_r - p'_E) + d_r <= 0, and sigma_r >= 0. What must be possible but costs nothing has
+lambda_k = 0. p'_E drops out where sum_k g_k x mu_k = sum_r sigma_r n_r; what is missed of that costs as much times
+the farthest p'_E. psi is convex, a_j . y, b . y and n_r . e_r are affine in the pair of each angle
 (`verify.proof.arcs`), so the right-hand side is least at a choice of corners. A module adds what depends on the
 root and on the hinges of its path alone, so for each of the 27 choices of the root the least over the hinges is
 found from the leaves of the tree inwards.
@@ -150,7 +150,7 @@ def _fill(numbers: Numbers, frames: Frames, i: int, v: int, work: Sums) -> None:
         y, weight = work.y[k], numbers.weight[k]
         steep = 0.5 / weight if weight > 0.5 / STEEP else STEEP
         for q in range(4):
-            low, high = numbers.least - TOLERANCE, 1 + TOLERANCE
+            low, high = numbers.u_min - TOLERANCE, 1 + TOLERANCE
             if numbers.dead[k] == 4 * i + q:
                 low, high = -TOLERANCE, TOLERANCE
             ox, oy, oz = numbers.torques[q]

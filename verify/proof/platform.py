@@ -76,7 +76,7 @@ class Numbers(NamedTuple):
     """lambda_k, in the greatest, shape (K,)."""
     dead: Indices
     """Rotor at rest, 4 i + q, or -1, shape (K,)."""
-    least: float
+    u_min: float
     """Least input of rotors that run."""
     normal: Array
     module: Indices
@@ -111,11 +111,11 @@ class Numbers(NamedTuple):
 def numbers(
     task: ResolvedTask, tree: Topology, problem: Problem = "task", corners: tuple[int, ...] = ()
 ) -> Numbers:
-    """Return the numbers of a task and a tree that hangs from the module that angles are counted from.
+    """Return the numbers of a task and a tree rooted at the module that angles are counted from.
 
     Args:
         task: the task.
-        tree: hung.
+        tree: rooted there.
         problem: which designs a proof is about (`topo_search.model.proof`).
         corners: which of those of `proof_task` are taken in; what is left out only makes bounds lower.
     """
@@ -177,7 +177,7 @@ def numbers(
         g=g,
         weight=weight / weight.max(),
         dead=np.array([-1 if rotor is None else rotor for rotor in bounded.dead_rotors], np.int64),
-        least=task.min_input / task.max_input,
+        u_min=task.min_input / task.max_input,
         normal=normal,
         module=module_of,
         down=down,
@@ -225,7 +225,7 @@ def effort_unit(task: ResolvedTask) -> float:
     return task.max_input**2 * max(case.weight for case in task.load_cases)
 
 
-def hang(topology: Topology, root: int) -> Topology:
+def reroot(topology: Topology, root: int) -> Topology:
     """Return the same platform as a tree that hangs from another module, breadth first, ports in order.
 
     A hinge seen from its other end turns about the same axis by the same angle, up to its sign.

@@ -18,19 +18,20 @@ from verify.proof import arcs, ascent, dual
 from verify.proof.arcs import Frames
 from verify.proof.nearness import are_too_near
 from verify.proof.platform import Numbers, angles_around
+from verify.proof.points import Points, fill_point, fill_turns, workspace
 
-BOUND, NEAR, HALVED = 0, 1, 2
+BOUND, CROWDED, HALVED = 0, 1, 2
 """Meaning of a byte for a box (`topo_search.model.proof`); HALVED + a: along angle a."""
-HELD, ENDS_EARLY, GOES_ON, NO_SUCH_ANGLE, TOO_DEEP, NOT_BOUNDED, NOT_NEAR = range(7)
+HELD, ENDS_EARLY, GOES_ON, NO_SUCH_ANGLE, TOO_DEEP, NOT_BOUNDED, NOT_CROWDED = range(7)
 """Outcomes of a replay."""
 DEEPEST = 64
 """No angle is halved more often: doubles have no more digits."""
-STEPS = 8
-"""Newton steps from the multipliers of the box before,"""
-ENOUGH = 1.01
-"""until they promise so many times the cut."""
-EXTRA = 4000
-"""Boxes that one box of the record is cut into here at most."""
+FIRST_STEPS = 8
+"""Newton steps from the multipliers of the box before."""
+PROMISING = 1.01
+"""Share of the cut at which those end."""
+MOST_EXTRA = 4000
+"""Largest number of boxes that one box of the record is cut into here."""
 
 
 class Replayed(NamedTuple):
@@ -54,8 +55,8 @@ class Workspace(NamedTuple):
     """(c, s) of the middle, shape (A, 1, 2)."""
     frames: Frames
     at_middle: Frames
-    middle: ascent.Points
-    vertices: ascent.Points
+    middle: Points
+    vertices: Points
     sums: dual.Sums
     y: Array
     """The multipliers of the box before."""
@@ -107,8 +108,8 @@ def replay(numbers: Numbers, lower: Array, upper: Array, cut: float, record: NDA
             if a < 0:
                 continue
             used += 1
-            if used > EXTRA or waiting + 2 > DEEPEST * A or rho[a] < 1e-9:
-                how = NOT_NEAR if what == NEAR else NOT_BOUNDED
+            if used > MOST_EXTRA or waiting + 2 > DEEPEST * A or rho[a] < 1e-9:
+                how = NOT_CROWDED if what == CROWDED else NOT_BOUNDED
                 return Replayed(how, position, extra + used, lo[waiting].copy(), hi[waiting].copy())
             _halve(numbers, lo, hi, waiting, a)
             waiting += 2
@@ -130,8 +131,8 @@ def _workspace(numbers: Numbers) -> Workspace:
         np.zeros((A, 1, 2)),
         frames,
         at_middle,
-        ascent.workspace(numbers, 1, A),
-        ascent.workspace(numbers, 2**A, 0),
+        workspace(numbers, 1, A),
+        workspace(numbers, 2**A, 0),
         dual.sums(numbers, len(frames.p)),
         start.copy(),
         open_air.copy(),
@@ -167,22 +168,22 @@ def _settle(
         middle = (lower[a] + upper[a]) / 2
         work.points[a, 0, 0], work.points[a, 0, 1] = math.cos(middle), math.sin(middle)
     arcs.fill_frames(numbers, work.points, 1, work.at_middle)
-    if what == NEAR:
+    if what == CROWDED:
         if are_too_near(numbers, work.corners, work.at_middle, work.pair):
             return -1
         return _hinge_between(numbers, rho, work.pair[0], work.pair[1])
     middle, vertices, y, sigma = work.middle, work.vertices, work.y, work.sigma
-    ascent.look(numbers, work.points, work.at_middle, middle, 0)
-    ascent.look_around(numbers, work.points, work.at_middle, rho, middle)
+    fill_point(numbers, work.points, work.at_middle, middle, 0)
+    fill_turns(numbers, work.points, work.at_middle, rho, middle)
     ascent.begin(numbers, middle, rho, cut)
     if not ascent.value(numbers, middle, y, sigma, cut) > ascent.value(
         numbers, middle, work.start, work.open_air, cut
     ):
         y[:], sigma[:] = work.start, work.open_air
-    enough, most = ENOUGH * cut, ascent.TOO_MUCH * cut
-    ascent.climb(numbers, middle, y, sigma, cut, enough, most, STEPS)
+    enough, most = PROMISING * cut, ascent.ASCENT.most * cut
+    ascent.climb(numbers, middle, y, sigma, cut, enough, most, FIRST_STEPS)
     if ascent.leave(numbers, middle, y, sigma):
-        ascent.climb(numbers, middle, y, sigma, cut, enough, most, STEPS)
+        ascent.climb(numbers, middle, y, sigma, cut, enough, most, FIRST_STEPS)
     arcs.fill_frames(numbers, work.corners, 3, work.frames)
     if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
         return -1
@@ -191,7 +192,7 @@ def _settle(
         for a in range(len(rho)):
             work.points[a, 0] = work.corners[a, v >> a & 1]
         arcs.fill_frames(numbers, work.points, 1, work.at_middle)
-        ascent.look(numbers, work.points, work.at_middle, vertices, v)
+        fill_point(numbers, work.points, work.at_middle, vertices, v)
     ascent.begin(numbers, vertices, rho, cut)
     y[:], sigma[:] = work.start, work.open_air
     ascent.lift(numbers, vertices, y, sigma, cut)
@@ -222,7 +223,7 @@ def _steepest(numbers: Numbers, work: Workspace, rho: Array) -> int:
     for k in range(len(work.y)):
         for j in range(at.a.shape[1]):
             t = (at.a[0, j] * work.y[k]).sum()
-            u = min(max(t / (2 * at.weight[k]), numbers.least), 1.0)
+            u = min(max(t / (2 * at.weight[k]), numbers.u_min), 1.0)
             for angle in range(len(rho)):
                 if turning.turned[angle, j // 4]:
                     change = (turning.change[angle, j] * work.y[k]).sum()

@@ -1,7 +1,7 @@
 """A task and a tree as the numbers that the branch and bound works on.
 
 Lengths in l_arm, forces in m g, inputs in the hover input of a module, efforts in the square of that. With `free`
-root orientation the tree hangs from its centre, which makes the paths from the root short.
+root orientation the tree is rooted at its centre, which makes the paths from the root short.
 
 | symbol | meaning | shape |
 |---|---|---|
@@ -45,7 +45,7 @@ ROUNDING = 1e-11
 
 
 class Tree(NamedTuple):
-    """Who hangs on whom."""
+    """Parents, ports and paths of the modules."""
 
     parent: Indices
     """-1 for the root; parents come first."""
@@ -153,7 +153,7 @@ class BranchProblem(NamedTuple):
 
 
 def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task") -> BranchProblem:
-    """Return the numbers of a task and a tree, which must hang from where `hung` puts it.
+    """Return the numbers of a task and a tree, which must be rooted at its `centre`.
 
     Args:
         task: the task.
@@ -248,14 +248,14 @@ def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:
 
 
 def centre(task: ResolvedTask, topology: Topology) -> int:
-    """Return the module that a tree hangs from in a proof: its centre, the first if there are two."""
+    """Return the root of a tree in a proof: its centre, the first if there are two."""
     import networkx as nx
 
     return 0 if task.search.root == "paper" else min(nx.center(topology.graph()))
 
 
-def hang(topology: Topology, root: int) -> Topology:
-    """Return the tree hung from another module: breadth first, ports in order."""
+def reroot(topology: Topology, root: int) -> Topology:
+    """Return the tree rooted at another module: breadth first, ports in order."""
     graph, joints, queue = topology.graph(), list[Joint](), [(root, -1, ROOT)]
     for i, came_from, joint in queue:
         number = len(joints)

@@ -6,14 +6,14 @@ r"""A lower bound on the effort of every design whose angles lie in a box.
 
     J \ge \sum_k y_k \cdot b_k(\theta) - \sum_{j,k} \psi_k(a_j(\theta) \cdot y_k)
     + \sum_r \sigma_r (n_r \cdot e_r(\theta) + d_r) =: D(\theta; y, \sigma), \qquad
-    \psi_k(t) = \max_{m \le u \le U} t u - \lambda_k u^2
+    \psi_k(t) = \max_{u_{min} \le u \le u_{max}} t u - \lambda_k u^2
 
 with sigma_r >= 0 of the rows of walls, n_r . (e_r - p'_E) + d_r <= 0, e_r an end of an envelope. The balance of
 load case k has p'_E x g_k in its torque; p'_E cancels in the sum where sum_k g_k x mu_k = sum_r sigma_r n_r, so
 that no box for it is needed. b_k . y_k is const + sum_i B_i . s with s = sum_k h_k x mu_k and B_i the moment of
-module i and its joints, p_i where joints weigh nothing; m >= 0, so that psi is nondecreasing. A corner of a reserve
-is a load case with lambda_k = 0, whose psi is m t + (U - m) max(t, 0); one with y_k = 0 adds nothing. A dead rotor
-contributes no psi.
+module i and its joints, p_i where joints weigh nothing; u_min >= 0, so that psi is nondecreasing. A corner of a
+reserve is a load case with lambda_k = 0, whose psi is u_min t + (u_max - u_min) max(t, 0); one with y_k = 0 adds
+nothing. A dead rotor contributes no psi.
 
 **Interpolation.** In every single angle a, the others held, t = a_j . y_k is A + alpha cos x + beta sin x, x
 from the middle of the box and |x| <= rho. It exceeds the line P_a t through its values at x = -rho and rho by
@@ -47,12 +47,12 @@ those of the tree stretched out.
 **Rounding.** Frames are products of at most A + 1 rotations, each of whose entries is off by 4 eps at most (eps =
 2^-53: one rounding of each sine, product and sum), so an entry of a frame by under 8 (A + 1) eps, a position by
 that times the path's length, t by under 100 (A + 1) eps (|nu| + |mu| L), L the longest lever, and t + E by under
-six times that: rho_a < 1/2. psi' <= U, and sums of 4 n K + 5 n + 6 K terms are off by that many eps of the sum of
-their sizes, none of which is above U (|nu| + |mu| L), sigma L or the sizes of b . y. For A <= 20 and n K <=
-10,000 that is under 8e-12 of these in all; `Slack` takes ROUNDING = 1e-11 of them, in proportion more where n K
-is greater, beside the audit's tolerance, which is 1e-6 of those of y and alone a hundred thousand times as large.
-Ends of boxes are floats, and adjacent boxes share them, so boxes leave no gap. What the condition on mu and sigma
-misses costs as much times |p'_E|, which is bounded by what an audit lets pass.
+six times that: rho_a < 1/2. psi' <= u_max, and sums of 4 n K + 5 n + 6 K terms are off by that many eps of the sum
+of their sizes, none of which is above u_max (|nu| + |mu| L), sigma L or the sizes of b . y. For A <= 20 and n K <=
+10,000 that is under 8e-12 of these in all; `Slack` takes ROUNDING = 1e-11 of them, in proportion more where n K is
+greater, beside the audit's tolerance, which is 1e-6 of those of y and alone a hundred thousand times as large. Ends
+of boxes are floats, and adjacent boxes share them, so boxes leave no gap. What the condition on mu and sigma misses
+costs as much times |p'_E|, which is bounded by what an audit lets pass.
 """
 
 from __future__ import annotations
@@ -386,7 +386,7 @@ def _add_remainders(problem: BranchProblem, roots: Array, axes: Axes, rho: Array
 @njit(cache=True, allocates=False)
 def _least(problem: BranchProblem, work: Sums, thrusts: Array, count: int, constant: float, cut: float) -> float:
     """Return the constant and the least sum over the modules of all vertices, or of some that are under the cut."""
-    tree, loads, m, U = problem.tree, problem.loads, problem.u_min, problem.u_max
+    tree, loads, u_min, u_max = problem.tree, problem.loads, problem.u_min, problem.u_max
     first, parent = tree.first, tree.parent
     active, added, least, result = work.active, work.added, work.least, math.inf
     for root in range(8):
@@ -397,7 +397,7 @@ def _least(problem: BranchProblem, work: Sums, thrusts: Array, count: int, const
                     weight, dead = loads.weight[active[slot]], loads.dead[active[slot]] - 4 * i
                     for q in range(4):
                         t = thrusts[root, v, slot, q]
-                        u = best_input(t, weight, m, U)
+                        u = best_input(t, weight, u_min, u_max)
                         if q != dead:
                             total -= u * (t - weight * u)
                 least[v] = total
@@ -479,7 +479,7 @@ def _drifts(problem: BranchProblem, rho: Array, drift: Array) -> None:
 @njit(cache=True, allocates=False)
 def gains(problem: BranchProblem, y: Array, R: Array, middle: Frames, axes: Axes, rho: Array, work: Sums) -> None:
     """Add to `slope` and `spread` of a box that was bounded what its rotors change, at the middle."""
-    least, U = problem.u_min, problem.u_max
+    u_min, u_max = problem.u_min, problem.u_max
     slopes, parts = work.slopes, work.parts
     for k in range(len(y)):
         nx, ny, nz = _into(R, y[k, 0], y[k, 1], y[k, 2])
@@ -525,7 +525,7 @@ def gains(problem: BranchProblem, y: Array, R: Array, middle: Frames, axes: Axes
                 t = 0.25 * (force + own_x * about_x + own_y * about_y + own_z * about_z)
                 for at in range(count):
                     t += parts[at, q]
-                u = best_input(t, weight, least, U)
+                u = best_input(t, weight, u_min, u_max)
                 if u > 0.0 and problem.loads.dead[k] != 4 * i + q:
                     for at in range(count):
                         work.slope[path[at]] -= u * slopes[at, q]

@@ -30,12 +30,20 @@ from topo_search.model.compiled_code import njit
 
 LEAST_WEIGHT = 1e-2
 """That a load case counts with here, in the largest."""
-LEAST_STEP = 1e-3
-"""Share of a Newton step under which the search ends."""
-LONGEST = 2.0
-"""Longest step, in the multipliers' own size: where the balance cannot be met they grow without end."""
-GAIN = 1e-5
-"""Share of the dual value that another step should gain."""
+
+
+class Newton(NamedTuple):
+    """Settings of the search."""
+
+    least_step: float = 1e-3
+    """Share of a Newton step under which the search ends."""
+    longest: float = 2.0
+    """Longest step, in the multipliers' own size: where the balance cannot be met they grow without end."""
+    gain: float = 1e-5
+    """Share of the dual value that another step should gain."""
+
+
+NEWTON = Newton()
 
 
 class Workspace(NamedTuple):
@@ -123,7 +131,7 @@ def wrenches(problem: BranchProblem, R: Array, at: Frames, work: Workspace) -> N
 @njit(cache=True, allocates=False)
 def value(problem: BranchProblem, work: Workspace, y: Array) -> float:
     """Return D(y), with the weights as they count here."""
-    total, m, U = 0.0, problem.u_min, problem.u_max
+    total, u_min, u_max = 0.0, problem.u_min, problem.u_max
     for k in range(len(y)):
         weight = max(LEAST_WEIGHT, problem.loads.weight[k])
         for l in range(6):
@@ -132,17 +140,17 @@ def value(problem: BranchProblem, work: Workspace, y: Array) -> float:
             t = 0.0
             for l in range(6):
                 t += work.a[j, l] * y[k, l]
-            u = best_input(t, weight, m, U)
+            u = best_input(t, weight, u_min, u_max)
             total -= u * (t - weight * u)
     return total
 
 
 @njit(cache=True, allocates=False)
-def best_input(t: float, weight: float, m: float, U: float) -> float:
-    """Return the u in [m, U] at which t u - weight u^2 is greatest."""
-    if t <= 2 * weight * m:
-        return m
-    return U if t >= 2 * weight * U else t / (2 * weight)
+def best_input(t: float, weight: float, u_min: float, u_max: float) -> float:
+    """Return the u in [u_min, u_max] at which t u - weight u^2 is greatest."""
+    if t <= 2 * weight * u_min:
+        return u_min
+    return u_max if t >= 2 * weight * u_max else t / (2 * weight)
 
 
 @njit(cache=True, literals=False, allocates=False)
@@ -158,9 +166,9 @@ def improve(problem: BranchProblem, work: Workspace, y: Array, steps: int, enoug
                 size += y[k, l] ** 2
                 step += work.step[k, l] ** 2
         share = 1.0
-        if step > LONGEST**2 * size > 0.0:
-            share = LONGEST * math.sqrt(size / step)
-        least = LEAST_STEP * share
+        if step > NEWTON.longest**2 * size > 0.0:
+            share = NEWTON.longest * math.sqrt(size / step)
+        least = NEWTON.least_step * share
         while True:
             for k in range(len(y)):
                 for l in range(6):
@@ -173,7 +181,7 @@ def improve(problem: BranchProblem, work: Workspace, y: Array, steps: int, enoug
             break
         copy(work.trial, y)
         gain, best = reached - best, reached
-        if gain < GAIN * abs(best) or best > enough:
+        if gain < NEWTON.gain * abs(best) or best > enough:
             break
     meet(problem, y)
     return best
@@ -230,7 +238,7 @@ def newton_step(problem: BranchProblem, work: Workspace, y: Array, tied: int) ->
 
     A row w with goal g and diagonal d takes (g + w . step)^2 / (2 d) from the model, or is held to 0 where d is 0.
     """
-    K, least, U = len(y), problem.u_min, problem.u_max
+    K, u_min, u_max = len(y), problem.u_min, problem.u_max
     S, q = work.S, work.q
     for row in range(tied):
         q[row] = work.goal[row]
@@ -248,12 +256,12 @@ def newton_step(problem: BranchProblem, work: Workspace, y: Array, tied: int) ->
             t = 0.0
             for l in range(6):
                 t += work.a[j, l] * y[k, l]
-            u = best_input(t, weight, least, U)
+            u = best_input(t, weight, u_min, u_max)
             if u == 0.0:
                 continue
             for l in range(6):
                 columns[0, l] -= u * work.a[j, l]
-            if least < u < U:
+            if u_min < u < u_max:
                 for l in range(6):
                     for m in range(l + 1):
                         H[l, m] += work.a[j, l] * work.a[j, m] / (2 * weight)

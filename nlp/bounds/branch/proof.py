@@ -14,8 +14,8 @@ import numpy as np
 from nlp.bounds.branch.arrays import (
     centre,
     effort_unit,
-    hang,
     hinge_angles,
+    reroot,
     to_arrays,
     whole_box,
 )
@@ -60,7 +60,7 @@ def prove_chunk(
     n = topology.n
     if not 0 <= number < chunk_count(n):
         raise ValueError(f"`0 <= number < {chunk_count(n)}` must hold, but got {number}")
-    tree = hang(topology, centre(task, topology))
+    tree = reroot(topology, centre(task, topology))
     lower, upper = chunk_box(task, n, number)
     if np.any(lower > upper):  # no combination of a set of hinge angles is in it
         return Chunk.of(number, "closed", b"")

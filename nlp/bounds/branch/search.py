@@ -17,38 +17,47 @@ from nlp.bounds.branch import box, frames, multipliers, slopes, worst_vertex
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
 from nlp.bounds.branch.multipliers import copy
+from nlp.bounds.branch.vertices import Vertices, blank_vertices
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 DUAL, CROWDED, SPLIT = 0, 1, 2
 CLOSED, MANY, OPEN = 0, 1, 2
 """Outcomes of a search: all boxes excluded, too many boxes examined, or one found that cannot be excluded."""
-WIDEST = 0.9
-"""Boxes wider than this are halved without a bound [rad]."""
-LEAST_WIDTH = 2e-4
-"""A box narrower than this in all angles that is not excluded ends the search [rad]."""
-ASPECT = 2.0
-"""Largest width of any angle, over that of the one that is split."""
-STEPS = 2
-"""Newton steps for a box, from its parent's multipliers,"""
-FLATTENED = 2
-"""and then for what D falls by towards its vertices."""
-FINE = 0.5
-"""Hinges are halved to this while two modules are too close at the middle and psi is whole [rad]."""
-NARROW = 0.01
-"""A box narrower than this in all angles is tried again from the start [rad],"""
-MANY_STEPS = 40
-"""by so many steps: a parent's multipliers may have been led astray."""
-RIDGE = 2.0
-"""Ridge of the search for multipliers of force, over n / 24 sum_a rho_a^2: how much D curves over the box."""
-LEVERED = 10.0
-"""That of multipliers of torque, in it: levers are longer than l_arm."""
-LEAST_SQUARE = 1e-4
-"""That sum_a rho_a^2 counts as [rad^2]."""
-ENOUGH = 1.3
-"""Share of the cut at which the search for multipliers ends: where no balance can be met they have no end."""
-SLOPE = 0.25
-"""Weight of D's slope in the gain of a split, relative to the loss to remainders."""
+
+
+class Branching(NamedTuple):
+    """How boxes are halved, and how hard multipliers are searched for."""
+
+    widest: float = 0.9
+    """Width of a box that is halved without a bound [rad]."""
+    least_width: float = 2e-4
+    """A box narrower than this in all angles that is not excluded ends the search [rad]."""
+    aspect: float = 2.0
+    """Largest width of any angle, over that of the one that is split."""
+    steps: int = 2
+    """Newton steps for a box, from its parent's multipliers."""
+    flattened: int = 2
+    """Newton steps after those, for what D falls by towards its vertices."""
+    fine: float = 0.5
+    """Hinges are halved to this while two modules are too close at the middle and psi is whole [rad]."""
+    narrow: float = 0.01
+    """A box narrower than this in all angles is tried again from the start [rad]."""
+    many_steps: int = 40
+    """Newton steps of that second trial: a parent's multipliers may have been led astray."""
+    ridge: float = 2.0
+    """Ridge of multipliers of force, over n / 24 sum_a rho_a^2: how much D curves over the box."""
+    levered: float = 10.0
+    """Ridge of multipliers of torque, in that of force: levers are longer than l_arm."""
+    least_square: float = 1e-4
+    """Least sum_a rho_a^2 in a ridge [rad^2]."""
+    enough: float = 1.3
+    """Share of the cut at which the search for multipliers ends: where no balance can be met they have no end."""
+    slope: float = 0.25
+    """Weight of D's slope in the gain of a split, relative to the loss to remainders."""
+
+
+BRANCHING = Branching()
 
 
 class Boxes(NamedTuple):
@@ -89,11 +98,11 @@ class Workspace(NamedTuple):
     sigma: Array
     search: multipliers.Workspace
     slopes: slopes.Slopes
-    lifted: worst_vertex.Vertices
+    lifted: Vertices
     sums: box.Sums
 
 
-class Found(NamedTuple):
+class SearchResult(NamedTuple):
     """Result of a search."""
 
     how: int
@@ -106,7 +115,7 @@ class Found(NamedTuple):
 
 
 @njit(cache=True)
-def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_boxes: int) -> Found:
+def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_boxes: int) -> SearchResult:
     """Exclude all of a box, or say where it cannot be done.
 
     Args:
@@ -123,7 +132,7 @@ def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_
     while left > 0:
         left -= 1
         if boxes == most_boxes:
-            return Found(MANY, record[:boxes], lo[left].copy(), hi[left].copy(), used)
+            return SearchResult(MANY, record[:boxes], lo[left].copy(), hi[left].copy(), used)
         what = _settle(problem, waiting, work, left, cut, whole_rho)
         if boxes == len(record):
             longer = np.empty(2 * boxes, np.uint8)
@@ -132,10 +141,10 @@ def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_
         record[boxes] = max(what, 0)
         boxes += 1
         if what < 0:
-            return Found(OPEN, record[:boxes], lo[left].copy(), hi[left].copy(), used)
+            return SearchResult(OPEN, record[:boxes], lo[left].copy(), hi[left].copy(), used)
         if what >= SPLIT:
             left += 2
-    return Found(CLOSED, record[:boxes], lower, upper, used)
+    return SearchResult(CLOSED, record[:boxes], lower, upper, used)
 
 
 @njit(cache=True)
@@ -183,7 +192,7 @@ def _workspace(problem: BranchProblem) -> Workspace:
         np.zeros(W),
         multipliers.workspace(problem),
         slopes.blank(n, A),
-        worst_vertex.blank(problem),
+        blank_vertices(problem),
         box.sums(problem),
     )
 
@@ -225,14 +234,14 @@ def _settle(
             for k in range(len(work.y)):
                 waiting.used[k] |= box.counts(problem, work.y, k)
             return DUAL
-        if _width(rho) < LEAST_WIDTH:
+        if _width(rho) < BRANCHING.least_width:
             return -1
         box.gains(problem, work.y, work.roots[0], work.middle, work.axes, rho, sums)
         for a in range(len(rho)):
             if lifted:
                 work.gain[a] = sums.spread[a] * worst_vertex.evenness(work.lifted, a)
             else:
-                work.gain[a] = SLOPE * abs(sums.slope[a]) * rho[a] + sums.spread[a]
+                work.gain[a] = BRANCHING.slope * abs(sums.slope[a]) * rho[a] + sums.spread[a]
         axis = _worst(rho, work.gain)
     _halve(problem, waiting, work, left, axis, bound_due)
     return SPLIT + axis
@@ -273,24 +282,24 @@ def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
 @njit(cache=True, allocates=False)
 def _search(problem: BranchProblem, work: Workspace, cut: float) -> bool:
     """Return whether multipliers exclude a box; y, its parent's, becomes those tried last."""
-    rho, y, found = work.rho, work.y, work.search
+    rho, y, newton = work.rho, work.y, work.search
     square = 0.0
     for a in range(len(rho)):
         square += rho[a] ** 2
-    ridge = RIDGE * len(work.middle.p) / 24 * max(square, LEAST_SQUARE)
-    _set_ridge(found, ridge)
-    if multipliers.value(problem, found, work.first) > multipliers.value(problem, found, y):
+    ridge = BRANCHING.ridge * len(work.middle.p) / 24 * max(square, BRANCHING.least_square)
+    _set_ridge(newton, ridge)
+    if multipliers.value(problem, newton, work.first) > multipliers.value(problem, newton, y):
         copy(work.first, y)
-    multipliers.improve(problem, found, y, STEPS, ENOUGH * cut)
-    slopes.fill(problem, work.roots[0], work.middle, work.axes, found, work.slopes)
-    slopes.flatten(problem, found, work.slopes, rho, y, FLATTENED, ENOUGH * cut)
+    multipliers.improve(problem, newton, y, BRANCHING.steps, BRANCHING.enough * cut)
+    slopes.fill(problem, work.roots[0], work.middle, work.axes, newton, work.slopes)
+    slopes.flatten(problem, newton, work.slopes, rho, y, BRANCHING.flattened, BRANCHING.enough * cut)
     if _reaches(problem, work, cut):
         return True
-    if _width(rho) >= NARROW:
+    if _width(rho) >= BRANCHING.narrow:
         return False
-    _set_ridge(found, ridge)
+    _set_ridge(newton, ridge)
     copy(work.first, y)
-    multipliers.improve(problem, found, y, MANY_STEPS, ENOUGH * cut)
+    multipliers.improve(problem, newton, y, BRANCHING.many_steps, BRANCHING.enough * cut)
     return _reaches(problem, work, cut)
 
 
@@ -299,24 +308,24 @@ def _lift(problem: BranchProblem, work: Workspace, cut: float) -> bool:
     """Return whether multipliers of its worst vertex exclude a box; y, its parent's, become those tried last."""
     if _climb(problem, work, cut, worst_vertex.SEARCH.steps):
         return True
-    if _width(work.rho) >= NARROW:
+    if _width(work.rho) >= BRANCHING.narrow:
         return False
     copy(work.first, work.y)
     for r in range(len(work.sigma)):
         work.sigma[r] = 0.0
-    return _climb(problem, work, cut, MANY_STEPS)
+    return _climb(problem, work, cut, BRANCHING.many_steps)
 
 
 @njit(cache=True, allocates=False)
 def _climb(problem: BranchProblem, work: Workspace, cut: float, steps: int) -> bool:
     """Search from y, by `steps` a stage at most, for multipliers that exclude a box; return whether they do."""
-    found = work.lifted
-    worst_vertex.begin(problem, work.roots, work.vertices, work.rho, cut, work.y, work.sigma, found)
+    lifted = work.lifted
+    worst_vertex.begin(problem, work.roots, work.vertices, work.rho, cut, work.y, work.sigma, lifted)
     for stage in range(worst_vertex.SEARCH.stages):
-        least, most = worst_vertex.climb(problem, work.search, found, cut, stage, steps)
-        copy(found.y, work.y)
+        least, most = worst_vertex.climb(problem, work.search, lifted, cut, stage, steps)
+        copy(lifted.y, work.y)
         for r in range(len(work.sigma)):
-            work.sigma[r] = found.sigma[r]
+            work.sigma[r] = lifted.sigma[r]
         worst_vertex.finish(problem, work.search, work.y, work.sigma)
         if most < cut:
             break
@@ -352,9 +361,9 @@ def _reaches(problem: BranchProblem, work: Workspace, cut: float) -> bool:
 
 
 @njit(cache=True, allocates=False)
-def _set_ridge(found: multipliers.Workspace, ridge: float) -> None:
+def _set_ridge(newton: multipliers.Workspace, ridge: float) -> None:
     for l in range(3):
-        found.ridge[l], found.ridge[3 + l] = ridge, LEVERED * ridge
+        newton.ridge[l], newton.ridge[3 + l] = ridge, BRANCHING.levered * ridge
 
 
 @njit(cache=True, allocates=False)
@@ -364,13 +373,13 @@ def _widest_angle(rho: Array) -> int:
     for a in range(3, len(rho)):
         if rho[a] > rho[axis]:
             axis = a
-    if axis < len(rho) and 2 * rho[axis] > WIDEST:
+    if axis < len(rho) and 2 * rho[axis] > BRANCHING.widest:
         return axis
     axis = 0
     for a in range(1, 3):
         if rho[a] > rho[axis]:
             axis = a
-    return axis if 2 * rho[axis] > WIDEST else -1
+    return axis if 2 * rho[axis] > BRANCHING.widest else -1
 
 
 @njit(cache=True, allocates=False)
@@ -378,7 +387,7 @@ def _hinge_between(rho: Array, gain: Array) -> int:
     """Return the hinge that keeps two modules from being too close all over a box, or -1 if all are narrow."""
     axis, most = -1, -1.0
     for a in range(3, len(rho)):
-        if 2 * rho[a] > FINE and gain[a] > most:
+        if 2 * rho[a] > BRANCHING.fine and gain[a] > most:
             axis, most = a, gain[a]
     return axis
 
@@ -388,7 +397,7 @@ def _worst(rho: Array, gain: Array) -> int:
     """Return the angle whose halves may gain the most, of those that are not far narrower than others."""
     least, axis, most = 0.0, 0, -math.inf
     for a in range(len(rho)):
-        least = max(least, rho[a] / ASPECT)
+        least = max(least, rho[a] / BRANCHING.aspect)
     for a in range(len(rho)):
         if rho[a] > least and gain[a] > most:
             axis, most = a, gain[a]

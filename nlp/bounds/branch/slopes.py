@@ -28,13 +28,20 @@ from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, best_input, c
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
-EVEN = 0.02
-"""Share of what is enough that a slope counts as at least: below, g^2 stands for |g|."""
-RIDGE = 0.3
-"""Share of the ridge that is left: it stood for the slopes too."""
-HALVINGS = 3
-"""Shares of a step that are tried: 1, SHORTER, SHORTER^2."""
-SHORTER = 0.4
+
+class Flattening(NamedTuple):
+    """Settings of the search."""
+
+    even: float = 0.02
+    """Least size of a slope, in what is enough: below, g^2 stands for |g|."""
+    ridge: float = 0.3
+    """Share of the ridge that is left: it stood for the slopes too."""
+    halvings: int = 3
+    """Number of shares of a step that are tried: 1, shorter, shorter^2."""
+    shorter: float = 0.4
+
+
+FLATTENING = Flattening()
 
 
 class Slopes(NamedTuple):
@@ -95,18 +102,18 @@ def flatten(
     """Improve multipliers of a box of half widths rho in place, by so many steps at most, until D is enough."""
     A, tied = len(rho), 3 + len(rho)
     for l in range(6):
-        work.ridge[l] *= RIDGE
+        work.ridge[l] *= FLATTENING.ridge
     best = _value(problem, work, slopes, rho, y, slopes.g)
     for _ in range(steps):
         if best > enough:
             break
         _gradients(problem, work, slopes, y)
         for a in range(A):  # lambda_a = (g_a + G_a . step) rho_a / m_a
-            work.diagonal[3 + a] = max(abs(slopes.g[a]), EVEN * enough) / max(rho[a], 1e-12)
+            work.diagonal[3 + a] = max(abs(slopes.g[a]), FLATTENING.even * enough) / max(rho[a], 1e-12)
             work.goal[3 + a] = slopes.g[a]
         newton_step(problem, work, y, tied)
         share, reached = 1.0, -math.inf
-        for _ in range(HALVINGS):
+        for _ in range(FLATTENING.halvings):
             for k in range(len(y)):
                 for l in range(6):
                     work.trial[k, l] = y[k, l] + share * work.step[k, l]
@@ -114,7 +121,7 @@ def flatten(
             reached = _value(problem, work, slopes, rho, work.trial, slopes.tried)
             if reached > best:
                 break
-            share *= SHORTER
+            share *= FLATTENING.shorter
         if not reached > best:
             break
         best = reached
@@ -126,7 +133,7 @@ def flatten(
 @njit(cache=True, allocates=False)
 def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
     """Return what is maximised, and fill g."""
-    tree, m, U, total = problem.tree, problem.u_min, problem.u_max, 0.0
+    tree, u_min, u_max, total = problem.tree, problem.u_min, problem.u_max, 0.0
     g[:] = 0.0
     for k in range(len(y)):
         weight, h, mu = max(LEAST_WEIGHT, problem.loads.weight[k]), problem.loads.h[k], y[k, 3:]
@@ -140,7 +147,7 @@ def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, 
             t = 0.0
             for l in range(6):
                 t += work.a[j, l] * y[k, l]
-            u = best_input(t, weight, m, U)
+            u = best_input(t, weight, u_min, u_max)
             if u > 0.0:
                 total -= u * (t - weight * u)
                 for at in range(tree.depth[j // 4] + 3):
@@ -155,7 +162,7 @@ def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, 
 @njit(cache=True, allocates=False)
 def _gradients(problem: BranchProblem, work: Workspace, slopes: Slopes, y: Array) -> None:
     """Fill the gradients of all slopes in y."""
-    tree, m, U = problem.tree, problem.u_min, problem.u_max
+    tree, u_min, u_max = problem.tree, problem.u_min, problem.u_max
     for k in range(len(y)):
         weight, h, rows = max(LEAST_WEIGHT, problem.loads.weight[k]), problem.loads.h[k], work.rows[k, 3:]
         for a in range(len(rows)):
@@ -167,12 +174,12 @@ def _gradients(problem: BranchProblem, work: Workspace, slopes: Slopes, y: Array
             t = 0.0
             for l in range(6):
                 t += work.a[j, l] * y[k, l]
-            u = best_input(t, weight, m, U)
+            u = best_input(t, weight, u_min, u_max)
             if u == 0.0:
                 continue
             for at in range(tree.depth[j // 4] + 3):
                 a, changed = tree.path[j // 4, at], 0.0
-                if m < u < U:
+                if u_min < u < u_max:
                     for l in range(6):
                         changed += slopes.beta[a, j, l] * y[k, l]
                     changed /= 2 * weight

@@ -1,0 +1,152 @@
+r"""The platform as numbers: its vectors and its rotors' wrenches, with derivatives along the kinematic chain.
+
+| symbol | meaning | shape | unit |
+|---|---|---|---|
+| theta | psi, alpha_0, alpha_1 of the root, then the hinge angles | (n+2,) | rad |
+| x | geometric unknowns: theta, then p'_E unless the task fixes it from the COM | (g,) | rad, l_arm |
+| V | p, axes x, y and z of all modules, then p'_E, p_COM and zero | (4n+3, 3) | l_arm, - |
+| dV | their derivatives by x | (4n+3, 3, g) | |
+| y | local vectors of a clearance, V[plus] - V[minus] each; s of them | (s, 3) | |
+| A | wrench of every rotor at unit input about W's origin, over n | (4n, 6) | m g, l_arm m g |
+| dA | its derivatives by theta | (4n, 6, n+2) | |
+| omega_j, c_j | axis that theta_j turns about, and a point on it | (3,) | -, l_arm |
+| v_j = c_j x omega_j | velocity of W's origin under the unit turn | (3,) | l_arm |
+
+Every angle turns all that lies outward of it as one rigid body, places p, axes z and wrenches a = (f, m) alike:
+
+.. math::
+
+    \partial_j p = \omega_j \times p + v_j, \quad \partial_j z = \omega_j \times z, \quad
+    \partial_j a = X_j a = (\omega_j \times f,\; v_j \times f + \omega_j \times m)
+
+and, with j inward of k or the same, the second derivative is that of the inner angle of the derivative by the outer
+one: \partial_j \partial_k a = X_j \partial_k a, and so on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nlp.numbers.geometry import torque_map
+from nlp.numbers.kinematics import chain, tree_of
+from nlp.numbers.masses import masses
+from nlp.requirements.statement import LocalVector, PlatformVector
+from nlp.units import Units
+from topo_search.model import ResolvedTask, Topology
+from topo_search.model.arrays import Array
+
+Indices = NDArray[np.intp]
+CROSS = np.cross(np.eye(3), np.eye(3)[:, None]).transpose(0, 2, 1)
+"""From a, at the last index, to the matrix of a x b, whose first index is that of b."""
+
+
+class Layout:
+    """One task and topology: where vectors stand in V, which unknowns move them, and what is at x."""
+
+    def __init__(self, task: ResolvedTask, topology: Topology) -> None:
+        n, module = topology.n, task.module
+        self.n, self.tree, self.torque_map = n, tree_of(topology), torque_map(module)
+        self.l_c = module.connector_distance / module.arm_length
+        self.masses = carried = masses(module, task.end_effector, topology)
+        fixed = task.end_effector.fixed_position
+        self.g = n + 2 + (3 if fixed is None else 0)
+        share, moments = carried.tip / carried.total, carried.modules[:, None] * carried.centres
+        of_B = np.concatenate([carried.modules, *moments.T, np.zeros(n)]) / carried.bodies
+        self.carried = np.outer((0.0, 1.0 - share) if fixed is None else (1.0, 1.0), of_B)
+        """What the vectors of the modules add to p'_E and p_COM, shape (2, 4n)."""
+        self.of_tip = np.array([[1.0], [share]])
+        """What p'_E, or its place from B (`nlp.numbers.masses`) where that takes it along, adds to both."""
+        self.fixed = None if fixed is None else carried.lever * np.array(fixed) / Units.of(task).length
+        self.moves = np.tile(self.tree.moves.T, (4, 1)).astype(float)
+        """1 where an angle moves a vector of a module, shape (4n, n+2)."""
+        self.inward = np.zeros((n + 2, n + 2))
+        """1 where angle j is inward of k, or the same."""
+        self.inward[:, 3:], self.inward[:3, :3] = self.tree.moves[:, 1:], np.triu(np.ones((3, 3)))
+        self.moved = np.zeros((4 * n + 3, self.g), dtype=bool)
+        """Which unknowns move each vector, shape (4n+3, g)."""
+        self.moved[: 4 * n, : n + 2] = self.moves > 0
+        self.turned = self.moved.copy()
+        """Which of them turn it with all that they move: no angle does that to p_COM, nor to a p'_E from there."""
+        self.turned[-1] = True
+        self.moved[4 * n, (n + 2 if fixed is None else 0) :] = True
+        self.moved[4 * n + 1] = True
+
+    def endpoints(self, vectors: Iterable[LocalVector], subjects: Indices) -> tuple[Indices, Indices]:
+        """Return where both ends of s local vectors of m subjects (i, j) stand, V[plus] - V[minus]: (m, s) each."""
+        sides = [self._index(side, subjects) for vector in vectors for side in vector]
+        indices = np.stack([column.ravel() for column in np.broadcast_arrays(*sides)], axis=-1)
+        return indices[:, ::2], indices[:, 1::2]
+
+    def _index(self, vector: PlatformVector | None, subjects: Indices) -> Indices | int:
+        names = ("p", "x", "y", "z")
+        if vector is None or vector.of is None:
+            return 4 * self.n + (2 if vector is None else ("p'_E", "p_COM").index(vector.name))
+        index: Indices = names.index(vector.name) * self.n + subjects[vector.of]
+        return index
+
+
+class Platform:
+    """V and A at some geometric unknowns."""
+
+    def __init__(self, layout: Layout, x: Array) -> None:
+        self._layout, n, tree = layout, layout.n, layout.tree
+        R, p, self._omega, self._c = chain(x[: n + 2], tree.parent, tree.port, tree.kappa, layout.l_c)
+        self.V = np.zeros((4 * n + 3, 3))
+        self.V[:n], self.V[n : 4 * n] = p, R.transpose(2, 0, 1).reshape(-1, 3)
+        tip = x[n + 2 :] if layout.fixed is None else layout.fixed
+        self.V[4 * n : -1] = layout.carried @ self.V[: 4 * n] + layout.of_tip * tip
+        force, torques = self.V[3 * n : 4 * n] / (4 * n), R @ layout.torque_map / n
+        wrenches = np.empty((n, 4, 6))
+        wrenches[:, :, :3] = force[:, None]
+        wrenches[:, :, 3:] = np.cross(p, force)[:, None] + torques.transpose(0, 2, 1)
+        self.A = wrenches.reshape(-1, 6)
+
+    @cached_property
+    def _X(self) -> Array:
+        """X_j, shape (6, 6, n+2); the first index is that of what it is applied to."""
+        X = np.zeros((6, 6, len(self._omega)))
+        X[:3, :3] = X[3:, 3:] = CROSS @ self._omega.T
+        X[:3, 3:] = CROSS @ np.cross(self._c, self._omega).T
+        return X
+
+    @cached_property
+    def dV(self) -> Array:
+        """Derivatives of V by x."""
+        layout, n, angles = self._layout, self._layout.n, len(self._omega)
+        turn, result = self._X[:3, :3].reshape(3, -1), np.zeros((*self.V.shape, layout.g))
+        modules = (self.V[: 4 * n] @ turn).reshape(-1, 3, angles)
+        modules[:n] += np.cross(self._c, self._omega).T
+        modules *= layout.moves[:, None]
+        result[: 4 * n, :, :angles] = modules
+        result[4 * n : -1, :, :angles] = (layout.carried @ modules.reshape(4 * n, -1)).reshape(2, 3, -1)
+        if layout.fixed is None:
+            result[4 * n : -1, :, angles:] = layout.of_tip[:, :, None] * np.eye(3)
+        return result
+
+    @cached_property
+    def dA(self) -> Array:
+        """Derivatives of A by theta."""
+        slopes = (self.A @ self._X.reshape(6, -1)).reshape(-1, 6, len(self._omega))
+        by_rotor: Array = slopes * np.repeat(self._layout.moves[: self._layout.n], 4, axis=0)[:, None]
+        return by_rotor
+
+    def bend(self, by_V: Array, by_A: Array | None = None) -> Array:
+        """Return the second derivatives by x of a function of V and A, as far as these bend: upper triangle.
+
+        Args:
+            by_V: its gradient by V.
+            by_A: its gradient by A, if it depends on that.
+        """
+        layout, n, angles = self._layout, self._layout.n, len(self._omega)
+        by_modules = by_V[: 4 * n] + layout.carried.T @ by_V[4 * n : -1]
+        pushed = np.zeros((6, 6, angles))
+        if by_A is not None:
+            pushed += (by_A.T @ self.dA.reshape(4 * n, -1)).reshape(6, 6, angles)
+        pushed[:3, :3] += np.tensordot(by_modules, self.dV[: 4 * n, :, :angles], (0, 0))
+        H = np.zeros((layout.g, layout.g))
+        H[:angles, :angles] = np.tensordot(self._X, pushed, ((1, 0), (0, 1))) * layout.inward
+        return H
