@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 from ctypes.util import find_library
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # every child would compile all
 sys.dont_write_bytecode = False
 
 from topo_search.model import Design  # noqa: E402
-from topo_search.model.files import read_json  # noqa: E402
+from topo_search.model.files import read_json, to_toml  # noqa: E402
 
 settings.register_profile("suite", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("suite")
@@ -71,6 +72,18 @@ def in_process(monkeypatch):
     from toy_problem import InProcess
 
     monkeypatch.setattr("topo_search.compose.binding.Workers", InProcess)
+
+
+@pytest.fixture
+def run_toy(tmp_path, monkeypatch):
+    """`topo-search run` on the toy problem in an empty folder."""
+    from commands import invoke
+    from toy_problem import BACKENDS, toy_task
+
+    monkeypatch.setattr("topo_search.compose.binding.BACKENDS", BACKENDS)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "toy.toml").write_text(to_toml(toy_task()))
+    return partial(invoke, "run", "toy.toml")
 
 
 @pytest.fixture

@@ -98,6 +98,12 @@ PILLAR: Table = {
 WIDE_AT_REGIONS: Table = {"airflow": {"regions": {"start_radius": 0.2, "spread_angle_deg": 4.0, "reach": 1.9}}}
 """A module whose envelope against regions is wider at the top and longer than that between modules."""
 
+
+def with_rod(region: Table, **rod: float) -> Table:
+    """Return the fields of a straight rod and of a region that it may not pass."""
+    return {"exposure": [{**region, "solid": True}], "end_effector": {"rod": "straight", **rod}}
+
+
 FEATURES: dict[str, Table] = {
     "push": {},
     "local": {"exposure": [LOCAL]},
@@ -143,51 +149,24 @@ FEATURES: dict[str, Table] = {
     "solid bent paths": {"exposure": [{**BENT, "solid": True}]},
     "solid planes": {"exposure": [{**BELOW, "solid": True}]},
     "reach": {"end_effector": {"largest_reach": 0.5}},
-    "rod beside solid bent paths": {"exposure": [{**BENT, "solid": True}], "end_effector": {"rod": "straight"}},
-    "rod on a solid path along the end-effector": {
-        "exposure": [{**OUTWARDS, "radius": 0.004, "solid": True}],
-        "end_effector": {"rod": "straight"},
-    },
-    "rod in a solid cone within reach": {
-        "exposure": [{**CONE, "solid": True}],
-        "end_effector": {"rod": "straight", "largest_reach": 0.6},
-    },
-    "rod in a solid cone with a fixed axis": {
-        "exposure": [{**CONE_DOWN, "solid": True}],
-        "end_effector": {"rod": "straight"},
-    },
-    "rod on a solid pane": {"exposure": [{**PANE, "solid": True}], "end_effector": {"rod": "straight"}},
-    "rod beside a solid pillar": {"exposure": [{**PILLAR, "solid": True}], "end_effector": {"rod": "straight"}},
-    "rod within solid planes": {"exposure": [{**BELOW, "solid": True}], "end_effector": {"rod": "straight"}},
-    "thick rod in a solid ball": {
-        "exposure": [{**LOCAL, "radius": 0.019, "solid": True}],
-        "end_effector": {"rod": "straight", "rod_radius": 0.02},
-    },
+    "rod beside solid bent paths": with_rod(BENT),
+    "rod on a solid path along the end-effector": with_rod({**OUTWARDS, "radius": 0.004}),
+    "rod in a solid cone within reach": with_rod(CONE, largest_reach=0.6),
+    "rod in a solid cone with a fixed axis": with_rod(CONE_DOWN),
+    "rod on a solid pane": with_rod(PANE),
+    "rod beside a solid pillar": with_rod(PILLAR),
+    "rod within solid planes": with_rod(BELOW),
+    "thick rod in a solid ball": with_rod({**LOCAL, "radius": 0.019}, rod_radius=0.02),
 }
 """What a task can ask for: fields laid over the push task."""
 
 DISTINCT = (
-    "several pieces",
-    "two paths",
-    "60 degree cone with a fixed axis",
-    "bent paths",
-    "planes",
-    "several requirements",
-    "paper root",
-    "ablation",
-    "merging airflow, no body clearance",
-    "stand-off in place of exclusion",
-    "peak input",
-    "end-effector at the COM",
-    "least input",
-    "joint mass, fixed end-effector",
-    "any port",
-    "solid cone",
-    "solid path along the end-effector",
-    "several solid pieces",
-    "rod beside solid bent paths",
-    "rod in a solid cone within reach",
-    "thick rod in a solid ball",
+    *("several pieces", "two paths", "60 degree cone with a fixed axis", "bent paths", "planes"),
+    *("several requirements", "paper root", "ablation", "merging airflow, no body clearance"),
+    *("stand-off in place of exclusion", "peak input", "end-effector at the COM", "least input"),
+    *("joint mass, fixed end-effector", "any port", "solid cone", "solid path along the end-effector"),
+    *("several solid pieces", "rod beside solid bent paths", "rod in a solid cone within reach"),
+    *("thick rod in a solid ball",),
 )
 """Features of which each has rows, or an option, that no other one of these has: what the fast suite looks at."""
 

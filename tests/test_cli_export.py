@@ -56,7 +56,7 @@ def test_the_kind_of_picture_is_told_by_the_name_or_by_the_option(command, tmp_p
 
 def test_a_design_that_is_not_clear_is_exported_with_a_warning(command, tmp_path):
     assert "warning: the audit of this design is violated: " in command("design.json", "--out", "a.urdf").stderr
-    clear = str(Path(__file__).parent / "designs" / "push-a70010.json")
+    clear = str(DESIGNS / "push-a70010.json")
     assert "warning" not in command(clear, "--out", "b.urdf").stderr
 
 

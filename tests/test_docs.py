@@ -1,5 +1,6 @@
 """What README and documentation show is true: files are read, code runs, commands, fields and paths exist."""
 
+import doctest
 import json
 import math
 import os
@@ -8,15 +9,19 @@ import runpy
 import shlex
 import subprocess
 import sys
+import time
 import tomllib
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+import toy_problem
 from commands import invoke
 from documented import PAGES, ROOT, TEXT, blocks, same
 from toy_problem import BACKENDS, InProcess
 
-from topo_search import compose
+import topo_search
+from topo_search import compose, search
 from topo_search.compose import searching
 from topo_search.export import formats
 from topo_search.model import Task
@@ -202,3 +207,117 @@ def test_every_page_is_in_the_navigation():
     navigation = (Path(PAGES).parent / "mkdocs.yml").read_text(encoding="utf-8")
     for path in PAGES.rglob("*.md"):
         assert f": {path.relative_to(PAGES)}\n" in navigation, path
+
+
+# ---- The drawings of the documentation: current, described in words, and shown.
+
+FIGURES = runpy.run_path(str(ROOT / "docs/figures.py"))
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+
+
+@pytest.mark.parametrize("name", FIGURES["DRAWN"])
+def test_a_drawing_is_current(name):
+    kept, drawn = (PAGES / f"figures/{name}.svg").read_text(encoding="utf-8"), FIGURES["svg"](name)
+    if kept == drawn:
+        return
+    assert NUMBER.sub("#", kept) == NUMBER.sub("#", drawn), "run `.venv/bin/python docs/figures.py`"
+    pairs = zip(NUMBER.findall(kept), NUMBER.findall(drawn), strict=True)  # processors round differently
+    assert all(math.isclose(float(a), float(b), rel_tol=1e-6, abs_tol=1e-4) for a, b in pairs)
+
+
+def test_every_drawing_is_shown_and_no_other_is_kept():
+    kept = {path.stem for path in (PAGES / "figures").glob("*.svg")}
+    assert kept == {*FIGURES["DRAWN"]} == set(re.findall(r"figures/([\w-]+)\.svg\)", TEXT))
+
+
+def test_forty_pictures_are_shown_and_each_is_described_in_words():
+    shown = re.findall(r"!\[([^]]*)\]\(([^)]*)\)", TEXT)
+    assert len({path.rpartition("/")[2] for _, path in shown}) >= 40
+    assert min(len(words) for words, _ in shown) > 20
+
+
+# ---- Examples in docstrings run and print what they say; each function of the reference has one.
+
+MODULES = (
+    "topo_search.compose.designs",
+    "topo_search.compose.searching",
+    "topo_search.export.audits",
+    "topo_search.export.formats",
+    "topo_search.model.files",
+    "topo_search.model.proven",
+    "topo_search.model.topology",
+    "topo_search.report.charts",
+    "topo_search.report.progress",
+    "topo_search.study.summary",
+    "topo_search.topologies.candidates",
+)
+
+
+@pytest.fixture(scope="module")
+def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the run that examples read: that of the example of `search`."""
+    folder = tmp_path_factory.mktemp("examples")
+    task = read_task("push", ("modules=2", "load_cases=[{com={force=[0.0,0.0,1.0]}}]"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("topo_search.compose.binding.Workers", toy_problem.InProcess)
+        search(task, out=folder / "hover-2", starts=1)
+    return folder
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_run(name, run_folder, in_process, monkeypatch):
+    monkeypatch.chdir(run_folder)
+    monkeypatch.setattr(formats, "_registered", dict(formats._registered))
+    result = doctest.testmod(import_module(name))
+    assert result.attempted
+    assert not result.failed
+
+
+def test_each_function_of_the_reference_has_an_example():
+    names = re.findall(r"^::: topo_search\.([a-z_]+)$", (PAGES / "reference/python.md").read_text(), re.MULTILINE)
+    assert len(names) > 10
+    assert [name for name in names if ">>>" not in (getattr(topo_search, name).__doc__ or "")] == []
+
+
+# ---- The newcomer's path: every command of the first tutorial runs, in order, and prints what the page shows.
+
+PAGE = "tutorials/first-search.md"
+
+
+def sessions() -> list[tuple[str, list[str]]]:
+    """Return every command of the page with the lines shown below it."""
+    found = []
+    for block in blocks("console", PAGE):
+        command, *shown = block.splitlines()
+        assert command.startswith("$ topo-search ")
+        found.append((command.removeprefix("$ "), shown))
+    return found
+
+
+def test_lines_are_compared_by_words_and_numbers():
+    assert same("gap 8.90 %, audit clear", "gap  8.91 %,  audit clear")
+    assert not same("gap 8.90 %, audit clear", "gap 8.90 %, audit violated")
+    assert not same("gap 8.90 %", "gap 9.90 %")
+    assert len(sessions()) >= 5
+
+
+@pytest.mark.slow
+def test_the_newcomers_path_runs_as_it_is_shown(tmp_path):
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    (_, task) = blocks("toml", PAGE)
+    (tmp_path / "wall.toml").write_text(task, encoding="utf-8")
+    for command, shown in sessions():
+        began = time.perf_counter()
+        done = subprocess.run(
+            shlex.split(command), cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
+        )
+        print(f"{time.perf_counter() - began:6.1f} s  {command}")
+        assert done.returncode in (0, 1), done.stderr
+        printed = iter(done.stdout.splitlines())
+        for line in shown:
+            if line != "...":
+                assert any(same(line, other) for other in printed), f"{command}: not printed, in order: {line}"
+    (page,) = tmp_path.glob("runs/push-*/report.html")
+    assert page.stat().st_size > 1_000_000
+    for made in ("kit/allocation.json", "kit/platform.params", "kit/assembly.html", "flight/flight.json"):
+        assert (tmp_path / made).is_file(), made

@@ -4,20 +4,14 @@ import contextlib
 import gc
 import socket
 import subprocess
-from functools import partial
 from pathlib import Path
 
 import pytest
-import toy_problem
-from commands import invoke
 from dask_cluster import Cluster, free_port
 from engine_jobs import LONG, square
-from toy_problem import toy_task
 
-from topo_search import compose
 from topo_search.engine import Certificates, DaskWorkers, WorkersLost, dask_workers
 from topo_search.model import BadInput
-from topo_search.model.files import to_toml
 
 
 def openssl(folder, *words):
@@ -126,26 +120,17 @@ def test_files_that_are_no_certificates_are_named(tmp_path, certificates, others
         Certificates(certificates.ca, certificates.cert, locked)
 
 
-@pytest.fixture
-def command(tmp_path, monkeypatch):
-    """`topo-search run` on the toy problem in an empty folder."""
-    monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "toy.toml").write_text(to_toml(toy_task()))
-    return partial(invoke, "run", "toy.toml")
-
-
-def test_the_command_searches_over_tls(encrypted, certificates, command):
+def test_the_command_searches_over_tls(encrypted, certificates, run_toy):
     files = ("--dask-ca", certificates.ca, "--dask-cert", certificates.cert, "--dask-key", certificates.key)
-    command("--dask", encrypted.address, *map(str, files))
+    run_toy("--dask", encrypted.address, *map(str, files))
 
 
-def test_what_the_command_lacks_is_told_before_a_folder_is_made(certificates, command, tmp_path):
+def test_what_the_command_lacks_is_told_before_a_folder_is_made(certificates, run_toy, tmp_path):
     address = f"tls://127.0.0.1:{free_port()}"
     for words, message in (
         (("--dask", address), "needs certificates with tls://HOST:PORT: give --dask-ca, --dask-cert and"),
         (("--dask", address, "--dask-ca", str(certificates.ca)), "--dask-key must be given together"),
         (("--dask-ca", str(certificates.ca)), "--dask-key require --dask"),
     ):
-        assert message in command(*words, status=2).stderr
+        assert message in run_toy(*words, status=2).stderr
     assert not (tmp_path / "runs").exists()

@@ -9,12 +9,13 @@ from multiprocessing import util
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
+import numpy as np
 import pytest
 from engine_jobs import LONG, environment, misbehave, raise_timeout, report_pid, square
 from processes import eventually, gone
 
 from topo_search.engine import CallingProcess, Failed, Workers, WorkersLost
-from topo_search.supervisor import ONE_THREAD
+from topo_search.supervisor import ONE_THREAD, Clock, peak_mb
 
 
 def test_killing_a_worker_from_outside_costs_one_retry(tmp_path):
@@ -196,3 +197,25 @@ def test_a_lost_pool_is_told_without_the_frames_that_noticed_it(monkeypatch):
 
 def _lose():
     raise WorkersLost("no worker process could be started")
+
+
+# ---- test_engine_usage
+
+BLOCK_MB = 400.0
+SAY = "from topo_search.supervisor import peak_mb; print(peak_mb())"
+
+
+def test_a_process_counts_its_own_memory_and_not_that_of_its_parent():
+    before = peak_mb()
+    assert np.ones(int(BLOCK_MB * 2**20 / 8)).nbytes / 2**20 == BLOCK_MB
+    assert peak_mb() > BLOCK_MB
+    assert peak_mb() >= before
+    child = float(subprocess.run([sys.executable, "-c", SAY], check=True, capture_output=True).stdout)
+    assert 5 < child < BLOCK_MB / 2
+
+
+def test_a_lap_begins_where_the_last_one_ended():
+    clock = Clock()
+    assert sum(range(3_000_000)) > 0
+    worked, rested = clock.lap(), clock.lap()
+    assert worked > rested >= 0

@@ -18,7 +18,7 @@ from topo_search.export.audits import Judged, clearances, escape, markdown, parq
 from topo_search.model import Audit, Residual
 from topo_search.model.files import to_json
 from topo_search.model.text import escape_formula
-from topo_search.study import COLUMNS
+from topo_search.study import COLUMNS, ledger
 from verify import audit
 
 CLEARANCE = ("kind", "a", "b", "segment", "status", "lower_m", "upper_m", "analytic_m", "level", "percent")
@@ -120,9 +120,6 @@ def test_the_audit_command_names_files_harmlessly(in_process, tmp_path, monkeypa
 
 
 def test_the_table_of_candidates_has_no_formulas(tmp_path, monkeypatch) -> None:
-    from topo_search.study import ledger
-    from topo_search.study.ledger import COLUMNS
-
     ranked = ledger.Ledger.ranking
 
     def hostile(self, n):

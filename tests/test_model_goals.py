@@ -50,35 +50,6 @@ def test_no_goals_are_one_level_that_changes_nothing():
     assert task().at(Goals().levels[0]) == task()
 
 
-@pytest.mark.parametrize(
-    ("fields", "fault"),
-    [
-        ({"goals": {"clearance": [1e-3, 1e-3]}}, "goals.clearance: must all be different, but got [0.001, 0.001]"),
-        ({"goals": {"clearance": [-1e-3]}}, "goals.clearance[0]: must be at least 0, but got -0.001"),
-        ({"goals": {"clearance": 1e-3}}, "goals.clearance: must be a list, but got 0.001"),
-        ({"goals": {"stand_off": [0.0]}}, "goals.stand_off[0]: must be greater than 0, but got 0.0"),
-        ({"goals": {"peak_input": [0.5, 1.1]}}, "goals.peak_input[1]: must be at most 1, but got 1.1"),
-        ({"goals": {"effort": [1.0]}}, "goals.effort: unknown field; valid names are"),
-        (
-            {"goals": {"modules": True}},
-            "goals.modules: needs a range of sizes, [fewest, most], but got modules = 5",
-        ),
-        (
-            {"goals": {"clearance": [1e-3]}, "modules": [4, 5], "load_cases": [SI, HOVER]},
-            'load_cases[1].units: must be "SI" to compare efforts of several sizes, but got "weight"',
-        ),
-        (
-            {"goals": {"modules": True}, "modules": [4, 5], "load_cases": "ten-wrenches", "task_seed": 0},
-            'load_cases: units must be "SI" to compare efforts of several sizes, but got "weight"',
-        ),
-    ],
-)
-def test_what_is_wrong_with_goals_is_told(fields, fault):
-    with pytest.raises(BadInput) as told:
-        task(**fields)
-    assert [str(each)[: len(fault)] for each in told.value.faults] == [fault]
-
-
 def test_sizes_compare_in_si():
     asked = task(goals={"modules": True}, modules=[4, 6], load_cases=[SI])
     assert asked.goals.names == ("modules",)
@@ -131,23 +102,3 @@ def test_levels_of_hinge_errors_are_survived():
         task(goals={"hinge_angle_deg": [0.2]}, tolerances={"hinge_angle_deg": 0.1})
     with pytest.raises(BadInput, match=r"goals.hinge_angle_deg\[0\]: must be at most 90"):
         task(goals={"hinge_angle_deg": [91.0]})
-
-
-@pytest.mark.parametrize(
-    ("flight", "goals", "fault"),
-    [
-        (
-            {"force_reserve": 0.2},
-            {"force_reserve": [0.1, 0.3]},
-            r"flight.force_reserve: must be left out where goals.force_reserve has levels of it, but got 0.2",
-        ),
-        ({}, {"rotor_out": ["one"]}, r'goals.rotor_out\[0\]: must be "none", "hover" or "all", but got "one"'),
-        ({}, {"speed": [1.0]}, r"goals.speed: needs an exposure"),
-        ({}, {"speed": [0.0]}, r"goals.speed\[0\]: must be greater than 0"),
-        ({}, {"joint_moment": [0.0]}, r"goals.joint_moment\[0\]: must be greater than 0"),
-        ({}, {"torque_reserve": [0.1, 1e15]}, r"flight.torque_reserve: must be at most 1e\+15 N and N m"),
-    ],
-)
-def test_levels_that_contradict_the_flight_are_refused(flight, goals, fault):
-    with pytest.raises(BadInput, match=fault):
-        task(flight=flight, goals=goals)

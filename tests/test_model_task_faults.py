@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from nlp_cases import HOVER
 from wording import told
 
 from topo_search.model import BadInput, Fault, Task
@@ -199,6 +200,84 @@ NOT_TEN = 'task_seed: must be left out unless load_cases = "ten-wrenches", but g
 def test_a_file_gets_a_message_per_fault(tmp_path: Path, text: str, expected: list[str]) -> None:
     found = messages(tmp_path, text)
     assert told(found, expected), found
+
+
+CARRIED = {"units": "SI", "com": {"force": [0.0, 0.0, 8.0]}}
+FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
+
+
+@pytest.mark.parametrize(
+    ("fields", "fault"),
+    [
+        ({"goals": {"clearance": [1e-3, 1e-3]}}, "goals.clearance: must all be different, but got [0.001, 0.001]"),
+        ({"goals": {"clearance": [-1e-3]}}, "goals.clearance[0]: must be at least 0, but got -0.001"),
+        ({"goals": {"clearance": 1e-3}}, "goals.clearance: must be a list, but got 0.001"),
+        ({"goals": {"stand_off": [0.0]}}, "goals.stand_off[0]: must be greater than 0, but got 0.0"),
+        ({"goals": {"peak_input": [0.5, 1.1]}}, "goals.peak_input[1]: must be at most 1, but got 1.1"),
+        ({"goals": {"effort": [1.0]}}, "goals.effort: unknown field; valid names are"),
+        (
+            {"goals": {"modules": True}},
+            "goals.modules: needs a range of sizes, [fewest, most], but got modules = 5",
+        ),
+        (
+            {"goals": {"clearance": [1e-3]}, "modules": [4, 5], "load_cases": [CARRIED, HOVER]},
+            'load_cases[1].units: must be "SI" to compare efforts of several sizes, but got "weight"',
+        ),
+        (
+            {"goals": {"modules": True}, "modules": [4, 5], "load_cases": "ten-wrenches", "task_seed": 0},
+            'load_cases: units must be "SI" to compare efforts of several sizes, but got "weight"',
+        ),
+        (
+            {"flight": {"force_reserve": 0.2}, "goals": {"force_reserve": [0.1, 0.3]}},
+            "flight.force_reserve: must be left out where goals.force_reserve has levels of it, but got 0.2",
+        ),
+        ({"goals": {"rotor_out": ["one"]}}, 'goals.rotor_out[0]: must be "none", "hover" or "all", but got "one"'),
+        ({"goals": {"speed": [1.0]}}, "goals.speed: needs an exposure"),
+        ({"goals": {"speed": [0.0]}}, "goals.speed[0]: must be greater than 0"),
+        ({"goals": {"joint_moment": [0.0]}}, "goals.joint_moment[0]: must be greater than 0"),
+        ({"goals": {"torque_reserve": [0.1, 1e15]}}, "flight.torque_reserve: must be at most 1e+15 N and N m"),
+        *(
+            ({"flight": flight}, f"flight.{fault}")
+            for flight, fault in (
+                ({"force_reserve": -0.1}, "force_reserve: must be at least 0, but got -0.1"),
+                ({"torque_reserve": "x"}, 'torque_reserve: must be a number, but got "x"'),
+                ({"directions": "up"}, 'directions: must be "all" or "horizontal", but got "up"'),
+                ({"around": "cases"}, 'around: must be "hover" or "all", but got "cases"'),
+                ({"units": "N"}, 'units: must be "weight" or "SI", but got "N"'),
+                ({"tilt_deg": 91}, "tilt_deg: must be at most 90, but got 91"),
+                ({"angular_acceleration": [1, 1]}, "angular_acceleration[2]: is required"),
+                ({"allocator": "px4"}, 'allocator: must be "optimal" or "pseudo-inverse", but got "px4"'),
+                ({"reserve": 1}, "reserve: unknown field; did you mean `force_reserve`?"),
+                ({"force_reserve": 1e15}, "force_reserve: must be at most 1e+15 N and N m, but got 1e+15 weights"),
+            )
+        ),
+        *(
+            ({"load_cases": [{"carries_weight": True, **case}]}, f"load_cases{fault}")
+            for case, fault in (
+                ({"cone": {**FORCES, "axis": [0, 0, 0]}}, "[0].cone.axis: must have a direction, but got"),
+                ({"cone": {**FORCES, "half_angle_deg": 0}}, "[0].cone.half_angle_deg: must be greater than"),
+                ({"cone": {**FORCES, "half_angle_deg": 61}}, "[0].cone.half_angle_deg: must be at most 60"),
+                ({"cone": {**FORCES, "force": -1}}, "[0].cone.force: must be greater than 0, but got -1"),
+                ({"cone": {**FORCES, "size": 1}}, "[0].cone.size: unknown field; valid names are"),
+                ({"cone": {"axis": [1, 0, 0], "force": 1}}, "[0].cone.half_angle_deg: is required, but missing"),
+                ({"cone": 3}, "[0].cone: must be a table of named fields, but got 3"),
+                ({"vertices": [{"forces": [1, 0, 0]}]}, "[0].vertices[0].forces: unknown field; did you"),
+                ({"vertices": {"force": [1, 0, 0]}}, "[0].vertices: must be a list, but got"),
+                ({"vertices": [{}] * 201}, "[0].vertices: must have at most 200 vertices, but got 201"),
+                (
+                    {"vertices": [{"force": [1e-3 * k, 0, 0]} for k in range(1, 201)]},
+                    ": must have at most 200 entries, corners of sets included, but got 201",
+                ),
+                ({"vertices": [{"force": [1e300, 0, 0]}]}, "[0]: must be at most 1e+15 N and N m, but"),
+                ({"cone": {**FORCES, "force": 1e15}}, "[0]: must be at most 1e+15 N and N m, but got"),
+            )
+        ),
+    ],
+)
+def test_a_fault_of_goals_reserves_and_sets_gets_one_message(fields: dict[str, object], fault: str) -> None:
+    with pytest.raises(BadInput) as caught:
+        validate(Task, {"name": "t", "modules": 5, "load_cases": [HOVER], **fields}, "t")
+    assert [str(one)[: len(fault)] for one in caught.value.faults] == [fault]
 
 
 def test_all_faults_are_told_at_once_and_each_once(tmp_path: Path) -> None:

@@ -99,33 +99,6 @@ def test_a_set_comes_back_from_a_file_and_from_a_design() -> None:
     assert "cone" not in task({"carries_weight": True}).resolve(5).model_dump_json()
 
 
-@pytest.mark.parametrize(
-    ("fields", "fault"),
-    [
-        ({"cone": {**CONE, "axis": [0, 0, 0]}}, "load_cases[0].cone.axis: must have a direction, but got"),
-        ({"cone": {**CONE, "half_angle_deg": 0}}, "load_cases[0].cone.half_angle_deg: must be greater than"),
-        ({"cone": {**CONE, "half_angle_deg": 61}}, "load_cases[0].cone.half_angle_deg: must be at most 60"),
-        ({"cone": {**CONE, "force": -1}}, "load_cases[0].cone.force: must be greater than 0, but got -1"),
-        ({"cone": {**CONE, "size": 1}}, "load_cases[0].cone.size: unknown field; valid names are"),
-        ({"cone": {"axis": [1, 0, 0], "force": 1}}, "load_cases[0].cone.half_angle_deg: is required, but missing"),
-        ({"cone": 3}, "load_cases[0].cone: must be a table of named fields, but got 3"),
-        ({"vertices": [{"forces": [1, 0, 0]}]}, "load_cases[0].vertices[0].forces: unknown field; did you"),
-        ({"vertices": {"force": [1, 0, 0]}}, "load_cases[0].vertices: must be a list, but got"),
-        ({"vertices": [{}] * 201}, "load_cases[0].vertices: must have at most 200 vertices, but got 201"),
-        (
-            {"vertices": [{"force": [1e-3 * k, 0, 0]} for k in range(1, 201)]},
-            "load_cases: must have at most 200 entries, corners of sets included, but got 201",
-        ),
-        ({"vertices": [{"force": [1e300, 0, 0]}]}, "load_cases[0]: must be at most 1e+15 N and N m, but"),
-        ({"cone": {**CONE, "force": 1e15}}, "load_cases[0]: must be at most 1e+15 N and N m, but got"),
-    ],
-)
-def test_what_is_wrong_with_a_set_is_told(fields: dict[str, Any], fault: str) -> None:
-    with pytest.raises(BadInput) as told:
-        task({"carries_weight": True, **fields})
-    assert [str(one)[: len(fault)] for one in told.value.faults] == [fault]
-
-
 # ---- Load cases: what they come to in N and N m for a number of modules.
 
 TORQUE = {"torque": [0.1, 0.0, 0.0]}

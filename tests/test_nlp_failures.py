@@ -1,5 +1,7 @@
 """A rotor that may die: in model, solver, bounds, symmetries and audit."""
 
+import dataclasses
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +12,14 @@ from scipy.optimize import linprog
 from verify_cases import changed
 
 from nlp import lower_bound, prove_impossible, solve
+from nlp.assembled import AssembledProgram
 from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.evaluation import correct
+from nlp.ipopt import IpoptResult
 from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, missed_wrenches, wrench_matrix
 from nlp.requirements.bounds import running_rotors
-from topo_search.model import BadInput, Design, Status, Task, Topology
+from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology
 from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.files import read_task, validate
 from topo_search.topologies.task_symmetry import improper_isometry
@@ -203,3 +207,43 @@ def test_a_task_that_asks_for_less_finds_no_worse_design() -> None:
     text["end_effector"].update(exclusion=False, rod="none", largest_reach=False)
     found = best_design(Task.model_validate(text).resolve(3), TREE, 8)
     assert found.objective < 8.63e13  # 8.784e13 where only the best ends go on
+
+
+# ---- A polish that ends in NaN leaves its start where it was: never a design, and a reason in numbers.
+
+FIVE = Topology.from_key("a11210")
+
+
+def break_polishes(monkeypatch, count):
+    """Let the first polishes end in NaN, under a word of success."""
+    polish, calls = AssembledProgram.polish, []
+
+    def polish_badly(self, start):
+        result = polish(self, start)
+        calls.append(result)
+        if len(calls) > count:
+            return result
+        point = dataclasses.replace(result.point, u=np.full_like(result.point.u, math.nan))
+        return IpoptResult(point, "Solve_Succeeded", result.iterations)
+
+    monkeypatch.setattr(AssembledProgram, "polish", polish_badly)
+
+
+def test_a_polish_that_is_not_a_number_loses_to_a_design(monkeypatch):
+    whole = solve(push(5), FIVE, starts=range(4), seed=0)
+    break_polishes(monkeypatch, 1)
+    result = solve(push(5), FIVE, starts=range(4), seed=0)
+    assert isinstance(result, Design)
+    assert isinstance(whole, Design)
+    assert math.isfinite(result.objective)
+    assert result.objective >= (1 - 1e-9) * whole.objective
+
+
+@pytest.mark.parametrize("broken", [1, 1000])
+def test_polishes_that_are_not_numbers_leave_a_reason_in_numbers(monkeypatch, broken):
+    break_polishes(monkeypatch, broken)
+    result = solve(push(5, search={"body_clearance": 0.42}), FIVE, starts=range(2), seed=0)
+    assert isinstance(result, Infeasible)
+    assert result.solver is not None
+    assert math.isfinite(result.violation)
+    assert result.violation > 0

@@ -3,16 +3,21 @@
 import math
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from nlp_cases import push
 
-from nlp.numbers.geometry import Swept, largest_turn, poses
+from nlp.evaluation import violations
+from nlp.numbers.geometry import Swept, largest_turn, poses, root_rotation, rotation
 from nlp.numbers.geometry import clearance as vectorised
-from nlp.starts.random_starts import draw, generator
+from nlp.numbers.point import Point
+from nlp.requirements.balances import asked_wrenches, wrench_matrix
+from nlp.starts import random_starts as starts
+from nlp.starts.random_starts import DRAWING, draw, generator, root_of
 from nlp.starts.tabu_search import Rules, clearance
-from nlp.starts.untangling import CLEAR, untangle
+from nlp.starts.untangling import CLEAR, lever, shorten_lever, untangle
 from topo_search.model import Topology
 from topo_search.topologies import sample
 from verify.bodies import ConeSphere, clearances
@@ -140,3 +145,131 @@ draw(task, topology, generator(task, topology, 0, 0))
 sys.exit("numba" in sys.modules)
 """
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+# ---- Starts of large platforms whose airflow a cone must hold: hinges placed for it, the end-effector at its
+# apex.
+
+
+def cone(half_angle_deg=60.0, axis="com"):
+    return {"kind": "exterior", "half_angle_deg": half_angle_deg, "axis": axis}
+
+
+def conical(n, **fields):
+    search = {"body_clearance": False, **fields.pop("search", {})}
+    fields = {"module": {"connector_distance": 0.22}, "exposure": [cone()], **fields}
+    return push(n, search=search, **fields)
+
+
+def in_cone(start):
+    return [check.scaled for check in violations(start) if "exterior" in check.name]
+
+
+@pytest.mark.parametrize("half_angle", [math.radians(60), None], ids=["cone", "no cone"])
+@pytest.mark.parametrize("number", range(3))
+def test_hinges_turned_for_their_lever_have_a_shorter_one_and_no_overlaps(number, half_angle):
+    task, topology = conical(16), sample(16, 3, seed=1)[number]
+    rng = np.random.default_rng(number)
+    placed = untangle(task, topology, np.zeros(15), rng)
+    clear = CLEAR * task.module.arm_length - 1e-9
+    assert least_clearance(task, topology, placed) >= clear
+    alpha = shorten_lever(task, topology, placed, half_angle, rng)
+    assert lever(task, topology, alpha, half_angle) < lever(task, topology, placed, half_angle)
+    assert least_clearance(task, topology, alpha) >= clear
+    assert np.all(np.abs(alpha) <= np.pi / 2)
+
+
+def test_the_lever_of_a_straight_chain():
+    """All thrust is left, and the outermost balls at the rotors' height ask for most."""
+    task, chain = conical(9), Topology(((-1, -1, -1), *((h, 0, 2) for h in range(8))))
+    l_c, r = task.module.connector_distance, task.module.envelope.start_radius
+    half_angle = math.radians(60)
+    expected = (8 * l_c * math.cos(half_angle) + r) / math.sin(half_angle)
+    assert lever(task, chain, np.zeros(8), half_angle) == pytest.approx(expected)
+    assert lever(task, chain, np.zeros(8), None) == pytest.approx(l_c)
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {},
+        {"exposure": [cone(75.0), cone(60.0)]},
+        {"exposure": [cone(60.0, [0.0, 0.6, -0.8])]},
+        {"end_effector": {"stand_off": 0.8}},
+        {"search": {"root": "paper"}},
+        {"search": {"margin": 0.01}},
+    ],
+    ids=["com axis", "two cones", "fixed axis", "stand-off", "paper root", "margin"],
+)
+def test_every_cone_holds_all_airflow_at_the_start(fields):
+    task, topology = conical(10, **fields), sample(10, 1, seed=2)[0]
+    for index in range(2):
+        start = draw(task, topology, generator(task, topology, index, 0))
+        names = [check.name for check in violations(start) if check.scaled > 0.0]
+        assert not [name for name in names if not name.startswith("load case")]
+        nearest = max(in_cone(start)) * task.module.arm_length
+        if not task.end_effector.stand_off:
+            assert nearest == pytest.approx(-task.search.margin, abs=1e-9)
+
+
+@pytest.mark.parametrize("weights", [(1.0, 1.0), (1.0, 0.01)])
+def test_the_platform_is_turned_to_where_the_wrenches_cost_least(weights):
+    forces = ([0.5, 0.0, 0.5], [0.0, 0.5, 0.5])
+    cases = [{"end_effector": {"force": f}, "weight": weight} for f, weight in zip(forces, weights, strict=True)]
+    task, topology = conical(10, load_cases=cases), sample(10, 1, seed=0)[0]
+    start = draw(task, topology, generator(task, topology, 0, 0))
+    force = np.array(weights) @ np.array(forces)
+
+    def effort(point):
+        u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=None)[0]
+        return np.sum(u**2, axis=0) @ np.array(weights)
+
+    efforts = []
+    for k in range(DRAWING.turns):
+        turn = rotation(force / np.linalg.norm(force), 2 * np.pi * k / DRAWING.turns)
+        root = root_of(task, turn @ root_rotation(start.root))
+        p_E = turn @ start.p_E  # the origin is the root's centre
+        efforts.append(effort(Point(task, topology, root, start.alpha, p_E, start.u)))
+    assert min(efforts) == pytest.approx(efforts[0], rel=1e-9)
+    assert max(efforts) > 1.01 * efforts[0]
+
+
+def test_the_narrowest_of_several_cones_holds_all_airflow_at_the_start():
+    wide, narrow = cone(90.0, [0.0, 0.0, -1.0]), cone(60.0, [0.0, 0.6, -0.8])
+    for exposure in ([wide, narrow], [narrow, wide]):
+        task, topology = conical(10, exposure=exposure), sample(10, 1, seed=2)[0]
+        start = draw(task, topology, generator(task, topology, 0, 0))
+        named = f"exposure {exposure.index(narrow)} "
+        held = [check.scaled for check in violations(start) if named in check.name]
+        assert len(held) == 10
+        assert max(held) <= 0.0
+
+
+def test_rounding_does_not_choose_among_turns_that_are_alike(monkeypatch):
+    """Hover costs the same whichever way the platform is turned about the vertical."""
+    hover = [{"com": {"force": [0.0, 0.0, 1.0]}}]
+    task, topology = conical(8, load_cases=hover), sample(8, 1, seed=0)[0]
+    start = draw(task, topology, generator(task, topology, 0, 0))
+    calls = iter(range(DRAWING.turns))
+    exact = starts._with_least_norm
+
+    def rounded(point):
+        point = exact(point)
+        return replace(point, u=point.u * (1.0 - 1e-12 * next(calls)))
+
+    monkeypatch.setattr(starts, "_with_least_norm", rounded)
+    np.testing.assert_array_equal(draw(task, topology, generator(task, topology, 0, 0)).root, start.root)
+
+
+def test_one_seed_one_start():
+    task, topology = conical(12), sample(12, 1, seed=0)[0]
+    first, second = (draw(task, topology, generator(task, topology, 3, 0)) for _ in range(2))
+    np.testing.assert_array_equal(first.pack(), second.pack())
+    assert np.abs(draw(task, topology, generator(task, topology, 4, 0)).alpha - first.alpha).max() > 0.1
+
+
+def test_a_fixed_end_effector_stays_where_it_is():
+    task = conical(8, end_effector={"position": [0.0, 0.0, 1.0]})
+    topology = sample(8, 1, seed=0)[0]
+    start = draw(task, topology, generator(task, topology, 0, 0))
+    np.testing.assert_allclose(start.p_E - start.p_COM, [0.0, 0.0, 1.0], atol=1e-12)

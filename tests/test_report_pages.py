@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from report_cases import Reader, design, grown, toy_page
 from suites import few
-from toy_problem import BOUND, lower_bound, solve, toy_run, toy_task, value
+from toy_problem import BOUND, infeasible, lower_bound, solve, toy_run, toy_task, value
 
 import nlp
 from topo_search.cli.tables import answer_lines
@@ -295,15 +295,8 @@ def result(number: int, candidate: Candidate, solved: Design) -> tuple[Row, Desi
     """Return what becomes of a candidate: every third is infeasible, the others are copies of one design."""
     key, margin = candidate.key, solved.task.search.margin
     if number % 3 == 0:
-        outcome = Infeasible(
-            topology=candidate.topology,
-            topology_key=key,
-            status="infeasible",
-            worst_constraint=f"airflow of modules {number % 7} and {number % 7 + 1}",
-            violation=0.001 * number,
-            unit="m",
-            message="missed",
-        )
+        pair = f"airflow of modules {number % 7} and {number % 7 + 1}"
+        outcome = infeasible(candidate.topology, worst_constraint=pair, violation=0.001 * number, unit="m")
     else:
         objective = value(key, 0, 0, margin)
         inputs = ((math.sqrt(objective / 36),) * 36,)

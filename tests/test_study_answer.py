@@ -8,7 +8,7 @@ from toy_problem import toy_run
 from wording import says
 
 from topo_search.engine import Failed
-from topo_search.model import Infeasible, Task, Topology
+from topo_search.model import Task, Topology
 from topo_search.model.design import Stated
 from topo_search.model.files import read_task
 from topo_search.study import Own, Request
@@ -21,15 +21,7 @@ def toy_verbs(impossible):
     def solve(task, topology, **options):
         if not impossible(topology):
             return toy_problem.solve(task, topology, **options)
-        return Infeasible(
-            topology=topology,
-            topology_key=topology.key,
-            status="impossible",
-            worst_constraint="clearances of 2 modules in a row",
-            violation=1e-9,
-            unit="N m",
-            message="too close",
-        )
+        return toy_problem.infeasible(topology, "impossible", violation=1e-9)
 
     return replace(toy_problem.BACKENDS, solve=solve)
 

@@ -1,9 +1,9 @@
 import itertools
 import sqlite3
 import tomllib
+from contextlib import closing
 
 import pytest
-import toy_problem
 from ledger_edit import forged
 from processes import table
 from toy_problem import toy_run, toy_solved, toy_task
@@ -26,16 +26,20 @@ class Notes(Silent):
         self.texts.append(text)
 
 
-def keys_by_rank(tmp_path):
-    toy_run(tmp_path / "plain")
+def keys_by_rank(tmp_path, modules=3):
+    toy_run(tmp_path / "plain", modules=modules)
     return list(table(tmp_path / "plain"))
 
 
+def solved(path, key, columns):
+    """What the ledger holds of a candidate at each of its margins."""
+    with closing(sqlite3.connect(path / "ledger.sqlite")) as database:
+        query = f"SELECT {columns} FROM candidates WHERE key = ? ORDER BY margin"
+        return list(database.execute(query, (key,)))
+
+
 def margins_of(path, key):
-    database = sqlite3.connect(path / "ledger.sqlite")
-    found = [m for (m,) in database.execute("SELECT margin FROM candidates WHERE key = ? ORDER BY margin", (key,))]
-    database.close()
-    return found
+    return [margin for (margin,) in solved(path, key, "margin")]
 
 
 def test_a_design_that_fails_is_solved_again_with_a_larger_margin_and_ranked_anew(tmp_path, monkeypatch):
@@ -73,19 +77,12 @@ def test_a_design_that_never_passes_is_passed_over_visibly(tmp_path, monkeypatch
 
 
 def test_audits_go_down_the_ranking_until_one_is_clear(tmp_path, monkeypatch):
-    assert len(keys_by_rank(tmp_path)) < 20
-    toy_run(tmp_path / "plain", modules=3)
-    four = list(_four(tmp_path))
+    four = keys_by_rank(tmp_path, modules=4)
     monkeypatch.setenv("TOY_VIOLATED", ",".join(four[:12]))
     answer = toy_run(tmp_path / "run", modules=4)
     rows = table(tmp_path / "run")
     assert answer.best.key == four[12]
     assert {rows[key]["audit"] for key in four[:12]} == {"violated"}
-
-
-def _four(tmp_path):
-    toy_run(tmp_path / "four", modules=4)
-    return table(tmp_path / "four")
 
 
 def test_none_that_passes_is_status_one(tmp_path, monkeypatch):
@@ -121,13 +118,8 @@ def test_the_base_row_of_a_design_keeps_its_own_audit(tmp_path, monkeypatch):
     monkeypatch.setenv("TOY_VIOLATED", keys[0])
     monkeypatch.setenv("TOY_MARGIN", "1e-3")
     toy_run(tmp_path / "run")
-    database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
-    rows = database.execute(
-        "SELECT margin, audit, standing FROM candidates WHERE key = ? ORDER BY margin", (keys[0],)
-    )
-    assert list(rows) == [(1e-4, "violated", 0), (1e-3, "clear", 1)]
-    database.close()
-    assert toy_problem.BOUND == 1.0
+    rows = solved(tmp_path / "run", keys[0], "margin, audit, standing")
+    assert rows == [(1e-4, "violated", 0), (1e-3, "clear", 1)]
 
 
 def test_after_the_time_limit_nothing_is_solved_again_but_audits_go_on(tmp_path, monkeypatch):

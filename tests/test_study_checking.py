@@ -8,10 +8,10 @@ import pytest
 from ledger_edit import forged, rewritten
 from processes import table
 from test_study_proving import Prover, proven
-from toy_problem import BACKENDS, InProcess, audit, solve, toy_run
+from toy_problem import BACKENDS, InProcess, audit, infeasible, solve, toy_run
 from wording import says
 
-from topo_search.model import BadInput, CheckedChunk, Design, Infeasible, Proof
+from topo_search.model import BadInput, CheckedChunk, Design, Proof
 from topo_search.model.files import to_json
 from topo_search.study import RunFolder, Silent, check
 from topo_search.study.answer import candidates
@@ -140,17 +140,7 @@ def test_one_tree_alone_and_a_tree_without_a_proof(run):
 def test_the_proof_of_a_tree_that_is_impossible_is_checked_like_any_other(tmp_path, log, closes):
     def solved(task, topology, **asked):
         found = solve(task, topology, **asked)
-        if topology.key != "a300":
-            return found
-        return Infeasible(
-            topology=topology,
-            topology_key=topology.key,
-            status="impossible",
-            worst_constraint="load case 0, torque",
-            violation=1.0,
-            unit="N m",
-            message="it cannot",
-        )
+        return infeasible(topology, "impossible") if topology.key == "a300" else found
 
     path = tmp_path / "run"
     toy_run(path, backends=dataclasses.replace(BACKENDS, solve=solved))

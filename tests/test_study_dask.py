@@ -4,18 +4,13 @@ import os
 import signal
 import sys
 import threading
-from functools import partial
 
 import pytest
-import toy_problem
-from commands import invoke
 from dask_cluster import Cluster, free_port
 from processes import eventually, ranking, recorded
-from toy_problem import solved_keys, toy_run, toy_task
+from toy_problem import solved_keys, toy_run
 
-from topo_search import compose
 from topo_search.engine import DaskWorkers, WorkersLost, dask_workers
-from topo_search.model.files import to_toml
 
 
 @pytest.mark.parametrize("options", [{"modules": 4}, {"modules": 6, "strategy": "optuna", "trials": 24}])
@@ -50,24 +45,15 @@ def test_a_scheduler_that_ends_loses_nothing_and_the_run_goes_on_without_it(tmp_
     assert ranking(folder) == ranking(tmp_path / "whole")
 
 
-@pytest.fixture
-def command(tmp_path, monkeypatch):
-    """`topo-search run` on the toy problem in an empty folder."""
-    monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "toy.toml").write_text(to_toml(toy_task()))
-    return partial(invoke, "run", "toy.toml")
+def test_the_command_searches_on_a_cluster_and_answers_without_it_once_it_has_ended(cluster, run_toy):
+    first = run_toy("--dask", cluster.address)
+    assert run_toy("--dask", f"tcp://127.0.0.1:{free_port()}").stdout == first.stdout
 
 
-def test_the_command_searches_on_a_cluster_and_answers_without_it_once_it_has_ended(cluster, command):
-    first = command("--dask", cluster.address)
-    assert command("--dask", f"tcp://127.0.0.1:{free_port()}").stdout == first.stdout
-
-
-def test_no_scheduler_is_a_status_of_its_own(command, monkeypatch):
+def test_no_scheduler_is_a_status_of_its_own(run_toy, monkeypatch):
     monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(answer=0.5))
     address = f"tcp://127.0.0.1:{free_port()}"
-    result = command("--dask", address, status=70)
+    result = run_toy("--dask", address, status=70)
     assert f"no Dask scheduler answers at {address}: " in result.stderr
     assert "the same command" in result.stderr
 
@@ -79,14 +65,14 @@ def test_no_scheduler_is_a_status_of_its_own(command, monkeypatch):
         (("--dask", "tcp://node7:8786", "--workers", "2"), "workers: cannot be chosen with dask"),
     ],
 )
-def test_what_does_not_go_together_is_bad_input(command, tmp_path, words, message):
-    assert message in command(*words, status=2).stderr
+def test_what_does_not_go_together_is_bad_input(run_toy, tmp_path, words, message):
+    assert message in run_toy(*words, status=2).stderr
     assert not (tmp_path / "runs").exists()
 
 
-def test_without_the_extra_the_message_names_it(command, monkeypatch):
+def test_without_the_extra_the_message_names_it(run_toy, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    result = command("--dask", "tcp://node7:8786", status=2)
+    result = run_toy("--dask", "tcp://node7:8786", status=2)
     assert (
         '--dask: needs distributed, which is not installed; run: pip install "topo-search[cluster]"'
         in result.stderr

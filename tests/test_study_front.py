@@ -4,6 +4,7 @@ import csv
 import itertools
 import json
 from dataclasses import replace
+from operator import le
 
 import pytest
 import toy_problem
@@ -62,15 +63,9 @@ def point(J, clearance=0.0, stand_off=0.0, peak=0.5, modules=3, number=0):
     return FrontPoint(row, clearance, stand_off, peak, number, Level(None, None, None))
 
 
-steps = st.integers(0, 6)
 points = st.lists(
     st.builds(
-        lambda J, c, s, u, n: point(1 + J / 100, 0.01 * c, 0.1 * s, 0.1 + 0.1 * u, 1 + n),
-        steps,
-        steps,
-        steps,
-        steps,
-        steps,
+        lambda J, c, s, u, n: point(1 + J / 100, 0.01 * c, 0.1 * s, 0.1 + 0.1 * u, 1 + n), *[st.integers(0, 6)] * 5
     ),
     max_size=12,
 )
@@ -83,12 +78,8 @@ def test_the_front_is_what_no_other_point_equals_or_betters(given_points, goals)
     """By the definition, on values that differ by much or not at all."""
 
     def values(each):
-        signed = {
-            "clearance": -each.clearance,
-            "stand_off": -each.stand_off,
-            "peak_input": each.peak_input,
-            "modules": each.row.modules,
-        }
+        signed = {"clearance": -each.clearance, "stand_off": -each.stand_off}
+        signed |= {"peak_input": each.peak_input, "modules": each.row.modules}
         return (each.row.objective, *(signed[name] for name in goals))
 
     found = front(given_points, goals)
@@ -99,10 +90,6 @@ def test_the_front_is_what_no_other_point_equals_or_betters(given_points, goals)
     }
     assert [values(p) for p in found] == sorted(best)
     assert set(found) <= set(given_points)
-
-
-def le(x, y):
-    return x <= y
 
 
 @settings(max_examples=60)

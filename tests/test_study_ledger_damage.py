@@ -3,7 +3,6 @@
 import errno
 import fcntl
 import os
-import sqlite3
 from contextlib import contextmanager
 
 import pytest
@@ -115,9 +114,11 @@ def test_a_proof_that_is_none(tmp_path, monkeypatch):
         toy_run(tmp_path)
 
 
-@pytest.mark.parametrize("mark", ["application_id = 1", "user_version = 1"])
-def test_a_file_that_another_program_has_begun(tmp_path, mark):
-    damaged(tmp_path, f"PRAGMA {mark}")
+@pytest.mark.parametrize(
+    "begun", ["PRAGMA application_id = 1", "PRAGMA user_version = 1", "CREATE TABLE accounts (owner TEXT)"]
+)
+def test_a_file_that_another_program_has_begun(tmp_path, begun):
+    damaged(tmp_path, begun)
     path = tmp_path / "ledger.sqlite"
     before = path.read_bytes()
     with pytest.raises(BadInput) as caught:
@@ -208,24 +209,10 @@ def test_a_text_that_is_not_what_was_written_is_named(tmp_path, column, harm):
     toy_run(tmp_path / "run")
     with RunFolder.load(tmp_path / "run") as folder:
         row = next(iter(folder.ledger.ranking(3)))
-    database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite")
-    with database:
-        database.execute(f"{harm.format(column)} WHERE key = ?", (row.key,))
-    database.close()
+    damaged(tmp_path / "run", (f"{harm.format(column)} WHERE key = ?", (row.key,)))
     with RunFolder.load(tmp_path / "run") as folder:
         read = {"result": folder.ledger.result, "audit": folder.ledger.audit}[column]
         with pytest.raises(BadInput, match=rf"is damaged .its entry {row.key} has changed"):
             read(folder.request.contexts(3)[0], row.key)
     with pytest.raises(BadInput, match=row.key):
         toy_run(tmp_path / "run")
-
-
-def test_the_ledger_of_another_program_is_left_alone(tmp_path):
-    database = sqlite3.connect(tmp_path / "ledger.sqlite")
-    database.execute("CREATE TABLE accounts (owner TEXT)")
-    database.commit()
-    database.close()
-    before = (tmp_path / "ledger.sqlite").read_bytes()
-    with pytest.raises(BadInput, match="is an SQLite file of another program"):
-        toy_run(tmp_path)
-    assert (tmp_path / "ledger.sqlite").read_bytes() == before

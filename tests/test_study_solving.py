@@ -1,10 +1,10 @@
 import itertools
 import math
-import sqlite3
 import time
 
 import pytest
 import toy_problem
+from ledger_edit import damaged
 from processes import table
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
@@ -155,9 +155,7 @@ def test_more_starts_that_fail_leave_what_was_known(tmp_path, monkeypatch):
 def test_a_ledger_of_an_older_version_is_refused_and_left_as_it_is(tmp_path):
     toy_run(tmp_path / "run")
     path = tmp_path / "run" / "ledger.sqlite"
-    database = sqlite3.connect(path)
-    database.execute("PRAGMA user_version = 3")
-    database.close()
+    damaged(tmp_path / "run", "PRAGMA user_version = 3")
     content = path.read_bytes()
     with pytest.raises(BadInput, match=r"has version 3, but this program reads version 7; it is left unchanged"):
         toy_run(tmp_path / "run")

@@ -57,6 +57,12 @@ def value(key: str, start: int, seed: int, margin: float) -> float:
     return BOUND + 1 + drawn + 100 * margin
 
 
+def infeasible(topology: Topology | None, status: str = "infeasible", **fields) -> Infeasible:
+    """A tree without a design, or all of them: a torque is missed unless other fields say what is."""
+    missed = {"worst_constraint": "load case 0, torque", "violation": 1.0, "unit": "N m", "message": "", **fields}
+    return Infeasible(topology=topology, topology_key=topology and topology.key, status=status, **missed)
+
+
 def solve(
     task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design] = ()
 ) -> Design | Infeasible:
@@ -88,27 +94,14 @@ def solve(
         versions={},
     )
     if not feasible:
-        closest = Infeasible(
-            topology=topology,
-            topology_key=key,
-            status="infeasible",
-            worst_constraint=f"load case {best % 5}, torque",
-            violation=value(key, best, seed, margin),
-            unit="N m",
-            message="",
-        )
-        return closest.with_starts(
-            (
-                Shortfall(
-                    constraint=f"load case {s % 5}, torque",
-                    starts=1,
-                    violation=value(key, s, seed, margin),
-                    unit="N m",
-                )
-                for s in starts
-            ),
-            record,
-        )
+        missed = {
+            s: Shortfall(
+                constraint=f"load case {s % 5}, torque", starts=1, violation=value(key, s, seed, margin), unit="N m"
+            )
+            for s in starts
+        }
+        name, amount = missed[best].constraint, missed[best].violation
+        return infeasible(topology, worst_constraint=name, violation=amount).with_starts(missed.values(), record)
     objective = value(key, best, seed, margin)
     input_ = math.sqrt(objective / (4 * topology.n * sum(case.weight for case in task.load_cases)))
     return Design(
@@ -134,16 +127,8 @@ def audit(design: Design) -> Audit:
     if _told("TOY_AUDIT_SEGFAULT", key):
         os.kill(os.getpid(), signal.SIGSEGV)
     left = design.task.search.margin - float(os.environ.get("TOY_LOSS", "0"))
-    worst = WorstCase(
-        kind="airflow",
-        a=0,
-        b=1,
-        segment=None,
-        status="clear" if left >= 0 else "undecided",
-        lower_m=left,
-        attained_m=left,
-        factor=None,
-    )
+    pair = {"kind": "airflow", "a": 0, "b": 1, "segment": None, "status": "clear" if left >= 0 else "undecided"}
+    worst = WorstCase(**pair, lower_m=left, attained_m=left, factor=None)
     errors = Sensitivity(hinge_angle_deg=None, position_m=None, envelope_m=None, tolerances=worst)
     short = design.task.search.margin < float(os.environ.get("TOY_MARGIN", "inf"))
     return Audit(
@@ -165,15 +150,12 @@ def lower_bound(task: ResolvedTask) -> float:
 def prove_impossible(task: ResolvedTask) -> Infeasible | None:
     if not _told("TOY_IMPOSSIBLE", str(task.n)):
         return None
-    return Infeasible(
-        topology=None,
-        topology_key=None,
-        status="impossible",
-        worst_constraint="load case 0, force",
-        violation=1.0,
-        unit="N",
-        message="three modules cannot lift what is asked",
-    )
+    why = {
+        "worst_constraint": "load case 0, force",
+        "unit": "N",
+        "message": "three modules cannot lift what is asked",
+    }
+    return infeasible(None, "impossible", **why)
 
 
 def local_optima(task, topology, *, starts, seed, near=(), most_effort) -> list[Design]:

@@ -13,19 +13,8 @@ from verify.kinematics import objective, platform, required_wrench, wrench_map
 Array = NDArray[np.float64]
 
 FAMILIES = (
-    "generic",
-    "parallel",
-    "antiparallel",
-    "nearly parallel",
-    "thin",
-    "fat",
-    "growth as large as length",
-    "collinear",
-    "crossing",
-    "capsule",
-    "ball",
-    "nested",
-    "identical",
+    *("generic", "parallel", "antiparallel", "nearly parallel", "thin", "fat", "growth as large as length"),
+    *("collinear", "crossing", "capsule", "ball", "nested", "identical"),
 )
 
 
