@@ -81,7 +81,11 @@ class Ascent(NamedTuple):
     light: float = 1e-3
     """Least share of a point that counts in a step."""
     ridge: float = 1e-3
-    """Ridge of y at the middle."""
+    """Ridge of y at the middle, which stands for the bound's loss to remainders, in boxes that are not narrow."""
+    narrow: float = 1e-4
+    """Largest sum_a rho_a^2 of a narrow box, whose ridge and gain are less in proportion [rad^2]."""
+    least_narrow: float = 1e-4
+    """Least of that proportion."""
     ridge_of_y: float = 1.0
     """Ridge of y of the first stage, which keeps multipliers short where the best have no end."""
     ridge_of_sigma: float = 20.0
@@ -97,8 +101,9 @@ ASCENT = Ascent()
 def begin(numbers: Numbers, at: Points, rho: Array, cut: float) -> None:
     """Take all load cases in, as a box of half widths rho blurs them."""
     square = (rho * rho).sum()
+    narrow = min(1.0, max(ASCENT.least_narrow, square / ASCENT.narrow))
     lever = 2 * numbers.l_c * numbers.depth.max() + 1
-    at.ridge[0], at.ridge[2] = ASCENT.ridge, ASCENT.flat * cut
+    at.ridge[0], at.ridge[2], at.ridge[3] = ASCENT.ridge * narrow, ASCENT.flat * cut, ASCENT.gain * narrow
     at.ridge[1] = max(square, 1e-4) * lever * lever / cut
     blur(numbers, at, max(ASCENT.sharp, min(ASCENT.widest_kink, ASCENT.kink_of_rho * math.sqrt(square))))
     if not np.all(at.active):
@@ -148,7 +153,7 @@ def balance(numbers: Numbers, at: Points, y: Array, sigma: Array) -> None:
 def lift(numbers: Numbers, at: Points, y: Array, sigma: Array, cut: float) -> None:
     """Improve multipliers at the worst of all points, in place."""
     T, s = ASCENT.soft * cut, ASCENT.kink * cut / at.a.shape[1]
-    at.ridge[0], at.ridge[1] = ASCENT.ridge_of_y, ASCENT.ridge_of_sigma
+    at.ridge[0], at.ridge[1], at.ridge[3] = ASCENT.ridge_of_y, ASCENT.ridge_of_sigma, ASCENT.gain
     for _ in range(ASCENT.stages):
         blur(numbers, at, s)
         climb(numbers, at, y, sigma, T, ASCENT.most * cut, ASCENT.most * cut, ASCENT.steps)
@@ -200,7 +205,7 @@ def climb(
             break
         y[:], sigma[:] = ahead, pressed
         gain, best = reached - best, reached
-        if gain < ASCENT.gain * abs(best):
+        if gain < at.ridge[3] * abs(best):
             break
     balance(numbers, at, y, sigma)
     return best

@@ -76,7 +76,7 @@ class Points(NamedTuple):
     solved: Array
     """A load case's Hessian's inverse times its gradient and the tied rows, shape (K, 6, 4 + MOST_POINTS)."""
     ridge: Array
-    """Ridges of y and sigma, and m, shape (3,)."""
+    """Ridges of y and sigma, m, and the share of the value that a step must gain for another, shape (4,)."""
     turning: Turns
     """At the middle; without angles at vertices."""
 
@@ -122,7 +122,7 @@ def workspace(numbers: Numbers, count: int, angles: int) -> Points:
         rows,
         wall_rows,
         np.zeros((K, 6, 4 + MOST_POINTS)),
-        np.ones(3),
+        np.ones(4),
         turning,
     )
     fill_project(at)
