@@ -35,8 +35,14 @@ from nlp.joints import limited_loads, loads
 from nlp.numbers.geometry import fold_excess, root_angles, root_rotation
 from nlp.numbers.point import Point, weigh_rod
 from nlp.requirements import clearances
-from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, missed_wrenches, wrench_matrix
-from nlp.requirements.bounds import PAPER_ROOT, running_rotors
+from nlp.requirements.balances import (
+    PAPER_ROOT,
+    WRENCH_TOLERANCE,
+    asked_wrenches,
+    missed_wrenches,
+    running_rotors,
+    wrench_matrix,
+)
 from topo_search.model import Design
 from topo_search.model.arrays import Array
 

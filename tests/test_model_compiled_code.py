@@ -13,6 +13,7 @@ import pytest
 import nlp.assembled.air
 import nlp.bounds.branch.proof
 import nlp.reduced.platform
+import nlp.starts.reduced_starts
 import verify.proof.check
 from topo_search.model.compiled_code import CACHE_DIR, is_kept, njit, refresh
 
@@ -62,6 +63,7 @@ def test_all_rooms_of_compiled_code_are_marked():
     for module, function in (
         (nlp.assembled.air, nlp.assembled.air.derive_speeds),
         (nlp.reduced.platform, nlp.reduced.platform.platform),
+        (nlp.starts.reduced_starts, nlp.starts.reduced_starts.place_starts),
         (nlp.bounds.branch.proof, nlp.bounds.branch.proof.search),
         (verify.proof.check, verify.proof.check.replay.replay),
     ):

@@ -17,8 +17,13 @@ from nlp.corners import take_in_corners, with_all, without_corners
 from nlp.evaluation import correct
 from nlp.ipopt import IpoptResult
 from nlp.numbers.point import Point
-from nlp.requirements.balances import WRENCH_TOLERANCE, asked_wrenches, missed_wrenches, wrench_matrix
-from nlp.requirements.bounds import running_rotors
+from nlp.requirements.balances import (
+    WRENCH_TOLERANCE,
+    asked_wrenches,
+    missed_wrenches,
+    running_rotors,
+    wrench_matrix,
+)
 from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology
 from topo_search.model.corners import CorneredTask, to_corners
 from topo_search.model.files import read_task, validate

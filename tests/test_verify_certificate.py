@@ -14,7 +14,7 @@ from topo_search.model import Status
 from verify.bodies import Cone, ConeSphere, Nearest, ball, clearances, cone_clearance
 from verify.certificate import FLOOR, Certificate, Solid, certify_pairs
 from verify.cones import certify_inside
-from verify.meshes import FARTHEST, Shape
+from verify.meshes import LARGEST_COORDINATE, Shape
 
 AWKWARD = ("generic", "nearly parallel", "growth as large as length", "nested")
 """Families of which the fast suite has examples: those that the others are limits of."""
@@ -109,7 +109,7 @@ def test_far_pairs_need_one_mesh_and_touching_ones_a_turned_one():
 
 def test_a_body_beyond_the_range_of_the_proof_is_undecided():
     a = Solid(ball(np.zeros(3), 1.0))
-    for far in (FARTHEST, 1e150, 1e300):
+    for far in (LARGEST_COORDINATE, 1e150, 1e300):
         with np.errstate(over="ignore", invalid="ignore"):
             (certificate,) = certify_pairs([(a, Solid(ball(np.array([far, 0.0, 0.0]), 1.0)))])
         assert certificate.status == Status.UNDECIDED

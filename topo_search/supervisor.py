@@ -46,7 +46,7 @@ class ExitStatus(IntEnum):
 
 STOPS = (signal.SIGINT, signal.SIGTERM)
 """Signals that end a command: Ctrl-C, and the one by which a scheduler ends a job."""
-AGAIN = 0.05
+INTERRUPT_DELAY_S = 0.05
 """Delay after which KeyboardInterrupt is raised instead [s]."""
 
 
@@ -85,7 +85,7 @@ class Stop:
             frame = frame.f_back
         if frame:
             signal.signal(signal.SIGALRM, self)
-            signal.setitimer(signal.ITIMER_REAL, AGAIN)
+            signal.setitimer(signal.ITIMER_REAL, INTERRUPT_DELAY_S)
         else:
             self._raised = True
             raise KeyboardInterrupt

@@ -30,7 +30,7 @@ import numpy as np
 
 from topo_search.model import Status
 from verify.bodies import Array, Rows, nearest_on_axis
-from verify.certificate import ROUNDING, TURNED_LEVELS, Certificate, Row, Solid, judge, turned
+from verify.certificate import BOUND_ROUNDING, TURNED_LEVELS, Certificate, ClearanceRow, Solid, judge, turned
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
@@ -39,7 +39,7 @@ from verify.meshes import ConvexMesh, Indices, Shape
 ROTORS = 4
 
 
-BesideAirflow = Row[Compound, Solid]
+BesideAirflow = ClearanceRow[Compound, Solid]
 """Parts of one module that must keep out of the airflow of another: its rotor `segment`, else hub and arms."""
 
 
@@ -90,7 +90,10 @@ def certify_beside(requirements: Sequence[BesideAirflow]) -> list[Certificate]:
     R, p = (np.array(column) for column in zip(*(_place(pair.body) for pair in pairs), strict=True))
     distances = _find(pairs, R, p)
     proven = [
-        (row.lower > ROUNDING) & (row.d > 0) & (row.lower - ROUNDING <= row.d) & (row.d <= row.upper + ROUNDING)
+        (row.lower > BOUND_ROUNDING)
+        & (row.d > 0)
+        & (row.lower - BOUND_ROUNDING <= row.d)
+        & (row.d <= row.upper + BOUND_ROUNDING)
         for row in distances
     ]
     certificates = []
@@ -213,10 +216,10 @@ def _nearest(part: Convex, K: Rows, number: Indices) -> _Found:
         d, -_support(part, -n) - K.extents(n, 1).max(axis=1)
     )  # equal up to rounding where n is right
     x_K = P + K.radius(eta)[:, None] * n
-    within = _depth(part, x) > -ROUNDING
+    within = _depth(part, x) > -BOUND_ROUNDING
     deep = K.depth(x)
-    gap = np.where(within & (K.depth(x_K) > -ROUNDING), np.linalg.norm(x - x_K, axis=1), np.nan)
-    upper = np.where(d > 0, gap, np.where(within & (deep > 2 * ROUNDING), -deep, np.nan))
+    gap = np.where(within & (K.depth(x_K) > -BOUND_ROUNDING), np.linalg.norm(x - x_K, axis=1), np.nan)
+    upper = np.where(d > 0, gap, np.where(within & (deep > 2 * BOUND_ROUNDING), -deep, np.nan))
     return _Found(d, lower, upper, x, n, number)
 
 

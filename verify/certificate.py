@@ -30,12 +30,12 @@ from topo_search.model import Status
 from topo_search.model.audit import Kind
 from verify.bodies import Array, ConeSphere, Rows, clearances
 from verify.hulls import Hull, approach
-from verify.meshes import FARTHEST, ConvexMesh, Shape, encloses, inner_mesh, lies_within, outer_mesh
+from verify.meshes import LARGEST_COORDINATE, ConvexMesh, Shape, encloses, inner_mesh, lies_within, outer_mesh
 
 FLOOR = 1e-7
 """Clearances of a smaller size may stay undecided [l_arm]: FCL's tolerance at its scale."""
-ROUNDING = 1e-10
-"""Rounding error of a computed bound, at most [l_arm], within FARTHEST of the origin; a proof must exceed it."""
+BOUND_ROUNDING = 1e-10
+"""Largest rounding error of a bound within LARGEST_COORDINATE of the origin; a proof must exceed it [l_arm]."""
 COMMON_LEVEL = 2
 """Icosphere level of the mesh that a body shows to all others."""
 TURNED_LEVELS = (2, 3, 4)
@@ -70,7 +70,7 @@ Other = TypeVar("Other")
 
 
 @dataclass(frozen=True, eq=False)
-class Row(Generic[Body, Other]):
+class ClearanceRow(Generic[Body, Other]):
     """One thing that must keep clear of, or stay inside, another."""
 
     kind: Kind
@@ -134,7 +134,7 @@ class Solid:
     @functools.cached_property
     def in_range(self) -> bool:
         """True if the body is near enough to the origin that coordinates keep the digits a proof needs."""
-        return bool(np.all(np.abs(self.body.o) + 2 * self.body.extent < FARTHEST / 16))
+        return bool(np.all(np.abs(self.body.o) + 2 * self.body.extent < LARGEST_COORDINATE / 16))
 
 
 def turned(body: ConeSphere, x: Array, n: Array, level: int, *, inside: bool) -> ConvexMesh | None:
@@ -200,11 +200,11 @@ def _witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
     n[~(apart > 0)] = [0.0, 0.0, 1.0]
     # A gap: the nearest point of each body.
     x_A, x_B = P_A + r_A[:, None] * n, P_B - r_B[:, None] * n
-    reached = np.minimum(A.depth(x_A), B.depth(x_B)) > -ROUNDING
+    reached = np.minimum(A.depth(x_A), B.depth(x_B)) > -BOUND_ROUNDING
     # An overlap: as deep in one as in the other; the centre of the smaller ball if the other holds all of it.
     common = P_A + np.clip((apart + r_A - r_B) / 2, 0.0, apart)[:, None] * n
     depth_A, depth_B = A.depth(common), B.depth(common)
-    shared = np.minimum(depth_A, depth_B) > ROUNDING
+    shared = np.minimum(depth_A, depth_B) > BOUND_ROUNDING
     gap = d > 0
     closest = np.where(gap[:, None, None], np.stack([x_A, x_B], axis=1), common[:, None])
     x = closest.mean(axis=1)
@@ -217,18 +217,18 @@ def _witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
 def _beside_region(body: ConeSphere, region: Hull) -> Witness:
     closest = approach(body, region)
     P, r = body.centre(closest.eta), body.radius(closest.eta)
-    x = P if region.depth(P) > ROUNDING else region.nearest_of_surface(P)
+    x = P if region.depth(P) > BOUND_ROUNDING else region.nearest_of_surface(P)
     apart, into = float(np.linalg.norm(x - P)), region.centre - P
     deep = float(np.linalg.norm(into))
     inwards = into / deep if deep > 0 else np.array([0.0, 0.0, 1.0])
     n = (x - P) / apart if apart > 0 else inwards
     if closest.d > 0:
         x_K = P + r * n
-        reached = body.depth(x_K) > -ROUNDING
+        reached = body.depth(x_K) > -BOUND_ROUNDING
         upper = float(np.linalg.norm(x - x_K)) if reached else None
         return Witness(closest.d, n, (x_K + x) / 2, upper, np.stack([x_K, x]))
     depth = float(body.depth(x))
-    return Witness(closest.d, n, x, -depth if depth > ROUNDING else None, np.stack([x, x]))
+    return Witness(closest.d, n, x, -depth if depth > BOUND_ROUNDING else None, np.stack([x, x]))
 
 
 def judge(d: float, upper: float | None, closest: Array, proof: Proof, levels: int) -> Certificate:
@@ -245,11 +245,11 @@ def judge(d: float, upper: float | None, closest: Array, proof: Proof, levels: i
     results: list[tuple[float, bool] | None] = []
     while upper is not None and len(results) < levels:
         results.append(result := proof(len(results)))
-        if result is not None and result[1] and (result[0] > ROUNDING or not d > 0):
+        if result is not None and result[1] and (result[0] > BOUND_ROUNDING or not d > 0):
             bound, level = result[0], len(results) - 1
             status = Status.CLEAR if bound > 0 else Status.VIOLATED
             lower = bound if status == Status.CLEAR else None
-            if not bound - ROUNDING <= d <= upper + ROUNDING:
+            if not bound - BOUND_ROUNDING <= d <= upper + BOUND_ROUNDING:
                 status = Status.INCONSISTENT
             break
     evidence: tuple[str, ...] = ()

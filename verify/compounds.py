@@ -46,10 +46,10 @@ import numpy as np
 
 from topo_search.model import Status
 from verify.bodies import Array
-from verify.certificate import FLOOR, ROUNDING, Certificate, judge
+from verify.certificate import BOUND_ROUNDING, FLOOR, Certificate, judge
 from verify.convex import Convex, Polyhedron
 from verify.gjk import ITERATION, Cores, Flags, cores, nearest
-from verify.meshes import FARTHEST, Indices, Shape
+from verify.meshes import LARGEST_COORDINATE, Indices, Shape
 
 
 class ProximitySettings(NamedTuple):
@@ -99,7 +99,7 @@ class Compound:
     @functools.cached_property
     def in_range(self) -> bool:
         """True if coordinates of the body keep the digits that a proof needs, and it is thick enough for one."""
-        near = bool(np.all(np.abs(self.bounds.centre) + self.bounds.radius < FARTHEST / 16))
+        near = bool(np.all(np.abs(self.bounds.centre) + self.bounds.radius < LARGEST_COORDINATE / 16))
         return near and all(part.thick for part in self.parts)
 
 
@@ -374,13 +374,13 @@ def _certify(A: Compound, B: Compound, proximity: Proximity) -> Certificate:
     part_A, part_B = A.parts[proximity.a], B.parts[proximity.b]
     if proximity.d > 0:
         upper, closest = math.dist(proximity.x_A, proximity.x_B), np.stack([proximity.x_A, proximity.x_B])
-        proven = min(part_A.depth(proximity.x_A), part_B.depth(proximity.x_B)) > -ROUNDING
+        proven = min(part_A.depth(proximity.x_A), part_B.depth(proximity.x_B)) > -BOUND_ROUNDING
         agrees = functools.partial(_see_apart, A, B, proximity)
     else:
         x = _common_point(part_A, part_B, (proximity.x_A + proximity.x_B) / 2)
         depths = part_A.depth(x), part_B.depth(x)
         upper, closest = -sum(depths), np.stack([x, x])
-        proven = min(depths) > ROUNDING
+        proven = min(depths) > BOUND_ROUNDING
         agrees = functools.partial(_overlap, part_A, part_B, x)
     bound = proximity.lower if proximity.d > 0 else proximity.d
     return judge(proximity.d, upper if proven else None, closest, lambda level: (bound, agrees(level)), levels=2)
@@ -418,7 +418,7 @@ def _common_point(part_A: Convex, part_B: Convex, x: Array) -> Array:
 
     Of the polytopes inside them, turned towards x, it is the centre of the largest ball in both: a linear program.
     """
-    if min(part_A.depth(x), part_B.depth(x)) > ROUNDING:
+    if min(part_A.depth(x), part_B.depth(x)) > BOUND_ROUNDING:
         return x
     inner = [part.place(np.eye(3), -x).inner(np.zeros(3)) for part in (part_A, part_B)]
     planes = [Polyhedron("inside", mesh.vertices, mesh.triangles).faces for mesh in inner]

@@ -45,11 +45,10 @@ import numpy as np
 
 from topo_search.model import Status
 from verify.bodies import Array, Cone, ConeSphere, basis_across, cone_clearance
-from verify.certificate import COMMON_LEVEL, ROUNDING, Certificate, Solid, judge, turned
+from verify.certificate import BOUND_ROUNDING, COMMON_LEVEL, Certificate, Solid, judge, turned
 from verify.compounds import Compound
 from verify.convex import Convex, Cylinder
-from verify.meshes import FARTHEST, Shape, box_below
-from verify.meshes import ROUNDING as MESH_ROUNDING
+from verify.meshes import LARGEST_COORDINATE, MESH_ROUNDING, Shape, box_below
 
 
 class ConeMeshes(NamedTuple):
@@ -74,12 +73,12 @@ def certify_inside(solid: Solid, cone: Cone) -> Certificate:
     """Return the certificate that a cone-sphere lies inside an infinite cone."""
     body = solid.body
     d, worst = cone_clearance(body, cone)
-    if not (solid.in_range and np.all(np.abs(cone.apex) < FARTHEST / 16)):
+    if not (solid.in_range and np.all(np.abs(cone.apex) < LARGEST_COORDINATE / 16)):
         return Certificate(Status.UNDECIDED, None, None, d, 0)
     m = cone.inward_normal(body.centre(worst))
     x = body.centre(worst) - body.radius(worst) * m
     upper = float(cone.s(x))
-    proven = body.depth(x) > -ROUNDING and (d > 0 or upper < -ROUNDING)
+    proven = body.depth(x) > -BOUND_ROUNDING and (d > 0 or upper < -BOUND_ROUNDING)
 
     def proof(level: int) -> tuple[float, bool]:
         """Return the least s over a mesh, and whether FCL sees the body inside, or its worst end reach beyond."""
@@ -169,13 +168,13 @@ def lathe(theta: float, sides: int) -> tuple[Array, Array, Array]:
 
 def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:
     """Return the certificate that all parts of a module are inside a cone."""
-    if not (module.in_range and np.all(np.abs(cone.apex) < FARTHEST / 16)):
+    if not (module.in_range and np.all(np.abs(cone.apex) < LARGEST_COORDINATE / 16)):
         return Certificate(Status.UNDECIDED, None, None, 0.0, 0)
     lowest = [lowest_point(part, cone) for part in module.parts]
     heights = [float(cone.s(x)) for x in lowest]
     k = int(np.argmin(heights))
     d, x = heights[k], lowest[k]
-    within = module.parts[k].depth(x) > -ROUNDING and (d > 0 or d < -ROUNDING)
+    within = module.parts[k].depth(x) > -BOUND_ROUNDING and (d > 0 or d < -BOUND_ROUNDING)
 
     def overlaps(part: Convex, x: Array, *, inside: bool) -> bool:
         """True if FCL sees a polytope inside, or around, a part reach beyond the half-space nearest to x."""
@@ -201,7 +200,7 @@ def lowest_point(part: Convex, cone: Cone) -> Array:
     if cone.sin_cos[1] == 0.0:
         across = (cone.axis @ part.axis) * part.axis - cone.axis
         length = np.linalg.norm(across)
-        rim = part.vertices + (part.disc / length * across if length > ROUNDING else 0.0)
+        rim = part.vertices + (part.disc / length * across if length > BOUND_ROUNDING else 0.0)
         return np.asarray(rim[np.argmin(cone.s(rim))])
     middle, half = np.zeros(2), math.pi
     for _ in range(MESHES.zooms):

@@ -51,7 +51,7 @@ from topo_search.model.module import TIP
 from topo_search.model.room import INWARDS, OUTWARDS
 from verify.beside_airflow import certify_beside
 from verify.bodies import Array, Cone, ConeSphere, ball
-from verify.certificate import FLOOR, Certificate, Row, Solid, certify_pairs
+from verify.certificate import FLOOR, Certificate, ClearanceRow, Solid, certify_pairs
 from verify.compounds import Compound, certify_compounds
 from verify.cones import certify_inside, certify_parts_inside
 from verify.convex import CLIPPING, Convex, Polyhedron, capsule, clip
@@ -59,11 +59,11 @@ from verify.hulls import Hull, approach, hull
 from verify.parts import FIT, UP
 from verify.requirements import Requirement, Scene
 
-AnyRow = Row[Any, Any]
+AnyClearanceRow = ClearanceRow[Any, Any]
 """A row of any two sides."""
 
 
-def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyRow]:
+def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyClearanceRow]:
     """Yield every pair of modules as `body`, and every module against the rod from the mount as `rod`.
 
     Both set the verdict unless the task gives body clearance up; the rod does where the task asks for one.
@@ -78,14 +78,14 @@ def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyRow]:
         if (a, b) in joints:
             ports = zip((a, b), joints[a, b], strict=True)
             body, against = (sides[k].place(scene.R[i], scene.centres[i]) for i, k in ports)
-        yield Row("body", a, b, body, against, counts=counts, bolted=(a, b) in joints)
+        yield ClearanceRow("body", a, b, body, against, counts=counts, bolted=(a, b) in joints)
     if mount is None:
         return
     rod = scene.straight_rod(mount)
     for a, module in enumerate(modules):
         beside = rod.body_beside(a)
         if beside is not None:
-            yield Row("rod", a, -1, module, beside, counts=needs_rod)
+            yield ClearanceRow("rod", a, -1, module, beside, counts=needs_rod)
 
 
 def _side_at(scene: Scene, port: int) -> Compound:
@@ -147,13 +147,13 @@ def beside_brackets(brackets: dict[int, Hull], envelopes: Sequence[Solid]) -> It
             yield Requirement("bracket-airflow", a, b, envelope, bracket)
 
 
-def rotors_beside_brackets(brackets: dict[int, Hull], modules: Sequence[Compound]) -> Iterator[AnyRow]:
+def rotors_beside_brackets(brackets: dict[int, Hull], modules: Sequence[Compound]) -> Iterator[AnyClearanceRow]:
     """Yield every bracket against the rotors of every module."""
     for a, bracket in brackets.items():
         solid = _body(bracket, "bracket")
         for b, module in enumerate(modules):
             turning = Compound(module.parts[module.frame :], module.bounds)
-            yield Row("bracket-rotor", a, b, turning, solid)
+            yield ClearanceRow("bracket-rotor", a, b, turning, solid)
 
 
 def _flange(scene: Scene, i: int, port: int) -> Array:
@@ -168,12 +168,12 @@ def _flange(scene: Scene, i: int, port: int) -> Array:
     return np.asarray(np.array(corners) @ scene.R[i].T + scene.centres[i])
 
 
-def parts_beside_regions(scene: Scene) -> Iterator[AnyRow]:
+def parts_beside_regions(scene: Scene) -> Iterator[AnyClearanceRow]:
     """Yield every module against every solid region."""
     for number, segment, region in _regions(scene):
         for a, module in enumerate(scene.modules):
             against = region if isinstance(region, Cone) else _body(region, "region")
-            yield Row("part-region", a, number, module, against, segment)
+            yield ClearanceRow("part-region", a, number, module, against, segment)
 
 
 def rod_beside_regions(scene: Scene, mount: Mount | None) -> Iterator[Requirement]:
@@ -221,9 +221,9 @@ def rod_keeps_out(scene: Scene, mount: Mount) -> bool:
     return all(certificate.status is Status.CLEAR for certificate in certificates)
 
 
-def certify(rows: Sequence[AnyRow]) -> list[Certificate]:
+def certify(rows: Sequence[AnyClearanceRow]) -> list[Certificate]:
     """Return one certificate a row, those of all rows with the same kinds of sides at once."""
-    certifiers: dict[tuple[type, type], Callable[[list[AnyRow]], list[Certificate]]] = {
+    certifiers: dict[tuple[type, type], Callable[[list[AnyClearanceRow]], list[Certificate]]] = {
         (Solid, Solid): lambda some: certify_pairs([(row.body, row.against) for row in some]),
         (Solid, Cone): lambda some: [certify_inside(row.body, row.against) for row in some],
         (Solid, Hull): lambda some: certify_pairs([(row.body, row.against) for row in some]),

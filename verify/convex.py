@@ -29,7 +29,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis
-from verify.meshes import ROUNDING, ConvexMesh, Indices, Shape, box_corners, inner_mesh, outer_mesh
+from verify.meshes import MESH_ROUNDING, ConvexMesh, Indices, Shape, box_corners, inner_mesh, outer_mesh
 
 
 class SolidMeshes(NamedTuple):
@@ -145,7 +145,7 @@ class Polyhedron(Convex):
 
     def outer(self, n: Array) -> ConvexMesh:
         """Return the polyhedron itself, larger by the allowance for rounding."""
-        return ConvexMesh(self.centre + (1 + ROUNDING) * (self.vertices - self.centre), self.triangles)
+        return ConvexMesh(self.centre + (1 + MESH_ROUNDING) * (self.vertices - self.centre), self.triangles)
 
     def inner(self, x: Array) -> ConvexMesh:
         """Return the polyhedron itself."""
@@ -188,16 +188,16 @@ class Cylinder(Convex):
     def outer(self, n: Array) -> ConvexMesh:
         """Return a prism around the cylinder, with a flat side towards n."""
         radius = self.disc / math.cos(math.pi / MESHES.sides)
-        return self._prism(n, (1 + ROUNDING) * radius, 0.5, 1 + ROUNDING)
+        return self._prism(n, (1 + MESH_ROUNDING) * radius, 0.5, 1 + MESH_ROUNDING)
 
     def inner(self, x: Array) -> ConvexMesh:
         """Return a prism inside the cylinder, with an edge on the side of x."""
-        return self._prism(x - self.centre, (1 - ROUNDING) * self.disc, 0.0, 1.0)
+        return self._prism(x - self.centre, (1 - MESH_ROUNDING) * self.disc, 0.0, 1.0)
 
     def _prism(self, towards: Array, radius: float, phase: float, stretch: float) -> ConvexMesh:
         across = towards - (towards @ self.axis) * self.axis
         length = np.linalg.norm(across)
-        e_1 = across / length if length > ROUNDING else basis_across(self.axis)[0]
+        e_1 = across / length if length > MESH_ROUNDING else basis_across(self.axis)[0]
         angles = (np.arange(MESHES.sides) + phase) * (2 * math.pi / MESHES.sides)
         ring = np.outer(np.cos(angles), e_1) + np.outer(np.sin(angles), np.cross(self.axis, e_1))
         low, high = self.centre + stretch * (self.vertices - self.centre)

@@ -31,7 +31,7 @@ from verify.beside_airflow import beside_airflow
 from verify.bodies import Array
 from verify.certificate import Certificate, Solid
 from verify.contacts import (
-    AnyRow,
+    AnyClearanceRow,
     allowed_contacts,
     beside_brackets,
     bracket_hulls,
@@ -90,7 +90,7 @@ def _audit(design: Design, started: float) -> Audit:
     placed, sheet = scene.platform, assembly(scene)
     rows = (*residuals(design, placed), *corner_residuals(design, placed), *rod_residuals(scene, sheet))
     brackets, counts = bracket_hulls(scene), design.task.parts_off_airflow
-    rows_of_all_kinds: Iterable[AnyRow] = itertools.chain(
+    rows_of_all_kinds: Iterable[AnyClearanceRow] = itertools.chain(
         scene.requirements(),
         keep_apart(scene, sheet.mount),
         beside_airflow(scene.modules, scene.envelopes, counts=counts),
@@ -137,12 +137,12 @@ def _audit(design: Design, started: float) -> Audit:
 
 
 def _closest_points(
-    checks: list[AnyRow], certificates: list[Certificate], l_arm: float, middle: Array
+    checks: list[AnyClearanceRow], certificates: list[Certificate], l_arm: float, middle: Array
 ) -> list[tuple[Vector, Vector] | None]:
     """Return where both sides of every row come closest, in W [m]; of a least distance the places themselves."""
     nowhere = np.full((2, 3), np.nan)
 
-    def points(row: AnyRow, certificate: Certificate) -> Array:
+    def points(row: AnyClearanceRow, certificate: Certificate) -> Array:
         if (
             row.kind in ("separation", "exclusion")
             and isinstance(row.body, Solid)
@@ -158,7 +158,7 @@ def _closest_points(
 
 
 def _clearance(
-    requirement: AnyRow,
+    requirement: AnyClearanceRow,
     certificate: Certificate,
     closest: tuple[Vector, Vector] | None,
     module: Module,
@@ -181,7 +181,7 @@ def _clearance(
     )
 
 
-def _describe(row: AnyRow) -> tuple[str, str]:
+def _describe(row: AnyClearanceRow) -> tuple[str, str]:
     """Return both sides of a row with all their digits, in l_arm from the mean of the module centres."""
     sides = (side.body if isinstance(side, Solid) else side for side in (row.body, row.against))
     with np.printoptions(floatmode="unique", threshold=sys.maxsize):

@@ -24,7 +24,7 @@ import numpy as np
 
 from verify.bodies import Array, ConeSphere, clearances
 from verify.gjk import least_weights
-from verify.meshes import FARTHEST, ConvexMesh, Indices, Shape
+from verify.meshes import LARGEST_COORDINATE, ConvexMesh, Indices, Shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class Hull:
     @property
     def in_range(self) -> bool:
         """True if coordinates keep the digits that a proof needs."""
-        return bool(np.all(np.abs(self.mesh.vertices) < FARTHEST / 16))
+        return bool(np.all(np.abs(self.mesh.vertices) < LARGEST_COORDINATE / 16))
 
     def shown(self, x: Array, n: Array, level: int, *, inside: bool) -> tuple[ConvexMesh, Shape]:
         """Return the region itself with its origin at x, whatever mesh of it is asked for."""

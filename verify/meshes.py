@@ -39,7 +39,7 @@ from verify.bodies import Array, ConeSphere, basis_across
 
 Indices = NDArray[np.intp]
 
-ROUNDING = 1e-12
+MESH_ROUNDING = 1e-12
 """Outer meshes are larger and inner ones smaller by this part of the body, to be safe from rounding."""
 
 
@@ -116,7 +116,7 @@ def inner_mesh(body: ConeSphere, level: int, n: Array | None = None) -> ConvexMe
     """Return a polytope inside the body, with a vertex in direction `n` if one is given."""
     sphere = icosphere(level)
     turn = np.eye(3) if n is None else _turn(sphere.vertices[0], n)
-    slack = ROUNDING * body.extent
+    slack = MESH_ROUNDING * body.extent
     return _hull(body, sphere, turn, 1.0, -min(slack, 0.5 * body.r))
 
 
@@ -124,7 +124,7 @@ def outer_mesh(body: ConeSphere, level: int, n: Array | None = None) -> ConvexMe
     """Return a polytope around the body, with a face that touches it in direction `n` if one is given."""
     sphere = icosphere(level)
     turn = np.eye(3) if n is None else _turn(sphere.normals[np.argmin(sphere.offsets)], n)
-    return _hull(body, sphere, turn, 1.0 / sphere.inradius, ROUNDING * body.extent)
+    return _hull(body, sphere, turn, 1.0 / sphere.inradius, MESH_ROUNDING * body.extent)
 
 
 def box_below(x: Array, m: Array, size: float) -> ConvexMesh:
@@ -207,7 +207,7 @@ def lies_within(mesh: ConvexMesh, body: ConeSphere) -> bool:
 
 SCALE = 1e3
 """FCL's length of one arm."""
-FARTHEST = 1e6
+LARGEST_COORDINATE = 1e6
 """Coordinates beyond this many arms have lost the digits that FCL's tolerances need."""
 
 
@@ -215,15 +215,15 @@ class Shape:
     """A convex polytope, in arm lengths, as FCL holds it."""
 
     def __init__(self, mesh: ConvexMesh) -> None:
-        if not np.all(np.abs(mesh.vertices) <= FARTHEST):
-            raise ValueError(f"coordinates must be finite and within {FARTHEST:g} arm lengths")
+        if not np.all(np.abs(mesh.vertices) <= LARGEST_COORDINATE):
+            raise ValueError(f"coordinates must be finite and within {LARGEST_COORDINATE:g} arm lengths")
         faces = np.concatenate([np.full((len(mesh.triangles), 1), 3, dtype=np.int64), mesh.triangles], axis=1)
         self._convex = fcl.Convex(SCALE * mesh.vertices, len(faces), faces.ravel())
         self._place(np.eye(3), np.zeros(3))
 
     def _place(self, R: Array, p: Array) -> None:
-        if not np.all(np.abs(p) <= FARTHEST):
-            raise ValueError(f"coordinates must be finite and within {FARTHEST:g} arm lengths")
+        if not np.all(np.abs(p) <= LARGEST_COORDINATE):
+            raise ValueError(f"coordinates must be finite and within {LARGEST_COORDINATE:g} arm lengths")
         self._R, self._p = R, p
         self._object = fcl.CollisionObject(self._convex, fcl.Transform(R, SCALE * p))
 

@@ -18,15 +18,15 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.exposure import Exposure
 from topo_search.model.module import AirflowEnvelope
 from verify.bodies import Array, Cone, ConeSphere, ball
-from verify.certificate import Row, Solid
+from verify.certificate import ClearanceRow, Solid
 from verify.compounds import Compound
 from verify.hulls import Hull, hull
 from verify.kinematics import Platform, platform
-from verify.meshes import FARTHEST
+from verify.meshes import LARGEST_COORDINATE
 from verify.parts import StraightRod, module_body
 
 
-class Requirement(Row[Solid, Solid | Cone | Hull]):
+class Requirement(ClearanceRow[Solid, Solid | Cone | Hull]):
     """An airflow envelope, a ball, a bracket or a rod beside a volume, or in a cone."""
 
 
@@ -72,7 +72,9 @@ class Scene:
     @property
     def in_range(self) -> bool:
         """True if all coordinates keep the digits that a proof needs."""
-        return all(module.in_range for module in self.modules) and bool(np.all(np.abs(self.p_E) < FARTHEST / 16))
+        return all(module.in_range for module in self.modules) and bool(
+            np.all(np.abs(self.p_E) < LARGEST_COORDINATE / 16)
+        )
 
     def straight_rod(self, mount: Mount) -> StraightRod:
         """Return the rod from a free connector."""

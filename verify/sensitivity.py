@@ -24,7 +24,7 @@ from typing import NamedTuple
 from topo_search.model import Design, Limit, Sensitivity, Status, WorstCase
 from topo_search.model.module import RegionAirflow
 from verify.bodies import Array, Cone, clearances, cone_clearance
-from verify.certificate import ROUNDING
+from verify.certificate import BOUND_ROUNDING
 from verify.hulls import Hull, approach
 from verify.kinematics import Poses, platform, poses_of
 from verify.requirements import Requirement, Scene
@@ -84,7 +84,7 @@ def _limit(tolerance: Tolerance, errors: Errors, largest: float, unit: float) ->
     if tolerance.keeps(errors.times(largest)):
         return None
     nominal = tolerance.weakest(Errors())
-    if nominal.bound <= ROUNDING:
+    if nominal.bound <= BOUND_ROUNDING:
         return Limit(**_pair(nominal.requirement), tolerated=0.0, violated_at=0.0 if nominal.bound < 0 else None)
     low, high = 0.0, largest
     while high - low > SEARCH.accuracy * high and high > 1e-12:
@@ -100,10 +100,10 @@ def _worst_case(tolerance: Tolerance, errors: Errors) -> WorstCase:
     """Return what errors of some size do."""
     weakest = tolerance.weakest(errors)
     attained = _least_clearance(tolerance, weakest, errors)
-    status = Status.CLEAR if weakest.bound > ROUNDING else Status.UNDECIDED
+    status = Status.CLEAR if weakest.bound > BOUND_ROUNDING else Status.UNDECIDED
     return WorstCase(
         **_pair(weakest.requirement),
-        status=Status.VIOLATED if attained < -ROUNDING else status,
+        status=Status.VIOLATED if attained < -BOUND_ROUNDING else status,
         lower_m=weakest.bound * tolerance.scene.l_arm,
         attained_m=attained * tolerance.scene.l_arm,
         factor=_limit(tolerance, errors, SEARCH.largest_factor, 1.0),

@@ -63,7 +63,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.audit import Kind
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.bodies import Array, Cone, Rows
-from verify.certificate import ROUNDING, Solid, witnesses
+from verify.certificate import BOUND_ROUNDING, Solid, witnesses
 from verify.hulls import Hull
 from verify.meshes import Indices
 from verify.requirements import Requirement, Scene
@@ -265,7 +265,7 @@ class Tolerance:
 
     def keeps(self, errors: Errors) -> bool:
         """Return whether every pair's bound stays above rounding."""
-        return bool(self._bounds(errors).min() > ROUNDING)
+        return bool(self._bounds(errors).min() > BOUND_ROUNDING)
 
     def weakest(self, errors: Errors) -> Weakest:
         """Return the pair with the least bound of all."""

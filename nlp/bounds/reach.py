@@ -177,7 +177,7 @@ def _poses(turns: Turns, alpha: Array, l_c: float) -> tuple[Array, Array]:
     return np.array(R)[..., 2], np.array(p)
 
 
-ROUNDING = 1e-9
+LEAST_MISS = 1e-9
 """Share of a length by which it must be missed."""
 
 
@@ -232,7 +232,7 @@ def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutatio
     q = share * math.hypot(*position) + off_centre(task)
     farthest = math.hypot(q, 2 * task.module.connector_distance / n * math.sqrt(squares))
     unseen = TOLERANCE * task.module.arm_length * (1 + share)  # of the distance, and of the place
-    if required <= farthest * (1 + ROUNDING) + unseen:
+    if required <= farthest * (1 + LEAST_MISS) + unseen:
         return None
     needed, reached = excess_texts(required, farthest)
     return Refutation(
@@ -262,7 +262,7 @@ def rotors_overlap(task: ResolvedTask) -> Refutation | None:
     module = task.module
     middle, r, l_c = module.arm_length / math.sqrt(2), module.body.rotor_radius, module.connector_distance
     across = r - abs(middle - l_c)
-    if task.n == 1 or task.body_clearance is None or across <= ROUNDING * (middle + r):
+    if task.n == 1 or task.body_clearance is None or across <= LEAST_MISS * (middle + r):
         return None
     inner, outer = excess_texts(l_c, middle - r)[1], excess_texts(middle + r, l_c)[0]
     return Refutation(

@@ -2,11 +2,10 @@
 
 | room | requirements | of the printed problem |
 |---|---|---|
-| `balances` | force and torque of every load case as numbers, reserves among them | (2), (3) |
+| `balances` | force and torque of every load case; limits of inputs, hinges and root | (2), (3), (10) |
 | `modules` | airflow pairs, bodies, parts beside airflow | (4), (5), (6) |
 | `rod` | reach and course of the end-effector's rod | (7) |
 | `exposure` | exclusion, the end-effector beside airflow, every kind of exposure | (7) to (9) |
-| `bounds` | inputs, hinges, root | (10) |
 
 A statement has the constraint's name, the bodies, a smooth form for Ipopt, the exact value, margin and unit. The
 printed problem (`nlp.problem`), its exact evaluation (`nlp.evaluation`), the assembled terms, the
@@ -23,7 +22,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
-from nlp.requirements.bounds import variable_bounds
+from nlp.requirements.balances import variable_bounds
 from nlp.requirements.exposure import end_effector_clearances, exposure
 from nlp.requirements.modules import module_clearances
 from nlp.requirements.rod import rod_clearances

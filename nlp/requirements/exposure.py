@@ -58,7 +58,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex_hull
 from topo_search.model.value import Vector
 
-ROUNDING = 1e-8
+ROOT_SMOOTHING = 1e-8
 """Added to ||rho||^2 so that its root is smooth on the axis [l_arm^2]; asks for more clearance, never for less."""
 
 
@@ -179,7 +179,7 @@ class InfiniteCone:
             along = ca.dot(d_con, P)
             rho = P - along * d_con
             s = along * math.sin(self.half_angle)
-            s -= ca.sqrt(ca.dot(rho, rho) + ROUNDING) * math.cos(self.half_angle)
+            s -= ca.sqrt(ca.dot(rho, rho) + ROOT_SMOOTHING) * math.cos(self.half_angle)
             gaps.append(s - ball.end_radius)
         return ca.vertcat(*gaps)
 

@@ -31,13 +31,13 @@ from topo_search.model.arrays import Array
 
 BETWEEN_MODULES = (4, 5, 6)
 """Their numbers: clearances that hinges alone decide."""
-NEAR = 6.0
+NEAR_ENVELOPE = 6.0
 """Pairs of envelopes closer than this are kept apart in a round [l_arm]."""
 BESIDE = 0.3
 """Parts nearer than this to the airflow of a module that is not bolted to theirs are kept out in a round [l_arm].
 
 Where envelopes keep apart, few designs that meet all else have any in there, so that most rounds do well without
-the others; where they may merge, it is NEAR.
+the others; where they may merge, it is NEAR_ENVELOPE.
 """
 
 
@@ -80,7 +80,12 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
     if airflow:
         formulas = (BesideAirflow(air, air),)
         yield Requirement(
-            4, lambda i, j, _: f"airflow of modules {i} and {j}", _pairs(pairs), formulas, margin, near=NEAR
+            4,
+            lambda i, j, _: f"airflow of modules {i} and {j}",
+            _pairs(pairs),
+            formulas,
+            margin,
+            near=NEAR_ENVELOPE,
         )
     distance = task.separation if ablation else task.centre_distance
     if distance is not None:
@@ -96,7 +101,7 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
             _pairs(list(topology.unbolted)),
             (BesideAirflow(PartBalls.of(task), air),),
             margin,
-            near=BESIDE if airflow else NEAR,
+            near=BESIDE if airflow else NEAR_ENVELOPE,
         )
 
 

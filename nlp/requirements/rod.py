@@ -48,7 +48,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.module import TIP
 from topo_search.model.shape import Shape
 
-NEAR = 6.0
+NEAR_LIMIT = 6.0
 """A limit that the rod meets by at least so much is not stated in a round [l_arm]."""
 TOUCHING = 1e-7
 """Largest difference of a distance between solver and audit [l_arm]."""
@@ -210,7 +210,7 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
             LimitOfBestRod(l_c, connectors(task, topology), tuple(limits), k) for k in range(len(limits))
         )
         subjects = np.arange(max(n, 2))[None]  # never fewer than i and j
-        yield BestRod(7, lambda _, __, k: listed[k or 0], subjects, formulas, margin, near=NEAR)
+        yield BestRod(7, lambda _, __, k: listed[k or 0], subjects, formulas, margin, near=NEAR_LIMIT)
 
 
 def _distance(shape: Shape, unit: float) -> float:

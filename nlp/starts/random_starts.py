@@ -29,8 +29,7 @@ from nlp.numbers.geometry import (
     signs,
 )
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.requirements.balances import asked_wrenches, wrench_matrix
-from nlp.requirements.bounds import running_rotors
+from nlp.requirements.balances import asked_wrenches, running_rotors, wrench_matrix
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Cone

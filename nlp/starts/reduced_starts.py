@@ -8,19 +8,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from nlp.numbers import kinematics
 from nlp.numbers.geometry import largest_turn, signs
+from nlp.reduced import arrays
 from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.platform import platform
 from nlp.starts.random_starts import DRAWING, cones, entropy, mean_force, upstream_of
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import njit
+from topo_search.model.compiled_code import njit, refresh
 
-NEAREST, FARTHEST = 1.0, 10.0
+LEAST_OFFSET, LARGEST_OFFSET = 1.0, 10.0
 """Range of the end-effector's distance from the modules' centroid, beyond its stand-off [l_arm]."""
 ANYWHERE, UPSTREAM, CONE = range(3)
 """Initial directions of the end-effector: any, any not downstream, or upstream with some scatter."""
@@ -71,7 +74,7 @@ def draws(
         drawn = drawn._replace(splay=np.full(topology.n - 1, largest_turn(task)))
     least = -1.0 if anyhow else 0.0
     random = [
-        (*rng.uniform(least, 1.0, topology.n), *rng.normal(size=3), rng.uniform(NEAREST, FARTHEST))
+        (*rng.uniform(least, 1.0, topology.n), *rng.normal(size=3), rng.uniform(LEAST_OFFSET, LARGEST_OFFSET))
         for rng in (np.random.default_rng((key, start)) for start in starts)
     ]
     return place_starts(problem, drawn, np.array(random).reshape(-1, topology.n + 4))
@@ -139,3 +142,6 @@ def _rotation_between(a: Array, b: Array) -> Array:
         across = np.cross(b, np.eye(3)[np.argmin(np.abs(b))])
         return _turn(across / math.sqrt(np.sum(across * across)), math.pi)
     return _turn(axis / sine, math.atan2(sine, cosine))
+
+
+refresh(place_starts, Path(__file__).parent, Path(arrays.__file__).parent, Path(kinematics.__file__).parent)

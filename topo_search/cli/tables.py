@@ -16,7 +16,7 @@ from topo_search.model import Audit, Design, Infeasible, Status
 from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
 from topo_search.report.wording import NEAR_TIES, length, modules, near_tie_cells, quantity
-from topo_search.study import NEAR, Answer, Row, SizeAnswer, Solved
+from topo_search.study import NEAR_BEST, Answer, Row, SizeAnswer, Solved
 from topo_search.study.ledger import proven_cell
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
@@ -123,7 +123,7 @@ def _near_ties(size: SizeAnswer) -> Iterator[str]:
     """Yield what designs leave in hover that cost about the same, unless there is no choice."""
     if size.best is None or len(size.near_ties) < 2:
         return
-    yield f"within {100 * NEAR:g} % of the least control effort, largest force reserve in hover first:"
+    yield f"within {100 * NEAR_BEST:g} % of the least control effort, largest force reserve in hover first:"
     yield from _table(NEAR_TIES, [near_tie_cells(row, size.best) for row in size.near_ties])
     if size.near_ties_unaudited:
         yield f"within the same range, but not audited: {quantity(size.near_ties_unaudited, 'design')}"

@@ -291,7 +291,7 @@ def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
     brackets = sorted({(kind, j) for count in counts for kind, most in count.items() for j in range(1, most + 1)})
     needs = np.array([[count[kind] >= j for kind, j in brackets] for count in counts]).reshape(len(designs), -1)
     y = range(len(designs), len(designs) + len(brackets))
-    rows: list[Row] = [(dict.fromkeys(of, 1.0), 1.0, 1.0) for of in tasks]
+    rows: list[BracketRow] = [(dict.fromkeys(of, 1.0), 1.0, 1.0) for of in tasks]
     for of, (k, y_k) in product(tasks, enumerate(y)):
         rows.append(({y_k: 1.0} | {d: -1.0 for d in of if needs[d, k]}, 0.0, math.inf))
     drawer = dict.fromkeys(y, 1.0)
@@ -312,11 +312,11 @@ def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
     return tuple(each[int(np.argmax(x[of]))] for each, of in zip(kept, tasks, strict=True))
 
 
-Row = tuple[dict[int, float], float, float]
+BracketRow = tuple[dict[int, float], float, float]
 """A constraint: coefficients by variable, and the limits of their sum."""
 
 
-def _least(cost: dict[int, float], rows: Sequence[Row], size: int, whole: int) -> tuple[Array, float]:
+def _least(cost: dict[int, float], rows: Sequence[BracketRow], size: int, whole: int) -> tuple[Array, float]:
     """Return variables from 0 to 1, the first of them whole numbers, with the least cost, and that cost."""
     from scipy.optimize import LinearConstraint, milp  # slow to import
     from scipy.sparse import csr_array

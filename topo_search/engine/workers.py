@@ -31,7 +31,14 @@ from pebble import ProcessExpired, ProcessPool
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, Geometry, Infeasible, ResolvedTask, SolverRecord, Topology
-from topo_search.supervisor import AGAIN, ONE_THREAD, STOPS, call_pickled, die_with_parent, is_out_of_memory
+from topo_search.supervisor import (
+    INTERRUPT_DELAY_S,
+    ONE_THREAD,
+    STOPS,
+    call_pickled,
+    die_with_parent,
+    is_out_of_memory,
+)
 
 AuditDesign = Callable[[Geometry], Audit]
 Item = TypeVar("Item")
@@ -445,7 +452,7 @@ def _interrupts_repeated() -> Iterator[None]:
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        signal.setitimer(signal.ITIMER_REAL, AGAIN)
+        signal.setitimer(signal.ITIMER_REAL, INTERRUPT_DELAY_S)
         raise KeyboardInterrupt
 
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGALRM)}

@@ -70,7 +70,7 @@ UNITS = {
 TORQUE_FIRST = 10.0
 """Weight of a missing torque, per l_arm, beside that of a missing force: who turns away loses forces as well."""
 
-Row = tuple[Number, ...]
+MatrixRow = tuple[Number, ...]
 
 
 class Rotor(Value):
@@ -99,13 +99,13 @@ class Allocation(Value):
 
     format: Literal["topo-search/allocation"] = "topo-search/allocation"
     version: Literal[1] = 1
-    matrix: tuple[Row, ...]
+    matrix: tuple[MatrixRow, ...]
     """B, (6, 4n): from squared speeds."""
-    pseudo_inverse: tuple[Row, ...]
+    pseudo_inverse: tuple[MatrixRow, ...]
     """Pseudo-inverse of `matrix`, (4n, 6): the squared speeds of least norm, without limits."""
-    thrust_matrix: tuple[Row, ...]
+    thrust_matrix: tuple[MatrixRow, ...]
     """B_T, (6, 4n): from thrusts."""
-    thrust_pseudo_inverse: tuple[Row, ...]
+    thrust_pseudo_inverse: tuple[MatrixRow, ...]
     """Pseudo-inverse of `thrust_matrix`, (4n, 6)."""
     rank: Index
     """Rank of the matrix: 6 if the platform is fully actuated."""

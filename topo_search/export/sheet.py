@@ -288,7 +288,7 @@ def _direction(v: Array) -> str:
 
 
 COLUMNS = ("part", "count", "size", "mass_kg", "total_kg", "file")
-Row = tuple[str, int | str, str, str, str, str]
+ListedPart = tuple[str, int | str, str, str, str, str]
 """Cells in the order of `COLUMNS`."""
 PLASTIC, STEEL = 1240.0, 7850.0
 """Densities of printed PLA and of bolts [kg/m^3]."""
@@ -298,7 +298,7 @@ ABOUT_PARTS = (
 )
 
 
-def parts_list(design: Design, solids: Sequence[Part]) -> list[Row]:
+def parts_list(design: Design, solids: Sequence[Part]) -> list[ListedPart]:
     """Return a row for every kind of part, then the total, and the mass of the model."""
     task, bracket = design.task, design.task.module.bracket_sizes
     rows = [_row("module", design.topology.n, "", task.module.mass)]
@@ -321,7 +321,7 @@ def parts_list(design: Design, solids: Sequence[Part]) -> list[Row]:
     return rows
 
 
-def mass_note(task: ResolvedTask, rows: Sequence[Row]) -> str:
+def mass_note(task: ResolvedTask, rows: Sequence[ListedPart]) -> str:
     """Return what all parts weigh beside the model, and the fields with which both agree."""
     *parts, whole, model = rows
     note = f"all parts weigh {whole[4]} kg, the model of the search {model[4]} kg"
@@ -337,7 +337,7 @@ def mass_note(task: ResolvedTask, rows: Sequence[Row]) -> str:
     return f"{note}; with {' and '.join(fields)} a search counts what joins the modules" if fields else note
 
 
-def parts_csv(rows: Sequence[Row]) -> str:
+def parts_csv(rows: Sequence[ListedPart]) -> str:
     """Return the list as the text of a CSV file."""
     return csv_text(COLUMNS, rows)
 
@@ -351,15 +351,15 @@ def bolt_of(hole: float, grip: float) -> tuple[float, float]:
     return d, next((length for length in lengths if length >= least), math.ceil(least))
 
 
-def _bolt_row(name: str, count: int, d: float, length: float) -> Row:
+def _bolt_row(name: str, count: int, d: float, length: float) -> ListedPart:
     volume = math.pi / 4 * (d**2 * length + (1.8 * d) ** 2 * d + ((1.7 * d) ** 2 - d**2) * 0.8 * d)
     return _row(name, count, f"M{d:g} x {length:g}", STEEL * volume / MILLIMETRES**3)
 
 
-def _part_row(part: Part) -> Row:
+def _part_row(part: Part) -> ListedPart:
     mass = PLASTIC * part.volume_cm3 / 100.0**3
     return _row(part.name, part.count, f"{part.volume_cm3:.1f} cm^3", mass, f"brackets/{part.file}")
 
 
-def _row(name: str, count: int, size: str, mass: float, file: str = "") -> Row:
+def _row(name: str, count: int, size: str, mass: float, file: str = "") -> ListedPart:
     return name, count, size, f"{mass:.4g}", f"{count * mass:.4g}", file

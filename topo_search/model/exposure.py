@@ -15,7 +15,7 @@ from pydantic import AfterValidator, ConfigDict, Field, ValidationInfo, model_va
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
-from topo_search.model.mesh_file import FARTHEST, convex_pieces, mesh_schema, take_mesh
+from topo_search.model.mesh_file import LARGEST_COORDINATE, convex_pieces, mesh_schema, take_mesh
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape, has_volume, unit
 from topo_search.model.value import (
     OMIT_EMPTY,
@@ -49,8 +49,8 @@ Axis = Annotated[Literal["com"] | Direction, OneOf('must be "com" or [x, y, z]')
 
 
 def _check_volume(vertices: tuple[Vector, ...]) -> tuple[Vector, ...]:
-    if max((abs(x) for vertex in vertices for x in vertex), default=0.0) > FARTHEST:
-        raise ValueError(f"must be at most {FARTHEST:g} m away")
+    if max((abs(x) for vertex in vertices for x in vertex), default=0.0) > LARGEST_COORDINATE:
+        raise ValueError(f"must be at most {LARGEST_COORDINATE:g} m away")
     if not has_volume(np.array(vertices).reshape(-1, 3)):
         raise ValueError(f"must span a volume, but got {show(vertices)}")
     return vertices
@@ -173,8 +173,8 @@ class Local(Region):
 def _path(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
     if len(points) < 2:
         raise ValueError(f"must have at least two points, but got {show(points)}")
-    if max(abs(x) for point in points for x in point) > FARTHEST:
-        raise ValueError(f"must be at most {FARTHEST:g} m away")
+    if max(abs(x) for point in points for x in point) > LARGEST_COORDINATE:
+        raise ValueError(f"must be at most {LARGEST_COORDINATE:g} m away")
     if any(math.dist(one, other) < 1e-15 for one, other in pairwise(points)):
         raise ValueError(f"must lead from each point to a different one, but got {show(points)}")
     return points
@@ -239,7 +239,7 @@ class Plane(Value):
 
     normal: Direction
     """Normal that points out of the half-space, of any length."""
-    offset: Annotated[float, Field(strict=True, ge=-FARTHEST, le=FARTHEST)] = 0.0
+    offset: Annotated[float, Field(strict=True, ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)] = 0.0
     """Distance of the plane from p_E along the normal [m]; negative where p_E is outside."""
 
 

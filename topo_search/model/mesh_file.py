@@ -40,7 +40,7 @@ from topo_search.model.value import (
 
 Triangles = NDArray[np.intp]
 
-FARTHEST = 1e15
+LARGEST_COORDINATE = 1e15
 """Largest coordinate, without sign [m]."""
 HEADER, FACET = 84, 50
 """Bytes of a binary STL before its facets, and of each facet."""
@@ -145,7 +145,7 @@ def surface(path: Path, scale: float = 1.0, offset: Vector = (0.0, 0.0, 0.0)) ->
         rule = f"must have three corners per facet: {facets:,} facets"
         raise ValueError(f"{rule}, but has {len(mesh.faces):,} triangles")
     result = _compact(mesh.vertices * scale + np.array(offset), np.asarray(mesh.faces, dtype=np.intp))
-    if not np.all(np.abs(result.vertices) <= FARTHEST):  # NaN is none of them either
+    if not np.all(np.abs(result.vertices) <= LARGEST_COORDINATE):  # NaN is none of them either
         raise ValueError(NO_VOLUME)
     return result
 
@@ -299,7 +299,7 @@ def _is_facet(behind: bytes) -> bool:
     if len(behind) < FACET or any(behind[48:]):
         return False
     normal, *corners = np.frombuffer(behind[:48], "<f4").reshape(4, 3).astype(float)
-    if not np.all(np.isfinite([normal, *corners])) or np.abs(corners).max() > FARTHEST:
+    if not np.all(np.isfinite([normal, *corners])) or np.abs(corners).max() > LARGEST_COORDINATE:
         return False
     length = np.linalg.norm(normal)
     return bool((length == 0 or abs(length - 1) < 0.01) and np.ptp(corners, axis=0).any())
@@ -404,8 +404,8 @@ class ConvexPiece(Value):
         if len(there) < len(edges) or there != {(j, i) for i, j in there}:
             closed = "must be a closed surface, every edge once in either direction"
             yield "triangles", f"{closed}; pieces of a mesh that share an edge count as one, so let them overlap"
-        elif np.abs(self.vertices).max() > FARTHEST:
-            yield "vertices", f"must be at most {FARTHEST:g} m away"
+        elif np.abs(self.vertices).max() > LARGEST_COORDINATE:
+            yield "vertices", f"must be at most {LARGEST_COORDINATE:g} m away"
         elif (beyond := _beyond_faces(np.array(self.vertices), faces)) > 1e-6:  # single precision
             yield "triangles", f"must be convex, but a corner lies {100 * beyond:.3g} % of its size beyond a face"
 

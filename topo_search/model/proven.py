@@ -79,7 +79,7 @@ TOLERANCE = 1e-6
 Forces in m_t g; torques in l_arm m_t g, about the COM and about p_E; inputs in the largest allowed one; lengths in
 l_arm; the objective relative to itself; angles in rad.
 """
-FARTHEST = 100.0
+FARTHEST_TIP = 100.0
 """Farthest that p_E may be from the COM, in lengths of the platform stretched out.
 
 Far beyond, the COM itself is far from every rotor, and forces within the tolerance make up for torques.

@@ -43,7 +43,7 @@ from topo_search.model.module import AirflowEnvelope, Module
 from topo_search.model.proven import excess_texts
 from topo_search.model.shape import nearest_point
 
-ROUNDING = 1e-9
+LENGTH_ROUNDING = 1e-9
 """Share of a length, or angle [rad], that is left to rounding."""
 LARGE = 4.0
 """Lengths that keep modules off the end-effector, and its rod, are seldom meant to be longer, in packed widths."""
@@ -200,7 +200,7 @@ def _search(pairs: list[tuple[_Part, _Part]], margin: float, *, even: bool = Fal
     while len(phi) and h > 5e-5:  # down to 0.1 mrad
         least = np.full(len(phi), math.inf)
         for A, B in pairs:
-            room = min(A.rho, B.rho) * h + ROUNDING * (A.rho + B.rho)
+            room = min(A.rho, B.rho) * h + LENGTH_ROUNDING * (A.rho + B.rho)
             left = least > -1.0
             least[left] = np.minimum(least[left], (_distance(A, B, phi[left], margin + room) - margin) / room)
         clear += [(middle - h, middle + h) for middle in phi[least >= 1.0].tolist()]
@@ -208,11 +208,11 @@ def _search(pairs: list[tuple[_Part, _Part]], margin: float, *, even: bool = Fal
         phi = np.concatenate([phi - h, phi + h])
     joined: list[tuple[float, float]] = []
     for low, high in sorted(clear + [(-high, -low) for low, high in clear] if even else clear):
-        if joined and low - joined[-1][1] < ROUNDING:
+        if joined and low - joined[-1][1] < LENGTH_ROUNDING:
             low, _ = joined.pop()
         joined.append((low, high))
     return tuple(
-        (-right if right + low < ROUNDING else low, right if right - high < ROUNDING else high)
+        (-right if right + low < LENGTH_ROUNDING else low, right if right - high < LENGTH_ROUNDING else high)
         for low, high in joined
     )
 
@@ -253,7 +253,7 @@ def _distance(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
         for share in (1.0, 0.98, 0.7):  # parts that meet come apart as they shrink, along the way in which they do
             shrunk = partial(farthest, phi=phi[k], middle=middle, share=share)
             x = nearest_point(np.zeros(3), middle, shrunk, enough)
-            if (length := np.linalg.norm(x)) > ROUNDING * B.rho:
+            if (length := np.linalg.norm(x)) > LENGTH_ROUNDING * B.rho:
                 apart[k] = max(apart[k], x @ farthest(-x, phi[k]) / length)
                 break
     return apart

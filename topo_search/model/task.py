@@ -21,7 +21,7 @@ from topo_search.limits import LIMITS
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
 from topo_search.model.load_case import AskedFlight, LoadCase, broken_reserves, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AGREE, AIR_DENSITY, CountedRod, EndEffector, Module, ResolvedEndEffector
-from topo_search.model.proven import FARTHEST, TOLERANCE
+from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
 from topo_search.model.room import (
     LARGE,
     Balls,
@@ -283,7 +283,7 @@ class Task(Value):
 
     def farthest_end_effector(self, n: int) -> float:
         """Return how far p_E may be from the COM of a platform of n modules [m]."""
-        return FARTHEST * 2 * n * (self.module.connector_distance + self.module.arm_length)
+        return FARTHEST_TIP * 2 * n * (self.module.connector_distance + self.module.arm_length)
 
     def largest_reach(self, n: int) -> float | None:
         """Return how far p_E may be from the connector of its rod on n modules [m]; None where that is free."""

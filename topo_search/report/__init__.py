@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 Figure = dict[str, Any]
 """Data and layout of a figure, as plotly.js takes them."""
-LOOK: dict[str, Any] = {
+PLOTLY_LAYOUT: dict[str, Any] = {
     "font": {"family": "system-ui, sans-serif", "size": 13, "color": "#222222"},
     "paper_bgcolor": "rgba(0,0,0,0)",
     "plot_bgcolor": "rgba(0,0,0,0)",

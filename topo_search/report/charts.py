@@ -15,7 +15,7 @@ import numpy as np
 from topo_search.export import palette
 from topo_search.model import Audit, BadInput, Clearance, Design, Fault
 from topo_search.model.proven import at_least, at_most, upper_text
-from topo_search.report import LOOK, Figure
+from topo_search.report import PLOTLY_LAYOUT, Figure
 from topo_search.report.wording import clearance, figures, length, millimetres, modules
 from topo_search.study import Answer, FrontPoint, SolveEvent, front
 
@@ -333,7 +333,7 @@ def _plotly_figure(figure: Figure) -> go.Figure:
     """Return a figure of Plotly in the look of the page."""
     import plotly.graph_objects as go  # slow to load, and pages are drawn without it
 
-    return go.Figure(figure["data"], {"template": "plotly_white", **LOOK, **figure["layout"]})
+    return go.Figure(figure["data"], {"template": "plotly_white", **PLOTLY_LAYOUT, **figure["layout"]})
 
 
 def _of_level(answer: Answer, frame: pd.DataFrame) -> pd.DataFrame:

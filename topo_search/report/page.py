@@ -20,7 +20,16 @@ from topo_search.export.poses import poses_to_draw
 from topo_search.export.tree_drawing import tree_svg
 from topo_search.model.files import to_toml
 from topo_search.model.task_warnings import task_warnings
-from topo_search.report import LOOK, Table, charts, design_part, headline, json_in_script, task_facts, wording
+from topo_search.report import (
+    PLOTLY_LAYOUT,
+    Table,
+    charts,
+    design_part,
+    headline,
+    json_in_script,
+    task_facts,
+    wording,
+)
 from topo_search.report.scene import shared_meshes
 from topo_search.report.view import thumbnail, view
 
@@ -61,7 +70,7 @@ def render(page: dict[str, Any]) -> str:
         FIRST_TILES=6,  # beside the view
         style=_template("page.css"),
         script=Markup("\n").join(_template(f"{name}.js") for name in scripts),
-        look={"template": json.loads(_of_plotly("templates/plotly_white.json")), **LOOK},
+        look={"template": json.loads(_of_plotly("templates/plotly_white.json")), **PLOTLY_LAYOUT},
         libraries=_libraries(),
     )
 

@@ -16,7 +16,18 @@ from topo_search.report.design_page import bound, title
 from topo_search.report.headline import cards, compared_designs, headline, ranking
 from topo_search.report.page import render
 from topo_search.report.wording import NEAR_TIES, figures, least, modules, near_tie_cells, quantity, sentence
-from topo_search.study import NEAR, NOTHING, Answer, FrontPoint, Own, Row, RunFile, RunFolder, SizeAnswer, answer_of
+from topo_search.study import (
+    NEAR_BEST,
+    NOTHING,
+    Answer,
+    FrontPoint,
+    Own,
+    Row,
+    RunFile,
+    RunFolder,
+    SizeAnswer,
+    answer_of,
+)
 from topo_search.study.ledger import kind_of
 
 
@@ -168,7 +179,7 @@ def _sizes(answer: Answer) -> Table:
 def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
     """Return the designs of one size that cost about the same as the best."""
     best = size.best or size.near_ties[0]
-    text = f"{modules(size.modules)}: audited designs within {100 * NEAR:g} % of the least control effort, "
+    text = f"{modules(size.modules)}: audited designs within {100 * NEAR_BEST:g} % of the least control effort, "
     text += "largest force reserve in hover first"
     if size.near_ties_unaudited:
         text += f"; {quantity(size.near_ties_unaudited, 'design')} as near were not audited"

@@ -35,14 +35,14 @@ from topo_search.simulation.plant import Nominal, cross
 INTEGRAL = 8.0
 EFFORT = 1e-6
 """epsilon."""
-FARTHEST, LARGEST = 0.25, 0.35
+LARGEST_POSITION_ERROR, LARGEST_ATTITUDE_ERROR = 0.25, 0.35
 """Errors of position [m] and attitude [rad] are cut off there, so that a far platform comes back at a set pace."""
 
-NEAR, NEARLY_LEVEL = 0.02, 0.035
+LEARNING_DISTANCE, LEARNING_ANGLE = 0.02, 0.035
 """Errors up to which the integrals learn [m], [rad]: what they are for is a steady load, not the way back.
 
-They take seconds, and a mass that is 5 % off takes the platform farther off than NEAR: so flights begin trimmed, as
-after a hover in which they have learnt.
+They take seconds, and a mass that is 5 % off takes the platform farther off than LEARNING_DISTANCE: so flights
+begin trimmed, as after a hover in which they have learnt.
 """
 
 
@@ -85,8 +85,8 @@ class Controller:
         m, J, wp, wa = self.nominal.mass, self.nominal.J, self.omega_p, self.omega_a
         kept = np.eye(3) - np.outer(reference.free, reference.free)
         e_p, e_R = reference.errors(p, R)
-        e_p *= min(1.0, FARTHEST / max(float(np.linalg.norm(e_p)), 1e-12))
-        e_R *= min(1.0, LARGEST / max(float(np.linalg.norm(e_R)), 1e-12))
+        e_p *= min(1.0, LARGEST_POSITION_ERROR / max(float(np.linalg.norm(e_p)), 1e-12))
+        e_R *= min(1.0, LARGEST_ATTITUDE_ERROR / max(float(np.linalg.norm(e_R)), 1e-12))
         a = -(wp**2) * e_p - 2 * wp * v - wp**3 / INTEGRAL * (kept @ self.integral_p)
         F = m * (a + np.array([0.0, 0.0, self.nominal.gravity])) + reference.wrench[:3]
         turned = -(wa**2) * e_R - 2 * wa * omega - wa**3 / INTEGRAL * self.integral_R
@@ -97,7 +97,7 @@ class Controller:
         """Integrate small errors, unless the rotors did not do what was asked."""
         p, _, R, _ = state
         e_p, e_R = reference.errors(p, R)
-        if met and np.linalg.norm(e_p) < NEAR and np.linalg.norm(e_R) < NEARLY_LEVEL:
+        if met and np.linalg.norm(e_p) < LEARNING_DISTANCE and np.linalg.norm(e_R) < LEARNING_ANGLE:
             self.integral_p += self.period * e_p
             self.integral_R += self.period * e_R
 

@@ -1,6 +1,6 @@
 """A run and its folder: what was asked, every candidate's row in the ledger, and the answer."""
 
-from topo_search.study.answer import NEAR, Answer, SizeAnswer
+from topo_search.study.answer import NEAR_BEST, Answer, SizeAnswer
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import COLUMNS, Row, SolveEvent

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 SHOWN = 10
 """Number of rows in the table of the best."""
-NEAR = 0.01
+NEAR_BEST = 0.01
 """Share of the effort of the best by which another design may need more and still be as good a choice."""
 
 
@@ -54,10 +54,10 @@ class SizeAnswer:
     top: tuple[Row, ...]
     """The best designs, whatever their audit."""
     near_ties: tuple[Row, ...]
-    """Designs whose audit is clear and whose effort is within NEAR of the best: largest force reserve first,
+    """Designs whose audit is clear and whose effort is within NEAR_BEST of the best: largest force reserve first,
     and of those alike, the largest reserve of torque."""
     near_ties_unaudited: int
-    """Number of designs within NEAR of the best that are not audited: nothing is known of their reserves."""
+    """Number of designs within NEAR_BEST of the best that are not audited: nothing is known of their reserves."""
     remarks: tuple[str, ...]
     """Remarks on designs whose audit was not clear, and on candidates that failed."""
     reason: str | None
@@ -111,7 +111,7 @@ class SizeAnswer:
                 (row.key, row.objective, *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
                 for row in self.near_ties
             ]
-            near = heading(f"within {100 * NEAR:g} % of the least control effort, largest force reserve first")
+            near = heading(f"within {100 * NEAR_BEST:g} % of the least control effort, largest force reserve first")
             html += near + table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
         return html + "".join(paragraph(text) for text in remarks)
 

@@ -26,7 +26,7 @@ from topo_search.engine import Candidates, scaled_violation
 from topo_search.limits import quantity
 from topo_search.model import BadInput, Design, Infeasible, Topology
 from topo_search.model.proven import gap_percent, improvement
-from topo_search.study.answer import NEAR, SHOWN, Answer, LevelAnswer, SizeAnswer, quotient_remark
+from topo_search.study.answer import NEAR_BEST, SHOWN, Answer, LevelAnswer, SizeAnswer, quotient_remark
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import FLIGHT, Row, flight_of
@@ -195,7 +195,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
             feasible += row.orbit if quotient.exact else 1
             if best is None and row.clear:
                 best = row
-            if best and row.objective is not None and row.objective <= (1 + NEAR) * (best.objective or 0.0):
+            if best and row.objective is not None and row.objective <= (1 + NEAR_BEST) * (best.objective or 0.0):
                 near.append(row)
             if len(top) < SHOWN:
                 top.append(row)

@@ -28,7 +28,7 @@ from verify.air.jets import MODEL, Jets, jets, speeds, wakes
 from verify.bodies import Array, Cone, ConeSphere, ball, nearest_on_axis
 from verify.certificate import Solid
 from verify.hulls import Hull
-from verify.meshes import FARTHEST
+from verify.meshes import LARGEST_COORDINATE
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
 
@@ -193,7 +193,9 @@ DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a i
 
 def air(scene: Scene) -> AirSpeeds | None:
     """Return the air of a design in every load case; None if its numbers are too large to compute with."""
-    if not (np.isfinite(scene.design.inputs).all() and np.abs([*scene.centres, scene.p_E]).max() < FARTHEST):
+    if not (
+        np.isfinite(scene.design.inputs).all() and np.abs([*scene.centres, scene.p_E]).max() < LARGEST_COORDINATE
+    ):
         return None
     return AirSpeeds(cases=tuple(_case(name, scene, blown) for name, blown in case_jets(scene)))
 

@@ -60,7 +60,7 @@ RESIDUAL = 1e-9
 """Tolerance of a primal point's equations: a thousandth of TOLERANCE."""
 GAP = 1e-8
 """Distance of both bounds up to which a value counts as found."""
-ROUNDING = 1e-15
+SUM_ROUNDING = 1e-15
 """Rounding error of a sum, for each of its terms, in units of the sum of their sizes."""
 
 
@@ -81,7 +81,7 @@ class Box:
         """Return upper bounds of the greatest w . v within the box, rounding included, shape (B,)."""
         size = np.sum(np.abs(w) * np.maximum(np.abs(self.low), np.abs(self.high)), axis=-1)
         greatest = np.sum(np.maximum(self.low * w, self.high * w), axis=-1)
-        return np.asarray(greatest + ROUNDING * w.shape[-1] * size)
+        return np.asarray(greatest + SUM_ROUNDING * w.shape[-1] * size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,7 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
 
 def _bracket(c: Array, M: Array, m: Array, box: Box, v: Array, y: Array, bases: Indices) -> Greatest:
     met = np.abs(v @ M.T - m).max(axis=1, initial=0.0) <= RESIDUAL
-    beside = np.sum(y * m, axis=1) + ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
+    beside = np.sum(y * m, axis=1) + SUM_ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
     upper = box.greatest(c - y @ M) + beside
     attained = np.where(met, np.sum(c * v, axis=1), -np.inf)
     return Greatest(v, attained, np.where(np.isnan(upper), np.inf, upper), bases)
@@ -179,7 +179,7 @@ def _excludes(M: Array, m: Array, box: Box, y: Array) -> NDArray[np.bool_]:
     """Return whether each y shows that nothing within the bounds meets the equations to TOLERANCE."""
     size = np.sum(np.abs(y), axis=1, keepdims=True)
     y = y / np.where(size > 0, size, 1.0)
-    beside = np.sum(y * m, axis=1) - ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
+    beside = np.sum(y * m, axis=1) - SUM_ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
     return np.asarray(beside - box.greatest(y @ M) > TOLERANCE)
 
 

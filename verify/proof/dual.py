@@ -24,7 +24,7 @@ by 4 eps (eps = 2^-53), each product by 3 eps of the sums of sizes: entries of R
 eps times gamma, the product of the corners' sizes on the path (1 where boxes are narrow; gamma <= 1.44^(n + 2)),
 those of B by that times the longest lever L. A term of the sum, (|nu| + L |mu|) u gamma at most, is then off by
 under 20 (n + 2) eps of that, the sum of 4 n K of them by 4 n K eps more. With all magnitudes summed in `size`,
-their rounding is under (20 (n + 2) + 4 n K + 10) eps size gamma; ROUNDING stands for all but size and gamma,
+their rounding is under (20 (n + 2) + 4 n K + 10) eps size gamma; BOUND_ROUNDING stands for all but size and gamma,
 which are taken as they are. It is over 5 times what 12 modules and n K = 20,000 need, and grows with n K beyond.
 """
 
@@ -42,7 +42,7 @@ from verify.bodies import Array
 from verify.proof.arcs import Frames, root_turn
 from verify.proof.platform import Numbers
 
-ROUNDING = 5e-11
+BOUND_ROUNDING = 5e-11
 """Share of the sum of all magnitudes by which the bound may be wrong."""
 CHOICES = 27
 """Number of the root's corners."""
@@ -219,7 +219,7 @@ def rounding(numbers: Numbers, y: Array, sigma: Array, corners: Array) -> float:
         size += numbers.reach * _size(numbers.g[k]) * mu * 1e-3
     for r in range(len(sigma)):
         size += sigma[r] * (lever + numbers.down[r] + abs(numbers.beyond[r]) + numbers.reach * 1e-3)
-    return ROUNDING * max(1.0, n * len(y) / 20_000) * size * gamma
+    return BOUND_ROUNDING * max(1.0, n * len(y) / 20_000) * size * gamma
 
 
 @njit(cache=True, allocates=False)

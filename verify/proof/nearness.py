@@ -13,7 +13,7 @@ does not matter how the points were chosen.
 
 **Rounding.** With corners of 1.44 at most, x and w are off by less than 10 m eps gamma S and 20 m eps gamma S^2
 after m steps (eps = 2^-53, S the length of the path stretched out with both axes, gamma the product of the
-corners' sizes): ROUNDING S^2 gamma^2 is over a thousand times what 12 modules need.
+corners' sizes): SQUARE_ROUNDING S^2 gamma^2 is over a thousand times what 12 modules need.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from verify.proof.platform import Indices, Numbers
 
 Vector = tuple[float, float, float]
 CENTRE = (0.0, 0.0, 0.0)
-ROUNDING = 1e-11
+SQUARE_ROUNDING = 1e-11
 """Share of the squared length of the path by which a squared distance may be wrong."""
 
 
@@ -148,7 +148,7 @@ def farthest(numbers: Numbers, corners: Array, i: int, j: int, points: tuple[Vec
             most = max(most, w[v] + w_[v_] - 2 * dot)
     steps = numbers.depth[i] + numbers.depth[j] - 2 * numbers.depth[shared]
     S = 2 * numbers.l_c * steps + _length(points[0]) + _length(points[1]) + 1
-    most += ROUNDING * (S * gamma * gamma_) ** 2
+    most += SQUARE_ROUNDING * (S * gamma * gamma_) ** 2
     return most
 
 

@@ -40,7 +40,7 @@ Indices = NDArray[np.int64]
 
 HALF_TURN = math.pi * (1 + 1e-12)
 """Boxes of the root orientation reach a little beyond pi, which no float is."""
-ROUNDING = 1e-11
+SUM_ROUNDING = 1e-11
 """Share of the largest terms of a sum that is left to rounding, up to n K = 10,000 (`nlp.bounds.branch.box`)."""
 
 
@@ -351,7 +351,7 @@ def _slack(
     both = [math.hypot(*case.at_end_effector.force) + math.hypot(*case.at_com.force) for case in task.load_cases]
     off = 0.0 if task.end_effector.fixed_position is None else TOLERANCE * carried.lever
     f, t, h = (np.linalg.norm(x, axis=1) for x in (loads.f, loads.t, loads.h))
-    rounding = ROUNDING * max(1.0, n * len(f) / 10_000)
+    rounding = SUM_ROUNDING * max(1.0, n * len(f) / 10_000)
     force = e + n * d + rounding * (f + n * U)
     levered = f + h + np.linalg.norm(loads.g, axis=1)
     torque = about_B + e * B + n * d * lever + off * np.array(both) / Units.of(task).force

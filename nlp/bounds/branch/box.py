@@ -49,10 +49,10 @@ those of the tree stretched out.
 that times the path's length, t by under 100 (A + 1) eps (|nu| + |mu| L), L the longest lever, and t + E by under
 six times that: rho_a < 1/2. psi' <= u_max, and sums of 4 n K + 5 n + 6 K terms are off by that many eps of the sum
 of their sizes, none of which is above u_max (|nu| + |mu| L), sigma L or the sizes of b . y. For A <= 20 and n K <=
-10,000 that is under 8e-12 of these in all; `Slack` takes ROUNDING = 1e-11 of them, in proportion more where n K is
-greater, beside the audit's tolerance, which is 1e-6 of those of y and alone a hundred thousand times as large. Ends
-of boxes are floats, and adjacent boxes share them, so boxes leave no gap. What the condition on mu and sigma misses
-costs as much times |p'_E|, which is bounded by what an audit lets pass.
+10,000 that is under 8e-12 of these in all; `Slack` takes SUM_ROUNDING = 1e-11 of them, in proportion more where n K
+is greater, beside the audit's tolerance, which is 1e-6 of those of y and alone a hundred thousand times as large.
+Ends of boxes are floats, and adjacent boxes share them, so boxes leave no gap. What the condition on mu and sigma
+misses costs as much times |p'_E|, which is bounded by what an audit lets pass.
 """
 
 from __future__ import annotations
