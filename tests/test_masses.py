@@ -17,7 +17,6 @@ from nlp.numbers.point import weigh_rod
 from nlp.problem import Variables
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.inputs import inertia as reduced_inertia
-from nlp.reduced.platform import motion
 from nlp.reduced.platform import platform as reduced_platform
 from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
 from nlp.requirements.balances import inertia as point_inertia
@@ -62,12 +61,9 @@ def test_the_centre_of_mass_with_joints_is_one_and_the_same_everywhere(n: int, p
     x = point.pack()[: len(stated.lower)]
     there = reduced_platform(stated, x)
     np.testing.assert_allclose(there.p_COM * task.module.arm_length, expected, atol=1e-12)
-    moved = motion(stated, there)
-    for l in range(len(x)):
+    for l in range(n + 2):
         up, down = (reduced_platform(stated, x + s * h * np.eye(len(x))[l]) for s in (1, -1))
-        np.testing.assert_allclose(moved.dE[l], (up.p_E - down.p_E) / (2 * h), atol=1e-8)
-        offset = (up.p_E - up.p_COM - down.p_E + down.p_COM) / (2 * h)
-        np.testing.assert_allclose(moved.dB[l], offset, atol=1e-8)
+        np.testing.assert_allclose(there.dC[l], (up.p_COM - down.p_COM) / (2 * h), atol=1e-8)
 
 
 WALL: dict[str, Any] = {
@@ -157,7 +153,7 @@ def test_the_inertia_is_that_of_the_audit_wherever_a_torque_is_asked_for(positio
         np.testing.assert_allclose(point_inertia(point), J, rtol=1e-10, atol=1e-14)
         stated = to_arrays(task, tree)
         there = reduced_platform(stated, point.pack()[: len(stated.lower)])
-        np.testing.assert_allclose(reduced_inertia(stated, there) * unit, J, rtol=1e-10, atol=1e-14)
+        np.testing.assert_allclose(reduced_inertia(stated.rotors, there) * unit, J, rtol=1e-10, atol=1e-14)
         x = Variables.of(task, tree)
         inertia_of = pseudo_inverse._inertia(symbolic_platform(task, tree, x))
         symbolic = ca.Function("J", [x.vector()], [inertia_of])

@@ -39,11 +39,11 @@ import numpy as np
 
 from nlp.numbers.cholesky import solve_in_place
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
-from nlp.reduced.clearance import P_I, P_J, P_OFFSET, P_TIP, TURN_I, Z_I, Z_J, clearances
+from nlp.reduced.clearance import clearances
 from nlp.reduced.inputs import effort
-from nlp.reduced.platform import Moved, Platform, motion, platform
+from nlp.reduced.platform import Platform, add_reaction, dot, platform, row
 from nlp.reduced.speeds import speed_rows
-from nlp.requirements.statement import AIR, APART, OFFSET, PARTS
+from nlp.requirements.statement import AIR, APART, PARTS
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -89,48 +89,35 @@ class Evaluated(NamedTuple):
 def evaluate(problem: ReducedProblem, x: Array, mu: Array, counting: Mask, rho: float) -> Evaluated:
     """Return the reduced problem at x with the load cases that count; the search for the inputs begins at mu."""
     N, m, K, n = len(x), len(problem.rows.least), len(problem.cases.effort), len(problem.tree.parent)
-    at = platform(problem, x)
-    by = motion(problem, at)
-    dV, duals, u = np.zeros(N), mu.copy(), np.empty((K, 4 * n))
-    V = effort(problem, at, by, counting, rho, duals, u, dV)
-    g, J, near, local = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 7, 3))
-    clearances(problem, at, g, local)
-    _slopes(problem, at, by, g, local, J, near)
+    at, dV, duals, u = platform(problem, x), np.zeros(N), mu.copy(), np.empty((K, 4 * n))
+    V = effort(problem, at, counting, rho, duals, u, dV)
+    g, J, near, by = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 9))
+    clearances(problem, at, g, by)
+    _slopes(problem, at, g, by, J, near)
     if len(problem.speeds.case):
-        speed_rows(problem, at, by, rho, duals, u, g, J, near)
+        speed_rows(problem, at, rho, duals, u, g, J, near)
     return Evaluated(x, V, dV, g, J, near, duals, counting)
 
 
 @njit(cache=True)
-def _slopes(problem: ReducedProblem, at: Platform, moved: Moved, g: Array, by: Array, J: Array, near: Mask) -> None:
-    """Find which rows are near, and their derivatives by the unknowns from those by vectors.
+def _slopes(problem: ReducedProblem, at: Platform, g: Array, by: Array, J: Array, near: Mask) -> None:
+    """Find which rows are near, and their derivatives by the unknowns.
 
     What lies between two modules depends on the hinges between them alone.
     """
-    kinds, one, other, moves, n = problem.rows.kind, problem.rows.i, problem.rows.j, problem.tree.moves, len(at.p)
-    dp, dz, dE, dB, omega = moved.dp, moved.dz, moved.dE, moved.dB, at.omega
+    rows, moves, omega, v = problem.rows, problem.tree.moves, at.omega, at.v
+    kinds, one, other = rows.kind, rows.i, rows.j
     for r in range(len(kinds)):
         if g[r] >= DESCENT.near:
             continue
         near[r] = True
-        kind, i, j = kinds[r], one[r], other[r]
-        between = kind in (AIR, APART, PARTS)
-        for l in range(3 if between else 0, n + 2 if between else J.shape[1]):
-            slope, mine = 0.0, l < n + 2 and moves[l, i]
-            if between and mine == moves[l, j]:
-                continue
-            for k in range(3):
-                if not between:
-                    slope += by[r, P_TIP, k] * dE[l, k] + by[r, P_OFFSET, k] * dB[l, k]
-                    if mine:
-                        slope += by[r, TURN_I, k] * omega[l, k]
-                elif not mine:
-                    slope += by[r, P_J, k] * dp[l, j, k] + by[r, Z_J, k] * dz[l, j, k]
-                else:
-                    slope += by[r, TURN_I, k] * omega[l, k]
-                if mine and kind != OFFSET:
-                    slope += by[r, P_I, k] * dp[l, i, k] + by[r, Z_I, k] * dz[l, i, k]
-            J[r, l] = slope
+        i, j, F, T, between = one[r], other[r], row(by, r), row(by, r, 3), kinds[r] in (AIR, APART, PARTS)
+        for l in range(3 if between else 0, len(omega)):
+            if moves[l, i] != (between and moves[l, j]):
+                slope = dot(row(omega, l), T) + dot(row(v, l), F)
+                J[r, l] = slope if moves[l, i] else -slope
+        if not between:
+            add_reaction(problem, at, F, row(by, r, 6), J[r])
 
 
 @njit(cache=True)

@@ -28,8 +28,8 @@ import numpy as np
 
 from nlp.numbers.cholesky import solve_in_place
 from nlp.numbers.masses import TINY
-from nlp.reduced.arrays import Mask, ReducedProblem
-from nlp.reduced.platform import Moved, Platform
+from nlp.reduced.arrays import Mask, ReducedProblem, Rotors
+from nlp.reduced.platform import Platform, Vector, add, add_slopes, cross, dot, rotate, row, scaled
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -48,128 +48,150 @@ ASCENT = DualAscent()
 
 @njit(cache=True)
 def effort(
-    problem: ReducedProblem,
-    at: Platform,
-    moved: Moved,
-    counting: Mask,
-    rho: float,
-    mu: Array,
-    u: Array,
-    gradient: Array,
+    problem: ReducedProblem, at: Platform, counting: Mask, rho: float, mu: Array, u: Array, gradient: Array
 ) -> float:
     """Return the sum of phi over the load cases; its gradient by x is added to `gradient`, and mu and u are found.
 
     Args:
         problem: the task and topology.
         at: the platform.
-        moved: its derivatives.
         counting: which load cases count, shape (K,).
         rho: price of a squared residual.
         mu: where each case's search begins; then where it ended, shape (K, 6).
         u: the inputs that are found, shape (K, 4n).
         gradient: is added to, shape (N,).
     """
-    n, K = len(at.p), len(problem.cases.effort)
-    m = problem.rotors.bodies + problem.rotors.m_E
-    A = columns(problem, at)
-    w, total = np.empty(6), 0.0
-    F, T, E = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(3)  # gradients by o_i, by turns of module i, by p_E
-    for k in range(K):
-        if not counting[k]:
-            continue
-        c = problem.cases.effort[k]
-        find_wrench(problem, at, k, w)
-        total += c * inputs(problem, A, k, w, rho, mu[k], u[k])
-        add_wrench_gradient(problem, at, k, c / m, mu[k], u[k], F, T, E)
-    to_unknowns(problem, at, moved, F, T, E, gradient)
+    A, w, total, turning = columns(problem, at), np.empty(6), 0.0, problem.cases.turn.any()
+    forces, E, by_J = np.zeros((len(at.p), 6)), np.zeros(3), np.zeros((3, 3))
+    J = inertia(problem.rotors, at) if turning else by_J
+    for k in range(len(counting)):
+        if counting[k]:
+            c = problem.cases.effort[k]
+            find_wrench(problem, at, J, k, w)
+            total += c * inputs(problem, A, k, w, rho, mu[k], u[k])
+            add_wrench_gradient(problem, k, c, mu[k], E, by_J)
+            add_gradient(A, c, mu[k], u[k], forces)
+    if turning:
+        add_inertia_gradient(problem.rotors, at, by_J, forces, E)
+    add_slopes(problem, at, forces, E, gradient)
     return total
 
 
 @njit(cache=True)
-def to_unknowns(
-    problem: ReducedProblem, at: Platform, moved: Moved, F: Array, T: Array, E: Array, gradient: Array
-) -> None:
-    """Add a gradient by o_i, by turns of the modules, shape (n, 3) each, and by p_E to that by x, shape (N,)."""
-    S = np.zeros(3)  # o_i = p_i - p_COM, and p_COM = p'_E - p_E
-    for i in range(len(F)):
-        S += F[i]
-    for l in range(len(gradient)):
-        slope = 0.0
-        for a in range(3):
-            slope += E[a] * moved.dB[l, a] - S[a] * (moved.dE[l, a] - moved.dB[l, a])
-        if l < len(F) + 2:
-            for i in range(len(F)):
-                if problem.tree.moves[l, i]:
-                    for a in range(3):
-                        slope += F[i, a] * moved.dp[l, i, a] + T[i, a] * at.omega[l, a]
-        gradient[l] += slope
-
-
-@njit(cache=True)
-def add_wrench_gradient(
-    problem: ReducedProblem, at: Platform, k: int, scale: float, mu: Array, u: Array, F: Array, T: Array, E: Array
-) -> None:
-    """Add what m scale mu . (dw - dA u) of load case k is by o_i, by turns of the modules and by p_E."""
-    add_gradient(problem, at, scale, mu, u, F, T)
-    if problem.cases.turn[k].any():
-        _add_turn_gradient(problem, at, scale, mu[3:], problem.cases.turn[k], F, T, E)
-    fx, fy, fz = problem.cases.f_E[k]
-    tx, ty, tz = mu[3], mu[4], mu[5]
-    E[0] += scale * (fy * tz - fz * ty)
-    E[1] += scale * (fz * tx - fx * tz)
-    E[2] += scale * (fx * ty - fy * tx)
-
-
-@njit(cache=True)
-def find_wrench(problem: ReducedProblem, at: Platform, k: int, w: Array) -> None:
-    """Find w of load case k."""
-    m = problem.rotors.bodies + problem.rotors.m_E
-    x, y, z = at.p_E[0] - at.p_COM[0], at.p_E[1] - at.p_COM[1], at.p_E[2] - at.p_COM[2]
-    fx, fy, fz = problem.cases.f_E[k]
+def add_wrench_gradient(problem: ReducedProblem, k: int, scale: float, mu: Array, E: Array, by_J: Array) -> None:
+    """Add what scale mu . dw of load case k is by E (`nlp.reduced.platform`) and by J, shape (3, 3)."""
+    scale /= problem.rotors.bodies + problem.rotors.m_E
+    x, y, z = cross(row(problem.cases.f_E, k), (mu[3], mu[4], mu[5]))
+    E[0] += scale * x
+    E[1] += scale * y
+    E[2] += scale * z
+    turn = row(problem.cases.turn, k)
     for a in range(3):
-        w[a], w[3 + a] = problem.cases.f[k, a] / m, problem.cases.t[k, a] / m
-    w[3] += (y * fz - z * fy) / m
-    w[4] += (z * fx - x * fz) / m
-    w[5] += (x * fy - y * fx) / m
-    turn = problem.cases.turn[k]
-    if turn.any():
-        w[3:] += (inertia(problem, at) @ turn) / m
+        for b in range(3):
+            by_J[a, b] += scale * mu[3 + a] * turn[b]
 
 
 @njit(cache=True)
-def inertia(problem: ReducedProblem, at: Platform) -> Array:
+def add_gradient(A: Array, scale: float, mu: Array, u: Array, forces: Array) -> None:
+    """Subtract what scale mu . dA u is by F and T."""
+    by_force, by_torque = (mu[0], mu[1], mu[2]), (mu[3], mu[4], mu[5])
+    for i in range(len(forces)):
+        f = t = (0.0, 0.0, 0.0)
+        for j in range(4 * i, 4 * i + 4):
+            f, t = add(f, u[j], row(A, j)), add(t, u[j], row(A, j, 3))
+        F, T = cross(f, by_torque), add(cross(f, by_force), 1.0, cross(t, by_torque))
+        forces[i, 0], forces[i, 1], forces[i, 2] = add(row(forces, i), -scale, F)
+        forces[i, 3], forces[i, 4], forces[i, 5] = add(row(forces, i, 3), -scale, T)
+
+
+@njit(cache=True)
+def add_inertia_gradient(rotors: Rotors, at: Platform, by_J: Array, forces: Array, E: Array) -> None:
+    """Add what a gradient by J is by F and T, and E."""
+    S = (by_J + by_J.T) / 2
+    trace, rod, tip, x = S[0, 0] + S[1, 1] + S[2, 2], rotors.rod, (at.p_E[0], at.p_E[1], at.p_E[2]), row(S, 0)
+    y, z = row(S, 1), row(S, 2)
+    for i in range(len(forces)):
+        o, I = _centre(rotors, at, i), _turned(rotors, at, i)
+        F = add(scaled(2 * rotors.modules[i] * trace, o), -2 * rotors.modules[i], (dot(x, o), dot(y, o), dot(z, o)))
+        a, b, c = row(I, 0), row(I, 1), row(I, 2)
+        T = add(cross(o, F), 2.0, (dot(b, z) - dot(c, y), dot(c, x) - dot(a, z), dot(a, y) - dot(b, x)))
+        forces[i, 0], forces[i, 1], forces[i, 2] = add(row(forces, i), 1.0, F)
+        forces[i, 3], forces[i, 4], forces[i, 5] = add(row(forces, i, 3), 1.0, T)
+    F = add(scaled(2 * rotors.m_E * trace, tip), -2 * rotors.m_E, (dot(x, tip), dot(y, tip), dot(z, tip)))
+    if rod.mass > 0.0:
+        d = _rod_path(rotors, at)
+        square, by_d = max(dot(d, d), TINY), (dot(x, d), dot(y, d), dot(z, d))
+        around, i = rod.mass * rod.radius**2 / square, rod.module
+        along = 2 * around / square * dot(d, by_d) + rod.mass / 3 * trace
+        by_d = add(scaled(2 * around + rod.mass / 3, by_d), -along, d)
+        forces[i, 0], forces[i, 1], forces[i, 2] = add(row(forces, i), -1.0, by_d)
+        forces[i, 3], forces[i, 4], forces[i, 5] = add(row(forces, i, 3), -1.0, cross(add(tip, -1.0, d), by_d))
+        F = add(F, 1.0, by_d)
+    E[0] += F[0]
+    E[1] += F[1]
+    E[2] += F[2]
+
+
+@njit(cache=True)
+def find_wrench(problem: ReducedProblem, at: Platform, J: Array, k: int, w: Array) -> None:
+    """Find w of load case k."""
+    turn, f = row(problem.cases.turn, k), row(problem.cases.f, k)
+    turned = (dot(row(J, 0), turn), dot(row(J, 1), turn), dot(row(J, 2), turn))
+    lever = cross((at.p_E[0], at.p_E[1], at.p_E[2]), row(problem.cases.f_E, k))
+    t, m = add(add(row(problem.cases.t, k), 1.0, lever), 1.0, turned), problem.rotors.bodies + problem.rotors.m_E
+    w[0], w[1], w[2], w[3], w[4], w[5] = f[0] / m, f[1] / m, f[2] / m, t[0] / m, t[1] / m, t[2] / m
+
+
+@njit(cache=True)
+def inertia(rotors: Rotors, at: Platform) -> Array:
     """Return J, the inertia about the COM, shape (3, 3) [m l_arm^2]."""
-    J, R, rotors = np.zeros((3, 3)), at.R, problem.rotors
-    for i in range(len(at.p) + 1):
-        tip = i == len(at.p)
-        o = (at.p_E if tip else at.p[i] + _offset(problem, at, i)) - at.p_COM
-        mass = rotors.m_E if tip else rotors.modules[i]
-        for a in range(3):
-            for b in range(3):
-                J[a, b] -= mass * o[a] * o[b]
-                if not tip:
-                    for c in range(3):
-                        for d in range(3):
-                            J[a, b] += R[i, a, c] * rotors.inertias[i, c, d] * R[i, b, d]
-            J[a, a] += mass * (o[0] * o[0] + o[1] * o[1] + o[2] * o[2])
-    rod = rotors.rod
+    J, rod, tip = np.zeros((3, 3)), rotors.rod, (at.p_E[0], at.p_E[1], at.p_E[2])
+    _add_spread(J, rotors.m_E, tip)
+    for i in range(len(at.p)):
+        J += _turned(rotors, at, i)
+        _add_spread(J, rotors.modules[i], _centre(rotors, at, i))
     if rod.mass > 0.0:  # what it is beside its halves at its ends
-        d = at.p_E - at.p[rod.module] - at.R[rod.module] @ np.array(rod.foot)
-        square = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
-        along = rod.mass * (rod.radius**2 / max(square, TINY) + 1 / 6)
+        d = _rod_path(rotors, at)
+        around = rod.mass * rod.radius**2 / max(dot(d, d), TINY)
+        _add_spread(J, -around - rod.mass / 6, d)
         for a in range(3):
-            for b in range(3):
-                J[a, b] += along * d[a] * d[b]
-            J[a, a] -= rod.mass / 6 * square
+            J[a, a] += around * dot(d, d)
     return J
 
 
 @njit(cache=True)
-def _offset(problem: ReducedProblem, at: Platform, i: int) -> Array:
-    """Return the centre of M_i from that of module i."""
-    d, e = problem.rotors.centres[i]
-    offset: Array = d * at.R[i, :, 0] + e * at.R[i, :, 1]
-    return offset
+def _add_spread(J: Array, mass: float, o: Vector) -> None:
+    """Add the inertia of a mass somewhere from the COM."""
+    for a in range(3):
+        for b in range(3):
+            J[a, b] -= mass * o[a] * o[b]
+        J[a, a] += mass * dot(o, o)
+
+
+@njit(cache=True)
+def _turned(rotors: Rotors, at: Platform, i: int) -> Array:
+    """Return the inertia of M_i about its centre, along the axes of W."""
+    J, R, I = np.zeros((3, 3)), at.R, rotors.inertias
+    for a in range(3):
+        for b in range(3):
+            for c in range(3):
+                for d in range(3):
+                    J[a, b] += R[i, a, c] * I[i, c, d] * R[i, b, d]
+    return J
+
+
+@njit(cache=True)
+def _centre(rotors: Rotors, at: Platform, i: int) -> Vector:
+    """Return the centre of M_i from the COM."""
+    return add(row(at.o, i), 1.0, rotate(at.R, i, (rotors.centres[i, 0], rotors.centres[i, 1], 0.0)))
+
+
+@njit(cache=True)
+def _rod_path(rotors: Rotors, at: Platform) -> Vector:
+    """Return the way from a rod's connector to the end-effector."""
+    i = rotors.rod.module
+    start = add(row(at.o, i), 1.0, rotate(at.R, i, rotors.rod.foot))
+    return add((at.p_E[0], at.p_E[1], at.p_E[2]), -1.0, start)
 
 
 @njit(cache=True)
@@ -190,87 +212,17 @@ def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: 
 @njit(cache=True)
 def columns(problem: ReducedProblem, at: Platform) -> Array:
     """Return A transposed, shape (4n, 6)."""
-    n, torques = len(at.p), problem.rotors.torques
+    R, axes, places, torques = at.R, at.z, at.o, problem.rotors.torques
     m = problem.rotors.bodies + problem.rotors.m_E
-    A = np.empty((4 * n, 6))
-    for i in range(n):
-        x, y, z = at.z[i]
-        a, b, c = at.p[i, 0] - at.p_COM[0], at.p[i, 1] - at.p_COM[1], at.p[i, 2] - at.p_COM[2]
-        lever = ((b * z - c * y) / 4, (c * x - a * z) / 4, (a * y - b * x) / 4)
-        for q in range(4):
-            for k in range(3):
-                A[4 * i + q, k] = at.z[i, k] / 4 / m
-                turned = (
-                    at.R[i, k, 0] * torques[q, 0] + at.R[i, k, 1] * torques[q, 1] + at.R[i, k, 2] * torques[q, 2]
-                )
-                A[4 * i + q, 3 + k] = (lever[k] + turned) / m
+    A = np.empty((4 * len(R), 6))
+    for i in range(len(R)):
+        z = row(axes, i)
+        f = z[0] / 4 / m, z[1] / 4 / m, z[2] / 4 / m
+        lever = cross(row(places, i), f)
+        for j in range(4 * i, 4 * i + 4):
+            A[j, 0], A[j, 1], A[j, 2] = f
+            A[j, 3], A[j, 4], A[j, 5] = add(lever, 1 / m, rotate(R, i, row(torques, j - 4 * i)))
     return A
-
-
-@njit(cache=True)
-def add_gradient(
-    problem: ReducedProblem, at: Platform, scale: float, mu: Array, u: Array, F: Array, T: Array
-) -> None:
-    """Add what -m scale mu . dA u is by o_i and by turns of the modules."""
-    torques = problem.rotors.torques
-    fx, fy, fz, tx, ty, tz = mu
-    for i in range(len(at.p)):
-        s, m0, m1, m2 = 0.0, 0.0, 0.0, 0.0
-        for q in range(4):
-            v = u[4 * i + q]
-            s += v / 4
-            m0 += v * torques[q, 0]
-            m1 += v * torques[q, 1]
-            m2 += v * torques[q, 2]
-        x, y, z = at.z[i]
-        F[i, 0] -= scale * s * (y * tz - z * ty)
-        F[i, 1] -= scale * s * (z * tx - x * tz)
-        F[i, 2] -= scale * s * (x * ty - y * tx)
-        a, b, c = at.p[i, 0] - at.p_COM[0], at.p[i, 1] - at.p_COM[1], at.p[i, 2] - at.p_COM[2]
-        gx, gy, gz = fx + ty * c - tz * b, fy + tz * a - tx * c, fz + tx * b - ty * a
-        vx = at.R[i, 0, 0] * m0 + at.R[i, 0, 1] * m1 + at.R[i, 0, 2] * m2
-        vy = at.R[i, 1, 0] * m0 + at.R[i, 1, 1] * m1 + at.R[i, 1, 2] * m2
-        vz = at.R[i, 2, 0] * m0 + at.R[i, 2, 1] * m1 + at.R[i, 2, 2] * m2
-        T[i, 0] -= scale * (s * (y * gz - z * gy) + vy * tz - vz * ty)
-        T[i, 1] -= scale * (s * (z * gx - x * gz) + vz * tx - vx * tz)
-        T[i, 2] -= scale * (s * (x * gy - y * gx) + vx * ty - vy * tx)
-
-
-@njit(cache=True)
-def _add_turn_gradient(
-    problem: ReducedProblem, at: Platform, scale: float, mu: Array, turn: Array, F: Array, T: Array, E: Array
-) -> None:
-    """Add what c mu . dJ turn is by the places o_i and p_E, and by turns of the modules."""
-    along, rotors = mu[0] * turn[0] + mu[1] * turn[1] + mu[2] * turn[2], problem.rotors
-    for i in range(len(at.p) + 1):
-        tip = i == len(at.p)
-        o = (at.p_E if tip else at.p[i] + _offset(problem, at, i)) - at.p_COM
-        mass, by_mu, by_turn = rotors.m_E if tip else rotors.modules[i], 0.0, 0.0
-        for a in range(3):
-            by_mu += o[a] * mu[a]
-            by_turn += o[a] * turn[a]
-        by_place = scale * mass * (2 * along * o - by_turn * mu - by_mu * turn)
-        if tip:
-            E += by_place
-            continue
-        F[i] += by_place
-        T[i] += np.cross(_offset(problem, at, i), by_place)
-        I = at.R[i] @ rotors.inertias[i] @ at.R[i].T
-        x, y = I @ turn, I @ mu
-        T[i, 0] += scale * (x[1] * mu[2] - x[2] * mu[1] - turn[1] * y[2] + turn[2] * y[1])
-        T[i, 1] += scale * (x[2] * mu[0] - x[0] * mu[2] - turn[2] * y[0] + turn[0] * y[2])
-        T[i, 2] += scale * (x[0] * mu[1] - x[1] * mu[0] - turn[0] * y[1] + turn[1] * y[0])
-    rod = rotors.rod
-    if rod.mass > 0.0:
-        foot = at.R[rod.module] @ np.array(rod.foot)
-        d = at.p_E - at.p[rod.module] - foot
-        square, by_mu, by_turn = max(d @ d, TINY), d @ mu, d @ turn
-        around = rod.mass * rod.radius**2 / square
-        by_d = (around + rod.mass / 6) * (by_mu * turn + by_turn * mu) - rod.mass / 3 * along * d
-        by_d = scale * (by_d - 2 * around / square * by_mu * by_turn * d)
-        E += by_d
-        F[rod.module] -= by_d
-        T[rod.module] -= np.cross(foot, by_d)
 
 
 @njit(cache=True)

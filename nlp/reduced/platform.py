@@ -1,19 +1,27 @@
-r"""The platform of a point of the reduced space: poses, and how every unknown moves what they carry.
+r"""The platform of a point of the reduced space, and how its unknowns move it.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | x | unknowns: psi, alpha_0, alpha_1, hinges, then p'_E if it is free | (N,) | rad, l_arm |
 | R_i, p_i, z_i | pose and axis of module i in W | (n,3,3), (n,3), (n,3) | -, l_arm, - |
-| omega_l, c_l | axis of angle l, and a point on it | (n+2,3) each | -, l_arm |
-| p'_E, p_COM | end-effector and centre of mass in W | (3,) each | l_arm |
-| B | centre of mass of the modules and joints (`nlp.numbers.masses`) | (3,) | l_arm |
-| dp, dz | derivatives of p_i and z_i by x | (N,n,3) each | |
-| dE, dB | derivatives of p'_E and of p_E = p'_E - p_COM by x | (N,3) each | |
+| o_i, p_E | module i and end-effector from the COM | (n,3), (3,) | l_arm |
+| p_COM, B | centre of mass in W; that of the modules and joints (`nlp.numbers.masses`) | (3,) each | l_arm |
+| omega_l, v_l | turn of all that angle l moves, and its velocity at the COM | (n+2,3) each | -, l_arm |
+| dC_l | derivative of p_COM by angle l | (n+2,3) | l_arm |
+| F_i, T_i | gradient by the place of module i: a force, and its torque about the COM | (n,3) each | |
+| E | gradient by the place of the end-effector | (3,) | |
+
+All that the search derives is a function of the places from the COM and of the modules' orientations. Each angle
+moves all that lies outward of it as one rigid body, and the COM by dC_l; with the share s of the end-effector
+in the mass
 
 .. math::
 
-    \partial p_i / \partial \alpha_l = \omega_l \times (p_i - c_l), \qquad
-    \partial z_i / \partial \alpha_l = \omega_l \times z_i      \qquad \text{where } l \text{ moves } i
+    \partial f / \partial \alpha_l = \sum_{i \text{ moved}} (\omega_l \cdot T_i + v_l \cdot F_i)
+        - dC_l \cdot (E + \sum_i F_i), \qquad
+    \partial f / \partial p'_E = E - s\, (E + \sum_i F_i)
+
+An end-effector that the task fixes from the COM moves with that, so that E does not count.
 """
 
 from __future__ import annotations
@@ -29,44 +37,96 @@ from nlp.reduced.arrays import ReducedProblem
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit, refresh
 
+Vector = tuple[float, float, float]
+
 
 class Platform(NamedTuple):
-    """Positions and axes of the platform."""
+    """Positions and axes of the platform, and how angles move it."""
 
     R: Array
     p: Array
     z: Array
-    omega: Array
-    c: Array
+    o: Array
     p_E: Array
     p_COM: Array
+    omega: Array
+    v: Array
+    dC: Array
 
 
-class Moved(NamedTuple):
-    """Derivatives of the platform by the unknowns."""
+@njit(cache=True, forceinline=True)
+def row(A: Array, i: int, first: int = 0) -> Vector:
+    """Return three numbers of row i: an array that a slice hands on costs more than a clearance."""
+    return A[i, first], A[i, first + 1], A[i, first + 2]
 
-    dp: Array
-    dz: Array
-    dE: Array
-    dB: Array
+
+@njit(cache=True, forceinline=True)
+def add(a: Vector, t: float, b: Vector) -> Vector:
+    """Return a + t b."""
+    return a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2]
+
+
+@njit(cache=True, forceinline=True)
+def scaled(t: float, a: Vector) -> Vector:
+    """Return t a."""
+    return t * a[0], t * a[1], t * a[2]
+
+
+@njit(cache=True, forceinline=True)
+def dot(a: Vector, b: Vector) -> float:
+    """Return a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, forceinline=True)
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, forceinline=True)
+def rotate(R: Array, i: int, a: Vector) -> Vector:
+    """Return a vector of module i's frame in W."""
+    return (
+        R[i, 0, 0] * a[0] + R[i, 0, 1] * a[1] + R[i, 0, 2] * a[2],
+        R[i, 1, 0] * a[0] + R[i, 1, 1] * a[1] + R[i, 1, 2] * a[2],
+        R[i, 2, 0] * a[0] + R[i, 2, 1] * a[1] + R[i, 2, 2] * a[2],
+    )
 
 
 @njit(cache=True)
 def platform(problem: ReducedProblem, x: Array) -> Platform:
     """Return where everything is at x."""
-    tree = problem.tree
-    R, p, omega, c = chain(x, tree.parent, tree.port, tree.kappa, problem.rotors.l_c)
-    n, z = len(p), R[:, :, 2].copy()
-    p_E, p_COM, rotors = np.empty(3), np.empty(3), problem.rotors
+    tree, rotors = problem.tree, problem.rotors
+    R, p, omega, c = chain(x, tree.parent, tree.port, tree.kappa, rotors.l_c)
+    parent, masses, centres = tree.parent, rotors.modules, rotors.centres
+    n, z, free = len(p), R[:, :, 2].copy(), len(problem.fixed) == 0
+    p_E, p_COM, o, v, dC = np.empty(3), np.empty(3), np.empty((n, 3)), np.empty((n + 2, 3)), np.empty((n + 2, 3))
+    outward = np.zeros((n, 4))  # first moment about the COM and mass of what lies outward of each module, and of it
     for k in range(3):
         B = 0.0
         for i in range(n):
-            d = R[i, k, 0] * rotors.centres[i, 0] + R[i, k, 1] * rotors.centres[i, 1]
-            B += rotors.modules[i] * (p[i, k] + d)
+            d = R[i, k, 0] * centres[i, 0] + R[i, k, 1] * centres[i, 1]
+            outward[i, k] = masses[i] * (p[i, k] + d)
+            B += outward[i, k]
         B /= rotors.bodies
-        p_E[k] = B + problem.fixed[k] if len(problem.fixed) else x[n + 2 + k]
-        p_COM[k] = (rotors.m_E * p_E[k] + rotors.bodies * B) / (rotors.bodies + rotors.m_E)
-    return Platform(R, p, z, omega, c, p_E, p_COM)
+        tip = x[n + 2 + k] if free else B + problem.fixed[k]
+        p_COM[k] = (rotors.m_E * tip + rotors.bodies * B) / (rotors.bodies + rotors.m_E)
+        p_E[k] = tip - p_COM[k]
+        for i in range(n):
+            o[i, k] = p[i, k] - p_COM[k]
+            outward[i, k] -= masses[i] * p_COM[k]
+    for i in range(n - 1, -1, -1):
+        outward[i, 3] += masses[i]
+        for k in range(4 if i else 0):
+            outward[parent[i], k] += outward[i, k]
+    mass, com = rotors.bodies + (rotors.m_E if free else 0.0), (p_COM[0], p_COM[1], p_COM[2])
+    for l in range(n + 2):
+        i, turn = max(0, l - 2), row(omega, l)
+        v[l, 0], v[l, 1], v[l, 2] = velocity = cross(turn, add(com, -1.0, row(c, l)))
+        moved = add(cross(turn, row(outward, i)), outward[i, 3], velocity)
+        dC[l, 0], dC[l, 1], dC[l, 2] = scaled(1 / mass, moved)
+    return Platform(R, p, z, o, p_E, p_COM, omega, v, dC)
 
 
 # nothing compiled is without this module
@@ -74,38 +134,33 @@ refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesk
 
 
 @njit(cache=True)
-def motion(problem: ReducedProblem, at: Platform) -> Moved:
-    """Return how the unknowns move everything."""
-    n, N, rotors = len(at.p), len(problem.lower), problem.rotors
-    dp, dz = np.zeros((N, n, 3)), np.zeros((N, n, 3))
-    dE, dB = np.zeros((N, 3)), np.zeros((N, 3))
-    free = len(problem.fixed) == 0
-    for l in range(n + 2):
-        u, v, w = at.omega[l]
-        a, b, c = at.c[l]
-        for i in range(n):
-            if problem.tree.moves[l, i]:
-                x, y, z = at.p[i, 0] - a, at.p[i, 1] - b, at.p[i, 2] - c
-                dp[l, i, 0], dp[l, i, 1], dp[l, i, 2] = v * z - w * y, w * x - u * z, u * y - v * x
-                x, y, z = at.z[i, 0], at.z[i, 1], at.z[i, 2]
-                dz[l, i, 0], dz[l, i, 1], dz[l, i, 2] = v * z - w * y, w * x - u * z, u * y - v * x
-        turned = np.zeros(3)  # derivative of B, times the mass
-        for i in range(n):
-            if problem.tree.moves[l, i]:
-                d, e = rotors.centres[i]
-                x, y = d * at.R[i, 0, 0] + e * at.R[i, 0, 1], d * at.R[i, 1, 0] + e * at.R[i, 1, 1]
-                z = d * at.R[i, 2, 0] + e * at.R[i, 2, 1]
-                turned[0] += rotors.modules[i] * (dp[l, i, 0] + v * z - w * y)
-                turned[1] += rotors.modules[i] * (dp[l, i, 1] + w * x - u * z)
-                turned[2] += rotors.modules[i] * (dp[l, i, 2] + u * y - v * x)
-        for k in range(3):
-            by_angle = turned[k] / rotors.bodies
-            if free:
-                dB[l, k] = -rotors.bodies * by_angle / (rotors.bodies + rotors.m_E)
-            else:
-                dE[l, k] = by_angle
+def add_slopes(problem: ReducedProblem, at: Platform, forces: Array, E: Array, slopes: Array) -> None:
+    """Add derivatives by x.
+
+    Args:
+        problem: the task and topology.
+        at: the platform.
+        forces: F and T of all modules, shape (n, 6); those of what lies outward are added to each.
+        E: see the module.
+        slopes: is added to, shape (N,).
+    """
+    parent, omega, v = problem.tree.parent, at.omega, at.v
+    for i in range(len(forces) - 1, 0, -1):
+        for a in range(6):
+            forces[parent[i], a] += forces[i, a]
+    for l in range(len(omega)):
+        i = max(0, l - 2)
+        slopes[l] += dot(row(omega, l), row(forces, i, 3)) + dot(row(v, l), row(forces, i))
+    add_reaction(problem, at, row(forces, 0), (E[0], E[1], E[2]), slopes)
+
+
+@njit(cache=True, forceinline=True)
+def add_reaction(problem: ReducedProblem, at: Platform, F: Vector, E: Vector, slopes: Array) -> None:
+    """Add what is by the places of COM and end-effector, of the sum of all F."""
+    free, dC = len(problem.fixed) == 0, at.dC
+    F = add(F, 1.0 if free else 0.0, E)
+    for l in range(len(dC)):
+        slopes[l] -= dot(row(dC, l), F)
     if free:
-        for k in range(3):
-            dE[n + 2 + k, k] = 1.0
-            dB[n + 2 + k, k] = rotors.bodies / (rotors.bodies + rotors.m_E)
-    return Moved(dp, dz, dE, dB)
+        share, n = problem.rotors.m_E / (problem.rotors.bodies + problem.rotors.m_E), len(dC)
+        slopes[n], slopes[n + 1], slopes[n + 2] = add(E, -share, F)

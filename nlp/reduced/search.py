@@ -21,8 +21,8 @@ import numpy as np
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
 from nlp.reduced.descent import Evaluated, descend, estimates, evaluate, merit
-from nlp.reduced.inputs import columns, effort, find_wrench, inputs
-from nlp.reduced.platform import motion, platform
+from nlp.reduced.inputs import columns, effort, find_wrench, inertia, inputs
+from nlp.reduced.platform import platform
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -68,6 +68,7 @@ def take_in(problem: ReducedProblem, at: Evaluated, rho: float) -> tuple[Mask, f
     cases, there = problem.cases, platform(problem, at.x)
     K, A = len(cases.effort), columns(problem, there)
     counting, residuals = at.counting.copy(), np.zeros(K)
+    J = inertia(problem.rotors, there)
     w, mu, u, last = np.empty(6), np.zeros(6), np.empty(len(A)), -1
     for k in range(K):
         if counting[k]:
@@ -75,7 +76,7 @@ def take_in(problem: ReducedProblem, at: Evaluated, rho: float) -> tuple[Mask, f
         if cases.group[k] != last:  # corners of one set have much the same inputs
             mu[:] = 0.0
             last = cases.group[k]
-        find_wrench(problem, there, k, w)
+        find_wrench(problem, there, J, k, w)
         inputs(problem, A, k, w, rho, mu, u)
         for a in range(6):
             residuals[k] = max(residuals[k], abs(mu[a]) * cases.effort[k] / (2 * rho))
@@ -258,7 +259,7 @@ def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, en
     """
     n, K, x = topology.n, len(end.counting), end.x
     at, mu, u = platform(problem, x), np.zeros((K, 6)), np.empty((K, 4 * n))
-    effort(problem, at, motion(problem, at), end.counting, SECOND.rho, mu, u, np.zeros(len(x)))
+    effort(problem, at, end.counting, SECOND.rho, mu, u, np.zeros(len(x)))
     root, alpha, unit = x[:3].copy(), x[3 : n + 2].copy(), Units.of(task)
     free = task.end_effector.fixed_position is None
     p_E = x[n + 2 :] * unit.length if free else fixed_end_effector(task, topology, root, alpha)

@@ -46,8 +46,8 @@ from nlp.numbers.jets import (
 )
 from nlp.reduced.arrays import Mask, ReducedProblem, Speeds
 from nlp.reduced.clearance import GAPS, swept_gap
-from nlp.reduced.inputs import add_gradient, add_wrench_gradient, columns, to_unknowns
-from nlp.reduced.platform import Moved, Platform
+from nlp.reduced.inputs import add_gradient, add_inertia_gradient, add_wrench_gradient, columns
+from nlp.reduced.platform import Platform, add, add_slopes, cross, rotate, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -70,22 +70,13 @@ ROWS = RowLimits()
 
 @njit(cache=True)
 def speed_rows(
-    problem: ReducedProblem,
-    at: Platform,
-    moved: Moved,
-    rho: float,
-    mu: Array,
-    u: Array,
-    g: Array,
-    J: Array,
-    near: Mask,
+    problem: ReducedProblem, at: Platform, rho: float, mu: Array, u: Array, g: Array, J: Array, near: Mask
 ) -> None:
     """Find the rows of air speeds, the last ones of g, with their Jacobian.
 
     Args:
         problem: the task and topology.
         at: the platform.
-        moved: its derivatives.
         rho: price of a squared residual.
         mu: dual unknowns of the load cases, shape (K, 6).
         u: their inputs, shape (K, 4n).
@@ -94,16 +85,16 @@ def speed_rows(
         near: which rows have a gradient, shape (m,).
     """
     air, rotors, n = problem.speeds, problem.rotors, len(at.p)
-    cases, first, mass = air.case[-1] + 1, len(g) - len(air.case), rotors.bodies + rotors.m_E
+    cases, first = air.case[-1] + 1, len(g) - len(air.case)
     points, jet, A = len(air.case) // cases, air.jet, columns(problem, at)
     p, z, no_direction = np.empty(3), np.empty(3), np.zeros(3)
     x, by_point, share = np.empty((points, 3)), np.zeros((points, 3, 9)), np.zeros(points)
-    d, q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, 3)), np.empty((points, n, 9)), np.empty((0, 3))
-    p_E = at.p_E - at.p_COM
+    q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, 9)), np.empty((0, 3))
+    p_E = at.p_E
     offset = max(GAPS.least_distance, math.sqrt(p_E @ p_E))
     for point in range(points):  # of a region and module, the same in all load cases
         i, region = air.module[point], _region(air, air.region[point], p_E / offset)
-        p[:], z[:] = at.p[i] - at.p_E, at.z[i]
+        p[:], z[:] = at.o[i] - p_E, at.z[i]
         if len(region.planes) or region.half_angle > 0.0:
             _find_fastest_alone(jet, region, at.R[i], p, x[point], by_point[point])
         else:
@@ -111,22 +102,19 @@ def speed_rows(
                 w = (p[0] - region.start[0], p[1] - region.start[1], p[2] - region.start[2])
                 axis = (-ROWS.far_down * z[0], -ROWS.far_down * z[1], -ROWS.far_down * z[2])
                 path = (region.axis[0], region.axis[1], region.axis[2])
-                _, _, share[point], _, _, _ = swept_gap(w, axis, 0.0, 0.0, path, 0.0, 0.0)
+                _, _, share[point], _ = swept_gap(w, axis, 0.0, 0.0, path, 0.0, 0.0)
             centre = region.start + share[point] * region.axis
             point_of_ball(centre, region.radius, no_direction, p, z, x[point], by_point[point, :, :6])
         for j in range(n):
             for a in range(3):
-                d[point, j, a] = x[point, a] + at.p_E[a] - at.p[j, a]
-            for a in range(3):
                 q[point, j, a] = 0.0
                 for b in range(3):
-                    q[point, j, a] += at.R[j, b, a] * d[point, j, b]
+                    q[point, j, a] += at.R[j, b, a] * (x[point, b] + p_E[b] - at.o[j, b])
             find_parts(jet, q[point, j], ROUNDED, C[point, j], no_dC)
     dC, derived = np.empty((points, n, 9, 3)), np.zeros(points, np.bool_)
     v, rounded, by_dual, weights = np.empty((n, 4)), np.empty(4 * n), np.empty(4 * n), np.empty(4 * n)
     free, slopes, no_slopes = np.empty(4 * n, np.bool_), np.empty(7), np.empty(0)
-    H, nu, F, T = np.empty((6, 6)), np.empty(6), np.empty((n, 3)), np.empty((n, 3))
-    X, E, by = np.empty(3), np.empty(3), np.empty(9)
+    H, nu, forces, E, by_J = np.empty((6, 6)), np.empty(6), np.empty((n, 6)), np.empty(3), np.empty((3, 3))
     for k in range(cases):
         for j in range(4 * n):
             s = 0.0
@@ -142,12 +130,12 @@ def speed_rows(
                 by_dual[4 * j + c] *= jet.induced**2 / (2 * v[j, c])
         factored = False
         for point in range(points):
-            row, i, region, total = first + k * points + point, air.module[point], air.region[point], 0.0
+            r, i, region, total = first + k * points + point, air.module[point], air.region[point], 0.0
             for j in range(n):
                 total += join_parts(C[point, j], no_dC, v[j], ROUNDED, no_slopes)
-            g[row], by_total = -math.log(air.over[region] * total), 1 / total
-            near[row] = g[row] < ROWS.slow
-            if not near[row]:
+            g[r], by_total = -math.log(air.over[region] * total), 1 / total
+            near[r] = g[r] < ROWS.slow
+            if not near[r]:
                 continue
             if not factored:
                 H[:] = problem.cases.effort[k] / (2 * rho) * np.eye(6)
@@ -159,17 +147,13 @@ def speed_rows(
             for j in range(0 if derived[point] else n):
                 find_parts(jet, q[point, j], ROUNDED, C[point, j], dC[point, j])
             factored = derived[point] = True
-            nu[:], X[:] = 0.0, 0.0
+            nu[:], X, at_point = 0.0, (0.0, 0.0, 0.0), add(row(x, point), 1.0, (p_E[0], p_E[1], p_E[2]))
             for j in range(n):
                 join_parts(C[point, j], dC[point, j], v[j], ROUNDED, slopes)
-                for a in range(3):
-                    F[j, a] = 0.0
-                    for b in range(3):
-                        F[j, a] += by_total * at.R[j, a, b] * slopes[b]
-                    X[a] -= F[j, a]
-                for a in range(3):
-                    b, c = (a + 1) % 3, (a + 2) % 3
-                    T[j, a] = d[point, j, b] * F[j, c] - d[point, j, c] * F[j, b]
+                F = rotate(at.R, j, (by_total * slopes[0], by_total * slopes[1], by_total * slopes[2]))
+                X = add(X, -1.0, F)
+                forces[j, 0], forces[j, 1], forces[j, 2] = F
+                forces[j, 3], forces[j, 4], forces[j, 5] = cross(at_point, F)
                 for c in range(4):
                     weights[4 * j + c] = by_total * slopes[3 + c] * by_dual[4 * j + c]
                     for a in range(6):
@@ -178,19 +162,20 @@ def speed_rows(
             for j in range(4 * n):
                 for a in range(6 if free[j] else 0):
                     weights[j] += nu[a] * A[j, a]
-            for b in range(9):
-                by[b] = X[0] * by_point[point, 0, b] + X[1] * by_point[point, 1, b] + X[2] * by_point[point, 2, b]
-            for a in range(3):
-                b, c = (a + 1) % 3, (a + 2) % 3
-                F[i, a] += by[a]
-                T[i, a] += at.z[i, b] * by[3 + c] - at.z[i, c] * by[3 + b]
-                E[a] = X[a] - by[a]
+            by = np.array(X) @ by_point[point]
+            forces[i, :3] += by[:3]
+            forces[i, 3:] += np.cross(at.o[i], by[:3]) + np.cross(at.z[i], by[3:6])
+            E[:] = np.array(X) - by[:3]
             if air.along[region] != 0.0:
                 turned = air.along[region] / offset * (share[point] * E + by[6:])
                 E += turned - (turned @ p_E) / offset**2 * p_E
-            add_wrench_gradient(problem, at, k, 1 / mass, nu, u[k], F, T, E)
-            add_gradient(problem, at, 1 / mass, mu[k], weights, F, T)
-            to_unknowns(problem, at, moved, F, T, E, J[row])
+            by_J[:] = 0.0
+            add_wrench_gradient(problem, k, 1.0, nu, E, by_J)
+            if by_J.any():
+                add_inertia_gradient(rotors, at, by_J, forces, E)
+            add_gradient(A, 1.0, nu, u[k], forces)
+            add_gradient(A, 1.0, mu[k], weights, forces)
+            add_slopes(problem, at, forces, E, J[r])
 
 
 @njit(cache=True)
