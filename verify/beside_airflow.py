@@ -30,7 +30,7 @@ import numpy as np
 
 from topo_search.model import Status
 from verify.bodies import Array, Rows, nearest_on_axis
-from verify.certificate import BOUND_ROUNDING, TURNED_LEVELS, Certificate, ClearanceRow, Solid, judge, turned
+from verify.certificate import BOUND_ROUNDING, TURNED_LEVELS, Certificate, ClearanceRow, Solid, facing_mesh, judge
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
@@ -142,7 +142,7 @@ def _fcl_apart(pair: BesideAirflow, n: Array, x: Array, level: int) -> bool:
     near = [part for part in parts_of(pair) if outer is None or part.shape.overlaps(outer[1])]
     if level == 1 or not near:
         return not near
-    mesh = turned(pair.against.body, x, n, TURNED_LEVELS[level - 2], inside=False)
+    mesh = facing_mesh(pair.against.body, x, n, TURNED_LEVELS[level - 2], inside=False)
     if mesh is None:
         return False
     shape = Shape(mesh)
@@ -151,7 +151,7 @@ def _fcl_apart(pair: BesideAirflow, n: Array, x: Array, level: int) -> bool:
 
 def _fcl_overlap(pair: BesideAirflow, at: _Found, n: Array, x: Array, level: int) -> bool:
     mesh, part = (
-        turned(pair.against.body, x, n, TURNED_LEVELS[level - 2], inside=True),
+        facing_mesh(pair.against.body, x, n, TURNED_LEVELS[level - 2], inside=True),
         pair.body.parts[int(at.part)],
     )
     return mesh is not None and Shape(mesh).overlaps(Shape(_move(part.inner(x), -x)))

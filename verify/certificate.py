@@ -104,31 +104,31 @@ class Solid:
     @functools.cached_property
     def outer(self) -> Mesh | None:
         """The common outer mesh; None if it fails its own check."""
-        common = self._common(inside=False)
+        common = self._common_mesh(inside=False)
         return common if encloses(common[0], self.body) else None
 
     @functools.cached_property
     def inner(self) -> Mesh | None:
         """The common inner mesh; None if it fails its own check."""
-        common = self._common(inside=True)
+        common = self._common_mesh(inside=True)
         return common if lies_within(common[0], self.body) else None
 
-    def _common(self, *, inside: bool) -> Mesh:
+    def _common_mesh(self, *, inside: bool) -> Mesh:
         if inside not in self._made:
             if self._copied is None:
                 mesh = (inner_mesh if inside else outer_mesh)(self.body, COMMON_LEVEL)
                 self._made[inside] = mesh, Shape(mesh)
             else:
                 solid, R, p = self._copied
-                mesh, shape = solid._common(inside=inside)
+                mesh, shape = solid._common_mesh(inside=inside)
                 self._made[inside] = ConvexMesh(mesh.vertices @ R.T + p, mesh.triangles), shape.place(R, p)
         return self._made[inside]
 
-    def shown(self, x: Array, n: Array, level: int, *, inside: bool) -> Mesh | None:
+    def proof_mesh(self, x: Array, n: Array, level: int, *, inside: bool) -> Mesh | None:
         """Return the common mesh at level 0, a turned one at any other; None if it fails its own check."""
         if level == 0:
             return self.inner if inside else self.outer
-        mesh = turned(self.body, x, n, TURNED_LEVELS[level - 1], inside=inside)
+        mesh = facing_mesh(self.body, x, n, TURNED_LEVELS[level - 1], inside=inside)
         return None if mesh is None else (mesh, Shape(mesh))
 
     @functools.cached_property
@@ -137,7 +137,7 @@ class Solid:
         return bool(np.all(np.abs(self.body.o) + 2 * self.body.extent < LARGEST_COORDINATE / 16))
 
 
-def turned(body: ConeSphere, x: Array, n: Array, level: int, *, inside: bool) -> ConvexMesh | None:
+def facing_mesh(body: ConeSphere, x: Array, n: Array, level: int, *, inside: bool) -> ConvexMesh | None:
     """Return a mesh around or inside a body, turned towards n, with its origin at x; None if it fails its check."""
     near = body.move(-x)  # the digits are needed around x
     mesh = (inner_mesh if inside else outer_mesh)(near, level, n)
@@ -175,7 +175,9 @@ def certify_pairs(pairs: Sequence[tuple[Solid, Solid | Hull]]) -> list[Certifica
 def _prove(A: Solid, B: Solid | Hull, at: Witness, first: int, level: int) -> tuple[float, bool] | None:
     """Return the gap across n, between outer meshes or negative between supports, and whether FCL agrees."""
     apart = at.d > 0
-    mesh_A, mesh_B = (side.shown(at.x, n, first + level, inside=not apart) for side, n in ((A, at.n), (B, -at.n)))
+    mesh_A, mesh_B = (
+        side.proof_mesh(at.x, n, first + level, inside=not apart) for side, n in ((A, at.n), (B, -at.n))
+    )
     if mesh_A is None or mesh_B is None:
         return None
     overlap = mesh_A[1].overlaps(mesh_B[1])

@@ -45,7 +45,7 @@ import numpy as np
 
 from topo_search.model import Status
 from verify.bodies import Array, Cone, ConeSphere, basis_across, cone_clearance
-from verify.certificate import BOUND_ROUNDING, COMMON_LEVEL, Certificate, Solid, judge, turned
+from verify.certificate import BOUND_ROUNDING, COMMON_LEVEL, Certificate, Solid, facing_mesh, judge
 from verify.compounds import Compound
 from verify.convex import Convex, Cylinder
 from verify.meshes import LARGEST_COORDINATE, MESH_ROUNDING, Shape, box_below
@@ -111,14 +111,14 @@ def keeps_off(solid: Solid, cone: Cone, eta: float) -> bool:
     m, x, beyond = _beyond_ball(solid.body, cone, eta)
     if solid.outer is not None and not solid.outer[1].overlaps(beyond.place(np.eye(3), x)):
         return True
-    mesh = turned(solid.body, x, -m, COMMON_LEVEL, inside=False)
+    mesh = facing_mesh(solid.body, x, -m, COMMON_LEVEL, inside=False)
     return mesh is not None and not Shape(mesh).overlaps(beyond)
 
 
 def reaches_beyond(body: ConeSphere, cone: Cone, eta: float) -> bool:
     """True if FCL sees the body's inner mesh reach into the half-space beyond the cone nearest to an end ball."""
     m, x, beyond = _beyond_ball(body, cone, eta)
-    mesh = turned(body, x, -m, COMMON_LEVEL, inside=True)
+    mesh = facing_mesh(body, x, -m, COMMON_LEVEL, inside=True)
     return mesh is not None and Shape(mesh).overlaps(beyond)
 
 
@@ -130,10 +130,10 @@ def _beyond_ball(body: ConeSphere, cone: Cone, eta: float) -> tuple[Array, Array
     centre = body.centre(eta)
     m = cone.inward_normal(centre)
     x = centre - body.radius(eta) * m
-    return m, x, _beyond(cone, x, m, 4 * body.extent)
+    return m, x, _far_side(cone, x, m, 4 * body.extent)
 
 
-def _beyond(cone: Cone, x: Array, m: Array, size: float) -> Shape:
+def _far_side(cone: Cone, x: Array, m: Array, size: float) -> Shape:
     """Return a box of what lies beyond a supporting half-space with the normal m, with its origin at a point x.
 
     It is so large that no body of that size at x can pass it by or through.
@@ -180,7 +180,7 @@ def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:
         """True if FCL sees a polytope inside, or around, a part reach beyond the half-space nearest to x."""
         m, near = cone.inward_normal(x), part.place(np.eye(3), -x)
         mesh = near.inner(np.zeros(3)) if inside else near.outer(-m)
-        return Shape(mesh).overlaps(_beyond(cone, x, m, 8 * part.radius))
+        return Shape(mesh).overlaps(_far_side(cone, x, m, 8 * part.radius))
 
     def proof(level: int) -> tuple[float, bool]:
         """Return the least s over corners, and whether FCL sees all parts inside, or the deepest reach beyond."""

@@ -69,7 +69,7 @@ class Hull:
         """True if coordinates keep the digits that a proof needs."""
         return bool(np.all(np.abs(self.mesh.vertices) < LARGEST_COORDINATE / 16))
 
-    def shown(self, x: Array, n: Array, level: int, *, inside: bool) -> tuple[ConvexMesh, Shape]:
+    def proof_mesh(self, x: Array, n: Array, level: int, *, inside: bool) -> tuple[ConvexMesh, Shape]:
         """Return the region itself with its origin at x, whatever mesh of it is asked for."""
         mesh = ConvexMesh(self.mesh.vertices - x, self.mesh.triangles)
         return mesh, Shape(mesh)

@@ -194,17 +194,17 @@ class _Table(NamedTuple):
 
     def bounds(self, errors: Errors, kappa: float) -> Array:
         """Return the least gaps with errors, shape (N,)."""
-        lost = _along(self.of_A, errors.delta) + 2 * errors.delta_p
+        lost = _displacement(self.of_A, errors.delta) + 2 * errors.delta_p
         u = errors.delta * self.of_A[:, 0] + 2 * errors.delta_p
         curved = np.minimum(u, lost + self.bend * u * u) + kappa * np.where(self.swing > 0, self.swing + u, 0.0)
         in_cone = ~np.isnan(self.bend)
         gaps = self.gaps - np.where(in_cone, curved, lost)[:, :, None]
         gaps = gaps - kappa * np.where(in_cone, 0.0, self.swing)[:, None, :]
-        gaps -= _along(self.of_B, errors.delta)[:, None, :]
+        gaps -= _displacement(self.of_B, errors.delta)[:, None, :]
         return np.asarray((gaps - self.envelopes * errors.delta_e).min(axis=(1, 2)))
 
 
-def _along(motion: Array, delta: float) -> Array:
+def _displacement(motion: Array, delta: float) -> Array:
     """Return the largest motion along n, shape (N, 2)."""
     L, S, C = motion.transpose(1, 0, 2)
     return np.asarray(np.minimum(delta * L, delta * S + delta * delta * C))

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.reduced.arrays import ReducedProblem
-from nlp.reduced.platform import Platform, Vector, add, cross, dot, rotate, row, scaled
+from nlp.reduced.platform import Platform, Vector, add, cross, dot, multiply, rotate, row
 from nlp.requirements.statement import (
     AIR,
     ALONG,
@@ -64,7 +64,7 @@ GAPS = GapLimits()
 
 
 @njit(cache=True, forceinline=True)
-def over(a: Vector, length: float) -> Vector:
+def divide(a: Vector, length: float) -> Vector:
     """Return a vector over a length, which it may have itself."""
     safe = max(length, GAPS.least_distance)
     return a[0] / safe, a[1] / safe, a[2] / safe
@@ -117,7 +117,7 @@ def swept_gap(
     x = add(add(w, eta, d_i), -gamma, d_j)
     R, radii = r + dr_i + dr_j, r + eta * dr_i + gamma * dr_j
     root = math.sqrt(dot(x, x) + (R - radii) * (R + radii))
-    return root - R, eta, gamma, over(x, root)
+    return root - R, eta, gamma, divide(x, root)
 
 
 @njit(cache=True)
@@ -166,7 +166,7 @@ def hull_gap(
         excess, _ = face_excess(add(point, -height, normal), planes)
         root = math.sqrt(height * height + (R - radius) * (R + radius))
         if height > 0.0 and excess <= GAPS.rounding and root - R < least:
-            least, eta, push = root - R, end, scaled(height, over(normal, root))
+            least, eta, push = root - R, end, multiply(height, divide(normal, root))
     return least, eta, push
 
 
@@ -206,21 +206,21 @@ def clearances(problem: ReducedProblem, at: Platform, g: Array, by: Array) -> No
         o, turns, between = row(places, i), 0.0, kind in (AIR, APART, PARTS)
         # module i is w from a point, or from where the axis or path d of something with a radius begins
         if between:
-            w, d, radius, growth = add(o, -1.0, row(places, j)), scaled(-length, row(axes, j)), r_air, dr_air
+            w, d, radius, growth = add(o, -1.0, row(places, j)), multiply(-length, row(axes, j)), r_air, dr_air
         else:
             w = add(add(o, -1.0, b), -1.0, row(data, r, COLUMNS.origin))
             d = row(data, r, COLUMNS.axis if kind in (CONE, PARTS_CONE) else COLUMNS.along)
             radius, growth = data[r, COLUMNS.radius], 0.0
             if kind in (CONE_COM, PARTS_CONE_COM, ALONG, PARTS_ALONG):  # it turns with p_E
                 turns = (-1.0 if kind in (CONE_COM, PARTS_CONE_COM) else data[r, COLUMNS.length]) / offset
-                d = scaled(turns, b)
+                d = multiply(turns, b)
         # gradients: `push` by a point `arm` from module i's centre, by_d by d, E besides
         gap, push, arm, by_d, E = math.inf, still, still, still, still
         if kind == OFFSET:
-            gap, E = offset - data[r, COLUMNS.distance], over(b, offset)
+            gap, E = offset - data[r, COLUMNS.distance], divide(b, offset)
         elif kind in (APART, EXCLUSION):
             gap = math.sqrt(dot(w, w))
-            push = over(w, gap)
+            push = divide(w, gap)
             gap -= data[r, COLUMNS.distance]
         elif PARTS <= kind <= PARTS_HULL:
             if kind == PARTS and _are_far(w, still, d, length / 2 + r_air + dr_air + reach):
@@ -230,20 +230,20 @@ def clearances(problem: ReducedProblem, at: Platform, g: Array, by: Array) -> No
                 c, by_axis = rotate(R, i, row(parts, k)), still
                 ball = add(w, 1.0, c)
                 if kind == PARTS_HULL:
-                    closest, by_ball = face_excess(ball, _listed(problem.hulls.planes, data, r, COLUMNS.planes))
+                    closest, by_ball = face_excess(ball, _slice(problem.hulls.planes, data, r, COLUMNS.planes))
                     closest -= parts[k, 3]
                 elif kind in (PARTS_CONE, PARTS_CONE_COM):
                     closest, by_ball, by_axis = _cone_gap(ball, d, data[r, COLUMNS.sine], data[r, COLUMNS.cosine])
                     closest -= parts[k, 3]
                 else:
                     closest, _, gamma, by_ball = swept_gap(ball, still, parts[k, 3], 0.0, d, radius, growth)
-                    by_axis = scaled(-gamma, by_ball)
+                    by_axis = multiply(-gamma, by_ball)
                 if closest < gap:
                     gap, push, arm, by_d = closest, by_ball, c, by_axis
         else:  # an envelope, or a rod from a connector
             rod, skipped, apart, eta, t = int(data[r, COLUMNS.rod]), 0.0, 0.0, 0.0, add(o, -1.0, b)
             axis, r_0, dr = (length, r_air, dr_air) if kind == AIR else row(data, r, COLUMNS.envelope)
-            d_i = scaled(-axis, row(axes, i))
+            d_i = multiply(-axis, row(axes, i))
             if kind == AIR and _are_far(w, d_i, d, length + 2 * (r_air + dr_air)):
                 g[r] = math.inf
                 continue
@@ -256,12 +256,12 @@ def clearances(problem: ReducedProblem, at: Platform, g: Array, by: Array) -> No
                 if skipped >= 1.0:  # all of it is tip
                     g[r] = math.inf
                     continue
-                d_i = scaled(skipped - 1.0, t)
+                d_i = multiply(skipped - 1.0, t)
             if kind == REACH:
-                gap, push = data[r, COLUMNS.distance] - apart, scaled(-1.0 / apart, t)
+                gap, push = data[r, COLUMNS.distance] - apart, multiply(-1.0 / apart, t)
             elif kind == HULL:
-                planes = _listed(problem.hulls.planes, data, r, COLUMNS.planes)
-                edges = _listed(problem.hulls.edges, data, r, COLUMNS.edges)
+                planes = _slice(problem.hulls.planes, data, r, COLUMNS.planes)
+                edges = _slice(problem.hulls.edges, data, r, COLUMNS.edges)
                 gap, eta, push = hull_gap(w, d_i, r_0, dr, planes, edges)
             elif kind in (CONE, CONE_COM):  # an end ball
                 eta, end = data[r, COLUMNS.end], add(w, data[r, COLUMNS.end], d_i)
@@ -269,13 +269,13 @@ def clearances(problem: ReducedProblem, at: Platform, g: Array, by: Array) -> No
                 gap -= r_0 + eta * dr
             else:
                 gap, eta, gamma, push = swept_gap(w, d_i, r_0, dr, d, radius, growth)
-                by_d = scaled(-gamma, push)
+                by_d = multiply(-gamma, push)
             if rod >= 0:  # at eta, (1 - eta) t + eta tip t / |t|
                 lacking[rod] = max(lacking[rod], least[r] - gap)
                 along = eta * skipped * dot(push, t) / apart**2
-                push = add(scaled(1.0 - eta + eta * skipped, push), -along, t)
+                push = add(multiply(1.0 - eta + eta * skipped, push), -along, t)
             else:
-                arm = scaled(eta, d_i)
+                arm = multiply(eta, d_i)
         g[r] = gap
         by[r, 0], by[r, 1], by[r, 2] = push
         by[r, 3], by[r, 4], by[r, 5] = cross(add(o, 1.0, arm), push)
@@ -292,7 +292,7 @@ def clearances(problem: ReducedProblem, at: Platform, g: Array, by: Array) -> No
 
 
 @njit(cache=True, forceinline=True)
-def _listed(table: Array, data: Array, r: int, column: int) -> Array:
+def _slice(table: Array, data: Array, r: int, column: int) -> Array:
     """Return the rows of a table of faces or edges that are those of the hull of row r."""
     return table[int(data[r, column]) : int(data[r, column + 1])]
 
@@ -312,8 +312,8 @@ def _cone_gap(q: Vector, d: Vector, sine: float, cosine: float) -> tuple[float, 
     along = dot(d, q)
     n = add(q, -along, d)
     rho = math.sqrt(dot(n, n))
-    n = over(n, rho)
-    by_q, by_d = add(scaled(sine, d), -cosine, n), add(scaled(sine, q), cosine * along, n)
+    n = divide(n, rho)
+    by_q, by_d = add(multiply(sine, d), -cosine, n), add(multiply(sine, q), cosine * along, n)
     return sine * along - cosine * rho, by_q, by_d
 
 

@@ -29,7 +29,7 @@ import numpy as np
 from nlp.numbers.cholesky import solve_in_place
 from nlp.numbers.masses import TINY
 from nlp.reduced.arrays import Mask, ReducedProblem, Rotors
-from nlp.reduced.platform import Platform, Vector, add, add_slopes, cross, dot, rotate, row, scaled
+from nlp.reduced.platform import Platform, Vector, add, add_slopes, cross, dot, multiply, rotate, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -111,19 +111,21 @@ def add_inertia_gradient(rotors: Rotors, at: Platform, by_J: Array, forces: Arra
     trace, rod, tip, x = S[0, 0] + S[1, 1] + S[2, 2], rotors.rod, (at.p_E[0], at.p_E[1], at.p_E[2]), row(S, 0)
     y, z = row(S, 1), row(S, 2)
     for i in range(len(forces)):
-        o, I = _centre(rotors, at, i), _turned(rotors, at, i)
-        F = add(scaled(2 * rotors.modules[i] * trace, o), -2 * rotors.modules[i], (dot(x, o), dot(y, o), dot(z, o)))
+        o, I = _centre(rotors, at, i), _rotate_inertia(rotors, at, i)
+        F = add(
+            multiply(2 * rotors.modules[i] * trace, o), -2 * rotors.modules[i], (dot(x, o), dot(y, o), dot(z, o))
+        )
         a, b, c = row(I, 0), row(I, 1), row(I, 2)
         T = add(cross(o, F), 2.0, (dot(b, z) - dot(c, y), dot(c, x) - dot(a, z), dot(a, y) - dot(b, x)))
         forces[i, 0], forces[i, 1], forces[i, 2] = add(row(forces, i), 1.0, F)
         forces[i, 3], forces[i, 4], forces[i, 5] = add(row(forces, i, 3), 1.0, T)
-    F = add(scaled(2 * rotors.m_E * trace, tip), -2 * rotors.m_E, (dot(x, tip), dot(y, tip), dot(z, tip)))
+    F = add(multiply(2 * rotors.m_E * trace, tip), -2 * rotors.m_E, (dot(x, tip), dot(y, tip), dot(z, tip)))
     if rod.mass > 0.0:
         d = _rod_path(rotors, at)
         square, by_d = max(dot(d, d), TINY), (dot(x, d), dot(y, d), dot(z, d))
         around, i = rod.mass * rod.radius**2 / square, rod.module
         along = 2 * around / square * dot(d, by_d) + rod.mass / 3 * trace
-        by_d = add(scaled(2 * around + rod.mass / 3, by_d), -along, d)
+        by_d = add(multiply(2 * around + rod.mass / 3, by_d), -along, d)
         forces[i, 0], forces[i, 1], forces[i, 2] = add(row(forces, i), -1.0, by_d)
         forces[i, 3], forces[i, 4], forces[i, 5] = add(row(forces, i, 3), -1.0, cross(add(tip, -1.0, d), by_d))
         F = add(F, 1.0, by_d)
@@ -148,7 +150,7 @@ def inertia(rotors: Rotors, at: Platform) -> Array:
     J, rod, tip = np.zeros((3, 3)), rotors.rod, (at.p_E[0], at.p_E[1], at.p_E[2])
     _add_spread(J, rotors.m_E, tip)
     for i in range(len(at.p)):
-        J += _turned(rotors, at, i)
+        J += _rotate_inertia(rotors, at, i)
         _add_spread(J, rotors.modules[i], _centre(rotors, at, i))
     if rod.mass > 0.0:  # what it is beside its halves at its ends
         d = _rod_path(rotors, at)
@@ -169,7 +171,7 @@ def _add_spread(J: Array, mass: float, o: Vector) -> None:
 
 
 @njit(cache=True)
-def _turned(rotors: Rotors, at: Platform, i: int) -> Array:
+def _rotate_inertia(rotors: Rotors, at: Platform, i: int) -> Array:
     """Return the inertia of M_i about its centre, along the axes of W."""
     J, R, I = np.zeros((3, 3)), at.R, rotors.inertias
     for a in range(3):

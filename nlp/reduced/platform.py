@@ -67,7 +67,7 @@ def add(a: Vector, t: float, b: Vector) -> Vector:
 
 
 @njit(cache=True, forceinline=True)
-def scaled(t: float, a: Vector) -> Vector:
+def multiply(t: float, a: Vector) -> Vector:
     """Return t a."""
     return t * a[0], t * a[1], t * a[2]
 
@@ -125,7 +125,7 @@ def platform(problem: ReducedProblem, x: Array) -> Platform:
         i, turn = max(0, l - 2), row(omega, l)
         v[l, 0], v[l, 1], v[l, 2] = velocity = cross(turn, add(com, -1.0, row(c, l)))
         moved = add(cross(turn, row(outward, i)), outward[i, 3], velocity)
-        dC[l, 0], dC[l, 1], dC[l, 2] = scaled(1 / mass, moved)
+        dC[l, 0], dC[l, 1], dC[l, 2] = multiply(1 / mass, moved)
     return Platform(R, p, z, o, p_E, p_COM, omega, v, dC)
 
 
