@@ -3,16 +3,58 @@
 For fixed angles the inputs of a load case are a convex set and wrenches are linear in them: if the corners of a set
 of wrenches can be produced, so can all of it. A corner is a load case that must be possible and costs nothing. Few
 of them bind, so that a solver may begin without any and take in those that it finds missed.
+
+A ball is no polytope. A design keeps a reserve if all corners of a polytope around the ball can be added: a
+tetrakis hexahedron, a cube with a low pyramid on each face, or of a disc an octagon. Both have every mirror of a
+cube, so that a task that has one keeps it. A tilt asks for a cap of a sphere of forces, which a frustum holds.
+Where the centre of mass may be off, forces that act there have levers, in which torques are linear: the corners of
+the box of errors decide.
+Whoever proves that something is impossible may count on points of ball and cap themselves alone: `inner`. The audit
+measures ball and cap themselves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
+from typing import NamedTuple
 
-from topo_search.model.load_case import AskedFlight, Corner, LoadCase, failure_corners, reserve_corners
+import numpy as np
+
+from topo_search.model.arrays import Array
+from topo_search.model.load_case import (
+    AT,
+    PLACES,
+    AskedFlight,
+    LoadCase,
+    Place,
+    box_corners,
+    cap,
+    centres,
+    centres_of,
+    circumscribe,
+    directions,
+    rotor_name,
+)
+from topo_search.model.proven import TOLERANCE
 from topo_search.model.task import ResolvedTask
 from topo_search.model.value import Vector
+
+UNSEEN = 5 * TOLERANCE
+"""Tolerance of a reserve, to either side, in an audit [m_t g, l_arm m_t g]."""
+
+
+class Corner(NamedTuple):
+    """A wrench that must be possible."""
+
+    label: str
+    """Name of the wrench."""
+    case: LoadCase
+    dead: int | None = None
+    """Rotor that does not run, counted module by module."""
+    acceleration: Vector = (0.0, 0.0, 0.0)
+    """Angular acceleration of the platform: its inertia times this is added to the torque [rad/s^2]."""
 
 
 class CorneredTask(ResolvedTask):
@@ -88,3 +130,85 @@ def _with_corners(task: ResolvedTask, corners: list[Corner], groups: list[int]) 
     cases = (*single, *(corner.case for corner in corners))
     fields = {**dict(task), "load_cases": cases, "flight": AskedFlight()}
     return CorneredTask.model_construct(**fields, base=task, corners=tuple(corners), groups=tuple(groups))
+
+
+def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
+    """Return the corners around each reserve, or points of the balls themselves, as where rows have the balls.
+
+    `inner`: points of balls and of the tilts themselves, what an audit may not see taken off, and no accelerations.
+    """
+    flight, groups = task.flight, list[list[Corner]]()
+    optimal, unseen = flight.allocator == "optimal", UNSEEN if inner else 0.0
+    error, level = flight.com_error - unseen * task.module.arm_length, flight.directions == "horizontal"
+    for _, label, case in centres(task):
+        for field, point, r, unit, disc in (
+            *(("force", at, flight.force_reserve, task.force_unit(task.n), level) for at in PLACES[flight.at]),
+            ("torque", "", flight.torque_reserve, task.torque_unit(task.n), False),
+        ):
+            around = circumscribe(disc=disc)
+            if inner or not optimal:
+                r, around = max(0.0, r - UNSEEN * unit), directions(disc=disc)
+            if r > 0:
+                groups.append(_corners(f"{label}, {field} reserve{AT[point]}", case, field, r * around, point))
+        if not inner:
+            groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
+        groups += [[Corner(label, case)]] if error > 0 else []
+    if (tilt := math.radians(flight.tilt_deg) - unseen) > 0 and (inner or optimal):
+        (_, label, case), weight = centres_of(task, "hover")[0], task.force_unit(task.n)
+        around = weight * (cap(tilt, inner=inner) - np.array([0.0, 0.0, 1.0]))
+        groups.append(_corners(f"{label}, tilt", case, "force", around, "_com"))
+    if error > 0:
+        groups = [[off for corner in group for off in _off_centre(corner, error)] for group in groups]
+    return groups
+
+
+def failure_corners(task: ResolvedTask, *, inner: bool = False) -> list[list[Corner]]:
+    """Return what must be possible with each rotor dead: corners around the torques that are left, or the case.
+
+    `inner`: the case alone.
+    """
+    flight, groups = task.flight, list[list[Corner]]()
+    if flight.rotor_out == "none":
+        return groups
+    around = (0.0 if inner else flight.rotor_out_torque or 0.0) * circumscribe(disc=False)
+    for _, label, case in centres_of(task, flight.rotor_out):
+        for rotor in range(4 * task.n):
+            words = f"{label}, {rotor_name(rotor)} dead"
+            corners = [Corner(words, case)]
+            if around.any():
+                corners = _corners(f"{words}, torque", case, "torque", around)
+            groups.append([corner._replace(dead=rotor) for corner in corners])
+    return groups
+
+
+def _corners(words: str, case: LoadCase, field: str, around: Array, point: Place = "") -> list[Corner]:
+    """Return corners around a load case, in its force or torque at a place, shape (c, 3) [N, N m]."""
+    given, side = (case.at_com, "com") if point else (case.at_end_effector, "end_effector")
+    corners = list[Corner]()
+    for number, corner in enumerate((np.array(getattr(given, field)) + around).tolist()):
+        x, y, z = corner
+        wrench = given.model_copy(update={field: (x, y, z)})
+        corners.append(Corner(f"{words} {number}", case.model_copy(update={side: wrench})))
+    return corners
+
+
+def _off_centre(corner: Corner, error: float) -> Iterator[Corner]:
+    """Yield a corner with its centre of mass off to every side: at the cube's outline, seen along the force."""
+    com, offsets = corner.case.at_com, box_corners(error)
+    force = np.array(com.force)
+    force[np.abs(force) <= 1e-12 * np.linalg.norm(force)] = 0.0
+    if (sides := np.count_nonzero(force)) > 1:
+        offsets = offsets[np.abs(np.sign(offsets * force).sum(axis=1)) < sides]
+    for number, torque in enumerate(np.unique(np.cross(offsets, force), axis=0)):
+        x, y, z = np.add(com.torque, torque).tolist()
+        case = corner.case.model_copy(update={"com": com.model_copy(update={"torque": (x, y, z)})})
+        yield corner._replace(label=f"{corner.label}, centre of mass off {number}", case=case)
+
+
+def _acceleration_corners(label: str, case: LoadCase, sizes: Vector) -> Iterator[Corner]:
+    """Yield the corners of accelerations about x, y and z, either way [rad/s^2]."""
+    for axis, size, unit in zip("xyz", sizes, np.eye(3), strict=True):
+        for way, a in (("+", size * unit), ("-", -size * unit)):
+            if size:
+                x, y, z = a.tolist()
+                yield Corner(f"{label}, angular acceleration about {way}{axis}", case, acceleration=(x, y, z))

@@ -22,23 +22,15 @@ Beyond the load cases a task may require reserves around some of them, and fligh
 | symbol | meaning | unit |
 |---|---|---|
 | r | radius of the ball, or of the horizontal disc, of what can be added | N, N m |
-
-A ball is no polytope. A design keeps a reserve if all corners of a polytope around the ball can be added: a
-tetrakis hexahedron, a cube with a low pyramid on each face, or of a disc an octagon. Both have every mirror of a
-cube, so that a task that has one keeps it. A tilt asks for a cap of a sphere of forces, which a frustum holds.
-Where the centre of mass may be off, forces that act there have levers, in which torques are linear: the corners of
-the box of errors decide.
-Whoever proves that something is impossible may count on points of ball and cap themselves alone: `inner`. The audit
-measures ball and cap themselves.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import AfterValidator, Field
@@ -46,7 +38,6 @@ from pydantic import AfterValidator, Field
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
 from topo_search.model.exposure import Direction
-from topo_search.model.proven import TOLERANCE
 from topo_search.model.shape import NOWHERE
 from topo_search.model.value import (
     OMIT_EMPTY,
@@ -249,8 +240,7 @@ def ten_wrenches(task_seed: int) -> tuple[LoadCase, ...]:
 AXES, DIAGONALS = math.sqrt(5) / 2, math.sqrt(5 / 3)
 """Radii of the corners of a tetrakis hexahedron around the unit ball, 12 and 29 % over 1; it is the polar dual of a
 truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and sqrt(3/2) from its centre."""
-UNSEEN = 5 * TOLERANCE
-"""Tolerance of a reserve, to either side, in an audit [m_t g, l_arm m_t g]."""
+
 
 LargestLoad = Annotated[Positive | Literal["rated"], OneOf('must be a number or "rated"')]
 Failing = Literal["none", "hover", "all"]
@@ -261,18 +251,6 @@ AT: dict[Place, str] = {"": "", "_com": " at the centre of mass"}
 """Words for a place, after those for the reserve."""
 Centre = tuple[int, str, LoadCase]
 """Centre of a required reserve: number (0: hover, k + 1: load case k), name, wrench."""
-
-
-class Corner(NamedTuple):
-    """A wrench that must be possible."""
-
-    label: str
-    """Name of the wrench."""
-    case: LoadCase
-    dead: int | None = None
-    """Rotor that does not run, counted module by module."""
-    acceleration: Vector = (0.0, 0.0, 0.0)
-    """Angular acceleration of the platform: its inertia times this is added to the torque [rad/s^2]."""
 
 
 class AskedFlight(Value):
@@ -384,49 +362,19 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
         factor, of = (unit, " weights") if flight.units == "weight" else (1.0, "")
         if r is not None and not r * factor <= MOST:
             yield ("flight", field), f"must be at most {MOST:g} N and N m, but got {r:g}{of}"
-    around = len(_circumscribe(disc=flight.directions == "horizontal")) * (flight.force_reserve > 0)
+    around = len(circumscribe(disc=flight.directions == "horizontal")) * (flight.force_reserve > 0)
     around *= len(PLACES[flight.at])
-    around += len(_circumscribe(disc=False)) * (flight.torque_reserve > 0)
+    around += len(circumscribe(disc=False)) * (flight.torque_reserve > 0)
     around += 2 * sum(map(bool, flight.angular_acceleration))
     around *= 1 + cases * (flight.around == "all")
-    around += len(_cap(math.radians(flight.tilt_deg), inner=False)) * (flight.tilt_deg > 0)
+    around += len(cap(math.radians(flight.tilt_deg), inner=False)) * (flight.tilt_deg > 0)
     if around and (number := cases + around) > LIMITS.load_cases:
         text = f"must ask for at most {LIMITS.load_cases} wrenches with all load cases, but got up to {number:,}"
         yield ("flight",), text
-    failures = 4 * n * len(_circumscribe(disc=False)) * (1 + cases * (flight.rotor_out == "all"))
+    failures = 4 * n * len(circumscribe(disc=False)) * (1 + cases * (flight.rotor_out == "all"))
     if flight.rotor_out != "none" and failures > LIMITS.failures:
         text = f"must ask for at most {LIMITS.failures:,} wrenches with a rotor dead, but got up to {failures:,}"
         yield ("flight", "rotor_out"), text
-
-
-def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
-    """Return the corners around each reserve, or points of the balls themselves, as where rows have the balls.
-
-    `inner`: points of balls and of the tilts themselves, what an audit may not see taken off, and no accelerations.
-    """
-    flight, groups = task.flight, list[list[Corner]]()
-    optimal, unseen = flight.allocator == "optimal", UNSEEN if inner else 0.0
-    error, level = flight.com_error - unseen * task.module.arm_length, flight.directions == "horizontal"
-    for _, label, case in centres(task):
-        for field, point, r, unit, disc in (
-            *(("force", at, flight.force_reserve, task.force_unit(task.n), level) for at in PLACES[flight.at]),
-            ("torque", "", flight.torque_reserve, task.torque_unit(task.n), False),
-        ):
-            around = _circumscribe(disc=disc)
-            if inner or not optimal:
-                r, around = max(0.0, r - UNSEEN * unit), _directions(disc=disc)
-            if r > 0:
-                groups.append(_corners(f"{label}, {field} reserve{AT[point]}", case, field, r * around, point))
-        if not inner:
-            groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
-        groups += [[Corner(label, case)]] if error > 0 else []
-    if (tilt := math.radians(flight.tilt_deg) - unseen) > 0 and (inner or optimal):
-        (_, label, case), weight = centres_of(task, "hover")[0], task.force_unit(task.n)
-        around = weight * (_cap(tilt, inner=inner) - np.array([0.0, 0.0, 1.0]))
-        groups.append(_corners(f"{label}, tilt", case, "force", around, "_com"))
-    if error > 0:
-        groups = [[off for corner in group for off in _off_centre(corner, error)] for group in groups]
-    return groups
 
 
 def box_corners(half: float) -> Array:
@@ -434,64 +382,12 @@ def box_corners(half: float) -> Array:
     return half * np.array(list(product((1.0, -1.0), repeat=3)))
 
 
-def failure_corners(task: ResolvedTask, *, inner: bool = False) -> list[list[Corner]]:
-    """Return what must be possible with each rotor dead: corners around the torques that are left, or the case.
-
-    `inner`: the case alone.
-    """
-    flight, groups = task.flight, list[list[Corner]]()
-    if flight.rotor_out == "none":
-        return groups
-    around = (0.0 if inner else flight.rotor_out_torque or 0.0) * _circumscribe(disc=False)
-    for _, label, case in centres_of(task, flight.rotor_out):
-        for rotor in range(4 * task.n):
-            words = f"{label}, {rotor_name(rotor)} dead"
-            corners = [Corner(words, case)]
-            if around.any():
-                corners = _corners(f"{words}, torque", case, "torque", around)
-            groups.append([corner._replace(dead=rotor) for corner in corners])
-    return groups
-
-
 def rotor_name(rotor: int) -> str:
     """Return what a rotor is called, given its place among all, module by module."""
     return f"rotor {rotor % 4} of module {rotor // 4}"
 
 
-def _corners(words: str, case: LoadCase, field: str, around: Array, point: Place = "") -> list[Corner]:
-    """Return corners around a load case, in its force or torque at a place, shape (c, 3) [N, N m]."""
-    given, side = (case.at_com, "com") if point else (case.at_end_effector, "end_effector")
-    corners = list[Corner]()
-    for number, corner in enumerate((np.array(getattr(given, field)) + around).tolist()):
-        x, y, z = corner
-        wrench = given.model_copy(update={field: (x, y, z)})
-        corners.append(Corner(f"{words} {number}", case.model_copy(update={side: wrench})))
-    return corners
-
-
-def _off_centre(corner: Corner, error: float) -> Iterator[Corner]:
-    """Yield a corner with its centre of mass off to every side: at the cube's outline, seen along the force."""
-    com, offsets = corner.case.at_com, box_corners(error)
-    force = np.array(com.force)
-    force[np.abs(force) <= 1e-12 * np.linalg.norm(force)] = 0.0
-    if (sides := np.count_nonzero(force)) > 1:
-        offsets = offsets[np.abs(np.sign(offsets * force).sum(axis=1)) < sides]
-    for number, torque in enumerate(np.unique(np.cross(offsets, force), axis=0)):
-        x, y, z = np.add(com.torque, torque).tolist()
-        case = corner.case.model_copy(update={"com": com.model_copy(update={"torque": (x, y, z)})})
-        yield corner._replace(label=f"{corner.label}, centre of mass off {number}", case=case)
-
-
-def _acceleration_corners(label: str, case: LoadCase, sizes: Vector) -> Iterator[Corner]:
-    """Yield the corners of accelerations about x, y and z, either way [rad/s^2]."""
-    for axis, size, unit in zip("xyz", sizes, np.eye(3), strict=True):
-        for way, a in (("+", size * unit), ("-", -size * unit)):
-            if size:
-                x, y, z = a.tolist()
-                yield Corner(f"{label}, angular acceleration about {way}{axis}", case, acceleration=(x, y, z))
-
-
-def _circumscribe(*, disc: bool) -> Array:
+def circumscribe(*, disc: bool) -> Array:
     """Return the corners of a polytope around the unit ball, or of a polygon around the unit disc, shape (c, 3)."""
     if disc:
         sides = 8  # corners of the polygon are then 8 % farther out
@@ -500,18 +396,18 @@ def _circumscribe(*, disc: bool) -> Array:
     return np.concatenate([AXES * np.eye(3), -AXES * np.eye(3), DIAGONALS * box_corners(1 / math.sqrt(3))])
 
 
-def _directions(*, disc: bool) -> Array:
+def directions(*, disc: bool) -> Array:
     """Return the directions of those corners: points of the unit ball, or of the unit disc, shape (c, 3)."""
-    corners = _circumscribe(disc=disc)
+    corners = circumscribe(disc=disc)
     return np.asarray(corners / np.linalg.norm(corners, axis=1, keepdims=True))
 
 
-def _cap(half_angle: float, *, inner: bool) -> Array:
+def cap(half_angle: float, *, inner: bool) -> Array:
     """Return the corners of a polytope around a cap of the unit sphere about z, or points of its rim, shape (c, 3).
 
     No corner is higher than the cap: planes that touch it at its rim, and the one at its top, are its sides.
     """
-    t, disc, z = half_angle, _circumscribe(disc=True), np.array([0.0, 0.0, 1.0])
+    t, disc, z = half_angle, circumscribe(disc=True), np.array([0.0, 0.0, 1.0])
     if inner:
-        return np.asarray(math.sin(t) * _directions(disc=True) + math.cos(t) * z)
+        return np.asarray(math.sin(t) * directions(disc=True) + math.cos(t) * z)
     return np.concatenate([math.sin(t) * disc + math.cos(t) * z, math.tan(t / 2) * disc + z])
