@@ -89,7 +89,7 @@ def found(folder, failed):
 
 @pytest.mark.parametrize("modules", [5, pytest.param(7, marks=pytest.mark.slow)])
 def test_every_candidate_ends_exactly_once(tmp_path, modules):
-    with faulty(tmp_path, modules, "--deadline", "2") as (coordinator, crash, hang):
+    with faulty(tmp_path, modules, "--deadline", "4") as (coordinator, crash, hang):
         count = len(keys_of(modules))
         for quarter in (1, 2, 3):
             kill_at(coordinator, quarter * count // 4, crash | hang)
