@@ -179,7 +179,7 @@ def _items(name: str, values: Iterable[Item], kind: type[Item], plural: str, mos
         raise BadInput(name, f"must be a list of {plural}, but got {one}")
     items = list(islice(values, most + 1))
     if len(items) > most:
-        raise BadInput(name, f"must be at most {most:,}, but got more")
+        raise BadInput(name, f"must be at most {most:,} {plural}, but got more")
     article = "an" if kind.__name__.startswith(tuple("AEIOU")) else "a"
     if faults := [
         Fault(f"[{k}]", f"must be {article} {kind.__name__}, but got {type(item).__name__}")

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import nlp
 import verify
@@ -127,7 +127,16 @@ def with_bound(design: Design, bound: float) -> Design:
     return design.model_copy(update={"lower_bound": bound, "gap": gap})
 
 
-def round_angles(design: Design, step_deg: float) -> tuple[Design, Audit, tuple[str, ...]]:
+class Rounded(NamedTuple):
+    """A design with rounded hinge angles."""
+
+    design: Design
+    audit: Audit
+    notes: tuple[str, ...]
+    """Changes by rounding, one sentence each."""
+
+
+def round_angles(design: Design, step_deg: float) -> Rounded:
     """Round the hinge angles of a design, recompute its inputs and audit it again.
 
     The root orientation is kept: the autopilot holds it, no bracket does.
@@ -135,9 +144,6 @@ def round_angles(design: Design, step_deg: float) -> tuple[Design, Audit, tuple[
     Args:
         design: the design.
         step_deg: step to round hinge angles to [deg].
-
-    Returns:
-        The rounded design, its audit, and what the rounding changed, one sentence each.
 
     Raises:
         BadInput: with these angles the rotors can no longer produce a load case.
@@ -155,7 +161,7 @@ def round_angles(design: Design, step_deg: float) -> tuple[Design, Audit, tuple[
     before, after = audit(design), audit(refitted)
     rounded = f"Hinge angles are rounded to {step_deg:g} deg and the inputs recomputed"
     cost = f"{rounded}: control effort {100 * (effort - 1):+.3g} %."
-    return refitted, after, (cost, compare_audits(before, after))
+    return Rounded(refitted, after, (cost, compare_audits(before, after)))
 
 
 def compare_audits(before: Audit, after: Audit) -> str:

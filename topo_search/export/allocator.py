@@ -65,7 +65,7 @@ STEPS = 60
 """Largest number of Newton steps in a round; all rounds together take about eight."""
 ACCURACY = 1e-12
 """Gain that ends the rounds: in size of the scaled missing wrench, over 1 + the largest component of S w."""
-ZERO_GRADIENT = 1e-16
+ROUNDING = 1e-16
 """Size of a gradient that is zero, but for rounding."""
 
 COLUMNS = [[s * row[j] * FULL for s, row in zip(SCALE, MATRIX, strict=True)] for j in range(len(NAMES))]
@@ -121,7 +121,7 @@ def _next_multipliers(
         gradient = [
             miss - (m - c) / rho for miss, m, c in zip(_missing(w, _clip(v, limits)), mu, centre, strict=True)
         ]
-        if pieces == before or hypot(*gradient) <= ZERO_GRADIENT:
+        if pieces == before or hypot(*gradient) <= ROUNDING:
             break
         before = pieces
         between = [column for column, piece in zip(COLUMNS, pieces, strict=True) if piece == 1]
