@@ -2,11 +2,27 @@ r"""The room that the rigid parts of a module need: on its own, bolted to a neig
 
 Modules that are not bolted together cannot touch as long as the balls of radius rho around their centres do not.
 
-Of two modules that share a hinge, hubs and arms may meet there, but a rotor may touch nothing, and all parts keep
-out of the other's airflow. The fold of a hinge is its angle with a sign of its own: positive where the upper sides
-of the two modules lean towards each other and their airflows apart, whichever ports are bolted. `clear_folds` and
-`airflow_folds` search for folds at which all pairs of parts are clear, and certify every interval. They can be
-several intervals, none of which holds 0.
+Two modules that are bolted together share a hinge's axis. Seen along it, each keeps to a wedge about the line from
+the axis to its centre, and the two lines are pi - |alpha| apart. Hubs and arms may meet there, but a rotor may
+touch nothing. It stays at least d away from the axis, so only parts as far away as that count: a rotor and a part
+meet at no angle with
+
+.. math:: |\alpha| < \pi - \beta_r - \beta, \qquad \beta = \max \operatorname{atan2}(|z|, l_c - x)
+
+Two rotors do meet from there on: they are mirror images in the plane that halves the angle between the lines. For a
+rotor and a frame the bound is on the safe side, by what this view leaves out.
+
+| symbol | meaning | unit |
+|---|---|---|
+| x, z | coordinates of a point in the module's frame, x towards the port | m |
+| d | least distance of the rotors from the hinge's axis, l_c - l_arm / sqrt 2 - rotor radius | m |
+| beta_r | largest elevation of rotors over the line to the centre, seen from the axis | rad |
+| beta | the same of all parts beyond d | rad |
+
+The fold of a hinge is its angle with a sign of its own: positive where the upper sides of the two modules lean
+towards each other and their airflows apart, whichever ports are bolted. `largest_hinge_angle` bounds it in one
+line. Where that leaves no angle, rotors may reach beyond the hinge's axis, in among the arms of the neighbour: then
+`clear_folds` searches for them, and certifies every interval. They can be several intervals, none of which holds 0.
 
 Two convex parts A and B are apart by min_B u . x - max_A u . x at least, whatever the unit vector u. If that is s
 at the fold phi, then within phi +- h it is s - rho h at least, with rho the distance of the points of A, or of B,
@@ -15,7 +31,7 @@ from the hinge's axis at most: hold the other one still.
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | phi, h | fold angles, the middles of intervals of one half width | (m,), | rad |
-| u | directions in the frame of the hinge: x along the way from module to module, y its axis, z up | (m, k, 3) | |
+| u | directions in the frame of the hinge: x along the way from module to module, y its axis, z up | (m, 3) | |
 | rho | distance of a part's points from the hinge's axis at most | | m |
 
 An envelope starts with the radius r_air about its module's centre, by default one arm length, but a rotor at the
@@ -24,16 +40,34 @@ clear of each other do not yet keep rotors out of them.
 
 Of modules that are not bolted together the search keeps balls around rotors out of the airflow; what parts there
 are outside those and outside the module's own envelope gets balls as well (`part_cover`).
+
+Where two modules that share a hinge are to each other depends on its angle alone. Which way it turns matters: the
+child's airflow leans away from its parent's, or towards it. Seen from either module the other one is the same, up
+to quarter turns about its own axis (`airflow_folds`).
+
+| symbol | meaning | unit |
+|---|---|---|
+| phi | fold: a hinge angle, positive where the two airflows lean apart | rad |
+| e, z | a port's direction and the thrust axis, in the module's frame | |
+| P(eta) = o + eta l_air d | axis of the neighbour's envelope, eta in [0, 1] | m |
+| r(eta) = r_air + eta dr_air | its radius | m |
+
+.. math::
+
+    o = l_c e + l_c (\cos\phi \, e + \sin\phi \, z), \qquad d = \sin\phi \, e - \cos\phi \, z
+
+The clearance of a part, the least dist(P, part) - r, is convex in eta. In phi it changes by no more than the
+largest distance of a part from the hinge's axis for every radian: seen from the envelope, that is how parts move.
 """
 
 from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from functools import lru_cache, partial
-from itertools import islice, product
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -41,7 +75,6 @@ import numpy as np
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, Array, read_only
 from topo_search.model.module import AirflowEnvelope, Module
 from topo_search.model.proven import excess_texts
-from topo_search.model.shape import nearest_point
 
 LENGTH_ROUNDING = 1e-9
 """Share of a length, or angle [rad], that is left to rounding."""
@@ -58,12 +91,8 @@ FINEST = 0.25
 """Radius of the balls around parts, unless that makes many of them [l_arm],"""
 MOST_BOXES = 24
 """which is more than this."""
-UP = np.array([0.0, 0.0, 1.0])
-CUBE = np.array(list(product((-0.5, 0.5), repeat=3)))
+CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of a box with edges of 1."""
-DIRECTIONS = np.array([u for u in product(np.arange(-3.0, 4.0), repeat=3) if max(map(abs, u)) == 3])
-DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
-"""From the middle of a cube to a grid on its faces, (218, 3)."""
 
 
 def packed_width(module: Module, n: int) -> float:
@@ -75,19 +104,75 @@ def body_radius(module: Module) -> float:
     """Return rho: all rigid parts lie in the ball of this radius around the module's centre [m]."""
     body = module.body
     rim = math.hypot(module.arm_length + body.rotor_radius, body.rotor_height / 2)
-    return max(rim, float(np.linalg.norm(np.concatenate(frame_pieces(module)), axis=1).max()))
+    return max(rim, float(np.linalg.norm(_frame_edges(module), axis=-1).max()))
 
 
 def frame_reach(module: Module) -> float:
     """Return how far hub and arms, or the module's own frame, reach towards any of the four ports [m]."""
-    return float(np.abs(np.concatenate(frame_pieces(module))[:, :2]).max())
+    return float(np.abs(_frame_edges(module)[..., :2]).max())
+
+
+def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
+    """Return how far a hinge turns at most before a rotor of one module can meet the other one [rad].
+
+    One number for all ports, so that trees which are alike have the same designs. At most pi/2; negative where this
+    view of the parts shows no angle to be clear, though `clear_folds` may find some.
+
+    Args:
+        module: the module, at either side of the hinge.
+        margin: what the rotors keep clear of other parts by at least [m].
+    """
+    body = module.body
+    d = module.connector_distance - module.arm_length / math.sqrt(2) - body.rotor_radius - margin
+    rotor = math.atan2(body.rotor_height / 2 + margin, d)
+    return min(math.pi / 2, math.pi - rotor - max(rotor, _elevation(module, max(d, 0.0))))
+
+
+def _elevation(module: Module, d: float) -> float:
+    """Return the largest elevation of the frame beyond a distance from a hinge's axis [rad], at any port.
+
+    Along an edge the elevation rises or falls all the way to z = 0, so it is largest at an end of what is beyond d.
+    """
+    edges, largest = _frame_edges(module), 0.0
+    for outwards in ([1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]):
+        seen = np.stack([module.connector_distance - edges[..., :2] @ outwards, edges[..., 2]], axis=-1)
+        if seen[..., 0].min() <= -d:
+            return math.pi  # as far beyond the axis as the neighbour's rotors
+        start, along = seen[:, 0], seen[:, 1] - seen[:, 0]
+        a, b = np.sum(along * along, axis=1), np.sum(start * along, axis=1)
+        root = np.sqrt(np.maximum(0.0, b * b - a * (np.sum(start * start, axis=1) - d * d)))
+        safe = np.where(a > 0.0, a, 1.0)  # an edge along the axis is a point
+        t = np.clip([(-b - root) / safe, (-b + root) / safe, np.zeros_like(a), np.ones_like(a)], 0.0, 1.0)
+        points = start + t[..., None] * along
+        beyond = points[np.linalg.norm(points, axis=-1) >= d * (1 - LENGTH_ROUNDING)]
+        largest = max(largest, float(np.arctan2(np.abs(beyond[:, 1]), beyond[:, 0]).max(initial=0.0)))
+    return largest
 
 
 def frame_pieces(module: Module) -> list[Array]:
     """Return the corners of hub and arms, or of each convex piece of the module's own frame, shapes (k, 3) [m]."""
+    body, l_arm, w = module.body, module.arm_length, module.body.arm_width
+    if body.frame is not None:
+        return [np.array(piece.vertices) for piece in body.frame]
+    boxes = [CUBE * body.hub]
+    for x, y in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
+        along, across = np.array([x, y, 0.0]) / math.sqrt(2), np.array([-y, x, 0.0]) / math.sqrt(2)
+        axes = np.stack([l_arm * along, w * across, [0.0, 0.0, w]])
+        boxes.append(l_arm / 2 * along + CUBE @ axes)
+    return boxes
+
+
+def _frame_edges(module: Module) -> Array:
+    """Return both ends of all edges of hub and arms, or of the module's own frame, shape (m, 2, 3) [m].
+
+    A box has its diagonals as well: they lie inside it.
+    """
     if module.body.frame is not None:
-        return [np.array(piece.vertices) for piece in module.body.frame]
-    return [box.corners for box in _pieces(module)]
+        sides = [np.array(piece.vertices)[np.array(piece.triangles)] for piece in module.body.frame]
+        corners = np.concatenate(sides)
+        return np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    pairs = list(combinations(range(len(CUBE)), 2))
+    return np.concatenate([box[pairs] for box in frame_pieces(module)])
 
 
 Folds = tuple[tuple[float, float], ...]
@@ -99,35 +184,17 @@ FOLD = (-1.0, 1.0, 1.0, -1.0)
 
 @lru_cache(maxsize=32)
 def clear_folds(module: Module, margin: float = 0.0) -> Folds:
-    """Return fold angles within +-pi/2 at which rotors keep off all parts of a bolted module [rad].
+    """Return fold angles within +-pi/2 at which rotors of bolted modules are clear, the same for all ports [rad].
 
-    The same for all ports, so that trees which are alike have the same designs, and empty where there is none.
+    Empty where there is none. Every angle is clear by proof; of those that a search finds, some that are hardly
+    clear may be missing.
 
     Args:
         module: the module, at either side of the hinge.
         margin: what the rotors keep clear of other parts by at least [m].
     """
-    here, parts = np.array([module.connector_distance, 0.0, 0.0]), _parts_across(module)
-    rotors = [_Part(rotor.corners - 2 * here, disc=rotor.disc) for rotor in parts[: len(ROTOR_DIRECTIONS)]]
-    even = module.body.frame is None  # hubs, arms and rotors are the same upside down
-    return _search([(rotor, part) for rotor in rotors for part in parts], margin, even=even)
-
-
-@lru_cache(maxsize=32)
-def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
-    """Return fold angles within +-pi/2 at which all parts of a bolted module keep off the airflow [rad].
-
-    The same for all ports, and empty where there is none.
-
-    Args:
-        module: the module, at either side of the hinge.
-        margin: what parts keep clear of the airflow by at least [m].
-    """
-    air, l_c = module.envelope, module.connector_distance
-    axis = np.array([[-l_c, 0.0, 0.0], [-l_c, 0.0, -air.length]])
-    # all that is too near to the envelope's core, which is thinner by the first radius, is in the envelope
-    core, margin = _Part(axis, balls=np.array([0.0, air.growth])), margin + air.start_radius
-    return _search([(core, part) for part in _parts_across(module)], margin)
+    turn = largest_hinge_angle(module, margin)
+    return ((-turn, turn),) if turn > 0 else _search(module, margin)
 
 
 def nearest_fold(folds: Folds, phi: Array) -> Array:
@@ -159,104 +226,147 @@ def in_words(folds: Folds, unit: str) -> str:
 
 @dataclass(frozen=True)
 class _Part:
-    """A convex part in the frame of the hinge, with its module flat: the hull of its corners, each widened."""
+    """A convex part in the frame of the hinge, as it is with the module flat: corners, and a disc about each."""
 
     corners: Array
     """(k, 3) [m]"""
-    disc: float = 0.0
-    """Radius of the discs about all corners, across z [m]."""
-    balls: Array = field(default_factory=lambda: np.zeros(1))
-    """Radii of the balls about the corners, (k,) or (1,) [m]."""
+    radius: float = 0.0
+    """Radius of the discs, across z [m]."""
 
     @property
     def rho(self) -> float:
         """Largest distance of the part's points from the hinge's axis [m]."""
-        return float((np.hypot(np.abs(self.corners[:, 0]) + self.disc, self.corners[:, 2]) + self.balls).max())
+        return float(np.hypot(np.abs(self.corners[:, 0]) + self.radius, self.corners[:, 2]).max())
 
-    def farthest(self, u: Array, turn: Array) -> Array:
-        """Return the points farthest along vectors u (m, k, 3), with the part turned about y by (m, 1)."""
-        u = _turn(u / np.linalg.norm(u, axis=-1, keepdims=True), -turn)
-        corner = np.argmax(u @ self.corners.T + self.balls, axis=-1)
-        across = np.where([True, True, False], u, 0.0)
-        across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-300)
-        ball = np.broadcast_to(self.balls, len(self.corners))[corner][..., None]
-        return _turn(self.corners[corner] + self.disc * across + ball * u, turn)
+    @property
+    def ball(self) -> tuple[Array, float]:
+        """Centre (3,) and radius of a ball around the part [m]."""
+        centre = self.corners.mean(axis=0)
+        return centre, float(np.linalg.norm(self.corners - centre, axis=1).max()) + self.radius
+
+    def support(self, u: Array, turn: Array) -> Array:
+        """Return max u . x over the part for u (m, k, 3), with the part turned about y by angles (m,)."""
+        u = _turn(u, -turn[:, None])
+        return np.asarray((u @ self.corners.T).max(axis=-1) + self.radius * np.hypot(u[..., 0], u[..., 1]))
 
 
-def _search(pairs: list[tuple[_Part, _Part]], margin: float, *, even: bool = False) -> Folds:
-    """Return intervals of fold angles at which all pairs are clear, joined; what is open is halved.
+def _search(module: Module, margin: float) -> Folds:
+    """Return certified intervals of clear folds."""
+    pairs = _pairs(module)
+    even = module.body.frame is None  # hubs, arms and rotors are the same upside down
 
-    Every angle in them is clear by proof; some beside their ends, within the last interval, may be missing.
-
-    Args:
-        pairs: parts of the module at -x and of its neighbour at +x.
-        margin: what the two parts of each pair are apart by at least [m].
-        even: whether negative angles are like positive ones.
-    """
-    first, right = 16, math.pi / 2  # intervals to begin with
-    h = right / first
-    phi = np.linspace(0.0 if even else -right, right, first // 2 + 1 if even else first + 1)[1:] - h
-    clear: list[tuple[float, float]] = []
-    while len(phi) and h > 5e-5:  # down to 0.1 mrad
+    def slack(phi: Array, h: float) -> tuple[Array, float]:
+        """Return what is left of all pairs' clearances where they are least, over what they may lose."""
         least = np.full(len(phi), math.inf)
         for A, B in pairs:
             room = min(A.rho, B.rho) * h + LENGTH_ROUNDING * (A.rho + B.rho)
             left = least > -1.0
             least[left] = np.minimum(least[left], (_distance(A, B, phi[left], margin + room) - margin) / room)
-        clear += [(middle - h, middle + h) for middle in phi[least >= 1.0].tolist()]
-        phi, h = phi[np.abs(least) < 1.0], h / 2
-        phi = np.concatenate([phi - h, phi + h])
+        return least, 1.0
+
+    clear = _clear_intervals(slack, halvings=8, upper_half=even)  # to 0.8 mrad
+    return join(clear + [(-high, -low) for low, high in clear] if even else clear)
+
+
+def _clear_intervals(
+    spare: Callable[[Array, float], tuple[Array, float]], *, halvings: int, upper_half: bool = False
+) -> list[tuple[float, float]]:
+    """Return intervals of fold angles that are clear all over; those clear in the middle alone are halved.
+
+    Args:
+        spare: returns for middles of intervals and their half width what is spare there, and how much of it any
+            other angle of the interval may lack.
+        halvings: how often intervals are halved.
+        upper_half: whether positive angles are enough.
+    """
+    first = 16  # intervals of +-pi/2 to begin with
+    h = math.pi / 2 / first
+    phi = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, first)
+    phi = phi[phi > 0] if upper_half else phi
+    clear: list[tuple[float, float]] = []
+    for _ in range(halvings + 1):
+        left, lacking = spare(phi, h)
+        clear += [(middle - h, middle + h) for middle in phi[left >= lacking].tolist()]
+        open_ = phi[np.abs(left) < lacking]
+        if not len(open_):
+            break
+        h /= 2
+        phi = np.concatenate([open_ - h, open_ + h])
+    return clear
+
+
+def join(intervals: list[tuple[float, float]]) -> Folds:
+    """Return intervals with those that share an end put together."""
     joined: list[tuple[float, float]] = []
-    for low, high in sorted(clear + [(-high, -low) for low, high in clear] if even else clear):
+    for low, high in sorted(intervals):
         if joined and low - joined[-1][1] < LENGTH_ROUNDING:
             low, _ = joined.pop()
         joined.append((low, high))
+    right = math.pi / 2
     return tuple(
         (-right if right + low < LENGTH_ROUNDING else low, right if right - high < LENGTH_ROUNDING else high)
         for low, high in joined
     )
 
 
-def _parts_across(module: Module) -> list[_Part]:
-    """Return the rotors, then hub and arms, of the module at +x, with each of its ports at the hinge.
+def _pairs(module: Module) -> list[tuple[_Part, _Part]]:
+    """Return rotors of one module and all parts of the other, with each of its ports at the hinge.
 
-    A module's rotors are the same from every port, and what holds for one module's rotors or airflow and the
-    other's parts holds for the other's and the one's.
+    A module's rotors are the same from every port, and what holds for one module's rotors and the other's frame
+    holds for the other's rotors and the one's frame.
     """
-    body, here = module.body, np.array([module.connector_distance, 0.0, 0.0])
-    up = body.rotor_height / 2 * UP
-    rotors = [np.array([centre - up, centre + up]) + here for centre in module.arm_length * ROTOR_DIRECTIONS]
+    body, l_c, a = module.body, module.connector_distance, module.arm_length / math.sqrt(2)
+    up = body.rotor_height / 2
+    discs = [np.array([[x, y, -up], [x, y, up]]) for x in (-a, a) for y in (-a, a)]
+    here, towards = np.array([l_c, 0.0, 0.0]), np.diag([-1.0, -1.0, 1.0])
+    rotors = [_Part(disc - here, body.rotor_radius) for disc in discs]
+    across = [_Part(disc + here, body.rotor_radius) for disc in discs]
     frames: dict[bytes, Array] = {}  # arms are the same from every port
-    for x, y, _ in PORT_DIRECTIONS.tolist():
-        to_port = np.array([[-x, -y, 0.0], [y, -x, 0.0], [0.0, 0.0, 1.0]])
+    for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
+        to_port = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
         for corners in frame_pieces(module):
-            seen = corners @ to_port.T + here
-            frames[np.unique(np.round(seen / here[0], 9) + 0.0, axis=0).tobytes()] = seen
-    return [*(_Part(corners, disc=body.rotor_radius) for corners in rotors), *map(_Part, frames.values())]
+            seen = corners @ (towards @ to_port).T + here
+            frames[np.unique(np.round(seen / l_c, 9) + 0.0, axis=0).tobytes()] = seen
+    across += [_Part(seen) for seen in frames.values()]
+    return [(rotor, part) for rotor in rotors for part in across]
 
 
 def _distance(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
-    """Return how far two parts are apart at least at fold angles (m,) [m]; minus how deep, about, where they meet.
+    """Return how far two parts are apart at least at fold angles (m,); no more than `enough` need be proven [m]."""
+    (a, r_a), (b, r_b) = A.ball, B.ball
+    middle_a, middle_b = (_turn(np.broadcast_to(c, (len(phi), 3)), t) for c, t in ((a, phi / 2), (b, -phi / 2)))
+    apart: Array = np.linalg.norm(middle_b - middle_a, axis=1) - r_a - r_b
+    near = apart < enough
+    if not near.any():
+        return apart
+    turn = phi[near] / 2
 
-    No more than `enough` need be proven.
-    """
+    def gap(u: Array) -> Array:
+        return -A.support(u, turn) - B.support(-u, -turn)
 
-    def farthest(u: Array, phi: Array, middle: Array | float = 0.0, share: float = 1.0) -> Array:
-        """Return points of the set of all differences of the parts' points, shrunk about its middle, likewise."""
-        return middle + share * (B.farthest(u, -phi / 2) - A.farthest(-u, phi / 2) - middle)
-
-    u = _turn(DIRECTIONS, -phi[:, None] / 2)  # faces of B are among them
-    outline = farthest(u, phi[:, None])
-    apart = np.asarray(-(outline * u).sum(axis=-1).min(axis=1))
-    for k in np.flatnonzero(apart < enough):
-        middle = outline[k].mean(axis=0)
-        for share in (1.0, 0.98, 0.7):  # parts that meet come apart as they shrink, along the way in which they do
-            shrunk = partial(farthest, phi=phi[k], middle=middle, share=share)
-            x = nearest_point(np.zeros(3), middle, shrunk, enough)
-            if (length := np.linalg.norm(x)) > LENGTH_ROUNDING * B.rho:
-                apart[k] = max(apart[k], x @ farthest(-x, phi[k]) / length)
-                break
+    z = np.broadcast_to([0.0, 0.0, 1.0], (len(turn), 3))
+    faces = np.stack([_turn(z, turn), -_turn(z, turn), _turn(z, -turn), -_turn(z, -turn)], axis=1)
+    u = np.concatenate([faces, np.broadcast_to(DIRECTIONS, (len(turn), *DIRECTIONS.shape))], axis=1)
+    most = np.full(len(turn), -math.inf)
+    for aim in range(41):  # 40 turns of u to where parts are farther apart, by an angle that shrinks
+        gaps = gap(u)
+        best = gaps.argmax(axis=1)
+        most = np.take_along_axis(gaps, best[:, None], axis=1)[:, 0]
+        if np.all(most >= enough):
+            break
+        u = _ring(np.take_along_axis(u, best[:, None, None], axis=1)[:, 0], 0.5 * 0.7**aim, float(aim))
+    apart[near] = np.maximum(apart[near], most)
     return apart
+
+
+def _ring(axes: Array, angle: float, first: float) -> Array:
+    """Return unit axes (m, 3) and six directions around each, the first of them anywhere, shape (m, 7, 3)."""
+    across = np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    beside = np.cross(axes, across)
+    ring = [math.cos(t) * across + math.sin(t) * beside for t in first + np.arange(6) * math.pi / 3]
+    around = math.cos(angle) * axes[:, None] + math.sin(angle) * np.stack(ring, axis=1)
+    return np.concatenate([axes[:, None], around], axis=1)
 
 
 def _turn(vectors: Array, angle: Array) -> Array:
@@ -264,6 +374,20 @@ def _turn(vectors: Array, angle: Array) -> Array:
     x, y, z = np.moveaxis(vectors, -1, 0)
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * x + s * z, y + 0.0 * c, c * z - s * x], axis=-1)
+
+
+def _evenly(m: int) -> Array:
+    """Return m directions, evenly spread along a spiral, shape (m, 3)."""
+    z, turn = 1.0 - (2.0 * np.arange(m) + 1.0) / m, np.arange(m) * math.pi * (3.0 - math.sqrt(5.0))
+    r = np.sqrt(1.0 - z * z)
+    return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=-1)
+
+
+DIRECTIONS = np.concatenate([_evenly(200), np.eye(3), -np.eye(3)])
+"""Starting directions of the search for the best one."""
+
+
+UP = np.array([0.0, 0.0, 1.0])
 
 
 class Balls(NamedTuple):
@@ -285,11 +409,6 @@ class _Box(NamedTuple):
     """Half its edges, shape (3,)."""
     normals: Array
     offsets: Array
-
-    @property
-    def corners(self) -> Array:
-        """Shape (8, 3)."""
-        return self.centre + (2 * CUBE * self.half) @ self.axes
 
 
 @functools.cache
@@ -350,7 +469,7 @@ def _uncovered_boxes(
     left = list(pieces)
     while left:
         box = left.pop()
-        corners = box.corners
+        corners = box.centre + (2 * CUBE * box.half) @ box.axes
         if np.any((corners @ box.normals.T).min(axis=0) > box.offsets):
             continue  # beyond a face of the piece
         if air is not None:
@@ -390,3 +509,62 @@ def _pieces(module: Module) -> list[_Box]:
         axes = np.stack([along, np.cross(UP, along), UP])
         boxes.append((l_arm / 2 * along, axes, np.array([l_arm, width, width]) / 2))
     return [_Box(centre, axes, half, axes[:1], (half + axes @ centre)[:1]) for centre, axes, half in boxes]
+
+
+@functools.cache
+def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
+    """Return fold angles within +-pi/2 at which parts of bolted modules keep off each other's airflow [rad].
+
+    The same for all ports, and empty where there is none. Every angle is clear; of those that a search finds, some
+    that are hardly clear may be missing. For a frame of the module's own they are on the safe side: its distance is
+    taken from the planes of its faces and from the box around it.
+
+    Args:
+        module: the module, at either side of the hinge.
+        margin: what parts keep clear of the airflow by at least [m].
+    """
+    rate = module.connector_distance + body_radius(module)
+    clear = _clear_intervals(lambda phi, h: (_spare(module, phi) - margin, rate * h), halvings=11)  # to 0.1 mrad
+    return join(clear)
+
+
+def _spare(module: Module, phi: Array) -> Array:
+    """Return the least clearance of all parts from the neighbour's airflow at any port, shape (t,) [m]."""
+    air, body, l_c, pieces = module.envelope, module.body, module.connector_distance, _pieces(module)
+    # All but a frame of its own looks the same from opposite ports, and with a square hub from all four.
+    ports = PORT_DIRECTIONS[: 4 if body.frame is not None else 2 - (body.hub[0] == body.hub[1])]
+    sine, cosine = np.sin(phi)[:, None, None], np.cos(phi)[:, None, None]
+    o = l_c * ports + l_c * (cosine * ports + sine * UP)  # (t, ports, 3)
+    d = air.length * (sine * ports - cosine * UP)
+
+    def clearances(eta: Array) -> Array:
+        """Return those of rotors, then of pieces; eta of shape (t, ports, m)."""
+        P = o[:, :, None] + eta[..., None] * d[:, :, None]  # (t, ports, m, 3)
+        across = np.linalg.norm((P[:, :, :4] - module.arm_length * ROTOR_DIRECTIONS)[..., :2], axis=-1)
+        beside = np.maximum(0.0, across - body.rotor_radius)
+        apart = [np.hypot(beside, np.maximum(0.0, np.abs(P[:, :, :4, 2]) - body.rotor_height / 2))]
+        apart += [_from_piece(P[:, :, k], piece)[..., None] for k, piece in enumerate(pieces, start=4)]
+        return np.concatenate(apart, axis=-1) - air.start_radius - eta * air.growth
+
+    low = np.zeros((len(phi), len(ports), len(ROTOR_DIRECTIONS) + len(pieces)))
+    high = np.ones_like(low)
+    golden = (math.sqrt(5) - 1) / 2
+    first, second = high - golden, low + golden
+    at_first, at_second = clearances(first), clearances(second)
+    least = np.minimum(clearances(low), clearances(high))
+    for _ in range(44):  # golden sections of the axis, to a billionth
+        less = at_first < at_second
+        low, high = np.where(less, low, first), np.where(less, second, high)
+        new = np.where(less, high - golden * (high - low), low + golden * (high - low))
+        at_new = clearances(new)
+        first, second = np.where(less, new, second), np.where(less, first, new)
+        at_first, at_second = np.where(less, at_new, at_second), np.where(less, at_first, at_new)
+    least = np.minimum(least, np.minimum(at_first, at_second))
+    return np.asarray(least.min(axis=(1, 2)))
+
+
+def _from_piece(x: Array, piece: _Box) -> Array:
+    """Return the distance of points, shape (..., 3), from a piece: of a frame of one's own, at most that."""
+    beyond = np.maximum(0.0, np.abs((x - piece.centre) @ piece.axes.T) - piece.half)
+    from_planes = (x @ piece.normals.T - piece.offsets).max(axis=-1)
+    return np.asarray(np.maximum(np.linalg.norm(beyond, axis=-1), from_planes))

@@ -7,7 +7,6 @@ at these shapes alone; the audit does not: it reads the requirements themselves.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -112,8 +111,7 @@ def outer_hull(points: Array, most_corners: int) -> tuple[Array, float]:
         corners = cut[first]
         for key, corner in zip(map(tuple, corners.round(9).tolist()), corners, strict=True):
             if key not in gaps:
-                nearby = scaled[np.argmin(np.linalg.norm(scaled - corner, axis=1))]
-                gaps[key] = corner - nearest_point(corner, nearby, lambda u: scaled[np.argmax(scaled @ u)])
+                gaps[key] = corner - _nearest(corner, scaled)
         beyond = [gaps[key] for key in map(tuple, corners.round(9).tolist())]
         lengths = np.linalg.norm(beyond, axis=1)
         excess = float(lengths.max())
@@ -127,32 +125,23 @@ def outer_hull(points: Array, most_corners: int) -> tuple[Array, float]:
     return outer, size * (excess + slack)
 
 
-def nearest_point(x: Array, first: Array, farthest: Callable[[Array], Array], enough: float = math.inf) -> Array:
-    """Return the point of a convex set that is nearest to x, shape (3,); x where that is inside, up to rounding.
+def _nearest(x: Array, corners: Array) -> Array:
+    """Return the point of a hull that is nearest to x outside it, shape (3,), by its corners, shape (k, 3).
 
-    Points are taken in one by one, the farthest ahead; least distances by Lawson and Hanson, Ch. 23.
-
-    Args:
-        x: shape (3,).
-        first: any point of the set.
-        farthest: returns the point of the set that is farthest along a vector.
-        enough: distance from x that need only be known to be exceeded.
+    Corners are taken in one by one, the farthest ahead; least distances by Lawson and Hanson, Ch. 23.
     """
     from scipy.optimize import nnls
 
-    active, before = first[None], math.inf
+    active = [int(np.argmin(np.linalg.norm(corners - x, axis=1)))]
     while True:
-        weights = nnls(np.vstack([(active - x).T, np.ones(len(active))]), np.array([0.0, 0.0, 0.0, 1.0]))[0]
-        nearest = np.asarray(weights @ active / weights.sum())
-        distance = float(np.linalg.norm(x - nearest))
-        if not 1e-3 * SLACK < distance < before:
+        towards = corners[active] - x
+        weights = nnls(np.vstack([towards.T, np.ones(len(active))]), np.array([0.0, 0.0, 0.0, 1.0]))[0]
+        nearest = np.asarray(weights @ corners[active] / weights.sum())
+        ahead = corners @ (x - nearest)
+        farthest = int(np.argmax(ahead))
+        if farthest in active or ahead[farthest] - nearest @ (x - nearest) <= SLACK * np.linalg.norm(x - nearest):
             return nearest
-        before, towards = distance, x - nearest
-        ahead = farthest(towards)
-        height = ahead @ towards - nearest @ towards
-        if height <= max(SLACK, distance - enough) * distance or np.any(np.all(ahead == active, axis=1)):
-            return nearest
-        active = np.vstack([active[weights > 0], ahead])
+        active = [*(corner for corner, weight in zip(active, weights, strict=True) if weight > 0), farthest]
 
 
 def _qhull(points: Array) -> ConvexHull:
