@@ -46,6 +46,7 @@ def test_what_was_made_from_other_sources_is_dropped(place):
         return [file.exists() for file in files]
 
     compiled()
+    assert left() == [True, True, True]
     assert refresh(function, room, other)
     assert left() == [True, True, True]
     (room / "two.py").write_text("# changed\n")

@@ -17,7 +17,7 @@ from topo_search.model.proven import gap_percent
 from topo_search.report.run_page import run_page
 from topo_search.study import RunFolder, Silent, answer_of, prove
 from topo_search.study.answer import candidates
-from topo_search.study.proofs import bounded_alike, problem
+from topo_search.study.proofs import bounded_alike, problem, target
 
 
 class Prover:
@@ -178,6 +178,14 @@ def test_a_record_that_is_cut_off_is_refused():
     cut = chunk.model_copy(update={"packed": chunk.packed[:8]})
     with pytest.raises(ValueError, match="the record of chunk 3"):
         _ = cut.record
+
+
+def test_the_cut_is_the_best_unless_a_tree_is_as_good():
+    row = toy_problem.toy_row("a300", objective=102.0, gap=0.1)
+    assert target(row, 100.0, 0.01) == ("excluded", 100.0)
+    aim, cut = target(row, 100.0, 0.03)
+    assert aim == "within"
+    assert cut == pytest.approx(98.94)
 
 
 def test_a_proof_about_the_solvers_problem_says_so_and_the_tasks_serves_for_it(run):

@@ -101,7 +101,7 @@ class OwnConstraint:
     """Upper bound, in `unit`."""
     unit: str = ""
     version: str | None = None
-    """Change it when the expression changes. A run with an unversioned constraint is never resumed."""
+    """Change it when the expression changes. A run with an unversioned constraint is not resumed."""
     scale: float | None = None
     """A typical value, in `unit`: the constraint is met to within 1e-6 of it. Default: the arm length for m, the
     weight for N, arm length times weight for N m, the largest input for rad^2/s^2, otherwise 1."""

@@ -75,29 +75,32 @@ class Certificates:
 
 
 def _security(address: str, certificates: Certificates | None) -> Security | None:
-    """Return how a scheduler is connected to; None: without TLS, or as Dask's own configuration has it.
+    """Return how a scheduler is connected to; None: as Dask's own configuration has it.
 
     Raises:
         BadInput: certificates without TLS, or TLS without certificates.
     """
-    if not address.startswith("tls://"):
-        if certificates is not None:
+    encrypted = address.startswith("tls://")
+    if certificates is not None:
+        if not encrypted:
             raise BadInput("dask", f"must be tls://HOST:PORT for certificates, but got {address!r}")
-        return None
-    from distributed import Security
+        from distributed import Security
 
-    ends = {"tls_ca_file": "ca", "tls_client_cert": "cert", "tls_client_key": "key"}
-    given = {} if certificates is None else {name: str(getattr(certificates, end)) for name, end in ends.items()}
-    security = Security(require_encryption=True, **given)
-    known = security.get_tls_config_for_role("client")
-    needs = {"ca_file": "ca-file", "cert": "client.cert"}  # a key may be in the certificate's file
-    if lacking := [f"distributed.comm.tls.{name}" for end, name in needs.items() if known[end] is None]:
-        rule = (
-            "needs certificates with tls://HOST:PORT: give --dask-ca, --dask-cert and --dask-key (in Python: "
-            f"dask_tls), or set {' and '.join(lacking)} in Dask's configuration"
-        )
-        raise BadInput("dask", rule)
-    return security
+        ends = {"tls_ca_file": "ca", "tls_client_cert": "cert", "tls_client_key": "key"}
+        files = {name: str(getattr(certificates, end)) for name, end in ends.items()}
+        return Security(require_encryption=True, **files)
+    if encrypted:
+        import distributed  # noqa: F401 (has the defaults of the configuration)
+        from dask import config
+
+        needs = ("distributed.comm.tls.ca-file", "distributed.comm.tls.client.cert")  # a key may be in the latter
+        if lacking := [name for name in needs if config.get(name) is None]:
+            rule = (
+                "needs certificates with tls://HOST:PORT: give --dask-ca, --dask-cert and --dask-key (in Python: "
+                f"dask_tls), or set {' and '.join(lacking)} in Dask's configuration"
+            )
+            raise BadInput("dask", rule)
+    return None
 
 
 def _require_scheduler(address: str) -> None:

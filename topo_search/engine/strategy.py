@@ -254,7 +254,7 @@ class OwnSampler:
     name: str
     make: SamplerFactory
     version: str | None = None
-    """Change it when its proposals change. A run with an unversioned sampler is never resumed."""
+    """Change it when its proposals change. A run with an unversioned sampler is not resumed."""
 
     def __post_init__(self) -> None:
         """Check the fields; ValueError names the rule and the value."""

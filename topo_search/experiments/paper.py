@@ -314,10 +314,11 @@ def draw(axes: Axes, series: Sequence[tuple[str, pd.DataFrame]], column: str, si
     width = room / max(1, len(series))
     for number, (name, rows) in enumerate(series):
         colour = style(number)["color"]
+        values = [rows.loc[rows["n"] == n, column].dropna().to_numpy(float) for n in sizes]
         axes.boxplot(
-            [rows.loc[rows["n"] == n, column].dropna().to_numpy(float) for n in sizes],
+            values,
             positions=[k + (number + 0.5) * width - room / 2 for k in range(len(sizes))],
-            label=name,
+            label=name if any(map(len, values)) else None,
             widths=0.8 * width,
             whis=(0, 100),
             manage_ticks=False,
