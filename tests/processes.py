@@ -91,7 +91,7 @@ class Coordinator:
         return self.process
 
     def wait_for(self, rows):
-        """Wait until it has recorded so many rows; each has time of its own: other work may slow them."""
+        """Wait for a number of recorded rows, with a time limit for each: other work may slow them."""
         for count in range(len(recorded(self.folder)) + 1, rows + 1):
             eventually(lambda at=count: len(recorded(self.folder)) >= at or self.process.poll() is not None)
         assert self.process.poll() is None, self.process.communicate()

@@ -290,7 +290,7 @@ SMALL = (
 
 
 def limited(megabytes, *words, folder, **environment):
-    """What becomes of a command with so much address space, as of `ulimit -v`."""
+    """Result of a command with limited address space, as by `ulimit -v`."""
     size = megabytes * 2**20
     return subprocess.run(
         [sys.executable, "-m", "topo_search", *words],

@@ -32,7 +32,7 @@ def keys_by_rank(tmp_path, modules=3):
 
 
 def solved(path, key, columns):
-    """What the ledger holds of a candidate at each of its margins."""
+    """Records of a candidate in the ledger, one for each margin."""
     with closing(sqlite3.connect(path / "ledger.sqlite")) as database:
         query = f"SELECT {columns} FROM candidates WHERE key = ? ORDER BY margin"
         return list(database.execute(query, (key,)))

@@ -263,7 +263,7 @@ def harmed(content, generator):
 
 
 def damage(tmp_path, number, seed):
-    """Harm a finished run's ledger so many times, and return what came of it: the same answer, or named damage."""
+    """Damage a finished run's ledger, and count the outcomes: the same answer, or named damage."""
     run = tmp_path / "run"
     expected = toy_run(run, engine=InProcess(1))
     ledger, files = run / "ledger.sqlite", listing(run)
@@ -318,7 +318,7 @@ REPORT = "from topo_search.compose import write_report\nimport sys\nwrite_report
 
 
 def ended(coordinator):
-    """Whether a coordinator has come to its end."""
+    """True if a coordinator has ended."""
     return coordinator.process.poll() is not None
 
 

@@ -58,9 +58,9 @@ class Layout:
         share, moments = carried.tip / carried.total, carried.modules[:, None] * carried.centres
         of_B = np.concatenate([carried.modules, *moments.T, np.zeros(n)]) / carried.bodies
         self.carried = np.outer((0.0, 1.0 - share) if fixed is None else (1.0, 1.0), of_B)
-        """What the vectors of the modules add to p'_E and p_COM, shape (2, 4n)."""
+        """Contributions of the modules' vectors to p'_E and p_COM, shape (2, 4n)."""
         self.of_tip = np.array([[1.0], [share]])
-        """What p'_E, or its place from B (`nlp.numbers.masses`) where that takes it along, adds to both."""
+        """Contributions to both of p'_E, or of its offset from B (`nlp.numbers.masses`) where B carries it."""
         self.fixed = None if fixed is None else carried.lever * np.array(fixed) / Units.of(task).length
         self.moves = np.tile(self.tree.moves.T, (4, 1)).astype(float)
         """1 where an angle moves a vector of a module, shape (4n, n+2)."""

@@ -34,9 +34,9 @@ class Vertices(NamedTuple):
     t: Array
     """a_j . y_k, shape (8, frames, K, 4)."""
     added: Array
-    """What a module adds to D, shape (8, frames)."""
+    """Contribution of a module to D, shape (8, frames)."""
     kinked: Array
-    """What the kinks' width adds to that, shape (8, frames)."""
+    """Contribution of the kinks' width to that, shape (8, frames)."""
     D: Array
     """D of all vertices, shape (8 C,)."""
     share: Array
@@ -46,7 +46,7 @@ class Vertices(NamedTuple):
     of_frame: Array
     """Sum of w_v of a frame, shape (8, frames)."""
     part: Array
-    """What a module adds to a gradient, shape (8, frames, K, 6)."""
+    """Contribution of a module to a gradient, shape (8, frames, K, 6)."""
     H: Array
     rows: Array
     """The condition's three, then the vertices', shape (3 + most, K, 6)."""
@@ -63,7 +63,7 @@ class Vertices(NamedTuple):
     ridge: Array
     """r, shape (K, 6)."""
     on: NDArray[np.bool_]
-    """Whether a load case or corner counts, shape (K,)."""
+    """True if a load case or corner counts, shape (K,)."""
     y: Array
     """Multipliers that meet the condition, shape (K, 6)."""
     sigma: Array
