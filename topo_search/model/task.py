@@ -20,7 +20,14 @@ from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_vali
 from topo_search.limits import LIMITS
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
 from topo_search.model.load_case import AskedFlight, LoadCase, broken_reserves, broken_rules, labels, ten_wrenches
-from topo_search.model.module import AGREE, AIR_DENSITY, CountedRod, EndEffector, Module, ResolvedEndEffector
+from topo_search.model.module import (
+    AIR_DENSITY,
+    PRECISION,
+    CountedRod,
+    EndEffector,
+    Module,
+    ResolvedEndEffector,
+)
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
 from topo_search.model.room import (
     LARGE,
@@ -190,7 +197,7 @@ class Task(Value):
         """Yield what is wrong with the limits of rotor inputs."""
         module = self.module
         due = module.max_thrust_to_weight * module.mass * self.gravity / 4
-        if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=AGREE):
+        if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=PRECISION):
             rule = f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}"
             given = f"which is {due:.4g} N per rotor, but got {module.max_thrust}: leave one of them out"
             yield ("module", "max_thrust"), f"{rule}, {given}"
