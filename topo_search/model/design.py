@@ -27,7 +27,7 @@ from pydantic import (
 from topo_search.limits import quantity
 from topo_search.model.arrays import Array, read_only
 from topo_search.model.proven import at_least, gap_percent, lower_text, upper_text
-from topo_search.model.task import ResolvedTask, Task, before_requirement
+from topo_search.model.task import ResolvedTask, Task, with_older_defaults
 from topo_search.model.text import heading, paragraph, table
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
 from topo_search.model.value import OMIT_EMPTY, Broken, Flag, Index, Location, Number, Omitted, Value, Vector, show
@@ -208,7 +208,7 @@ class Geometry(Value):
             return value
         if isinstance(value, dict) and isinstance(end_effector := value.get("end_effector", {}), dict):
             value = {**value, "end_effector": {"rod": "none", "largest_reach": False, **end_effector}}
-        task = Task.model_validate(before_requirement(value))
+        task = Task.model_validate(with_older_defaults(value))
         return task.resolve(task.n)
 
     def _value_counts(self) -> Iterator[tuple[Location, str, int, int]]:
