@@ -137,12 +137,7 @@ class OwnConstraint:
         """Record of the constraint in a design file."""
         lower, upper = (None if math.isinf(side) else float(side) for side in (self.lower, self.upper))
         return Stated(
-            name=self.name,
-            version=self.version,
-            lower=lower,
-            upper=upper,
-            unit=self.unit,
-            invariant=self.invariant,
+            name=self.name, version=self.version, lower=lower, upper=upper, unit=self.unit, invariant=self.invariant
         )
 
 

@@ -7,15 +7,16 @@ velocities; the estimate is Reichardt's superposition of momenta, the root of th
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from topo_search.model.design import NOT_CERTIFIED, Mount, StatedCheck
+from topo_search.model.design import NOT_CERTIFIED, StatedCheck
 from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
-from topo_search.model.flight import CasePower, Flight
+from topo_search.model.flight import CasePower, Flight, Size
+from topo_search.model.module import Mount
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.text import csv_text, heading, paragraph, table
 from topo_search.model.value import OMIT_EMPTY, Flag, Index, NonNegative, Number, Omitted, Value, Vector
@@ -44,11 +45,9 @@ class Obstacle(Value):
     """`hub`, `arm 0`, ..., `rotor 3`."""
 
 
-class FreeConnector(Value):
+class FreeConnector(Mount):
     """Connector without a joint, a possible mount for the end-effector's rod."""
 
-    module: Index
-    port: Index
     length_m: Number
     """From the connector to the end-effector [m]."""
     blocked_by: tuple[Obstacle, ...]
@@ -138,8 +137,7 @@ class Status(StrEnum):
 
         A proven violation outranks undecided clearances; a fault of the audit itself outranks everything.
         """
-        order = list(cls)
-        return max(statuses, key=order.index, default=cls.CLEAR)
+        return max(statuses, key=list(cls).index, default=cls.CLEAR)
 
 
 Kind = Literal[
@@ -378,12 +376,13 @@ class Audit(Value):
         """Show the verdict, the smallest clearances and all failures in a notebook."""
         nearest = sorted(self.pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
         not_clear = sum(pair.status is not Status.CLEAR for pair in self.pairs)
+
+        def bound(value: float | None, text: Callable[[float], str]) -> str | None:
+            return None if value is None else text(value)
+
         pairs = [
-            (
-                *(pair.name, pair.status, None if pair.lower_m is None else lower_text(pair.lower_m)),
-                *(None if pair.upper_m is None else upper_text(pair.upper_m), lower_text(pair.analytic_m)),
-            )
-            for pair in nearest[: max(not_clear, 10)]  # at least ten
+            (p.name, p.status, bound(p.lower_m, lower_text), bound(p.upper_m, upper_text), lower_text(p.analytic_m))
+            for p in nearest[: max(not_clear, 10)]  # at least ten
         ]
         html = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
         html += paragraph(self.inputs_words) if self.inputs_words is not None else ""
@@ -391,11 +390,8 @@ class Audit(Value):
         html += table(head, pairs)
         if failures := [residual for residual in self.residuals if residual.status is not Status.CLEAR]:
             rows = [
-                (
-                    *(row.name, upper_text(row.value), row.unit, upper_text(row.scaled)),
-                    *(lower_text(row.tolerance), row.status),
-                )
-                for row in failures
+                (r.name, upper_text(r.value), r.unit, upper_text(r.scaled), lower_text(r.tolerance), r.status)
+                for r in failures
             ]
             html += heading("not met:") + table(("name", "value", "unit", "scaled", "tolerance", "status"), rows)
         if self.stated:
@@ -404,22 +400,18 @@ class Audit(Value):
         return html
 
 
-Speed = Annotated[float, Field(strict=True, ge=0)]
-"""[m/s]"""
-
-
 class RegionAir(Value):
     """Air speeds in the region of an exposure requirement in one load case."""
 
     name: str
     """Name of the requirement."""
-    speed_m_s: Speed
+    speed_m_s: Size
     """Largest speed found at a point of the region [m/s]."""
-    speed_at_most_m_s: Speed
+    speed_at_most_m_s: Size
     """Proven upper bound of the speed in the region, by the model [m/s]."""
-    estimate_m_s: Speed
+    estimate_m_s: Size
     """Reichardt's estimate at the point of `speed_m_s` [m/s]."""
-    limit_m_s: Speed | None = None
+    limit_m_s: Size | None = None
     """Limit, the requirement's `speed` [m/s]; None without one."""
     status: Literal["clear", "undecided", "violated"] | None = None
     """Verdict on the limit; None without a limit."""
@@ -430,7 +422,7 @@ class RotorAir(Value):
 
     module: Index
     rotor: Index
-    ingested_m_s: Speed
+    ingested_m_s: Size
     """Sum of the speeds of their jets [m/s]."""
     thrust_loss: Annotated[float, Field(strict=True, ge=0, le=1)]
     """Share of the rotor's thrust lost."""
@@ -441,9 +433,9 @@ class CaseAir(Value):
 
     name: str
     """Name of the load case."""
-    tip_m_s: Speed
-    """Speed at the end-effector [m/s]."""
-    tip_estimate_m_s: Speed
+    tip_m_s: Size
+    """Size at the end-effector [m/s]."""
+    tip_estimate_m_s: Size
     """Reichardt's estimate at the end-effector [m/s]."""
     regions: tuple[RegionAir, ...] = ()
     """One entry per exposure requirement."""
@@ -496,22 +488,22 @@ class AirSpeeds(Value):
 class EnvelopeAir(Value):
     """Largest speeds on the airflow envelope of a single module in free air, proven to 0.1 % for the model."""
 
-    side_m_s: Speed
+    side_m_s: Size
     """On the side of the cone [m/s]."""
-    side_merged_m_s: Speed | None
+    side_merged_m_s: Size | None
     """The same below the point where the rotors' jets merge [m/s]; None if the side ends above it."""
-    end_m_s: Speed
+    end_m_s: Size
     """On the far ball [m/s]."""
-    rotor_plane_m_s: Speed
+    rotor_plane_m_s: Size
     """In the plane of the rotors, outside the envelope [m/s]."""
 
 
 class SpeedEnvelope(Value):
     """Cone-sphere around all air of a module above a speed; the smallest one, to a percent."""
 
-    start_radius_m: Speed
-    spread_angle_deg: Speed
-    reach_m: Speed
-    volume_m3: Speed
-    least_volume_m3: Speed
+    start_radius_m: Size
+    spread_angle_deg: Size
+    reach_m: Size
+    volume_m3: Size
+    least_volume_m3: Size
     """Lower bound for the volume of such a cone-sphere that starts at the module's centre and widens downwards."""

@@ -157,7 +157,8 @@ def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
         True if the cache was up to date.
     """
     sources = sorted(room.glob("*.py"))
-    contents = b"".join(source.read_bytes() for source in (*sources, *_files(others)))
+    called = [path for other in others for path in (sorted(other.glob("*.py")) if other.is_dir() else [other])]
+    contents = b"".join(source.read_bytes() for source in (*sources, *called))
     digest = hashlib.sha256(contents).hexdigest().encode()
     folder = Path(dispatcher.stats.cache_path)
     mark = folder / f"{room.name}.sha256"
@@ -171,8 +172,3 @@ def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
     partial.write_bytes(digest)
     partial.replace(mark)
     return False
-
-
-def _files(paths: tuple[Path, ...]) -> Iterator[Path]:
-    for path in paths:
-        yield from sorted(path.glob("*.py")) if path.is_dir() else (path,)

@@ -26,6 +26,7 @@ from pydantic import (
 
 from topo_search.limits import quantity
 from topo_search.model.arrays import Array, read_only
+from topo_search.model.module import Mount
 from topo_search.model.proven import at_least, gap_percent, lower_text, upper_text
 from topo_search.model.task import ResolvedTask, Task, with_older_defaults
 from topo_search.model.text import heading, paragraph, table
@@ -165,14 +166,6 @@ class SolverRecord(Value):
         return sum(J - min(self.objectives) <= same * J for J in self.objectives)
 
 
-class Mount(Value):
-    """The free connector from which a straight rod carries the end-effector."""
-
-    module: Index
-    port: Annotated[int, Field(strict=True, ge=0, le=3)]
-    """0..3 for +x, +y, -x, -y."""
-
-
 class Geometry(Value):
     """Platform for a task without rotor inputs, as in a design file that omits them.
 
@@ -220,14 +213,12 @@ class Geometry(Value):
     def _broken_rules(self) -> Broken:
         mismatches = (row for row in self._value_counts() if row[2] != row[3])
         yield from ((field, f"{rule}, {due}, but got {count}") for field, rule, due, count in mismatches)
-        counted_rod = self.task.end_effector.counted_rod
-        if counted_rod is not None and self.mount != Mount(module=counted_rod.module, port=counted_rod.port):
-            actual_port = "none" if self.mount is None else f"port {self.mount.port} of module {self.mount.module}"
-            due = f"port {counted_rod.port} of module {counted_rod.module}"
-            yield "mount", f"must be that of `task.end_effector.counted_rod`, {due}, but got {actual_port}"
-        if self.mount is not None and (self.mount.module, self.mount.port) not in self.topology.free_connectors:
-            actual_port = f"port {self.mount.port} of module {self.mount.module}"
-            yield "mount", f"must be a connector without a joint, but got {actual_port}"
+        mount, rod = self.mount, self.task.end_effector.counted_rod
+        given = "none" if mount is None else mount.words
+        if rod is not None and mount != Mount(module=rod.module, port=rod.port):
+            yield "mount", f"must be that of `task.end_effector.counted_rod`, {rod.words}, but got {given}"
+        if mount is not None and (mount.module, mount.port) not in self.topology.free_connectors:
+            yield "mount", f"must be a connector without a joint, but got {given}"
 
 
 class Design(Geometry):

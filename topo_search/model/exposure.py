@@ -139,13 +139,10 @@ class Local(Region):
             rule = "must have one of `radius`, `box`, `vertices`, `pieces` and `mesh`"
             refuse(((), f"{rule}, but got {' and '.join(shapes)}"))
         data = dict(data)
-        mesh = take_mesh(data, "vertices", info.context)
+        mesh = take_mesh(data, "vertices", info.context, convex_pieces)
         if mesh is None:
             return data if shapes else {**data, "radius": 0.15}
-        try:
-            corners, excess = convex_pieces(mesh)
-        except ValueError as error:
-            refuse(("mesh", str(error)))
+        corners, excess = mesh
         pieces = [points.tolist() for points in corners]
         shape = {"vertices": pieces[0]} if len(pieces) == 1 else {"pieces": pieces}
         return {**data, **shape, "mesh_excess": excess if any(excess) else None}

@@ -11,10 +11,10 @@ import io
 import math
 import re
 from codecs import BOM_UTF8
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Never
+from typing import Annotated, Any, NamedTuple, Never, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,7 @@ from topo_search.model.value import (
 )
 
 Triangles = NDArray[np.intp]
+Result = TypeVar("Result")
 
 LARGEST_COORDINATE = 1e15
 """Largest absolute value of a coordinate [m]."""
@@ -81,13 +82,16 @@ def mesh_schema(schema: dict[str, Any]) -> None:
     schema["properties"] |= MeshFile.model_json_schema()["properties"]
 
 
-def take_mesh(data: dict[str, Any], replaces: str, context: Any) -> Surface | None:
-    """Return the mesh that a table of a task file names, if any, and remove its fields from the data.
+def take_mesh(
+    data: dict[str, Any], replaces: str, context: Any, convert: Callable[[Surface], Result]
+) -> Result | None:
+    """Return the converted mesh that a table of a task file names, if any, and remove its fields from the data.
 
     Args:
         data: the table; changed.
         replaces: the field that the mesh replaces.
         context: `Folder` of the file; anything else: no file may be named.
+        convert: function of the surface; a ValueError names the rule that the mesh breaks.
 
     Raises:
         ValidationError: a field is wrong, or the file has no surface.
@@ -109,7 +113,7 @@ def take_mesh(data: dict[str, Any], replaces: str, context: Any) -> Surface | No
     file = MeshFile.model_validate(fields)
     path = context.path / name
     try:
-        return surface(path, file.scale, file.offset)
+        return convert(surface(path, file.scale, file.offset))
     except OSError as error:
         refuse_mesh(f"must be a file that can be read ({to_printable(path)}: {error.strerror})")
     except ValueError as error:
@@ -210,10 +214,8 @@ def _parts(vertices: Array, triangles: Triangles) -> list[Surface]:
     part = np.where(is_open[part], number, part)
     _, first = np.unique(np.sort(part), return_index=True)
     faces = np.split(triangles[np.argsort(part, kind="stable")], first[1:])
-    closed_flags = [*[True] * (len(faces) - 1), not is_open.any()]
-    return [
-        _compact(vertices, shell)._replace(closed=closed) for shell, closed in zip(faces, closed_flags, strict=True)
-    ]
+    closed = [*[True] * (len(faces) - 1), not is_open.any()]
+    return [_compact(vertices, shell)._replace(closed=flag) for shell, flag in zip(faces, closed, strict=True)]
 
 
 def _without_inner(bodies: list[Surface]) -> list[Surface]:
@@ -320,10 +322,8 @@ def _obj(content: bytes) -> tuple[bytes, int]:
             if word == b"v":
                 if len(arguments) < 3:
                     raise ValueError(f"must have three numbers per vertex, but got {len(arguments)}")
-                if misplaced := statements.intersection(arguments[3:]):  # weights and colours are numbers
-                    raise ValueError(
-                        f"must have a line per vertex and facet, but got {show(_text(min(misplaced)))}"
-                    )
+                if extra := statements.intersection(arguments[3:]):  # weights and colours are numbers
+                    raise ValueError(f"must have a line per vertex and facet, but got {show(_text(min(extra)))}")
                 lines.append(b"v " + b" ".join(map(_coordinate, arguments[:3])))
                 vertices += 1
             elif word == b"f":

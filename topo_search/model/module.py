@@ -98,12 +98,22 @@ Position = Annotated[Literal["free"] | Literal["com"] | Vector, OneOf('must be "
 Reach = Annotated[Positive | Literal[False], OneOf("must be a length in metres or false")]
 
 
-class CountedRod(Value):
-    """Rod of a design whose weight counts in the load cases."""
+class Mount(Value):
+    """Connector from which a straight rod carries the end-effector."""
 
     module: Index
     port: Annotated[int, Field(strict=True, ge=0, le=3)]
-    """Connector of the rod; 0..3 for +x, +y, -x, -y."""
+    """0..3 for +x, +y, -x, -y."""
+
+    @property
+    def words(self) -> str:
+        """Name of the connector."""
+        return f"port {self.port} of module {self.module}"
+
+
+class CountedRod(Mount):
+    """Rod of a design whose weight counts in the load cases, and its connector."""
+
     mass: NonNegative
     """Mass of the rod [kg]."""
 
@@ -250,10 +260,6 @@ class RegionAirflow(Value):
     """Distance from the module's centre to the far end [m]; default: same as between modules."""
 
 
-def _none_if_false(value: object) -> object:
-    return None if value is False else value
-
-
 Thrust = Annotated[
     Literal["hover", "full"] | Positive, OneOf('must be "hover", "full" or a thrust over the weight')
 ]
@@ -270,7 +276,7 @@ class Airflow(Value):
     """Distance from the module's centre to the far end of the envelope [m]; default: 20 arm_length / sqrt(2)."""
     jet: Annotated[Jet, omit_if(Jet())] = Jet()
     """Jet model for the air speeds of the audit; omitted from files where it has its defaults."""
-    regions: Annotated[Omitted[RegionAirflow], BeforeValidator(_none_if_false)] = None
+    regions: Annotated[Omitted[RegionAirflow], BeforeValidator(lambda x: None if x is False else x)] = None
     """Envelope for target regions; without this table, or if false: same as between modules."""
     speed: Omitted[Positive] = None
     """Instead of `regions`: their envelope is the smallest cone-sphere around all air of a module at this speed or
@@ -308,15 +314,12 @@ class Body(Value):
         if not isinstance(data, dict):
             return data
         frame, data = data.get("frame"), dict(data)
-        mesh = take_mesh(data, "frame", info.context)
-        if mesh is None:
+        pieces = take_mesh(data, "frame", info.context, frame_of)
+        if pieces is None:
             return data
         if frame is not None:
             refuse(("mesh", "must be left out where `frame` is given"))
-        try:
-            return {**data, "frame": frame_of(mesh)}
-        except ValueError as error:
-            refuse(("mesh", str(error)))
+        return {**data, "frame": pieces}
 
     def _broken_rules(self) -> Broken:
         if (triangles := sum(len(piece.triangles) for piece in self.frame or ())) > LIMITS.frame_triangles:
@@ -403,10 +406,8 @@ class Module(Value):
         k_f = data.get("thrust_coefficient", cls.model_fields["thrust_coefficient"].default)
         factors = data.get("torque_to_thrust"), k_f
         # other values are refused by their own fields
-        are_numbers = all(
-            isinstance(x, int | float) and not isinstance(x, bool) and 1e-15 <= x <= 1e15 for x in factors
-        )
-        return {**data, "torque_coefficient": factors[0] * factors[1]} if are_numbers else data
+        valid = all(isinstance(x, int | float) and not isinstance(x, bool) and 1e-15 <= x <= 1e15 for x in factors)
+        return {**data, "torque_coefficient": factors[0] * factors[1]} if valid else data
 
     def _broken_rules(self) -> Broken:
         ratio, due = self.torque_to_thrust, self.torque_coefficient / self.thrust_coefficient

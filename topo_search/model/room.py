@@ -136,7 +136,7 @@ def _elevation(module: Module, d: float) -> float:
     Along an edge the elevation is monotonic up to z = 0, so it is largest at an end of the part beyond d.
     """
     edges, largest = _frame_edges(module), 0.0
-    for outwards in ([1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]):
+    for outwards in PORT_DIRECTIONS[:, :2]:
         seen = np.stack([module.connector_distance - edges[..., :2] @ outwards, edges[..., 2]], axis=-1)
         if seen[..., 0].min() <= -d:
             return math.pi  # reaches as far beyond the axis as the neighbour's rotors
@@ -303,12 +303,9 @@ def join(intervals: list[tuple[float, float]]) -> Folds:
         if joined and low - joined[-1][1] < LENGTH_ROUNDING:
             low, _ = joined.pop()
         joined.append((low, high))
-    right_angle = math.pi / 2
+    limit = math.pi / 2
     return tuple(
-        (
-            -right_angle if right_angle + low < LENGTH_ROUNDING else low,
-            right_angle if right_angle - high < LENGTH_ROUNDING else high,
-        )
+        (-limit if limit + low < LENGTH_ROUNDING else low, limit if limit - high < LENGTH_ROUNDING else high)
         for low, high in joined
     )
 
@@ -325,7 +322,7 @@ def _pairs(module: Module) -> list[tuple[_Part, _Part]]:
     rotors = [_Part(disc - centre, body.rotor_radius) for disc in discs]
     parts = [_Part(disc + centre, body.rotor_radius) for disc in discs]
     frames: dict[bytes, Array] = {}  # without duplicates: arms look the same from every port
-    for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
+    for x, y, _ in PORT_DIRECTIONS:
         to_port = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
         for corners in frame_pieces(module):
             seen = corners @ (towards @ to_port).T + centre

@@ -156,10 +156,8 @@ class Level(NamedTuple):
     @property
     def words(self) -> str:
         """Assignments of fields, as in a task file."""
-        settings = [
-            (goal.field, value) for goal, value in zip(GOALS.values(), self, strict=True) if value is not None
-        ]
-        texts = [f"{field} = {f'{v:g}' if isinstance(v, float) else show(v)}" for field, v in settings]
+        items = [(goal.field, value) for goal, value in zip(GOALS.values(), self, strict=True) if value is not None]
+        texts = [f"{field} = {f'{v:g}' if isinstance(v, float) else show(v)}" for field, v in items]
         return ", ".join(texts) or "the task as it is"
 
 

@@ -20,14 +20,7 @@ from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_vali
 from topo_search.limits import LIMITS
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
 from topo_search.model.load_case import AskedFlight, LoadCase, broken_reserves, broken_rules, labels, ten_wrenches
-from topo_search.model.module import (
-    AIR_DENSITY,
-    PRECISION,
-    CountedRod,
-    EndEffector,
-    Module,
-    ResolvedEndEffector,
-)
+from topo_search.model.module import AIR_DENSITY, PRECISION, CountedRod, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
 from topo_search.model.room import (
     LARGE,
@@ -212,10 +205,8 @@ class Task(Value):
             return
         if not any(low <= math.radians(angle) <= high for angle in angles for low, high in folds):
             field = "hinge_step_deg" if self.search.hinge_angles_deg is None else "hinge_angles_deg"
-            text = (
-                f"must have an angle that keeps rotors clear of a neighbour, {folds_text(folds, ' deg')}, but got "
-            )
-            yield ("search", field), text + show(getattr(self.search, field))
+            rule = f"must have an angle that keeps rotors clear of a neighbour, {folds_text(folds, ' deg')}"
+            yield ("search", field), f"{rule}, but got {show(getattr(self.search, field))}"
 
     def _broken_flight(self) -> Broken:
         """Yield contradictions and missing fields of the required capabilities."""

@@ -55,6 +55,7 @@ RULES = {
     "string_too_long": "must have at most {max_length} characters",
     "string_too_short": "must not be empty",
     "string_type": "must be a text",
+    "too_short": "must have at least one entry",
     "tuple_type": "must be a list",
     "union_tag_invalid": "must be one of {expected_tags}",
     "value_error": "{error}",
@@ -374,15 +375,6 @@ Type = TypeVar("Type")
 Omitted = Annotated[Type | None, Field(exclude_if=lambda value: value is None)]
 """Field that files omit where it is None."""
 
-Entries = TypeVar("Entries", bound=tuple[Any, ...])
-
-
-def _not_empty(entries: Entries) -> Entries:
-    if not entries:
-        raise ValueError("must have at least one entry")
-    return entries
-
-
 Number = Annotated[float, Field(strict=True)]
 """Finite number; strings and booleans are refused."""
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=1e15)]
@@ -398,7 +390,7 @@ Count = Annotated[int, Field(strict=True, ge=1, le=LIMITS.modules)]
 Flag = Annotated[bool, Field(strict=True)]
 Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_three)]
 PositiveVector = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_three)]
-NonEmpty = AfterValidator(_not_empty)
+NonEmpty = Field(min_length=1)
 
 
 def is_zero(vector: Vector) -> bool:
