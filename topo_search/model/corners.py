@@ -27,7 +27,7 @@ from topo_search.model.load_case import (
     PLACES,
     AskedFlight,
     LoadCase,
-    Place,
+    PointSuffix,
     box_corners,
     cap,
     centres,
@@ -180,7 +180,7 @@ def failure_corners(task: ResolvedTask, *, inner: bool = False) -> list[list[Cor
     return groups
 
 
-def _corners(words: str, case: LoadCase, field: str, vectors: Array, point: Place = "") -> list[Corner]:
+def _corners(words: str, case: LoadCase, field: str, vectors: Array, point: PointSuffix = "") -> list[Corner]:
     """Return a load case with vectors added to its force or torque, shape (c, 3) [N, N m]."""
     base, side = (case.at_com, "com") if point else (case.at_end_effector, "end_effector")
     corners = list[Corner]()

@@ -64,13 +64,11 @@ class Stated(Versioned):
     @property
     def bounds(self) -> str:
         """Bounds in words."""
-        sides = (
-            None if self.lower is None else f"at least {self.lower:g}",
-            None if self.upper is None else f"at most {self.upper:g}",
-        )
+        sides = [("at least", self.lower), ("at most", self.upper)]
         if self.lower == self.upper:
-            return f"equal to {self.lower:g} {self.unit}".rstrip()
-        return f"{' and '.join(side for side in sides if side is not None)} {self.unit}".rstrip()
+            sides = [("equal to", self.lower)]
+        text = " and ".join(f"{words} {side:g}" for words, side in sides if side is not None)
+        return f"{text} {self.unit}".rstrip()
 
 
 class StatedCheck(Stated):

@@ -37,7 +37,7 @@ from pydantic import AfterValidator, Field
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
 from topo_search.model.exposure import Direction
-from topo_search.model.shape import NOWHERE
+from topo_search.model.shape import ORIGIN
 from topo_search.model.value import (
     OMIT_EMPTY,
     Angle,
@@ -239,12 +239,12 @@ AXIS_DISTANCE, DIAGONAL_DISTANCE = math.sqrt(5) / 2, math.sqrt(5 / 3)
 whose circumradius is sqrt(5/2) and whose faces are sqrt(2) and sqrt(3/2) from the centre."""
 LargestLoad = Annotated[Positive | Literal["rated"], OneOf('must be a number or "rated"')]
 Failing = Literal["none", "hover", "all"]
-Place = Literal["", "_com"]
-PLACES: dict[str, tuple[Place, ...]] = {"tip": ("",), "com": ("_com",), "both": ("", "_com")}
+PointSuffix = Literal["", "_com"]
+PLACES: dict[str, tuple[PointSuffix, ...]] = {"tip": ("",), "com": ("_com",), "both": ("", "_com")}
 """Suffixes of a force reserve's name in an audit, by `flight.at`: at the end-effector, at the centre of mass."""
-AT: dict[Place, str] = {"": "", "_com": " at the centre of mass"}
+AT: dict[PointSuffix, str] = {"": "", "_com": " at the centre of mass"}
 """Words for the point of action, after those for the reserve."""
-Centre = tuple[int, str, LoadCase]
+ReserveCentre = tuple[int, str, LoadCase]
 """Centre of a reserve: number (0: hover, k + 1: load case k), label, load case."""
 
 
@@ -269,7 +269,7 @@ class AskedFlight(Value):
     accelerations required here with all rotors alive, remain possible [m]."""
     tilt_deg: Annotated[Angle, omit_if(0.0)] = 0.0
     """Hover is possible at any tilt up to this, in every direction [deg]."""
-    angular_acceleration: Annotated[tuple[NonNegative, NonNegative, NonNegative], omit_if(NOWHERE)] = NOWHERE
+    angular_acceleration: Annotated[tuple[NonNegative, NonNegative, NonNegative], omit_if(ORIGIN)] = ORIGIN
     """Angular acceleration about x, y and z of the body, one at a time, in both senses, with unchanged force
     [rad/s^2]."""
     allocator: Annotated[Literal["optimal", "pseudo-inverse"], omit_if("optimal")] = "optimal"
@@ -329,12 +329,12 @@ class AskedFlight(Value):
         return self.model_copy(update={name: r * ratio for name, r in radii.items() if r is not None})
 
 
-def centres(task: ResolvedTask) -> list[Centre]:
+def centres(task: ResolvedTask) -> list[ReserveCentre]:
     """Return the centres of the required reserves; none if no reserves are required."""
     return centres_of(task, task.flight.around) if task.flight.keeps_reserves else []
 
 
-def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[Centre]:
+def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[ReserveCentre]:
     """Return hover, or hover and every load case that carries the weight, all without effort."""
     weight = task.force_unit(task.n)
     hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, weight)), weight=0.0)

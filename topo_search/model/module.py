@@ -325,7 +325,7 @@ class Body(Value):
         if (triangles := sum(len(piece.triangles) for piece in self.frame or ())) > LIMITS.frame_triangles:
             yield "frame", f"must have at most {LIMITS.frame_triangles:,} triangles in all, but got {triangles:,}"
         if self.frame is not None and self.inertia is None:
-            yield "inertia", "must be given with a `frame` or `mesh` of its own, but is missing"
+            yield "inertia", "must be given with a custom `frame` or `mesh`, but is missing"
         if self.inertia is not None and 2 * max(self.inertia) > sum(self.inertia) * (1 + 1e-12):
             yield "inertia", f"no moment may exceed the sum of the other two, but got {list(self.inertia)}"
 

@@ -90,9 +90,9 @@ A frame as high as the default hub at its connector needs 20 mm when folded by 9
 OUTWARDS = 0.05
 """The same in front of that plane [l_c]: room for a fitting, 7.5 mm for the default module."""
 FINEST = 0.25
-"""Largest radius of the balls around parts, unless that takes more than `MOST_BOXES` [l_arm]."""
+"""Largest radius of balls around parts other than rotors, unless that takes more than `MOST_BOXES` [l_arm]."""
 MOST_BOXES = 24
-"""Largest number of balls around parts besides rotors, or more for a frame of more pieces."""
+"""Largest number of balls around parts other than rotors, unless the frame has more pieces."""
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of a box with edges of 1."""
 

@@ -74,9 +74,8 @@ def decode(content: bytes, encoding: str = "utf-8") -> str:
     try:
         return content.decode(encoding)
     except UnicodeDecodeError as error:
-        offset = error.start + len(content) - len(error.object)  # a codec drops the byte order mark
-        rule = f"must be UTF-8 text, but got the byte {content[offset]:#04x} at offset {offset}"
-        raise NotReadable(rule) from None
+        i = error.start + len(content) - len(error.object)  # a codec drops the byte order mark
+        raise NotReadable(f"must be UTF-8 text, but got the byte {content[i]:#04x} at offset {i}") from None
 
 
 def read_text(path: str | Path, *, most_bytes: int) -> str:

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.corners import to_corners
-from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope
+from topo_search.model.shape import ORIGIN, Capsule, Cone, Polytope
 from topo_search.topologies.rooted import Group, Symmetry, group_of
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ class _Kind(NamedTuple):
     """Vectors of the f features, polar ones first, shape (f, m + k, 3)."""
     signs: Array
     """Signs of P v under O = -P: -1 for polar vectors, 1 for axial ones, shape (m + k, 1)."""
-    alike: NDArray[np.bool_]
+    same_scalars: NDArray[np.bool_]
     """True where two features have the same scalars, shape (f, f)."""
     ordered: bool
     """False for regions, whose vectors are unordered."""
@@ -78,8 +78,8 @@ class _Kind(NamedTuple):
         first = features[0]
         scalars = np.array([feature.scalars for feature in features])
         signs = np.repeat([-1.0, 1.0], [len(first.polar), len(first.axial)])[:, None]
-        alike = np.isclose(scalars[:, None], scalars, rtol=TOLERANCE, atol=0.0).all(axis=-1)
-        return cls(np.array([feature.vectors for feature in features]), signs, alike, first.kind != REGION)
+        same_scalars = np.isclose(scalars[:, None], scalars, rtol=TOLERANCE, atol=0.0).all(axis=-1)
+        return cls(np.array([feature.vectors for feature in features]), signs, same_scalars, first.kind != REGION)
 
     def maps_onto_itself(self, P: Array) -> bool:
         """True if O = -P maps each of the features onto one of them."""
@@ -90,7 +90,7 @@ class _Kind(NamedTuple):
             pairs = (_are_same(image[:, None], self.vectors[:, None]) for image in images)  # (f, m, m) each
             matches = [np.all(pair.any(axis=1), axis=1) & np.all(pair.any(axis=2), axis=1) for pair in pairs]
             equal = np.array(matches)
-        return bool(np.all(np.any(self.alike & equal, axis=1)))
+        return bool(np.all(np.any(self.same_scalars & equal, axis=1)))
 
 
 @lru_cache(maxsize=16)
@@ -134,7 +134,7 @@ def _features(task: ResolvedTask) -> list[_Feature]:
                     features.append(_Feature(REGION, needs, V, none))
                 case Capsule(length=None, start=start, end=end) if start != end:
                     orders = ((start, end), (end, start))  # unordered ends: one feature per order
-                    for pair in [order for order in orders if NOWHERE not in (start, end) or order[0] == NOWHERE]:
+                    for pair in [order for order in orders if ORIGIN not in (start, end) or order[0] == ORIGIN]:
                         polar = _clean(np.array(pair), l_arm)
                         features.append(_Feature("segment", (shape.radius, *needs), polar, none))
                 case Cone(axis=(_, _, _)):
