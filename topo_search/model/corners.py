@@ -94,7 +94,7 @@ class CorneredTask(ResolvedTask):
 
 @lru_cache(maxsize=32)
 def to_corners(task: ResolvedTask, *, inner: bool = False) -> ResolvedTask:
-    """Return the task with all sets of wrenches, reserves and failures expanded to corners; itself without any.
+    """Return the task with sets of wrenches, reserves and failures expanded to corners; itself if there are none.
 
     Args:
         task: the task.
@@ -124,7 +124,7 @@ def corners_of(task: ResolvedTask) -> list[tuple[str, LoadCase]]:
 
 
 def _with_corners(task: ResolvedTask, corners: list[Corner], groups: list[int]) -> CorneredTask:
-    """Return a validated task with corners as load cases, possibly more than a file may have."""
+    """Return a task with corners as load cases, unvalidated: there may be more than in any file."""
     single = (case.model_copy(update={"cone": None, "vertices": ()}) for case in task.load_cases)
     cases = (*single, *(corner.case for corner in corners))
     fields = {**dict(task), "load_cases": cases, "flight": AskedFlight()}

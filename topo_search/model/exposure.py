@@ -126,7 +126,7 @@ class Local(Region):
     mesh_excess: Omitted[Annotated[tuple[NonNegative, ...], at_most(LIMITS.pieces)]] = None
     """Upper bound for the excess of each piece over its source mesh [m]; None without excess."""
     solid: Solid = False
-    """True if rigid parts must stay out too, and the rod except its tip, unless p_E is inside."""
+    """True if rigid parts must stay out too; so must the rod except its tip, unless p_E is inside."""
 
     @model_validator(mode="before")
     @classmethod

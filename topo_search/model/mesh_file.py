@@ -31,10 +31,10 @@ from topo_search.model.value import (
     Value,
     Vector,
     at_most,
-    of_file,
     refuse,
     show,
     to_printable,
+    with_file_name,
 )
 
 Triangles = NDArray[np.intp]
@@ -98,12 +98,12 @@ def take_mesh(
     """
     fields = {name: data.pop(name) for name in MeshFile.model_fields if data.get(name) is not None}
     if "mesh" not in fields:
-        refuse(*((name, "must be left out where there is no `mesh`") for name in fields))
+        refuse(*((name, "must be left out without a `mesh`") for name in fields))
         return None
     name = fields["mesh"]
 
     def refuse_mesh(text: str) -> Never:
-        refuse(("mesh", of_file(text, name)))
+        refuse(("mesh", with_file_name(text, name)))
         raise AssertionError
 
     if not isinstance(context, Folder):

@@ -286,7 +286,7 @@ class Airflow(Value):
 
     def _broken_rules(self) -> Broken:
         if self.speed is not None and self.regions is not None:
-            yield "speed", "must be left out where `regions` is given"
+            yield "speed", "must be left out if `regions` is given"
 
 
 class Body(Value):
@@ -318,7 +318,7 @@ class Body(Value):
         if pieces is None:
             return data
         if frame is not None:
-            refuse(("mesh", "must be left out where `frame` is given"))
+            refuse(("mesh", "must be left out if `frame` is given"))
         return {**data, "frame": pieces}
 
     def _broken_rules(self) -> Broken:
@@ -432,8 +432,7 @@ class Module(Value):
     @property
     def start_radius(self) -> float:
         """r_air: radius of the envelope at the module's centre [m]."""
-        start_radius = self.airflow.start_radius
-        return self.arm_length if start_radius is None else start_radius
+        return self.airflow.start_radius or self.arm_length
 
     @property
     def reach(self) -> float:
@@ -442,8 +441,7 @@ class Module(Value):
         The paper's 20 l_arm / sqrt(2) is taken as the end of the volume, including the far ball. Taken as the
         length of the axis, the reach would be r_air + 20 l_arm / sqrt(2) (1 + tan(theta_air / 2)), 1.638 m.
         """
-        reach = self.airflow.reach
-        return 20 * self.arm_length / math.sqrt(2) if reach is None else reach
+        return self.airflow.reach or 20 * self.arm_length / math.sqrt(2)
 
     @property
     def envelope(self) -> AirflowEnvelope:
@@ -456,9 +454,8 @@ class Module(Value):
         regions = self.airflow.regions
         if regions is None:
             return None
-        start, reach = regions.start_radius, self.reach if regions.reach is None else regions.reach
-        start = self.arm_length + self.body.rotor_radius if start is None else start
-        return FilledAirflow(start, regions.spread_angle_deg, reach)
+        start = regions.start_radius or self.arm_length + self.body.rotor_radius
+        return FilledAirflow(start, regions.spread_angle_deg, regions.reach or self.reach)
 
     @property
     def region_envelope(self) -> AirflowEnvelope:

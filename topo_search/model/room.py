@@ -216,13 +216,13 @@ def intersect(some: Folds, others: Folds) -> Folds:
 def folds_text(folds: Folds, unit: str) -> str:
     """Return the ranges of folds in words, in degrees with a suffix for the unit, rounded to the safe side."""
     mirrored = tuple((-high, -low) for low, high in reversed(folds)) == folds
-    ways = [(max(low, 0.0), high) for low, high in folds if high > 0] if mirrored else folds
-    limits = [excess_texts(math.degrees(high), math.degrees(low), 3) for low, high in ways]
+    ranges = [(max(low, 0.0), high) for low, high in folds if high > 0] if mirrored else folds
+    limits = [excess_texts(math.degrees(high), math.degrees(low), 3) for low, high in ranges]
     texts = [f"{low} to {high}{unit}" for high, low in limits]
-    if mirrored and ways[0][0] == 0:
+    if mirrored and ranges[0][0] == 0:
         texts[0] = f"at most {limits[0][0]}{unit}"
     text = " or ".join(texts)
-    return text if mirrored else f"{text}, counted positive where airflows lean apart"
+    return text if mirrored else f"{text}, positive if airflows lean apart"
 
 
 @dataclass(frozen=True)
@@ -236,7 +236,7 @@ class _Part:
 
     @property
     def rho(self) -> float:
-        """Largest distance of the part's points from the hinge's axis [m]."""
+        """Largest distance of the part's points from the hinge axis [m]."""
         return float(np.hypot(np.abs(self.corners[:, 0]) + self.radius, self.corners[:, 2]).max())
 
     @property
@@ -254,19 +254,19 @@ class _Part:
 def _search_clear_folds(module: Module, margin: float) -> Folds:
     """Return certified intervals of clear folds."""
     pairs = _pairs(module)
-    even = module.body.frame is None  # hubs, arms and rotors are symmetric about z = 0
+    symmetric = module.body.frame is None  # hubs, arms and rotors are symmetric about z = 0
 
     def slack(phi: Array, h: float) -> tuple[Array, float]:
         """Return the least clearance of all pairs over the largest possible loss in the interval."""
         least = np.full(len(phi), math.inf)
         for A, B in pairs:
-            room = min(A.rho, B.rho) * h + LENGTH_ROUNDING * (A.rho + B.rho)
+            loss = min(A.rho, B.rho) * h + LENGTH_ROUNDING * (A.rho + B.rho)
             open_ = least > -1.0
-            least[open_] = np.minimum(least[open_], (_distance(A, B, phi[open_], margin + room) - margin) / room)
+            least[open_] = np.minimum(least[open_], (_distance(A, B, phi[open_], margin + loss) - margin) / loss)
         return least, 1.0
 
-    clear = _clear_intervals(slack, halvings=8, upper_half=even)  # to 0.8 mrad
-    return join(clear + [(-high, -low) for low, high in clear] if even else clear)
+    clear = _clear_intervals(slack, halvings=8, upper_half=symmetric)  # to 0.8 mrad
+    return join(clear + [(-high, -low) for low, high in clear] if symmetric else clear)
 
 
 def _clear_intervals(
@@ -316,16 +316,16 @@ def _pairs(module: Module) -> list[tuple[_Part, _Part]]:
     Rotors look the same from every port, and by symmetry one module's rotors suffice.
     """
     body, l_c, a = module.body, module.connector_distance, module.arm_length / math.sqrt(2)
-    up = body.rotor_height / 2
-    discs = [np.array([[x, y, -up], [x, y, up]]) for x in (-a, a) for y in (-a, a)]
-    centre, towards = np.array([l_c, 0.0, 0.0]), np.diag([-1.0, -1.0, 1.0])
-    rotors = [_Part(disc - centre, body.rotor_radius) for disc in discs]
-    parts = [_Part(disc + centre, body.rotor_radius) for disc in discs]
+    half_height = body.rotor_height / 2
+    discs = [np.array([[x, y, -half_height], [x, y, half_height]]) for x in (-a, a) for y in (-a, a)]
+    offset, half_turn = np.array([l_c, 0.0, 0.0]), np.diag([-1.0, -1.0, 1.0])
+    rotors = [_Part(disc - offset, body.rotor_radius) for disc in discs]
+    parts = [_Part(disc + offset, body.rotor_radius) for disc in discs]
     frames: dict[bytes, Array] = {}  # without duplicates: arms look the same from every port
     for x, y, _ in PORT_DIRECTIONS:
         to_port = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
         for corners in frame_pieces(module):
-            seen = corners @ (towards @ to_port).T + centre
+            seen = corners @ (half_turn @ to_port).T + offset
             frames[np.unique(np.round(seen / l_c, 9) + 0.0, axis=0).tobytes()] = seen
     parts += [_Part(seen) for seen in frames.values()]
     return [(rotor, part) for rotor in rotors for part in parts]

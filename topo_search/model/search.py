@@ -93,7 +93,7 @@ class Search(Value):
 
     def _broken_rules(self) -> Broken:
         if self.hinge_step_deg is not None and self.hinge_angles_deg is not None:
-            text = f"must be left out where hinge_angles_deg is given, but got {self.hinge_step_deg:g}"
+            text = f"must be left out if hinge_angles_deg is given, but got {self.hinge_step_deg:g}"
             yield "hinge_step_deg", text
         if self.interference == "separation" and self.body_clearance:
             text = f'must be false or left out with interference = "separation", but got {self.body_clearance}'

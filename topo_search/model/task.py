@@ -120,13 +120,10 @@ class Task(Value):
     @classmethod
     def _thrust_by_weight(cls, module: Module, info: ValidationInfo) -> Module:
         """Fill in `max_thrust_to_weight` from `max_thrust`, unless gravity is invalid."""
-        if (
-            module.max_thrust is None
-            or "max_thrust_to_weight" in module.model_fields_set
-            or "gravity" not in info.data
-        ):
+        fields, gravity = module.model_fields_set, info.data.get("gravity")
+        if module.max_thrust is None or "max_thrust_to_weight" in fields or gravity is None:
             return module
-        return module.replace(max_thrust_to_weight=4 * module.max_thrust / (module.mass * info.data["gravity"]))
+        return module.replace(max_thrust_to_weight=4 * module.max_thrust / (module.mass * gravity))
 
     @model_validator(mode="before")
     @classmethod
@@ -191,8 +188,8 @@ class Task(Value):
         due = module.max_thrust_to_weight * module.mass * self.gravity / 4
         if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=PRECISION):
             rule = f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}"
-            actual = f"which is {due:.4g} N per rotor, but got {module.max_thrust}: leave one of them out"
-            yield ("module", "max_thrust"), f"{rule}, {actual}"
+            but = f"which is {due:.4g} N per rotor, but got {module.max_thrust}: leave one of them out"
+            yield ("module", "max_thrust"), f"{rule}, {but}"
         lowest = min((self.search.peak_input, *self.goals.peak_input))
         if module.min_input >= lowest:
             rule = f"must be less than the largest share that rotors may use, {lowest:g}"
@@ -212,19 +209,19 @@ class Task(Value):
         """Yield contradictions and missing fields of the required capabilities."""
         torque = self.flight.rotor_out_torque
         if torque is not None and {self.flight.rotor_out, *self.goals.rotor_out} == {"none"}:
-            yield ("flight", "rotor_out_torque"), f'must be left out where rotor_out = "none", but got {torque:g}'
+            yield ("flight", "rotor_out_torque"), f'must be left out if rotor_out = "none", but got {torque:g}'
         if self.flight.tolerances and self.tolerances == Tolerances() and not any(self.goals.hinge_angle_deg):
-            rule = "must be false where all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
+            rule = "must be false if all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
             yield ("flight", "tolerances"), f"{rule}, but got true"
         if self.search.interference == "parts" and (self.flight.tolerances or any(self.goals.hinge_angle_deg)):
-            rule = 'must be "airflow" where clearances must survive [tolerances], which nothing proves of parts'
+            rule = 'must be "airflow" if clearances must survive [tolerances], which is not proven for parts'
             yield ("search", "interference"), f'{rule}, but got "parts"'
         for name, goal in GOALS.items():
             part, field = goal.field.split(".")
             if part in ("flight", "tolerances") and getattr(self.goals, name):
                 table = getattr(self, part)
                 if (actual := getattr(table, field)) != type(table).model_fields[field].default:
-                    rule = f"must be left out where goals.{name} has levels of it"
+                    rule = f"must be left out if goals.{name} has levels of it"
                     yield (part, field), f"{rule}, but got {show(actual)}"
         for field in ("joint_moment", "joint_force"):
             if getattr(self.flight, field) == "rated" and getattr(self.module, field) is None:
@@ -251,9 +248,8 @@ class Task(Value):
     @property
     def sizes(self) -> range:
         """All numbers of modules of the task."""
-        if isinstance(self.modules, tuple):
-            return range(self.modules[0], self.modules[1] + 1)
-        return range(self.modules, self.modules + 1)
+        fewest, most = self.modules if isinstance(self.modules, tuple) else (self.modules, self.modules)
+        return range(fewest, most + 1)
 
     @property
     def n(self) -> int:

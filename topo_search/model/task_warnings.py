@@ -171,7 +171,7 @@ def _by_mass(task: Task) -> Doubts:
         name, hint = ("max_thrust_to_weight", "is it a ratio, not a thrust or per cent?")
         if module.max_thrust is not None:
             name, hint = "max_thrust", "is it of one rotor in N, and the mass in kg?"
-        words = f"the thrust of a module is {ratio:.3g} times its weight, {much:g} being much: {hint}"
+        words = f"the thrust of a module is {ratio:.3g} times its weight, more than the usual {much:g}: {hint}"
         yield f"module.{name}", words
     if tip.mass > n * module.mass:
         modules = "the module" if n == 1 else f"all {n} modules"
@@ -326,12 +326,12 @@ def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
 def _thrust(task: Task, n: int) -> Doubts:
     thrust, weight = largest_thrust(task, n), task.force_unit(n)
     if thrust < weight:
-        load, pull = excess_texts(weight, thrust)
+        load, total = excess_texts(weight, thrust)
         units = ": are thrusts in N and masses in kg?" if 2 * thrust < weight else ""
         limit = "module.max_thrust_to_weight" if task.module.max_thrust is None else "module.max_thrust"
         yield (
             limit if task.search.peak_input == 1 else "search.peak_input",
-            f"all rotors together produce at most {pull} N, but {_platform(n)} weigh {load} N{units}",
+            f"all rotors together produce at most {total} N, but {_platform(n)} weigh {load} N{units}",
         )
 
 
@@ -372,7 +372,7 @@ def _search(task: Task) -> Doubts:
     margin = task.search.margin
     folds = task.folds(margin)
     if not folds:
-        yield "module.body", "no hinge angle is known to keep rotors off a bolted neighbour and its airflow"
+        yield "module.body", "no hinge angle is known to keep rotors clear of a bolted neighbour and its airflow"
     elif folds != ((-math.pi / 2, math.pi / 2),):
         turns = f"hinges turn by {folds_text(folds, ' deg')}"
         yield "module.body", f"{turns}: rotors reach a bolted neighbour or its airflow"

@@ -109,7 +109,7 @@ def faults_of(error: ValidationError, model: type[BaseModel]) -> list[Fault]:
     More than 1,000 errors become a single fault.
     """
     if error.error_count() > 1000:  # a file of another kind, or a malicious one
-        return [Fault("", f"must have few enough faults to list, but has {error.error_count():,}")]
+        return [Fault("", f"must have at most 1,000 faults, but has {error.error_count():,}")]
     faults = [_fault(detail, model) for detail in error.errors(include_url=False)]
     return [fault for fault in faults if fault.path in ("format", "version")] or faults
 
@@ -125,7 +125,7 @@ def show(value: Any) -> str:
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def of_file(rule: str, name: Any) -> str:
+def with_file_name(rule: str, name: Any) -> str:
     """Add the name of a file to a rule; if the rule already states a value, in parentheses."""
     return f"{rule} (in {show(name)})" if "but " in rule else f"{rule}, but got {show(name)}"
 
