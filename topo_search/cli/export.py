@@ -259,9 +259,9 @@ def _audit_of(source: str) -> ts.Audit:
     from topo_search.cli.runs import AUDIT
     from topo_search.compose import audits, read_completed
     from topo_search.engine import Failed
-    from topo_search.model.files import format_of, load_json
+    from topo_search.model.files import load_json, stated_format
 
-    if format_of(load_json(source)) == AUDIT:
+    if stated_format(load_json(source)) == AUDIT:
         return ts.read_json(ts.Audit, source)
     (result,) = audits([read_completed(source)])
     if isinstance(result, Failed):

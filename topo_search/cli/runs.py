@@ -196,7 +196,7 @@ def _read_designs(words: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]], 
     A folder stands for all `*.json` below it, sorted, and may hold audits that a run keeps beside its designs.
     Links to folders are followed when they are given, not when they are met.
     """
-    from topo_search.model.files import format_of, load_json, to_geometry
+    from topo_search.model.files import load_json, stated_format, to_geometry
     from topo_search.model.value import to_printable
 
     read: list[tuple[str, ts.Geometry]] = []
@@ -210,7 +210,7 @@ def _read_designs(words: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]], 
                 if fault is not None:
                     raise ts.BadInput(name, fault)
                 data = load_json(path, most_bytes=LIMITS.design_bytes)
-                if in_folder and format_of(data) == AUDIT:
+                if in_folder and stated_format(data) == AUDIT:
                     skipped += 1
                 else:
                     read.append((name, to_geometry(data, name)))

@@ -215,10 +215,10 @@ def run_guarded(batch: Batch) -> Ended:
         # Dask sets it for its workers, which may hold much data: the C library then gives memory back to the system
         # as soon as it is free. A solver needs it again at once, and takes a sixth longer: children do without.
         os.environ.pop("MALLOC_TRIM_THRESHOLD_", None)
-        from topo_search.model.compiled_code import choose_cache_folder
+        from topo_search.model.compiled_code import choose_folder
 
         with _first_child:
-            choose_cache_folder()  # for all children: where it is a temporary one, the line that says so comes once
+            choose_folder()  # for all children: where it is a temporary one, the line that says so comes once
         _thread.child = Workers(1).__enter__()
     child: Workers = _thread.child
     started_at = time.monotonic()

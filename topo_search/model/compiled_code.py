@@ -108,9 +108,9 @@ def _cache_of(function: Callable[..., Any]) -> FunctionCache:
     return cache
 
 
-def choose_cache_folder() -> None:
+def choose_folder() -> None:
     """Choose numba's cache folder, for this process and its children."""
-    _cache_of(choose_cache_folder)
+    _cache_of(choose_folder)
 
 
 def _temporary_folder() -> str:

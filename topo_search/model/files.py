@@ -109,7 +109,7 @@ def to_geometry(data: Any, source: str) -> Geometry:
     return validate(Geometry if no_inputs else Design, data, source)
 
 
-def format_of(data: Any) -> str | None:
+def stated_format(data: Any) -> str | None:
     """Return the `format` field of a JSON file's data, if it has one."""
     format_ = data.get("format") if isinstance(data, dict) else None
     return format_ if isinstance(format_, str) else None

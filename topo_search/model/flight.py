@@ -314,18 +314,18 @@ def read_vehicle(path: str | Path) -> Vehicle:
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a table of rotors as data of `VehicleRotor`."""
-    kit_columns = {"axis_x": "ax", "axis_y": "ay", "axis_z": "az", "thrust_coefficient_Ns2": "k_f"}
-    kit_columns |= {"torque_coefficient_Nms2": "k_tau", "largest_thrust_N": "thrust"}
+    """Return the rows of a table of rotors, with numbers where there are some."""
+    of_a_kit = {"axis_x": "ax", "axis_y": "ay", "axis_z": "az", "thrust_coefficient_Ns2": "k_f"}
+    of_a_kit |= {"torque_coefficient_Nms2": "k_tau", "largest_thrust_N": "thrust"}
     rows = []
     for row in csv.DictReader(io.StringIO(load_text(path, most_bytes=LIMITS.task_bytes))):
-        rotor = {kit_columns.get(name, name): _number(cell) for name, cell in row.items() if cell}
-        if "thrust" in rotor and isinstance(rotor.get("k_f"), float):
-            rotor = {name: rotor[name] for name in rotor if name in VehicleRotor.model_fields or name == "thrust"}
-            rotor["u_max"] = rotor.pop("thrust") / rotor["k_f"]
-        if isinstance(spin := rotor.get("spin"), float) and spin.is_integer():
-            rotor["spin"] = int(spin)
-        rows.append(rotor)
+        given = {of_a_kit.get(name, name): _number(cell) for name, cell in row.items() if cell}
+        if "thrust" in given and isinstance(given.get("k_f"), float):
+            given = {name: given[name] for name in given if name in VehicleRotor.model_fields or name == "thrust"}
+            given["u_max"] = given.pop("thrust") / given["k_f"]
+        if isinstance(spin := given.get("spin"), float) and spin.is_integer():
+            given["spin"] = int(spin)
+        rows.append(given)
     return rows
 
 

@@ -37,7 +37,7 @@ from pydantic import AfterValidator, Field
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
 from topo_search.model.exposure import Direction
-from topo_search.model.shape import ORIGIN
+from topo_search.model.shape import NOWHERE
 from topo_search.model.value import (
     OMIT_EMPTY,
     Angle,
@@ -269,7 +269,7 @@ class AskedFlight(Value):
     accelerations required here with all rotors alive, remain possible [m]."""
     tilt_deg: Annotated[Angle, omit_if(0.0)] = 0.0
     """Hover is possible at any tilt up to this, in every direction [deg]."""
-    angular_acceleration: Annotated[tuple[NonNegative, NonNegative, NonNegative], omit_if(ORIGIN)] = ORIGIN
+    angular_acceleration: Annotated[tuple[NonNegative, NonNegative, NonNegative], omit_if(NOWHERE)] = NOWHERE
     """Angular acceleration about x, y and z of the body, one at a time, in both senses, with unchanged force
     [rad/s^2]."""
     allocator: Annotated[Literal["optimal", "pseudo-inverse"], omit_if("optimal")] = "optimal"

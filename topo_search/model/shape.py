@@ -158,15 +158,15 @@ def has_volume(points: Array) -> bool:
     return bool(extents[2] > 1e-6 * extents[0])
 
 
-ORIGIN: Vector = (0.0, 0.0, 0.0)
+NOWHERE: Vector = (0.0, 0.0, 0.0)
 
 
 class Capsule(NamedTuple):
     """Capsule to stay out of: balls along a segment, or a single ball."""
 
     radius: float
-    start: Vector = ORIGIN
-    end: Vector = ORIGIN
+    start: Vector = NOWHERE
+    end: Vector = NOWHERE
     length: float | None = None
     """Length of a segment along p_E, away from the COM, instead of its end [m]."""
 
@@ -213,7 +213,7 @@ class Cone(NamedTuple):
     half_angle_deg: float
     axis: Vector | None
     """Unit vector from the apex into the cone; None: towards the COM."""
-    apex: Vector = ORIGIN
+    apex: Vector = NOWHERE
 
     @property
     def takes_direction_from_com(self) -> bool:

@@ -25,7 +25,7 @@ from topo_search.model import Infeasible, Relaxed, ResolvedTask, Task, Topology
 from topo_search.model.design import STARTS, Relaxation
 from topo_search.model.exposure import Allowed, Exterior, Plane
 from topo_search.model.files import to_json
-from topo_search.model.shape import ORIGIN
+from topo_search.model.shape import NOWHERE
 from topo_search.study.directory import RunFile
 from topo_search.study.folder import RunFolder
 from topo_search.study.progress import solving_phase
@@ -118,7 +118,7 @@ def _numbers(task: Task, n: int) -> Iterator[Relaxable]:
         ]
     for part, name, limit, most, more, unit in table:
         value = partial(_value, n, part, name)
-        if (given := value(task)) and given != ORIGIN:
+        if (given := value(task)) and given != NOWHERE:
             field = f"{part}.{name}" if isinstance(part, str) else f"exposure[{part}].{name}"
             change = partial(_change, task, part, name, given, math.copysign(1.0, most))
             number_of = (lambda _: None) if isinstance(given, tuple) else value

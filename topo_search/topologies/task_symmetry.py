@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.corners import to_corners
-from topo_search.model.shape import ORIGIN, Capsule, Cone, Polytope
+from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope
 from topo_search.topologies.rooted import Group, Symmetry, group_of
 
 Array = NDArray[np.float64]
@@ -134,7 +134,7 @@ def _features(task: ResolvedTask) -> list[_Feature]:
                     features.append(_Feature(REGION, needs, V, none))
                 case Capsule(length=None, start=start, end=end) if start != end:
                     orders = ((start, end), (end, start))  # unordered ends: one feature per order
-                    for pair in [order for order in orders if ORIGIN not in (start, end) or order[0] == ORIGIN]:
+                    for pair in [order for order in orders if NOWHERE not in (start, end) or order[0] == NOWHERE]:
                         polar = _clean(np.array(pair), l_arm)
                         features.append(_Feature("segment", (shape.radius, *needs), polar, none))
                 case Cone(axis=(_, _, _)):

@@ -32,7 +32,7 @@ from topo_search.model.corners import CorneredTask
 from topo_search.model.exposure import half_spaces
 from topo_search.model.proof import Problem, proof_task
 from topo_search.model.proven import TOLERANCE
-from topo_search.model.shape import ORIGIN
+from topo_search.model.shape import NOWHERE
 from topo_search.model.topology import ROOT, Joint
 from topo_search.model.value import Vector
 
@@ -315,7 +315,7 @@ def _walls(task: ResolvedTask, unit: Units) -> Walls:
     """Return the half-spaces of the exposure, but of a fixed end-effector, which follows the centre of mass."""
     air, rows = task.module.region_envelope, list[tuple[Vector, int, int, float]]()
     for _, axis, apex in half_spaces(task.exposure) if task.end_effector.fixed_position is None else ():
-        x, y, z = axis or ORIGIN
+        x, y, z = axis or NOWHERE
         offset = -float(np.dot((x, y, z), apex))
         for end, radius in enumerate((air.start_radius, air.end_radius)):
             rows += [((-x, -y, -z), i, end, (radius - offset) / unit.length) for i in range(task.n)]
