@@ -55,7 +55,6 @@ RULES = {
     "string_too_long": "must have at most {max_length} characters",
     "string_too_short": "must not be empty",
     "string_type": "must be a text",
-    "too_short": "must have at least one entry",
     "tuple_type": "must be a list",
     "union_tag_invalid": "must be one of {expected_tags}",
     "value_error": "{error}",
@@ -375,6 +374,15 @@ Type = TypeVar("Type")
 Omitted = Annotated[Type | None, Field(exclude_if=lambda value: value is None)]
 """Field that files omit where it is None."""
 
+Entries = TypeVar("Entries", bound=tuple[Any, ...])
+
+
+def _not_empty(entries: Entries) -> Entries:
+    if not entries:
+        raise ValueError("must have at least one entry")
+    return entries
+
+
 Number = Annotated[float, Field(strict=True)]
 """Finite number; strings and booleans are refused."""
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=1e15)]
@@ -390,7 +398,8 @@ Count = Annotated[int, Field(strict=True, ge=1, le=LIMITS.modules)]
 Flag = Annotated[bool, Field(strict=True)]
 Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_three)]
 PositiveVector = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_three)]
-NonEmpty = Field(min_length=1)
+NonEmpty = AfterValidator(_not_empty)
+"""Unlike `min_length`, which counts valid entries only, silent if an entry is wrong."""
 
 
 def is_zero(vector: Vector) -> bool:
