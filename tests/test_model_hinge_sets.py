@@ -59,7 +59,7 @@ def test_a_set_that_no_drawer_holds_is_refused(setting, words):
 
 
 def test_a_set_beside_a_step_or_outside_what_rotors_leave_is_refused():
-    with pytest.raises(BadInput, match="must be left out where hinge_angles_deg is given, but got 15"):
+    with pytest.raises(BadInput, match="must be left out if hinge_angles_deg is given, but got 15"):
         of("hinge_step_deg=15", "hinge_angles_deg=[0]")
     tall = "module.body.rotor_radius=0.075"
     assert math.degrees(read_task("push", (tall,)).folds(1e-4)[0][1]) < 85

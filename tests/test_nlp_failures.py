@@ -71,7 +71,7 @@ def test_the_torque_that_is_left_has_units_and_a_default() -> None:
 
 def test_contradictory_and_excessive_requests_are_refused_by_name() -> None:
     fields = {"name": "t", "modules": 3, "load_cases": [HOVER]}
-    with pytest.raises(BadInput, match=r'flight.rotor_out_torque: must be left out where rotor_out = "none"'):
+    with pytest.raises(BadInput, match=r'flight.rotor_out_torque: must be left out if rotor_out = "none"'):
         validate(Task, {**fields, "flight": {"rotor_out_torque": 0.1}}, "t")
     with pytest.raises(BadInput, match=r'flight.rotor_out: must be "none", "hover" or "all", but got "any"'):
         validate(Task, {**fields, "flight": {"rotor_out": "any"}}, "t")
