@@ -186,9 +186,9 @@ def _scenario_row(scenario: ScenarioResult) -> str:
 
 REQUIREMENTS = {
     "reserves": "reserves at the tip",
-    "centred": "as shipped, but centred",
+    "centred": "as shipped, without `com_error`",
     "task": "as shipped",
-    "pseudo-inverse": "as shipped, by the pseudo-inverse",
+    "pseudo-inverse": "as shipped, with the pseudo-inverse",
 }
 GENERATED = {
     "flights of requirements": _requirements,
