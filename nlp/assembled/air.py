@@ -17,7 +17,7 @@ import math
 import casadi as ca
 import numpy as np
 
-from nlp.airspeed import AIMED_AT, SpeedPoint
+from nlp.airspeed import TARGET_SHARE, SpeedPoint
 from nlp.assembled.platform import Indices
 from nlp.assembled.problem import AssembledProblem
 from nlp.numbers.jets import JETS, ROUNDED, Jet, by_inputs, curvature, jet_of, point_of_ball, speed
@@ -56,7 +56,7 @@ class SpeedRows:
 
     def values(self, variables: Array) -> Array:
         """Return the rows, each to be at least zero."""
-        return np.asarray(AIMED_AT - np.bincount(self._rows, self._derive(0, variables)[0]))
+        return np.asarray(TARGET_SHARE - np.bincount(self._rows, self._derive(0, variables)[0]))
 
     def jacobian(self, variables: Array) -> Array:
         """Return the entries of their Jacobian."""

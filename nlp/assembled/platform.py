@@ -86,9 +86,9 @@ class Layout:
 
     def _index(self, vector: PlatformVector | None, subjects: Indices) -> Indices | int:
         names = ("p", "x", "y", "z")
-        if vector is None or vector.of is None:
+        if vector is None or vector.module is None:
             return 4 * self.n + (2 if vector is None else ("p'_E", "p_COM").index(vector.name))
-        index: Indices = names.index(vector.name) * self.n + subjects[vector.of]
+        index: Indices = names.index(vector.name) * self.n + subjects[vector.module]
         return index
 
 

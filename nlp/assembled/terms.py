@@ -27,7 +27,7 @@ import numpy as np
 from nlp.assembled.kkt_candidates import smooth_least
 from nlp.assembled.platform import Indices, Layout, Platform
 from nlp.numbers.masses import Body, RodMass
-from nlp.requirements.balances import turns
+from nlp.requirements.balances import angular_accelerations
 from nlp.requirements.bodies import Air
 from nlp.requirements.modules import BesideAirflow
 from nlp.requirements.statement import (
@@ -178,7 +178,7 @@ def turning_terms(task: ResolvedTask, layout: Layout) -> Iterator[tuple[int, Ter
     for i in range(n):
         alike.setdefault(layout.masses.body(i), []).append(i)
     holder = np.full((2, 1), rod.module)
-    for k, (x, y, z) in enumerate(turns(task).tolist()):
+    for k, (x, y, z) in enumerate(angular_accelerations(task).tolist()):
         for axis in range(3) if any((x, y, z)) else ():
             row, a = 6 * k + 3 + axis, (x / n, y / n, z / n)
             for body, same in alike.items():

@@ -228,7 +228,7 @@ def signs(topology: Topology) -> Array:
     return np.asarray(SPLAY[[a for _, _, a, _ in topology.edges()]])
 
 
-def turns(task: ResolvedTask, margin: float = 0.0) -> Folds:
+def allowed_folds(task: ResolvedTask, margin: float = 0.0) -> Folds:
     """Return the folds that a task lets hinges turn to: the clear ones, or the angles of its set in them [rad].
 
     Args:
@@ -245,7 +245,7 @@ def turns(task: ResolvedTask, margin: float = 0.0) -> Folds:
 def nearest_angles(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
     """Return the nearest allowed angle of each hinge; 0 where none is allowed."""
     sign = signs(topology)
-    return sign * nearest_fold(turns(task, task.search.margin), sign * alpha)
+    return sign * nearest_fold(allowed_folds(task, task.search.margin), sign * alpha)
 
 
 def ranges(task: ResolvedTask, topology: Topology, alpha: Array | None = None) -> tuple[list[float], list[float]]:
@@ -253,7 +253,7 @@ def ranges(task: ResolvedTask, topology: Topology, alpha: Array | None = None) -
 
     Where there is no clear fold both are 0; the check of the result then finds that.
     """
-    sign, folds = signs(topology), turns(task, task.search.margin) or ((0.0, 0.0),)
+    sign, folds = signs(topology), allowed_folds(task, task.search.margin) or ((0.0, 0.0),)
     low, high = np.full_like(sign, folds[0][0]), np.full_like(sign, folds[-1][1])
     if alpha is not None:
         phi = sign * nearest_angles(task, topology, alpha)
@@ -265,12 +265,12 @@ def ranges(task: ResolvedTask, topology: Topology, alpha: Array | None = None) -
 
 def largest_turn(task: ResolvedTask) -> float:
     """Return the largest allowed hinge angle of either sign [rad]; 0 where none is allowed."""
-    return max((max(-low, high) for low, high in turns(task, task.search.margin)), default=0.0)
+    return max((max(-low, high) for low, high in allowed_folds(task, task.search.margin)), default=0.0)
 
 
 def fold_excess(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
     """Return how far every hinge is beyond its folds, without any margin: negative inside, 0 in a set [rad]."""
-    phi, folds = signs(topology) * alpha, turns(task)
+    phi, folds = signs(topology) * alpha, allowed_folds(task)
     if not folds:
         return np.full_like(phi, np.pi)
     low, high = np.array(folds).T[:, :, None]

@@ -4,10 +4,10 @@ They are no part of the printed problem: the reduced search, lower bounds and pr
 and so does the evaluation that decides whether a point is a design.
 """
 
-from nlp.user_constraints.check import check_stated, refuse_unusable, refuse_wrong_claims
+from nlp.user_constraints.check import check_user_constraints, refuse_unusable, refuse_wrong_claims
 from nlp.user_constraints.rows import UserConstraints, correct_point, rows_of, violations_of
 
 __all__ = [
-    "UserConstraints", "check_stated", "correct_point", "refuse_unusable", "refuse_wrong_claims", "rows_of",
-    "violations_of",
+    "UserConstraints", "check_user_constraints", "correct_point", "refuse_unusable", "refuse_wrong_claims",
+    "rows_of", "violations_of",
 ]  # fmt: skip
