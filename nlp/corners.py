@@ -100,17 +100,17 @@ def solve_with_corners(
 def judge(task: ResolvedTask, start: int, point: Point, status: str, constraints: UserConstraints) -> StartResult:
     """Return a point as the result of a start without a solve, judged by the task with all corners."""
     whole = with_all_corners(point, task, constraints)
-    return StartResult.at(start, whole, IpoptResult(point, status, 0), constraints=constraints)
+    return StartResult.from_point(start, whole, IpoptResult(point, status, 0), constraints=constraints)
 
 
-def _near_limits(point: Point, before: Limits | None) -> Limits:
+def _near_limits(point: Point, previous: Limits | None) -> Limits:
     """Return rows for loads near their limits, with the end-effector on either side if there were any before."""
-    either_side = before is not None and bool(before.loads)
+    either_side = previous is not None and bool(previous.loads)
     task = point.task.declared
     all_loads = limited_loads(task, point.topology)
     sizes = zip(all_loads, loads(point).tolist(), strict=True)
     near_loads = tuple(load for load, size in sizes if size > LAZY.load_share * load.limit)
-    return Limits(None if either_side else holder(point), near_loads, before.air if before else ())
+    return Limits(None if either_side else holder(point), near_loads, previous.air if previous else ())
 
 
 def with_all_corners(point: Point, task: ResolvedTask, constraints: UserConstraints = ()) -> Point:

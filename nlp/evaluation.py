@@ -204,11 +204,11 @@ def _balance(A: Array, b: Array, u: Array, bounds: Bounds) -> Array:
     """Correct inputs u (K, 4n) in place to produce the wrenches b (K, 6) within their bounds; return u."""
     active = np.arange(len(b))
     for _ in range(CORRECTION.passes):
-        before, u_min, u_max = u[active], bounds[0][active], bounds[1][active]
-        free = (before > u_min) & (before < u_max)
+        inputs, u_min, u_max = u[active], bounds[0][active], bounds[1][active]
+        free = (inputs > u_min) & (inputs < u_max)
         inverses = np.linalg.pinv(A * free[:, None], rcond=1e-6)
-        correction = np.einsum("krw,kw->kr", inverses, b[active] - before @ A.T)
-        corrected = np.where(free, before + correction, before)
+        correction = np.einsum("krw,kw->kr", inverses, b[active] - inputs @ A.T)
+        corrected = np.where(free, inputs + correction, inputs)
         u[active] = np.clip(corrected, u_min, u_max)
         met_bound = np.any(free & ((corrected <= u_min) | (corrected >= u_max)), axis=1)
         active = active[met_bound]

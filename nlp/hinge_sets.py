@@ -93,7 +93,7 @@ class _Set:
         """Return the hinge angles of a combination, shape (n-1,) [rad]."""
         return np.asarray(self._signs * self._folds[list(combination)])
 
-    def near(self, alpha: Array) -> list[Combination]:
+    def neighbours(self, alpha: Array) -> list[Combination]:
         """Return clear combinations near angles alpha (n-1,), or all if they are few.
 
         A hinge takes one angle on each side of its own, or more if no such combination is clear.
@@ -125,10 +125,10 @@ class _Set:
         """Yield clear combinations with up to `at_once` hinges moved by one angle, or more if moves are few."""
         counts = accumulate(math.comb(self.hinges, k) * 2**k for k in range(1, self.hinges + 1))
         max_hinges = max(at_once, sum(count <= SEARCH.complete_up_to for count in counts))
-        for moved in (hinges for k in range(1, max_hinges + 1) for hinges in combinations(range(self.hinges), k)):
-            for steps in product((-1, 1), repeat=len(moved)):
+        for hinges in (subset for k in range(1, max_hinges + 1) for subset in combinations(range(self.hinges), k)):
+            for steps in product((-1, 1), repeat=len(hinges)):
                 indices = np.array(combination)
-                indices[list(moved)] += steps
+                indices[list(hinges)] += steps
                 in_set = np.all((indices >= 0) & (indices < len(self._folds)))
                 if in_set and self._is_clear(neighbour := tuple(indices.tolist())):
                     yield neighbour
@@ -158,10 +158,20 @@ def solve_on_set(
         return [replace(result, start=free[result.start].start) for result in results]
     results, starts = _near_optima(task, topology, free, constraints)
     by_start = {}
-    for end in free:
-        unrounded = StartResult.at(end.start, replace(end.point, task=task), end.result, end.corners, constraints)
-        rounded = [replace(result, start=end.start) for result in results if end.start in starts[result.start]]
-        by_start[end.start] = min([unrounded, *rounded], key=lambda result: result.rank)
+    for free_result in free:
+        unrounded = StartResult.from_point(
+            free_result.start,
+            replace(free_result.point, task=task),
+            free_result.result,
+            free_result.corners,
+            constraints,
+        )
+        rounded = [
+            replace(result, start=free_result.start)
+            for result in results
+            if free_result.start in starts[result.start]
+        ]
+        by_start[free_result.start] = min([unrounded, *rounded], key=lambda result: result.rank)
     return list(by_start.values())
 
 
@@ -213,7 +223,7 @@ def _search(
     for optimum in optima:
         if best is not None and max(best.rank, (False, most_effort)) <= (False, optimum.objective):
             break
-        for combination in islice(angles.near(optimum.point.alpha), max(0, max_solves - solved)):
+        for combination in islice(angles.neighbours(optimum.point.alpha), max(0, max_solves - solved)):
             solution = attempt(optimum.start, optimum.point.pack(), combination)
             if best is None or solution.rank < best.rank:
                 best = solution

@@ -40,7 +40,7 @@ from nlp.numbers.point import Connector, Point, connectors, rod_path
 from nlp.problem import Variables
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
-from nlp.symbols.platform import of_module, of_platform, of_rod, rod_vector, scale
+from nlp.symbols.platform import module_inertia, platform_inertia, rod_inertia, rod_vector, scale
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
@@ -68,8 +68,8 @@ class Load:
 def limited_loads(task: ResolvedTask, topology: Topology) -> tuple[Load, ...]:
     """Return the loads that a task limits: in every joint and every load case, corners aside."""
     return tuple(
-        Load(k, i, what == "moment", limit, f"{label}, {what} in the joint of module {i} and its parent")
-        for what, limit in zip(("force", "moment"), task.declared.joint_limits, strict=True)
+        Load(k, i, kind == "moment", limit, f"{label}, {kind} in the joint of module {i} and its parent")
+        for kind, limit in zip(("force", "moment"), task.declared.joint_limits, strict=True)
         if limit is not None
         for k, label in enumerate(task.declared.case_labels)
         for i in range(1, topology.n)
@@ -168,13 +168,13 @@ def _vectors(
     o, q, up = [pose.p - p_COM for pose in modules], p_E - p_COM, ca.DM([0, 0, 1])
     joints = {i: o[h] + l_c * modules[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
     inertias, m_J, m_R = (
-        [of_module(pose.R, module) for pose in modules],
+        [module_inertia(pose.R, module) for pose in modules],
         module.joint_mass / module.mass,
         carried.rod.mass,
     )
-    inertia = of_platform(o, [pose.R for pose in modules], q, carried)
+    inertia = platform_inertia(o, [pose.R for pose in modules], q, carried)
     d = rod_vector(o, [pose.R for pose in modules], q, carried.rod)
-    r_R, spin_R = q - d / 2, of_rod(d, carried.rod)
+    r_R, spin_R = q - d / 2, rod_inertia(d, carried.rod)
     torques, outward = ca.DM(torque_map(module)), _outward_modules(topology)
     vectors = []
     for load in limited:

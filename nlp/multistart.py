@@ -58,10 +58,10 @@ class PolishLimits(NamedTuple):
 
 
 class Polishing(NamedTuple):
-    """Which local minima are polished."""
+    """Settings of the polish, by kind of task."""
 
     plain: PolishLimits = PolishLimits(stop_after=2, maximum=6)
-    limited: PolishLimits = PolishLimits(stop_after=2, maximum=2)
+    in_air: PolishLimits = PolishLimits(stop_after=2, maximum=2)
     """With limits on air speed, whose rows slow Ipopt down."""
     cornered: PolishLimits = PolishLimits(stop_after=8, maximum=8)
     """For tasks with reserves or failures, whose first-phase minima all continue.
@@ -103,7 +103,7 @@ class DeepSearch(NamedTuple):
     batch: int = 2
     """Starts per batch and module."""
     gain: float = 0.02
-    """Smallest relative decrease of the merit by the later half of the batches; the search stops below it."""
+    """Relative decrease of the merit by the later half of the batches below which the search stops."""
     max_violation: float = 0.1
     """Largest violation of the best local minimum at which the search runs, with limits on air speed.
 
@@ -139,7 +139,7 @@ class ReducedSearch:
         """Effort at a merit of 1 [rad^4/s^4]."""
         self._plain = without_corners(task)
         self._cornered = isinstance(task, CorneredTask)
-        self._limited = _limits_air(task)
+        self._in_air = _limits_air(task)
         self._max_merit = None if most_effort is None else most_effort / self.effort_unit
 
     def minima_of_starts(self, starts: Sequence[int]) -> tuple[Minima, Minima]:
@@ -160,21 +160,21 @@ class ReducedSearch:
         return minima
 
     def deep_minima(self, least_violation: float) -> list[LocalMinimum]:
-        """Return the best distinct local minima of many starts at high prices, with random signs of their hinges.
+        """Return the best distinct local minima of many starts at high prices, with hinges turned either way.
 
         The search runs in batches. It stops when a minimum violates next to nothing, or when the later half of the
         batches hardly decreased the merit. With limits on air speed, whose rows cost more, it runs one batch, and
         none if `least_violation`, that of the other starts, is large.
         """
         minima: list[LocalMinimum] = []
-        if self._limited and least_violation > DEEP.max_violation:
+        if self._in_air and least_violation > DEEP.max_violation:
             return minima
         least_merits: list[float] = []  # after each batch
         size = DEEP.batch * self._topology.n
         for batch in range(0, DEEP.max_starts, size):
             starts = range(batch, min(batch + size, DEEP.max_starts))
             minima += self._descend(starts, f"{self._seed} deep", STIFF, random_signs=True)[0]
-            if self._limited or min(minimum.violation for minimum in minima) <= DEEP.close:
+            if self._in_air or min(minimum.violation for minimum in minima) <= DEEP.close:
                 break
             least_merits.append(min(minimum.merit for minimum in minima))
             half = least_merits[(len(least_merits) - 1) // 2]
@@ -190,12 +190,12 @@ class ReducedSearch:
         min_minima = POLISHING.constrained.maximum if self._constraints else SELECTION.min_minima
         if (self._cornered and not random_signs) or self._max_merit is not None:
             min_minima = len(points)
-        min_starts = SELECTION.min_starts_in_air if self._limited else SELECTION.min_starts
-        best, others = local_minima(self.problem, points, phases, min_minima=min_minima, min_starts=min_starts)
-        best, others = (
-            [replace(minimum, starts=_starts(minimum, starts)) for minimum in minima] for minima in (best, others)
+        min_starts = SELECTION.min_starts_in_air if self._in_air else SELECTION.min_starts
+        best, stopped = local_minima(self.problem, points, phases, min_minima=min_minima, min_starts=min_starts)
+        best, stopped = (
+            [replace(minimum, starts=_starts(minimum, starts)) for minimum in minima] for minima in (best, stopped)
         )
-        return best, others
+        return best, stopped
 
     def polish(self, minima: list[LocalMinimum], plain: PolishLimits | None = None) -> Iterator[StartResult]:
         """Yield the results of the best distinct minima, once for each of their starts.
@@ -205,12 +205,12 @@ class ReducedSearch:
             plain: how many to polish if the descents see every requirement of the task.
         """
         polished, least_effort = 0, math.inf
-        plain = plain or (POLISHING.limited if self._limited else POLISHING.plain)
+        plain = plain or (POLISHING.in_air if self._in_air else POLISHING.plain)
         polish = POLISHING.constrained if self._constraints else POLISHING.cornered if self._cornered else plain
         if self._max_merit is not None:
             minima, polish = [minimum for minimum in minima if minimum.merit <= self._max_merit], POLISHING.every
-        limited = self._limited and self._max_merit is None
-        if limited:
+        in_air = self._in_air and self._max_merit is None
+        if in_air:
             minima = [
                 minimum
                 for minimum in minima
@@ -219,14 +219,14 @@ class ReducedSearch:
         for minimum in _merge(minima)[: polish.maximum]:
             if polished >= polish.stop_after and least_effort < math.inf:
                 return
-            costly = limited and minimum.merit > POLISHING.max_merit_ratio * least_effort
+            costly = in_air and minimum.merit > POLISHING.max_merit_ratio * least_effort
             if polished and (costly or minimum.violation > POLISHING.max_violation):
                 continue
-            outcome = solve_with_corners(self._task, minimum.starts[0], self._origin(minimum), self._constraints)
+            result = solve_with_corners(self._task, minimum.starts[0], self._origin(minimum), self._constraints)
             polished += 1
-            if outcome.worst.met:
-                least_effort = min(least_effort, outcome.objective / self.effort_unit)
-            yield from (replace(outcome, start=start) for start in minimum.starts)
+            if result.worst.met:
+                least_effort = min(least_effort, result.objective / self.effort_unit)
+            yield from (replace(result, start=start) for start in minimum.starts)
 
     def without_polish(self, minimum: LocalMinimum) -> StartResult:
         """Return the result of a minimum's best start, at the point that its descent reached."""
@@ -248,8 +248,8 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         task: a task that the reduced search expresses.
         tell: called with a message before compiling.
     """
-    limited = _limits_air(task)
-    functions = (place_starts, descend_all, *((climb, derive_speeds) if limited else ()))
+    in_air = _limits_air(task)
+    functions = (place_starts, descend_all, *((climb, derive_speeds) if in_air else ()))
     if all(map(is_kept, functions)):
         return
     tell("compiling the solver (once per installation, about two minutes)")
@@ -257,7 +257,7 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     problem = to_arrays(task, tree)
     best, _ = local_minima(problem, draw_starts(task, tree, problem, range(1), "compile"))
     point = point_of(without_corners(task), tree, problem, best[0])
-    if limited:  # compile the rows of air speeds, too
+    if in_air:  # compile the rows of air speeds, too
         points = sorted({p for maximum in fastest(point) for p in maximum.points})
         AssembledProgram(point.task, tree, (), Limits(None, (), tuple(points))).polish(point)
 
@@ -322,12 +322,8 @@ def _merge(minima: list[LocalMinimum]) -> list[LocalMinimum]:
     merged: list[LocalMinimum] = []
     for minimum in sorted(minima, key=lambda minimum: (*_rank(minimum), minimum.starts)):
         last = merged[-1] if merged else None
-        alike = last is not None and _rank(last)[0] == _rank(minimum)[0]
-        if (
-            last is not None
-            and alike
-            and minimum.merit - last.merit <= SELECTION.same_merit_after * abs(minimum.merit)
-        ):
+        tolerance = SELECTION.same_merit_after * abs(minimum.merit)
+        if last and _rank(last)[0] == _rank(minimum)[0] and minimum.merit - last.merit <= tolerance:
             merged[-1] = replace(last, starts=tuple(dict.fromkeys(last.starts + minimum.starts)))
         else:
             merged.append(minimum)

@@ -57,7 +57,7 @@ from nlp import names
 from nlp.numbers.masses import masses
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.balances import angular_accelerations
-from nlp.symbols.platform import Pose, asked_wrench, of_platform, poses, tip_and_com, wrench_map
+from nlp.symbols.platform import Pose, platform_inertia, poses, required_wrench, tip_and_com, wrench_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 
@@ -141,13 +141,13 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
 
     # (2)-(3) wrench balance of every load case
     carried = masses(module, task.end_effector, topology)
-    J = of_platform([pose.p - p_COM for pose in modules], [pose.R for pose in modules], p_E - p_COM, carried)
+    J = platform_inertia([pose.p - p_COM for pose in modules], [pose.R for pose in modules], p_E - p_COM, carried)
     A = wrench_map([pose.R for pose in modules], [pose.p for pose in modules], module)
     constraints: list[Constraint] = []
     for u_k, label, case, acceleration in zip(
         variables.u, task.case_labels, task.load_cases, angular_accelerations(task), strict=True
     ):
-        residual = A @ u_k - asked_wrench(case, unit, p_E=p_E, p_COM=p_COM)
+        residual = A @ u_k - required_wrench(case, unit, p_E=p_E, p_COM=p_COM)
         residual[3:] -= J @ ca.DM(acceleration)
         constraints.append(Constraint(names.force(label), residual[:3] / n, 0.0, 0.0))
         constraints.append(Constraint(names.torque(label), residual[3:] / n, 0.0, 0.0))

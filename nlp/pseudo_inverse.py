@@ -31,7 +31,7 @@ import numpy as np
 
 from nlp.numbers.masses import masses
 from nlp.requirements.balances import WRENCH_TOLERANCE
-from nlp.symbols.platform import of_platform, wrench_map
+from nlp.symbols.platform import platform_inertia, wrench_map
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.arrays import Array
@@ -158,4 +158,4 @@ def _inertia(platform: SymbolicPlatform) -> ca.SX:
     task, l_arm = platform.task, platform.task.module.arm_length
     o, q = [o / l_arm for o in platform.centres], platform.end_effector / l_arm
     carried = masses(task.module, task.end_effector, platform.topology)
-    return task.module.mass * l_arm**2 * of_platform(o, platform.orientations, q, carried)
+    return task.module.mass * l_arm**2 * platform_inertia(o, platform.orientations, q, carried)

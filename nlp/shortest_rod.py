@@ -77,8 +77,8 @@ def count_rod(design: StartResult, constraints: UserConstraints, connector: Conn
 def _count_at(connector: Connector | None, design: StartResult, constraints: UserConstraints) -> StartResult:
     n = design.point.topology.n
     for _ in range(SEARCH.max_solves):
-        before, weighed = design.point.task.total_mass(n), _weigh(design, constraints, connector)
-        consistent = abs(weighed.point.task.total_mass(n) - before) <= SEARCH.mass_tolerance * before
+        mass, weighed = design.point.task.total_mass(n), _weigh(design, constraints, connector)
+        consistent = abs(weighed.point.task.total_mass(n) - mass) <= SEARCH.mass_tolerance * mass
         if consistent and (
             weighed.worst.met or not design.worst.met
         ):  # with rotors at their limits a small difference matters
@@ -91,7 +91,7 @@ def _count_at(connector: Connector | None, design: StartResult, constraints: Use
 def _weigh(design: StartResult, constraints: UserConstraints, connector: Connector | None = None) -> StartResult:
     """Return the design with the same angles, the mass of its rod, and corrected inputs."""
     point = correct_point(weigh_rod(design.point, connector or rod_of(design.point)), constraints)
-    return StartResult.at(design.start, point, design.result, design.corners, constraints)
+    return StartResult.from_point(design.start, point, design.result, design.corners, constraints)
 
 
 def shorten_rod(design: StartResult, constraints: UserConstraints) -> tuple[StartResult, ShorterRod | None]:
@@ -130,7 +130,7 @@ def _solve_within(design: StartResult, reach: float, constraints: UserConstraint
     narrow = to_corners(narrower)
     origin = with_some_corners(replace(design.point, task=narrow), design.corners)
     solved = solve_with_corners(narrow, design.start, origin, constraints)
-    judged = StartResult.at(
+    judged = StartResult.from_point(
         design.start, replace(solved.point, task=task), solved.result, solved.corners, constraints
     )
     return judged if rod is None else _weigh(judged, constraints)

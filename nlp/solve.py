@@ -175,6 +175,7 @@ class _Request:
 
             best, shorter_rod = shorten_rod(best, self.constraints)
         corners = len(task.load_cases) - len(task.declared.load_cases)
+        active = frozenset[str]().union(*(result.corners for result in results))
         record = SolverRecord(
             status=best.result.status,
             iterations=best.result.iterations,
@@ -185,15 +186,13 @@ class _Request:
             starts_feasible=sum(result.worst.met for result in results),
             objectives=tuple(result.objective for result in results if result.worst.met),
             corners=corners or None,
-            corners_active=len(frozenset[str]().union(*(result.corners for result in results)))
-            if corners
-            else None,
+            corners_active=len(active) if corners else None,
             shorter_rod=shorter_rod,
             versions=_versions(),
         )
-        return (
-            _design(best, record, self.user_constraints) if best.worst.met else _infeasible(results, best, record)
-        )
+        if best.worst.met:
+            return _design(best, record, self.user_constraints)
+        return _infeasible(results, best, record)
 
     def count_rods(self, results: list[StartResult]) -> list[StartResult]:
         """Return the results with the mass of their rods, if the task counts it."""
@@ -204,7 +203,7 @@ class _Request:
         return count_rods(results, self.constraints, self.most_effort)
 
     def carry_over(self, source: Design, start: int) -> list[StartResult]:
-        """Return a design of the same tree, as it is and polished; nothing if it does not fulfil this task.
+        """Return a design of the same tree, as it is and polished; nothing if it violates this task.
 
         A descent at low prices may leave the design it starts from, so Ipopt starts from the design itself.
         """
@@ -255,8 +254,8 @@ class _Request:
         origins: list[tuple[int, Callable[..., Point]]]
         origins = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(self.near)]
         origins += [(s, draw) for s in self.starts]
-        for s, place in origins:
-            origin = place(plain, self.topology, rng=generator(plain, self.topology, s, self.seed))
+        for s, sample in origins:
+            origin = sample(plain, self.topology, rng=generator(plain, self.topology, s, self.seed))
             results.append(solve_with_corners(task, s, origin, self.constraints, rounds=True))
         return results
 

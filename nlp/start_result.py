@@ -25,7 +25,7 @@ class StartResult:
     """Labels of the corners in the last program."""
 
     @classmethod
-    def at(
+    def from_point(
         cls,
         start: int,
         point: Point,

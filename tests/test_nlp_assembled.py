@@ -111,7 +111,7 @@ def test_ipopt_reaches_what_it_reaches_on_the_printed_problem(name, monkeypatch)
     for room, value in {"NEAR_ENVELOPE": np.inf, "NEAR_PARTS": np.inf}.items():
         monkeypatch.setattr(f"nlp.requirements.modules.{room}", value)
     limits = program.LIMITS._replace(bold=np.inf, rounds=1)
-    options = program.ROUND_OPTIONS._replace(stay={})
+    options = program.ROUND_OPTIONS._replace(near_start={})
     for name_, value in {"LIMITS": limits, "ROUND_OPTIONS": options}.items():
         monkeypatch.setattr(f"nlp.assembled.program.{name_}", value)
     topology = Topology.from_key("a11210")

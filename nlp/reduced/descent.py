@@ -110,18 +110,13 @@ def _slopes(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array,
         if g[r] >= DESCENT.near:
             continue
         is_near[r] = True
-        i, j, F, T, between = (
-            module_i[r],
-            module_j[r],
-            row(gradients, r),
-            row(gradients, r, 3),
-            kinds[r] in (AIR, APART, PARTS),
-        )
-        for l in range(3 if between else 0, len(omega)):
-            if moves[l, i] != (between and moves[l, j]):
+        i, j, is_pair = module_i[r], module_j[r], kinds[r] in (AIR, APART, PARTS)
+        F, T = row(gradients, r), row(gradients, r, 3)
+        for l in range(3 if is_pair else 0, len(omega)):
+            if moves[l, i] != (is_pair and moves[l, j]):
                 slope = dot(row(omega, l), T) + dot(row(v, l), F)
                 J[r, l] = slope if moves[l, i] else -slope
-        if not between:
+        if not is_pair:
             add_reaction(problem, pose, F, row(gradients, r, 6), J[r])
 
 

@@ -148,21 +148,21 @@ def find_wrench(problem: ReducedProblem, pose: Platform, J: Array, k: int, w: Ar
 def inertia(rotors: Rotors, pose: Platform) -> Array:
     """Return J, the inertia about the COM, shape (3, 3) [m l_arm^2]."""
     J, rod, tip = np.zeros((3, 3)), rotors.rod, (pose.p_E[0], pose.p_E[1], pose.p_E[2])
-    _add_spread(J, rotors.m_E, tip)
+    _add_point_inertia(J, rotors.m_E, tip)
     for i in range(len(pose.p)):
         J += _rotate_inertia(rotors, pose, i)
-        _add_spread(J, rotors.modules[i], _centre(rotors, pose, i))
+        _add_point_inertia(J, rotors.modules[i], _centre(rotors, pose, i))
     if rod.mass > 0.0:  # beyond half its mass at each end
         d = _rod_path(rotors, pose)
         roll = rod.mass * rod.radius**2 / max(dot(d, d), TINY)
-        _add_spread(J, -roll - rod.mass / 6, d)
+        _add_point_inertia(J, -roll - rod.mass / 6, d)
         for a in range(3):
             J[a, a] += roll * dot(d, d)
     return J
 
 
 @njit(cache=True)
-def _add_spread(J: Array, mass: float, o: Vector) -> None:
+def _add_point_inertia(J: Array, mass: float, o: Vector) -> None:
     """Add the inertia of a point mass at o from the COM."""
     for a in range(3):
         for b in range(3):

@@ -28,7 +28,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 
-class CornerRounds(NamedTuple):
+class CornerSettings(NamedTuple):
     """Settings of adding corners to a descent, and of its initial curvature."""
 
     tolerance: float = 1e-6
@@ -43,7 +43,7 @@ class CornerRounds(NamedTuple):
     """Initial curvature of the Lagrangian; larger where the first slope is steep, for steps of about a radian."""
 
 
-CORNERS = CornerRounds()
+CORNERS = CornerSettings()
 
 
 @njit(cache=True)

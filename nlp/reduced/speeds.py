@@ -37,13 +37,13 @@ from nlp.numbers.jets import (
     SHARP,
     Jet,
     Region,
-    by_inputs,
     find_parts,
+    induced_speeds,
     join_parts,
     larger,
     merged_jets,
     point_of_ball,
-    pull_inside,
+    project_inside,
 )
 from nlp.reduced.arrays import Mask, ReducedProblem, Speeds
 from nlp.reduced.clearance import GAPS, swept_gap
@@ -126,7 +126,7 @@ def speed_rows(
             if rounded[j] >= rotors.u_max or j == problem.cases.dead[k]:
                 rounded[j], by_dual[j] = 0.0 if j == problem.cases.dead[k] else rotors.u_max, 0.0
         for j in range(n):
-            by_inputs(jet, rounded[4 * j : 4 * j + 4], v[j])
+            induced_speeds(jet, rounded[4 * j : 4 * j + 4], v[j])
             for c in range(4):
                 by_dual[4 * j + c] *= jet.induced**2 / (2 * v[j, c])
         factored = False
@@ -204,7 +204,7 @@ def _find_fastest_point(jet: Jet, region: Region, R: Array, p: Array, x: Array, 
     for depth in ROWS.depths:
         for a in range(3):
             x[a] = p[a] - depth * R[a, 2]
-        if not pull_inside(region, x, no_slopes):
+        if not project_inside(region, x, no_slopes):
             continue
         for a in range(3):
             q[a] = R[0, a] * (x[0] - p[0]) + R[1, a] * (x[1] - p[1]) + R[2, a] * (x[2] - p[2])
@@ -223,6 +223,6 @@ def _find_fastest_point(jet: Jet, region: Region, R: Array, p: Array, x: Array, 
         rotations[a, a] = 1.0
         rotations[a] = np.cross(region.axis, rotations[a])
         slopes[:, 6 + a] = -np.cross(rotations[a], x - region.start)
-    pull_inside(region, x, slopes)
+    project_inside(region, x, slopes)
     for a in range(3):
         slopes[:, 6 + a] += np.cross(rotations[a], x - region.start)

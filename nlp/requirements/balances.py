@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from nlp.numbers.geometry import ranges
-from nlp.numbers.masses import TINY, masses, spread
+from nlp.numbers.masses import TINY, masses, point_inertia
 from nlp.numbers.point import Point
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import ROTOR_DIRECTIONS, ROTOR_SPINS, Array
@@ -73,7 +73,7 @@ def inertia(point: Point) -> Array:
     if (rod := carried.rod).mass:
         d = (point.p_E - p[rod.module]) / module.arm_length - R[rod.module] @ rod.foot
         roll = rod.radius**2 / max(float(d @ d), TINY)
-        J += unit * rod.mass * (roll * np.outer(d, d) - spread(d) / 6)
+        J += unit * rod.mass * (roll * np.outer(d, d) - point_inertia(d) / 6)
     return np.asarray(J)
 
 

@@ -174,12 +174,12 @@ class BestRod(Requirement):
         """
         first, best, gaps = self.best(vectors, self.margin)
         i, port = first.free[best]
-        near = [
+        near_limits = [
             limit
             for limit, gap in zip(first.limits, gaps[best], strict=True)
             if gap < self.near or isinstance(limit, WithinReach)
         ]
-        formulas = tuple(replace(first, free=((0, port),), limits=(limit,), segment=0) for limit in near)
+        formulas = tuple(replace(first, free=((0, port),), limits=(limit,), segment=0) for limit in near_limits)
         return Requirement(self.equation, self.name, np.array([[i, i]]), formulas, self.margin)
 
 

@@ -194,8 +194,8 @@ def _clip_inputs(point: Point) -> Point:
     """Return the point with its inputs clipped to LEAST_INPUT..LARGEST_INPUT of their bounds."""
     alive = running_rotors(point.task).reshape(point.u.shape)
     low, high = point.task.min_input * alive, point.task.max_input * alive
-    least, largest = (low + share * (high - low) for share in (LEAST_INPUT, LARGEST_INPUT))
-    return replace(point, u=np.clip(point.u, least, largest))
+    smallest, largest = (low + share * (high - low) for share in (LEAST_INPUT, LARGEST_INPUT))
+    return replace(point, u=np.clip(point.u, smallest, largest))
 
 
 def mean_force(task: ResolvedTask) -> Array:

@@ -227,7 +227,7 @@ def _best_turn(
     for i, j in pairs:
         if deficit[i, j] > 0.0:
             cost_before += weight[i, j] * (TABU.overlap + deficit[i, j])
-    turned = Poses(np.empty_like(poses.p), np.empty_like(poses.p), np.empty_like(poses.p), np.empty_like(poses.p))
+    rotated = Poses(np.empty_like(poses.p), np.empty_like(poses.p), np.empty_like(poses.p), np.empty_like(poses.p))
     min_change, best = to_beat, alpha
     for trial in range(TABU.angles):
         angle = rng.uniform(-rules.turn, rules.turn) if 2 * trial < TABU.angles else rng.normal(alpha, TABU.spread)
@@ -235,9 +235,9 @@ def _best_turn(
         change = TABU.straight * abs(angle) - cost_before
         if change >= min_change:
             continue
-        _rotate(poses, hinge, end, angle - alpha, turned)
+        _rotate(poses, hinge, end, angle - alpha, rotated)
         for i, j in pairs:
-            d = deficit_of(rules, tree, turned, i, poses, j)
+            d = deficit_of(rules, tree, rotated, i, poses, j)
             if d > 0.0:
                 change += weight[i, j] * (TABU.overlap + d)
                 if change >= min_change:
@@ -309,7 +309,7 @@ def _turn(tree: Tree, poses: Poses, alpha: Array, rules: Rules, deficit: Array, 
 
 
 @njit(cache=True)
-def _rotate(poses: Poses, first: int, end: int, angle: float, turned: Poses) -> None:
+def _rotate(poses: Poses, first: int, end: int, angle: float, rotated: Poses) -> None:
     """Rotate modules and hinges first..end-1 about the hinge `first` (Rodrigues' formula); may be in place."""
     x, y, z = poses.omega[first]
     a, b, c = poses.c[first]
@@ -317,13 +317,13 @@ def _rotate(poses: Poses, first: int, end: int, angle: float, turned: Poses) -> 
     xx, xy, xz = 1 - v * (y * y + z * z), v * x * y - s * z, v * x * z + s * y
     yx, yy, yz = v * x * y + s * z, 1 - v * (x * x + z * z), v * y * z - s * x
     zx, zy, zz = v * x * z - s * y, v * y * z + s * x, 1 - v * (x * x + y * y)
-    for points, turned_points in ((poses.p, turned.p), (poses.c, turned.c)):
+    for points, turned_points in ((poses.p, rotated.p), (poses.c, rotated.c)):
         for i in range(first, end):
             x, y, z = points[i, 0] - a, points[i, 1] - b, points[i, 2] - c
             turned_points[i, 0] = a + xx * x + xy * y + xz * z
             turned_points[i, 1] = b + yx * x + yy * y + yz * z
             turned_points[i, 2] = c + zx * x + zy * y + zz * z
-    for vectors, turned_vectors in ((poses.z, turned.z), (poses.omega, turned.omega)):
+    for vectors, turned_vectors in ((poses.z, rotated.z), (poses.omega, rotated.omega)):
         for i in range(first, end):
             x, y, z = vectors[i]
             turned_vectors[i, 0] = xx * x + xy * y + xz * z

@@ -86,8 +86,10 @@ def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, to
     for constraint in constraints:
         try:
             user_rows = UserRows([constraint], task, topology)
-            known = {symbol.element_hash() for symbol in ca.symvar(user_rows.x)}
-            foreign = [symbol.name() for symbol in ca.symvar(user_rows.g) if symbol.element_hash() not in known]
+            own_symbols = {symbol.element_hash() for symbol in ca.symvar(user_rows.x)}
+            foreign = [
+                symbol.name() for symbol in ca.symvar(user_rows.g) if symbol.element_hash() not in own_symbols
+            ]
             if foreign:
                 raise ValueError(f"may use only the platform's symbols, but has {', '.join(foreign)}")
             _ = user_rows.bounds
@@ -145,12 +147,12 @@ def refuse_wrong_claims(
                 _compare(constraint, listing, listing.mirror(mirror), "mirror")
 
 
-def _compare(constraint: OwnConstraint, listing: _Numbering, other: _Numbering, claim: str) -> None:
-    first, second = (_violation(constraint, numbering.platform()) for numbering in (listing, other))
+def _compare(constraint: OwnConstraint, listing: _Numbering, changed: _Numbering, claim: str) -> None:
+    first, second = (_violation(constraint, numbering.platform()) for numbering in (listing, changed))
     if not abs(first - second) <= INVARIANCE.agreement * max(1.0, abs(first), abs(second)):
         rule = (
             f"says that it is invariant to {claim}, but one platform is {first:.6g} {constraint.unit} beyond its "
-            f"bounds as {listing.topology.key} and {second:.6g} as {other.topology.key}"
+            f"bounds as {listing.topology.key} and {second:.6g} as {changed.topology.key}"
         )
         raise BadInput("constraints", [Fault(constraint.name, rule)])
 
