@@ -113,9 +113,8 @@ def fastest(point: Point) -> Iterator[SpeedMaximum]:
         for case in range(len(task.declared.load_cases)):
             speeds, points = dict[SpeedPoint, float](), set[SpeedPoint]()
             for region in regions:
-                for i, (*x, speed) in enumerate(
-                    climb(jet, R, p, induced[case], region, DEPTHS, DIRECTIONS).tolist()
-                ):
+                maxima = climb(jet, R, p, induced[case], region, DEPTHS, DIRECTIONS)
+                for i, (*x, speed) in enumerate(maxima.tolist()):
                     if speed < 0.0:
                         continue
                     if not region.radius:

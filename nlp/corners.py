@@ -47,12 +47,7 @@ def without_corners(task: ResolvedTask) -> ResolvedTask:
 
 
 def solve_with_corners(
-    task: ResolvedTask,
-    start: int,
-    origin: Point,
-    constraints: UserConstraints = (),
-    *,
-    rounds: bool = False,
+    task: ResolvedTask, start: int, origin: Point, constraints: UserConstraints = (), *, rounds: bool = False
 ) -> StartResult:
     """Solve from a point, adding corners, joint loads and air speeds until none is violated.
 

@@ -158,20 +158,11 @@ def solve_on_set(
         return [replace(result, start=free[result.start].start) for result in results]
     results, starts = _near_optima(task, topology, free, constraints)
     by_start = {}
-    for free_result in free:
-        unrounded = StartResult.from_point(
-            free_result.start,
-            replace(free_result.point, task=task),
-            free_result.result,
-            free_result.corners,
-            constraints,
-        )
-        rounded = [
-            replace(result, start=free_result.start)
-            for result in results
-            if free_result.start in starts[result.start]
-        ]
-        by_start[free_result.start] = min([unrounded, *rounded], key=lambda result: result.rank)
+    for end in free:
+        point = replace(end.point, task=task)
+        unrounded = StartResult.from_point(end.start, point, end.result, end.corners, constraints)
+        rounded = [replace(result, start=end.start) for result in results if end.start in starts[result.start]]
+        by_start[end.start] = min([unrounded, *rounded], key=lambda result: result.rank)
     return list(by_start.values())
 
 
@@ -214,9 +205,8 @@ def _search(
     def attempt(start: int, x: Array, combination: Combination) -> _Solution[Minimum]:
         nonlocal solved
         solution, solved = solve(start, x, combination), solved + 1
-        solutions[combination] = min(
-            solutions.get(combination, solution), solution, key=lambda solution: solution.rank
-        )
+        if combination not in solutions or solution.rank < solutions[combination].rank:
+            solutions[combination] = solution
         return solution
 
     best: _Solution[Minimum] | None = None
@@ -264,14 +254,8 @@ def _solve_reduced(
         for array in (x, lower, upper):
             array[hinges] = angles.angles(combination)
         ((minimum, *_), _) = local_minima(problem._replace(lower=lower, upper=upper), x[None])
-        minimum = replace(minimum, starts=(start,))
-        return _Solution(
-            start,
-            combination,
-            (minimum.violation > POLISHING.small_violation, search.effort_unit * minimum.merit),
-            minimum.x,
-            minimum,
-        )
+        rank = minimum.violation > POLISHING.small_violation, search.effort_unit * minimum.merit
+        return _Solution(start, combination, rank, minimum.x, replace(minimum, starts=(start,)))
 
     solutions = _search(angles, optima, solve, MAX_REDUCED, most_effort or 0.0)
     return list(search.polish([solution.minimum for solution in solutions], SEARCH.polish))

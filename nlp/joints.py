@@ -130,9 +130,8 @@ def _sizes(
     task: ResolvedTask, topology: Topology, tip_module: int | None, limited: tuple[Load, ...]
 ) -> ca.Function:
     x, vectors = _vectors(task, topology, tip_module, limited)
-    return ca.Function(
-        "sizes", [x], [ca.vertcat(*(ca.mmax(ca.vertcat(*map(ca.norm_2, sides))) for sides in vectors))]
-    )
+    sizes = [ca.mmax(ca.vertcat(*map(ca.norm_2, sides))) for sides in vectors]
+    return ca.Function("sizes", [x], [ca.vertcat(*sizes)])
 
 
 class Limits(NamedTuple):

@@ -192,10 +192,7 @@ class ReducedSearch:
             min_minima = len(points)
         min_starts = SELECTION.min_starts_in_air if self._in_air else SELECTION.min_starts
         best, stopped = local_minima(self.problem, points, phases, min_minima=min_minima, min_starts=min_starts)
-        best, stopped = (
-            [replace(minimum, starts=_starts(minimum, starts)) for minimum in minima] for minima in (best, stopped)
-        )
-        return best, stopped
+        return _with_starts(best, starts), _with_starts(stopped, starts)
 
     def polish(self, minima: list[LocalMinimum], plain: PolishLimits | None = None) -> Iterator[StartResult]:
         """Yield the results of the best distinct minima, once for each of their starts.
@@ -208,14 +205,10 @@ class ReducedSearch:
         plain = plain or (POLISHING.in_air if self._in_air else POLISHING.plain)
         polish = POLISHING.constrained if self._constraints else POLISHING.cornered if self._cornered else plain
         if self._max_merit is not None:
-            minima, polish = [minimum for minimum in minima if minimum.merit <= self._max_merit], POLISHING.every
+            minima, polish = [m for m in minima if m.merit <= self._max_merit], POLISHING.every
         in_air = self._in_air and self._max_merit is None
         if in_air:
-            minima = [
-                minimum
-                for minimum in minima
-                if minimum.violation <= POLISHING.max_violation_in_air or minimum.starts[0] < 0
-            ]
+            minima = [m for m in minima if m.violation <= POLISHING.max_violation_in_air or m.starts[0] < 0]
         for minimum in _merge(minima)[: polish.maximum]:
             if polished >= polish.stop_after and least_effort < math.inf:
                 return
@@ -309,8 +302,9 @@ def _limits_air(task: ResolvedTask) -> bool:
     return any(exposure.speed is not None for exposure in task.exposure)
 
 
-def _starts(minimum: LocalMinimum, starts: Sequence[int]) -> tuple[int, ...]:
-    return tuple(dict.fromkeys(starts[draw // DRAWS] for draw in minimum.starts))
+def _with_starts(minima: Minima, starts: Sequence[int]) -> Minima:
+    """Return minima of random points with the starts of those points."""
+    return [replace(m, starts=tuple(dict.fromkeys(starts[draw // DRAWS] for draw in m.starts))) for m in minima]
 
 
 def _rank(minimum: LocalMinimum) -> tuple[bool, float]:

@@ -144,11 +144,10 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     J = platform_inertia([pose.p - p_COM for pose in modules], [pose.R for pose in modules], p_E - p_COM, carried)
     A = wrench_map([pose.R for pose in modules], [pose.p for pose in modules], module)
     constraints: list[Constraint] = []
-    for u_k, label, case, acceleration in zip(
-        variables.u, task.case_labels, task.load_cases, angular_accelerations(task), strict=True
-    ):
+    turns = angular_accelerations(task)
+    for u_k, label, case, turn in zip(variables.u, task.case_labels, task.load_cases, turns, strict=True):
         residual = A @ u_k - required_wrench(case, unit, p_E=p_E, p_COM=p_COM)
-        residual[3:] -= J @ ca.DM(acceleration)
+        residual[3:] -= J @ ca.DM(turn)
         constraints.append(Constraint(names.force(label), residual[:3] / n, 0.0, 0.0))
         constraints.append(Constraint(names.torque(label), residual[3:] / n, 0.0, 0.0))
 

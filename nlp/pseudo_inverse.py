@@ -119,14 +119,9 @@ def pseudo_inverse_constraints(task: ResolvedTask) -> tuple[OwnConstraint, ...]:
     """Return the reserves of a task with a pseudo-inverse allocator, named as in the audit; else none."""
     if task.flight.allocator == "optimal":
         return ()
+    unit, scale = "of the largest input", WRENCH_TOLERANCE / TOLERANCE
     return tuple(
-        OwnConstraint(
-            name,
-            _NamedReserve(name, reserve),
-            lower=0.0,
-            unit="of the largest input",
-            scale=WRENCH_TOLERANCE / TOLERANCE,
-        )
+        OwnConstraint(name, _NamedReserve(name, reserve), lower=0.0, unit=unit, scale=scale)
         for name, reserve in _reserves(task)
     )
 

@@ -79,9 +79,8 @@ def _count_at(connector: Connector | None, design: StartResult, constraints: Use
     for _ in range(SEARCH.max_solves):
         mass, weighed = design.point.task.total_mass(n), _weigh(design, constraints, connector)
         consistent = abs(weighed.point.task.total_mass(n) - mass) <= SEARCH.mass_tolerance * mass
-        if consistent and (
-            weighed.worst.met or not design.worst.met
-        ):  # with rotors at their limits a small difference matters
+        lost = design.worst.met and not weighed.worst.met  # a small difference matters to rotors at their limits
+        if consistent and not lost:
             return weighed
         origin = with_some_corners(weighed.point, design.corners)
         design = solve_with_corners(weighed.point.task, design.start, origin, constraints)

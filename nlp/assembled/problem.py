@@ -138,11 +138,8 @@ class AssembledProblem:
     def constraints(self, variables: Array) -> Array:
         """Return (2) to (9)."""
         platform, u = self.platform_at(variables)
-        required = self._wrenches + self._levers @ platform.V[-3:-1].ravel()
-        values = [
-            (u @ platform.A).ravel() - required,
-            *(term.evaluate(platform, derive=False)[0] for term in self._terms),
-        ]
+        balances = (u @ platform.A).ravel() - (self._wrenches + self._levers @ platform.V[-3:-1].ravel())
+        values = [balances, *(term.evaluate(platform, derive=False)[0] for term in self._terms)]
         appended = [np.asarray(rows.values(variables), dtype=float).ravel() for rows, _, _, _ in self._appended]
         return np.concatenate([self._subtract_inertial(np.concatenate(values)), *appended])
 
@@ -174,10 +171,8 @@ class AssembledProblem:
         by_V, curved, row = np.zeros_like(platform.V), np.zeros((self.g, self.g)), 0
         by_V[-3:-1] -= (mu.ravel() @ self._levers).reshape(2, 3)
         for term, (_, gradient, hessian) in zip(self._terms, self._derive(platform), strict=True):
-            term_weights = weights[row : row + term.m]
-            add_curvature(
-                term_weights, gradient, hessian, term.plus, term.minus, platform.dV, term.moving, by_V, curved
-            )
+            w = weights[row : row + term.m]
+            add_curvature(w, gradient, hessian, term.plus, term.minus, platform.dV, term.moving, by_V, curved)
             row += term.m
         H = curved + platform.curvature(by_V, u.T @ mu)
         by_inputs = np.repeat(2 * objective_factor * self._weights[:, None], len(self._by_angles), axis=1)

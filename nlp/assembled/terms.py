@@ -29,18 +29,8 @@ from nlp.assembled.platform import Indices, Layout, Platform
 from nlp.numbers.masses import Body, RodMass
 from nlp.requirements.balances import angular_accelerations
 from nlp.requirements.bodies import Air
-from nlp.requirements.modules import BesideAirflow
-from nlp.requirements.statement import (
-    COM,
-    FROM_COM,
-    FROM_TIP,
-    X_I,
-    Y_I,
-    Z_I,
-    Formula,
-    LocalVector,
-    PlatformVector,
-)
+from nlp.requirements.modules import AirflowClearance
+from nlp.requirements.statement import COM, FROM_COM, FROM_TIP, X_I, Y_I, Z_I, Formula, LocalVector, PlatformVector
 from nlp.symbols.platform import body_inertia, point_inertia, rod_inertia_beyond_ends
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
@@ -132,7 +122,7 @@ class Mapped:
 @cache
 def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
     """Return every row of a formula's smooth form with its derivatives."""
-    if isinstance(formula, BesideAirflow) and isinstance(formula.body, Air):
+    if isinstance(formula, AirflowClearance) and isinstance(formula.body, Air):
         return (_envelope_pair(formula.air, beta),)
     y = [ca.SX.sym("y", 3) for _ in formula.local_vectors]
     return tuple(Mapped(y, row) for row in ca.vertsplit(formula.smooth(y, ca.SX(beta))))

@@ -189,15 +189,13 @@ def hull_clearance(envelope: Swept, corner: Array, hull: Hull) -> Array:
         hull: the hull.
     """
     a, b = hull.corners[hull.edges].transpose(1, 0, 2)
-    relative = Swept((envelope.o - corner)[:, None], envelope.d[:, None], envelope.r_0, envelope.dr)
-    smallest = clearance(relative, Swept(a, b - a, 0.0)).min(axis=1)
-    heights = [
-        (relative.o[:, 0] + eta * envelope.d) @ hull.normals.T - hull.offsets for eta in (0.0, 1.0)
-    ]  # (n, f)
+    local = Swept((envelope.o - corner)[:, None], envelope.d[:, None], envelope.r_0, envelope.dr)
+    smallest = clearance(local, Swept(a, b - a, 0.0)).min(axis=1)
+    heights = [(local.o[:, 0] + eta * envelope.d) @ hull.normals.T - hull.offsets for eta in (0.0, 1.0)]  # (n, f)
     for eta, height in enumerate(heights):
         face = height.argmax(axis=1)
         gap = height.max(axis=1)
-        foot = relative.o[:, 0] + eta * envelope.d - gap[:, None] * hull.normals[face]
+        foot = local.o[:, 0] + eta * envelope.d - gap[:, None] * hull.normals[face]
         on_face = (gap > 0) & np.all(foot @ hull.normals.T <= hull.offsets + 1e-12, axis=1)
         smallest = np.where(on_face, np.minimum(smallest, gap - envelope.r_0 - eta * envelope.dr), smallest)
     slope = heights[1] - heights[0]

@@ -285,9 +285,8 @@ def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Arr
             gradients[r, 6], gradients[r, 7], gradients[r, 8] = add(add(E, scale, across), -1.0, push)
     best = 0
     for rod in range(1, len(violations)):
-        if violations[rod] < violations[best] or (
-            violations[rod] == violations[best] and lengths[rod] < lengths[best]
-        ):
+        change = violations[rod] - violations[best]
+        if change < 0.0 or (change == 0.0 and lengths[rod] < lengths[best]):
             best = rod
     for r in range(len(kinds)):
         if data[r, COLUMNS.rod] >= 0.0 and data[r, COLUMNS.rod] != best:

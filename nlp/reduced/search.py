@@ -47,13 +47,6 @@ CORNERS = CornerSettings()
 
 
 @njit(cache=True)
-def initial_cases(problem: ReducedProblem) -> Mask:
-    """Return which load cases are active from the start, shape (K,)."""
-    active: Mask = problem.cases.group < 0
-    return active
-
-
-@njit(cache=True)
 def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple[Mask, float]:
     """Return the active load cases plus the most violated corners, and the largest residual of a corner.
 
@@ -83,11 +76,8 @@ def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple
     for _ in range(CORNERS.at_once):
         largest = -1
         for k in range(K):
-            if (
-                residuals[k] > CORNERS.tolerance
-                and not full[cases.group[k]]
-                and (largest < 0 or residuals[k] > residuals[largest])
-            ):
+            is_candidate = residuals[k] > CORNERS.tolerance and not full[cases.group[k]]
+            if is_candidate and (largest < 0 or residuals[k] > residuals[largest]):
                 largest = k
         if largest < 0:
             break
@@ -206,7 +196,7 @@ def local_minima(
         min_minima: smallest number of distinct minima that continue, if there are that many.
         min_starts: smallest number of starts that remain when the worse half is stopped.
     """
-    descents = new_descents(starts, np.repeat(initial_cases(problem)[None], len(starts), axis=0))
+    descents = new_descents(starts, np.tile(problem.cases.group < 0, (len(starts), 1)))
     minima, stopped = _halve(problem, descents, phases[0], min_starts)
     count = max(min_minima, math.ceil(SELECTION.share * len(starts)))
     best = minima[:count]

@@ -91,11 +91,8 @@ class CapsuleRegion:
         elif not any(self.path):
             if not isinstance(body[0], Ball):
                 return clearance(body[0], Ball(start, self.radius), beta)
-            gaps = [
-                Distance(FROM_TIP, self.radius + ball.end_radius, BALL).smooth([ball.o - start], beta)
-                for ball in body
-            ]
-            return ca.vertcat(*gaps)
+            distances = [Distance(FROM_TIP, self.radius + ball.end_radius, BALL) for ball in body]
+            return ca.vertcat(*(d.smooth([ball.o - start], beta) for d, ball in zip(distances, body, strict=True)))
         capsule = Swept(start, path, self.radius)
         if isinstance(body[0], Ball):
             return clearance_of_all(capsule, body, beta)

@@ -42,7 +42,7 @@ rows. If they may merge, NEAR_ENVELOPE is used instead.
 
 
 @dataclass(frozen=True)
-class BesideAirflow:
+class AirflowClearance:
     """The airflow envelope of module i, or the balls around its parts, keeps out of the airflow of module j."""
 
     body: Air | PartBalls
@@ -78,7 +78,7 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
     margin, pairs = task.search.margin / unit, list(combinations(range(topology.n), 2))
     airflow, ablation = (task.search.interference == rule for rule in ("airflow", "separation"))
     if airflow:
-        formulas = (BesideAirflow(air, air),)
+        formulas = (AirflowClearance(air, air),)
         yield Requirement(
             4,
             lambda i, j, _: f"airflow of modules {i} and {j}",
@@ -89,20 +89,15 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
         )
     distance = task.separation if ablation else task.centre_distance
     if distance is not None:
-        unbolted = [pair for pair in pairs if ablation or pair not in topology.bolted]
+        separated = [pair for pair in pairs if ablation or pair not in topology.bolted]
         formula = Distance(FROM_J, distance / unit, APART)
         yield Requirement(
-            5, lambda i, j, _: f"separation of modules {i} and {j}", _pairs(unbolted), (formula,), margin
+            5, lambda i, j, _: f"separation of modules {i} and {j}", _pairs(separated), (formula,), margin
         )
     if task.parts_off_airflow:
-        yield Requirement(
-            6,
-            lambda i, j, _: names.rotor_airflow(i, j),
-            _pairs(list(topology.unbolted)),
-            (BesideAirflow(PartBalls.of(task), air),),
-            margin,
-            near=NEAR_PARTS if airflow else NEAR_ENVELOPE,
-        )
+        parts, pairs = (AirflowClearance(PartBalls.of(task), air),), list(topology.unbolted)
+        near = NEAR_PARTS if airflow else NEAR_ENVELOPE
+        yield Requirement(6, lambda i, j, _: names.rotor_airflow(i, j), _pairs(pairs), parts, margin, near=near)
 
 
 def _pairs(pairs: list[tuple[int, int]]) -> Subjects:

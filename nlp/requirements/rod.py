@@ -79,7 +79,7 @@ class WithinReach:
         return (Kernel(REACH, self.largest),)
 
 
-class RodBeside(AtRegion):
+class RodClearance(AtRegion):
     """A rod, except its tip, keeps out of a solid region."""
 
     def exact(self, y: Sequence[Array]) -> Array:
@@ -202,7 +202,7 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
                 segment = segment_of(exposure, part)
                 suffix = "" if segment is None else f", segment {segment}"
                 limit_names.append(f"the end-effector's rod and solid exposure {number}{suffix}")
-                limits.append(RodBeside(rod, to_formula(shape, rod, unit, segment).region, segment))
+                limits.append(RodClearance(rod, to_formula(shape, rod, unit, segment).region, segment))
                 margin = min(margin, (distance + rod.tip - r) / 2)  # the gap of any rod is at most twice that
     if limits:
         formulas = tuple(

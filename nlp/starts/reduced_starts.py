@@ -103,9 +103,8 @@ def _start(problem: ReducedProblem, data: StartData, uniform: Array, direction: 
     lift, force = np.zeros(3), data.force
     for i in range(n):
         lift += pose.z[i]
-    R = _rotation_about(force, 0.0 if data.paper else 2 * math.pi * uniform[0] - math.pi) @ _rotation_between(
-        lift, force
-    )
+    yaw = 0.0 if data.paper else 2 * math.pi * uniform[0] - math.pi
+    R = _rotation_about(force, yaw) @ _rotation_between(lift, force)
     x[0] = math.atan2(-R[0, 1], R[1, 1])
     x[1] = math.atan2(R[2, 1], math.hypot(R[0, 1], R[1, 1]))
     c, s = math.cos(x[0]), math.sin(x[0])

@@ -342,9 +342,8 @@ def deficit_of(rules: Rules, tree: Tree, poses_i: Poses, i: int, poses_j: Poses,
     if rules.airflow:
         smallest = min(smallest, clearance(rules, (x, y, z), poses_i.z[i], poses_j.z[j]))
     if len(rules.balls) and not bolted:
-        smallest = min(
-            smallest, _ball_clearance(rules, poses_i, i, poses_j, j), _ball_clearance(rules, poses_j, j, poses_i, i)
-        )
+        smallest = min(smallest, _ball_clearance(rules, poses_i, i, poses_j, j))
+        smallest = min(smallest, _ball_clearance(rules, poses_j, j, poses_i, i))
     return rules.required - smallest
 
 
@@ -359,11 +358,8 @@ def _ball_clearance(rules: Rules, poses_i: Poses, i: int, poses_j: Poses, j: int
     x0, x1, x2 = poses_i.omega[i]
     z0, z1, z2 = poses_i.z[i]
     y0, y1, y2 = z1 * x2 - z2 * x1, z2 * x0 - z0 * x2, z0 * x1 - z1 * x0
-    w0, w1, w2 = (
-        poses_i.p[i, 0] - poses_j.p[j, 0],
-        poses_i.p[i, 1] - poses_j.p[j, 1],
-        poses_i.p[i, 2] - poses_j.p[j, 2],
-    )
+    p_i, p_j = poses_i.p[i], poses_j.p[j]
+    w0, w1, w2 = p_i[0] - p_j[0], p_i[1] - p_j[1], p_i[2] - p_j[2]
     a0, a1, a2 = poses_j.z[j]
     lean = dr / math.sqrt(l * l - dr * dr) if dr < l else math.inf
     smallest = math.inf

@@ -174,9 +174,7 @@ def _rules(task: ResolvedTask, topology: Topology, required: float) -> Rules:
     """
     kind, unit = task.search.interference, Units.of(task).length
     formulas = (formula for requirement in module_clearances(task, topology) for formula in requirement.formulas)
-    min_distance = max(
-        (formula.minimum for formula in formulas if isinstance(formula, Distance)), default=-math.inf
-    )
+    min_distance = max((f.minimum for f in formulas if isinstance(f, Distance)), default=-math.inf)
     length, start_radius, growth = Air.of(task)
     balls = np.column_stack(task.part_cover) / unit
     return Rules(

@@ -118,13 +118,11 @@ def _neighbours(topology: Topology) -> _Neighbours:
     return joints
 
 
-def _largest(
-    joints: _Neighbours, source_joints: _Neighbours, used: Set[int], used_source: Set[int]
-) -> CommonSubtree:
+def _largest(joints: _Neighbours, source: _Neighbours, used: Set[int], used_source: Set[int]) -> CommonSubtree:
     """Return the largest common subtree of unused modules; empty if all are used."""
     best: CommonSubtree = {}
     visited: set[tuple[int, ModuleMatch]] = set()
-    for t, i, j in product((0, 2, 1, 3), range(len(joints)), range(len(source_joints))):
+    for t, i, j in product((0, 2, 1, 3), range(len(joints)), range(len(source))):
         if i in used or j in used_source or (i, ModuleMatch(j, t)) in visited:
             continue
         part = {i: ModuleMatch(j, t)}
@@ -133,13 +131,9 @@ def _largest(
             h = stack.pop()
             module, turns = part[h]
             for a, (child, b) in joints[h].items():
-                source_child, b_source = source_joints[module].get((a + turns) % 4, (-1, -1))
-                if (
-                    child not in part
-                    and child not in used
-                    and source_child >= 0
-                    and source_child not in used_source
-                ):
+                source_child, b_source = source[module].get((a + turns) % 4, (-1, -1))
+                free = source_child >= 0 and source_child not in used_source
+                if free and child not in part and child not in used:
                     part[child] = ModuleMatch(source_child, (b_source - b) % 4)
                     stack.append(child)
         visited.update(part.items())

@@ -92,10 +92,9 @@ def clearance_of_all(swept: Swept, balls: Sequence[Swept], beta: ca.SX) -> ca.SX
 
     Each ball's f is scaled from twice its own sum of radii to that of the first ball.
     """
-    scale = swept.end_radius + balls[0].end_radius
-    scaled = [
-        scale / (swept.end_radius + ball.end_radius) * f for ball in balls for f in _against_ball(swept, ball)
-    ]
+    r = swept.end_radius
+    scale = r + balls[0].end_radius
+    scaled = [scale / (r + ball.end_radius) * f for ball in balls for f in _against_ball(swept, ball)]
     return log_sum_exp(scaled, beta) / (2 * scale)
 
 
@@ -164,10 +163,7 @@ def hull_clearances(swept: Swept, hull: Hull, beta: ca.SX) -> ca.SX:
     for triangle, normal, offset in zip(hull.corners[hull.triangles], hull.normals, hull.offsets, strict=True):
         f += _at_face(swept, triangle, normal, float(offset))
     heights = [ca.dot(ca.DM(normal), swept.o) - offset for *normal, offset in hull.planes.tolist()]
-    return ca.vertcat(
-        as_length(f, swept.end_radius, beta),
-        -log_sum_exp([-height for height in heights], beta),
-    )
+    return ca.vertcat(as_length(f, swept.end_radius, beta), -log_sum_exp([-height for height in heights], beta))
 
 
 def _f(swept: Swept, eta: Scalar, y: ca.SX | ca.DM) -> ca.SX:

@@ -172,9 +172,8 @@ def rod_vector(centres: Sequence[ca.SX], orientations: Sequence[ca.SX], q: ca.SX
 
 def platform_inertia(centres: Sequence[ca.SX], orientations: Sequence[ca.SX], q: ca.SX, carried: Masses) -> ca.SX:
     """Return the inertia of the platform about the COM."""
-    bodies = [
-        body_inertia(o, R, carried.body(i)) for i, (o, R) in enumerate(zip(centres, orientations, strict=True))
-    ]
+    poses = zip(centres, orientations, strict=True)
+    bodies = [body_inertia(o, R, carried.body(i)) for i, (o, R) in enumerate(poses)]
     J = sum(bodies, start=carried.tip * point_inertia(q))
     if carried.rod.mass:
         J += rod_inertia_beyond_ends(rod_vector(centres, orientations, q, carried.rod), carried.rod)

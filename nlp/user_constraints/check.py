@@ -86,10 +86,8 @@ def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, to
     for constraint in constraints:
         try:
             user_rows = UserRows([constraint], task, topology)
-            own_symbols = {symbol.element_hash() for symbol in ca.symvar(user_rows.x)}
-            foreign = [
-                symbol.name() for symbol in ca.symvar(user_rows.g) if symbol.element_hash() not in own_symbols
-            ]
+            unknowns = {symbol.element_hash() for symbol in ca.symvar(user_rows.x)}
+            foreign = [symbol.name() for symbol in ca.symvar(user_rows.g) if symbol.element_hash() not in unknowns]
             if foreign:
                 raise ValueError(f"may use only the platform's symbols, but has {', '.join(foreign)}")
             _ = user_rows.bounds
