@@ -81,7 +81,7 @@ def solve_with_corners(
         violated = {check.name for check in violations if not check.met} - violated_air.keys()
         overloaded = violated & {load.name for load in limited_loads(task, origin.topology)}
         if overloaded and (limits is None or not limits.loads or limits.tip_module not in (None, holder(reached))):
-            # the end-effector has moved to another module: limit the loads with it on either side of a joint
+            # no loads had rows, or another module carries the end-effector now: then it may be on either side
             next_limits, violated = _near_limits(reached, limits), violated - overloaded
         if too_fast := set().union(*violated_air.values()).difference(next_limits.air if next_limits else ()):
             next_limits = next_limits or Limits(None, ())
