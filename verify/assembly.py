@@ -23,7 +23,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.room import LARGE, packed_width
 from topo_search.model.value import Vector
-from verify.bodies import Array, Rows, clearances_of
+from verify.bodies import Array, ConeSpheres, rowwise_clearances
 from verify.certificate import FLOOR
 from verify.compounds import proximities
 from verify.contacts import rod_keeps_out
@@ -211,8 +211,10 @@ def _in_airflow(scene: Scene, rods: list[StraightRod]) -> list[list[int]]:
     if not rods:
         return []
     each, passed = np.indices((len(rods), len(scene.envelopes))).reshape(2, -1)
-    airflow, straight = (Rows.of([one.body for one in some]) for some in (scene.envelopes, [r.solid for r in rods]))
-    d = clearances_of(airflow.take(passed), straight.take(each)).d.reshape(len(rods), -1)
+    airflow, straight = (
+        ConeSpheres.of([one.body for one in some]) for some in (scene.envelopes, [r.solid for r in rods])
+    )
+    d = rowwise_clearances(airflow.take(passed), straight.take(each)).d.reshape(len(rods), -1)
     return [np.flatnonzero(~(row > FLOOR)).tolist() for row in d]
 
 

@@ -62,7 +62,7 @@ from topo_search.model import Topology, needs_offset
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.audit import Kind
 from topo_search.model.exposure import EXPOSURE_KINDS
-from verify.bodies import Array, Cone, Rows
+from verify.bodies import Array, Cone, ConeSpheres
 from verify.certificate import BOUND_ROUNDING, Solid, witnesses
 from verify.hulls import Hull
 from verify.meshes import Indices
@@ -330,7 +330,7 @@ def _of_pairs(group: list[Requirement]) -> tuple[Array, Array, Array, Array]:
     """Return gaps, n, and swing, if any, of pairs of bodies."""
     pairs = [(r.body, r.against) for r in group if not isinstance(r.against, Cone)]
     n = np.array([nearest.n for nearest in witnesses(pairs)])
-    most_of_A = Rows.of([r.body.body for r in group]).extents(n, 1)
+    most_of_A = ConeSpheres.of([r.body.body for r in group]).extents(n, 1)
     gaps = _starts([r.against for r in group], n)[:, None, :] - most_of_A[:, :, None]
     lengths = [float(np.linalg.norm(r.against.body.d)) if isinstance(r.against, Solid) else 0.0 for r in group]
     return gaps, np.repeat(n[:, None], 2, axis=1), np.outer(lengths, [0.0, 1.0]), np.full((len(group), 2), np.nan)
@@ -354,7 +354,7 @@ def _starts(against: Sequence[Solid | Cone | Hull], n: Array) -> Array:
     """Return where both ends of every second side begin along n, shape (N, 2); a region has but one."""
     solid = np.array([isinstance(each, Solid) for each in against])
     starts = np.empty((len(against), 2))
-    starts[solid] = Rows.of([each.body for each in against if isinstance(each, Solid)]).extents(n[solid], -1)
+    starts[solid] = ConeSpheres.of([each.body for each in against if isinstance(each, Solid)]).extents(n[solid], -1)
     for row, each in enumerate(against):
         if isinstance(each, Hull):
             starts[row] = (each.mesh.vertices @ n[row]).min()
