@@ -99,7 +99,7 @@ class StraightRod:
         return Solid(ConeSphere(self.start, self.path, self.radius, 0.0))
 
     def body_beside(self, module: int) -> Compound | None:
-        """Return the part of the rod that must not touch a module, on its own module without the fitting; or None."""
+        """Return what must not touch a module: the rod, on its own module without the fitting; None if empty."""
         fitting = FIT.socket * self.radius if module == self.mount.module else 0.0
         if self.length < fitting or fitting == self.length > 0:
             return None
