@@ -131,7 +131,7 @@ class Levers:
         return np.where(on_path[:, None], self._arms[carrier][:, end], 0.0)
 
     def centre_sum_rates(self, g: Array) -> Array:
-        """Return the displacement along g of the sum of the modules' centres per angle of each hinge, shape (H,)."""
+        """Return the displacement along g of the sum of all module centres per angle of each hinge, shape (H,)."""
         return np.asarray(np.einsum("hi,ihx,x->h", self.moves.astype(float), self._arms[:, :, 0], g))
 
 

@@ -44,7 +44,7 @@ from topo_search.model import (
 from topo_search.model.load_case import centres_of
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
-from verify.flight.balls import TORQUES, Ball, PseudoInverse, largest_balls, largest_caps, remainder
+from verify.flight.balls import TORQUES, Ball, PseudoInverse, largest_balls, largest_caps, rotor_failures
 from verify.flight.joints import inertia, joint_loads
 from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest, least_inputs
 from verify.kinematics import Platform, required_wrench, wrench_map
@@ -361,7 +361,7 @@ def _rotors_asked(measured: Measured, design: Design) -> RotorsOut | None:
         return None
     numbers = [number for number, _, _ in centres_of(design.task, rotor_out)]
     wrenches = measured.wrenches[np.unique(measured.same[numbers])]
-    yes, no, lower, upper = zip(*(remainder(measured.A, b, measured.box) for b in wrenches), strict=True)
+    yes, no, lower, upper = zip(*(rotor_failures(measured.A, b, measured.box) for b in wrenches), strict=True)
     keep, lose, lower, upper = np.all(yes, axis=0), np.any(no, axis=0), np.min(lower, axis=0), np.min(upper, axis=0)
     least = int(np.argmin(lower))
     return RotorsOut(
