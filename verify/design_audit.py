@@ -41,7 +41,7 @@ from verify.contacts import (
     rod_beside_regions,
     rotors_beside_brackets,
 )
-from verify.flight.measured import flight
+from verify.flight.analysis import flight
 from verify.flight.residuals import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
 from verify.requirements import Requirement, Scene
 from verify.residuals import clamp, residuals
