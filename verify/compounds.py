@@ -98,8 +98,8 @@ class Compound:
     @functools.cached_property
     def in_range(self) -> bool:
         """True if coordinates are precise enough for a proof and no part is too thin for one."""
-        near = bool(np.all(np.abs(self.bounds.centre) + self.bounds.radius < LARGEST_COORDINATE / 16))
-        return near and all(part.thick for part in self.parts)
+        in_range = bool(np.all(np.abs(self.bounds.centre) + self.bounds.radius < LARGEST_COORDINATE / 16))
+        return in_range and all(part.thick for part in self.parts)
 
 
 class Proximity(NamedTuple):
@@ -158,7 +158,7 @@ class _Batch:
     def __init__(self, bodies: list[Compound], measured: bool) -> None:
         self.bodies, self.measured = bodies, measured
         flat = [part for body in bodies for part in body.parts]
-        most = max(len(body.parts) for body in bodies)
+        max_parts = max(len(body.parts) for body in bodies)
         self.cores = cores(flat)
         self.ball = np.array([part.ball for part in flat])
         self.first = np.cumsum([0] + [len(body.parts) for body in bodies[:-1]])
@@ -169,9 +169,9 @@ class _Batch:
         self.middle = np.array([part.centre for part in flat])
         self.radius = np.array([part.radius for part in flat])
         # Bodies with fewer parts repeat their first one.
-        k = np.arange(most)
+        k = np.arange(max_parts)
         self.part = self.first[:, None] + np.where(k < self.count[:, None], k, 0)
-        self.coordinates = 3 * most * self.cores.vertices.shape[1]
+        self.coordinates = 3 * max_parts * self.cores.vertices.shape[1]
 
     def reach(self, part: Indices, n: Array) -> Array:
         """Return h(n) of parts (N, m) for unit vectors (N, 3), shape (N, m)."""
@@ -229,11 +229,11 @@ class _Batch:
         for result, value in zip(results, self.distances(A[p, i], B[p, j], n[p, i, j]), strict=True):
             result[p, i, j] = value
         a, b = np.divmod(d.reshape(len(index), -1).argmin(axis=1), k.size)
-        least, lower = d[rows, a, b].tolist(), g.min(axis=(1, 2)).tolist()
+        clearance, lower = d[rows, a, b].tolist(), g.min(axis=(1, 2)).tolist()
         m = self.count[index]
         return [
             Proximity(
-                *(least[row], lower[row], int(a[row]), int(b[row])),
+                *(clearance[row], lower[row], int(a[row]), int(b[row])),
                 *(x_A[row, a[row], b[row]], x_B[row, a[row], b[row]]),
                 n[row, : m[row, 0], : m[row, 1]],
                 relevant[row, : m[row, 0], : m[row, 1]],

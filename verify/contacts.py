@@ -97,20 +97,20 @@ def _side_at(scene: Scene, port: int) -> Compound:
     module, whole = scene.design.task.module, scene.body
     l_c, outwards = module.connector_distance / module.arm_length, PORT_DIRECTIONS[port]
     inner, outer = (1 - INWARDS) * l_c, (1 + OUTWARDS) * l_c
-    near, others, outer_pieces = list[Convex](), list[Convex](), list[Convex]()
+    near_parts, other_parts, outer_pieces = list[Convex](), list[Convex](), list[Convex]()
     for part in whole.parts[: whole.frame]:
         assert isinstance(part, Polyhedron)
         if (
             part.support(outwards) <= inner + CLIPPING.thinnest
             or -part.support(-outwards) >= outer - CLIPPING.thinnest
         ):
-            others.append(part)
+            other_parts.append(part)
             continue
-        near.append(part)
+        near_parts.append(part)
         pieces = clip(part, outwards, inner), clip(part, -outwards, -outer)
         outer_pieces += [piece for piece in pieces if piece is not None]
-    parts = (*near, *others, *whole.parts[whole.frame :], *outer_pieces)
-    return Compound(parts, whole.bounds, len(near), len(outer_pieces))
+    parts = (*near_parts, *other_parts, *whole.parts[whole.frame :], *outer_pieces)
+    return Compound(parts, whole.bounds, len(near_parts), len(outer_pieces))
 
 
 def allowed_contacts(design: Design, mount: Mount | None) -> tuple[AllowedContact, ...]:

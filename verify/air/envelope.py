@@ -297,9 +297,11 @@ def _fastest(air: Jets, curve: Callable[[Array], tuple[Array, Array]], length: f
 
 def _split_angles(which: Array, *cells: Array) -> list[Array]:
     """Return cells, arrays that end with the angle and its half-range, with the cells `which` split in two."""
-    *others, phi, half_angle = cells
+    *coordinates, phi, half_angle = cells
     half_angle = np.where(which, half_angle / 2, half_angle)
-    split = [np.concatenate([x, x[which]]) for x in (*others, np.where(which, phi - half_angle, phi), half_angle)]
+    split = [
+        np.concatenate([x, x[which]]) for x in (*coordinates, np.where(which, phi - half_angle, phi), half_angle)
+    ]
     split[-2][len(phi) :] = phi[which] + half_angle[which]
     return split
 

@@ -166,9 +166,9 @@ def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -
     yes, no = _is_solution(M, m, v), _is_infeasible(M, m, bounds, rays)
     for row in np.flatnonzero(~yes & ~no):
         v[row], y = nearest(M, m[row], bounds.low[row], bounds.high[row])
-        one = slice(row, row + 1)
-        yes[one] = _is_solution(M, m[one], v[one])
-        no[one] = _is_infeasible(M, m[one], Box(bounds.low[one], bounds.high[one]), y[None])
+        single = slice(row, row + 1)
+        yes[single] = _is_solution(M, m[single], v[single])
+        no[single] = _is_infeasible(M, m[single], Box(bounds.low[single], bounds.high[single]), y[None])
     return Solvable(yes, no, v, bases)
 
 
