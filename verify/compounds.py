@@ -98,8 +98,8 @@ class Compound:
     @functools.cached_property
     def in_range(self) -> bool:
         """True if coordinates are precise enough for a proof and no part is too thin for one."""
-        in_range = bool(np.all(np.abs(self.bounds.centre) + self.bounds.radius < LARGEST_COORDINATE / 16))
-        return in_range and all(part.thick for part in self.parts)
+        is_near_origin = bool(np.all(np.abs(self.bounds.centre) + self.bounds.radius < LARGEST_COORDINATE / 16))
+        return is_near_origin and all(part.thick for part in self.parts)
 
 
 class Proximity(NamedTuple):

@@ -242,7 +242,6 @@ def certify(checks: Sequence[AnyCheck]) -> list[Certificate]:
 
 
 def _regions(scene: Scene) -> Iterator[tuple[int, int | None, Solid | Cone | Hull]]:
-    """Yield every solid region with the numbers of its requirement and of its path."""
     for number, exposure in enumerate(scene.design.task.exposure):
         if exposure.solid:
             yield from ((number, segment, region) for segment, region in scene.regions(exposure))

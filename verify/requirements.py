@@ -171,7 +171,6 @@ class Scene:
 
 
 def _balls(centres: Sequence[Array] | Array, radius: float) -> list[Solid]:
-    """Return balls of equal radius as copies of one solid."""
     solid, R = Solid(ball(np.zeros(3), radius)), np.eye(3)
     return [solid.place(R, centre) for centre in centres]
 

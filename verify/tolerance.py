@@ -258,7 +258,6 @@ class Tolerance:
         return is_exposure and needs_offset(self.scene.design.task.exposure[requirement.b])
 
     def _bounds(self, errors: Errors) -> Array:
-        """Return the bound of every pair, shape (N,)."""
         e = float(self._shares @ (errors.delta * self._arms + 2 * errors.delta_p))
         kappa = min(2.0, 2 * e / (2 * self._offset - e)) if e < self._offset else 2.0
         return self._table.bounds(errors, kappa)

@@ -162,7 +162,6 @@ class Plant:
         return None
 
     def _contacts(self) -> list[tuple[str, str]]:
-        """Return the names of the two geoms of each contact."""
         geom, contacts = self.model.geom, self.data.contact[: self.data.ncon]
         return [(geom(contact.geom1).name, geom(contact.geom2).name) for contact in contacts]
 

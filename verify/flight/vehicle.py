@@ -87,7 +87,6 @@ def rotor_map(vehicle: Vehicle) -> Array:
 
 
 def _end_effector(vehicle: Vehicle, task: Task | None) -> Array:
-    """Return the position of the end-effector from the centre of mass, shape (3,) [m]."""
     if vehicle.end_effector is not None:
         return np.subtract(vehicle.end_effector, vehicle.com)
     return np.zeros(3) if task is None else np.array(task.end_effector.fixed_position or (0.0, 0.0, 0.0))
