@@ -152,7 +152,7 @@ def test_the_view_opens_on_the_platform_and_shows_what_is_chosen(opened: Open) -
     page.click("[data-part=airflow]")
     assert page.get_attribute("[data-part=airflow]", "aria-pressed") == "true"
     assert {"case", "airflow"} <= {*parts(page)}
-    assert page.inner_text(".told").startswith("load case 1: force")
+    assert page.inner_text(".description").startswith("load case 1: force")
     page.click("[data-choice=platform]")
     assert "airflow" in parts(page)
     page.evaluate(PICTURE)
@@ -163,7 +163,7 @@ def test_the_view_opens_on_the_platform_and_shows_what_is_chosen(opened: Open) -
     page.click("[data-choice=assembly]")
     assert page.get_attribute("[data-choice=assembly]", "aria-pressed") == "true"
     assert page.get_attribute("[data-choice=platform]", "aria-pressed") == "false"
-    assert page.inner_text(".told").startswith("Step 1 of 6: Start with module 0")
+    assert page.inner_text(".description").startswith("Step 1 of 6: Start with module 0")
     for step in range(1, 6):
         assert len(copies(page, "modules")) == step
         assert len(copies(page, "joints")) == 2 * (step - 1)
@@ -171,7 +171,7 @@ def test_the_view_opens_on_the_platform_and_shows_what_is_chosen(opened: Open) -
         page.click("[data-step='1']")
     assert copies(page, "tip")
     page.click("[data-step='-1']")
-    assert page.inner_text(".told").startswith("Step 5 of 6")
+    assert page.inner_text(".description").startswith("Step 5 of 6")
 
 
 def test_rotors_have_the_colour_of_their_throttle(opened: Open) -> None:
@@ -206,7 +206,7 @@ def test_forces_that_can_be_added_are_shown_at_the_tip(opened: Open) -> None:
     assert "forces" not in parts(page)
     page.click("[data-choice=forces]")
     assert "forces" in parts(page)
-    assert "can be added in every direction" in page.inner_text(".told")
+    assert "in any direction" in page.inner_text(".description")
     page.click("[data-choice=platform]")
     assert "forces" not in parts(page)
 
@@ -478,7 +478,7 @@ def test_the_keys_of_the_best_open_their_designs_too(opened: Open, tmp_path: Pat
     assert page.inner_text("#beside h3") == f"{best}, the best"
     ties = page.locator("td[data-name=key] button")
     if ties.count():
-        page.locator("summary", has_text="about the least control effort").click()
+        page.locator("summary", has_text="nearly the least control effort").click()
         key = ties.last.inner_text()
         ties.last.click()
         assert page.inner_text("#beside h3").startswith(key)

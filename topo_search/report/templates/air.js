@@ -1,12 +1,12 @@
-// Air speeds in a load case by the jet model of verify/air/jets.py, in metres and m/s: surfaces and slices.
+// Air speeds in a load case by the jet model of verify/air/jets.py, in m/s: surfaces and slices.
 
-const GRID = 60000; // points at most among which a surface of equal speed is drawn
-const ACROSS = 120; // cells of a slice along its longer side
+const GRID = 60000; // largest number of grid points for a surface of equal speed
+const ACROSS = 120; // number of cells of a slice along its longer side
 const COLOUR = "#56b4e9"; // of a surface
 // The six tetrahedra of a cell around its diagonal, by corners numbered x + 2 y + 4 z.
 const TETRAHEDRA = [[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]];
-const BANDS = ["#fcfdbf", "#fe9f6d", "#de4968", "#8c2981", "#3b0f70", "#000004"]; // below 0.5 m/s, each to twice as much
-const SLOWEST = -2; // log2 of the speed where the first band begins
+const BANDS = ["#fcfdbf", "#fe9f6d", "#de4968", "#8c2981", "#3b0f70", "#000004"]; // the first ends at 0.5 m/s, each next one at twice the speed
+const SLOWEST = -2; // log2 of the nominal start of the first band
 
 function clip(t) {
   return Math.max(0, Math.min(1, t));
@@ -21,7 +21,7 @@ class Air {
     });
   }
 
-  // The sum of all modules' speeds at a point.
+  // Returns the sum of all modules' speeds at a point.
   at(point) {
     let sum = 0;
     for (const { R, p, v, U_H } of this.modules) {
@@ -49,7 +49,7 @@ class Air {
     return Math.max(most, inflow);
   }
 
-  // The surface of all points of a box with one speed, by marching through tetrahedra.
+  // Returns the surface of equal speed in a box, by marching tetrahedra.
   surface(speed, box) {
     const step = Math.cbrt(box.reduce((volume, [low, high]) => volume * (high - low), 1 / GRID));
     const axes = box.map((side) => ticks(side, step));
@@ -81,7 +81,7 @@ class Air {
     return Object.assign(new THREE.Mesh(surface({ corners, faces }), paint(COLOUR, 0.35)), { name: "air" });
   }
 
-  // The speeds in a plane across an axis (0, 1 or 2), which tells them to the pointer.
+  // Returns the speeds in a plane normal to an axis (0, 1 or 2); its tooltip is the speed at the pointer.
   slice(across, at, box) {
     const [first, second] = [0, 1, 2].filter((axis) => axis !== across);
     const step = Math.max(...[first, second].map((axis) => box[axis][1] - box[axis][0])) / ACROSS;
@@ -99,17 +99,17 @@ class Air {
     geometry.setAttribute("uv", new THREE.Float32BufferAttribute([0, 0, 1, 0, 0, 1, 1, 1], 2));
     const mesh = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ map, transparent: true, depthWrite: false, side: THREE.DoubleSide }));
     mesh.name = "slice";
-    mesh.userData.tell = ({ point }) => `${this.at(point.toArray()).toPrecision(2)} m/s`;
+    mesh.userData.tooltip = ({ point }) => `${this.at(point.toArray()).toPrecision(2)} m/s`;
     return mesh;
   }
 }
 
-// The red, green and blue of a colour.
+// Returns red, green and blue of a colour.
 function bytes(colour) {
   return [1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16));
 }
 
-// A triangle turned so that a point lies behind it.
+// Orients a triangle so that a point lies behind it.
 function outwards([a, b, c], corners, behind) {
   const at = (i) => new THREE.Vector3(corners[3 * i], corners[3 * i + 1], corners[3 * i + 2]);
   const [A, B, C] = [a, b, c].map(at);
@@ -117,7 +117,7 @@ function outwards([a, b, c], corners, behind) {
   return B.sub(A).cross(C.sub(A)).dot(away) > 0 ? [a, b, c] : [a, c, b];
 }
 
-// Numbers from one end of an interval to the other, as evenly as steps of about a size allow.
+// Divides an interval evenly into steps of about the given size.
 function ticks([low, high], step) {
   const count = Math.max(1, Math.round((high - low) / step));
   return Array.from({ length: count + 1 }, (_, k) => low + ((high - low) * k) / count);
