@@ -37,8 +37,8 @@ to the port; z is up. The hinge angle rotates the child about the parent's y axi
 x axis at ports 1 and 3, by the right-hand rule; at zero, parent and child lie in one plane. A positive angle
 therefore lowers the child's far end at ports 0 and 3, and raises it at ports 1 and 2. The drawing of each step
 shows the joint from the side: parent on the left, its upper side up. Each bracket has one mark hole on the
-parent's flange and two on the child's. The holes go on the upper side of both modules, or on the lower side where
-a step says "mark holes down"."""
+parent's flange and two on the child's. Mount it with the mark holes on the upper side of both modules, or on the
+lower side where a step says "mark holes down"."""
 
 
 def sheet(design: Design, solids: Sequence[Part], notes: Sequence[str]) -> str:

@@ -286,7 +286,7 @@ def _levels(answer: Answer) -> Table:
             "limits": level_answer.level.words,
             "modules": str(size.modules),
             "candidates": size.counts,
-            "best": size.best.key if size.best else "none",
+            "best tree": size.best.key if size.best else "none",
             "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
             "on the front": quantity(on_front.count(level_answer.number), "design"),
             "reason": size.reason or "",

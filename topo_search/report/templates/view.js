@@ -93,7 +93,7 @@ class View {
   // Links two views: they show the same of two designs from the same viewpoint.
   pair(other) {
     this.linked = other;
-    other.beside = this;
+    other.linked = this;
     other.turn(this.stage?.orbit);
   }
 
