@@ -344,7 +344,7 @@ def test_a_row_shows_its_design_beside_the_best(opened: Open, tmp_path: Path) ->
     assert page.locator("#beside").is_hidden()
 
     page.locator("#ranking tbody tr").nth(3).locator("td").nth(2).click()
-    assert page.inner_text("#beside h3") == f"{ranked[3]} beside the best, {ranked[0]}"
+    assert page.inner_text("#beside h3") == f"{ranked[3]} compared with the best, {ranked[0]}"
     assert page.locator("#ranking tr[aria-current]").inner_text().startswith(ranked[3])
     trees = page.locator("#beside .tree svg")
     assert [trees.nth(i).get_attribute("aria-label") for i in range(2)] == [
@@ -356,11 +356,11 @@ def test_a_row_shows_its_design_beside_the_best(opened: Open, tmp_path: Path) ->
     for button in page.locator("#beside [data-part=airflow]").all():
         assert button.get_attribute("aria-pressed") == "true"
     page.locator("#beside [data-choice=case]").last.click()
-    drawn = page.evaluate(f"beside.views.map({DRAWN})")
+    drawn = page.evaluate(f"comparison.views.map({DRAWN})")
     assert all({"case", "airflow"} <= {*names} for names in drawn)
     page.locator("#beside .stage").last.press("ArrowLeft")
-    one, other = page.evaluate("beside.views.map(({ stage }) => stage.orbit.across)")
-    assert one == other != page.evaluate("beside.views[0].stage.first.across")
+    one, other = page.evaluate("comparison.views.map(({ stage }) => stage.orbit.across)")
+    assert one == other != page.evaluate("comparison.views[0].stage.first.across")
 
     page.click("#beside [data-move='1']")
     assert page.inner_text("#beside h3").startswith(ranked[4])
@@ -381,7 +381,7 @@ def test_two_designs_of_any_rank_are_compared_and_the_address_links_to_them(open
     ranked = column(page, "tree")
     page.locator("#ranking tbody button").nth(3).click()
     page.select_option("[data-against]", ranked[2])
-    assert page.inner_text("#beside h3") == f"{ranked[3]} beside {ranked[2]}"
+    assert page.inner_text("#beside h3") == f"{ranked[3]} compared with {ranked[2]}"
     figures = page.evaluate(
         "[...document.querySelectorAll('#beside .cards > div')].map(card => Object.fromEntries("
         "[...card.querySelectorAll('dd strong')].map(strong => [strong.closest('dd').previousSibling.textContent,"
@@ -399,7 +399,7 @@ def test_two_designs_of_any_rank_are_compared_and_the_address_links_to_them(open
     page.goto("about:blank")
     page.goto(link)
     until(page, BESIDE)
-    assert page.inner_text("#beside h3") == f"{ranked[3]} beside {ranked[2]}"
+    assert page.inner_text("#beside h3") == f"{ranked[3]} compared with {ranked[2]}"
 
 
 def test_the_plot_shows_the_audited_designs_that_the_filters_leave(opened: Open, tmp_path: Path) -> None:

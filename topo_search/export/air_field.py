@@ -93,14 +93,12 @@ class _Air:
     """The jets of a design in all load cases, and the box around them."""
 
     def __init__(self, design: Design) -> None:
-        placed = platform(design)
-        scene = Scene(design, placed)
-        centres, self._l_arm = placed.poses.p, scene.l_arm
-        self._middle = centres.mean(axis=0)
+        poses = platform(design)
+        scene = Scene(design, poses)
+        p, z, self._l_arm = poses.p, poses.z, scene.l_arm
+        self._middle = p.mean(axis=0)
         self.cases = dict(case_jets(scene))
-        points = np.concatenate(
-            [centres, centres - BELOW * placed.poses.z, [self._middle + self._l_arm * scene.p_E]]
-        )
+        points = np.concatenate([p, p - BELOW * z, [self._middle + self._l_arm * scene.p_E]])
         self.low, self.high = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
 
     def speeds(self, case: str, x: Array) -> Array:

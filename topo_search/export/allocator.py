@@ -175,11 +175,11 @@ def _step(
     return t + slope / curvature
 
 
-def _solution(H: list[list[float]], g: list[float], least: float) -> list[float]:
-    """Solve H x = g by elimination; `least` bounds the eigenvalues of H from below, hence also the pivots."""
+def _solution(H: list[list[float]], g: list[float], smallest_eigenvalue: float) -> list[float]:
+    """Solve H x = g by elimination; no pivot is smaller than the smallest eigenvalue."""
     rows = [[*row, x] for row, x in zip(H, g, strict=True)]
     for k in range(6):
-        rows[k][k] = max(rows[k][k], least)
+        rows[k][k] = max(rows[k][k], smallest_eigenvalue)
         for i in range(k + 1, 6):
             factor = rows[i][k] / rows[k][k]
             rows[i] = [a - factor * b for a, b in zip(rows[i], rows[k], strict=True)]

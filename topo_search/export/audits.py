@@ -135,10 +135,8 @@ def tolerance_lines(audit: Audit) -> Iterator[str]:
     )
     for name, limit, unit in errors:
         if limit is not None:
-            too_much = (
-                "" if limit.violated_at is None else f" (too much: {upper_text(limit.violated_at, 3)} {unit})"
-            )
-            yield f"{name} by {lower_text(limit.tolerated, 3)} {unit}{too_much}; first to break: {limit.name}"
+            worse = "" if limit.violated_at is None else f" (too much: {upper_text(limit.violated_at, 3)} {unit})"
+            yield f"{name} by {lower_text(limit.tolerated, 3)} {unit}{worse}; first to break: {limit.name}"
     if (words := audit.tolerances_words) is not None:
         yield words
 

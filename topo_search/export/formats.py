@@ -141,9 +141,8 @@ def content(design: Design, file_format: OwnFormat, **options: Any) -> bytes:
         writer: Callable[..., str | bytes] = file_format.write
         written = writer(design, **options)
         if not isinstance(written, str | bytes) or not written:
-            raise ValueError(
-                f"must write text or bytes, but wrote {type(written).__name__ if written else 'nothing'}"
-            )
+            kind = type(written).__name__ if written else "nothing"
+            raise ValueError(f"must write text or bytes, but wrote {kind}")
         return written if isinstance(written, bytes) else written.encode()
     except ValueError as error:
         raise BadInput(file_format.name, str(error)) from error

@@ -82,21 +82,12 @@ class Physics:
         if self.contacts:
             lines.append("The geometry `tip` represents the end of the rod in contacts.")
         if self.solid_regions:
-            lines.append(
-                "Bodies `exposure_K` are the solid regions of the task, placed for the pose of the keyframes."
-            )
+            lines.append("Bodies `exposure_K` are the task's solid regions, placed for the pose of the keyframes.")
         return "".join(f"{line}\n" for line in lines)
 
 
 AS_SEARCHED = Physics()
 """Nothing beyond the model of the search."""
-
-
-def add_lag(motor: dict[str, str], lag: float | None) -> dict[str, str]:
-    """Return the attributes of an actuator, with a first-order lag if one is given."""
-    if lag is None:
-        return motor
-    return {**motor, "dyntype": "filterexact", "dynprm": numbers(lag), "actearly": "true"}
 
 
 def add_rod_mass(floating: Element, rod: Rod, design: Design, poses: Platform) -> None:
@@ -106,9 +97,8 @@ def add_rod_mass(floating: Element, rod: Rod, design: Design, poses: Platform) -
     along = float(v @ inertia @ v)
     across = (float(inertia.trace()) - along) / 2
     body = SubElement(floating, "body", name="rod_mass", pos=numbers(*middle), zaxis=numbers(*v))
-    moments = numbers(
-        across, across, min(along, 2 * across)
-    )  # MuJoCo checks the triangle inequality, which a very short tube would violate
+    # a very short tube would violate the triangle inequality, which MuJoCo checks
+    moments = numbers(across, across, min(along, 2 * across))
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(mass), diaginertia=moments)
 
 
@@ -305,12 +295,13 @@ def _defaults(default: Element, module: Module, gravity: float, physics: Physics
         part = SubElement(default, "default", {"class": name})
         SubElement(part, "geom", {"type": kind, **size, "rgba": colour, **more})
     limit = module.thrust_coefficient * module.max_input(gravity)
+    tau = physics.motor_lag
+    lag = {} if tau is None else {"dyntype": "filterexact", "dynprm": numbers(tau), "actearly": "true"}
     for spin, name in SPIN_CLASSES.items():
         turning = SubElement(default, "default", {"class": name})
         drag_per_thrust = spin * module.torque_coefficient / module.thrust_coefficient
         gear, span = numbers(0, 0, 1, 0, 0, drag_per_thrust), numbers(module.min_input * limit, limit)
-        motor = {"gear": gear, "ctrllimited": "true", "ctrlrange": span}
-        SubElement(turning, "general", add_lag(motor, physics.motor_lag))
+        SubElement(turning, "general", {"gear": gear, "ctrllimited": "true", "ctrlrange": span, **lag})
 
 
 def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Element:

@@ -25,23 +25,8 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from topo_search.export import palette
+from topo_search.export import poses as geometry
 from topo_search.export.air_field import AirSurface
-from topo_search.export.poses import (
-    ELEVATION_DEG,
-    ROTOR_ANGLES,
-    azimuth_deg,
-    circle,
-    cone,
-    cone_slant,
-    cone_sphere_outline,
-    hull,
-    largest_wrench,
-    load_wrenches,
-    poses_to_draw,
-    region_words,
-    shapes,
-    towards_viewer,
-)
 from topo_search.export.tree_drawing import draw_tree
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
@@ -91,7 +76,7 @@ class Picture:
 def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
     """Return the picture as a matplotlib figure; `air` replaces the envelopes."""
     figure = Figure(figsize=(10.5, 6.8))
-    poses = poses_to_draw(design)
+    poses = geometry.poses_to_draw(design)
     whole = Scene(figure, (0.0, 0.10, 0.58, 0.82), design, poses)
     whole.exposure()
     if air is None:
@@ -151,10 +136,10 @@ def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
     ]
     entries += [
         Line2D([], [], color=palette.CASES[k], marker=">", label=f"load case {k}")
-        for k in sorted({k for k, *_ in wrenches(design, poses_to_draw(design))})
+        for k in sorted({k for k, *_ in wrenches(design, geometry.poses_to_draw(design))})
     ]
     regions = [shape for exposure in design.task.exposure for shape in exposure.shapes]
-    kinds = {region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
+    kinds = {geometry.region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
     entries += [volume(palette.EXPOSURE, opacity, words) for words, opacity in sorted(kinds.items())]
     return entries
 
@@ -225,12 +210,12 @@ class Scene:
         self.axes = axes
         self.design = design
         self.poses = poses
-        azimuth = azimuth_deg(poses) if azimuth is None else azimuth
-        axes.view_init(elev=ELEVATION_DEG, azim=azimuth)
+        azimuth = geometry.azimuth_deg(poses) if azimuth is None else azimuth
+        axes.view_init(elev=geometry.ELEVATION_DEG, azim=azimuth)
         axes.set_proj_type("ortho")
         axes.computed_zorder = False
         axes.patch.set_visible(False)
-        self.v = towards_viewer(azimuth)
+        self.v = geometry.towards_viewer(azimuth)
         """Unit vector towards the viewer."""
         self._points: list[Array] = []
 
@@ -241,12 +226,12 @@ class Scene:
         radii = envelope.start_radius, envelope.end_radius
         self._volumes(
             [
-                cone_sphere_outline(p, radii[0], end, radii[1], self.v)
+                geometry.cone_sphere_outline(p, radii[0], end, radii[1], self.v)
                 for p, end in zip(self.poses.p, far_centres, strict=True)
             ],
             palette.AIRFLOW,
         )
-        rings = [circle(end, radii[1], z) for end, z in zip(far_centres, self.poses.z, strict=True)]
+        rings = [geometry.circle(end, radii[1], z) for end, z in zip(far_centres, self.poses.z, strict=True)]
         self._lines(rings, palette.AIRFLOW, 0.5)
 
     def air(self, surface: AirSurface) -> None:
@@ -256,18 +241,18 @@ class Scene:
     def exposure(self) -> None:
         """Draw every exposure region; for a cone, the surface that must contain all airflow."""
         apex, up = self.poses.end_effector, np.array([0.0, 0.0, 1.0])
-        for _, shape in shapes(self.design.task, self.poses.p_e):
+        for _, shape in geometry.shapes(self.design.task, self.poses.p_e):
             match shape:
                 case Capsule(radius=r):
                     start, end = apex + shape.start, apex + shape.end
-                    self._volumes([cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
-                    self._lines([circle(end, r, up)], palette.EXPOSURE, 0.8)
+                    self._volumes([geometry.cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
+                    self._lines([geometry.circle(end, r, up)], palette.EXPOSURE, 0.8)
                 case Polytope():
-                    corners, triangles, _, edges = hull(shape)
+                    corners, triangles, _, edges = geometry.hull(shape)
                     self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
                     self._lines(list(apex + corners[edges]), palette.EXPOSURE, 0.8)
                 case Cone():
-                    surface = apex + cone(shape, cone_slant(self.design, self.poses))
+                    surface = apex + geometry.cone(shape, geometry.cone_slant(self.design, self.poses))
                     self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
                     self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
                     self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
@@ -301,7 +286,7 @@ class Scene:
             self.axes.quiver(*point, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **style)
             self._extend_limits([point + arrow])
             if is_torque:
-                ring = circle(point + arrow / 2, 0.15 * ARROW_SHARE * reach, arrow / np.linalg.norm(arrow))
+                ring = geometry.circle(point + arrow / 2, 0.15 * ARROW_SHARE * reach, arrow / np.linalg.norm(arrow))
                 self._lines([ring], colour, 1.4)
 
     def finish(self) -> float:
@@ -400,10 +385,10 @@ def wrenches(design: Design, poses: Platform) -> list[tuple[int, bool, Array, Ar
     An item is the load case, whether it is a torque, the point (3,) [m] and the vector (3,), as a share of
     the largest force or torque of all load cases.
     """
-    largest = {kind: largest_wrench(design, poses, kind) for kind in ("force", "torque")}
+    largest = {kind: geometry.largest_wrench(design, poses, kind) for kind in ("force", "torque")}
     return [
         (k, kind == "torque", point, v / largest[kind])
-        for k, kind, _, point, v in load_wrenches(design, poses)
+        for k, kind, _, point, v in geometry.load_wrenches(design, poses)
         if v.any() and k < len(palette.CASES)
     ]
 
@@ -421,13 +406,15 @@ def frame_faces(module: Module) -> Array:
         nondegenerate = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1]).any(axis=1)
         return np.asarray(faces[nondegenerate][:, [0, 1, 2, 2]])
     arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
-    return np.concatenate([CUBE * np.array(body.hub) / 2, *(arm @ _turn(angle).T for angle in ROTOR_ANGLES)])
+    arms = [arm @ _turn(angle).T for angle in geometry.ROTOR_ANGLES]
+    return np.concatenate([CUBE * np.array(body.hub) / 2, *arms])
 
 
 def rotor_faces(module: Module) -> Array:
     """Return the faces of the four rotor discs."""
     disc = cylinder(module.body.rotor_radius, module.body.rotor_height)
-    return np.concatenate([disc + _turn(angle) @ np.array([module.arm_length, 0.0, 0.0]) for angle in ROTOR_ANGLES])
+    hub = np.array([module.arm_length, 0.0, 0.0])
+    return np.concatenate([disc + _turn(angle) @ hub for angle in geometry.ROTOR_ANGLES])
 
 
 def cylinder(radius: float, height: float, *, sides: int = 16) -> Array:

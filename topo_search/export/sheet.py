@@ -54,11 +54,7 @@ def sheet(design: Design, solids: Sequence[Part], notes: Sequence[str]) -> str:
         "<h2>Convention</h2>",
         f'<section class="convention">{ports()}{paragraph(CONVENTION)}</section>',
         paragraph(f"Angles are rounded to {10**-DIGITS:g} deg. {_faces(design)}"),
-        *(
-            f"<section>{strut_drawing(design, part)}{paragraph(_strut(part))}</section>"
-            for part in solids
-            if part.name == "strut"
-        ),
+        *(strut_section(design, part) for part in solids if part.name == "strut"),
         "<h2>Parts</h2>",
         table(COLUMNS, parts_list(design, solids)),
         paragraph(ABOUT_PARTS),
@@ -82,15 +78,8 @@ def _faces(design: Design) -> str:
     )
 
 
-def _strut(part: Part) -> str:
-    return (
-        f"Strut {part.file} ({part.count} needed), side view: the hub is on the left, a bracket or the rod's mount "
-        "on the right, mark holes up. Dimensions are in millimetres from the module's centre."
-    )
-
-
-def strut_drawing(design: Design, part: Part) -> str:
-    """Return a side view of a strut with the positions of its faces, as SVG."""
+def strut_section(design: Design, part: Part) -> str:
+    """Return a side view of a strut with the positions of its faces, and its text."""
     (start, _, low), (end, _, high) = part.mesh.bounds
     t = MILLIMETRES * design.task.module.bracket_sizes.thickness
     half = MILLIMETRES * design.task.module.body.arm_width / 2
@@ -99,7 +88,11 @@ def strut_drawing(design: Design, part: Part) -> str:
     beam = np.array([[start, -half], [end, -half], [end, half], [start, half]])
     svg += [_polygon(flange, palette.CONNECTOR) for flange in flanges]
     svg += [_polygon(beam, palette.MODULE), *(_text(x, -low + 12, f"{x:.2f}", 7) for x in (start, end))]
-    return "\n".join([*svg, "</svg>"])
+    text = (
+        f"Strut {part.file} ({part.count} needed), side view: the hub is on the left, a bracket or the rod's mount "
+        "on the right, mark holes up. Dimensions are in millimetres from the module's centre."
+    )
+    return "\n".join(["<section>", *svg, f"</svg>{paragraph(text)}</section>"])
 
 
 def _steps(design: Design) -> Iterator[str]:

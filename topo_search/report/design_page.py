@@ -124,21 +124,15 @@ def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
         "This is evidence from a simulation. It does not affect the audit's verdict.",
     )
     caption = "Position error, attitude error and largest input; click a name to hide that flight"
-    scenarios = Table(
-        ("scenario", "outcome", *CELLS, "reason"), [_row(scenario) for scenario in result.scenarios], range(2, 8)
-    )
+    scenarios = Table(("scenario", "outcome", *CELLS, "reason"), [*map(_row, result.scenarios)], range(2, 8))
     chart = ("simulated-course", caption, _figure(course)) if course else None
     return {"outcome": word(result), "scenarios": scenarios, "course": chart, "sentences": sentences}
 
 
 def _row(scenario: ScenarioResult) -> tuple[str, ...]:
     cells = (cell.replace(" deg", "°").replace(" ", "\u00a0") for cell in scenario.cells)
-    return (
-        scenario.name,
-        word(scenario) if scenario.counts else f"{word(scenario)} (informative)",
-        *cells,
-        scenario.reason or "",
-    )
+    outcome = word(scenario) + " (informative)" * (not scenario.counts)
+    return scenario.name, outcome, *cells, scenario.reason or ""
 
 
 def _course(path: Path, names: set[str]) -> dict[str, Array]:

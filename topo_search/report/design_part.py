@@ -119,10 +119,10 @@ def residuals(audit: Audit) -> Table:
 
 def user_constraints(design: Design, audit: Audit | None) -> Table | None:
     """Return the values of the user's own constraints; "not checked" without an audit."""
-    checks = [StatedCheck(**one.model_dump(), status="not checked") for one in design.stated]
+    checks = [StatedCheck(**constraint.model_dump(), status="not checked") for constraint in design.stated]
     rows = [
-        [one.name, one.version or "none", one.bounds, one.words]
-        for one in (checks if audit is None else audit.stated)
+        [constraint.name, constraint.version or "none", constraint.bounds, constraint.words]
+        for constraint in (checks if audit is None else audit.stated)
     ]
     return Table(("constraint", "version", "bounds", "result"), rows) if rows else None
 
@@ -173,7 +173,9 @@ def air(air: AirSpeeds) -> Table:
     for case in air.cases:
         loss = max((rotor.thrust_loss for rotor in case.rotors), default=0.0)
         row = {"load case": case.name, "at the tip": f"{upper_text(case.tip_m_s, 3)} m/s"}
-        row |= {f"{one.name}, at most": f"{upper_text(one.speed_at_most_m_s, 3)} m/s" for one in case.regions}
+        row |= {
+            f"{region.name}, at most": f"{upper_text(region.speed_at_most_m_s, 3)} m/s" for region in case.regions
+        }
         rows.append(row | {"largest thrust loss of a rotor": f"{upper_text(100 * loss, 3)} %"})
     return Table.from_rows(rows, range(1, len(rows[0])))
 

@@ -18,7 +18,7 @@ from topo_search.model import Audit, BadInput, Clearance, Design, Flight
 from topo_search.model.flight import direction
 from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
 from topo_search.model.topology import PORT_NAMES
-from topo_search.report import Figure, Tile, json_in_script
+from topo_search.report import Tile, json_in_script
 from topo_search.report.scene import closest
 from topo_search.report.view import view
 from topo_search.report.wording import clearance, figures, length, modules, rounded_down, rounded_up
@@ -223,19 +223,16 @@ def ranking(candidates: Sequence[Candidate], *, proofs: bool) -> dict[str, Any]:
         proofs: whether the table has the columns of branch and bound.
     """
     columns = COLUMNS if proofs else COLUMNS[:-3]
+    # the page draws the points, from the filtered ranking
+    layout = {"hovermode": "closest", "legend": {"orientation": "h", "y": -0.2}, "colorway": palette.SERIES}
+    plot = "choice", "Audited designs; click a point to see its design", {"data": [], "layout": layout}
     return {
         "candidates": {
             "columns": [(column.name, column.kind, column.better) for column in columns],
             "rows": [[column.value(*candidate) for column in columns] for candidate in candidates],
         },
-        "choice": _choice() if sum(audit is not None for *_, audit in candidates) > 1 else None,
+        "choice": plot if sum(audit is not None for *_, audit in candidates) > 1 else None,
     }
-
-
-def _choice() -> tuple[str, str, Figure]:
-    """Return the plot without points; the page draws them from the filtered ranking."""
-    layout = {"hovermode": "closest", "legend": {"orientation": "h", "y": -0.2}, "colorway": palette.SERIES}
-    return "choice", "Audited designs; click a point to see its design", {"data": [], "layout": layout}
 
 
 def _significant(value: float | None, digits: int) -> float | None:

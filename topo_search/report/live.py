@@ -119,10 +119,8 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Send the frame page, the page inside it, or the progress."""
         _, port = self.connection.getsockname()
-        if self.headers.get("Host") not in (
-            f"{LOOPBACK}:{port}",
-            f"localhost:{port}",
-        ):  # sent by a page of another site
+        # a page of another site may send a request to this address
+        if self.headers.get("Host") not in (f"{LOOPBACK}:{port}", f"localhost:{port}"):
             self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
         elif self.path == "/":
             frame = resources.files("topo_search.report") / "templates/live.html"

@@ -47,7 +47,7 @@ def render(page: dict[str, Any]) -> str:
     page = {**absent, "simulated": None, "notes": (), **page}
     design, audit = page["design"], page["audit"]
     # in order of execution
-    scripts = ("figures", "labels", "stage", "air", "view", "beside", "choice", "ranking", "page")
+    scripts = ("figures", "labels", "stage", "air", "view", "comparison", "choice", "ranking", "page")
     environment.filters |= {"json": lambda value: Markup(json_in_script(value)), "code": mark_code}
     return environment.get_template("page.html.j2").render(
         page=page,

@@ -66,10 +66,8 @@ def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "largest input u_max", f"{figures(u_max)} rad²/s² ({_speed(u_max)})"
     merit, C_T = module.figure_of_merit(task.air_density), module.propeller_coefficient(task.air_density)
     yield "figure of merit", f"{figures(merit, 3)}, with rotors of {length(module.body.rotor_radius)} radius"
-    yield (
-        "thrust coefficient C_T",
-        f"{figures(C_T, 3)}, of propellers: thrust / (rho (revolutions / s)² diameter⁴)",
-    )
+    propeller = "of propellers: thrust / (rho (revolutions / s)² diameter⁴)"
+    yield "thrust coefficient C_T", f"{figures(C_T, 3)}, {propeller}"
     momentum = f"{figures(module.jet_momentum, 3)} of the thrust, from the constants of the jet model"
     yield "momentum of the jet", momentum
     tips = (figures(module.tip_speed(u), 3) for u in (hover, u_max))
@@ -215,8 +213,8 @@ def _wrench_sets(case: LoadCase) -> Iterator[str]:
 
 def vector(values: Vector | tuple[float, ...]) -> str:
     """Return a vector with three significant digits per entry; entries below 1e-9 of the largest are 0."""
-    least = 1e-9 * max(map(abs, values))
-    return f"[{', '.join(figures(x if abs(x) > least else 0.0, 3) for x in values)}]"
+    smallest = 1e-9 * max(map(abs, values))
+    return f"[{', '.join(figures(x if abs(x) > smallest else 0.0, 3) for x in values)}]"
 
 
 def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:

@@ -36,17 +36,17 @@ class Air {
     const { rotors, radius, diameter, merged, fades, shear, jet } = this;
     const s = z / diameter;
     const from = Math.max(s, merged) + jet.origin;
-    const beside = Math.hypot(a, b) / (diameter * jet.half_width * from);
-    let most = (clip(s / merged) * jet.decay * U_H) / from / (1 + (Math.SQRT2 - 1) * beside * beside) ** 2;
+    const across = Math.hypot(a, b) / (diameter * jet.half_width * from);
+    let fastest = (clip(s / merged) * jet.decay * U_H) / from / (1 + (Math.SQRT2 - 1) * across * across) ** 2;
     const g = 1 + z / Math.hypot(radius, z);
     const fade = s < 0 ? 0 : clip((merged - s) / fades);
     let inflow = 0;
     for (const [q, [x, y]] of rotors.entries()) {
       const aside = Math.hypot(a - x, b - y);
-      if (fade) most = Math.max(most, v[q] * g * fade * clip(0.5 + (radius / Math.sqrt(g) - aside) / (2 * shear * (z + radius))));
+      if (fade) fastest = Math.max(fastest, v[q] * g * fade * clip(0.5 + (radius / Math.sqrt(g) - aside) / (2 * shear * (z + radius))));
       inflow += v[q] / (1 + (Math.SQRT2 * Math.hypot(Math.max(aside - radius, 0), z)) / radius) ** 2;
     }
-    return Math.max(most, inflow);
+    return Math.max(fastest, inflow);
   }
 
   // Returns the surface of equal speed in a box, by marching tetrahedra.
@@ -74,8 +74,8 @@ class Air {
         const [inside, outside] = [all.filter((c) => beyond[c] > 0), all.filter((c) => beyond[c] <= 0)];
         if (!inside.length || !outside.length) continue;
         const ends = inside.flatMap((a) => outside.map((b) => crossing(a, b)));
-        const found = ends.length === 3 ? [ends] : [[ends[0], ends[1], ends[2]], [ends[1], ends[3], ends[2]]];
-        for (const face of found) faces.push(...outwards(face, corners, point(inside[0])));
+        const triangles = ends.length === 3 ? [ends] : [[ends[0], ends[1], ends[2]], [ends[1], ends[3], ends[2]]];
+        for (const face of triangles) faces.push(...outwards(face, corners, point(inside[0])));
       }
     }
     return Object.assign(new THREE.Mesh(surface({ corners, faces }), paint(COLOUR, 0.35)), { name: "air" });

@@ -1,7 +1,7 @@
 // The plot to choose a design by: two figures of every audited design that passes the filters, and the Pareto front.
 
 class Choice {
-  constructor(beside) {
+  constructor(comparison) {
     const { columns, rows } = read("ranking-data");
     this.plot = document.getElementById("choice");
     this.rows = rows;
@@ -21,7 +21,7 @@ class Choice {
       select.addEventListener("change", () => this.draw(this.shown));
       return select;
     });
-    this.beside = beside;
+    this.comparison = comparison;
   }
 
   // Draws the rows with these indices.
@@ -53,7 +53,7 @@ class Choice {
   }
 
   open(key) {
-    if (this.beside?.has(key)) this.beside.show(key);
+    if (this.comparison?.has(key)) this.comparison.show(key);
   }
 
   // Returns the clear designs that no other design beats in both figures.

@@ -1,11 +1,11 @@
 drawFigures();
 const element = document.getElementById("beside");
-const beside = element && new Beside(element);
+const comparison = element && new Comparison(element);
 const views = [...document.querySelectorAll(".view")].map((element) => new View(element));
 
 function redraw() {
   drawFigures();
-  for (const view of [...views, ...(beside?.views ?? [])]) view.load();
+  for (const view of [...views, ...(comparison?.views ?? [])]) view.load();
   choice?.draw(choice.shown);
 }
 
@@ -51,10 +51,10 @@ const observer = new IntersectionObserver(
 document.querySelectorAll("main section").forEach((section) => observer.observe(section));
 
 const table = document.getElementById("ranking");
-const choice = document.getElementById("choice") && new Choice(beside);
-if (table) ranking(table, beside, choice);
+const choice = document.getElementById("choice") && new Choice(comparison);
+if (table) ranking(table, comparison, choice);
 makeScrollableFocusable();
-beside?.follow();
+comparison?.follow();
 
 // A link to a folded section unfolds it, and its charts are resized.
 for (const details of document.querySelectorAll("details")) {

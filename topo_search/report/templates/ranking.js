@@ -10,7 +10,7 @@ function formatted(name, value) {
   return typeof value === "number" && value >= 1e6 ? value.toExponential(4) : value;
 }
 
-function ranking(table, beside, choice) {
+function ranking(table, comparison, choice) {
   const { columns, rows } = read("ranking-data");
   const column = Object.fromEntries(columns.map(([name], i) => [name, i]));
   const words = document.getElementById("words");
@@ -70,12 +70,12 @@ function ranking(table, beside, choice) {
     for (const i of showAll ? matches : matches.slice(0, FIRST)) {
       const line = body.insertRow();
       const key = rows[i][column.tree];
-      if (key === beside?.key) line.setAttribute("aria-current", "true");
+      if (key === comparison?.key) line.setAttribute("aria-current", "true");
       columns.forEach(([name, kind], j) => {
         if (!hasValues[j]) return;
         const cell = line.insertCell();
         const value = rows[i][j];
-        if (name === "tree" && beside?.has(key)) cell.append(beside.thumbnail(key), opener(key));
+        if (name === "tree" && comparison?.has(key)) cell.append(comparison.thumbnail(key), opener(key));
         else cell.textContent = value === null ? "" : formatted(name, value);
         cell.className = (name === "audit" && value !== null ? value.split(", ").at(-1) : kind) + visibility(name);
       });
@@ -100,14 +100,14 @@ function ranking(table, beside, choice) {
   // Keys in the tables of near ties and of sizes open their designs too.
   for (const cell of document.querySelectorAll("td[data-name=key], td[data-name=best]")) {
     const key = cell.textContent;
-    if (!beside?.has(key)) continue;
+    if (!comparison?.has(key)) continue;
     cell.replaceChildren(opener(key));
-    cell.firstChild.addEventListener("click", () => beside.show(key));
+    cell.firstChild.addEventListener("click", () => comparison.show(key));
   }
 
   table.addEventListener("click", (event) => {
     const button = event.target.closest("tbody tr")?.querySelector("button");
-    if (button) beside.show(button.textContent);
+    if (button) comparison.show(button.textContent);
   });
   table.addEventListener("keydown", (event) => {
     const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
@@ -117,8 +117,8 @@ function ranking(table, beside, choice) {
     event.preventDefault();
     next.focus();
   });
-  if (beside) {
-    beside.chosen = (key) => {
+  if (comparison) {
+    comparison.chosen = (key) => {
       for (const line of table.tBodies[0].rows) {
         const same = key !== null && line.cells[0].textContent === key;
         if (same) line.setAttribute("aria-current", "true");

@@ -1,6 +1,6 @@
 // Two designs of the ranking side by side, by default against the winner: linked 3-D views and key figures.
 
-class Beside {
+class Comparison {
   constructor(element) {
     this.element = element;
     this.columns = element.querySelector(".cards").children;
@@ -49,7 +49,7 @@ class Beside {
     const keys = key === null ? [] : [...new Set([against, key])];
     [...this.columns].forEach((column, i) => column.replaceChildren(...(keys[i] ? [this.card(keys[i])] : [])));
     const named = (other) => (other === this.best ? `the best, ${other}` : other);
-    const title = keys.length === 1 ? `${key}${key === this.best ? ", the best" : ""}` : `${key} beside ${named(against)}`;
+    const title = keys.length === 1 ? `${key}${key === this.best ? ", the best" : ""}` : `${key} compared with ${named(against)}`;
     if (key !== null || location.hash.startsWith("#design=")) {
       history.replaceState(null, "", key === null ? "#" : `#design=${key}${against === this.keys[0] ? "" : `,${against}`}`);
     }
