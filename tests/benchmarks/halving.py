@@ -45,7 +45,7 @@ def main() -> None:
         "--ways",
         nargs="+",
         type=_way,
-        default=[Way(16), Way(20, search.SELECTION.halved_after, search.SELECTION.least_halved)],
+        default=[Way(16), Way(20, search.SELECTION.halving_step, search.SELECTION.min_starts)],
     )
     arguments = parser.parse_args()
     ways: list[Way] = arguments.ways
@@ -60,7 +60,7 @@ def main() -> None:
             for way in ways:
                 began = time.process_time()
                 with patch.object(
-                    search, "SELECTION", search.SELECTION._replace(halved_after=way.steps, least_halved=way.least)
+                    search, "SELECTION", search.SELECTION._replace(halving_step=way.steps, min_starts=way.least)
                 ):
                     found = nlp.solve(resolved, tree, starts=range(way.starts), seed=seed)
                 seconds[way] += time.process_time() - began

@@ -79,7 +79,7 @@ class Composed:
         design = verify.complete(geometry)
         audited, at = verify.audit(design), platform(design)
         poses = {"orientations": at.poses.R, "centres": at.o, "end_effector": at.p_e}
-        checks = nlp.check_stated(self.constraints, design, **poses)
+        checks = nlp.check_user_constraints(self.constraints, design, **poses)
         names = {one.name for one in checks}
         missed = any(one.status == "missed" for one in checks)
         return audited.model_copy(
@@ -96,7 +96,7 @@ class Composed:
             return design.model_copy(update={"mount": mount})
         if mount not in (None, design.mount):
             # the solver counts a rod within its limits; where parts or airflow block it, another is bolted on
-            design = nlp.hold_rod(design, mount, self.constraints)
+            design = nlp.move_rod(design, mount, self.constraints)
         # to the last digit the given task with that rod, by whatever rods the solver went
         return design.model_copy(update={"task": task.with_rod(design.task.end_effector.counted_rod)})
 
