@@ -54,8 +54,8 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
         "49; trees that differ only by turning modules by 180 deg are merged"
     )
     assert said["module"]["figure of merit"] == "0.165, with rotors of 5 cm radius"
-    assert said["module"]["thrust coefficient C_T"].startswith("0.127, as of propellers")
-    assert said["module"]["speed of rotor tips"] == "61.7 m/s at hover, 97.5 m/s at full thrust"
+    assert said["module"]["thrust coefficient C_T"].startswith("0.127, of propellers")
+    assert said["module"]["rotor tip speed"] == "61.7 m/s at hover, 97.5 m/s at full thrust"
     assert list(said["warnings"]) == ["module.torque_coefficient", "load_cases[0]", "load_cases[1]"]
 
 
@@ -63,7 +63,7 @@ def test_load_cases_are_told_by_name_and_those_without_cost_say_so() -> None:
     said = groups("push", "--set", "load_cases[0].name=to the side", "--set", "load_cases[2].weight=0.0")
     cases = said["load cases, each the total wrench of the rotors"]
     assert list(cases) == ["load case 0 (to the side)", "load case 1", "load case 2"]
-    assert cases["load case 2"].endswith("; weight 0: required, adds no control effort")
+    assert cases["load case 2"].endswith("; weight 0: required, but adds no control effort")
     assert "load_cases" not in said["warnings"]
 
 
@@ -77,7 +77,7 @@ def test_sets_of_wrenches_are_told_with_their_corners() -> None:
 
 
 def test_reserves_are_told_where_they_are_asked_for() -> None:
-    title = "possible beyond the load cases"
+    title = "required beyond the load cases"
     assert title not in groups("push")
     level = ("--set", "flight.directions=horizontal")
     asked = ("--set", "flight.force_reserve=0.1", "--set", "flight.torque_reserve=0.05")
@@ -95,7 +95,7 @@ def test_reserves_are_told_where_they_are_asked_for() -> None:
 
 
 def test_goals_are_told_where_there_are_any() -> None:
-    title = "goals beside control effort"
+    title = "goals besides control effort"
     assert title not in groups("push")
     told = groups("push", "--set", "goals.stand_off=[0.2, 0.35]", "--set", "goals.peak_input=[1.0, 0.9, 0.8]")[
         title
@@ -108,7 +108,7 @@ def test_goals_are_told_where_there_are_any() -> None:
 
 
 def test_tolerances_are_told_where_there_are_any() -> None:
-    required, measured = "tolerances that the clearances survive", "tolerances that are measured, not required"
+    required, measured = "tolerances that clearances must survive", "tolerances that are measured, not required"
     assert not {required, measured} & set(groups("push"))
     settings = ("--set", "tolerances.hinge_angle_deg=0.5", "--set", "tolerances.position=0.002")
     for title, other, more in (
@@ -118,7 +118,7 @@ def test_tolerances_are_told_where_there_are_any() -> None:
         told = groups("push", *settings, *more)
         assert list(told[title].values()) == ["within 0.5°", "within 2 mm", "up to 0 mm"]
         assert other not in told
-        assert "possible beyond the load cases" not in told
+        assert "required beyond the load cases" not in told
 
 
 def test_of_a_range_of_sizes_each_has_its_weight_and_its_candidates() -> None:

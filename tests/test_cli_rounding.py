@@ -54,7 +54,7 @@ def run_both(*words: str) -> tuple[str, Any]:
 def flight_figures(flight: dict[str, Any]) -> Iterator[Figure]:
     hover = flight["cases"][0]
     yield "weakest side force at the tip", hover["horizontal_reserve_N"], "least"
-    yield "least torque that can be added in hover:", hover["torque_reserve_Nm"], "least"
+    yield "smallest torque reserve in hover:", hover["torque_reserve_Nm"], "least"
     yield "at the centre of mass in hover:", hover["force_reserve_com_N"], "least"
     yield "at any tilt up to", hover["tilt_deg"], "least"
     yield "centre of mass off by up to", 1e3 * hover["com_error_m"], "least"

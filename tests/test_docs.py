@@ -147,7 +147,7 @@ SAID = (
 def test_the_examples_of_own_code_run(run, monkeypatch, number):
     examples = blocks("python", "how-to/own-code.md")
     assert len(examples) == len(SAID)
-    monkeypatch.setattr(formats, "_registered", {one.name: one for one in formats.OURS})
+    monkeypatch.setattr(formats, "_registered", {one.name: one for one in formats.BUILT_IN})
     said = run(examples[number])
     for words in SAID[number]:
         assert words in said, said

@@ -257,18 +257,18 @@ def test_the_sheet_tells_where_modules_rotors_and_the_autopilot_are() -> None:
         axes = [[float(x) for x in cell[1:-1].split(",")] for cell in row[4:]]
         np.testing.assert_allclose(axes, R.T, atol=1e-3)
     forward, left, up = (float(cell) / 1000 for cell in lie[0][1:4])  # module 0 from the centre of mass
-    (hub,) = re.findall(r"EKF2_IMU_POS_X, Y, Z = (\S+), (\S+), (\S+) m;", text)
+    (hub,) = re.findall(r"EKF2_IMU_POS_X, Y, Z = (\S+), (\S+), (\S+) m\.", text)
     assert [float(x) for x in hub] == pytest.approx([forward, -left, -up], abs=6e-4)
     drawing = next(svg for svg in page.iter(SVG + "svg") if svg.get("aria-label") == "strut of 86.4 mm")
     assert [words.text for words in drawing.iter(SVG + "text")] == ["40.00", "126.40"]
     com, arrow, upper = (
         np.array([float(x) for x in re.search(rf"{words} \[([^]]+)\]", text)[1].split(",")])  # type: ignore[index]
-        for words in ("mass is at", "arrow along", "side along")
+        for words in ("mass is", "arrow along", "side along")
     )
     np.testing.assert_allclose(at.R[0] @ com, 1000 * at.p_com, atol=0.1)
     np.testing.assert_allclose(at.R[0] @ arrow, [1, 0, 0], atol=1e-3)
     np.testing.assert_allclose(at.R[0] @ upper, [0, 0, 1], atol=1e-3)
-    _, *motors = next(one for one in tables if one[0][0] == "motor of PX4")
+    _, *motors = next(one for one in tables if one[0][0] == "PX4 motor")
     for j, (row, one) in enumerate(zip(motors, allocation(DESIGN).rotors, strict=True)):
         turns = "CCW" if one.spin == 1 else "CW"
         assert row[:5] == [str(j + 1), str(j), str(one.module), str(one.rotor), turns]

@@ -262,7 +262,7 @@ def test_the_tip_touches_and_the_rod_does_so_before_it() -> None:
 def test_what_is_beyond_the_model_is_said_in_the_file() -> None:
     design = with_rod(random_design(Topology.from_key("a300"), 2))
     text = mjcf(design, Physics(motor_lag=0.04, rod_mass=True, contacts=True))
-    for said in ("time constant of 0.04 s", "The rod has its mass, which the design leaves out", "`tip`"):
+    for said in ("time constant of 0.04 s", "The rod has mass, which the design neglects", "`tip`"):
         assert said in text
         assert said not in mjcf(design)
 

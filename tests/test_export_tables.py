@@ -14,7 +14,7 @@ from verify_cases import changed, fan
 
 import verify
 from topo_search.export import audits as tables
-from topo_search.export.audits import Judged, clearances, escape, markdown, parquet, residuals
+from topo_search.export.audits import AuditedDesign, clearances, escape, markdown, parquet, residuals
 from topo_search.model import Audit, Residual
 from topo_search.model.files import to_json
 from topo_search.model.text import escape_formula
@@ -134,5 +134,5 @@ def test_the_table_of_candidates_has_no_formulas(tmp_path, monkeypatch) -> None:
 
 def test_markdown_lists_and_headings_are_text() -> None:
     assert [escape(text) for text in ("# a", "1. a", "1.json", "- a")] == [r"\# a", r"1\. a", "1.json", r"\- a"]
-    summary = markdown([Judged("=1", fan(), verify.audit(fan()))], [("# x", "- y")])
+    summary = markdown([AuditedDesign("=1", fan(), verify.audit(fan()))], [("# x", "- y")])
     assert r"- \# x: \- y" in summary

@@ -14,7 +14,7 @@ from topo_search.model import Audit, Design, Topology
 from topo_search.report import headline as module
 from topo_search.report.design_page import design_page
 from topo_search.report.design_part import cases
-from topo_search.report.headline import Compared, cards, fragile, headline, rows_to_show, tally
+from topo_search.report.headline import Compared, audit_summary, cards, fragile_margins, headline, rows_with_cards
 from topo_search.report.page import render
 from topo_search.report.scene import closest
 from topo_search.report.wording import near_tie_cells
@@ -45,11 +45,11 @@ def test_the_least_clearance_is_the_least_of_all_pairs(audited: tuple[Design, Au
     least = min(pair.analytic_m for pair in found.pairs)
     nearest = closest(found)
     assert nearest.analytic_m == least < 0
-    figure, meaning = told(made, found)["Least clearance"]
+    figure, meaning = told(made, found)["Smallest clearance"]
     assert meaning == nearest.name
     size, unit = figure.replace("−", "-").split()
     assert float(size) * {"mm": 1e-3, "cm": 1e-2, "m": 1}[unit] <= least
-    (status,) = (tile.status for tile in headline(made, found, None, "") if tile.name == "Least clearance")
+    (status,) = (tile.status for tile in headline(made, found, None, "") if tile.name == "Smallest clearance")
     assert status == "violated"
 
 
@@ -60,13 +60,13 @@ def test_a_clear_design_with_hardly_any_margin_is_amber(audited, metres, degrees
     flight = found.flight.model_copy(update={"hinge_tolerance_deg": degrees})
     clear = found.model_copy(update={"verdict": "clear", "pairs": (pair,), "flight": flight})
     told = {tile.name: tile for tile in headline(made, clear, None, "")}
-    assert told["Least clearance"].status == ("fragile" if metres < 0.001 else "")
+    assert told["Smallest clearance"].status == ("fragile" if metres < 0.001 else "")
     assert told["Hinge tolerance"].status == ("fragile" if degrees < 0.1 else "")
-    assert len(fragile(clear)) == words
+    assert len(fragile_margins(clear)) == words
     text = render(design_page(made, clear, "mine.json"))
     assert ('<span class="verdict fragile">audit: clear' in text) == (words > 0)
-    assert all(f in text for f in fragile(clear))
-    assert fragile(found) == ()
+    assert all(f in text for f in fragile_margins(clear))
+    assert fragile_margins(found) == ()
 
 
 def test_tiles_are_of_what_is_told_and_asked_for(audited: tuple[Design, Audit]) -> None:
@@ -89,7 +89,7 @@ def test_reserves_are_rounded_down(audited: tuple[Design, Audit]) -> None:
         update={"possible": True, "horizontal_reserve_N": 1.2999, "horizontal_weakest": (0.0, -1.0, 0.0)}
     )
     for changed, expected in (
-        (hover, ("1.29 N", "at the tip in hover, least towards -y")),
+        (hover, ("1.29 N", "at the tip in hover, weakest towards -y")),
         (hover.model_copy(update={"possible": False}), ("none", "cannot hover")),
         (hover.model_copy(update={"possible": None}), ("none", "hover is undecided")),
     ):
@@ -122,7 +122,7 @@ def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, 
     over = max(region.speed_at_most_m_s for case in found.air.cases for region in case.regions)
     figure, meaning = told(made, found)["Air at the tip"]
     assert 0 <= float(figure.removesuffix(" m/s")) - tip < 0.01 * tip
-    most = float(meaning.removeprefix("over the regions at most ").removesuffix(" m/s, by the jet model"))
+    most = float(meaning.removeprefix("in the regions at most ").removesuffix(" m/s, by the jet model"))
     assert 0 <= most - over < 0.01 * over
     assert told(*audited)["Air at the tip"][1] == "by the jet model"
     assert "Air at the tip" not in told(made, found.model_copy(update={"air": None}))
@@ -132,9 +132,9 @@ def test_what_is_not_clear_is_counted(audited: tuple[Design, Audit]) -> None:
     _, found = audited
     wrong = sum(pair.status != "clear" for pair in found.pairs)
     wrong += sum(residual.status != "clear" for residual in found.residuals)
-    assert says(tally(found), f"{wrong} of {len(found.pairs) + len(found.residuals)}", "not clear")
+    assert says(audit_summary(found), f"{wrong} of {len(found.pairs) + len(found.residuals)}", "not clear")
     fine = found.model_copy(update={"verdict": "clear"})
-    assert tally(fine).startswith(f"all {len(found.pairs)} clearances are proven")
+    assert audit_summary(fine).startswith(f"all {len(found.pairs)} clearances proven")
 
 
 # ---- Which designs of a run the page shows beside the winner, and how much they may take.
@@ -156,7 +156,7 @@ def test_the_best_ten_have_a_card_the_winner_first(tmp_path):
 def test_other_sizes_have_their_best_three(tmp_path):
     answer = toy_run(tmp_path / "run", modules=(3, 4), starts=4)
     assert answer.best is not None
-    rows = rows_to_show(answer, answer.best)
+    rows = rows_with_cards(answer, answer.best)
     assert rows[0] == answer.best
     assert [row.modules for row in rows].count(4) == 3
     assert len({row.key for row in rows}) == len(rows)
@@ -171,7 +171,7 @@ def test_cards_stop_where_the_page_would_get_large(monkeypatch):
     found = [Compared(key, design(Topology.from_key(key)), None, 0.1) for key in ("af0000", "a70010", "a31040")]
     best = toy_row("af0000", objective=1.0, gap=0.1)
     assert [card["key"] for card in cards(found, best)] == ["af0000", "a70010", "a31040"]
-    monkeypatch.setattr(module, "LARGEST", 20_000)
+    monkeypatch.setattr(module, "MAX_CARD_CHARACTERS", 20_000)
     assert next(cards(found, best))["key"] == "af0000"
     assert len(list(cards(found, best))) < 3
 
@@ -184,7 +184,7 @@ def test_a_design_that_cannot_be_drawn_has_no_card():
     assert [card["key"] for card in cards(found, best)] == ["af0000"]
 
 
-@pytest.mark.parametrize(("objective", "told"), [(1.0, "least found"), (1.0049, "+0.49 %"), (1.1, "+10.00 %")])
+@pytest.mark.parametrize(("objective", "told"), [(1.0, "lowest found"), (1.0049, "+0.49 %"), (1.1, "+10.00 %")])
 def test_effort_is_told_over_that_of_the_best(objective, told):
     best = replace(toy_row("af0000", objective=1.0, gap=0.1), modules=5)
     key = "af0000" if objective == 1.0 else "a70010"

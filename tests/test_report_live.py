@@ -49,7 +49,7 @@ class Browser(Silent):
 def eager(monkeypatch):
     """Pages as new as can be."""
     monkeypatch.setattr(live.Live, "refresh_s", 0.0)
-    monkeypatch.setattr(live.Live, "most_share", 1e9)
+    monkeypatch.setattr(live.Live, "largest_share", 1e9)
 
 
 def test_a_search_is_seen_from_its_first_step_to_its_audits_and_no_longer(in_process, eager, tmp_path):
@@ -61,7 +61,7 @@ def test_a_search_is_seen_from_its_first_step_to_its_audits_and_no_longer(in_pro
     assert all("left" in str(one["words"]) for one in browser.seen)
     assert "auditing 2 modules" in str(browser.seen[-1]["words"])
     assert answer.best.key in browser.pages[-1]
-    assert "There is no design yet." in browser.pages[0] or answer.best.key in browser.pages[0]
+    assert "No design has been found yet." in browser.pages[0] or answer.best.key in browser.pages[0]
     with pytest.raises(URLError):
         fetch(browser.address)
 

@@ -207,7 +207,10 @@ def test_the_mark_is_where_the_audit_says(audited):
 
 def test_a_distance_that_is_marked_is_told_from_a_gap(audited):
     _, verdict = audited
-    for kind, told in (("airflow", "1 mm, airflow"), ("separation", "1 mm beyond the least distance, separation")):
+    for kind, told in (
+        ("airflow", "1 mm, airflow"),
+        ("separation", "1 mm beyond the required distance, separation"),
+    ):
         pair = next(pair for pair in verdict.pairs if pair.kind == kind).model_copy(update={"analytic_m": 1e-3})
         assert closest_words(pair).startswith(f"The closest pair: {told} of modules")
 

@@ -20,7 +20,7 @@ from topo_search.cli.tables import _front, _rows, audit_lines
 from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
 from topo_search.compose.designs import compare_audits
-from topo_search.export.audits import Judged, markdown
+from topo_search.export.audits import AuditedDesign, markdown
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.audit import WorstCase
 from topo_search.model.design import Relaxation
@@ -88,7 +88,7 @@ def test_clearances(audited, status, capsys):
             capsys.readouterr().out,
             compare_audits(only, only),
             [cell for row in rows for cell in row],
-            markdown([Judged("mine", made, only)], []),
+            markdown([AuditedDesign("mine", made, only)], []),
             only._repr_html_(),
             pointed,
         ):
@@ -119,7 +119,7 @@ def test_errors_that_are_harmless_and_what_is_not_met(audited, capsys):
         )
         print(*audit_lines("mine", changed), sep="\n")
         printed, checked = capsys.readouterr().out, residuals(changed).rows[0]
-        summary = markdown([Judged("mine", made, changed)], [])
+        summary = markdown([AuditedDesign("mine", made, changed)], [])
         for text in (printed, summary, *errors(changed).rows, findings(made, changed)):
             check(text, least=x, most=3 * x)
         for text in (printed, summary, checked, changed._repr_html_()):

@@ -33,7 +33,7 @@ def test_the_section_has_verdicts_course_and_what_a_simulation_cannot_know(audit
     assert "0.5 N in the weakest direction (-y), 2 % of the weight; hover survives 3 of 4" in page.text
     assert "motor lag 50 ms, sensor noise × 1, model error 2 %, seed 7." in page.text
     assert NO_DOWNWASH in page.text
-    assert "It never changes the audit's verdict." in page.text
+    assert "It does not affect the audit's verdict." in page.text
     assert f"audit: {verdict.verdict}" in page.text
     drawn = json.loads(page.data["simulated-course-data"])["data"]
     assert {trace["name"] for trace in drawn} == {"load case 0, wall"}
@@ -85,11 +85,11 @@ def test_the_command_reads_the_folder_of_fly(command, tmp_path):
 @pytest.mark.parametrize(
     ("words", "edit", "said"),
     [
-        (["other.json"], None, "flight.json: design: must be of the design whose page this is"),
+        (["other.json"], None, "flight.json: design: must be the digest of this design"),
         (["run"], None, "--flight: must come with the file of the design that was flown, but got the folder run"),
         (["mine.json"], ("json", "", ""), "flight.json: is not a JSON file"),
         (["mine.json"], ("csv", "0.03", "far"), "flight.csv: line 2: must have a number in each of time_s"),
-        (["mine.json"], ("csv", "wall", "loop"), "line 2: must be of a scenario of flight.json, but got"),
+        (["mine.json"], ("csv", "wall", "loop"), "line 2: must be a scenario of flight.json, but got"),
     ],
 )
 def test_flights_that_do_not_fit_are_refused(command, tmp_path, words, edit, said):

@@ -341,7 +341,7 @@ def test_the_page_draws_the_front_and_tells_every_level(tmp_path, monkeypatch):
     assert "front-stand-off-data" not in page.data
     for number, margin in enumerate(sorted(LEVELS)):
         assert f"{number} search.margin = {margin:g} 3 4 feasible" in page.text
-    assert f"on the front, {rows[0]['key']} takes the least control effort" in page.text
+    assert f"on the front, {rows[0]['key']} needs the least control effort" in page.text
     ranking = json.loads(page.data["ranking-data"])["rows"]
     level = table(tmp_path / f"run/levels/{rows[0]['level']}/candidates.csv")
     assert [row[0] for row in ranking] == [row["key"] for row in level]

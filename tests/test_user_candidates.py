@@ -38,7 +38,7 @@ def test_only_listed_candidates_are_solved_as_they_stand(hover, tmp_path):
     assert search(hover, out=tmp_path / "run", topologies=reversed(listed), starts=1).best == answer.best
     with pytest.raises(BadInput, match="a run with other topologies"):
         search(hover, out=tmp_path / "run", topologies=["a500"], starts=1)
-    assert "4 trees that the user listed" in (tmp_path / "run/report.html").read_text()
+    assert "4 trees listed by the user" in (tmp_path / "run/report.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ from topo_search.study import Solved
 @pytest.fixture(autouse=True)
 def only_ours(monkeypatch):
     """Every test begins with the formats of the package."""
-    monkeypatch.setattr(formats, "_registered", {one.name: one for one in formats.OURS})
+    monkeypatch.setattr(formats, "_registered", {one.name: one for one in formats.BUILT_IN})
 
 
 def test_a_registered_format_is_written_by_name_and_by_suffix(solved_push, tmp_path):
@@ -48,11 +48,11 @@ def test_our_own_formats_go_through_the_same_door(solved_push, tmp_path, name):
 @pytest.mark.parametrize(
     ("own", "words"),
     [
-        (OwnFormat("Text", str), "name must be small letters, digits and dashes, but got 'Text'"),
-        (OwnFormat("glb", str), "there is a format 'glb'"),
-        (OwnFormat("kit", str), "there is a format 'kit'"),
-        (OwnFormat("other", str, (".PNG",)), "a suffix must be new, but .PNG is that of png"),
-        (OwnFormat("other", str, ("own",)), "a suffix must be a dot with letters or digits, but got 'own'"),
+        (OwnFormat("Text", str), "name must consist of lower-case letters, digits and dashes, but got 'Text'"),
+        (OwnFormat("glb", str), "a format 'glb' exists"),
+        (OwnFormat("kit", str), "a format 'kit' exists"),
+        (OwnFormat("other", str, (".PNG",)), "a suffix must be new, but format png has .PNG"),
+        (OwnFormat("other", str, ("own",)), "a suffix must be a dot and letters or digits, but got 'own'"),
     ],
 )
 def test_a_format_that_cannot_be_registered_is_refused(own, words):

@@ -151,13 +151,13 @@ def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, wo
     from topo_search.cli.tables import audit_lines, tally_lines
     from topo_search.compose import audits, available_cores
     from topo_search.engine import Failed
-    from topo_search.export.audits import Judged, clearances_of, csv, markdown
+    from topo_search.export.audits import AuditedDesign, clearances_of, csv, markdown
     from topo_search.model.files import write_atomically
 
     for option, out in (("--csv", table), ("--markdown", summary)):
         options.require_writable(out, option)
     read, refused, skipped = _read_designs(designs)
-    judged: list[Judged] = []
+    judged: list[AuditedDesign] = []
     failed: list[tuple[str, str]] = []
     files = len(read) + len(refused) + skipped
     apart = min(workers or available_cores(), files) if files > 1 else 0
@@ -166,7 +166,7 @@ def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, wo
             failed.append((name, f"the audit failed: {result.reason}"))
             note(": ".join(failed[-1]))
             continue
-        judged.append(Judged(name, design, result))
+        judged.append(AuditedDesign(name, design, result))
         if not options.is_json():
             options.echo_lines(audit_lines(name, result))
     verdicts = [each.audit.verdict for each in judged]

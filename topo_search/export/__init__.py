@@ -1,4 +1,4 @@
-"""Designs for other eyes and tools: pictures and files of other formats, and their colours."""
+"""Pictures of designs, files of designs for other programs, and the colours of both."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Palette(NamedTuple):
-    """Colours of the pictures: the set of Okabe and Ito, told apart with every kind of colour vision.
+    """Colours of all pictures: the set of Okabe and Ito, which stay distinct with colour-vision deficiency.
 
     M. Okabe, K. Ito, "Color Universal Design", 2008.
     """
@@ -17,7 +17,7 @@ class Palette(NamedTuple):
     ROTOR: str = "#c9c9c9"
     THRUST_AXIS: str = "#d55e00"
     SPINS: tuple[str, ...] = ("#56b4e9", "#cc79a7")
-    """Rotors that turn counter-clockwise and clockwise, seen from above."""
+    """Rotors that turn counter-clockwise, and clockwise, seen from above."""
     CONNECTOR: str = "#0072b2"
     FREE_PORT: str = "#b0b0b0"
     AIRFLOW: str = "#cc79a7"
@@ -38,25 +38,25 @@ class Palette(NamedTuple):
         "violated": "#d55e00",
         "inconsistent": "#000000",
     }
-    """Colours of audit verdicts, always beside the word."""
+    """Colours of audit verdicts; the word always stands beside them."""
     STATUSES: Mapping[str, str] = {
         "feasible": "#009e73",
         "infeasible": "#e69f00",
         "impossible": "#cc79a7",
         "failed": "#000000",
     }
-    """Colours of candidates' statuses, always beside the word."""
+    """Colours of candidates' statuses; the word always stands beside them."""
     SERIES: tuple[str, ...] = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
-    """Lines and points of one chart, told apart by their markers too."""
+    """Lines and points of one chart; their markers differ too."""
     CASES: tuple[str, ...] = ("#000000", "#cc79a7", "#009e73", "#e69f00", "#56b4e9")
-    """Arrows of load cases beside thrust axes and joints."""
+    """Arrows of load cases; distinct from thrust axes and joints."""
 
     CELL: str = "rgba(128, 128, 128, 0.12)"
     TIGHT: str = "#ffd166"
     NOT_CLEAR: str = "#a84700"
-    """Cells of a matrix of clearances: plain, tight, not clear."""
+    """Cells of a matrix of clearances: plain (`CELL`), tight, not clear."""
     IN_CELLS: tuple[str, ...] = ("#222222", "#221c10", "#fffffe")
-    """Text in them, with a contrast of 4.5 at least."""
+    """Text in these three kinds of cell, with a contrast of at least 4.5."""
 
 
 palette = Palette()

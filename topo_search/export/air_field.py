@@ -21,31 +21,31 @@ from verify.kinematics import platform
 from verify.requirements import Scene
 
 AROUND, BELOW = 0.5, 2.0
-"""Room around modules and end-effector, and along their jets [m]."""
+"""Margin around modules, jets and end-effector; length of the jets that is included [m]."""
 
 
 class AirField(NamedTuple):
-    """Air speeds of a design, from the root's centre in the axes of the task."""
+    """Air speeds of a design on a grid, from the root's centre in the axes of the task."""
 
     origin: NDArray[np.float64]
     """First point of the grid, shape (3,) [m]."""
     step: float
-    """Distance of neighbours [m]."""
+    """Grid spacing [m]."""
     cases: dict[str, NDArray[np.float32]]
-    """Sum of the modules' speeds in every load case, shape (nx, ny, nz) [m/s]."""
+    """Sum of the modules' air speeds in each load case, shape (nx, ny, nz) [m/s]."""
 
 
 class AirSurface(NamedTuple):
-    """The surface around all air of a load case that is faster than some speed."""
+    """The surface that encloses all air of a load case above a speed."""
 
     words: str
-    """Speed and load case."""
+    """Speed and load case, in words."""
     mesh: Trimesh
-    """From the root's centre in the axes of the task, closed where its room ends [m]."""
+    """From the root's centre in the axes of the task, closed at the boundary of the box [m]."""
 
 
 def air_field(design: Design, points: int = 200_000) -> AirField:
-    """Return the air of a design around its modules, its end-effector and its jets, at no more than some points.
+    """Return the air speeds of a design around its modules, jets and end-effector, on at most `points` points.
 
     The speeds are those of `verify.air.jets`: time averages in free air.
     """
@@ -60,51 +60,52 @@ def air_field(design: Design, points: int = 200_000) -> AirField:
 
 
 def air_surface(design: Design, speed: float, load_case: int = 0, points: int = 100_000) -> AirSurface:
-    """Return where the air of a load case has a speed [m/s], from the speeds at about so many points.
+    """Return the surface of equal air speed [m/s] in a load case, computed from about `points` points.
 
     Raises:
-        BadInput: there is no such load case, or no air is so fast in it.
+        BadInput: there is no such load case, or its air is slower everywhere.
     """
     air = _Air(design)
     if load_case >= len(air.cases):
         rule = f"must be one of the load cases 0 to {len(air.cases) - 1}, but got {load_case}"
         raise BadInput("--load-case", rule)
     name, box = list(air.cases)[load_case], [*air.low.tolist(), *air.high.tolist()]
-    edge = float((2 * np.prod(air.high - air.low) / points) ** (1 / 3))  # two points a cube
+    edge = float((2 * np.prod(air.high - air.low) / points) ** (1 / 3))  # a cell has two points
     grid: list[tuple[float, ...]] = []
 
-    def note(*point: float) -> float:
+    def record(*point: float) -> float:
         grid.append(point)
         return -1.0
 
-    Manifold.level_set(note, box, edge)  # says where it asks, for a call a point would take minutes
+    # level_set() evaluates point by point, which takes minutes, so the points are recorded and evaluated at once
+    Manifold.level_set(record, box, edge)
     speeds = air.speeds(name, np.array(grid))
     if speeds.max() <= speed:
         rule = f"must be less than {upper_text(speeds.max(), 3)} m/s, the fastest air in {name}, but got {speed:g}"
         raise BadInput("--air-speed", rule)
-    over = dict(zip(grid, (speeds - speed).tolist(), strict=True))
-    mesh = Manifold.level_set(lambda *point: over[point], box, edge).to_mesh()
+    excess = dict(zip(grid, (speeds - speed).tolist(), strict=True))
+    mesh = Manifold.level_set(lambda *point: excess[point], box, edge).to_mesh()
     surface = Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts)
     return AirSurface(f"air faster than {speed:g} m/s, {name}", surface)
 
 
 class _Air:
-    """The air of a design in some room."""
+    """The jets of a design in all load cases, and the box around them."""
 
     def __init__(self, design: Design) -> None:
-        placed = platform(design)
-        scene = Scene(design, placed)
-        W, self._l_arm = placed.poses.p, scene.l_arm
-        self._middle = W.mean(axis=0)
+        poses = platform(design)
+        scene = Scene(design, poses)
+        p, z, self._l_arm = poses.p, poses.z, scene.l_arm
+        self._middle = p.mean(axis=0)
         self.cases = dict(case_jets(scene))
-        points = np.concatenate([W, W - BELOW * placed.poses.z, [self._middle + self._l_arm * scene.p_E]])
+        points = np.concatenate([p, p - BELOW * z, [self._middle + self._l_arm * scene.p_E]])
         self.low, self.high = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
 
     def speeds(self, case: str, x: Array) -> Array:
-        """Return the sum of the modules' speeds at points from the root's centre, (m, 3) [m]."""
-        blown = self.cases[case]
-        parts = np.array_split((x - self._middle) / self._l_arm, max(1, len(x) * len(blown.centres) // 50_000))
-        return np.concatenate([speeds(blown, part).sum(axis=1) for part in parts])
+        """Return the sum of the modules' air speeds [m/s] at points from the root's centre, (m, 3) [m]."""
+        jets = self.cases[case]
+        parts = np.array_split((x - self._middle) / self._l_arm, max(1, len(x) * len(jets.centres) // 50_000))
+        return np.concatenate([speeds(jets, part).sum(axis=1) for part in parts])
 
 
 def npz(field: AirField) -> bytes:

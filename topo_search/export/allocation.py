@@ -1,4 +1,4 @@
-r"""Data of a platform for flight controllers: forces and torques of rotors, mass, inertia, parameters of PX4.
+r"""Data of a platform for flight controllers: forces and torques of rotors, mass, inertia, PX4 parameters.
 
 .. math::
 
@@ -10,33 +10,32 @@ r"""Data of a platform for flight controllers: forces and torques of rotors, mas
 | w | force, then torque about the COM, in the axes of the task | (6,) | N, N m |
 | u; T = k_f u | squared rotor speeds; thrusts; j = 4 i + q, rotor q = 0..3 of module i | (4n,) | rad^2/s^2; N |
 | o_j, z_j | position of rotor j from the COM; its thrust axis | (3,) | m, - |
-| s_j = -(-1)^q | sign of the drag torque along z_j: +1 for a rotor that turns clockwise seen against z_j | | |
-| J | inertia about the COM: modules by their own, joints and the end-effector as points | (3, 3) | kg m^2 |
+| s_j = -(-1)^q | sign of the drag torque along z_j: +1 for a rotor that is clockwise as seen against z_j | | |
+| J | inertia about the COM; joints and the end-effector are point masses | (3, 3) | kg m^2 |
 
-For PX4's control allocation the platform is airframe 0, `Multirotor`, whose rotors may point anywhere. Airframe 7,
+In PX4's control allocation the platform is airframe 0, `Multirotor`, whose rotors may point anywhere. Airframe 7,
 `Motors (6DOF)`, has the same matrix but stops motors below 2 % of their output in flight
 (`ActuatorEffectivenessUUV::updateSetpoint`).
 
 | symbol | meaning | unit |
 |---|---|---|
 | o, z | position of a rotor from the COM and its thrust axis, axes of the task: x forward, y left, z up | m, - |
-| p, a | the same in PX4's body axes: x forward, y right, z down (FRD), half a turn about x | m, - |
-| CT | thrust at an output of 1; PX4 takes thrusts to be CT times the output | N |
-| KM | drag torque over thrust; positive for a rotor that turns counter-clockwise seen against its thrust | m |
+| p, a | the same in PX4's body axes (FRD): x forward, y right, z down; rotated by 180 deg about x | m, - |
+| CT | thrust at an output of 1; PX4 assumes thrust = CT times output | N |
+| KM | drag torque over thrust; positive for a rotor that is counter-clockwise as seen against its thrust | m |
 | G | PX4's matrix from outputs to torques and forces, (6, N) | N m, N |
-| c_i | what PX4 divides column i of the pseudo-inverse of G by | 1/(N m), 1/N |
+| c_i | PX4's normalization of column i of the pseudo-inverse of G | 1/(N m), 1/N |
 
-From its source (`ActuatorEffectivenessRotors::computeEffectivenessMatrix`) a column of G is
+In PX4's source (`ActuatorEffectivenessRotors::computeEffectivenessMatrix`) a column of G is
 
 .. math:: (CT \; p \times a - CT \; KM \; a, \;\; CT \; a)
 
-torque first, and from its parameter reference (`src/modules/control_allocator/module.yaml`): positions are from
-the centre of gravity, only the direction of an axis counts, CT is in [0, 100], KM in [-1, 1], and there are at most
-twelve rotors. Rows of G without an entry above 0.05 become zero (`ControlAllocator.cpp`). A set-point of 1 is
-1 / c_i: of roll and pitch c is the larger root mean square of half of a column's entries, of yaw its largest entry,
-of a force the mean of its entries' sizes (`ControlAllocationPseudoInverse::updateControlAllocationMatrixScale`,
-version 1.17). The file has the form that QGroundControl loads: vehicle, component, name, value, type (6: int32,
-9: float32).
+torque first. By the parameter reference (`src/modules/control_allocator/module.yaml`), positions are from the
+centre of gravity, axes are normalized, CT is in [0, 100], KM in [-1, 1], and there are at most twelve rotors. Rows
+of G without an entry above 0.05 are set to zero (`ControlAllocator.cpp`). A set-point of 1 is 1 / c_i. For roll
+and pitch c is the larger root mean square of half of a column's entries, for yaw the largest entry, for a force
+the mean absolute entry (`ControlAllocationPseudoInverse::updateControlAllocationMatrixScale`, version 1.17). The
+file has QGroundControl's format: vehicle, component, name, value, type (6: int32, 9: float32).
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ from verify.flight.joints import inertia
 from verify.kinematics import Platform, platform
 
 RANK_TOLERANCE = 1e-9
-"""Singular values below this share of the largest are zero: a flat platform has some that rounding leaves."""
+"""Singular values below this share of the largest count as zero; rounding makes them positive."""
 UNITS = {
     "matrix": "N and N m per rad^2/s^2",
     "pseudo_inverse": "rad^2/s^2 per N and per N m",
@@ -68,7 +67,7 @@ UNITS = {
     "rotors": "positions in m, thrusts in N, speeds in rad/s",
 }
 TORQUE_FIRST = 10.0
-"""Weight of a missing torque, per l_arm, beside that of a missing force: who turns away loses forces as well."""
+"""Weight of a missing torque over l_arm, relative to a missing force: without attitude, forces fail too."""
 
 MatrixRow = tuple[Number, ...]
 
@@ -77,14 +76,14 @@ class Rotor(Value):
     """One rotor, in the axes of the task."""
 
     name: str
-    """As in the exported models for simulators."""
+    """Same as in the exported simulator models."""
     module: Index
     rotor: Index
-    """0..3; the paper's q less one."""
+    """0..3; the paper's q minus one."""
     position_m: Vector
     """From the COM."""
     axis: Vector
-    """Unit vector that the thrust pulls along."""
+    """Unit vector along the thrust."""
     spin: Literal[-1, 1]
     """1: counter-clockwise seen against the thrust axis (from above a rotor that pulls up); -1: clockwise."""
     thrust_coefficient: Number
@@ -100,11 +99,11 @@ class Allocation(Value):
     format: Literal["topo-search/allocation"] = "topo-search/allocation"
     version: Literal[1] = 1
     matrix: tuple[MatrixRow, ...]
-    """B, (6, 4n): from squared speeds."""
+    """B, (6, 4n): wrench per squared rotor speed."""
     pseudo_inverse: tuple[MatrixRow, ...]
-    """Pseudo-inverse of `matrix`, (4n, 6): the squared speeds of least norm, without limits."""
+    """Pseudo-inverse of `matrix`, (4n, 6): the squared speeds with the smallest norm, ignoring limits."""
     thrust_matrix: tuple[MatrixRow, ...]
-    """B_T, (6, 4n): from thrusts."""
+    """B_T, (6, 4n): wrench per thrust."""
     thrust_pseudo_inverse: tuple[MatrixRow, ...]
     """Pseudo-inverse of `thrust_matrix`, (4n, 6)."""
     rank: Index
@@ -119,7 +118,7 @@ class Allocation(Value):
     largest_input: Number
     """Largest squared speed of a rotor [rad^2/s^2]."""
     least_input: Number
-    """Least squared speed of a rotor that runs [rad^2/s^2]."""
+    """Smallest squared speed of a running rotor [rad^2/s^2]."""
     mass_kg: Number
     com_m: Vector
     inertia_kg_m2: tuple[Vector, Vector, Vector]
@@ -127,34 +126,34 @@ class Allocation(Value):
     principal_moments_kg_m2: Vector
     """Ascending."""
     principal_axes: tuple[Vector, Vector, Vector]
-    """A unit vector each, right-handed."""
+    """Three unit vectors, right-handed."""
     rotors: tuple[Rotor, ...]
     """In the order of the columns."""
 
     def csv(self) -> str:
-        """Return the matrix from squared speeds as a table, a row for each component of the wrench."""
+        """Return `matrix` as the text of a CSV file, a row per component of the wrench."""
         head = ("component", *(rotor.name for rotor in self.rotors))
         return csv_text(head, [(name, *row) for name, row in zip(self.rows, self.matrix, strict=True)])
 
     def rotor_csv(self) -> str:
-        """Return the rotors as a table."""
+        """Return the rotors as the text of a CSV file."""
         head = ("column", "name", "module", "rotor", "x_m", "y_m", "z_m", "axis_x", "axis_y", "axis_z", "spin")
         rows = [
             (
-                *(j, one.name, one.module, one.rotor, *one.position_m, *one.axis, one.spin),
-                *(one.thrust_coefficient, one.torque_coefficient, one.largest_thrust_N),
+                *(j, rotor.name, rotor.module, rotor.rotor, *rotor.position_m, *rotor.axis, rotor.spin),
+                *(rotor.thrust_coefficient, rotor.torque_coefficient, rotor.largest_thrust_N),
             )
-            for j, one in enumerate(self.rotors)
+            for j, rotor in enumerate(self.rotors)
         ]
         return csv_text((*head, "thrust_coefficient_Ns2", "torque_coefficient_Nms2", "largest_thrust_N"), rows)
 
 
 def allocation(design: Design) -> Allocation:
-    """Return how the rotors of a design act on it."""
-    task, module, at, n = design.task, design.task.module, platform(design), design.topology.n
+    """Return the allocation data of a design."""
+    task, module, poses, n = design.task, design.task.module, platform(design), design.topology.n
     k_f, k_tau = module.thrust_coefficient, module.torque_coefficient
-    o, z, s = at.rotors.reshape(-1, 3), np.repeat(at.z, 4, axis=0), np.tile(ROTOR_SPINS, n)
-    B_T = thrust_matrix(module, at)
+    o, z, s = poses.rotors.reshape(-1, 3), np.repeat(poses.z, 4, axis=0), np.tile(ROTOR_SPINS, n)
+    B_T = thrust_matrix(module, poses)
     inverse: Array = np.asarray(np.linalg.pinv(B_T, rcond=RANK_TOLERANCE), dtype=np.float64)
     J = inertia(design, platform(design))
     J = (J + J.T) / 2
@@ -184,7 +183,7 @@ def allocation(design: Design) -> Allocation:
         largest_input=u_max,
         least_input=task.min_input,
         mass_kg=task.total_mass(n),
-        com_m=at.p_com.tolist(),
+        com_m=poses.p_com.tolist(),
         inertia_kg_m2=J.tolist(),
         principal_moments_kg_m2=moments.tolist(),
         principal_axes=axes.T.tolist(),
@@ -192,29 +191,29 @@ def allocation(design: Design) -> Allocation:
     )
 
 
-def thrust_matrix(module: Module, at: Platform) -> Array:
+def thrust_matrix(module: Module, poses: Platform) -> Array:
     """Return B_T, shape (6, 4n) [N and N m per N]."""
-    o, z = at.rotors.reshape(-1, 3), np.repeat(at.z, 4, axis=0)
-    drag = np.tile(ROTOR_SPINS, len(at.p)) * module.torque_coefficient / module.thrust_coefficient
+    o, z = poses.rotors.reshape(-1, 3), np.repeat(poses.z, 4, axis=0)
+    drag = np.tile(ROTOR_SPINS, len(poses.p)) * module.torque_coefficient / module.thrust_coefficient
     return np.concatenate([z, np.cross(o, z) + drag[:, None] * z], axis=1).T
 
 
-def allocator_file(design: Design, acts: Allocation) -> str:
+def allocator_file(design: Design, platform_data: Allocation) -> str:
     """Return the text of a kit's `allocator.py`: the source of `export.allocator` with the data of a platform.
 
     Args:
         design: the design.
-        acts: how its rotors act on it.
+        platform_data: its allocation data.
     """
-    module, weight = design.task.module, acts.mass_kg * design.task.gravity
+    module, weight = design.task.module, platform_data.mass_kg * design.task.gravity
     data = {
         "PLATFORM": f"{design.task.name}, {design.topology.key}",
-        "NAMES": tuple(rotor.name for rotor in acts.rotors),
-        "MATRIX": acts.thrust_matrix,
-        "LEAST": tuple(rotor.thrust_coefficient * acts.least_input for rotor in acts.rotors),
-        "LARGEST": tuple(rotor.largest_thrust_N for rotor in acts.rotors),
+        "NAMES": tuple(rotor.name for rotor in platform_data.rotors),
+        "MATRIX": platform_data.thrust_matrix,
+        "LEAST": tuple(rotor.thrust_coefficient * platform_data.least_input for rotor in platform_data.rotors),
+        "LARGEST": tuple(rotor.largest_thrust_N for rotor in platform_data.rotors),
         "SCALE": (1 / weight,) * 3 + (TORQUE_FIRST / (module.arm_length * weight),) * 3,
-        "FULL": module.thrust_coefficient * acts.largest_input,
+        "FULL": module.thrust_coefficient * platform_data.largest_input,
         "WEIGHT": weight,
         "THRUST_COEFFICIENT": module.thrust_coefficient,
     }
@@ -227,42 +226,42 @@ def allocator_file(design: Design, acts: Allocation) -> str:
 
 
 WEAK = 0.05
-"""Size that an entry of a row of G must exceed for PX4 to keep the row [N m], [N]."""
+"""PX4 drops a row of G unless an entry exceeds this size [N m], [N]."""
 SMALL = 1e-3
-"""Size up to which an entry counts as zero for PX4."""
+"""Size up to which PX4 treats an entry of the pseudo-inverse as zero."""
 AXES = ("roll", "pitch", "yaw", "force x", "force y", "force z")
 
 
-def reason_against(acts: Allocation) -> str | None:
-    """Return why PX4 cannot have a platform; None if it can."""
-    count, most = len(acts.rotors), 12
-    if count > most:
+def reason_against(platform_data: Allocation) -> str | None:
+    """Return why PX4 cannot fly a platform; None if it can."""
+    count, largest_count = len(platform_data.rotors), 12
+    if count > largest_count:
         alternative = "use allocation.json in your own controller, or one autopilot per module"
-        return f"PX4 takes at most {most} rotors, but the platform has {count}; {alternative}"
+        return f"PX4 takes at most {largest_count} rotors, but the platform has {count}; {alternative}"
     return None
 
 
-def px4_warnings(acts: Allocation) -> tuple[str, ...]:
-    """Return what PX4 cannot do with a platform, one sentence each."""
-    G = _matrix(acts)
+def px4_warnings(platform_data: Allocation) -> tuple[str, ...]:
+    """Return the limits of PX4 with a platform, one sentence each."""
+    G = _px4_matrix(platform_data)
     warnings = []
-    if missing := _missing(G):
+    if missing := _missing_directions(G):
         warnings.append(
-            f"PX4: the platform has rank {acts.rank} of 6 and cannot exert {', nor '.join(missing)}; a set-point "
-            "with a part of that is lost, or turns into other forces and torques"
+            f"PX4: the platform has rank {platform_data.rank} of 6 and cannot exert {', nor '.join(missing)}; "
+            "set-points along these are lost, or cause other forces and torques"
         )
     weak = [axis for axis, row in zip(AXES, np.abs(G).max(axis=1), strict=True) if SMALL < row <= WEAK]
     if weak:
         warnings.append(
-            f"PX4 ignores {' and '.join(weak)}, to which no rotor adds more than {WEAK:g}: multiply all "
-            "CA_ROTORi_CT by one factor, which changes nothing else"
+            f"PX4 ignores {' and '.join(weak)}, because no rotor contributes more than {WEAK:g}: multiply all "
+            "CA_ROTORi_CT by the same factor, which changes nothing else"
         )
     return tuple(warnings)
 
 
-def set_points(acts: Allocation) -> tuple[float, ...]:
-    """Return what a set-point of 1 is: roll, pitch, yaw [N m], forces along x, y, z [N]; 0 where PX4 has none."""
-    G = _matrix(acts)
+def set_points(platform_data: Allocation) -> tuple[float, ...]:
+    """Return the effect of a set-point of 1: roll, pitch, yaw [N m], force along x, y, z [N]; 0 if dropped."""
+    G = _px4_matrix(platform_data)
     G[np.abs(G).max(axis=1) <= WEAK] = 0.0
     mix = np.linalg.pinv(G, rcond=RANK_TOLERANCE)
     counts = np.maximum(np.count_nonzero(np.abs(mix) > SMALL, axis=0), 1)
@@ -272,75 +271,75 @@ def set_points(acts: Allocation) -> tuple[float, ...]:
     return tuple(float(p / c) if c > 0 else 0.0 for p, c in zip(np.diag(G @ mix), scales, strict=True))
 
 
-def px4_parameters(acts: Allocation) -> str:
-    """Return the text of a parameter file.
+def px4_parameters(platform_data: Allocation) -> str:
+    """Return the text of a PX4 parameter file.
 
     Raises:
-        BadInput: there are too many rotors, or a number is beyond the range of its parameter.
+        BadInput: there are too many rotors, or a value is out of its parameter's range.
     """
-    if (rule := reason_against(acts)) is not None:
+    if (rule := reason_against(platform_data)) is not None:
         raise BadInput("--format px4", rule)
-    roll, pitch, yaw, x, y, z = set_points(acts)
-    hover = acts.mass_kg * 9.80665 / z if z > 0 else np.inf  # with gravity as PX4 has it [m/s^2]
+    roll, pitch, yaw, x, y, z = set_points(platform_data)
+    hover = platform_data.mass_kg * 9.80665 / z if z > 0 else np.inf  # PX4's gravity [m/s^2]
     lines = [
-        "# Control allocation of a platform with fixed rotors in any direction",
+        "# Control allocation of a platform whose fixed rotors point in any direction",
         "# Body axes: x as in the task, y and z opposite (forward, right, down); origin: the centre of mass.",
-        "# Put the autopilot there, x along the task's x, or set SENS_BOARD_ROT and EKF2_IMU_POS_*.",
-        "# An output of 1 is the largest thrust of a rotor, CT newtons; PX4 takes thrust to be proportional to it",
-        "# (THR_MDL_FAC corrects that). Motors keep the order of rotors.csv.",
-        "# A set-point of 1 is, in PX4 1.17 and before limits of rotors:",
+        "# Mount the autopilot there, x along the task's x, or set SENS_BOARD_ROT and EKF2_IMU_POS_*.",
+        "# An output of 1 is the largest thrust of a rotor, CT newtons; PX4 assumes that thrust is proportional to",
+        "# output (THR_MDL_FAC corrects that). Motors are in the order of rotors.csv.",
+        "# In PX4 1.17, before rotor limits, a set-point of 1 is:",
         f"# torque {roll:.4g} N m of roll, {pitch:.4g} of pitch, {yaw:.4g} of yaw; "
         f"force {x:.4g} N along x, {y:.4g} along y, {z:.4g} along z",
-        f"# Hover in the attitude of the task: a set-point of {-hover:.4g} along z.",
-        *(f"# {text}." for text in px4_warnings(acts)),
+        f"# Hover in the task's attitude needs a set-point of {-hover:.4g} along z.",
+        *(f"# {text}." for text in px4_warnings(platform_data)),
         "# Vehicle-Id Component-Id Name Value Type",
     ]
-    # a fully actuated platform is clipped, as PX4's own omnicopter: desaturation gives up forces first
-    method = 0 if acts.rank == len(AXES) else 1
+    # fully actuated: clipping, as for PX4's omnicopter, because desaturation gives up forces first
+    method = 0 if platform_data.rank == len(AXES) else 1
     lines += [f"1\t1\t{name}\t{value}\t6" for name, value in (("CA_AIRFRAME", 0), ("CA_METHOD", method))]
-    lines.append(f"1\t1\tCA_ROTOR_COUNT\t{len(acts.rotors)}\t6")
+    lines.append(f"1\t1\tCA_ROTOR_COUNT\t{len(platform_data.rotors)}\t6")
     if 0.1 <= hover <= 0.8:  # the range of MPC_THR_HOVER
         lines.append(f"1\t1\tMPC_THR_HOVER\t{hover:.9g}\t9")
     faults = []
-    for j, rotor in enumerate(acts.rotors):
-        for suffix, value, least, most in _of(rotor):
+    for j, rotor in enumerate(platform_data.rotors):
+        for suffix, value, low, high in _px4_rotor_parameters(rotor):
             name = f"CA_ROTOR{j}_{suffix}"
-            if not least <= value <= most:
-                faults.append(Fault(name, f"must be between {least:g} and {most:g} in PX4, but got {value:g}"))
+            if not low <= value <= high:
+                faults.append(Fault(name, f"must be between {low:g} and {high:g} in PX4, but got {value:g}"))
             lines.append(f"1\t1\t{name}\t{value:.9g}\t9")
     if faults:
         raise BadInput("--format px4", faults)
     return "\n".join(lines) + "\n"
 
 
-def _matrix(acts: Allocation) -> Array:
+def _px4_matrix(platform_data: Allocation) -> Array:
     """Return G."""
-    thrusts = np.array([rotor.largest_thrust_N for rotor in acts.rotors])
-    B = np.array(acts.thrust_matrix) * thrusts
+    thrusts = np.array([rotor.largest_thrust_N for rotor in platform_data.rotors])
+    B = np.array(platform_data.thrust_matrix) * thrusts
     turned = np.array([1.0, -1.0, -1.0])[:, None]
     return np.concatenate([turned * B[3:], turned * B[:3]])
 
 
-def _missing(G: Array) -> list[str]:
-    """Return the directions in PX4's axes in which nothing can be exerted: whole axes, then what is oblique."""
-    size = np.abs(G).max(axis=1)
-    scaled = G / np.repeat([max(size[:3].max(), 1e-9), max(size[3:].max(), 1e-9)], 3)[:, None]
+def _missing_directions(G: Array) -> list[str]:
+    """Return the directions in PX4's axes in which nothing can be exerted: whole axes, then oblique directions."""
+    row_size = np.abs(G).max(axis=1)
+    scaled = G / np.repeat([max(row_size[:3].max(), 1e-9), max(row_size[3:].max(), 1e-9)], 3)[:, None]
     axes, sizes, _ = np.linalg.svd(np.hstack([scaled, np.zeros((6, 6))]))
     missing = axes[:, sizes <= RANK_TOLERANCE * sizes[0]].T
     whole = np.sum(missing**2, axis=0) > 1 - RANK_TOLERANCE
     oblique = missing[:, ~whole]
     _, sizes, parts = np.linalg.svd(oblique)
-    names = [axis for axis, one in zip(AXES, whole, strict=True) if not one]
+    names = [axis for axis, is_missing in zip(AXES, whole, strict=True) if not is_missing]
     return [axis for axis in AXES if axis not in names] + [
         " ".join(f"{x:+.2f} {name}" for x, name in zip(part, names, strict=True) if abs(x) > 0.005)
         for part in parts[: np.count_nonzero(sizes > 0.5)]
     ]
 
 
-def _of(rotor: Rotor) -> Iterator[tuple[str, float, float, float]]:
+def _px4_rotor_parameters(rotor: Rotor) -> Iterator[tuple[str, float, float, float]]:
     """Yield name, value and PX4's range of each parameter of a rotor."""
-    for kind, (x, y, z), most in (("P", rotor.position_m, 100.0), ("A", rotor.axis, 1.0 + 1e-9)):
+    for kind, (x, y, z), limit in (("P", rotor.position_m, 100.0), ("A", rotor.axis, 1.0 + 1e-9)):
         for axis, value in (("X", x), ("Y", -y), ("Z", -z)):
-            yield f"{kind}{axis}", value + 0.0, -most, most
+            yield f"{kind}{axis}", value + 0.0, -limit, limit
     yield "CT", rotor.largest_thrust_N, 0.0, 100.0
     yield "KM", rotor.spin * rotor.torque_coefficient / rotor.thrust_coefficient, -1.0, 1.0

@@ -1,4 +1,4 @@
-"""Audits to share: a Markdown summary, lines for a person, data frames, and files of them (CSV, Parquet)."""
+"""Audits to share: a Markdown summary, lines for a reader, and data frames with their CSV and Parquet files."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LISTED = 50
-"""Largest number of rows of a design in a list of what is not clear; the tables hold all."""
+"""Rows shown per design in each list of the summary; the data frames hold all."""
 NAMED_ROTORS = 8
-"""Largest number of rotors that are named one by one."""
+"""Largest number of rotors listed by name; of more only the count is given."""
 DIGITS = 9
-"""Digits of bounds and of numbers that are compared."""
+"""Significant digits of bounds, and of numbers that are compared."""
 
 
-class Judged(NamedTuple):
+class AuditedDesign(NamedTuple):
     """A design with its audit."""
 
     name: str
-    """Name in the summary: its file."""
+    """Name in the summary: the file name."""
     design: Geometry
     audit: Audit
 
 
-def markdown(judged: Sequence[Judged], others: Sequence[tuple[str, str]]) -> str:
-    """Return the summary of some audits.
+def markdown(designs: Sequence[AuditedDesign], skipped: Sequence[tuple[str, str]]) -> str:
+    """Return a Markdown summary of audits.
 
     Args:
-        judged: the designs.
-        others: the names of files that were not audited, each with the reason.
+        designs: the audited designs.
+        skipped: the names of files that were not audited, each with the reason.
     """
-    lines = ["# Audit of designs", "", *_overview(judged)]
-    if others:
-        lines += ["", "## Not audited", "", *(f"- {escape(name)}: {escape(reason)}" for name, reason in others)]
-    for each in judged:
-        lines += ["", *_section(each)]
+    lines = ["# Audit of designs", "", *_overview(designs)]
+    if skipped:
+        lines += ["", "## Not audited", "", *(f"- {escape(name)}: {escape(reason)}" for name, reason in skipped)]
+    for entry in designs:
+        lines += ["", *_section(entry)]
     return "\n".join(lines) + "\n"
 
 
 def escape(text: str) -> str:
-    """Return a text in which nothing is Markdown or HTML; it stays on one line."""
+    """Return a text on one line, with everything escaped that Markdown or HTML would interpret."""
     line = re.sub(r"([\\`*_\[\]<>|&~])", r"\\\1", " ".join(text.split()))
     return re.sub(r"^(\d*)([=+@#-]|(?<=\d)[.)](?= |$))", r"\1\\\2", line)  # no list, no heading, no formula
 
@@ -59,23 +59,24 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)]
 
 
-def _overview(judged: Sequence[Judged]) -> list[str]:
+def _overview(designs: Sequence[AuditedDesign]) -> list[str]:
     rows = []
-    for name, design, audit in judged:
-        least, overlaps = ["", ""], ["", "", ""]
+    for name, design, audit in designs:
+        nearest_cells, overlap_cells = ["", ""], ["", "", ""]
         if audit.pairs:
             nearest = min(audit.pairs, key=lambda pair: pair.analytic_m)
-            least = [lower_text(nearest.analytic_m), escape(nearest.name)]
+            nearest_cells = [lower_text(nearest.analytic_m), escape(nearest.name)]
         if (clash := audit.interference) is not None:
             deepest = f"{upper_text(clash.deepest_percent, 3)} %" if clash.colliding_pairs else ""
-            overlaps = [str(clash.colliding_pairs), deepest, ", ".join(str(len(each)) for each in clash.clusters)]
-        rows.append([escape(name), audit.verdict, str(design.topology.n), *least, *overlaps])
-    head = ["design", "verdict", "modules", "least clearance [m]", "of", "overlapping pairs", "deepest", "clusters"]
-    return _table(head, rows)
+            sizes = ", ".join(str(len(cluster)) for cluster in clash.clusters)
+            overlap_cells = [str(clash.colliding_pairs), deepest, sizes]
+        rows.append([escape(name), audit.verdict, str(design.topology.n), *nearest_cells, *overlap_cells])
+    head = ["design", "verdict", "modules", "smallest clearance [m]", "between"]
+    return _table([*head, "overlapping pairs", "deepest overlap", "clusters"], rows)
 
 
-def _section(each: Judged) -> Iterator[str]:
-    name, _, audit = each
+def _section(audited: AuditedDesign) -> Iterator[str]:
+    name, _, audit = audited
     versions = ", ".join(" ".join(item) for item in audit.versions.items())
     yield from (f"## {escape(name)}", "", f"Verdict: **{audit.verdict}**. Versions: {versions}.", "")
     if audit.inputs_words is not None:
@@ -83,31 +84,34 @@ def _section(each: Judged) -> Iterator[str]:
     rows = []
     for kind, group in groupby(sorted(audit.pairs, key=lambda pair: pair.kind), key=lambda pair: pair.kind):
         pairs = list(group)
-        least = min(pairs, key=lambda pair: pair.analytic_m)
+        nearest = min(pairs, key=lambda pair: pair.analytic_m)
         counts = [str(sum(pair.status == status for pair in pairs)) for status in Status]
-        rows.append([kind, *counts, lower_text(least.analytic_m), escape(least.name)])
-    yield from _table(["kind", *Status, "least clearance [m]", "of"], rows)
-    wrong = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
-    head = ["clearance", "status", "closed form [m]", "at least [m]", "at most [m]", "of the deepest"]
-    yield from _list_rows(head, [_clearance_row(pair) for pair in wrong], "clearances are not clear")
-    off = [
+        rows.append([kind, *counts, lower_text(nearest.analytic_m), escape(nearest.name)])
+    yield from _table(["kind", *Status, "smallest clearance [m]", "between"], rows)
+    not_clear = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
+    head = ["clearance", "status", "closed form [m]", "at least [m]", "at most [m]", "share of deepest possible"]
+    yield from _list_rows(head, [_clearance_row(pair) for pair in not_clear], "clearances that are not clear")
+    off_rows = [
         [escape(row.words), row.status, upper_text(row.value), row.unit]
         + ["" if x is None else f"{x:.{DIGITS}g}" for x in (row.stated, row.derived)]
         for row in audit.residuals
         if row.status != Status.CLEAR
     ]
-    yield from _list_rows(["number", "status", "off by", "unit", "stated", "derived"], off, "numbers are off")
+    head = ["number", "status", "off by", "unit", "stated", "derived"]
+    yield from _list_rows(head, off_rows, "numbers that are off")
     if audit.sensitivity is not None:
         yield from ("", *(f"- {line}" for line in tolerance_lines(audit)))
     if audit.flight is not None:
         yield from ("", *(f"- {line}" for line in (*flight_lines(audit.flight), *power_lines(audit))))
     if audit.air is not None:
         yield from ("", *(f"- {line}" for line in audit.air.sentences()))
-    sheet = audit.assembly.end_effector
+    end_effector = audit.assembly.end_effector
     notes = [larger.words for larger in audit.mesh_excess]
-    for note in [*notes, *([sheet.note] if sheet is not None and sheet.note is not None else [])]:
+    if end_effector is not None and end_effector.note is not None:
+        notes.append(end_effector.note)
+    for note in notes:
         yield from ("", f"Note: {escape(note)}.")
-    for pair in wrong[:LISTED]:
+    for pair in not_clear[:LISTED]:
         if pair.evidence:
             yield from ("", f"Evidence on the {escape(pair.name)}:", "")
             yield from (f"    {finding}" for finding in pair.evidence)
@@ -121,7 +125,7 @@ def _list_rows(head: list[str], rows: list[list[str]], words: str) -> Iterator[s
 
 
 def tolerance_lines(audit: Audit) -> Iterator[str]:
-    """Yield the errors that a design tolerates, each kind alone and all of the task's at once, one line each."""
+    """Yield the build errors that a design tolerates: a line per kind, and one for all of the task's together."""
     if (sensitivity := audit.sensitivity) is None:
         return
     errors = (
@@ -131,14 +135,14 @@ def tolerance_lines(audit: Audit) -> Iterator[str]:
     )
     for name, limit, unit in errors:
         if limit is not None:
-            known = "" if limit.violated_at is None else f" (too much: {upper_text(limit.violated_at, 3)} {unit})"
-            yield f"{name} by {lower_text(limit.tolerated, 3)} {unit}{known}; first to break: {limit.name}"
+            worse = "" if limit.violated_at is None else f" (too much: {upper_text(limit.violated_at, 3)} {unit})"
+            yield f"{name} by {lower_text(limit.tolerated, 3)} {unit}{worse}; first to break: {limit.name}"
     if (words := audit.tolerances_words) is not None:
         yield words
 
 
 def broken_lines(audit: Audit) -> Iterator[str]:
-    """Yield each requirement that is not clear, with what it misses in its unit."""
+    """Yield a line for each requirement that is not clear, with the shortfall in its unit."""
     for pair in audit.pairs:
         if pair.status != Status.CLEAR:
             yield f"{pair.name}: {lower_text(1000 * pair.analytic_m, 3)} mm ({pair.status})"
@@ -155,15 +159,15 @@ def _clearance_row(pair: Clearance) -> list[str]:
 
 
 def flight_lines(flight: Flight) -> Iterator[str]:
-    """Yield the lines, the weakest point first; what is proven is rounded to the safe side."""
+    """Yield lines on a design in flight, the weakest point first; proven figures are rounded to the safe side."""
     yield flight.weakest_point
     hover = flight.hover
     if hover.torque_reserve_Nm is not None and hover.torque_weakest is not None:
-        least = f"{lower_text(hover.torque_reserve_Nm, 3)} N m about {direction(hover.torque_weakest)}"
-        yield f"least torque that can be added in hover: {least}"
+        weakest = f"{lower_text(hover.torque_reserve_Nm, 3)} N m about {direction(hover.torque_weakest)}"
+        yield f"smallest torque reserve in hover: {weakest}"
     if hover.force_reserve_com_N is not None and hover.force_weakest_com is not None:
-        least = f"{lower_text(hover.force_reserve_com_N, 3)} N towards {direction(hover.force_weakest_com)}"
-        yield f"least force that can be added at the centre of mass in hover: {least}"
+        weakest = f"{lower_text(hover.force_reserve_com_N, 3)} N towards {direction(hover.force_weakest_com)}"
+        yield f"smallest force reserve at the centre of mass in hover: {weakest}"
     if hover.tilt_deg is not None:
         yield f"hover can be held at any tilt up to {lower_text(hover.tilt_deg, 3)} degrees"
     if hover.com_error_m is not None:
@@ -198,15 +202,15 @@ def flight_lines(flight: Flight) -> Iterator[str]:
 
 
 def power_lines(audit: Audit) -> Iterator[str]:
-    """Yield the power in hover and in the load case that takes most."""
+    """Yield the power in hover and in the most demanding load case."""
     hover = [case for case in audit.power if audit.flight is not None and case.name == audit.flight.hover.name]
-    most = max((case for case in audit.power if case not in hover), key=lambda case: case.shaft_W, default=None)
-    for case in (*hover, *([] if most is None else [most])):
+    worst = max((case for case in audit.power if case not in hover), key=lambda case: case.shaft_W, default=None)
+    for case in (*hover, *([] if worst is None else [worst])):
         minutes = case.endurance_min
-        lasts = "" if minutes is None else f"; batteries last {upper_text(minutes, 3)} min at most"
+        endurance = "" if minutes is None else f"; batteries last {upper_text(minutes, 3)} min at most"
         yield (
             f"power in {case.name}: {case.shaft_W:.3g} W at the shafts, {case.ideal_W:.3g} W if rotors were ideal "
-            f"(figure of merit {case.figure_of_merit:.3g}){lasts}"
+            f"(figure of merit {case.figure_of_merit:.3g}){endurance}"
         )
 
 
@@ -224,9 +228,9 @@ def _rotors(rotors: tuple[tuple[int, int], ...]) -> str:
 
 
 def clearances(audit: Audit) -> pd.DataFrame:
-    """Return a row for every pair and requirement of an audit [m], with the fields of `Clearance`.
+    """Return a data frame with a row for every clearance of an audit [m]; columns are the fields of `Clearance`.
 
-    Without evidence and points, which are not single values.
+    The fields `evidence` and `closest_m` are left out: they are not single values.
 
     Example:
         >>> from topo_search import clearances, read_answer
@@ -238,7 +242,7 @@ def clearances(audit: Audit) -> pd.DataFrame:
 
 
 def clearances_of(audits: Sequence[tuple[str, Audit]]) -> pd.DataFrame:
-    """Return the clearances of several audits; the last column, `design`, has the name that comes with each."""
+    """Return the clearances of several named audits; the last column, `design`, holds the name."""
     numbers = dict.fromkeys(("lower_m", "upper_m", "analytic_m", "percent"), "float64")
     frame = _frame(Clearance, (pair for _, audit in audits for pair in audit.pairs))
     frame = frame.astype({**numbers, "segment": "Int64"}).drop(columns=["evidence", "closest_m"])
@@ -246,7 +250,7 @@ def clearances_of(audits: Sequence[tuple[str, Audit]]) -> pd.DataFrame:
 
 
 def residuals(audit: Audit) -> pd.DataFrame:
-    """Return a row for every checked number of an audit, with the fields of `Residual`.
+    """Return a data frame with a row for every number that an audit checked; columns are the fields of `Residual`.
 
     Example:
         >>> from topo_search import read_answer, residuals
@@ -257,7 +261,7 @@ def residuals(audit: Audit) -> pd.DataFrame:
 
 
 def csv(frame: pd.DataFrame) -> str:
-    """Return a data frame as the text of a CSV file; what is not known is left empty, and no text is a formula."""
+    """Return a data frame as the text of a CSV file; unknown values are empty, and formulas are escaped."""
     texts = frame.select_dtypes(exclude="number").columns
     frame = frame.assign(**{name: frame[name].map(escape_formula) for name in texts})
     return frame.to_csv(index=False, lineterminator="\n")
@@ -265,7 +269,7 @@ def csv(frame: pd.DataFrame) -> str:
 
 def parquet(frame: pd.DataFrame) -> bytes:
     """Return a data frame as the content of a Parquet file; ModuleNotFoundError if pyarrow is not installed."""
-    import pyarrow  # noqa: F401 (pandas would say in other words that it is missing)
+    import pyarrow  # noqa: F401 (pandas would raise another exception if it is missing)
 
     return frame.to_parquet(None, engine="pyarrow", index=False)
 

@@ -1,17 +1,17 @@
-r"""Brackets and the rod's mount as solids to print, in millimetres, each in a frame of its own.
+r"""Printable solids: brackets, struts and the rod's mount, in millimetres, each in its own frame.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | h, i, a, alpha | parent, child, the parent's port, the hinge angle of their joint | | -, rad |
 | c | the connector, origin of a bracket's frame: x away from the parent's centre, z the parent's z | | |
 | phi | turn about y from the parent's flange to the child's: alpha at ports 0 and 3, -alpha at 1 and 2 | | rad |
-| r, d, t, w | half width and set-back of a flange, its thickness, wall (`model.bracket`) | | m |
+| r, d, t, w | half width, set-back and thickness of a flange; wall thickness (`model.module.Bracket`) | | m |
 | v | direction of the rod in the frame of the connector that holds it | (3,) | |
 
-R_h H_a(alpha) = R_h R_z(a pi/2) R_y(phi) R_z(-a pi/2), so the same solid fits all four ports, and upside down it is
-that of -phi. The outer face of the parent's flange is the plane x = -d, that of the child's x = d after the turn.
-Towards z, a flange has one mark hole (the parent's) or two (the child's): where both modules have their upper
-sides, or upside down their lower ones.
+R_h H_a(alpha) = R_h R_z(a pi/2) R_y(phi) R_z(-a pi/2), so the same solid fits all four ports; upside down it is the
+solid for -phi. The outer face of the parent's flange is the plane x = -d; that of the child's is x = d after the
+turn. On its z side, a flange has one mark hole (the parent's) or two (the child's). That side faces the upper sides
+of both modules, or their lower sides if the bracket is upside down.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from verify.kinematics import platform, rotation
 
 MILLIMETRES = 1000.0
 SIDES = 64
-"""Sides of a round hole: its corners lie on the circle."""
+"""Sides of a round hole, a polygon inscribed in the circle."""
 TURNS = (1.0, -1.0, -1.0, 1.0)
-"""phi over alpha at the ports 0..3."""
+"""phi / alpha at the ports 0..3."""
 SLOT = 1e-3
 """Width of the slot that a clamp closes [m]."""
 DIGITS = 3
-"""Decimals of angles in names [deg]."""
+"""Decimals of angles in file names [deg]."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A solid to print."""
+    """A printable solid."""
 
     name: Literal["bracket", "rod mount", "strut"]
     file: str
@@ -63,17 +63,17 @@ class Part:
     def stl(self) -> bytes:
         """Return the content of a binary STL file."""
         content = self.mesh.export(file_type="stl")
-        assert isinstance(content, bytes)  # as STL is
+        assert isinstance(content, bytes)  # STL is binary
         return content
 
 
 def printed_parts(design: Design) -> list[Part]:
-    """Return the solids of a design; BadInput if there is no room for brackets."""
+    """Return the printable solids of a design; BadInput if there is no room for brackets."""
     return [*brackets(design), *mount(design), *struts(design)]
 
 
 def brackets(design: Design) -> list[Part]:
-    """Return the brackets: a kind for each size of hinge angle, with its count.
+    """Return the brackets, one part per size of hinge angle, with its count.
 
     Raises:
         BadInput: there is no room for them between a connector and the modules' centres.
@@ -88,30 +88,30 @@ def brackets(design: Design) -> list[Part]:
 
 
 def bracket_turns(design: Design) -> list[float]:
-    """Return phi of every joint, rounded as in names [deg]; where it is negative the bracket is upside down."""
+    """Return phi of every joint, rounded as in file names [deg]; negative: the bracket is upside down."""
     edges = zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     return [round(TURNS[a] * math.degrees(alpha), DIGITS) for (_, _, a, _), alpha in edges]
 
 
 def bracket_file(size: float) -> str:
-    """Return the name of the file of a bracket, by the size of its angle [deg]."""
+    """Return the file name of a bracket, from the size of its angle [deg]."""
     return f"bracket_{size:.{DIGITS}f}deg.stl"
 
 
 def struts(design: Design) -> list[Part]:
-    """Return what holds a bracket or the rod's mount on the hub: a kind for each length, with its count.
+    """Return the struts that hold brackets and the rod's mount on the hub, one part per length, with its count.
 
-    None where the frame is the user's own, or without room between rotors.
+    The list is empty for a frame of the user's own, and if there is no room between the rotors.
     """
-    module, used = design.task.module, [port for h, i, a, b in design.topology.edges() for port in (a, b)]
+    module, used_ports = design.task.module, [port for h, i, a, b in design.topology.edges() for port in (a, b)]
     if design.mount is not None and rod_of(design, platform(design)) is not None:
-        used.append(design.mount.port)
+        used_ports.append(design.mount.port)
     sizes, outer = module.bracket_sizes, module.connector_distance - module.bracket_sizes.set_back
-    beside_discs = 0.002  # least distance of a strut from the discs of rotors beside it [m]
-    beside = module.arm_length / math.sqrt(2) - module.body.rotor_radius - beside_discs
+    disc_clearance = 0.002  # of a strut from the adjacent rotor discs [m]
+    room = module.arm_length / math.sqrt(2) - module.body.rotor_radius - disc_clearance
     width = min(module.body.arm_width / 2, sizes.half_width)
-    lengths = Counter(module.body.hub[port % 2] / 2 for port in used)
-    if module.body.frame is not None or beside <= sizes.half_width:
+    lengths = Counter(module.body.hub[port % 2] / 2 for port in used_ports)
+    if module.body.frame is not None or room <= sizes.half_width:
         return []
     return [
         Part("strut", f"strut_{MILLIMETRES * (outer - inner):.1f}mm.stl", strut(sizes, inner, outer, width), count)
@@ -121,12 +121,14 @@ def struts(design: Design) -> list[Part]:
 
 
 def strut(sizes: Bracket, inner: float, outer: float, width: float) -> Trimesh:
-    """Return two flanges with a cross between them, closed, in millimetres, in the axes of its module at port 0.
+    """Return a strut as a closed mesh in millimetres, in its module's axes at port 0.
+
+    It is two flanges joined by a beam with a cross as its section.
 
     Args:
-        sizes: of the flanges.
-        inner: face of the hub [m].
-        outer: face of the bracket [m].
+        sizes: sizes of the flanges.
+        inner: x of the hub's face [m].
+        outer: x of the bracket's face [m].
         width: half width of the cross [m].
     """
     lengths = sizes.half_width, sizes.thickness, sizes.wall, inner, outer, width
@@ -139,24 +141,24 @@ def strut(sizes: Bracket, inner: float, outer: float, width: float) -> Trimesh:
 
 
 def mount(design: Design) -> Iterator[Part]:
-    """Yield the mount of the end-effector's rod, if it has one."""
-    at = platform(design)
-    rod = rod_of(design, at)
+    """Yield the mount of the end-effector's rod, if there is a rod."""
+    poses = platform(design)
+    rod = rod_of(design, poses)
     if rod is not None and design.mount is not None:
         require_room(design.task.module)
         i, a = design.mount.module, design.mount.port
-        v = (at.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
+        v = (poses.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
         shape = _mount(design.task.module.bracket_sizes, v, rod.radius, grip_of(rod))
         yield Part("rod mount", f"rod-mount_module{i}-port{a}.stl", shape)
 
 
 def grip_of(rod: Rod) -> float:
-    """Return the length of the socket that holds a rod [m]."""
+    """Return the depth of the socket that holds a rod [m]."""
     return min(6 * rod.radius, rod.length)
 
 
 def require_room(module: Module) -> None:
-    """Refuse brackets that reach the modules' centres."""
+    """Reject brackets that reach the modules' centres."""
     d, l_c = module.bracket_sizes.set_back, module.connector_distance
     if d >= l_c:
         rule = (
@@ -167,19 +169,19 @@ def require_room(module: Module) -> None:
 
 
 def connector_turn(port: int) -> Array:
-    """Return the axes of a connector's frame in those of its module, (3, 3)."""
+    """Return the axes of a connector's frame in the axes of its module, (3, 3)."""
     x = PORT_DIRECTIONS[port]
     return np.stack([x, np.cross([0.0, 0.0, 1.0], x), [0.0, 0.0, 1.0]], axis=1)
 
 
 def bracket(sizes: Bracket, phi: float) -> Trimesh:
-    """Return the bracket for a turn phi, closed, in millimetres."""
+    """Return the bracket for a turn phi as a closed mesh, in millimetres."""
     r, d, t, w = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness, sizes.wall))
     # As d > r, neither end reaches beyond the other's mating face.
     turned = pose_matrix(rotation(1, phi), np.zeros(3))
-    flange = _box((-d, -r, -r), (-d + t, r, r))
-    mirrored = _box((d - t, -r, -r), (d, r, r))
-    solid = flange + _move(mirrored, turned)
+    parent_flange = _box((-d, -r, -r), (-d + t, r, r))
+    child_flange = _box((d - t, -r, -r), (d, r, r))
+    solid = parent_flange + _move(child_flange, turned)
     for y in (-r, r - w):
         slabs = [_box((x, y, -r), (x + t, y + w, r)) for x in (-d, d - t)]
         solid += Manifold.batch_hull([slabs[0], _move(slabs[1], turned)])
@@ -188,22 +190,22 @@ def bracket(sizes: Bracket, phi: float) -> Trimesh:
     return _mesh(solid)
 
 
-def bolt_places(sizes: Bracket) -> Array:
-    """Return where the bolts of a flange are in its plane, (4, 2): along y and z [m]."""
+def bolt_positions(sizes: Bracket) -> Array:
+    """Return the bolt positions of a flange in its plane, (4, 2): y and z [m]."""
     s = sizes.bolt_circle / 2 / math.sqrt(2)
     return np.array([[s, s], [-s, s], [-s, -s], [s, -s]])
 
 
-def mark_places(sizes: Bracket, marks: int) -> Array:
-    """Return where the mark holes of a flange are in its plane, (marks, 2): along y and z [m]."""
+def mark_positions(sizes: Bracket, marks: int) -> Array:
+    """Return the positions of a flange's mark holes in its plane, (marks, 2): y and z [m]."""
     apart = sizes.bolt_diameter
     return np.array([[(k - (marks - 1) / 2) * apart, sizes.bolt_circle / 2] for k in range(marks)])
 
 
 def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
-    """Return the flange with a socket for the rod, which begins at c and leaves along v, and a clamp at its end."""
+    """Return a flange with a socket for a rod from c along v, with a clamp at the socket's end."""
     r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
-    # excess of the bore over the rod, in radius
+    # the bore has 0.1 mm of radial play
     bore, outside = MILLIMETRES * (radius + 1e-4), MILLIMETRES * (radius + sizes.wall)
     reach = MILLIMETRES * grip
     along = pose_matrix(rotation_to(v), np.zeros(3))
@@ -221,21 +223,21 @@ def _mount(sizes: Bracket, v: Array, radius: float, grip: float) -> Trimesh:
 
 
 def has_clamp(sizes: Bracket, grip: float) -> bool:
-    """Return true if a socket of that length [m] has room for ears with a bolt."""
+    """Return true if a socket of this depth [m] has room for ears with a bolt."""
     return grip >= sizes.bolt_diameter + 2 * sizes.wall
 
 
 def _clamp_axes(v: Array) -> Array:
-    """Return the axes of a clamp on a rod along v: x towards its ears, up or else outwards, z along the rod."""
+    """Return the axes of a clamp: z along the rod, x towards the ears, which point up or else outwards."""
     upwards = np.array([0.0, 0.0, 1.0]) - v[2] * v
-    # 0.3: least sine of a rod's angle from upright at which ears are on its upper side
+    # nearly upright rods, at a sine below 0.3, have no upper side
     x = upwards if np.linalg.norm(upwards) > 0.3 else np.array([1.0, 0.0, 0.0]) - v[0] * v
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(v, x), v], axis=1)
 
 
 def _clamp(sizes: Bracket, outside: float, reach: float) -> tuple[Manifold, Manifold]:
-    """Return the ears at the end of a socket, and its slot with the hole of the bolt that closes it [mm]."""
+    """Return the ears at the end of a socket, and the cut-out: the slot, and the hole of the clamp bolt [mm]."""
     hole, w, slot = (MILLIMETRES * x for x in (sizes.bolt_diameter, sizes.wall, SLOT))
     ear, half = hole + 2 * w, w + slot / 2
     ears = _box((0.0, -half, reach - ear), (outside + ear, half, reach))
@@ -246,11 +248,11 @@ def _clamp(sizes: Bracket, outside: float, reach: float) -> tuple[Manifold, Mani
 
 
 def _holes(sizes: Bracket, x: float, t: float, *, marks: int) -> Manifold:
-    """Return bolts and marks through a flange from x to x + t."""
-    spaced = [(centre, sizes.bolt_diameter / 2) for centre in bolt_places(sizes)]
-    spaced += [(centre, sizes.bolt_diameter / 4) for centre in mark_places(sizes, marks)]
+    """Return the bolt and mark holes through a flange from x to x + t."""
+    circles = [(centre, sizes.bolt_diameter / 2) for centre in bolt_positions(sizes)]
+    circles += [(centre, sizes.bolt_diameter / 4) for centre in mark_positions(sizes, marks)]
     holes = []
-    for (y, z), radius in spaced:
+    for (y, z), radius in circles:
         hole = Manifold.cylinder(t + 2.0, MILLIMETRES * radius, circular_segments=SIDES)
         holes.append(_move(hole, _x_from_z(x - 1.0)).translate((0.0, MILLIMETRES * y, MILLIMETRES * z)))
     return Manifold.batch_boolean(holes, OpType.Add)

@@ -1,6 +1,6 @@
 """File formats of designs: built in, registered by a script, or provided by other packages.
 
-A package adds one by an entry point of the group `topo_search.formats` that names an `OwnFormat`.
+A package provides one with an entry point in the group `topo_search.formats` that names an `OwnFormat`.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from topo_search.protocols import DesignWriter, OwnFormat
 from topo_search.supervisor import is_out_of_memory
 
 GROUP = "topo_search.formats"
-"""Entry points of other packages."""
+"""Group of entry points of other packages."""
 
 
 def _lazy(module: str, function: str, *arguments: str) -> DesignWriter:
-    """Return a function of this package that loads its libraries only when a design is written."""
+    """Return a writer that imports its module only when a design is written."""
 
     def write(design: Design, **options: Any) -> str | bytes:
         writer: Callable[..., str | bytes] = getattr(import_module(f"topo_search.export.{module}"), function)
@@ -31,7 +31,7 @@ def _lazy(module: str, function: str, *arguments: str) -> DesignWriter:
     return write
 
 
-OURS = (
+BUILT_IN = (
     OwnFormat("glb", _lazy("solids", "glb"), (".glb",), "a scene for viewers and Blender"),
     OwnFormat("stl", _lazy("solids", "stl"), (".stl",), "solids in millimetres for CAD and printing"),
     OwnFormat("mjcf", _lazy("mjcf", "mjcf"), (".mjcf", ".xml"), "a model for the simulator MuJoCo"),
@@ -39,17 +39,17 @@ OURS = (
     OwnFormat("png", _lazy("picture", "picture", "png"), (".png",), "a picture"),
     OwnFormat("svg", _lazy("picture", "picture", "svg"), (".svg",), "a picture"),
 )
-"""The formats of this package that are one file of a design."""
+"""Built-in formats that write a single file."""
 
 
-_registered: dict[str, OwnFormat] = {one.name: one for one in OURS}
+_registered: dict[str, OwnFormat] = {file_format.name: file_format for file_format in BUILT_IN}
 
 
 def register_format(own: OwnFormat) -> None:
-    """Register a format of your own in this process, by its name and suffixes.
+    """Register a file format in this process, by its name and suffixes.
 
     Raises:
-        ValueError: the name or a suffix is not allowed, or another format has it.
+        ValueError: the name or a suffix is not allowed or already taken.
 
     Example:
         >>> from topo_search import OwnFormat, export_design, read_design, register_format
@@ -60,23 +60,23 @@ def register_format(own: OwnFormat) -> None:
     if not isinstance(own, OwnFormat):
         raise ValueError(f"must be an OwnFormat, but got {type(own).__name__}")
     if not re.fullmatch(r"[a-z0-9][a-z0-9-]*", own.name):
-        raise ValueError(f"name must be small letters, digits and dashes, but got {own.name!r}")
+        raise ValueError(f"name must consist of lower-case letters, digits and dashes, but got {own.name!r}")
     reserved = "air allocation assembly brackets csv kit parquet parts px4 rotors sheet"  # of the command line
     if own.name in _registered or own.name in reserved.split():
-        raise ValueError(f"name must be new, but there is a format {own.name!r}")
+        raise ValueError(f"name must be new, but a format {own.name!r} exists")
     for suffix in own.suffixes:
         if not re.fullmatch(r"\.[A-Za-z0-9]+", suffix):
-            raise ValueError(f"a suffix must be a dot with letters or digits, but got {suffix!r}")
-        if (other := of_suffix(suffix)) is not None:
-            raise ValueError(f"a suffix must be new, but {suffix} is that of {other.name}")
+            raise ValueError(f"a suffix must be a dot and letters or digits, but got {suffix!r}")
+        if (other := find_by_suffix(suffix)) is not None:
+            raise ValueError(f"a suffix must be new, but format {other.name} has {suffix}")
     _registered[own.name] = own
 
 
 def formats() -> dict[str, OwnFormat]:
-    """Return all formats by name, with those of installed packages.
+    """Return all formats by name, including those of installed packages.
 
     Raises:
-        BadInput: a package's entry point is not a format, or another format has its name or suffix.
+        BadInput: an entry point is not a format, or its name or suffix is taken.
     """
     for entry in metadata.entry_points(group=GROUP):
         if entry.name in _registered:
@@ -98,7 +98,7 @@ def formats() -> dict[str, OwnFormat]:
 
 
 def of_name(name: str) -> OwnFormat:
-    """Return a format that there is; installed packages are loaded only for one of theirs."""
+    """Return an existing format; entry points are loaded only if it is not registered yet."""
     return _registered[name] if name in _registered else formats()[name]
 
 
@@ -111,7 +111,7 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
         format: name of the format; default: by the suffix.
 
     Raises:
-        BadInput: there is no such format, or it cannot represent this design.
+        BadInput: the format is unknown, or it cannot represent this design.
 
     Example:
         >>> from topo_search import export_design, read_design
@@ -120,34 +120,39 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
     """
     if not isinstance(design, Design):
         raise BadInput("design", f"must be a Design, but got {type(design).__name__}")
-    path, known = Path(out), formats()
-    chosen = of_suffix(path.suffix) if format is None else known.get(format)
+    path, by_name = Path(out), formats()
+    chosen = find_by_suffix(path.suffix) if format is None else by_name.get(format)
     if chosen is None and format is None:
-        suffixes = ", ".join(sorted(suffix for one in known.values() for suffix in one.suffixes))
-        raise BadInput(str(out), f"must end in {suffixes}, or a format be given")
+        suffixes = ", ".join(sorted(suffix for file_format in by_name.values() for suffix in file_format.suffixes))
+        raise BadInput(str(out), f"must end in {suffixes}, unless a format is given")
     if chosen is None:
-        raise BadInput("format", f"must be one of {', '.join(sorted(known))}, but got {format!r}")
+        raise BadInput("format", f"must be one of {', '.join(sorted(by_name))}, but got {format!r}")
     write_atomically(path, content(design, chosen))
     return path
 
 
 def content(design: Design, file_format: OwnFormat, **options: Any) -> bytes:
-    """Return the content of a design's file, or raise BadInput; only built-in formats take options."""
+    """Return the content of a design's file; only built-in formats take options.
+
+    Raises:
+        BadInput: the format cannot represent this design, or its writer failed.
+    """
     try:
         writer: Callable[..., str | bytes] = file_format.write
-        made = writer(design, **options)
-        if not isinstance(made, str | bytes) or not made:
-            raise ValueError(f"must write text or bytes, but wrote {type(made).__name__ if made else 'nothing'}")
-        return made if isinstance(made, bytes) else made.encode()
+        written = writer(design, **options)
+        if not isinstance(written, str | bytes) or not written:
+            kind = type(written).__name__ if written else "nothing"
+            raise ValueError(f"must write text or bytes, but wrote {kind}")
+        return written if isinstance(written, bytes) else written.encode()
     except ValueError as error:
         raise BadInput(file_format.name, str(error)) from error
     except Exception as error:
-        if file_format in OURS or is_out_of_memory(error):
+        if file_format in BUILT_IN or is_out_of_memory(error):
             raise
         rule = f"cannot write {design.topology.key}: {type(error).__name__}: {error}"
         raise BadInput(file_format.name, rule) from error
 
 
-def of_suffix(suffix: str) -> OwnFormat | None:
-    """Return the known format whose files end in it."""
-    return next((one for one in _registered.values() if suffix.lower() in map(str.lower, one.suffixes)), None)
+def find_by_suffix(suffix: str) -> OwnFormat | None:
+    """Return the registered format with this suffix; None if there is none."""
+    return next((known for known in _registered.values() if suffix.lower() in map(str.lower, known.suffixes)), None)

@@ -1,4 +1,4 @@
-"""The folder of a kit: what is in it, and how it is written again."""
+"""The folder of a kit: its files, and how they are written and replaced."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FILES = (
     PARTS,
     "platform.xml",
 )
-"""Files of a kit, besides the folder of brackets."""
+"""Names of the files of a kit; the folder `BRACKETS` holds the rest."""
 
 
 class Kit(NamedTuple):
@@ -36,34 +36,34 @@ class Kit(NamedTuple):
     files: tuple[str, ...]
     """Names in the folder, in the order of writing."""
     notes: tuple[str, ...]
-    """Files that were left out, with the reasons, what PX4 cannot do, and the mass of all parts."""
+    """Files that were left out with the reason, limits of PX4, and the mass of all parts."""
 
 
 def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: Physics = AS_SEARCHED) -> Kit:
     """Write the kit of a design.
 
-    What an older kit left in the folder goes; `design.json` comes last, so that a folder that has it is whole.
+    Files of an older kit are deleted first; `design.json` is written last, so a folder that has it is complete.
 
     Args:
         design: the design.
-        folder: where to.
-        notes: what the assembly sheet says first.
-        physics: what the model for MuJoCo has beyond that of the search.
+        folder: the folder to write to.
+        notes: sentences at the top of the assembly sheet.
+        physics: physics of the MuJoCo model beyond that of the search.
 
     Raises:
-        BadInput: the folder holds something else, a number is beyond what PX4 takes, or brackets do not fit.
+        BadInput: the folder holds other files, a number is out of PX4's range, or brackets do not fit.
     """
     require_kit_folder(folder)
-    acts, solids = allocation(design), printed_parts(design)
-    left_out = reason_against(acts)
-    kit_notes = px4_warnings(acts) if left_out is None else (f"{PARAMETERS} is left out: {left_out}",)
+    platform_data, solids = allocation(design), printed_parts(design)
+    px4_reason = reason_against(platform_data)
+    kit_notes = px4_warnings(platform_data) if px4_reason is None else (f"{PARAMETERS} is left out: {px4_reason}",)
     kit_notes = (*kit_notes, mass_note(design.task, parts_list(design, solids)))
     contents: dict[str, str | bytes] = {
-        ALLOCATION: to_json(acts),
-        "allocation.csv": acts.csv(),
-        "rotors.csv": acts.rotor_csv(),
-        "allocator.py": allocator_file(design, acts),
-        **({} if left_out else {PARAMETERS: px4_parameters(acts)}),
+        ALLOCATION: to_json(platform_data),
+        "allocation.csv": platform_data.csv(),
+        "rotors.csv": platform_data.rotor_csv(),
+        "allocator.py": allocator_file(design, platform_data),
+        **({} if px4_reason else {PARAMETERS: px4_parameters(platform_data)}),
         **{f"{BRACKETS}/{part.file}": part.stl() for part in solids},
         PARTS: parts_csv(parts_list(design, solids)),
         SHEET: sheet(design, solids, (*notes, *kit_notes)),
@@ -78,10 +78,10 @@ def write_kit(design: Design, folder: Path, notes: Sequence[str] = (), physics: 
 
 
 def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
-    """Write the brackets and the rod's mount alone, in place of all STL files of a folder; return their names.
+    """Write only the brackets and the rod's mount, replacing all STL files of a folder, and return their names.
 
     Raises:
-        BadInput: the folder holds something else, or brackets do not fit.
+        BadInput: the folder holds other files, or brackets do not fit.
     """
     _require_only(folder, lambda path: path.suffix == ".stl", "a new or empty folder, or one of STL files")
     parts = printed_parts(design)
@@ -99,18 +99,18 @@ PIECES: dict[str, Callable[[Design, Sequence[str]], str]] = {
     "sheet": lambda design, notes: sheet(design, printed_parts(design), notes),
     "parts": lambda design, _: parts_csv(parts_list(design, printed_parts(design))),
 }
-"""Parts of a kit that are one file of a design, with notes that a sheet says first."""
+"""Formats that write one file of a kit, from the design and the notes of its assembly sheet."""
 
 
 def require_kit_folder(folder: Path) -> None:
-    """Refuse a folder whose files are not those of a kit."""
+    """Reject a folder that holds files other than those of a kit."""
     _require_only(folder, lambda path: path.name in (*FILES, BRACKETS), "a new or empty folder, or that of a kit")
 
 
-def _require_only(folder: Path, known: Callable[[Path], bool], what: str) -> None:
+def _require_only(folder: Path, is_ours: Callable[[Path], bool], what: str) -> None:
     if not folder.exists():
         return
     if not folder.is_dir():
         raise BadInput("--out", f"must be a folder for this format, but got the file {folder}")
-    if others := sorted(path.name for path in folder.iterdir() if not known(path)):
-        raise BadInput("--out", f"must be {what}, but {folder} holds {others[0]}")
+    if foreign := sorted(path.name for path in folder.iterdir() if not is_ours(path)):
+        raise BadInput("--out", f"must be {what}, but {folder} holds {foreign[0]}")

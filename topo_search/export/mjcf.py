@@ -1,4 +1,4 @@
-r"""A design as a model for MuJoCo (MJCF): rigid bodies, one thrust actuator a rotor, one keyframe a load case.
+r"""A design as a model for MuJoCo (MJCF): rigid bodies, a thrust actuator per rotor, a keyframe per load case.
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -9,27 +9,27 @@ r"""A design as a model for MuJoCo (MJCF): rigid bodies, one thrust actuator a r
 | u | squared rotor speed; the actuator's control is the thrust k_f u | rad^2/s^2, N |
 
 The body `platform` floats freely. Its frame has its origin at the centre of mass and the axes of the task frame
-W, so that a load case reads there as it stands in the task. Modules hang below it as the topology says, each behind
-its hinge with the angle that the design states. Masses are those of the solver and the audit: m at every module's
-centre with the module's inertia; m_E at p_E and that of a joint at its hinge are points. The rod that holds the
-end-effector has a shape, and mass where the design counts it. `Physics` says what else a simulator is to have.
+W, so wrenches of load cases have the same components as in the task. Modules are its descendants along the tree,
+each behind a hinge fixed at the design's angle. Masses are those of the solver and the audit: m and the module's
+inertia at every module's centre, point masses m_E at p_E and the joints' at their hinges. The rod that holds the
+end-effector has a shape, and a mass if the design counts it. `Physics` adds what a simulator may need beyond that.
 
-The rod's own mass moves the centre of mass off the origin of the body `platform`; no keyframe hovers any more: a
-controller has to make up for it. A tip is a ball centred at the end-effector: as thick as the rod, but a point
-where the end-effector begins on a solid region, so that it does not begin inside.
+An added rod mass moves the centre of mass off the origin of the body `platform`, so no keyframe hovers exactly; a
+controller must compensate. The tip is a ball centred at the end-effector, as thick as the rod; it shrinks to a
+point if the end-effector starts on a solid region, so that it does not start inside.
 
-Solid regions of a task are bodies of the world: walls, panes, objects that platform and tip touch.
+Solid regions of a task are bodies of the world: walls, panes, objects that the platform and the tip can touch.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| p_E | end-effector in the pose of the keyframes, from which regions are measured | (3,) | m |
-| a, theta | axis and half-angle of a cone, beyond which all is solid | (3,), | -, rad |
+| p_E | end-effector in the pose of the keyframes, the origin of the regions | (3,) | m |
+| a, theta | axis and half-angle of a cone whose outside is solid | (3,), | -, rad |
 | n_k | inward normal of a half-space that touches the cone along a generator | (3,) | - |
 
-Balls, capsules and hulls are themselves. What is beyond a plane is a plane of MuJoCo, which is solid all the way
-down. What is beyond a cone is the union of SIDES such planes, n_k = sin(theta) a - cos(theta) e_k with e_k across
-a: there the cone is wider than the task's by up to 1 / cos(pi / SIDES) - 1 = 0.2 % of its radius. Rod and tip
-have no contact with a region that p_E is inside of, but with all others.
+Balls, capsules and hulls are exported exactly. A half-space is a plane of MuJoCo, which is solid below its surface.
+The outside of a cone is the union of SIDES such planes, n_k = sin(theta) a - cos(theta) e_k with unit vectors e_k
+perpendicular to a; that cone is wider than the task's by up to 1 / cos(pi / SIDES) - 1 = 0.2 % of its radius. Rod
+and tip do not collide with a region that contains p_E.
 """
 
 from __future__ import annotations
@@ -53,36 +53,36 @@ from verify.contacts import tip_distances
 from verify.kinematics import Platform, platform
 
 COLLISION = "3"
-"""Group of geometries that are for contacts alone, which viewers do not show at first."""
+"""Group of geoms used only for contacts, which viewers hide by default."""
 POINT = 1e-5
-"""Radius of a tip that begins on a solid region [m]."""
+"""Radius of a tip that starts on a solid region [m]."""
 
 
 @dataclass(frozen=True)
 class Physics:
-    """Physics asked for; by default the model of the search as it is."""
+    """Physics beyond the model of the search; nothing by default."""
 
     motor_lag: float | None = None
-    """Time constant of a rotor's thrust [s]; None: it follows at once."""
+    """Time constant of a rotor's thrust [s]; None: thrust follows its control without lag."""
     rod_mass: bool = False
-    """True if the rod has its mass, `end_effector.rod_linear_density` per metre."""
+    """True if the rod has mass, `end_effector.rod_linear_density` per metre."""
     contacts: bool = False
     """True if the end-effector has a tip that can touch things."""
     solid_regions: bool = False
-    """True if the solid regions of the task are in the world and can be touched."""
+    """True if the solid regions of the task are bodies of the world."""
 
     @property
     def about(self) -> str:
-        """Comments at the head of the file, one line each."""
+        """Text for the comment at the head of the file, one line each."""
         lines = []
         if self.motor_lag is not None:
             lines.append(f"Thrusts follow their controls with a time constant of {self.motor_lag:g} s.")
         if self.rod_mass:
-            lines.append("The rod has its mass, which the design leaves out: the centre of mass is not the origin.")
+            lines.append("The rod has mass, which the design neglects: the centre of mass is not the origin.")
         if self.contacts:
             lines.append("The geometry `tip` represents the end of the rod in contacts.")
         if self.solid_regions:
-            lines.append("Bodies `exposure_K` are the solid regions of the task, where the keyframes meet them.")
+            lines.append("Bodies `exposure_K` are the task's solid regions, placed for the pose of the keyframes.")
         return "".join(f"{line}\n" for line in lines)
 
 
@@ -90,51 +90,45 @@ AS_SEARCHED = Physics()
 """Nothing beyond the model of the search."""
 
 
-def add_lag(motor: dict[str, str], lag: float | None) -> dict[str, str]:
-    """Return the attributes of an actuator whose output follows its control with a lag."""
-    if lag is None:
-        return motor
-    return {**motor, "dyntype": "filterexact", "dynprm": numbers(lag), "actearly": "true"}
-
-
-def add_rod_mass(floating: Element, rod: Rod, design: Design, at: Platform) -> None:
-    """Add the rod's mass as a body of its own, the z axis along it."""
-    mass, inertia, middle = mass_of(rod, design, at)
+def add_rod_mass(floating: Element, rod: Rod, design: Design, poses: Platform) -> None:
+    """Add the rod's mass as a separate body with its z axis along the rod."""
+    mass, inertia, middle = mass_of(rod, design, poses)
     v = (rod.end - rod.start) / rod.length
     along = float(v @ inertia @ v)
     across = (float(inertia.trace()) - along) / 2
     body = SubElement(floating, "body", name="rod_mass", pos=numbers(*middle), zaxis=numbers(*v))
-    moments = numbers(across, across, min(along, 2 * across))  # as MuJoCo checks them; a stub is no thin tube
+    # a very short tube would violate the triangle inequality, which MuJoCo checks
+    moments = numbers(across, across, min(along, 2 * across))
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(mass), diaginertia=moments)
 
 
 def add_tip(end_effector: Element, design: Design, rod: Rod | None, *, on_solid: bool) -> None:
-    """Add what touches in place of the rod's picture: the rod without its end, and a ball there.
+    """Add the contact geoms of the end-effector: the rod without its end, and a ball at the end.
 
     Args:
-        end_effector: the body that has it.
+        end_effector: the body of the end-effector.
         design: the design.
         rod: its rod.
-        on_solid: whether the end-effector begins on a solid region.
+        on_solid: whether the end-effector starts on a solid region.
     """
     radius = design.task.end_effector.rod_radius
-    look = {"rgba": rgba(palette.END_EFFECTOR), "mass": "0"}
+    style = {"rgba": rgba(palette.END_EFFECTOR), "mass": "0"}
     if rod is not None and rod.length > TIP * radius:
         back = (rod.start - rod.end) / rod.length
         endpoints = numbers(*(back * rod.length), *(back * TIP * radius))
-        hidden = {"group": COLLISION, "type": "cylinder", "size": numbers(radius), **look}
+        hidden = {"group": COLLISION, "type": "cylinder", "size": numbers(radius), **style}
         SubElement(end_effector, "geom", {"name": "rod_contact", "fromto": endpoints, **hidden})
     size = numbers(POINT if on_solid else radius)
-    SubElement(end_effector, "geom", {"name": "tip", "type": "sphere", "size": size, **look})
+    SubElement(end_effector, "geom", {"name": "tip", "type": "sphere", "size": size, **style})
 
 
 def numbers(*values: float) -> str:
-    """Return numbers with blanks between them; reading them again gives the same float64."""
+    """Return numbers separated by blanks, with all digits of float64."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def rgba(colour: str, alpha: float = 1.0) -> str:
-    """Return a colour like #d55e00 as shares of red, green, blue and opacity."""
+    """Return a colour like #d55e00 as red, green, blue and opacity in [0, 1]."""
     return numbers(*(int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)), alpha)
 
 
@@ -146,39 +140,39 @@ def xml_text(root: ElementTree.Element) -> str:
 
 
 SIDES = 48
-"""Planes about a cone."""
+"""Number of planes that approximate the outside of a cone."""
 
 
-def add_solid_regions(model: Element, asset: Element, world: Element, design: Design, at: Platform) -> bool:
+def add_solid_regions(model: Element, asset: Element, world: Element, design: Design, poses: Platform) -> bool:
     """Add every solid region as a body `exposure_K`, or `exposure_K_P` where it has several parts.
 
     Returns:
-        Whether the end-effector begins on the surface of one of them, or nearer to it than the rod is thick.
+        Whether the end-effector starts on the surface of one of them, or within the rod's radius of it.
     """
-    met, distances = False, tip_distances(design)
-    touching = 1e-7  # depth of p_E in a region up to which it touches the region rather than being inside [m]
+    starts_on_solid, distances = False, tip_distances(design)
+    touching = 1e-7  # depth of p_E up to which it counts as touching a region, not as inside it [m]
     for number, exposure in enumerate(design.task.exposure):
         if not exposure.solid:
             continue
         for part, task_shape in enumerate(exposure.shapes):
             segment = segment_of(exposure, part)
             name = f"exposure_{number}" if segment is None else f"exposure_{number}_{segment}"
-            shape = task_shape.at(at.p_e)
-            body = SubElement(world, "body", name=name, pos=numbers(*at.p_e))
-            _add(body, asset, name, shape)
+            shape = task_shape.at(poses.p_e)
+            body = SubElement(world, "body", name=name, pos=numbers(*poses.p_e))
+            _add_shape(body, asset, name, shape)
             distance = distances[number, segment]
             if distance < -touching:
                 contact = model.find("contact")
                 contact = SubElement(model, "contact") if contact is None else contact
                 SubElement(contact, "exclude", body1=name, body2="end_effector")
             elif distance <= design.task.end_effector.rod_radius:
-                met = True
-    return met
+                starts_on_solid = True
+    return starts_on_solid
 
 
-def _add(body: Element, asset: Element, name: str, shape: Shape) -> None:
+def _add_shape(body: Element, asset: Element, name: str, shape: Shape) -> None:
     """Add the geometry of a shape, in metres from p_E."""
-    look = {"rgba": rgba(palette.EXPOSURE, 0.3)}
+    style = {"rgba": rgba(palette.EXPOSURE, 0.3)}
     match shape:
         case Capsule() if shape.start == shape.end:
             geom = {"type": "sphere", "pos": numbers(*shape.start), "size": numbers(shape.radius)}
@@ -189,18 +183,18 @@ def _add(body: Element, asset: Element, name: str, shape: Shape) -> None:
             geom = {"type": "mesh", "mesh": name}
         case Cone():
             # drawn 2 m wide
-            plane = {"type": "plane", "pos": numbers(*shape.apex), "size": numbers(1, 1, 1), **look}
+            plane = {"type": "plane", "pos": numbers(*shape.apex), "size": numbers(1, 1, 1), **style}
             inward = _inward_normals(shape)
             for k, n_k in enumerate(inward):
-                of_many = {"name": f"{name}_side_{k}", "zaxis": numbers(*n_k), "group": COLLISION}
-                side = of_many if len(inward) > 1 else {"name": name, "zaxis": numbers(*n_k)}
+                numbered_side = {"name": f"{name}_side_{k}", "zaxis": numbers(*n_k), "group": COLLISION}
+                side = numbered_side if len(inward) > 1 else {"name": name, "zaxis": numbers(*n_k)}
                 SubElement(body, "geom", {**side, **plane})
             return
-    SubElement(body, "geom", {"name": name, **geom, **look})
+    SubElement(body, "geom", {"name": name, **geom, **style})
 
 
 def _inward_normals(cone: Cone) -> Array:
-    """Return the inward normals n_k of planes about a cone, (SIDES, 3); of a half-space its own, (1, 3)."""
+    """Return the inward normals n_k of the planes around a cone, (SIDES, 3); of a half-space its normal, (1, 3)."""
     a, theta = np.array(cone.axis), math.radians(cone.half_angle_deg)
     if cone.half_angle_deg == 90.0:
         return a[None]
@@ -211,12 +205,12 @@ def _inward_normals(cone: Cone) -> Array:
 
 
 SPIN_CLASSES = {-1: "drag_against_thrust_axis", 1: "drag_along_thrust_axis"}
-"""Classes of actuators by the sign of the drag torque."""
+"""Default classes of actuators by the sign of the drag torque."""
 
 ABOUT = """
 Body `platform`: origin at the centre of mass, axes of the task frame. Units: kg, m, s, rad, N.
 Actuator `module_I_rotor_Q`, Q = 0..3: the thrust of a rotor [N], k_f times its squared speed; with its drag torque.
-Its range is that of a rotor that runs; one that is dead is off (gainprm 0).
+Its control range is that of a running rotor; set gainprm to 0 for a failed one.
 Keyframe `load_case_K`: the thrusts that produce load case K. Gravity is not part of a load case.
 """
 
@@ -226,12 +220,12 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
 
     Args:
         design: the design.
-        physics: what it is to have beyond the model of the search.
+        physics: physics beyond the model of the search.
     """
     task, module = design.task, design.task.module
-    at, counts = platform(design), task.end_effector.counted_rod is not None
+    poses, counts_rod = platform(design), task.end_effector.counted_rod is not None
     model = Element("mujoco", model=f"{task.name} {design.topology.key}")
-    model.append(Comment(ABOUT + replace(physics, rod_mass=physics.rod_mass and not counts).about))
+    model.append(Comment(ABOUT + replace(physics, rod_mass=physics.rod_mass and not counts_rod).about))
     SubElement(model, "compiler", angle="radian", eulerseq="zxy", inertiafromgeom="false")
     SubElement(model, "option", gravity=numbers(0, 0, -task.gravity))
     _defaults(SubElement(model, "default"), module, task.gravity, physics)
@@ -249,35 +243,35 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
     floating = SubElement(world, "body", name="platform")
     SubElement(floating, "freejoint", name="platform")
     SubElement(floating, "site", name="centre_of_mass", rgba=rgba(palette.CENTRE_OF_MASS))
-    at_root = {"pos": numbers(*-at.p_com), "euler": numbers(*design.root_orientation_rad)}
-    bodies = [_module_body(floating, 0, at_root, module)]
+    root_pose = {"pos": numbers(*-poses.p_com), "euler": numbers(*design.root_orientation_rad)}
+    bodies = [_module_body(floating, 0, root_pose, module)]
     for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
         hinge = _hinge(bodies[h], i, a, alpha, module)
-        behind = {"pos": numbers(*module.connector_distance * PORT_DIRECTIONS[a])}
+        beyond_hinge = {"pos": numbers(*module.connector_distance * PORT_DIRECTIONS[a])}
         if kappa := (a + 2 - b) % 4:
-            behind["euler"] = numbers(kappa * math.pi / 2, 0, 0)
-        bodies.append(_module_body(hinge, i, behind, module))
-    end_effector = SubElement(floating, "body", name="end_effector", pos=numbers(*at.p_e))
+            beyond_hinge["euler"] = numbers(kappa * math.pi / 2, 0, 0)
+        bodies.append(_module_body(hinge, i, beyond_hinge, module))
+    end_effector = SubElement(floating, "body", name="end_effector", pos=numbers(*poses.p_e))
     SubElement(end_effector, "inertial", pos="0 0 0", mass=numbers(task.end_effector.mass), diaginertia="0 0 0")
-    rod = rod_of(design, at)
+    rod = rod_of(design, poses)
     if design.mount is not None and rod is not None:
         shape = {"type": "capsule", "size": numbers(rod.radius), "rgba": rgba(palette.END_EFFECTOR)}
         endpoints = numbers(*(rod.start - rod.end), 0, 0, 0)
-        passing = {"contype": "0", "conaffinity": "0"} if physics.contacts else {}
-        SubElement(end_effector, "geom", {"name": "rod", "fromto": endpoints, **shape, **passing})
+        no_contact = {"contype": "0", "conaffinity": "0"} if physics.contacts else {}
+        SubElement(end_effector, "geom", {"name": "rod", "fromto": endpoints, **shape, **no_contact})
         _bar(bodies[design.mount.module], design.mount.port, module)
-        if physics.rod_mass or counts:
-            add_rod_mass(floating, rod, design, at)
-    met = physics.solid_regions and add_solid_regions(model, asset, world, design, at)
+        if physics.rod_mass or counts_rod:
+            add_rod_mass(floating, rod, design, poses)
+    starts_on_solid = physics.solid_regions and add_solid_regions(model, asset, world, design, poses)
     if physics.contacts:
-        add_tip(end_effector, design, rod, on_solid=met)
+        add_tip(end_effector, design, rod, on_solid=starts_on_solid)
     SubElement(end_effector, "site", name="end_effector", rgba=rgba(palette.END_EFFECTOR))
     actuator = SubElement(model, "actuator")
     for i, q in itertools.product(range(design.topology.n), range(4)):  # module-major like the inputs
         rotor = f"module_{i}_rotor_{q}"
         SubElement(actuator, "general", {"class": SPIN_CLASSES[int(ROTOR_SPINS[q])], "name": rotor, "site": rotor})
     keyframe = SubElement(model, "keyframe")
-    for k, u_k in enumerate(design.inputs):  # a pose at rest with the thrusts that produce it, which lag no longer
+    for k, u_k in enumerate(design.inputs):  # at rest, with thrusts that have reached their controls
         thrusts = numbers(*module.thrust_coefficient * u_k.ravel())
         running = {} if physics.motor_lag is None else {"act": thrusts}
         key = {"name": f"load_case_{k}", "qpos": "0 0 0 1 0 0 0", "ctrl": thrusts, **running}
@@ -286,35 +280,36 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
 
 
 def _defaults(default: Element, module: Module, gravity: float, physics: Physics) -> None:
-    """State once what all sites, parts and rotors have in common."""
+    """Add the default classes shared by all sites, parts and rotors."""
     body, l_arm = module.body, module.arm_length
     SubElement(default, "site", type="sphere", size=numbers(body.arm_width / 2))
-    passing = {"contype": "0", "conaffinity": "0"}
+    no_contact = {"contype": "0", "conaffinity": "0"}
     for name, kind, sizes, colour, more in (
         ("hub", "box", [edge / 2 for edge in body.hub], rgba(palette.MODULE), {}),
         ("frame", "mesh", [], rgba(palette.MODULE), {}),
         ("arm", "box", [l_arm / 2, body.arm_width / 2, body.arm_width / 2], rgba(palette.ARM), {}),
         ("rotor", "cylinder", [body.rotor_radius, body.rotor_height / 2], rgba(palette.ROTOR, 0.5), {}),
-        ("joint", "capsule", [body.arm_width / 4], rgba(palette.CONNECTOR), passing),
+        ("joint", "capsule", [body.arm_width / 4], rgba(palette.CONNECTOR), no_contact),
     ):
         size = {"size": numbers(*sizes)} if sizes else {}
         part = SubElement(default, "default", {"class": name})
         SubElement(part, "geom", {"type": kind, **size, "rgba": colour, **more})
     limit = module.thrust_coefficient * module.max_input(gravity)
+    tau = physics.motor_lag
+    lag = {} if tau is None else {"dyntype": "filterexact", "dynprm": numbers(tau), "actearly": "true"}
     for spin, name in SPIN_CLASSES.items():
         turning = SubElement(default, "default", {"class": name})
         drag_per_thrust = spin * module.torque_coefficient / module.thrust_coefficient
         gear, span = numbers(0, 0, 1, 0, 0, drag_per_thrust), numbers(module.min_input * limit, limit)
-        motor = {"gear": gear, "ctrllimited": "true", "ctrlrange": span}
-        SubElement(turning, "general", add_lag(motor, physics.motor_lag))
+        SubElement(turning, "general", {"gear": gear, "ctrllimited": "true", "ctrlrange": span, **lag})
 
 
 def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Element:
-    """Add the hinge at a parent's port a, at which module i hangs."""
+    """Add the hinge of module i at a parent's port a."""
     about_x, about_y = (0.0, alpha) if a % 2 == 0 else (alpha, 0.0)
-    step = numbers(*module.connector_distance * PORT_DIRECTIONS[a])
+    connector = numbers(*module.connector_distance * PORT_DIRECTIONS[a])
     _bar(parent, a, module)
-    hinge = SubElement(parent, "body", name=f"hinge_{i}", pos=step, euler=numbers(0, about_x, about_y))
+    hinge = SubElement(parent, "body", name=f"hinge_{i}", pos=connector, euler=numbers(0, about_x, about_y))
     if module.joint_mass:
         SubElement(hinge, "inertial", pos="0 0 0", mass=numbers(module.joint_mass), diaginertia="0 0 0")
     _bar(hinge, a, module)
@@ -330,7 +325,7 @@ def _module_body(parent: Element, i: int, pose: dict[str, str], module: Module) 
     """Add module i with its mass, its parts and its rotors."""
     body = SubElement(parent, "body", {"name": f"module_{i}", **pose})
     x, y, z = module.inertia
-    inertia = numbers(min(x, y + z), min(y, x + z), min(z, x + y))  # as MuJoCo checks them
+    inertia = numbers(min(x, y + z), min(y, x + z), min(z, x + y))  # MuJoCo checks the triangle inequality
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(module.mass), diaginertia=inertia)
     frame = module.body.frame
     if frame is None:

@@ -1,6 +1,6 @@
-"""A picture of a design without a display: the platform with its airflow, a close-up, and its tree.
+"""A picture of a design, drawn without a display: the platform with its airflow, a close-up, and its tree.
 
-Drawn as the paper draws it, in three dimensions on matplotlib axes, in the axes of the task frame W and in metres.
+It follows the paper's figures: 3-D matplotlib axes, in metres, along the axes of the task frame W.
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-from topo_search.export import palette, poses
+from topo_search.export import palette
+from topo_search.export import poses as geometry
 from topo_search.export.air_field import AirSurface
 from topo_search.export.tree_drawing import draw_tree
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
@@ -41,26 +42,30 @@ def draw(design: Design, path: str | Path, *, format: Literal["png", "svg"] | No
 
     Args:
         design: any design, audited or not.
-        path: the file; its folder is made if need be.
-        format: the kind of file; default: by the end of its name.
+        path: the file; its folder is created if necessary.
+        format: the kind of file; default: by the suffix.
 
     Raises:
-        ValueError: neither `format` nor the name says `png` or `svg`.
-        BadInput: the end-effector is too far away to be drawn with the rest.
+        ValueError: neither `format` nor the suffix is `png` or `svg`.
+        BadInput: the end-effector is too far away to be drawn to scale.
     """
     with mpl.rc_context({"font.size": 8}):
         save(figure_of(design), path, format=format)
 
 
 def picture(design: Design, kind: Literal["png", "svg"], air: AirSurface | None = None) -> bytes:
-    """Return a picture of a design as a file's content, with `air` instead of envelopes; errors as `draw`."""
+    """Return a picture of a design as the content of a file; `air` replaces the envelopes.
+
+    Raises:
+        BadInput: the end-effector is too far away to be drawn to scale.
+    """
     with mpl.rc_context({"font.size": 8}):
         return content(figure_of(design, air), kind)
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A design's picture, for a notebook to show."""
+    """The picture of a design, which a notebook displays."""
 
     design: Design
 
@@ -69,10 +74,10 @@ class Picture:
 
 
 def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
-    """Return the picture as a matplotlib figure; `air` is drawn instead of the envelopes."""
+    """Return the picture as a matplotlib figure; `air` replaces the envelopes."""
     figure = Figure(figsize=(10.5, 6.8))
-    at = poses.poses_to_draw(design)
-    whole = Scene(figure, (0.0, 0.10, 0.58, 0.82), design, at)
+    poses = geometry.poses_to_draw(design)
+    whole = Scene(figure, (0.0, 0.10, 0.58, 0.82), design, poses)
     whole.exposure()
     if air is None:
         whole.airflow()
@@ -80,11 +85,11 @@ def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
         whole.air(air)
     whole.platform()
     whole.finish()
-    close = Scene(figure, (0.57, 0.47, 0.42, 0.45), design, at)
-    close.platform()
-    close.load_cases()
-    close.finish()
-    close.number_modules()
+    close_up = Scene(figure, (0.57, 0.47, 0.42, 0.45), design, poses)
+    close_up.platform()
+    close_up.load_cases()
+    close_up.finish()
+    close_up.number_modules()
     draw_tree(figure.add_axes((0.62, 0.11, 0.35, 0.30)), design)
     key = design.topology.key
     for x, y, text in (
@@ -99,7 +104,7 @@ def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
 
 
 def title(design: Design) -> str:
-    """Return name, size, topology, objective and gap in one line."""
+    """Return one line with the task's name, size, control effort and gap."""
     mantissa, exponent = f"{design.objective:.3e}".split("e")
     parts = [
         design.task.name,
@@ -131,10 +136,10 @@ def _legend(design: Design, air: AirSurface | None) -> list[Artist]:
     ]
     entries += [
         Line2D([], [], color=palette.CASES[k], marker=">", label=f"load case {k}")
-        for k in sorted({k for k, *_ in wrenches(design, poses.poses_to_draw(design))})
+        for k in sorted({k for k, *_ in wrenches(design, geometry.poses_to_draw(design))})
     ]
     regions = [shape for exposure in design.task.exposure for shape in exposure.shapes]
-    kinds = {poses.region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
+    kinds = {geometry.region_words(shape): 0.12 if isinstance(shape, Cone) else 0.3 for shape in regions}
     entries += [volume(palette.EXPOSURE, opacity, words) for words, opacity in sorted(kinds.items())]
     return entries
 
@@ -143,12 +148,12 @@ def save(figure: Figure, path: str | Path, *, format: Literal["png", "svg"] | No
     """Write a figure.
 
     Args:
-        figure: a figure that no window shows.
-        path: the file; its folder is made if need be.
-        format: the kind of file; default: by the end of its name.
+        figure: the figure.
+        path: the file; its folder is created if necessary.
+        format: the kind of file; default: by the suffix.
 
     Raises:
-        ValueError: neither `format` nor the name says `png` or `svg`.
+        ValueError: neither `format` nor the suffix is `png` or `svg`.
     """
     path = Path(path)
     kind = format or path.suffix.removeprefix(".").lower()
@@ -165,10 +170,10 @@ def content(figure: Figure, kind: str) -> bytes:
     return stream.getvalue()
 
 
-ASIDE = np.array(sorted(itertools.product(range(-6, 7), repeat=2), key=lambda step: math.hypot(*step)))
-"""Offsets by which a number may move, nearest first, in font sizes."""
-ARROW = 0.5
-"""Length of the arrow of the largest force, and of the largest torque, over the size of the platform."""
+LABEL_OFFSETS = np.array(sorted(itertools.product(range(-6, 7), repeat=2), key=lambda step: math.hypot(*step)))
+"""Candidate offsets of a module's number from its centre, nearest first, in font sizes."""
+ARROW_SHARE = 0.5
+"""Arrow length of the largest force, and of the largest torque, over the size of the platform."""
 
 SQUARE = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 CUBE = np.array(
@@ -182,51 +187,51 @@ CUBE = np.array(
 
 
 class Scene:
-    """One drawing of a design in a part of a figure; all that is drawn sets the limits."""
+    """One drawing of a design in part of a figure; its limits enclose everything drawn."""
 
     def __init__(
         self,
         figure: Figure,
         part: tuple[float, float, float, float],
         design: Design,
-        at: Platform,
+        poses: Platform,
         *,
         azimuth: float | None = None,
     ) -> None:
-        """Begin a drawing, seen from the clearest side or from an azimuth [deg]."""
+        """Add axes to a figure, seen from an azimuth [deg]; by default from the clearest side."""
         left, bottom, width, height = part
         inches_wide, inches_high = figure.get_size_inches()
         self.size = np.array([width * inches_wide, height * inches_high])
         """Size of the part [in]."""
-        side = self.size.max()  # the axes are a square around the part: what they hold is clipped at their edges
-        w, h = side / inches_wide, side / inches_high
-        square = (left + (width - w) / 2, bottom + (height - h) / 2, w, h)
+        side = self.size.max()  # matplotlib clips at the edges of the axes, so they are a square around the part
+        wide, high = side / inches_wide, side / inches_high
+        square = (left + (width - wide) / 2, bottom + (height - high) / 2, wide, high)
         axes: Axes3D = figure.add_axes(square, projection="3d")
         self.axes = axes
         self.design = design
-        self.at = at
-        azimuth = poses.azimuth_deg(at) if azimuth is None else azimuth
-        axes.view_init(elev=poses.ELEVATION_DEG, azim=azimuth)
+        self.poses = poses
+        azimuth = geometry.azimuth_deg(poses) if azimuth is None else azimuth
+        axes.view_init(elev=geometry.ELEVATION_DEG, azim=azimuth)
         axes.set_proj_type("ortho")
         axes.computed_zorder = False
         axes.patch.set_visible(False)
-        self.v = poses.towards_viewer(azimuth)
+        self.v = geometry.towards_viewer(azimuth)
         """Unit vector towards the viewer."""
-        self._drawn: list[Array] = []
+        self._points: list[Array] = []
 
     def airflow(self) -> None:
-        """Draw the envelope of every module: its outline, and the circle where its far ball is widest."""
+        """Draw the airflow envelope of every module: its outline, and the equator of its far ball."""
         envelope = self.design.task.module.envelope
-        far_centres = self.at.p - envelope.length * self.at.z
+        far_centres = self.poses.p - envelope.length * self.poses.z
         radii = envelope.start_radius, envelope.end_radius
         self._volumes(
             [
-                poses.cone_sphere_outline(p, radii[0], end, radii[1], self.v)
-                for p, end in zip(self.at.p, far_centres, strict=True)
+                geometry.cone_sphere_outline(p, radii[0], end, radii[1], self.v)
+                for p, end in zip(self.poses.p, far_centres, strict=True)
             ],
             palette.AIRFLOW,
         )
-        rings = [poses.circle(end, radii[1], z) for end, z in zip(far_centres, self.at.z, strict=True)]
+        rings = [geometry.circle(end, radii[1], z) for end, z in zip(far_centres, self.poses.z, strict=True)]
         self._lines(rings, palette.AIRFLOW, 0.5)
 
     def air(self, surface: AirSurface) -> None:
@@ -234,58 +239,59 @@ class Scene:
         self._volumes(list(surface.mesh.triangles), palette.AIR, 0.08, edge=0.0)
 
     def exposure(self) -> None:
-        """Draw every region that the airflow must not reach; of a cone, the surface that encloses all airflow."""
-        apex, up = self.at.end_effector, np.array([0.0, 0.0, 1.0])
-        for _, shape in poses.shapes(self.design.task, self.at.p_e):
+        """Draw every exposure region; for a cone, the surface that must contain all airflow."""
+        apex, up = self.poses.end_effector, np.array([0.0, 0.0, 1.0])
+        for _, shape in geometry.shapes(self.design.task, self.poses.p_e):
             match shape:
                 case Capsule(radius=r):
                     start, end = apex + shape.start, apex + shape.end
-                    self._volumes([poses.cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
-                    self._lines([poses.circle(end, r, up)], palette.EXPOSURE, 0.8)
+                    self._volumes([geometry.cone_sphere_outline(start, r, end, r, self.v)], palette.EXPOSURE, 0.3)
+                    self._lines([geometry.circle(end, r, up)], palette.EXPOSURE, 0.8)
                 case Polytope():
-                    corners, triangles, _, edges = poses.hull(shape)
+                    corners, triangles, _, edges = geometry.hull(shape)
                     self._volumes(list(apex + corners[triangles]), palette.EXPOSURE, 0.15, edge=0.0)
                     self._lines(list(apex + corners[edges]), palette.EXPOSURE, 0.8)
                 case Cone():
-                    surface = apex + poses.cone(shape, poses.cone_slant(self.design, self.at))
+                    surface = apex + geometry.cone(shape, geometry.cone_slant(self.design, self.poses))
                     self._volumes(list(surface), palette.EXPOSURE, 0.12, edge=0.0)
                     self._lines(list(surface[:, 1:]), palette.EXPOSURE, 0.8)
                     self._lines(list(surface[::6, :2]), palette.EXPOSURE, 0.5)
 
     def platform(self) -> None:
         """Draw modules, joints and thrust axes, the centre of mass, the end-effector and the line between them."""
-        module, at = self.design.task.module, self.at
+        module, poses = self.design.task.module, self.poses
         for h, i, a, _ in self.design.topology.edges():
-            joint = at.p[h] + module.connector_distance * at.R[h] @ PORT_DIRECTIONS[a]
-            self._lines([np.stack([at.p[h], joint, at.p[i]])], palette.CONNECTOR, 2.0)
+            joint = poses.p[h] + module.connector_distance * poses.R[h] @ PORT_DIRECTIONS[a]
+            self._lines([np.stack([poses.p[h], joint, poses.p[i]])], palette.CONNECTOR, 2.0)
         frame, rotors = frame_faces(module), rotor_faces(module)
-        one = np.concatenate([frame, rotors])
-        faces = np.concatenate([one @ R.T + p for R, p in zip(at.R, at.p, strict=True)])
+        faces_of_module = np.concatenate([frame, rotors])
+        faces = np.concatenate([faces_of_module @ R.T + p for R, p in zip(poses.R, poses.p, strict=True)])
         tints = [to_rgb(palette.MODULE)] * len(frame) + [to_rgb(palette.ROTOR)] * len(rotors)
-        self._solid(faces, np.tile(tints, (len(at.p), 1)))
-        axes, look = 1.6 * module.arm_length * at.z, {"linewidth": 1.4, "arrow_length_ratio": 0.3, "zorder": 7}
-        self.axes.quiver(*at.p.T, *axes.T, color=palette.THRUST_AXIS, **look)
-        self._keep([at.p + axes])
-        self._lines([np.stack([at.p_com, at.end_effector])], palette.OFFSET, 2.5)
-        for point, colour in ((at.p_com, palette.CENTRE_OF_MASS), (at.end_effector, palette.END_EFFECTOR)):
+        self._solid(faces, np.tile(tints, (len(poses.p), 1)))
+        axes, style = 1.6 * module.arm_length * poses.z, {"linewidth": 1.4, "arrow_length_ratio": 0.3, "zorder": 7}
+        self.axes.quiver(*poses.p.T, *axes.T, color=palette.THRUST_AXIS, **style)
+        self._extend_limits([poses.p + axes])
+        self._lines([np.stack([poses.p_com, poses.end_effector])], palette.OFFSET, 2.5)
+        for point, colour in ((poses.p_com, palette.CENTRE_OF_MASS), (poses.end_effector, palette.END_EFFECTOR)):
             self.axes.plot(*point[:, None], "o", color=colour, markeredgecolor="black", markersize=7, zorder=8)
 
     def load_cases(self) -> None:
-        """Draw forces as arrows, and torques as dashed ones through a ring, in the colour of their load case."""
+        """Draw forces as arrows, and torques as dashed arrows through a ring, in the colour of their load case."""
         module = self.design.task.module
-        reach = float(np.ptp(np.vstack([self.at.p, self.at.end_effector]), axis=0).max()) + 2 * module.arm_length
-        for k, is_torque, point, share in wrenches(self.design, self.at):
-            arrow, colour = ARROW * reach * share, palette.CASES[k]
-            look = {"linewidth": 1.8, "linestyle": "dashed" if is_torque else "solid"}
-            self.axes.quiver(*point, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **look)
-            self._keep([point + arrow])
+        extent = np.ptp(np.vstack([self.poses.p, self.poses.end_effector]), axis=0)
+        reach = float(extent.max()) + 2 * module.arm_length
+        for k, is_torque, point, share in wrenches(self.design, self.poses):
+            arrow, colour = ARROW_SHARE * reach * share, palette.CASES[k]
+            style = {"linewidth": 1.8, "linestyle": "dashed" if is_torque else "solid"}
+            self.axes.quiver(*point, *arrow, color=colour, arrow_length_ratio=0.2, zorder=8, **style)
+            self._extend_limits([point + arrow])
             if is_torque:
-                ring = poses.circle(point + arrow / 2, 0.15 * ARROW * reach, arrow / np.linalg.norm(arrow))
+                ring = geometry.circle(point + arrow / 2, 0.15 * ARROW_SHARE * reach, arrow / np.linalg.norm(arrow))
                 self._lines([ring], colour, 1.4)
 
     def finish(self) -> float:
-        """Set equal scales on all axes, as large as everything drawn allows, and return the zoom."""
-        points = np.concatenate(self._drawn)
+        """Set equal scales on all axes, as large as fits, and return the zoom."""
+        points = np.concatenate(self._points)
         low, high = points.min(axis=0), points.max(axis=0)
         half = np.maximum(high - low, 0.6 * (high - low).max()) / 2
         middle = (low + high) / 2
@@ -296,7 +302,7 @@ class Scene:
         )
         self.axes.set_box_aspect(tuple(half))
         corners = middle + half * np.array(list(itertools.product((-1, 1), repeat=3)))
-        labels = np.array([1.3, 0.8])  # room for those of the axes, in width and height [in]
+        labels = np.array([1.3, 0.8])  # width and height of the axes' labels [in]
         zoom = (self.size - labels) * 72 / np.ptp(self._on_paper(corners), axis=0)
         self.axes.set_box_aspect(tuple(half), zoom=float(zoom.min()))
         for name, share in zip("xyz", half / half.max(), strict=True):
@@ -310,24 +316,27 @@ class Scene:
         return float(zoom.min())
 
     def number_modules(self) -> None:
-        """Write every module's number beside it, clear of thrust axes, marks and other numbers; after `finish`."""
-        anchors = self.at.p
+        """Write every module's number beside it, clear of thrust axes, marks and other numbers.
+
+        Call `finish` first.
+        """
+        anchors = self.poses.p
         size = float(np.clip(40 / len(anchors), 5, 8))
-        along = np.linspace(0.0, 1.6, 5)[:, None, None] * self.design.task.module.arm_length * self.at.z
-        marks = np.stack([self.at.p_com, self.at.end_effector])
-        halo = [patheffects.withStroke(linewidth=1.8, foreground="white")]  # readable over whatever lies behind
+        along = np.linspace(0.0, 1.6, 5)[:, None, None] * self.design.task.module.arm_length * self.poses.z
+        marks = np.stack([self.poses.p_com, self.poses.end_effector])
+        halo = [patheffects.withStroke(linewidth=1.8, foreground="white")]  # readable on any background
         line = {"arrowstyle": "-", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 0, "path_effects": halo}
-        taken = list(self._on_paper(np.concatenate([(self.at.p + along).reshape(-1, 3), marks])))
+        occupied = list(self._on_paper(np.concatenate([(self.poses.p + along).reshape(-1, 3), marks])))
         for i, (on_axes, on_paper) in enumerate(zip(self._project(anchors), self._on_paper(anchors), strict=True)):
-            aside = next(
-                (step * size for step in ASIDE if not _overlap(on_paper + step * size, taken, size)),
-                size * ASIDE[-1],
+            offset = next(
+                (step * size for step in LABEL_OFFSETS if not _overlap(on_paper + step * size, occupied, size)),
+                size * LABEL_OFFSETS[-1],
             )
-            taken.append(on_paper + aside)
+            occupied.append(on_paper + offset)
             self.axes.annotate(
                 str(i),
                 on_axes,
-                xytext=tuple(aside),
+                xytext=tuple(offset),
                 textcoords="offset points",
                 fontsize=size,
                 ha="center",
@@ -348,68 +357,68 @@ class Scene:
     def _volumes(self, polygons: list[Array], colour: str, alpha: float = 0.16, *, edge: float = 0.7) -> None:
         face, line = (*to_rgb(colour), alpha), (*to_rgb(colour), 0.8)
         self.axes.add_collection3d(Poly3DCollection(polygons, facecolors=face, edgecolors=line, linewidths=edge))
-        self._keep(polygons)
+        self._extend_limits(polygons)
 
     def _solid(self, faces: Array, tints: Array) -> None:
-        """Draw the faces that the viewer can see."""
-        self._keep([faces])
+        """Draw the faces that point towards the viewer."""
+        self._extend_limits([faces])
         normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1])
-        seen = normals @ self.v > 0
-        faces, normals = faces[seen], normals[seen]
+        visible = normals @ self.v > 0
+        faces, normals = faces[visible], normals[visible]
         towards_light = np.array([0.27, -0.18, 0.95])
         cosine = np.abs(normals @ towards_light) / np.linalg.norm(normals, axis=1)
-        tints = tints[seen] * (0.7 + 0.3 * cosine[:, None])
+        tints = tints[visible] * (0.7 + 0.3 * cosine[:, None])
         solid = Poly3DCollection(faces, facecolors=tints, edgecolors=tints, linewidths=0.2, zorder=5)
         self.axes.add_collection3d(solid)
 
     def _lines(self, lines: list[Array], colour: str, width: float) -> None:
         self.axes.add_collection3d(Line3DCollection(lines, colors=colour, linewidths=width, zorder=4))
-        self._keep(lines)
+        self._extend_limits(lines)
 
-    def _keep(self, drawn: list[Array]) -> None:
-        self._drawn.extend(np.asarray(points).reshape(-1, 3) for points in drawn)
+    def _extend_limits(self, polygons: list[Array]) -> None:
+        self._points.extend(np.asarray(points).reshape(-1, 3) for points in polygons)
 
 
-def wrenches(design: Design, at: Platform) -> list[tuple[int, bool, Array, Array]]:
-    """Return number, whether it is a torque, place (3,) [m] and vector of what the first load cases exert.
+def wrenches(design: Design, poses: Platform) -> list[tuple[int, bool, Array, Array]]:
+    """Return the nonzero forces and torques of the load cases, of as many as there are colours.
 
-    Vectors are over the largest force, or the largest torque, of all load cases; of more load cases than there are
-    colours for, the others are left out.
+    An item is the load case, whether it is a torque, the point (3,) [m] and the vector (3,), as a share of
+    the largest force or torque of all load cases.
     """
-    largest = {kind: poses.largest_wrench(design, at, kind) for kind in ("force", "torque")}
+    largest = {kind: geometry.largest_wrench(design, poses, kind) for kind in ("force", "torque")}
     return [
         (k, kind == "torque", point, v / largest[kind])
-        for k, kind, _, point, v in poses.load_wrenches(design, at)
+        for k, kind, _, point, v in geometry.load_wrenches(design, poses)
         if v.any() and k < len(palette.CASES)
     ]
 
 
-def _overlap(at: Array, taken: list[Array], size: float) -> bool:
-    gaps = np.abs(np.array(taken) - at)
+def _overlap(centre: Array, occupied: list[Array], size: float) -> bool:
+    gaps = np.abs(np.array(occupied) - centre)
     return bool(np.any((gaps[:, 0] < 1.4 * size) & (gaps[:, 1] < 1.3 * size)))
 
 
 def frame_faces(module: Module) -> Array:
-    """Return the faces of hub and arms, or of a frame of the module's own: triangles, their last corner twice."""
+    """Return the faces of hub and arms, or of the module's own frame: triangles with the last corner repeated."""
     body, l_arm, w = module.body, module.arm_length, module.body.arm_width
     if body.frame is not None:
         faces = np.concatenate([np.array(piece.vertices)[np.array(piece.triangles)] for piece in body.frame])
-        seen = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1]).any(axis=1)
-        return np.asarray(faces[seen][:, [0, 1, 2, 2]])
+        nondegenerate = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 1]).any(axis=1)
+        return np.asarray(faces[nondegenerate][:, [0, 1, 2, 2]])
     arm = CUBE * np.array([l_arm, w, w]) / 2 + np.array([l_arm / 2, 0.0, 0.0])
-    return np.concatenate([CUBE * np.array(body.hub) / 2, *(arm @ _turn(angle).T for angle in poses.ROTOR_ANGLES)])
+    arms = [arm @ _turn(angle).T for angle in geometry.ROTOR_ANGLES]
+    return np.concatenate([CUBE * np.array(body.hub) / 2, *arms])
 
 
 def rotor_faces(module: Module) -> Array:
     """Return the faces of the four rotor discs."""
     disc = cylinder(module.body.rotor_radius, module.body.rotor_height)
-    return np.concatenate(
-        [disc + _turn(angle) @ np.array([module.arm_length, 0.0, 0.0]) for angle in poses.ROTOR_ANGLES]
-    )
+    hub = np.array([module.arm_length, 0.0, 0.0])
+    return np.concatenate([disc + _turn(angle) @ hub for angle in geometry.ROTOR_ANGLES])
 
 
 def cylinder(radius: float, height: float, *, sides: int = 16) -> Array:
-    """Return the faces of a prism about z with an even number of sides; each end is cut into strips."""
+    """Return the quadrilateral faces of a prism about z with an even number of sides; its ends are strips."""
     angles = np.linspace(0, 2 * math.pi, sides, endpoint=False)
     ring = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
     top, bottom = ring + np.array([0, 0, height / 2]), ring - np.array([0, 0, height / 2])

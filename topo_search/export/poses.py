@@ -1,19 +1,19 @@
-"""Geometry that pictures, pages and files for other programs share: poses of modules and rod, regions, viewpoint.
+"""Geometry shared by pictures, pages and exported files: wrenches, rod, exposure regions, viewpoint, outlines.
 
-Poses are from the audit's kinematics.
+Poses come from the audit's kinematics.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| c | connector that the rod is bolted to, p_i + l_c R_i e_a | (3,) | m |
+| c | connector that holds the rod, p_i + l_c R_i e_a | (3,) | m |
 | p'_E | end-effector in W | (3,) | m |
-| m, v | mass of the rod, which solver and audit may ignore; unit vector along it | , (3,) | kg, - |
+| m, v | mass of the rod, which solver and audit may ignore; unit vector along the rod | , (3,) | kg, - |
 
-Shapes of exposure requirements have their directions, which some leave to the design, and are in metres from the
-end-effector. Outlines are those of an orthographic view.
+Shapes of exposure requirements are in metres from the end-effector; a direction that depends on the design is
+resolved. Outlines are orthographic.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| P_0, P_1, r_0, r_1 | ends of an axis and the radii there; the volume is the union of balls in between | (3,) | m |
+| P_0, P_1, r_0, r_1 | centres and radii of two balls, whose hull is a cone-sphere | (3,) | m |
 | v | unit vector towards the viewer | (3,) | |
 | s, t | axes of the picture plane | (3,) | |
 | d, theta | unit axis and half-angle of a cone with apex A | (3,) | -, rad |
@@ -33,27 +33,30 @@ from topo_search.model.shape import Cone, Hull, Polytope, Shape, convex_hull
 from verify.kinematics import Platform, platform
 
 ROTOR_ANGLES = tuple(math.radians(angle) for angle in (-45, -135, 135, 45))
-"""Direction of rotor q = 0..3 from the module's centre (X layout)."""
+"""Azimuth of rotor q = 0..3 from the module's centre [rad]; X layout."""
 
 
-def load_wrenches(design: Design, at: Platform) -> Iterator[tuple[int, str, str, Array, Array]]:
-    """Yield load case, "force" or "torque", where it acts (in words; as a point, (3,) [m]), the vector [N, N m]."""
+def load_wrenches(design: Design, poses: Platform) -> Iterator[tuple[int, str, str, Array, Array]]:
+    """Yield each force and torque of all load cases, zeros included.
+
+    An item is the load case, "force" or "torque", the name of the point, the point (3,) [m], the vector [N, N m].
+    """
     for k, case in enumerate(design.task.load_cases):
         for wrench, where, point in (
-            (case.at_end_effector, "end-effector", at.end_effector),
-            (case.at_com, "centre of mass", at.p_com),
+            (case.at_end_effector, "end-effector", poses.end_effector),
+            (case.at_com, "centre of mass", poses.p_com),
         ):
             yield k, "force", where, point, np.array(wrench.force)
             yield k, "torque", where, point, np.array(wrench.torque)
 
 
-def largest_wrench(design: Design, at: Platform, kind: str) -> float:
+def largest_wrench(design: Design, poses: Platform, kind: str) -> float:
     """Return the largest force [N] or torque [N m] of all load cases."""
-    return max(float(np.linalg.norm(v)) for _, name, _, _, v in load_wrenches(design, at) if name == kind)
+    return max(float(np.linalg.norm(v)) for _, name, _, _, v in load_wrenches(design, poses) if name == kind)
 
 
 def rotation_to(a: Array) -> Array:
-    """Return a rotation that takes the z axis to a unit vector, (3, 3)."""
+    """Return a rotation from the z axis to a unit vector, (3, 3)."""
     s = np.cross(np.eye(3)[np.argmin(np.abs(a))], a)
     s /= np.linalg.norm(s)
     return np.stack([s, np.cross(a, s), a], axis=1)
@@ -72,30 +75,30 @@ class Rod:
 
     @property
     def length(self) -> float:
-        """Between the centres of its ends [m]."""
+        """Distance between the centres of the round ends [m]."""
         return float(np.linalg.norm(self.end - self.start))
 
 
-def mass_of(rod: Rod, design: Design, at: Platform) -> tuple[float, Array, Array]:
-    """Return mass [kg], inertia about its middle (3, 3) [kg m^2] and that middle from the COM (3,) [m] of a rod.
+def mass_of(rod: Rod, design: Design, poses: Platform) -> tuple[float, Array, Array]:
+    """Return mass [kg], inertia (3, 3) [kg m^2] about the middle in W's axes, and the middle from the COM (3,) [m].
 
-    The rod is a thin tube, its inertia in W's axes.
+    The rod is modelled as a thin tube.
     """
     counted = design.task.end_effector.counted_rod
     m = design.task.end_effector.rod_linear_density * rod.length if counted is None else counted.mass
     v = (rod.end - rod.start) / rod.length
     across = m * rod.length**2 / 12 * (np.eye(3) - np.outer(v, v))
     inertia = across + m * rod.radius**2 * np.outer(v, v)
-    return m, inertia, (rod.start + rod.end) / 2 - at.p_com
+    return m, inertia, (rod.start + rod.end) / 2 - poses.p_com
 
 
-def rod_of(design: Design, at: Platform) -> Rod | None:
-    """Return the rod of a design; None if the design names no connector for it, or it has no length."""
+def rod_of(design: Design, poses: Platform) -> Rod | None:
+    """Return the rod of a design; None if no connector holds one, or its length is 0."""
     if design.mount is None:
         return None
     i, l_c = design.mount.module, design.task.module.connector_distance
-    start = at.p[i] + l_c * at.R[i] @ PORT_DIRECTIONS[design.mount.port]
-    rod = Rod(start, at.end_effector, design.task.end_effector.rod_radius)
+    start = poses.p[i] + l_c * poses.R[i] @ PORT_DIRECTIONS[design.mount.port]
+    rod = Rod(start, poses.end_effector, design.task.end_effector.rod_radius)
     return rod if rod.length > 0 else None
 
 
@@ -103,7 +106,7 @@ ELEVATION_DEG = 20.0
 
 
 def poses_to_draw(design: Design) -> Platform:
-    """Return the poses of a design; BadInput if the end-effector is so far away that nothing else could be seen."""
+    """Return the poses of a design; BadInput if the end-effector is too far away to be drawn to scale."""
     module = design.task.module
     limit = 1000.0 * (2 * module.connector_distance * design.topology.n + module.reach)
     if max(map(abs, design.end_effector_m)) > limit:
@@ -112,10 +115,10 @@ def poses_to_draw(design: Design) -> Platform:
     return platform(design)
 
 
-def azimuth_deg(at: Platform) -> float:
-    """Return the azimuth [deg] that looks across the line from the centre of mass to p_E, and along no axis."""
-    x, y, _ = at.p_e
-    azimuths = (-60, -30, 30, 60)  # none is close to an axis, whose labels would then run into each other
+def azimuth_deg(poses: Platform) -> float:
+    """Return the azimuth [deg] that best shows the offset from the centre of mass to p_E, along no axis."""
+    x, y, _ = poses.p_e
+    azimuths = (-60, -30, 30, 60)  # near an axis, its labels would overlap
     across = y * np.cos(np.radians(azimuths)) - x * np.sin(np.radians(azimuths))
     return azimuths[int(np.argmax(np.abs(across)))]
 
@@ -128,14 +131,14 @@ def towards_viewer(azimuth_deg: float) -> Array:
 
 
 def shapes(task: ResolvedTask, p_E: Array) -> Iterator[tuple[int, Shape]]:
-    """Yield every shape of every requirement with its number, for an end-effector p_E from the centre of mass."""
+    """Yield every shape of every exposure requirement, with its number; p_E is from the centre of mass."""
     for number, exposure in enumerate(task.exposure):
         for shape in exposure.shapes:
             yield number, shape.at(p_E)
 
 
 def region_words(shape: Shape) -> str:
-    """Return the legend of a region: what airflow has to do with it."""
+    """Return the legend entry of an exposure region."""
     if not isinstance(shape, Cone):
         return "keep-out region for airflow"
     return f"{'cone' if shape.half_angle_deg < 90 else 'half-space'} that must contain all airflow"
@@ -153,18 +156,18 @@ def cone(shape: Cone, slant: float, *, sides: int = 48) -> Array:
     return np.stack([np.broadcast_to(apex, rim[1:].shape), rim[:-1], rim[1:]], axis=1)
 
 
-def cone_slant(design: Design, at: Platform) -> float:
-    """Return how far an infinite cone is drawn, so that it holds most of the airflow [m]."""
-    return float(np.linalg.norm(at.p - at.end_effector, axis=1).max()) + 2 * design.task.module.reach / 3
+def cone_slant(design: Design, poses: Platform) -> float:
+    """Return the slant height at which pictures cut a cone off; it encloses most of the airflow [m]."""
+    return float(np.linalg.norm(poses.p - poses.end_effector, axis=1).max()) + 2 * design.task.module.reach / 3
 
 
 def cone_sphere_outline(P_0: Array, r_0: float, P_1: Array, r_1: float, v: Array, *, points: int = 96) -> Array:
     """Return the outline of a cone-sphere, capsule or ball as a closed polygon, (points, 3) [m].
 
-    Seen along v the volume is the hull of two discs. The hull's point with the normal u belongs to the disc
-    that reaches further along u.
+    Seen along v, the volume is the hull of two discs; its point with normal u lies on the disc that extends
+    further along u.
     """
-    s, t, _ = -rotation_to(v).T  # the sign keeps drawings as they are
+    s, t, _ = -rotation_to(v).T  # the sign fixes the order of the points
     angles = np.linspace(0, 2 * math.pi, points, endpoint=False)
     u = np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)
     second = (u @ P_1 + r_1 > u @ P_0 + r_0)[:, None]
@@ -172,7 +175,7 @@ def cone_sphere_outline(P_0: Array, r_0: float, P_1: Array, r_1: float, v: Array
 
 
 def circle(centre: Array, radius: float, axis: Array, *, points: int = 48) -> Array:
-    """Return a closed circle about an axis, a unit vector, (points + 1, 3) [m]."""
+    """Return a closed circle about an axis (a unit vector), (points + 1, 3) [m]."""
     s, t, _ = -rotation_to(axis).T
     angles = np.linspace(0, 2 * math.pi, points + 1)
     return np.asarray(centre + radius * (np.outer(np.cos(angles), s) + np.outer(np.sin(angles), t)))

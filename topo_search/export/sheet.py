@@ -1,8 +1,7 @@
-"""The assembly sheet as a page that prints: the convention, the parts, one step a joint, the whole platform.
+"""The assembly sheet, a page to print: conventions, parts, a step per joint, and the whole platform.
 
-The parts list says what to buy, cut and print, with masses and their totals. The whole platform is drawn in two
-views with numbers; distances of a module's centre from three others, and from the tip, tell whether it is where it
-belongs.
+The parts list says what to buy, cut and print, with masses and totals. Two views show the whole platform with the
+modules' numbers; distances from each module's centre to three others, and to the tip, serve to check the assembly.
 """
 
 from __future__ import annotations
@@ -33,32 +32,29 @@ section:has(figure) { flex-wrap: wrap } figure { margin: 0 }
 @media print { body { margin: 0 } }
 """
 CONVENTION = """\
-Lay the parent before you, its rotors pulling up. The arrow from its centre to the port is x of the joint,
-up is z. A hinge angle turns the child about the parent's y axis at ports 0 and 2, about its x axis at ports
-1 and 3, by the right-hand rule; at zero parent and child lie in one plane. So a positive angle takes the
-child's far end down at ports 0 and 3, and up at ports 1 and 2. The drawing of a step shows the joint from
-its side: parent on the left, its upper side up. Each bracket has one mark hole on the parent's flange and
-two on the child's: towards the upper side of either module, or the lower one where a step says mark holes down."""
+Place the parent in front of you, with its rotors pulling up. The joint's x axis points from the parent's centre
+to the port; z is up. The hinge angle rotates the child about the parent's y axis at ports 0 and 2, and about its
+x axis at ports 1 and 3, by the right-hand rule; at zero, parent and child lie in one plane. A positive angle
+therefore lowers the child's far end at ports 0 and 3, and raises it at ports 1 and 2. The drawing of each step
+shows the joint from the side: parent on the left, its upper side up. Each bracket has one mark hole on the
+parent's flange and two on the child's. Mount it with the mark holes on the upper side of both modules, or on the
+lower side where a step says "mark holes down"."""
 
 
 def sheet(design: Design, solids: Sequence[Part], notes: Sequence[str]) -> str:
-    """Return the sheet.
+    """Return the assembly sheet as an HTML page.
 
     Args:
-        design: what is built.
-        solids: what is printed of it.
-        notes: further notes on the kit, one sentence each.
+        design: the design.
+        solids: its printed parts.
+        notes: notes on the kit, printed first, one sentence each.
     """
     lines = [
         *(paragraph(text) for text in notes),
         "<h2>Convention</h2>",
         f'<section class="convention">{ports()}{paragraph(CONVENTION)}</section>',
-        paragraph(f"Angles are stated to {10**-DIGITS:g} deg. {_faces(design)}"),
-        *(
-            f"<section>{strut_drawing(design, part)}{paragraph(_strut(part))}</section>"
-            for part in solids
-            if part.name == "strut"
-        ),
+        paragraph(f"Angles are rounded to {10**-DIGITS:g} deg. {_faces(design)}"),
+        *(strut_section(design, part) for part in solids if part.name == "strut"),
         "<h2>Parts</h2>",
         table(COLUMNS, parts_list(design, solids)),
         paragraph(ABOUT_PARTS),
@@ -73,24 +69,17 @@ def sheet(design: Design, solids: Sequence[Part], notes: Sequence[str]) -> str:
 
 def _faces(design: Design) -> str:
     module = design.task.module
-    at = 1000 * (module.connector_distance - module.bracket_sizes.set_back)
+    face = 1000 * (module.connector_distance - module.bracket_sizes.set_back)
     x, y = (1000 * edge / 2 for edge in module.body.hub[:2])
     return (
-        f"A bracket's flange bolts to a module's face {at:.2f} mm from the module's centre. Struts, where the "
-        f"parts list has some, reach it from the hub, whose faces are {x:.2f} mm (ports 0 and 2) and {y:.2f} mm "
-        "(ports 1 and 3) from the centre. First bolt one to the hub at every port that a step names, mark hole up."
+        f"A bracket's flange bolts to a mounting face {face:.2f} mm from the module's centre. If the parts list "
+        f"has struts, they bridge the gap from the hub, whose faces are {x:.2f} mm (ports 0 and 2) and {y:.2f} mm "
+        "(ports 1 and 3) from the centre: first bolt a strut to the hub at every port used in a step, mark hole up."
     )
 
 
-def _strut(part: Part) -> str:
-    return (
-        f"The strut {part.file}, {part.count} of them, from its side: the hub on the left, a bracket or the rod's "
-        "mount on the right, mark holes up. Lengths are in millimetres from the module's centre."
-    )
-
-
-def strut_drawing(design: Design, part: Part) -> str:
-    """Return a strut from its side with the places of its faces."""
+def strut_section(design: Design, part: Part) -> str:
+    """Return a side view of a strut with the positions of its faces, and its text."""
     (start, _, low), (end, _, high) = part.mesh.bounds
     t = MILLIMETRES * design.task.module.bracket_sizes.thickness
     half = MILLIMETRES * design.task.module.body.arm_width / 2
@@ -99,7 +88,11 @@ def strut_drawing(design: Design, part: Part) -> str:
     beam = np.array([[start, -half], [end, -half], [end, half], [start, half]])
     svg += [_polygon(flange, palette.CONNECTOR) for flange in flanges]
     svg += [_polygon(beam, palette.MODULE), *(_text(x, -low + 12, f"{x:.2f}", 7) for x in (start, end))]
-    return "\n".join([*svg, "</svg>"])
+    text = (
+        f"Strut {part.file} ({part.count} needed), side view: the hub is on the left, a bracket or the rod's mount "
+        "on the right, mark holes up. Dimensions are in millimetres from the module's centre."
+    )
+    return "\n".join(["<section>", *svg, f"</svg>{paragraph(text)}</section>"])
 
 
 def _steps(design: Design) -> Iterator[str]:
@@ -114,23 +107,25 @@ def _steps(design: Design) -> Iterator[str]:
 
 
 def _rod(design: Design, step: int, solids: Sequence[Part]) -> Iterator[str]:
-    """Yield the step of the end-effector."""
-    at = platform(design)
-    rod = rod_of(design, at)
+    """Yield the step that mounts the end-effector."""
+    poses = platform(design)
+    rod = rod_of(design, poses)
     if rod is None or design.mount is None:
-        yield paragraph("No connector is named for a straight rod to the end-effector: it is not part of this kit.")
+        yield paragraph(
+            "The design names no connector for a straight rod to the end-effector: this kit has no mount for it."
+        )
         return
     i, a = design.mount.module, design.mount.port
     (mount,) = (part for part in solids if part.name == "rod mount")
-    x, y, z = (at.R[i] @ brackets.connector_turn(a)).T @ (rod.end - rod.start) / rod.length
+    x, y, z = (poses.R[i] @ brackets.connector_turn(a)).T @ (rod.end - rod.start) / rod.length
     yield paragraph(
         f"Step {step}. Bolt the rod's mount, {mount.file}, to port {a} ({PORT_NAMES[a]}) of module {i}, mark hole "
         f"up. Cut the rod to {1000 * rod.length:.1f} mm, push it in until it bottoms out, and close the clamp with "
         "its bolt. The end-effector of "
-        f"{1000 * design.task.end_effector.mass:.3g} g goes onto the tip; its fixture is yours. "
+        f"{1000 * design.task.end_effector.mass:.3g} g goes on the tip; its fixture is not part of the kit. "
         "Check with a square: "
         f"from the bottom of the bore, which is the connector, the tip is {1000 * rod.length * x:.1f} mm outwards, "
-        f"{1000 * rod.length * y:.1f} mm to the left seen outwards, and {1000 * rod.length * z:.1f} mm up."
+        f"{1000 * rod.length * y:.1f} mm to the left (looking outwards), and {1000 * rod.length * z:.1f} mm up."
     )
 
 
@@ -138,7 +133,7 @@ HEAD = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="{:.6g} {:.6g} {:.6g} {:
 
 
 def ports() -> str:
-    """Return a module from above with its axes, ports and rotors."""
+    """Return a top view of a module with its axes, ports and rotors, as SVG."""
     svg = [HEAD.format(-80, -80, 160, 160, "a module from above: ports and rotors")]
     for q, angle in enumerate(ROTOR_ANGLES):
         x, y = 36 * math.cos(angle), -36 * math.sin(angle)
@@ -156,9 +151,9 @@ def ports() -> str:
 
 
 def joint(sizes: Bracket, port: int, alpha: float) -> str:
-    """Return a bracket from its side, the parent on the left, the parent's upper side up.
+    """Return a side view of a bracket, the parent on the left with its upper side up, as SVG.
 
-    The eye is where the hinge's turn phi about the bracket's y is clockwise for a positive phi: at -y.
+    The view is along the bracket's +y, so a positive turn phi is clockwise.
     """
     r, d, t = (MILLIMETRES * x for x in (sizes.half_width, sizes.set_back, sizes.thickness))
     phi = brackets.TURNS[port] * alpha
@@ -181,7 +176,7 @@ def joint(sizes: Bracket, port: int, alpha: float) -> str:
 
 
 def slope(port: int, alpha: float) -> str:
-    """Return how a child slopes away from its parent, for a reader who has the parent level before them."""
+    """Return how a child slopes away from its parent, with the parent level."""
     if alpha == 0:
         return "is in line"
     return "slopes down" if brackets.TURNS[port] * alpha > 0 else "slopes up"
@@ -202,80 +197,82 @@ def _text(x: float, y: float, text: str, size: float) -> str:
 
 
 def overview(design: Design) -> Iterator[str]:
-    """Yield the lines of the section."""
-    at = platform(design)
-    views = [_view(design, at, *axes) for axes in ((0, 1, "from above"), (0, 2, "from the side"))]
+    """Yield the lines of the section on the whole platform."""
+    poses = platform(design)
+    views = [_view(design, poses, *axes) for axes in ((0, 1, "from above"), (0, 2, "from the side"))]
     yield f'<section class="convention">{"".join(views)}</section>'
     yield paragraph(
-        "Numbers are those of the modules, E is the tip, + the centre of mass; in the axes of the task x is to the "
-        "right and y (from above) or z (from the side) up. Distances between centres, to check with a rule:"
+        "The numbers are those of the modules, E is the tip, and + is the centre of mass. In the axes of the task, "
+        "x points right and y (from above) or z (from the side) up. Distances between centres, to check with a "
+        "ruler:"
     )
-    near = at.p[:3]
-    head = ["module", *(f"to module {k} [mm]" for k in range(len(near))), "to the tip [mm]"]
-    apart = (np.linalg.norm(np.vstack([near, at.end_effector]) - p, axis=1) for p in at.p)
-    yield table(head, [[str(i), *_millimetres(lengths)] for i, lengths in enumerate(apart)])
-    yield paragraph("How modules lie, from the centre of mass and in the axes of the task:")
+    first_centres = poses.p[:3]
+    head = ["module", *(f"to module {k} [mm]" for k in range(len(first_centres))), "to the tip [mm]"]
+    distances = (np.linalg.norm(np.vstack([first_centres, poses.end_effector]) - p, axis=1) for p in poses.p)
+    yield table(head, [[str(i), *_millimetres(lengths)] for i, lengths in enumerate(distances)])
+    yield paragraph("Poses of the modules, from the centre of mass in the axes of the task:")
     yield table(
         ("module", "x [mm]", "y [mm]", "z [mm]", "port 0 points to", "port 1 points to", "upper side points to"),
         [
-            (i, *_millimetres(p - at.p_com), *(_direction(axis) for axis in R.T))
-            for i, (p, R) in enumerate(zip(at.p, at.R, strict=True))
+            (i, *_millimetres(p - poses.p_com), *(_direction(axis) for axis in R.T))
+            for i, (p, R) in enumerate(zip(poses.p, poses.R, strict=True))
         ],
     )
-    yield paragraph(_autopilot(at))
+    yield paragraph(_autopilot(poses))
     yield paragraph(
-        "Rotors from the centre of mass, in the axes of the task. Columns of the matrix, thrusts of allocator.py "
-        "and CA_ROTOR parameters of PX4 count from 0, its motors from 1. CCW: "
-        "counter-clockwise, seen against the thrust."
+        "Positions of the rotors, from the centre of mass in the axes of the task. Columns of the matrix, thrusts "
+        "in allocator.py and PX4's CA_ROTOR parameters count from 0, PX4's motors from 1. CCW is counter-clockwise "
+        "as seen from above a rotor that pulls up."
     )
-    names = ("motor of PX4", "column", "module", "rotor", "turns", "x [mm]", "y [mm]", "z [mm]")
+    names = ("PX4 motor", "column", "module", "rotor", "spin", "x [mm]", "y [mm]", "z [mm]")
     rows = [
-        (j + 1, j, one.module, one.rotor, "CCW" if one.spin > 0 else "CW", *_millimetres(one.position_m))
-        for j, one in enumerate(allocation(design).rotors)
+        (j + 1, j, rotor.module, rotor.rotor, "CCW" if rotor.spin > 0 else "CW", *_millimetres(rotor.position_m))
+        for j, rotor in enumerate(allocation(design).rotors)
     ]
     yield table(names, rows)
 
 
-def _autopilot(at: Platform) -> str:
-    """Say where the autopilot goes, in the axes of module 0, which can be seen."""
-    x, _, z = (_direction(axis) for axis in at.R[0])
-    com = ", ".join(_millimetres(at.R[0].T @ at.p_com))
-    hub = ", ".join(f"{number:.3f}" for number in (at.p[0] - at.p_com) * (1, -1, -1))  # forward, right, down
+def _autopilot(poses: Platform) -> str:
+    """Return where the autopilot goes, in the axes of module 0, which a builder can see."""
+    x, _, z = (_direction(axis) for axis in poses.R[0])
+    com = ", ".join(_millimetres(poses.R[0].T @ poses.p_com))
+    hub = ", ".join(f"{number:.3f}" for number in (poses.p[0] - poses.p_com) * (1, -1, -1))  # forward, right, down
     return (
-        f"Autopilot: the centre of mass is at [{com}] mm from the centre of module 0, in the axes of that module "
-        f"(x towards port 0, y towards port 1, z up). Mount the autopilot there, its arrow along {x} and its "
-        f"upper side along {z} in these axes: that is x and z of the task. If no part is there, put it on "
-        f"the hub of module 0, with EKF2_IMU_POS_X, Y, Z = {hub} m; if it is turned set SENS_BOARD_ROT."
+        f"Autopilot: the centre of mass is [{com}] mm from the centre of module 0, in the axes of that module "
+        f"(x towards port 0, y towards port 1, z up). Mount the autopilot there, with its arrow along {x} and "
+        f"its upper side along {z} in these axes, which are x and z of the task. If there is nothing to mount it "
+        f"on, put it on the hub of module 0 and set EKF2_IMU_POS_X, Y, Z = {hub} m. If it is rotated, set "
+        "SENS_BOARD_ROT."
     )
 
 
-def _view(design: Design, at: Platform, across: int, up: int, words: str) -> str:
-    """Return the platform projected on two axes of the task."""
+def _view(design: Design, poses: Platform, across: int, up: int, words: str) -> str:
+    """Return a view of the platform on two axes of the task, as SVG."""
     module = design.task.module
-    ports = at.p[:, None] + module.connector_distance * np.einsum("nij,kj->nki", at.R, PORT_DIRECTIONS)
-    rotors = at.rotors + at.p_com
-    points = MILLIMETRES * np.vstack([ports.reshape(-1, 3), rotors.reshape(-1, 3), [at.end_effector]])
+    ports = poses.p[:, None] + module.connector_distance * np.einsum("nij,kj->nki", poses.R, PORT_DIRECTIONS)
+    rotors = poses.rotors + poses.p_com
+    points = MILLIMETRES * np.vstack([ports.reshape(-1, 3), rotors.reshape(-1, 3), [poses.end_effector]])
     flat = points[:, [across, up]] * [1.0, -1.0]
     low, high = flat.min(axis=0), flat.max(axis=0)
     size = float((high - low).max())
     low = (low + high - size) / 2 - 0.1 * size
     svg = [HEAD.format(*low, 1.2 * size, 1.2 * size, words)]
 
-    def place(p: Array) -> tuple[float, float]:
+    def project(p: Array) -> tuple[float, float]:
         return float(MILLIMETRES * p[across]), float(-MILLIMETRES * p[up])
 
     radius, width = 0.02 * size, 0.006 * size
-    for p, ends, discs in zip(at.p, ports, rotors, strict=True):
-        x, y = place(p)
-        for u, v in map(place, ends):
+    for p, ends, discs in zip(poses.p, ports, rotors, strict=True):
+        x, y = project(p)
+        for u, v in map(project, ends):
             line = f'x1="{x:.2f}" y1="{y:.2f}" x2="{u:.2f}" y2="{v:.2f}"'
             svg.append(f'<line {line} stroke="{palette.CONNECTOR}" stroke-width="{width:.4g}"/>')
-        for u, v in map(place, discs):
+        for u, v in map(project, discs):
             svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.ROTOR}"/>')
-    u, v = place(at.end_effector)
+    u, v = project(poses.end_effector)
     svg.append(f'<circle cx="{u:.2f}" cy="{v:.2f}" r="{radius:.4g}" fill="{palette.END_EFFECTOR}"/>')
-    named = [*((str(i), p) for i, p in enumerate(at.p)), ("E", at.end_effector), ("+", at.p_com)]
-    svg += [_text(*place(p), text, size / 18) for text, p in named]
+    labels = [*((str(i), p) for i, p in enumerate(poses.p)), ("E", poses.end_effector), ("+", poses.p_com)]
+    svg += [_text(*project(p), text, size / 18) for text, p in labels]
     return "".join([*svg, "</svg>"])
 
 
@@ -289,17 +286,17 @@ def _direction(v: Array) -> str:
 
 COLUMNS = ("part", "count", "size", "mass_kg", "total_kg", "file")
 ListedPart = tuple[str, int | str, str, str, str, str]
-"""Cells in the order of `COLUMNS`."""
+"""Cells of a part, in the order of `COLUMNS`."""
 PLASTIC, STEEL = 1240.0, 7850.0
 """Densities of printed PLA and of bolts [kg/m^3]."""
 ABOUT_PARTS = (
-    "Printed parts weigh what solid PLA does, bolts with nuts what steel does. A bolt is long enough for a flange, "
-    "a face of the module as thick as that, and a nut. The last row is the mass that search and audit count with."
+    "Masses of printed parts are for solid PLA, those of bolts with nuts for steel. A bolt is long enough for a "
+    "flange, a module face of the same thickness, and a nut. The last row is the mass used by search and audit."
 )
 
 
 def parts_list(design: Design, solids: Sequence[Part]) -> list[ListedPart]:
-    """Return a row for every kind of part, then the total, and the mass of the model."""
+    """Return a row for every kind of part, then the total mass, then the mass of the search's model."""
     task, bracket = design.task, design.task.module.bracket_sizes
     rows = [_row("module", design.topology.n, "", task.module.mass)]
     for name in ("bracket", "strut", "rod mount"):
@@ -322,33 +319,33 @@ def parts_list(design: Design, solids: Sequence[Part]) -> list[ListedPart]:
 
 
 def mass_note(task: ResolvedTask, rows: Sequence[ListedPart]) -> str:
-    """Return what all parts weigh beside the model, and the fields with which both agree."""
-    *parts, whole, model = rows
-    note = f"all parts weigh {whole[4]} kg, the model of the search {model[4]} kg"
+    """Return the mass of all parts, that of the search's model, and the task fields that make them agree."""
+    *parts, total, model = rows
+    note = f"all parts weigh {total[4]} kg, the model of the search {model[4]} kg"
     joints = sum(int(row[1]) for row in parts if row[0] == "bracket")
     if not joints:
         return note
-    joined = sum(float(row[4]) for row in parts if row[0] not in ("module", "rod", "end-effector"))
+    joining_mass = sum(float(row[4]) for row in parts if row[0] not in ("module", "rod", "end-effector"))
     fields = []
-    if abs(joined / joints - task.module.joint_mass) > 5e-4:
-        fields.append(f"module.joint_mass={joined / joints:.3g}")
+    if abs(joining_mass / joints - task.module.joint_mass) > 5e-4:
+        fields.append(f"module.joint_mass={joining_mass / joints:.3g}")
     if task.end_effector.rod_mass == "ignored":
         fields.append('end_effector.rod_mass="included"')
-    return f"{note}; with {' and '.join(fields)} a search counts what joins the modules" if fields else note
+    return f"{note}; to include the parts that join the modules, set {' and '.join(fields)}" if fields else note
 
 
 def parts_csv(rows: Sequence[ListedPart]) -> str:
-    """Return the list as the text of a CSV file."""
+    """Return the parts list as the text of a CSV file."""
     return csv_text(COLUMNS, rows)
 
 
 def bolt_of(hole: float, grip: float) -> tuple[float, float]:
-    """Return diameter and length of a bolt [mm], for a hole and what it holds together [m]."""
+    """Return diameter and length of a bolt [mm], for a hole diameter and a clamped thickness [m]."""
     threads = (1.6, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0)  # diameters of metric bolts
     lengths = (4, 5, 6, 8, 10, 12, 16, 20, 25, 30, 35, 40, 45, 50, 60, 70, 80, 90, 100)
     d = max((thread for thread in threads if thread <= MILLIMETRES * hole), default=MILLIMETRES * hole)
-    least = MILLIMETRES * grip + 0.8 * d + 1  # a nut is 0.8 d high, and a millimetre looks out of it
-    return d, next((length for length in lengths if length >= least), math.ceil(least))
+    shortest = MILLIMETRES * grip + 0.8 * d + 1  # a nut is 0.8 d high, and the bolt protrudes by 1 mm
+    return d, next((length for length in lengths if length >= shortest), math.ceil(shortest))
 
 
 def _bolt_row(name: str, count: int, d: float, length: float) -> ListedPart:

@@ -1,16 +1,16 @@
 """A design as solids: GLB for viewers and Blender, STL for CAD and printing.
 
-GLB holds a scene: a node for the frame, the rotors and the airflow envelope of every module, for each region at the
-target, for the end-effector and the centre of mass. It is in metres, turned as glTF wants it, with y up. STL is one
-surface in millimetres, because programs that read STL take its numbers for that, with z up.
+GLB holds a scene: a node for the frame, the rotors and the airflow envelope of every module, for each exposure
+region, for the end-effector and for the centre of mass. It is in metres with y up, as glTF requires. STL holds one
+surface with z up, in millimetres, which programs that read STL assume.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| P_0, P_1, r_0, r_1 | ends of an axis and the radii there; a cone-sphere is the hull of the two balls | (3,) | m |
-| L, a | length of the axis and its direction from P_0 to P_1 | (3,) | m, - |
+| P_0, P_1, r_0, r_1 | centres and radii of two balls; their hull is a cone-sphere | (3,), (3,), , | m |
+| L, a | length of its axis, and the axis from P_0 to P_1 | , (3,) | m, - |
 | theta_t | angle between a and the normals of the conical part: cos(theta_t) = -(r_1 - r_0) / L | | rad |
 
-Vertices lie on the surface, so that a mesh of a round volume is inside of it, by less than 0.3 % of its radius.
+Vertices lie on the true surface, so the mesh of a round volume lies inside it, by less than 0.3 % of its radius.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from topo_search.model.shape import Capsule, Cone, Polytope, Shape
 from verify.kinematics import Platform, platform, rotation
 
 Parts = Literal["all", "platform", "airflow"]
-"""Solids to write: `all` adds to platform and airflow the regions and marks at the target."""
+"""Solids to write; `all` is platform, airflow, exposure regions, and marks of end-effector and centre of mass."""
 
 SIDES = 48
 """Sides of a circle: its sagitta is 0.21 % of the radius."""
@@ -44,7 +44,7 @@ SIDES = 48
 
 @dataclass(frozen=True)
 class Solid:
-    """A mesh, and wherever it appears."""
+    """A mesh and the poses of its copies."""
 
     name: str
     mesh: Trimesh
@@ -55,7 +55,7 @@ class Solid:
 
 
 def glb(design: Design, parts: Parts = "all", air: AirSurface | None = None) -> bytes:
-    """Return a design, and air of it, as the content of a binary glTF file."""
+    """Return a design, with `air` if given, as the content of a binary glTF file."""
     solids = list(_solids(design, parts))
     if air is not None:
         solids.append(Solid("air", air.mesh, palette.AIR, [np.eye(4)], opacity=0.3))
@@ -80,40 +80,40 @@ def stl(design: Design, parts: Parts = "platform") -> bytes:
 
 
 def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
-    """Yield what some parts of a design are made of."""
-    module, at = design.task.module, platform(design)
-    here = [pose_matrix(R, p) for R, p in zip(at.R, at.p, strict=True)]
+    """Yield the solids of the chosen parts of a design."""
+    module, poses = design.task.module, platform(design)
+    module_poses = [pose_matrix(R, p) for R, p in zip(poses.R, poses.p, strict=True)]
     if parts != "airflow":
-        yield Solid("frame", frame(module), palette.MODULE, here)
-        yield Solid("rotors", join(rotor_discs(module)), palette.ROTOR, here)
-        if rod := rod_of(design, at):
+        yield Solid("frame", frame(module), palette.MODULE, module_poses)
+        yield Solid("rotors", join(rotor_discs(module)), palette.ROTOR, module_poses)
+        if rod := rod_of(design, poses):
             tube = cone_sphere(rod.start, rod.radius, rod.end, rod.radius)
             yield Solid("rod", tube, palette.END_EFFECTOR, [np.eye(4)])
     if parts != "platform":
-        yield Solid("airflow", airflow(module), palette.AIRFLOW, here, opacity=0.2)
+        yield Solid("airflow", airflow(module), palette.AIRFLOW, module_poses, opacity=0.2)
     if parts == "all":
         for name, point, colour in (
-            ("end_effector", at.end_effector, palette.END_EFFECTOR),
-            ("centre_of_mass", at.p_com, palette.CENTRE_OF_MASS),
+            ("end_effector", poses.end_effector, palette.END_EFFECTOR),
+            ("centre_of_mass", poses.p_com, palette.CENTRE_OF_MASS),
         ):
             radius = 0.2 * module.arm_length
             ball = cone_sphere(np.zeros(3), radius, np.zeros(3), radius)
             yield Solid(name, ball, colour, [pose_matrix(np.eye(3), point)])
         for number in range(len(design.task.exposure)):
-            yield _region(design, number, at)
+            yield _region(design, number, poses)
 
 
-def _region(design: Design, number: int, at: Platform) -> Solid:
-    """Return the region that a requirement keeps out of the airflow; of a cone, the surface that encloses it."""
-    pieces = [shape for of, shape in shapes(design.task, at.p_e) if of == number]
-    surface = join([region_mesh(shape, cone_slant(design, at)) for shape in pieces])
+def _region(design: Design, number: int, poses: Platform) -> Solid:
+    """Return the region of one exposure requirement; for a cone, the surface that must contain all airflow."""
+    pieces = [shape for k, shape in shapes(design.task, poses.p_e) if k == number]
+    surface = join([region_mesh(shape, cone_slant(design, poses)) for shape in pieces])
     opacity = 0.15 if isinstance(pieces[0], Cone) else 0.3
-    here = [pose_matrix(np.eye(3), at.end_effector)]
-    return Solid(f"exposure_{number}", surface, palette.EXPOSURE, here, opacity=opacity)
+    tip = pose_matrix(np.eye(3), poses.end_effector)
+    return Solid(f"exposure_{number}", surface, palette.EXPOSURE, [tip], opacity=opacity)
 
 
 def _material(solid: Solid) -> TextureVisuals:
-    """Return a colour as glTF holds it: in linear light, and seen from both sides."""
+    """Return the material of a solid for glTF, whose colours are linear; visible from both sides."""
     linear = [_linear(int(solid.colour[k : k + 2], 16) / 255) for k in (1, 3, 5)]
     mode = "OPAQUE" if solid.opacity == 1 else "BLEND"
     material = PBRMaterial(
@@ -132,9 +132,9 @@ def _linear(s: float) -> float:
 
 
 def frame(module: Module) -> Trimesh:
-    """Return hub and arms, or a frame of the module's own, as closed shells that may reach into each other.
+    """Return hub and arms, or the module's own frame, as closed shells that may intersect.
 
-    Opposite arms are one bar, because shells with corners in common are no longer closed once corners are merged.
+    Opposite arms are one bar: shells that share vertices would no longer be closed once vertices are merged.
     """
     l_arm, w = module.arm_length, module.body.arm_width
     if module.body.frame is not None:
@@ -162,13 +162,13 @@ def airflow(module: Module, *, sides: int = SIDES) -> Trimesh:
 
 
 def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = SIDES) -> Trimesh:
-    """Return the hull of two balls; a capsule where the radii are equal, a ball where one ball holds the other."""
+    """Return the hull of two balls: a capsule if the radii are equal, a ball if one ball contains the other."""
     a = P_1 - P_0
     L = float(np.linalg.norm(a))
     theta_t = math.acos(max(-1.0, min(1.0, (r_0 - r_1) / L))) if L else math.pi
     profile = np.concatenate([_arc(0.0, theta_t, r_1, L, sides), _arc(theta_t, math.pi, r_0, 0.0, sides)])
     profile[[0, -1], 0] = 0.0  # the poles lie on the axis
-    size = max(r_0, r_1)  # trimesh takes places within 1e-8 for one: small bodies are made large
+    size = max(r_0, r_1)  # trimesh merges vertices within 1e-8, so small bodies are built large
     mesh: Trimesh = trimesh.creation.revolve(profile[::-1] / size, sections=sides)
     mesh.apply_scale(size)
     mesh.apply_transform(pose_matrix(rotation_to(a / L) if L else np.eye(3), P_0))
@@ -183,21 +183,21 @@ def pose_matrix(R: Array, p: Array) -> Array:
 
 
 def join(meshes: list[Trimesh]) -> Trimesh:
-    """Return several meshes as one; each keeps its shell."""
+    """Return several meshes as one, each still a shell of its own."""
     mesh = trimesh.util.concatenate(meshes)
-    assert isinstance(mesh, Trimesh)  # as all of them are
+    assert isinstance(mesh, Trimesh)  # concatenate() may also return other classes
     return mesh
 
 
 def _arc(start: float, end: float, r: float, height: float, sides: int) -> Array:
-    """Return a part of a ball's profile, from polar angle to polar angle; rows (distance from the axis, height)."""
+    """Return the profile of a ball between two polar angles; rows (distance from the axis, height)."""
     steps = max(2, math.ceil((end - start) / (2 * math.pi / sides)) + 1)
     theta = np.linspace(start, end, steps) if r and end > start else np.empty(0)
     return np.stack([r * np.sin(theta), height + r * np.cos(theta)], axis=1)
 
 
 def region_mesh(shape: Shape, slant: float) -> Trimesh:
-    """Return the surface of a shape; of a cone out to a slant height."""
+    """Return the surface of a shape; a cone is cut off at a slant height."""
     match shape:
         case Capsule():
             return cone_sphere(np.array(shape.start), shape.radius, np.array(shape.end), shape.radius)

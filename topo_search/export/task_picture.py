@@ -1,13 +1,13 @@
-"""Picture of a task, drawn around the end-effector: forces, torques, regions without airflow, a module to scale.
+"""Picture of a task around its end-effector: forces, torques, exposure regions, and a module to scale.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| v | unit vector along which a view looks | (3,) | |
+| v | unit vector along the line of sight | (3,) | |
 | d, theta | axis of a cone from the end-effector, half-angle | (3,), | -, rad |
-| phi | half-angle of the cone on the paper: sin(phi) = sin(theta) / sin(angle between d and v) | | rad |
+| phi | half-angle of the projected cone: sin(phi) = sin(theta) / sin(angle between d and v) | | rad |
 
-Three views along the axes of the task frame W, lengths in metres from the end-effector. A direction that the design
-decides, towards or away from the centre of mass, is drawn as if the centre of mass were straight below.
+Three views along the axes of the task frame W, in metres from the end-effector. Directions that depend on the
+design, towards or away from its centre of mass, are drawn as if the centre of mass were straight below.
 """
 
 from __future__ import annotations
@@ -31,37 +31,37 @@ from topo_search.model.arrays import Array
 from topo_search.model.shape import Capsule, Cone, Polytope
 
 VIEWS = ((0, 2, "from the front"), (1, 2, "from the side"), (0, 1, "from above"))
-"""Axes of W that lie to the right and up on the paper."""
+"""Axes of W that point right and up in each view, and the view's name."""
 UP = np.array([0.0, 0.0, 1.0])
-"""From the centre of mass to the end-effector where a design decides it."""
+"""Assumed direction from the centre of mass to the end-effector if it depends on the design."""
 
 
 def task_figure(task: ResolvedTask) -> Figure:
     """Return the picture of a task as a matplotlib figure."""
     with mpl.rc_context({"font.size": 8}):
         figure = Figure(figsize=(10.5, 4.4), layout="constrained")
-        # how far all regions with an end reach, and most of a module's airflow [m]
+        # the views enclose all bounded regions and most of a module's airflow [m]
         regions = (shape for _, shape in shapes(task, _end_effector(task)))
         reaches = [math.hypot(*shape.apex) if isinstance(shape, Cone) else shape.farthest for shape in regions]
         size = max([0.6 * task.module.reach, *reaches])
         for axes, (right, up, name) in zip(figure.subplots(1, 3), VIEWS, strict=True):
             _draw(axes, task, (right, up), size)
             axes.set_title(name, fontsize=9)
-        below = "; the centre of mass, which the design decides, taken to be straight below"
+        assumption = " (centre of mass assumed straight below)"
         undecided = task.end_effector.position == "free" and any(
             needs_offset(exposure) for exposure in task.exposure
         )
-        figure.suptitle(f"{task.name}: what is asked for at the end-effector{below if undecided else ''}")
+        figure.suptitle(f"{task.name}: requirements at the end-effector{assumption if undecided else ''}")
         figure.legend(handles=_legend(task), loc="outside lower center", ncols=5, handlelength=3, frameon=False)
     return figure
 
 
 def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) -> None:
-    """Draw one view of what lies within `size` metres of the end-effector."""
+    """Draw one view of everything within `size` metres of the end-effector."""
     right, up = view
     for is_cone, outline in _regions(task, view, size):
-        axes.add_patch(Polygon(outline, **_look(is_cone)))
-    # the module to scale is at the same place in all views
+        axes.add_patch(Polygon(outline, **_region_style(is_cone)))
+    # the module to scale has the same position in all views
     module, envelope = size * np.array([-0.75, -0.75, 0.0]), task.module.envelope
     far = module - envelope.length * UP
     airflow = cone_sphere_outline(module, envelope.start_radius, far, envelope.end_radius, _towards_viewer(view))
@@ -78,8 +78,8 @@ def _draw(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float) ->
 
 
 def _arrows(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float, name: str) -> None:
-    """Draw what load cases exert at the end-effector: forces as arrows, torques as dashed ones through a ring."""
-    vectors, on_paper = _vectors(task, name), list(view)
+    """Draw the load cases' forces at the end-effector as arrows, or torques as dashed arrows through a ring."""
+    vectors, in_view = _vectors(task, name), list(view)
     longest = max((float(np.linalg.norm(vector)) for _, vector in vectors), default=1.0)
     is_torque = name == "torque"
     for k, vector in vectors:
@@ -87,11 +87,11 @@ def _arrows(axes: Axes, task: ResolvedTask, view: tuple[int, int], size: float, 
         arrow = 0.9 * size * vector / longest
         if is_torque:
             ring = circle(0.6 * arrow, 0.07 * size, vector / np.linalg.norm(vector))
-            axes.plot(*ring[:, on_paper].T, color=colour, linewidth=1.2)
-        tip = arrow[on_paper]
+            axes.plot(*ring[:, in_view].T, color=colour, linewidth=1.2)
+        tip = arrow[in_view]
         if np.hypot(*tip) > 0.02 * size:
-            look: dict[str, Any] = {"color": colour, "linestyle": "dashed" if is_torque else "solid"}
-            axes.add_patch(FancyArrowPatch((0, 0), tuple(tip), arrowstyle="-|>", mutation_scale=9, **look))
+            style: dict[str, Any] = {"color": colour, "linestyle": "dashed" if is_torque else "solid"}
+            axes.add_patch(FancyArrowPatch((0, 0), tuple(tip), arrowstyle="-|>", mutation_scale=9, **style))
             axes.annotate(str(k), tuple(1.08 * tip), color=colour, ha="center", va="center")
 
 
@@ -99,13 +99,13 @@ def _colour(k: int) -> str:
     return palette.SERIES[k % len(palette.SERIES)]
 
 
-def _look(is_cone: bool) -> dict[str, Any]:
+def _region_style(is_cone: bool) -> dict[str, Any]:
     opacity, line = (0.1, "dashed") if is_cone else (0.4, "solid")
     return {"facecolor": (palette.EXPOSURE, opacity), "edgecolor": palette.EXPOSURE, "linestyle": line}
 
 
 def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[tuple[bool, Array]]:
-    """Return the outlines of all regions on the paper, (points, 2) each, and whether it is a cone to stay in."""
+    """Return whether each exposure region is a cone, and its outline in the view, (points, 2) [m]."""
     outlined, axes = list[tuple[bool, Array]](), list(view)
     for _, shape in shapes(task, _end_effector(task)):
         match shape:
@@ -123,11 +123,11 @@ def _regions(task: ResolvedTask, view: tuple[int, int], size: float) -> list[tup
 
 
 def _wedge(d: Array, theta: float, view: tuple[int, int], far: float) -> Array:
-    """Return what a cone covers of the paper, out to a distance; all of it where one looks into the cone."""
-    on_paper = d[list(view)]
-    ratio = math.sin(theta) / max(math.hypot(*on_paper), 1e-12)
+    """Return the outline of a cone in a view, cut off at a distance; a disc if one looks into the cone."""
+    in_view = d[list(view)]
+    ratio = math.sin(theta) / max(math.hypot(*in_view), 1e-12)
     phi = math.asin(min(ratio, 1.0)) if ratio < 1 + 1e-9 else math.pi
-    middle = math.atan2(on_paper[1], on_paper[0])
+    middle = math.atan2(in_view[1], in_view[0])
     angles = np.linspace(middle - phi, middle + phi, 49)
     arc = far * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     return np.asarray(arc if phi == math.pi else np.vstack([np.zeros(2), arc]))
@@ -155,7 +155,7 @@ def _legend(task: ResolvedTask) -> list[Artist]:
     ]
     regions = [shape for exposure in task.exposure for shape in exposure.shapes]
     kinds = {region_words(shape): isinstance(shape, Cone) for shape in regions}
-    entries += [Patch(**_look(is_cone), label=words) for words, is_cone in sorted(kinds.items())]
+    entries += [Patch(**_region_style(is_cone), label=words) for words, is_cone in sorted(kinds.items())]
     for name, unit in (("force", "N"), ("torque", "N m")):
         for k, vector in _vectors(task, name):
             label = f"{task.case_labels[k]}: {np.linalg.norm(vector):.3g} {unit}"

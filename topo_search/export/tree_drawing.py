@@ -1,6 +1,6 @@
-"""The tree of modules with its ports and hinge angles, laid flat on a grid: for matplotlib, and as inline SVG.
+"""Drawings of the tree of modules with ports and hinge angles, in matplotlib and as inline SVG.
 
-Where the grid would overlap, the tree is laid in layers instead. Lengths are in cells.
+The tree is unfolded flat on a square grid; if modules overlap there, it is drawn in layers. Lengths are in cells.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 PLOT_SIDE = 0.44
 SVG_SIDE = 0.46
-"""Edge of a module's square."""
+"""Edges of a module's square."""
 
 
 def flat_layout(topology: Topology) -> tuple[Array, list[int]]:
-    """Lay the tree on a square grid as if every hinge were flat.
+    """Unfold the tree on a square grid, with every hinge flat.
 
     Returns:
-        The cell of every module, (n, 2), and the quarter turns by which each is rotated.
+        The cell of every module, (n, 2), and its rotation in quarter turns.
     """
     cells, turns = [np.zeros(2)], [0]
     for h, _, a, b in topology.edges():
@@ -42,7 +42,7 @@ def flat_layout(topology: Topology) -> tuple[Array, list[int]]:
 
 
 def layered_layout(topology: Topology) -> Array:
-    """Lay the tree in layers: leaves side by side, every parent over the middle of its children; (n, 2)."""
+    """Return positions in layers, (n, 2): leaves side by side, every parent above the middle of its children."""
     tree = topology.graph()
     depth = nx.shortest_path_length(tree, 0)
     leaves = itertools.count()
@@ -54,7 +54,7 @@ def layered_layout(topology: Topology) -> Array:
 
 
 def layout(topology: Topology) -> tuple[Array, list[int] | None]:
-    """Return the cell of every module, (n, 2), and its quarter turns; None if the tree had to be laid in layers."""
+    """Return the cell of every module, (n, 2), and its quarter turns; None instead of turns for layers."""
     cells, turns = flat_layout(topology)
     if len(np.unique(cells, axis=0)) == topology.n:
         return cells, turns
@@ -68,10 +68,10 @@ def draw_tree(axes: Axes, design: Design) -> None:
     flat = turns is not None
     low, high = centres.min(axis=0), centres.max(axis=0)
     half = np.maximum(high - low + 1, 2.5) / 2
-    size = float(np.clip(34 / half.max() / 2, 4, 8))  # of the text [pt]: squares shrink with the number of cells
+    size = float(np.clip(34 / half.max() / 2, 4, 8))  # of the text [pt]; squares shrink as the grid grows
     for (h, i, a, b), alpha in zip(topology.edges(), design.hinge_angles_rad, strict=True):
         axes.plot(*centres[[h, i]].T, color=palette.CONNECTOR, linewidth=size / 4, zorder=1)
-        if size < 5:  # too small to be read
+        if size < 5:  # too small to read
             continue
         middle, angle = centres[[h, i]].mean(axis=0), f"{math.degrees(alpha):.0f}°".replace("-", "−")
         if flat and centres[h, 1] == centres[i, 1]:
@@ -80,9 +80,9 @@ def draw_tree(axes: Axes, design: Design) -> None:
             axes.text(middle[0] + 0.07, middle[1], angle, fontsize=0.85 * size, ha="left", va="center")
         else:
             _note(axes, middle, angle, 0.85 * size)
-            for end, other, port in ((h, i, a), (i, h, b)):
-                at = centres[end] + 0.33 * (centres[other] - centres[end])
-                _note(axes, at, PORT_NAMES[port], 0.75 * size, color=palette.CONNECTOR)
+            for near_end, far_end, port in ((h, i, a), (i, h, b)):
+                point = centres[near_end] + 0.33 * (centres[far_end] - centres[near_end])
+                _note(axes, point, PORT_NAMES[port], 0.75 * size, color=palette.CONNECTOR)
     used = {(h, a) for h, _, a, _ in topology.edges()} | {(i, b) for _, i, _, b in topology.edges()}
     for i, centre in enumerate(centres):
         axes.add_patch(_rectangle(centre, PLOT_SIDE, "white", palette.MODULE, size / 4 if i == 0 else size / 8))
@@ -107,18 +107,18 @@ def _rectangle(centre: Array, side: float, face: str, edge: str, width: float) -
     return Rectangle(corner, side, side, facecolor=face, edgecolor=edge, linewidth=width, zorder=3)
 
 
-def _note(axes: Axes, at: Array, text: str, size: float, color: str = "black") -> None:
+def _note(axes: Axes, point: Array, text: str, size: float, color: str = "black") -> None:
     box = {"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none"}
-    axes.text(at[0], at[1], text, fontsize=size, color=color, ha="center", va="center", bbox=box, zorder=2)
+    axes.text(point[0], point[1], text, fontsize=size, color=color, ha="center", va="center", bbox=box, zorder=2)
 
 
 def tree_svg(design: Design, assembly: Assembly | None = None, marked: Collection[int] = ()) -> str:
-    """Return the drawing as the text of an `svg` element.
+    """Return the tree as the text of an `svg` element.
 
     Args:
         design: the design.
-        assembly: adds mount and blocked connectors.
-        marked: modules whose joints with each other have another colour.
+        assembly: adds the rod's mount and blocked connectors.
+        marked: modules whose mutual joints are highlighted.
     """
     topology = design.topology
     cells, turns = layout(topology)
@@ -140,12 +140,12 @@ def tree_svg(design: Design, assembly: Assembly | None = None, marked: Collectio
         (x1, y1), (x2, y2) = endpoints
         stroke, wide = (palette.END_EFFECTOR, 0.1) if {h, i} <= {*marked} else (palette.CONNECTOR, 0.05)
         _add(svg, "line", x1=x1, y1=y1, x2=x2, y2=y2, stroke=stroke, stroke_width=wide)
-        aside = np.array([0.0, -0.12]) if turns is not None and y1 == y2 else np.array([0.19, 0.0])
-        _text(svg, endpoints.mean(axis=0) + aside, f"{math.degrees(alpha):.0f}°".replace("-", "−"), 0.15)
+        label_offset = np.array([0.0, -0.12]) if turns is not None and y1 == y2 else np.array([0.19, 0.0])
+        _text(svg, endpoints.mean(axis=0) + label_offset, f"{math.degrees(alpha):.0f}°".replace("-", "−"), 0.15)
         if turns is None:
-            for end, other, port in ((h, i, a), (i, h, b)):
-                at = centres[end] + 0.33 * (centres[other] - centres[end])
-                _text(svg, at, PORT_NAMES[port], 0.13, palette.CONNECTOR)
+            for near_end, far_end, port in ((h, i, a), (i, h, b)):
+                point = centres[near_end] + 0.33 * (centres[far_end] - centres[near_end])
+                _text(svg, point, PORT_NAMES[port], 0.13, palette.CONNECTOR)
     colours = _port_colours(design, assembly)
     for i, centre in enumerate(centres):
         _square(svg, centre, SVG_SIDE, "#ffffff", palette.MODULE, 0.05 if i == 0 else 0.025)
@@ -153,15 +153,15 @@ def tree_svg(design: Design, assembly: Assembly | None = None, marked: Collectio
         if turns is None:
             continue
         for port in range(4):
-            place_of_port = centre + SVG_SIDE / 2 * _drawn_direction(port + turns[i])
-            _square(svg, place_of_port, 0.13, colours[i, port], palette.MODULE, 0.012)
+            port_centre = centre + SVG_SIDE / 2 * _drawn_direction(port + turns[i])
+            _square(svg, port_centre, 0.13, colours[i, port], palette.MODULE, 0.012)
         x, y = centre + 0.32 * SVG_SIDE * _drawn_direction(turns[i])
         _add(svg, "circle", cx=x, cy=y, r=0.03, fill=palette.THRUST_AXIS)
     return ElementTree.tostring(svg, encoding="unicode")
 
 
 def _port_colours(design: Design, assembly: Assembly | None) -> dict[tuple[int, int], str]:
-    """Return the colour of every port: with a joint, free, blocked for the rod, or its mount."""
+    """Return the colour of every port by its use: joint, free, blocked for the rod, or the rod's mount."""
     topology = design.topology
     colours = {(i, port): palette.CONNECTOR for i in range(topology.n) for port in range(4)}
     colours.update(dict.fromkeys(topology.free_connectors, palette.FREE_PORT))
@@ -179,8 +179,8 @@ def _drawn_direction(port: int) -> Array:
 
 
 def _add(svg: ElementTree.Element, name: str, **attributes: object) -> ElementTree.Element:
-    given = {key.replace("_", "-"): f"{x:g}" if isinstance(x, float) else str(x) for key, x in attributes.items()}
-    return ElementTree.SubElement(svg, name, given)
+    texts = {key.replace("_", "-"): f"{x:g}" if isinstance(x, float) else str(x) for key, x in attributes.items()}
+    return ElementTree.SubElement(svg, name, texts)
 
 
 def _square(
@@ -190,7 +190,7 @@ def _square(
     _add(svg, "rect", x=x, y=y, width=side, height=side, fill=fill, stroke=stroke, stroke_width=stroke_width)
 
 
-def _text(svg: ElementTree.Element, at: Array, text: str, size: float, fill: str = "#000000") -> None:
-    look = {"text_anchor": "middle", "dominant_baseline": "central", "paint_order": "stroke"}
+def _text(svg: ElementTree.Element, point: Array, text: str, size: float, fill: str = "#000000") -> None:
+    style = {"text_anchor": "middle", "dominant_baseline": "central", "paint_order": "stroke"}
     halo = {"stroke": "#ffffff", "stroke_width": 0.04}
-    _add(svg, "text", x=at[0], y=at[1], font_size=size, fill=fill, **look, **halo).text = text
+    _add(svg, "text", x=point[0], y=point[1], font_size=size, fill=fill, **style, **halo).text = text

@@ -1,17 +1,18 @@
-"""A design as a robot description (URDF): one link a module, fixed joints, a frame at every rotor.
+"""A design as a robot description (URDF): a link per module, fixed joints, a frame at every rotor.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | W | task frame, origin at the root module's centre | | |
 | R_i, p_i | orientation and centre of module i in W | (3, 3), (3,) | -, m |
-| F_i | orientation of link i's frame in W: R_i, but W's own for the root | (3, 3) | |
+| F_i | orientation of link i's frame in W: the identity for the root, R_i for others | (3, 3) | |
 | r, p, y | roll, pitch, yaw: R = Rz(y) Ry(p) Rx(r) | | rad |
 
-The root of the tree is the link of module 0, with mass, because simulators fix or ignore a root without; its frame
-is W, so that a platform put down without a rotation stands as in the task. URDF has no actuators: a controller
-applies thrust and drag torque along z of the link `module_I_rotor_Q`, and the comment on top of the file says how
-large they are. Links that are only frames state the mass 0, because some readers take a missing mass for 1 kg. A
-module's frame is drawn as hub and arms even if it has pieces of its own: URDF holds no meshes but in further files.
+The root of the tree is the link of module 0, which has mass, because simulators fix or ignore a massless root. Its
+frame is W, so a platform spawned without rotation has the attitude of the task. URDF has no actuators: a
+controller applies thrust and drag torque along z of the link `module_I_rotor_Q`; the comment at the head of the
+file gives the formulas. Links that are only frames have an explicit mass of 0, because some readers assume 1 kg if
+it is missing. A module's frame is drawn as hub and arms even if the module has its own meshes, which URDF only
+allows in other files.
 """
 
 from __future__ import annotations
@@ -32,52 +33,52 @@ from verify.kinematics import platform, rotation
 ABOUT = """
 Link `module_0`: origin at the root module's centre, axes of the task frame. Other module links: their own frames.
 Link `centre_of_mass`: of the whole platform, axes of the task frame. Load cases act there and at `end_effector`.
-A rotor Q = 0..3 at the squared speed u [rad^2/s^2] pushes along z of the link `module_I_rotor_Q` with
-{k_f!r} u [N], and turns the platform about it with (-1)^(Q + 1) {k_tau!r} u [N m]; u is at most {u_max!r}.
+Rotor Q = 0..3 at the squared speed u [rad^2/s^2] exerts the force {k_f!r} u [N] along z of the link
+`module_I_rotor_Q`, and the torque (-1)^(Q + 1) {k_tau!r} u [N m] about it; u is at most {u_max!r}.
 """
 
 
 def urdf(design: Design) -> str:
     """Return a design as the text of a URDF file."""
-    task, module, at = design.task, design.task.module, platform(design)
+    task, module, poses = design.task, design.task.module, platform(design)
     robot = Element("robot", name=task.name)
     u_max = module.max_input(task.gravity)
-    about = ABOUT.format(k_f=module.thrust_coefficient, k_tau=module.torque_coefficient, u_max=u_max)
-    robot.append(Comment(about))
+    comment = ABOUT.format(k_f=module.thrust_coefficient, k_tau=module.torque_coefficient, u_max=u_max)
+    robot.append(Comment(comment))
     for name in ("MODULE", "ARM", "ROTOR", "END_EFFECTOR"):
         material = SubElement(robot, "material", name=name.lower())
         SubElement(material, "color", rgba=rgba(getattr(palette, name)))
-    F = [np.eye(3), *at.R[1:]]
+    F = [np.eye(3), *poses.R[1:]]
     for i in range(design.topology.n):
-        R = F[i].T @ at.R[i]
+        R = F[i].T @ poses.R[i]
         _module_link(robot, i, R, module)
         for q, angle in enumerate(ROTOR_ANGLES):
             rotor = f"module_{i}_rotor_{q}"
             _point(robot, rotor, 0.0)
             _joint(robot, f"module_{i}", rotor, R @ _point_towards(angle, module.arm_length), R)
     for h, i, a, _ in design.topology.edges():
-        _joint(robot, f"module_{h}", f"module_{i}", F[h].T @ (at.p[i] - at.p[h]), F[h].T @ F[i])
+        _joint(robot, f"module_{h}", f"module_{i}", F[h].T @ (poses.p[i] - poses.p[h]), F[h].T @ F[i])
         if module.joint_mass:
-            connector = module.connector_distance * F[h].T @ at.R[h] @ PORT_DIRECTIONS[a]
+            connector = module.connector_distance * F[h].T @ poses.R[h] @ PORT_DIRECTIONS[a]
             _point(robot, f"joint_{i}", module.joint_mass)
             _joint(robot, f"module_{h}", f"joint_{i}", connector, np.eye(3))
     _point(robot, "centre_of_mass", 0.0)
-    _joint(robot, "module_0", "centre_of_mass", at.p_com, np.eye(3))
+    _joint(robot, "module_0", "centre_of_mass", poses.p_com, np.eye(3))
     tip = _point(robot, "end_effector", task.end_effector.mass)
-    _joint(robot, "module_0", "end_effector", at.end_effector, np.eye(3))
-    if rod := rod_of(design, at):
+    _joint(robot, "module_0", "end_effector", poses.end_effector, np.eye(3))
+    if rod := rod_of(design, poses):
         tube = "cylinder", {"radius": numbers(rod.radius), "length": numbers(rod.length)}
         R = rotation_to((rod.end - rod.start) / rod.length)
         _shape(tip, tube, (rod.start - rod.end) / 2, R, "end_effector")
         if task.end_effector.counted_rod is not None:
-            mass, inertia, _ = mass_of(rod, design, at)
+            mass, inertia, _ = mass_of(rod, design, poses)
             _inertial(SubElement(robot, "link", name="rod"), mass, inertia)
             _joint(robot, "module_0", "rod", (rod.start + rod.end) / 2, np.eye(3))
     return xml_text(robot)
 
 
 def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
-    """Return r, p, y with R = Rz(y) Ry(p) Rx(r) [rad], also where p is 90 deg and y is therefore arbitrary."""
+    """Return r, p, y with R = Rz(y) Ry(p) Rx(r) [rad], also at p = 90 deg, where y is arbitrary."""
     y = math.atan2(R[1, 0], R[0, 0])
     tilted = rotation(2, -y) @ R
     p = math.atan2(-tilted[2, 0], tilted[0, 0])
@@ -86,7 +87,7 @@ def roll_pitch_yaw(R: Array) -> tuple[float, float, float]:
 
 
 def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
-    """Add the link of module i, whose axes are R in the link's frame."""
+    """Add the link of module i; R is the module's orientation in the link's frame."""
     link = SubElement(robot, "link", name=f"module_{i}")
     _inertial(link, module.mass, R @ np.diag(module.inertia) @ R.T)
     body, l_arm = module.body, module.arm_length
@@ -99,7 +100,7 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
 
 
 def _point(robot: Element, name: str, mass: float) -> Element:
-    """Add a link whose mass is a point."""
+    """Add a link with a point mass."""
     link = SubElement(robot, "link", name=name)
     _inertial(link, mass, np.zeros((3, 3)))
     return link
@@ -110,18 +111,18 @@ def _point_towards(angle: float, length: float) -> Array:
 
 
 def _inertial(link: Element, mass: float, tensor: Array) -> None:
-    """Add a tensor in the link's own axes."""
+    """Add mass and inertia in the link's axes."""
     inertial = SubElement(link, "inertial")
     _origin(inertial, np.zeros(3), np.eye(3))
     SubElement(inertial, "mass", value=numbers(mass))
-    # a little larger, as readers may find Izz above Ixx + Iyy of a flat body by rounding
+    # slightly larger: after rounding, readers may find Izz > Ixx + Iyy for a flat body
     I = tensor + 1e-14 * tensor.trace() * np.eye(3)
     entries = {f"i{'xyz'[a]}{'xyz'[b]}": numbers(I[a, b]) for a in range(3) for b in range(a, 3)}
     SubElement(inertial, "inertia", entries)
 
 
 def _shape(link: Element, shape: tuple[str, dict[str, str]], position: Array, R: Array, material: str) -> None:
-    """Add a part of a link, as it looks and as it collides."""
+    """Add a visual and a collision shape to a link."""
     for purpose in ("visual", "collision"):
         part = SubElement(link, purpose)
         _origin(part, position, R)

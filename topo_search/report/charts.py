@@ -1,7 +1,7 @@
-"""Charts of the page, and plots of an answer for notebooks and scripts.
+"""Charts of the report, and plots of an answer for notebooks and scripts.
 
-Clearances as matrices, rotor inputs against their limits, the progress of a search, effort against a goal; each as
-plotly.js takes it.
+Clearances as matrices, rotor inputs with their limits, the progress of a search, control effort over a goal; all in
+the format of plotly.js.
 """
 
 from __future__ import annotations
@@ -23,41 +23,41 @@ if TYPE_CHECKING:
     import pandas as pd
     import plotly.graph_objects as go
 
-IN_CELLS = 7
-"""Largest matrix whose values are written into its cells, so that they fit."""
-MOST_POINTS = 4000
-"""Largest number of points of a chart; of more solves, evenly many are left out."""
+MAX_NUMBERED = 7
+"""Largest size of a matrix whose values are written into its cells; in larger ones they do not fit."""
+MAX_POINTS = 4000
+"""Largest number of points in a chart; more are thinned evenly."""
 PAIRWISE = {
     "airflow": "airflow envelopes, clearance of each pair [mm]",
-    "separation": "module centres, distance beyond the least one [mm]",
+    "separation": "module centres, distance beyond the required one [mm]",
     "body": "bodies, clearance of each pair [mm]",
-    "rotor-airflow": "rotors, hubs and arms (rows) beside other modules' airflow (columns) [mm]",
-    "bracket-airflow": "brackets, by the module they hold (rows), beside airflow of modules (columns) [mm]",
-    "bracket-rotor": "brackets (rows) beside rotors of modules (columns) [mm]",
+    "rotor-airflow": "rotors, hubs and arms (rows) to airflow of other modules (columns) [mm]",
+    "bracket-airflow": "brackets, by the child module (rows), to airflow of modules (columns) [mm]",
+    "bracket-rotor": "brackets (rows) to rotors of modules (columns) [mm]",
 }
 
 
 def clearance_matrices(design: Design, audit: Audit) -> Iterator[tuple[str, Figure]]:
-    """Yield a caption and a matrix for every kind of pair of modules, and for modules against requirements."""
+    """Yield caption and matrix for every kind of module pair, and for modules against requirements."""
     n = design.topology.n
     for kind, caption in PAIRWISE.items():
         pairs = [pair for pair in audit.pairs if pair.kind == kind]
         if pairs:
-            # the least last: of a module's rotors, hub and arms one cell shows the nearest
+            # smallest last: one cell shows the nearest of a module's rotors, hub and arms
             cells = {(p.a, p.b): p for p in sorted(pairs, key=lambda pair: pair.analytic_m, reverse=True)}
-            if n <= IN_CELLS and kind in ("airflow", "separation", "body"):  # rows and columns are alike
+            if n <= MAX_NUMBERED and kind in ("airflow", "separation", "body"):  # symmetric
                 cells |= {(b, a): pair for (a, b), pair in cells.items()}
             yield caption, _matrix(cells, n, [str(j) for j in range(n)], "module")
-    rest = [pair for pair in audit.pairs if pair.kind not in PAIRWISE]
-    if rest:
-        columns = list(dict.fromkeys(_requirement(pair) for pair in rest))
-        modules = (pair.b if pair.kind == "rod-airflow" else pair.a for pair in rest)
-        cells = {(i, columns.index(_requirement(pair))): pair for i, pair in zip(modules, rest, strict=True)}
+    others = [pair for pair in audit.pairs if pair.kind not in PAIRWISE]
+    if others:
+        columns = list(dict.fromkeys(_requirement(pair) for pair in others))
+        modules = (pair.b if pair.kind == "rod-airflow" else pair.a for pair in others)
+        cells = {(i, columns.index(_requirement(pair))): pair for i, pair in zip(modules, others, strict=True)}
         yield "modules against requirements [mm]", _matrix(cells, n, columns, "")
 
 
 def _requirement(pair: Clearance) -> str:
-    """Name what a module is kept away from."""
+    """Return a name for what a module must stay clear of."""
     if name := {"exclusion": "tip", "rod": "rod", "rod-airflow": "rod, airflow"}.get(pair.kind):
         return name
     solid = {"part-region": "solid ", "rod-region": "rod, solid "}.get(pair.kind, "")
@@ -65,18 +65,18 @@ def _requirement(pair: Clearance) -> str:
 
 
 def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[str], title: str) -> Figure:
-    """Return a matrix of clearances in millimetres; what is tight or not clear has a colour."""
-    colours = (palette.CELL, palette.TIGHT, palette.NOT_CLEAR)  # only what is critical has a colour
+    """Return a matrix of clearances in millimetres; tight ones and those that are not clear are coloured."""
+    colours = (palette.CELL, palette.TIGHT, palette.NOT_CLEAR)  # only critical cells have a colour
     levels: list[list[int | None]] = [[None] * len(columns) for _ in range(n)]
     hover = [[""] * len(columns) for _ in range(n)]
-    written: list[tuple[str, str, str, str]] = []
+    cell_texts: list[tuple[str, str, str, str]] = []
     for (i, j), pair in cells.items():
         level = 2 if pair.status != "clear" else int(pair.analytic_m <= 0.01)
         levels[i][j] = level
         lower = "none" if pair.lower_m is None else length(at_least(pair.lower_m, 3))
         upper = "none" if pair.upper_m is None else length(at_most(pair.upper_m, 3))
         hover[i][j] = f"{pair.name}<br>{pair.status}, {clearance(pair)}<br>proven: {lower} to {upper}"
-        written.append((columns[j], str(i), millimetres(pair), palette.IN_CELLS[level]))
+        cell_texts.append((columns[j], str(i), millimetres(pair), palette.IN_CELLS[level]))
     heat = {
         "type": "heatmap",
         "z": levels,
@@ -93,10 +93,10 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
         "showscale": False,
     }
     texts = []
-    if written and max(n, len(columns)) <= IN_CELLS:
-        x, y, text, tints = (list(column) for column in zip(*written, strict=True))
-        look = {"size": 12, "color": tints}
-        texts = [{"x": x, "y": y, "text": text, "textfont": look, "mode": "text", "hoverinfo": "skip"}]
+    if cell_texts and max(n, len(columns)) <= MAX_NUMBERED:
+        x, y, text, colours_of_text = (list(column) for column in zip(*cell_texts, strict=True))
+        style = {"size": 12, "color": colours_of_text}
+        texts = [{"x": x, "y": y, "text": text, "textfont": style, "mode": "text", "hoverinfo": "skip"}]
     axis = {"type": "category", "constrain": "domain", "showgrid": False}
     square = {"scaleanchor": "x" if title else None, "autorange": "reversed"}
     across, down = {**axis, "title": {"text": title}}, {**axis, **square, "title": {"text": "module"}}
@@ -104,7 +104,7 @@ def _matrix(cells: dict[tuple[int, int], Clearance], n: int, columns: Sequence[s
 
 
 def rotor_inputs(design: Design) -> Figure:
-    """Return every rotor input in units of the largest one that is allowed, a trace for each load case."""
+    """Return the chart of every rotor input relative to u_max, a trace per load case."""
     u_max = design.task.module.max_input(design.task.gravity)
     n = design.topology.n
     x = np.arange(n).repeat(4) + np.tile([-0.3, -0.1, 0.1, 0.3], n)
@@ -123,7 +123,7 @@ def rotor_inputs(design: Design) -> Figure:
     ]
     share = design.task.search.peak_input
     largest = "largest input, u_max" if share == 1 else f"largest input, {share:g} u_max"
-    bounds = {"least input": design.task.module.min_input, largest: share}
+    bounds = {"smallest input": design.task.module.min_input, largest: share}
     above = {"x": 1, "xref": "x domain", "yref": "y", "xanchor": "right", "yanchor": "bottom", "showarrow": False}
     layout = {
         **axes("module (four rotors each)", "rotor input / u_max", legend=-0.25),
@@ -136,50 +136,51 @@ def rotor_inputs(design: Design) -> Figure:
 
 
 def level(y: float, axis: str = "y", *, width: float) -> dict[str, Any]:
-    """Return a dashed line across a figure."""
-    ends = {"x0": 0, "x1": 1, "xref": "x domain", "y0": y, "y1": y, "yref": axis}
-    return {"type": "line", **ends, "line": {"color": "#000000", "width": width, "dash": "dash"}}
+    """Return a dashed horizontal line across a figure."""
+    endpoints = {"x0": 0, "x1": 1, "xref": "x domain", "y0": y, "y1": y, "yref": axis}
+    return {"type": "line", **endpoints, "line": {"color": "#000000", "width": width, "dash": "dash"}}
 
 
-def markers(x: Any, y: Any, name: str, colour: str, text: Any, pointed: str, **look: Any) -> dict[str, Any]:
-    """Return points with a text each, and what is shown of the one at the pointer."""
-    points = {"x": x, "y": y, "name": name, "mode": "markers", "marker": {"color": colour, **look}}
-    return {**points, "text": text, "hovertemplate": f"{pointed}<extra></extra>"}
+def markers(x: Any, y: Any, name: str, colour: str, text: Any, tooltip: str, **style: Any) -> dict[str, Any]:
+    """Return a trace of points, each with a text, and the template of its tooltip."""
+    points = {"x": x, "y": y, "name": name, "mode": "markers", "marker": {"color": colour, **style}}
+    return {**points, "text": text, "hovertemplate": f"{tooltip}<extra></extra>"}
 
 
-def line(x: Any, y: Any, name: str, colour: str, width: float, **look: Any) -> dict[str, Any]:
-    """Return a line through points."""
-    return {"x": x, "y": y, "name": name, "mode": "lines", "line": {"color": colour, "width": width, **look}}
+def line(x: Any, y: Any, name: str, colour: str, width: float, **style: Any) -> dict[str, Any]:
+    """Return a trace that joins points by a line."""
+    return {"x": x, "y": y, "name": name, "mode": "lines", "line": {"color": colour, "width": width, **style}}
 
 
 def axes(across: str, up: str, *, legend: float) -> dict[str, Any]:
-    """Return the layout of a figure with two axes over a legend."""
+    """Return the layout of a figure with titles of its axes, and the legend below."""
     titles = {"xaxis": {"title": {"text": across}}, "yaxis": {"title": {"text": up}}}
     return {**titles, "legend": {"orientation": "h", "y": legend}}
 
 
 def progress(solves: Sequence[SolveEvent], lower_bound: float) -> Figure:
-    """Return the incumbent against the number of solves over the count of each status."""
+    """Return the chart of the incumbent over the number of solves, above the count of each status."""
     J = np.array([np.nan if solve.objective is None else solve.objective for solve in solves]) / lower_bound
     number = np.arange(1, len(solves) + 1)
     incumbent = np.fmin.accumulate(J)
     solved = np.flatnonzero(np.isfinite(J))
-    shown = _thin(solved)
+    drawn = _thin(solved)
     steps = np.flatnonzero(np.diff(incumbent, prepend=np.inf) != 0)
     steps = np.append(steps[np.isfinite(incumbent[steps])], len(solves) - 1) if solved.size else solved
-    keys = [solves[k].key for k in shown]
-    each, best = (number[shown].tolist(), J[shown].tolist()), (number[steps].tolist(), incumbent[steps].tolist())
-    look = {"size": 5, "symbol": "circle"}
+    keys = [solves[k].key for k in drawn]
+    candidate_points = number[drawn].tolist(), J[drawn].tolist()
+    incumbent_points = number[steps].tolist(), incumbent[steps].tolist()
+    style = {"size": 5, "symbol": "circle"}
     traces = [
-        markers(*each, "candidate's best so far", palette.OFFSET, keys, "%{text}: %{y:.4f}", **look),
-        line(*best, "incumbent", palette.CONNECTOR, 2.5, shape="hv"),
+        markers(*candidate_points, "candidate's best so far", palette.OFFSET, keys, "%{text}: %{y:.4f}", **style),
+        line(*incumbent_points, "incumbent", palette.CONNECTOR, 2.5, shape="hv"),
     ]
-    at = _thin(np.arange(len(solves)))
+    sampled = _thin(np.arange(len(solves)))
     dashes = ("solid", "dash", "dot", "dashdot")
     for (status, colour), dash in zip(palette.STATUSES.items(), dashes, strict=True):
         count = np.cumsum([solve.status == status for solve in solves])
         if count[-1]:
-            counted = line(number[at].tolist(), count[at].tolist(), status, colour, 2, dash=dash)
+            counted = line(number[sampled].tolist(), count[sampled].tolist(), status, colour, 2, dash=dash)
             traces.append({**counted, "yaxis": "y2"})
     layout = axes("solves", "J / lower bound", legend=-0.2)
     layout["xaxis"]["anchor"] = "y2"
@@ -197,49 +198,49 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> Figure:
 
 
 def _thin(indices: Any) -> Any:
-    """Return at most MOST_POINTS of some indices, evenly spread, the last one included."""
-    if len(indices) <= MOST_POINTS:
+    """Return at most `MAX_POINTS` of the indices, evenly spaced, including the last one."""
+    if len(indices) <= MAX_POINTS:
         return indices
-    return indices[np.linspace(0, len(indices) - 1, MOST_POINTS).round().astype(int)]
+    return indices[np.linspace(0, len(indices) - 1, MAX_POINTS).round().astype(int)]
 
 
 AXES = {
-    "clearance": ("clearance", "least clearance [mm]", 1e3),
-    "stand_off": ("stand-off", "least distance of the end-effector from a module's centre [cm]", 1e2),
+    "clearance": ("clearance", "smallest clearance [mm]", 1e3),
+    "stand_off": ("stand-off", "smallest distance of the end-effector from a module's centre [cm]", 1e2),
     "peak_input": ("peak input", "largest rotor input / u_max", 1.0),
-    "force_reserve": ("reserve of force", "any force that can be added at the end-effector [N]", 1.0),
-    "torque_reserve": ("reserve of torque", "any torque that can be added [N m]", 1.0),
+    "force_reserve": ("force reserve", "force reserve at the end-effector in any direction [N]", 1.0),
+    "torque_reserve": ("torque reserve", "torque reserve in any direction [N m]", 1.0),
     "rotor_out": ("failures", "possible with any one rotor dead", 1.0),
     "joint_moment": ("joint moment", "largest moment in a joint [N m]", 1.0),
-    "hinge_angle_deg": ("hinge error", "error of every hinge angle that is survived [deg]", 1.0),
-    "speed": ("air speed", "air over the regions, proven bound [m/s]", 1.0),
+    "hinge_angle_deg": ("hinge error", "tolerated error of every hinge angle [deg]", 1.0),
+    "speed": ("air speed", "air speed in the regions, proven bound [m/s]", 1.0),
     "modules": ("modules", "modules", 1.0),
 }
 
 
 def front_chart(points: Sequence[FrontPoint], name: str) -> Figure:
-    """Return effort over a goal: all points, and what each value of the goal takes, whatever the other goals."""
-    least = points[0].row.objective or 1.0
+    """Return the chart of control effort over a goal: all designs, and the lowest effort per value of the goal."""
+    lowest_J = points[0].row.objective or 1.0
     _, title, scale = AXES[name]
 
-    def at(chosen: Sequence[FrontPoint]) -> tuple[list[Any], list[float]]:
+    def coordinates(chosen: Sequence[FrontPoint]) -> tuple[list[Any], list[float]]:
         values = [point.cells[name] for point in chosen]
         x = [scale * value if isinstance(value, int | float) else value for value in values]
-        return x, [(point.row.objective or 0.0) / least for point in chosen]
+        return x, [(point.row.objective or 0.0) / lowest_J for point in chosen]
 
-    best, dotted = "least control effort for as good a value", {"dash": "dot", "shape": "vh"}
+    best, dotted = "lowest control effort for this value or better", {"dash": "dot", "shape": "vh"}
     texts = ["<br>".join(_describe(point)) for point in points]
-    layout = axes(title, "J / least J of the front", legend=-0.25)
+    layout = axes(title, "J / lowest J of the front", legend=-0.25)
     layout["xaxis"]["dtick"] = 1 if name == "modules" else None
     traces = [
-        {**line(*at(front(points, [name])), best, palette.CONNECTOR, 1.5, **dotted), "hoverinfo": "skip"},
-        markers(*at(points), "designs of the front", palette.CONNECTOR, texts, "%{text}", size=9),
+        {**line(*coordinates(front(points, [name])), best, palette.CONNECTOR, 1.5, **dotted), "hoverinfo": "skip"},
+        markers(*coordinates(points), "designs of the front", palette.CONNECTOR, texts, "%{text}", size=9),
     ]
     return {"data": traces, "layout": layout}
 
 
 def _describe(point: FrontPoint) -> Iterator[str]:
-    """Yield one design in lines, for the pointer."""
+    """Yield the lines of a design's tooltip."""
     yield f"{point.row.key}, {modules(point.row.modules)}"
     yield f"J = {figures(point.row.objective or 0.0, 5)} rad⁴/s⁴"
     yield f"clearance {length_or_none(point.clearance)}, stand-off {length_or_none(point.stand_off)}"
@@ -249,7 +250,7 @@ def _describe(point: FrontPoint) -> Iterator[str]:
 
 
 def length_or_none(metres: float | None) -> str:
-    """Return a length in its unit, rounded down; of nothing "none"."""
+    """Return a length with its unit, rounded down, or "none"."""
     return "none" if metres is None else length(at_least(metres, 3))
 
 
@@ -257,14 +258,14 @@ Value = TypeVar("Value")
 
 
 def plot_front(answer: Answer, goal: str | None = None) -> go.Figure:
-    """Return the front of a run with goals: J over one of them, as a Plotly figure.
+    """Plot the Pareto front of a run: J over one of its goals.
 
     Args:
         answer: the answer of a run with goals.
-        goal: the goal's name; default: the first that the front has figures for.
+        goal: the goal's name; default: the first with values on the front.
 
     Raises:
-        BadInput: the run has no goals or no design, or its front has no such figure.
+        BadInput: the run has no goals or no design, or the front has no values for the goal.
 
     Example:
         >>> from topo_search import plot_front, search
@@ -276,11 +277,11 @@ def plot_front(answer: Answer, goal: str | None = None) -> go.Figure:
 
 
 def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
-    """Return the best effort over the number of solves, and how the solves ended, as a Plotly figure.
+    """Plot the lowest control effort over the number of solves, and the count of each status.
 
     Args:
         answer: the answer of a run; of a run with goals, the level of its best design is shown.
-        modules: size to show; default: that of the best design, or the smallest.
+        modules: number of modules; default: that of the best design, or the smallest.
 
     Raises:
         BadInput: the run has no such size.
@@ -299,15 +300,15 @@ def plot_history(answer: Answer, modules: int | None = None) -> go.Figure:
 
 
 def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "objective") -> go.Figure:
-    """Return one figure of all candidates over another, coloured by size, as a Plotly figure.
+    """Plot two numbers of all candidates against each other, coloured by number of modules.
 
     Args:
         answer: the answer of a run; of a run with goals, the level of its best design is shown.
-        x: a column of numbers of `answer.candidates`.
-        y: another.
+        x: numeric column of `answer.candidates` on the horizontal axis.
+        y: numeric column on the vertical axis.
 
     Raises:
-        BadInput: there is no such column of numbers.
+        BadInput: there is no such numeric column.
 
     Example:
         >>> from topo_search import plot_candidates, read_answer
@@ -323,15 +324,15 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
         rows = candidates[candidates["modules"] == size.modules].dropna(subset=[x, y])
         symbols = np.where(rows["audit"] == "clear", "circle", "x")
         texts = rows["key"] + ", audit " + rows["audit"].fillna("none")
-        name, pointed = f"{size.modules} modules", f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}"
-        traces.append(markers(rows[x], rows[y], name, colour, texts, pointed, size=9, symbol=symbols))
+        name, tooltip = f"{size.modules} modules", f"%{{text}}<br>{x}: %{{x}}<br>{y}: %{{y}}"
+        traces.append(markers(rows[x], rows[y], name, colour, texts, tooltip, size=9, symbol=symbols))
     titles = {"xaxis": {"title": {"text": x}}, "yaxis": {"title": {"text": y}}}
     return _plotly_figure({"data": traces, "layout": {**titles, "showlegend": True}})
 
 
 def _plotly_figure(figure: Figure) -> go.Figure:
-    """Return a figure of Plotly in the look of the page."""
-    import plotly.graph_objects as go  # slow to load, and pages are drawn without it
+    """Return a Plotly figure in the style of the report."""
+    import plotly.graph_objects as go  # slow to import, and not needed for pages
 
     return go.Figure(figure["data"], {"template": "plotly_white", **PLOTLY_LAYOUT, **figure["layout"]})
 
@@ -341,7 +342,7 @@ def _of_level(answer: Answer, frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _choose(field: str, valid: Sequence[Value], chosen: Value | None) -> Value:
-    """Return what was chosen, if it is valid."""
+    """Return the chosen value; BadInput if it is not valid."""
     if chosen is None or chosen not in valid:
         names = ", ".join(map(str, valid)) or "none"
         raise BadInput("plot", [Fault(field, f"must be one of {names}, but got {chosen}")])

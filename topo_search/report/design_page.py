@@ -1,4 +1,4 @@
-"""Pages without a run's own: a design with what `fly` showed of it, designs beside each other, any vehicle."""
+"""Pages that need no run: one design with its simulated flights, designs side by side, and any vehicle."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from topo_search.model.proven import gap_percent, lower_text
 from topo_search.model.text import html_page, paragraph, table
 from topo_search.model.value import BadInput, Fault, show
 from topo_search.report import Figure, Table, Tile
-from topo_search.report.charts import MOST_POINTS, level, line
+from topo_search.report.charts import MAX_POINTS, level, line
 from topo_search.report.design_part import cases, flight_sentences
 from topo_search.report.headline import Compared, card, headline
 from topo_search.report.scene import shared_meshes
-from topo_search.report.wording import EFFORT, figures, least, modules
+from topo_search.report.wording import EFFORT, figures, modules, rounded_down
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
 
 
@@ -36,16 +36,16 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
     Args:
         design: the design.
         audit: its audit.
-        file: the name of its file, for the commands.
-        simulated: what it did in simulation.
+        file: the name of its file, for the commands to reproduce it.
+        simulated: its simulated flights, as `read_simulated` returns them.
     """
     task = design.task
-    gap = design.gap if audit.verdict == Status.CLEAR else None  # the effort of another design bounds nothing
+    gap = design.gap if audit.verdict == Status.CLEAR else None  # only the effort of a clear design counts
     return {
         "title": title(task.name, task.n),
         "key": design.topology.key,
         "answer": "This report covers one design, not a search.",
-        "tiles": tuple(headline(design, audit, gap, "a single design")),
+        "tiles": tuple(headline(design, audit, gap, "in this design")),
         "notes": () if audit.inputs_words is None else (audit.inputs_words,),
         "bound": bound(design.lower_bound, gap, task.n),
         "task": task,
@@ -58,21 +58,21 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
 
 
 def title(name: str, n: int) -> str:
-    """Return what a page is about: its task and size."""
+    """Return the title of a page: task and size."""
     return f"{name}: {modules(n)}"
 
 
 def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ...]:
-    """Return the lower bound and what it means, a paragraph each."""
+    """Return paragraphs on the lower bound: its value, the gap, and what it means."""
     if lower_bound is None:
-        return ("The design states no lower bound, so how far it is from the optimum is unknown.",)
-    statement = f"Lower bound: {least(lower_bound, digits=5)} rad⁴/s⁴ for the control effort {EFFORT}."
+        return ("The design has no lower bound, so its distance from the optimum is unknown.",)
+    statement = f"Lower bound: {rounded_down(lower_bound, digits=5)} rad⁴/s⁴ for the control effort {EFFORT}."
     meaning = (
-        f"It holds for every platform of {modules(n)} of this kind, for any tree, hinge angles and end-effector "
-        "position: it is what the forces of the load cases would cost rotors within their limits if every thrust "
-        "axis could point wherever it is needed. Torques and geometry are neglected, so part of the gap may come "
-        "from the bound rather than from the design. It allows for the audit's tolerances of forces and "
-        "inputs, so no design whose audit is clear lies below it."
+        f"It holds for every platform of {modules(n)} of this kind, with any tree, hinge angles and end-effector "
+        "position. It is the control effort for the forces of the load cases, within the rotors' limits, if every "
+        "thrust axis could point in any direction. Torques and geometry are neglected, so part of the gap may come "
+        "from the bound rather than from the design. It allows for the audit's tolerances on forces and inputs, so "
+        "no design with a clear audit lies below it."
     )
     if gap is None:
         return statement, meaning
@@ -84,7 +84,7 @@ def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ..
 
 
 def _reproduction(design: Design, audit: Audit, file: str) -> dict[str, Any]:
-    """Return how to audit the design again and, if it says how it was found, how to find it."""
+    """Return the commands that audit the design again and, if its solver settings are known, find it again."""
     solver: dict[str, Any] = design.solver or {}
     commands = [f"topo-search audit {file}"]
     if isinstance(solver.get("seed"), int) and isinstance(solver.get("starts"), int):
@@ -99,48 +99,50 @@ COURSE = ("error_x_m", "error_y_m", "error_z_m", "tilt_deg", "largest_input")
 
 
 def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
-    """Return what a folder that `fly --out` wrote says of a design.
+    """Read the simulated flights of a design from a folder that `fly --out` wrote.
 
     Raises:
-        BadInput: a file is missing or damaged, or the flights are those of another design.
+        BadInput: a file is missing or damaged, or the flights belong to another design.
     """
     result = read_json(FlightResult, folder / "flight.json")
     if result.design != digest_of(design):
-        rule = "must be of the design whose page this is; fly it again with --out"
+        rule = "must be the digest of this design; fly it again with --out"
         raise BadInput(str(folder / "flight.json"), [Fault("design", f"{rule} (got {show(result.design)})")])
-    course = _course(folder / "flight.csv", {one.name for one in result.scenarios})
-    x = result.options
+    course = _course(folder / "flight.csv", {scenario.name for scenario in result.scenarios})
+    options = result.options
     rod = f", the rod's {figures(1000 * result.rod_mass_kg, 3)} g included" if result.rod_mass_kg > 0 else ""
     sentences = (
         f"Simulated: {figures(result.mass_kg, 4)} kg{rod}; "
-        f"motor lag {figures(1000 * x.get('motor_lag_s', 0.0), 3)} ms, sensor noise × {x.get('noise', 0.0):g}, "
-        f"model error {100 * x.get('model_error', 0.0):g} %, seed {x.get('seed', 0.0):g}.",
+        f"motor lag {figures(1000 * options.get('motor_lag_s', 0.0), 3)} ms, "
+        f"sensor noise × {options.get('noise', 0.0):g}, "
+        f"model error {100 * options.get('model_error', 0.0):g} %, seed {options.get('seed', 0.0):g}.",
         f"Side force in hover: {figures(result.weakest_force_N, 3)} N in the weakest direction "
         f"({direction(result.weakest_direction)}), {figures(100 * result.weakest_force_share, 3)} % of the weight; "
         f"hover survives {result.rotors_out} of {result.rotors} single rotor failures, each known after "
-        f"{x.get('detection_time_s', 0.1):g} s.",
+        f"{options.get('detection_time_s', 0.1):g} s.",
         *result.notes,
-        "This is evidence from a simulation. It never changes the audit's verdict.",
+        "This is evidence from a simulation. It does not affect the audit's verdict.",
     )
-    caption = "Errors of position and attitude, and the largest input; a click on a name hides that flight"
-    scenarios = Table(("scenario", "outcome", *CELLS, "why"), [_row(one) for one in result.scenarios], range(2, 8))
+    caption = "Position error, attitude error and largest input; click a name to hide that flight"
+    scenarios = Table(("scenario", "outcome", *CELLS, "reason"), [*map(_row, result.scenarios)], range(2, 8))
     chart = ("simulated-course", caption, _figure(course)) if course else None
     return {"outcome": word(result), "scenarios": scenarios, "course": chart, "sentences": sentences}
 
 
-def _row(one: ScenarioResult) -> tuple[str, ...]:
-    cells = (cell.replace(" deg", "°").replace(" ", "\u00a0") for cell in one.cells)
-    return one.name, word(one) if one.counts else f"{word(one)} (informative)", *cells, one.reason or ""
+def _row(scenario: ScenarioResult) -> tuple[str, ...]:
+    cells = (cell.replace(" deg", "°").replace(" ", "\u00a0") for cell in scenario.cells)
+    outcome = word(scenario) + " (informative)" * (not scenario.counts)
+    return scenario.name, outcome, *cells, scenario.reason or ""
 
 
 def _course(path: Path, names: set[str]) -> dict[str, Array]:
-    """Return the rows of each flight, (T, 1 + 5)."""
+    """Return the time series of each flight, (T, 1 + 5): time, then `COURSE`."""
     rows: dict[str, list[list[float]]] = {}
     reader = csv.DictReader(io.StringIO(load_text(path, most_bytes=LIMITS.result_bytes)))
     for row in reader:
         name = row.get("scenario")
         if name not in names:
-            rule = f"line {reader.line_num}: must be of a scenario of flight.json, but got {show(name)}"
+            rule = f"line {reader.line_num}: must be a scenario of flight.json, but got {show(name)}"
             raise BadInput(str(path), [Fault("scenario", rule)])
         try:
             numbers = [float(row[column]) for column in ("time_s", *COURSE)]
@@ -152,16 +154,16 @@ def _course(path: Path, names: set[str]) -> dict[str, Array]:
 
 
 def _figure(course: dict[str, Array]) -> Figure:
-    """Return error, tilt and largest thrust of all flights over time."""
+    """Return the chart of position error, tilt and largest input of all flights over time."""
     traces = []
-    every = 1 + sum(map(len, course.values())) // MOST_POINTS
+    stride = 1 + sum(map(len, course.values())) // MAX_POINTS
     looks = itertools.cycle((colour, dash) for dash in ("solid", "dash", "dot") for colour in palette.SERIES)
     for (name, rows), (colour, dash) in zip(course.items(), looks, strict=False):
-        shown_rows = rows[::every]
-        error = 100 * np.linalg.norm(shown_rows[:, 1:4], axis=1)
-        for row, values in enumerate((error, shown_rows[:, 4], shown_rows[:, 5]), start=1):
-            drawn = line(shown_rows[:, 0].round(4).tolist(), values.round(4).tolist(), name, colour, 1.5, dash=dash)
-            traces.append({**drawn, "yaxis": f"y{row}", "legendgroup": name, "showlegend": row == 1})
+        samples = rows[::stride]
+        error = 100 * np.linalg.norm(samples[:, 1:4], axis=1)
+        for row, values in enumerate((error, samples[:, 4], samples[:, 5]), start=1):
+            trace = line(samples[:, 0].round(4).tolist(), values.round(4).tolist(), name, colour, 1.5, dash=dash)
+            traces.append({**trace, "yaxis": f"y{row}", "legendgroup": name, "showlegend": row == 1})
     layout: dict[str, Any] = {
         "xaxis": {"title": {"text": "time [s]"}, "anchor": "y3"},
         "shapes": [level(1.0, "y3", width=1)],
@@ -174,12 +176,12 @@ def _figure(course: dict[str, Array]) -> Figure:
 
 
 def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
-    """Return the page.
+    """Return the page of a vehicle.
 
     Args:
-        name: the vehicle's file.
-        rotors: how many it has.
-        capability: what it can do.
+        name: the name of the vehicle's file.
+        rotors: number of rotors.
+        capability: its forces, reserves and failure cases.
     """
     summary, *others = (text.replace(" of module 0", "") for text in flight_sentences(capability.flight))
     reserves = cases(capability.flight)
@@ -189,8 +191,8 @@ def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
     lines = [
         paragraph(f"{rotors} rotors, rank {capability.rank} of 6. {verdict and f'The vehicle {verdict}'}".strip()),
         paragraph(
-            f"Without torque it exerts any force up to {lower_text(capability.zero_torque_ball_N, 5)} N; all such "
-            f"forces have a volume of {lower_text(capability.zero_torque_volume_N3, 5)} N³."
+            f"Without torque it can exert any force up to {lower_text(capability.zero_torque_ball_N, 5)} N; "
+            f"the set of such forces has a volume of {lower_text(capability.zero_torque_volume_N3, 5)} N³."
         ),
         paragraph(summary),
         table(reserves.columns, reserves.rows),
@@ -200,33 +202,33 @@ def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
 
 
 def compare_page(first: Sequence[Compared], second: Sequence[Compared]) -> dict[str, Any]:
-    """Return the page.
+    """Return the page that compares two runs or designs.
 
     Args:
-        first: designs of the first run, the best first; or the first design alone.
-        second: those of the second.
+        first: designs of the first run, the best first; or a single design.
+        second: designs of the second run, or a single design.
     """
-    most = 10  # designs of one run
-    shown = {one.name: one for one in (*first[:most], *reversed(second[:most]))}
+    limit = 10  # designs per run
+    by_name = {compared.name: compared for compared in (*first[:limit], *reversed(second[:limit]))}
     cards = []
-    for one in shown.values():
-        made = card(one, _effort(one.design))
-        made["view"]["meshes"] = shared_meshes(one.design)
-        cards.append(made)
+    for compared in by_name.values():
+        made_card = card(compared, _effort(compared.design))
+        made_card["view"]["meshes"] = shared_meshes(compared.design)
+        cards.append(made_card)
     return {
-        "title": f"{first[0].name} beside {second[0].name}",
-        "answer": "Designs of two sources in linked views; figures that differ are marked.",
+        "title": f"{first[0].name} and {second[0].name}",
+        "answer": "Designs from two sources in linked views; figures that differ are highlighted.",
         "tiles": (),
         "compared": {"figures": figure_table(first[0], second[0]), "cards": cards},
     }
 
 
 def figure_table(first: Compared, second: Compared) -> Table:
-    """Return every figure of two designs, a row each."""
+    """Return a table of all key figures of two designs."""
     sides = [
-        {"Control effort": _effort(one.design).figure}
-        | {tile.name: tile.figure for tile in headline(one.design, one.audit, one.gap, "")}
-        for one in (first, second)
+        {"Control effort": _effort(compared.design).figure}
+        | {tile.name: tile.figure for tile in headline(compared.design, compared.audit, compared.gap, "")}
+        for compared in (first, second)
     ]
     rows = [[name, *(side.get(name, "") for side in sides)] for name in sides[0] | sides[1]]
     return Table(("figure", first.name, second.name), rows)

@@ -1,4 +1,4 @@
-"""Contents of the page about one design: picture, tree, joints, clearances, residuals, rotor inputs, reserves."""
+"""Tables and sentences of the page of a design: joints, rod, clearances, residuals, inputs, reserves, power."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Vector
 from topo_search.report import Table
 from topo_search.report.task_facts import vector
-from topo_search.report.wording import clearance, figures, least, length, most, quantity, sentence
+from topo_search.report.wording import clearance, figures, length, quantity, rounded_down, rounded_up, sentence
 
 
 def joints(design: Design) -> Table:
-    """Return what is bolted to what, in an order in which the first part of every joint is already there."""
+    """Return the joints in an order of assembly: each module is bolted to one that is already in place."""
     rows = [
         [str(i), f"{PORT_NAMES[b]} ({b})", str(h), f"{PORT_NAMES[a]} ({a})", f"{figures(math.degrees(alpha), 5)}°"]
         for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True)
     ]
-    return Table(("module", "its port", "bolted to module", "port there", "hinge angle"), rows, {0, 2, 4})
+    return Table(("module", "port", "bolted to module", "at port", "hinge angle"), rows, {0, 2, 4})
 
 
 def rod(design: Design, audit: Audit) -> str | None:
-    """Return what holds, or would hold, the end-effector, as far as the audit says."""
+    """Describe the rod that holds, or could hold, the end-effector, from the audit; None if it has no rod."""
     sheet, required = audit.assembly.end_effector, design.task.end_effector.rod != "none"
     if sheet is None:
         return None
@@ -48,13 +48,13 @@ def rod(design: Design, audit: Audit) -> str | None:
 
 
 def nearest(pairs: tuple[Clearance, ...]) -> Table:
-    """Return what is not clear, the deepest first, and the nearest pairs that are."""
+    """Return the pairs that are not clear, the worst first, then the nearest clear pairs."""
     nearest_first = sorted(pairs, key=lambda pair: pair.analytic_m)
     wrong = [pair for pair in nearest_first if pair.status != Status.CLEAR]
     clear = [pair for pair in nearest_first if pair.status == Status.CLEAR]
     rows = [
         {
-            "clearance of": pair.name,
+            "between": pair.name,
             "audit": str(pair.status),
             "closed form": clearance(pair),
             "proven at least": "" if pair.lower_m is None else length(at_least(pair.lower_m, 3)),
@@ -66,20 +66,21 @@ def nearest(pairs: tuple[Clearance, ...]) -> Table:
 
 
 def findings(design: Design, audit: Audit) -> tuple[str, ...]:
-    """Return how severely airflow envelopes overlap, what tolerances do, and what a shorter rod costs."""
+    """Return sentences on overlapping airflow, build tolerances, and the cost of a shorter rod."""
     sentences = []
     if (overlaps := audit.interference) is not None and overlaps.colliding_pairs:
         sizes = ", ".join(str(len(cluster)) for cluster in overlaps.clusters)
         sentences.append(
             f"{quantity(overlaps.colliding_pairs, 'pair')} of airflow envelopes overlap, in clusters of {sizes} "
-            f"modules; the deepest by {figures(at_most(overlaps.deepest_percent, 3), 3)} % of the deepest possible."
+            f"modules; the deepest overlap is {figures(at_most(overlaps.deepest_percent, 3), 3)} % of the largest "
+            "possible."
         )
     shorter = design.shorter_rod if audit.verdict == "clear" else None
     return *sentences, *(sentence(words) for words in (audit.tolerances_words, shorter) if words)
 
 
 def errors(audit: Audit) -> Table | None:
-    """Return how large errors of each kind may be, and which pair a larger one violates first."""
+    """Return the largest tolerated error of each kind, and the pair that a larger error violates first."""
     sensitivity = audit.sensitivity
     if sensitivity is None:
         return None
@@ -91,43 +92,43 @@ def errors(audit: Audit) -> Table | None:
     rows = [
         {
             "error": name,
-            "proven harmless up to": shown(at_least(limit.tolerated, 3)),
-            "harmful in an example at": "" if limit.violated_at is None else shown(at_most(limit.violated_at, 3)),
-            "first to be violated": limit.name,
+            "proven harmless up to": text(at_least(limit.tolerated, 3)),
+            "violation found at": "" if limit.violated_at is None else text(at_most(limit.violated_at, 3)),
+            "first violation": limit.name,
         }
-        for name, limit, shown in kinds
+        for name, limit, text in kinds
         if limit is not None
     ]
     return Table.from_rows(rows, {1, 2}) if rows else None
 
 
 def residuals(audit: Audit) -> Table:
-    """Return every number that the audit checked against a limit."""
+    """Return every number that the audit checked against a tolerance."""
     rows = [
         [
             row.words,
             str(row.status),
-            most(row.value, f" {row.unit}"),
-            most(row.scaled, digits=2),
-            least(row.tolerance, digits=2),
+            rounded_up(row.value, f" {row.unit}"),
+            rounded_up(row.scaled, digits=2),
+            rounded_down(row.tolerance, digits=2),
         ]
         for row in audit.residuals
     ]
-    return Table(("checked", "audit", "off by", "in its scale", "allowed"), rows, {2, 3, 4})
+    return Table(("number", "audit", "off by", "relative error", "tolerance"), rows, {2, 3, 4})
 
 
-def stated_constraints(design: Design, audit: Audit | None) -> Table | None:
-    """Return what constraints of the user's own came to, or that nobody looked."""
-    checks = [StatedCheck(**one.model_dump(), status="not checked") for one in design.stated]
+def user_constraints(design: Design, audit: Audit | None) -> Table | None:
+    """Return the values of the user's own constraints; "not checked" without an audit."""
+    checks = [StatedCheck(**constraint.model_dump(), status="not checked") for constraint in design.stated]
     rows = [
-        [one.name, one.version or "none", one.bounds, one.words]
-        for one in (checks if audit is None else audit.stated)
+        [constraint.name, constraint.version or "none", constraint.bounds, constraint.words]
+        for constraint in (checks if audit is None else audit.stated)
     ]
     return Table(("constraint", "version", "bounds", "result"), rows) if rows else None
 
 
 def loads(design: Design) -> Table:
-    """Return the least and largest input of every load case, and its share of the effort."""
+    """Return the smallest and largest input of every load case, and its share of the control effort."""
     u_max = design.task.module.max_input(design.task.gravity)
     k_f = design.task.module.thrust_coefficient
     rows = []
@@ -147,19 +148,19 @@ def loads(design: Design) -> Table:
 
 
 def flight_sentences(flight: Flight) -> list[str]:
-    """Return what the design can do beyond its task, the weakest point first."""
+    """Return sentences on the capabilities of the design beyond its task, the weakest point first."""
     return [*map(sentence, flight_lines(flight))]
 
 
 def power(audit: Audit) -> Table | None:
-    """Return a row for hover and each load case: what its rotors take."""
+    """Return the power of all rotors in hover and in each load case."""
     rows = [
         {
             "case": case.name,
             "at the shafts": f"{figures(case.shaft_W, 3)} W",
-            "of ideal rotors": f"{figures(case.ideal_W, 3)} W",
+            "with ideal rotors": f"{figures(case.ideal_W, 3)} W",
             "figure of merit": figures(case.figure_of_merit, 3),
-            "batteries last at most": "" if (most := case.endurance_min) is None else f"{upper_text(most, 3)} min",
+            "endurance at most": "" if (most := case.endurance_min) is None else f"{upper_text(most, 3)} min",
         }
         for case in audit.power
     ]
@@ -167,51 +168,53 @@ def power(audit: Audit) -> Table | None:
 
 
 def air(air: AirSpeeds) -> Table:
-    """Return a row for each load case: how fast the air is."""
+    """Return the air speeds at the tip and in the regions, and the thrust loss, in each load case."""
     rows = []
     for case in air.cases:
         loss = max((rotor.thrust_loss for rotor in case.rotors), default=0.0)
         row = {"load case": case.name, "at the tip": f"{upper_text(case.tip_m_s, 3)} m/s"}
-        row |= {f"{one.name}, at most": f"{upper_text(one.speed_at_most_m_s, 3)} m/s" for one in case.regions}
-        rows.append(row | {"largest loss of a rotor's thrust": f"{upper_text(100 * loss, 3)} %"})
+        row |= {
+            f"{region.name}, at most": f"{upper_text(region.speed_at_most_m_s, 3)} m/s" for region in case.regions
+        }
+        rows.append(row | {"largest thrust loss of a rotor": f"{upper_text(100 * loss, 3)} %"})
     return Table.from_rows(rows, range(1, len(rows[0])))
 
 
 def cases(flight: Flight) -> Table:
-    """Return a row for hover and each load case: what can be added to it, and where least."""
-    least = "least towards"
-    added = ("any force at the tip", least, "any side force", least, "any torque", least)
-    columns = ("case", "possible", *added, "load factor", "inputs / u_max", "at a limit")
+    """Return the reserves in hover and in each load case, with the weakest directions."""
+    towards, about = "weakest towards", "weakest about"
+    reserve_columns = ("force at the tip", towards, "side force", towards, "torque", about)
+    columns = ("case", "possible", *reserve_columns, "load factor", "inputs / u_max", "inputs at a limit")
     return Table(columns, [_case(case) for case in flight.cases], {2, 4, 6, 8, 9, 10})
 
 
 def allocators(flight: Flight) -> Table | None:
-    """Return two rows for each case, of the best inputs and of the pseudo-inverse; None of older files."""
+    """Return two rows per case, for optimal inputs and for the pseudo-inverse; None for older files."""
     reserves = {
-        "any force at the tip": ("force_reserve_N", " N"),
-        "at the centre of mass": ("force_reserve_com_N", " N"),
-        "any side force at the tip": ("horizontal_reserve_N", " N"),
-        "at the centre of mass, sideways": ("horizontal_reserve_com_N", " N"),
-        "any torque": ("torque_reserve_Nm", " N m"),
-        "any tilt up to": ("tilt_deg", "°"),
+        "force at the tip": ("force_reserve_N", " N"),
+        "force at the centre of mass": ("force_reserve_com_N", " N"),
+        "side force at the tip": ("horizontal_reserve_N", " N"),
+        "side force at the centre of mass": ("horizontal_reserve_com_N", " N"),
+        "torque": ("torque_reserve_Nm", " N m"),
+        "tilt": ("tilt_deg", "°"),
     }
     rows = []
-    known = [case for case in flight.cases if case.force_reserve_com_N is not None]
-    for case, (inputs, end) in product(known, (("optimal", ""), ("pseudo-inverse", "_pseudo_inverse"))):
+    complete_cases = [case for case in flight.cases if case.force_reserve_com_N is not None]
+    for case, (inputs, suffix) in product(complete_cases, (("optimal", ""), ("pseudo-inverse", "_pseudo_inverse"))):
         row = {"case": case.name, "inputs": inputs}
-        row |= {title: least(getattr(case, name + end), unit) for title, (name, unit) in reserves.items()}
-        accelerations = getattr(case, f"angular_acceleration_rad_s2{end}") or ()
-        row["acceleration about x, y, z"] = ", ".join(map(least, accelerations))
-        rows.append(row | {"centre of mass off by": least(getattr(case, f"com_error_m{end}"), " m")})
+        row |= {title: rounded_down(getattr(case, name + suffix), unit) for title, (name, unit) in reserves.items()}
+        accelerations = getattr(case, f"angular_acceleration_rad_s2{suffix}") or ()
+        row["angular acceleration about x, y, z"] = ", ".join(map(rounded_down, accelerations))
+        rows.append(row | {"centre of mass off by": rounded_down(getattr(case, f"com_error_m{suffix}"), " m")})
     return Table.from_rows(rows, range(2, 10)) if rows else None
 
 
 def reserves(flight: Flight) -> Table:
-    """Return the same in brief, for two designs side by side."""
+    """Return the reserves without directions, for cards of designs side by side."""
     chosen = (0, 2, 4, 6, 8)
-    whole = cases(flight)
-    rows = [[row[column] for column in chosen] for row in whole.rows]
-    return Table(tuple(whole.columns[column] for column in chosen), rows, {1, 2, 3, 4})
+    full = cases(flight)
+    rows = [[row[column] for column in chosen] for row in full.rows]
+    return Table(tuple(full.columns[column] for column in chosen), rows, {1, 2, 3, 4})
 
 
 def _case(case: CaseFlight) -> list[str]:
@@ -221,29 +224,29 @@ def _case(case: CaseFlight) -> list[str]:
     return [
         case.name,
         {True: "yes", False: "no", None: "undecided"}[case.possible],
-        least(case.force_reserve_N, " N"),
+        rounded_down(case.force_reserve_N, " N"),
         _direction(case.force_weakest),
-        least(case.horizontal_reserve_N, " N"),
+        rounded_down(case.horizontal_reserve_N, " N"),
         _direction(case.horizontal_weakest),
-        least(case.torque_reserve_Nm, " N m"),
+        rounded_down(case.torque_reserve_Nm, " N m"),
         _direction(case.torque_weakest),
-        least(case.load_factor, "", 4),
+        rounded_down(case.load_factor, "", 4),
         inputs,
         "" if case.inputs_at_limit is None else str(case.inputs_at_limit),
     ]
 
 
 def joint_loads(flight: Flight) -> Table | None:
-    """Return the case with the largest moment of each joint."""
+    """Return the largest moment of each joint with its load case; None without joints."""
     worst = {load.child: load for load in sorted(flight.joints, key=lambda load: load.moment_Nm)}
     rows = [
         {
             "joint": f"port {PORT_NAMES[load.port]} of module {load.module} to module {load.child}",
             "case": load.case,
-            "force": most(load.force_N, " N"),
-            "moment": most(load.moment_Nm, " N m"),
-            "about the hinge": most(load.about_hinge_Nm, " N m"),
-            "across it": most(load.across_hinge_Nm, " N m"),
+            "force": rounded_up(load.force_N, " N"),
+            "moment": rounded_up(load.moment_Nm, " N m"),
+            "about the hinge": rounded_up(load.about_hinge_Nm, " N m"),
+            "across the hinge": rounded_up(load.across_hinge_Nm, " N m"),
         }
         for _, load in sorted(worst.items())
     ]

@@ -1,4 +1,4 @@
-"""The page of a run while it goes on, served to browsers on this machine alone."""
+"""The live page of a run in progress, served only to browsers on this machine."""
 
 from __future__ import annotations
 
@@ -24,81 +24,81 @@ from topo_search.study.ledger import Row
 from topo_search.study.progress import Phase, Plan, TimeLeft
 
 LOOPBACK = "127.0.0.1"
-"""The only address that is served: no other machine reaches it."""
+"""Address of the server; other machines cannot reach it."""
 
 
 class Live:
-    """An observer that hands progress on to another, and knows the page of the run as it stands."""
+    """An observer that forwards progress to another observer, and renders the page of the run so far."""
 
     refresh_s = 5.0
-    """Least age of a page before it is made anew [s]."""
-    most_share = 0.1
-    """Largest share of the time that may go into making pages."""
+    """Smallest time between two renderings of the page [s]."""
+    largest_share = 0.1
+    """Largest share of the time spent on rendering."""
 
     def __init__(self, path: Path, observer: Observer) -> None:
-        """Take the run's folder, and who else observes it."""
+        """Observe the run in the folder `path`; `observer` receives all progress too."""
         self._path, self._observer = path, observer
-        self._left = TimeLeft()
+        self._time_left = TimeLeft()
         self._phase: Phase | None = None
-        self._done = self._version = 0
+        self._steps_done = self._version = 0
         self._incumbent: Row | None = None
-        self._page, self._due = "", 0.0
-        self._making = threading.Lock()
+        self._page, self._due_s = "", 0.0
+        self._rendering = threading.Lock()
 
     def plan(self, plan: Plan) -> None:
-        """Take up the plan."""
-        self._left.plan(plan, time.monotonic())
+        """Set the plan."""
+        self._time_left.plan(plan, time.monotonic())
         self._observer.plan(plan)
 
     def phase(self, phase: Phase) -> None:
         """Begin a stage."""
-        self._phase, self._done, self._version = phase, 0, self._version + 1
-        self._left.begin(phase, time.monotonic())
+        self._phase, self._steps_done, self._version = phase, 0, self._version + 1
+        self._time_left.begin(phase, time.monotonic())
         self._observer.phase(phase)
 
     def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
         """Count a step."""
-        self._incumbent, self._done, self._version = incumbent, self._done + 1, self._version + 1
-        self._left.step(time.monotonic(), known=known)
+        self._incumbent, self._steps_done, self._version = incumbent, self._steps_done + 1, self._version + 1
+        self._time_left.step(time.monotonic(), known=known)
         self._observer.settled(incumbent, known=known)
 
     def note(self, text: str) -> None:
-        """Hand a note on."""
+        """Forward a note."""
         self._observer.note(text)
 
     @property
     def status(self) -> dict[str, str | int]:
-        """Progress in words, and a number that grows with it."""
+        """Progress in words, and a version number that grows with it."""
         if self._phase is None:
-            return {"words": "The run begins.", "version": 0}
-        left = period(self._left(time.monotonic()))
-        steps = "" if self._phase.alone else f"{self._done} of {self._phase.steps}, "
-        words = f"{stage(self._phase)}: {steps}{describe(self._incumbent)}, about {left} left"
+            return {"words": "The run is starting.", "version": 0}
+        remaining = period(self._time_left(time.monotonic()))
+        steps = "" if self._phase.alone else f"{self._steps_done} of {self._phase.steps}, "
+        words = f"{stage(self._phase)}: {steps}{describe(self._incumbent)}, about {remaining} left"
         return {"words": words, "version": self._version}
 
     def page(self) -> str:
-        """Return the page of the run, made anew unless that was done just now."""
-        with self._making:
-            began = time.monotonic()
-            if began >= self._due:
+        """Return the page of the run, rendered again if it is old enough."""
+        with self._rendering:
+            start = time.monotonic()
+            if start >= self._due_s:
                 self._page = self._render()
                 now = time.monotonic()
-                self._due = now + max(self.refresh_s, (now - began) / self.most_share)
+                self._due_s = now + max(self.refresh_s, (now - start) / self.largest_share)
             return self._page
 
     def _render(self) -> str:
         try:
             with RunFolder.load(self._path) as folder:
                 page = run_page(folder)
-            return render(page if page["key"] is not None else {**page, "answer": "There is no design yet."})
-        except (BadInput, OSError, sqlite3.Error) as error:  # the folder is not complete yet, or gone
+            return render(page if page["key"] is not None else {**page, "answer": "No design has been found yet."})
+        except (BadInput, OSError, sqlite3.Error) as error:  # the folder is incomplete or deleted
             why = type(error).__name__
             return f"<!DOCTYPE html><html lang='en'><title>No page yet</title><p>No page yet: {why}."
 
 
 @contextmanager
 def serve_live(path: Path, observer: Observer) -> Iterator[Observer]:
-    """Serve the page of a run on a free port of this machine while the block runs, and note its address."""
+    """Serve the page of a run on a free local port during the block, and note its address."""
     live = Live(path, observer)
     with ThreadingHTTPServer((LOOPBACK, 0), partial(_Handler, live)) as server:
         threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True).start()
@@ -110,16 +110,17 @@ def serve_live(path: Path, observer: Observer) -> Iterator[Observer]:
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers browsers that ask for this machine by its own name."""
+    """Request handler that answers only requests addressed to this machine."""
 
     def __init__(self, live: Live, *args: Any) -> None:
         self._live = live
         super().__init__(*args)
 
     def do_GET(self) -> None:
-        """Send the frame, the page in it, or the progress."""
+        """Send the frame page, the page inside it, or the progress."""
         _, port = self.connection.getsockname()
-        if self.headers.get("Host") not in (f"{LOOPBACK}:{port}", f"localhost:{port}"):  # a page of another site
+        # a page of another site may send a request to this address
+        if self.headers.get("Host") not in (f"{LOOPBACK}:{port}", f"localhost:{port}"):
             self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
         elif self.path == "/":
             frame = resources.files("topo_search.report") / "templates/live.html"
@@ -142,4 +143,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Keep the terminal for the run."""
+        """Log nothing, so that the terminal stays free for the run."""

@@ -1,4 +1,4 @@
-"""The page as one file: a template that escapes every text, with plotly.js and three.js inside."""
+"""The report as one HTML file: a template that escapes every text, with plotly.js and three.js embedded."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from topo_search.report.view import thumbnail, view
 
 
 def render(page: dict[str, Any]) -> str:
-    """Return the page as the text of an HTML file that needs nothing but itself."""
+    """Return the page as the text of a self-contained HTML file."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("topo_search.report"),
         autoescape=True,
@@ -46,15 +46,15 @@ def render(page: dict[str, Any]) -> str:
     absent = dict.fromkeys(("key", "design", "audit", "task", "bound", "reproduction", "run", "front", "compared"))
     page = {**absent, "simulated": None, "notes": (), **page}
     design, audit = page["design"], page["audit"]
-    # in the order in which they run
-    scripts = ("figures", "labels", "stage", "air", "view", "beside", "choice", "ranking", "page")
+    # in order of execution
+    scripts = ("figures", "labels", "stage", "air", "view", "comparison", "choice", "ranking", "page")
     environment.filters |= {"json": lambda value: Markup(json_in_script(value)), "code": mark_code}
     return environment.get_template("page.html.j2").render(
         page=page,
         design=design,
         audit=audit,
         drawn=None if design is None else view(design, poses_to_draw(design), audit, forces=True),
-        # what the template calls
+        # modules and functions that the template calls
         charts=charts,
         design_part=design_part,
         headline=headline,
@@ -67,37 +67,37 @@ def render(page: dict[str, Any]) -> str:
         tree_svg=tree_svg,
         Table=Table,
         palette=palette,
-        FIRST_TILES=6,  # beside the view
+        FIRST_TILES=6,  # as many as fit beside the view
         style=_template("page.css"),
         script=Markup("\n").join(_template(f"{name}.js") for name in scripts),
-        look={"template": json.loads(_of_plotly("templates/plotly_white.json")), **PLOTLY_LAYOUT},
+        look={"template": json.loads(_plotly_file("templates/plotly_white.json")), **PLOTLY_LAYOUT},
         libraries=_libraries(),
     )
 
 
 @functools.cache
 def _libraries() -> str:
-    """Return plotly.js and three.js as gzip in base64, which is a third of their size.
+    """Return plotly.js and three.js, compressed by gzip to a third of their size, in base64.
 
-    trimesh ships three.js inside of the page of its own viewer: a licence with a line of code below.
+    three.js is taken from the page of trimesh's viewer, where it is a licence comment followed by a line of code.
     """
     viewer = scene_to_html(trimesh.Scene(trimesh.creation.box()))
     match = re.search(r"/\*\*\s+\* @license[^/]*Three\.js Authors[^/]*\*/\n.+", viewer)
-    assert match is not None  # as in every version that the project allows
-    code = f"{_of_plotly('plotly.min.js')}\n{match.group()}"
+    assert match is not None  # in every version of trimesh that the project allows
+    code = f"{_plotly_file('plotly.min.js')}\n{match.group()}"
     compressed = gzip.compress(code.encode(), 6, mtime=0)  # a higher level takes longer and gains 0.2 %
     return base64.b64encode(compressed).decode()
 
 
-def _of_plotly(name: str) -> str:
+def _plotly_file(name: str) -> str:
     return (resources.files("plotly") / "package_data" / name).read_text(encoding="utf-8")
 
 
 def mark_code(text: str) -> Markup:
-    """Return a text with its names between backticks as code."""
+    """Return a text as HTML, with names in backticks as code."""
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def _template(name: str) -> Markup:
-    # the package's files are trusted
+    # files of the package are trusted
     return Markup((resources.files("topo_search.report") / "templates" / name).read_text(encoding="utf-8"))

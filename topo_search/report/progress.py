@@ -1,4 +1,4 @@
-"""Progress messages of a run: its plan, its stage, the best design so far and the time left."""
+"""Progress messages of a run: its plan, its stage, the best design so far and the remaining time."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from topo_search.study.ledger import Row
 from topo_search.study.progress import Phase, Plan, TimeLeft
 
 Words = Callable[[Row | None], str]
-"""Words for the best design so far."""
+"""Function that describes the best design so far in a few words."""
 
 
 def describe(incumbent: Row | None) -> str:
-    """Return the best design so far in a few words."""
+    """Describe the best design so far in a few words."""
     if incumbent is None:
         return "no design yet"
     gap = "" if incumbent.gap is None else f", gap {gap_percent(incumbent.gap)}"
@@ -25,12 +25,12 @@ def describe(incumbent: Row | None) -> str:
 
 
 def stage(phase: Phase) -> str:
-    """Return the name of a stage, with its size."""
+    """Return the name of a stage with its number of modules."""
     return f"{phase.name} {modules(phase.n)}" if phase.n else phase.name
 
 
 def announcement(phase: Phase) -> str:
-    """Return what a stage is about to do."""
+    """Return the message at the beginning of a stage."""
     if phase.name == "auditing":
         return f"{stage(phase)}: {quantity(phase.steps, 'design')}"
     if not phase.starts:
@@ -39,7 +39,7 @@ def announcement(phase: Phase) -> str:
 
 
 def period(seconds: float) -> str:
-    """Return a rough time."""
+    """Return a rough duration in words."""
     for unit, length in (("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * length:
             return f"{seconds / length:.0f} {unit}"
@@ -47,23 +47,23 @@ def period(seconds: float) -> str:
 
 
 def describe_plan(plan: Plan) -> str:
-    """Return what a run is going to do, and about how long it takes."""
+    """Return the plan of a run in one line, with an estimate of its duration."""
     solving = [phase for phase in plan.phases if phase.starts]
     audits = sum(phase.steps for phase in plan.phases if phase.name == "auditing")
     if not solving and not audits:
         return "plan: all candidates are solved and audited; only files are written"
     parts = []
     for n, phases in groupby(sorted(solving, key=lambda phase: phase.n), key=lambda phase: phase.n):
-        of_size = list(phases)
-        candidates = sum(phase.steps for phase in of_size if phase.starts == of_size[0].starts)
-        most = max(phase.starts for phase in of_size)
-        parts.append(f"{modules(n)}: {quantity(candidates, 'candidate')}, {quantity(most, 'start')} each")
+        phases_of_size = list(phases)
+        candidates = sum(phase.steps for phase in phases_of_size if phase.starts == phases_of_size[0].starts)
+        starts = max(phase.starts for phase in phases_of_size)
+        parts.append(f"{modules(n)}: {quantity(candidates, 'candidate')}, {quantity(starts, 'start')} each")
     if audits:
         parts.append(f"audits of the best {audits}")
     names = list(dict.fromkeys(phase.name for phase in plan.phases))
-    on = "" if plan.workers is None else f" on {quantity(plan.workers, 'worker')}"
-    most_time = f", of which at most {period(plan.time_limit)} to solve" if math.isfinite(plan.time_limit) else ""
-    return f"plan: {'; '.join(parts)}; {', '.join(names)}{on}: about {period(plan.seconds)}{most_time}"
+    workers = "" if plan.workers is None else f" on {quantity(plan.workers, 'worker')}"
+    time_limit = f", of which at most {period(plan.time_limit)} to solve" if math.isfinite(plan.time_limit) else ""
+    return f"plan: {'; '.join(parts)}; {', '.join(names)}{workers}: about {period(plan.seconds)}{time_limit}"
 
 
 class Lines:
@@ -78,41 +78,41 @@ class Lines:
     """
 
     def __init__(self, tell: Callable[[str], None] = print, words: Words = describe) -> None:
-        """Take where lines go.
+        """Create an observer that prints lines.
 
         Args:
-            tell: is handed each line.
-            words: of the best design so far.
+            tell: Called with each line.
+            words: Describes the best design so far.
         """
         self._tell, self._words = tell, words
-        self._left = TimeLeft()
+        self._time_left = TimeLeft()
         self._phase: Phase | None = None
-        self._done = 0
-        self._last = time.monotonic()
+        self._steps_done = 0
+        self._last_print_s = time.monotonic()
 
     def plan(self, plan: Plan) -> None:
         """Print the plan."""
-        self._left.plan(plan, time.monotonic())
+        self._time_left.plan(plan, time.monotonic())
         self._tell(describe_plan(plan))
 
     def phase(self, phase: Phase) -> None:
-        """Print the stage that begins."""
-        self._phase, self._done = phase, 0
-        self._left.begin(phase, time.monotonic())
+        """Print the message at the beginning of a stage."""
+        self._phase, self._steps_done = phase, 0
+        self._time_left.begin(phase, time.monotonic())
         self._tell(announcement(phase))
 
     def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
-        """Print the progress, unless it was printed recently."""
-        self._left.step(time.monotonic(), known=known)
-        self._done += 1
+        """Print the progress, at most once every ten seconds."""
+        self._time_left.step(time.monotonic(), known=known)
+        self._steps_done += 1
         now = time.monotonic()
-        if now - self._last < 10.0 or self._phase is None:  # [s]
+        if now - self._last_print_s < 10.0 or self._phase is None:  # [s]
             return
-        self._last = now
+        self._last_print_s = now
         best = self._words(incumbent)
-        parts = [f"{self._done} of {self._phase.steps}", *([best] if best else [])]
-        self._tell(f"{stage(self._phase)}: {', '.join(parts)}, about {period(self._left(now))} left")
+        parts = [f"{self._steps_done} of {self._phase.steps}", *([best] if best else [])]
+        self._tell(f"{stage(self._phase)}: {', '.join(parts)}, about {period(self._time_left(now))} left")
 
     def note(self, text: str) -> None:
-        """Print a line."""
+        """Print a note."""
         self._tell(text)

@@ -1,4 +1,4 @@
-"""The page of a run, made from its folder alone."""
+"""The page of a run, made from the run's folder."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from topo_search.report.charts import AXES, front_chart, length_or_none, progres
 from topo_search.report.design_page import bound, title
 from topo_search.report.headline import cards, compared_designs, headline, ranking
 from topo_search.report.page import render
-from topo_search.report.wording import NEAR_TIES, figures, least, modules, near_tie_cells, quantity, sentence
+from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, rounded_down, sentence
 from topo_search.study import (
     NEAR_BEST,
     NOTHING,
@@ -43,7 +43,7 @@ def run_page(folder: RunFolder) -> dict[str, Any]:
         return _page(folder, answer)
     page = _page(folder.levels[answer.level], answer.at_level)
     words = answer.levels[answer.level].level.words
-    note = f"Everything except the front refers to level {answer.level} of the goals: {words}."
+    note = f"Everything on this page except the front refers to level {answer.level} of the goals: {words}."
     return {
         **page,
         "notes": (note, *map(sentence, answer.idle_goals), *page["notes"]),
@@ -53,7 +53,7 @@ def run_page(folder: RunFolder) -> dict[str, Any]:
 
 
 def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
-    """Return the page of a run without goals, or of one level."""
+    """Return the page of a run without goals, or of one level of a run with goals."""
     request = folder.request
     shown = answer.shown
     n = shown.modules if shown else request.task.sizes[0]
@@ -69,9 +69,9 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
         "answer": _answer(answer, request.task.name, shown, size),
         "tiles": tiles,
         "notes": (
-            *_own(request.user_inputs),
+            *_user_inputs(request.user_inputs),
             *_merge_note(answer.sizes),
-            *(note for size in answer.sizes for note in _limits(size, shown)),
+            *(note for size in answer.sizes for note in _size_notes(size, shown)),
         ),
         "bound": (
             *bound(size.lower_bound, shown.gap if shown else None, n),
@@ -92,54 +92,54 @@ def _answer(answer: Answer, name: str, shown: Row | None, size: SizeAnswer) -> s
         reasons = "; ".join(f"with {modules(size.modules)}, {size.reason}" for size in answer.sizes)
         return f"No design was found for {name}: {reasons}."
     if answer.best is None:
-        return f"No design found for {name} passed its audit; {shown.key} takes the least control effort."
+        return f"No design found for {name} passed its audit; {shown.key} needs the least control effort."
     if answer.levels:
         front = f"{quantity(len(answer.points), 'design')} on the front"
-        return f"Of {front}, {shown.key} takes the least control effort."
+        return f"Of {front}, {shown.key} needs the least control effort."
     smallest = f"With {modules(shown.modules)}, {answer.smallest}, " if answer.smallest else ""
     return f"{smallest}{shown.key} is {size.statement}."
 
 
 def _merge_note(sizes: Sequence[SizeAnswer]) -> Iterator[str]:
-    """Yield which trees are merged, sizes for which the same is true together."""
-    of_quotient: dict[str, list[str]] = {}
+    """Yield notes on which trees were merged as equivalent; sizes with the same note share it."""
+    sizes_by_note: dict[str, list[str]] = {}
     for size in sizes:
-        of_quotient.setdefault(size.quotient, []).append(str(size.modules))
-    for quotient, numbers in of_quotient.items():
-        yield sentence(f"{', '.join(numbers)} modules: {quotient}" if len(of_quotient) > 1 else quotient)
+        sizes_by_note.setdefault(size.quotient, []).append(str(size.modules))
+    for quotient, numbers in sizes_by_note.items():
+        yield sentence(f"{', '.join(numbers)} modules: {quotient}" if len(sizes_by_note) > 1 else quotient)
 
 
-def _limits(size: SizeAnswer, shown: Row | None) -> list[str]:
-    """Return what a reader of one size's answer has to know beyond the headline."""
+def _size_notes(size: SizeAnswer, shown: Row | None) -> list[str]:
+    """Return notes on the answer for one size beyond the headline."""
     sentences = []
     if size.statement is not None and size.best is not None and size.best != shown:
         sentences.append(f"{modules(size.modules)}: {size.best.key} is {size.statement}.")
     if size.relaxed is not None and size.relaxed.sentences:
         sentences.append(f"{modules(size.modules)}: {size.relaxed.sentences[0]}.")
     if not size.complete:
-        reached = f" after {quantity(size.starts, 'start')} of each candidate" if size.starts else ""
+        reached = f" after {quantity(size.starts, 'start')} per candidate" if size.starts else ""
         sentences.append(
             f"{modules(size.modules)}: the search was stopped{reached}, with {size.settled} of {size.candidates} "
-            "candidates solved; run the same command to continue."
+            "candidates solved; run the same command again to continue."
         )
     return sentences
 
 
-def _own(user_inputs: Own) -> Iterator[str]:
-    """Yield what a user brought to the run beside its task."""
+def _user_inputs(user_inputs: Own) -> Iterator[str]:
+    """Yield notes on what the user supplied besides the task."""
     if user_inputs.constraints:
-        names = ", ".join(f"{one.name} ({one.bounds})" for one in user_inputs.constraints)
-        yield f"{NOT_CERTIFIED.capitalize()}: {names}. Lower bounds and proofs ignore it and remain valid."
+        names = ", ".join(f"{constraint.name} ({constraint.bounds})" for constraint in user_inputs.constraints)
+        yield f"{NOT_CERTIFIED.capitalize()}: {names}. Lower bounds and proofs ignore this and remain valid."
     if user_inputs.topologies is not None:
-        yield f"The candidates are {quantity(len(user_inputs.topologies), 'tree')} that the user listed."
+        yield f"The candidates are {quantity(len(user_inputs.topologies), 'tree')} listed by the user."
     if user_inputs.near:
-        yield f"Every candidate started from {quantity(len(user_inputs.near), 'design')} of the user's as well."
+        yield f"Candidates were also started from {quantity(len(user_inputs.near), 'design')} supplied by the user."
     if user_inputs.sampler is not None:
-        yield f"Candidates were proposed by the user's own sampler {user_inputs.sampler.name}."
+        yield f"Candidates were proposed by the user's sampler {user_inputs.sampler.name}."
 
 
 def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str, Any]:
-    candidates = [each for size in answer.sizes for each in folder.candidates(size.modules)]
+    candidates = [candidate for size in answer.sizes for candidate in folder.candidates(size.modules)]
     rows = [row for row, *_ in candidates]
     charts = []
     for size in answer.sizes:
@@ -149,11 +149,11 @@ def _run_part(folder: RunFolder, answer: Answer, shown: Row | None) -> dict[str,
             charts.append((f"progress-{size.modules}", caption, progress(solves, size.lower_bound)))
     return {
         "sizes": _sizes(answer),
-        "near_ties": tuple(_near_ties(size) for size in answer.sizes if len(size.near_ties) > 1),
+        "near_ties": tuple(_near_tie_table(size) for size in answer.sizes if len(size.near_ties) > 1),
         **ranking(candidates, proofs=any(size.proven is not None for size in answer.sizes)),
         "cards": () if shown is None else tuple(cards(compared_designs(folder, answer), shown)),
         "progress": tuple(charts),
-        "reasons": _reasons(folder, rows),
+        "reasons": _missed_constraints(folder, rows),
         "remarks": tuple(remark for size in answer.sizes for remark in size.remarks),
         "relaxed": tuple(part for size in answer.sizes if (part := relaxed_limits(size)) is not None),
     }
@@ -176,38 +176,41 @@ def _sizes(answer: Answer) -> Table:
     return Table.from_rows(rows, {0, 3, 4, 6, 7})
 
 
-def _near_ties(size: SizeAnswer) -> tuple[str, Table]:
-    """Return the designs of one size that cost about the same as the best."""
+def _near_tie_table(size: SizeAnswer) -> tuple[str, Table]:
+    """Return caption and table of the designs of one size that need about as little effort as the best."""
     best = size.best or size.near_ties[0]
     text = f"{modules(size.modules)}: audited designs within {100 * NEAR_BEST:g} % of the least control effort, "
     text += "largest force reserve in hover first"
     if size.near_ties_unaudited:
-        text += f"; {quantity(size.near_ties_unaudited, 'design')} as near were not audited"
+        text += f"; {quantity(size.near_ties_unaudited, 'more design')} within that were not audited"
     return text, Table(NEAR_TIES, [near_tie_cells(row, best) for row in size.near_ties], range(1, len(NEAR_TIES)))
 
 
-def _reasons(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
-    """Return how often which constraint was the one that the closest start missed, and by how little."""
+def _missed_constraints(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
+    """Count the constraints that the closest start of each infeasible candidate violates most.
+
+    The table also gives the candidate with the smallest violation.
+    """
 
     def group(row: Row) -> tuple[int, str, str]:
         return row.modules, row.status, kind_of(row.worst_constraint or "")
 
-    missed = sorted((row for row in rows if not row.feasible), key=group)
-    groups = [(*key, list(members)) for key, members in groupby(missed, key=group)]
+    not_feasible = sorted((row for row in rows if not row.feasible), key=group)
+    groups = [(*key, list(members)) for key, members in groupby(not_feasible, key=group)]
     cells = []
-    for n, status, kind, members in sorted(groups, key=lambda each: (each[0], -len(each[3]))):
+    for n, status, kind, members in sorted(groups, key=lambda entry: (entry[0], -len(entry[3]))):
         closest = min(members, key=lambda row: math.inf if row.violation is None else row.violation)
-        by = "" if closest.violation is None else f"{least(closest.violation)} {closest.unit or ''}"
+        violation = "" if closest.violation is None else f"{rounded_down(closest.violation)} {closest.unit or ''}"
         result = folder.ledger.result(folder.request.contexts(n)[closest.step], closest.key)
         cells.append(
             {
                 "modules": str(n),
                 "status": status,
-                "constraint missed by most": kind,
+                "worst constraint": kind,
                 "candidates": str(len(members)),
-                "least missed by": by,
+                "smallest violation": violation,
                 "in tree": closest.key,
-                "there": result.message if isinstance(result, Infeasible) else "",
+                "message": result.message if isinstance(result, Infeasible) else "",
             }
         )
     return Table.from_rows(cells, {0, 3, 4}) if cells else None
@@ -224,12 +227,12 @@ def _reproduction(folder: RunFolder) -> dict[str, Any]:
     elif request.prune:
         options += " --prune"
     notes: tuple[str, ...] = (
-        f"task.toml is in the run's folder, and below. Seed {request.seed} draws the starts; the number of workers "
-        "changes nothing but the time it takes.",
+        f"task.toml is in the run's folder, and below. Seed {request.seed} determines the random starts; the "
+        "number of workers only affects the computing time.",
     )
     if request.user_inputs != NOTHING:
         lead = "The command does not include what the user supplied: "
-        notes = (*notes, lead + " ".join(_own(request.user_inputs)))
+        notes = (*notes, lead + " ".join(_user_inputs(request.user_inputs)))
     return {
         "commands": (f"topo-search run task.toml {options}",),
         "task": request.task,
@@ -239,11 +242,11 @@ def _reproduction(folder: RunFolder) -> dict[str, Any]:
 
 
 def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
-    """Return all that is shown of a front.
+    """Return the section on the Pareto front.
 
     Args:
-        answer: of a run with goals.
-        names: the goals.
+        answer: the answer of a run with goals.
+        names: the names of its goals.
     """
     charts = [
         (f"front-{name.replace('_', '-')}", f"J against {AXES[name][0]}", front_chart(answer.points, name))
@@ -254,13 +257,13 @@ def front_part(answer: Answer, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _designs(points: Sequence[FrontPoint]) -> Table:
-    J_least = points[0].row.objective if points else None
+    lowest_J = points[0].row.objective if points else None
     rows = [
         [
             point.row.key,
             str(point.row.modules),
             figures(point.row.objective or 0.0, 5),
-            f"{(point.row.objective or 0.0) / J_least:.4f}" if J_least else "",
+            f"{(point.row.objective or 0.0) / lowest_J:.4f}" if lowest_J else "",
             length_or_none(point.clearance),
             length_or_none(point.stand_off),
             upper_text(point.peak_input, 4),
@@ -269,47 +272,47 @@ def _designs(points: Sequence[FrontPoint]) -> Table:
         ]
         for point in points
     ]
-    reached = ("least clearance", "stand-off", "largest input / u_max")
-    columns = ("tree", "modules", "J [rad⁴/s⁴]", "J / least J", *reached, "level", "audit")
+    reached = ("smallest clearance", "stand-off", "largest input / u_max")
+    columns = ("tree", "modules", "J [rad⁴/s⁴]", "J / lowest J", *reached, "level", "audit")
     return Table(columns, rows, range(1, 8))
 
 
 def _levels(answer: Answer) -> Table:
-    """Return a row for every level and size, with the reason where nothing was found."""
+    """Return a row for every level and size, with the reason if no design was found."""
     on_front = [point.number for point in answer.points]
     rows = [
         {
-            "level": str(at.number),
-            "held at": at.level.words,
+            "level": str(level_answer.number),
+            "limits": level_answer.level.words,
             "modules": str(size.modules),
             "candidates": size.counts,
-            "best there": size.best.key if size.best else "none",
+            "best tree": size.best.key if size.best else "none",
             "J [rad⁴/s⁴]": figures(size.best.objective, 5) if size.best and size.best.objective is not None else "",
-            "gives the front": quantity(on_front.count(at.number), "design"),
-            "why none": size.reason or "",
+            "on the front": quantity(on_front.count(level_answer.number), "design"),
+            "reason": size.reason or "",
         }
-        for at in answer.levels
-        for size in at.sizes
+        for level_answer in answer.levels
+        for size in level_answer.sizes
     ]
     return Table.from_rows(rows, {0, 2, 5})
 
 
 def relaxed_limits(size: SizeAnswer) -> tuple[str, Table] | None:
-    """Return which limits to relax for a size without a design; None where nothing was tried."""
+    """Return the limits that can be relaxed for a size without a design; None if nothing was tried."""
     relaxed = size.relaxed
     if relaxed is None or not relaxed.sentences:
         return None
     rows = [
         [
-            one.limit,
-            one.change,
-            one.setting,
-            one.topology_key,
-            "" if one.not_enough is None else f"{100 * one.not_enough:.3g} %",
+            relaxation.limit,
+            relaxation.change,
+            relaxation.setting,
+            relaxation.topology_key,
+            "" if relaxation.not_enough is None else f"{100 * relaxation.not_enough:.3g} %",
         ]
-        for one in relaxed.relaxations
+        for relaxation in relaxed.relaxations
     ]
-    rows += [[text, "not enough", "", "", ""] for text in relaxed.in_vain]
+    rows += [[text, "none found", "", "", ""] for text in relaxed.in_vain]
     rows += [[text, "could not be tried", "", "", ""] for text in relaxed.untried]
-    caption = f"{modules(size.modules)}: limits of the task, each relaxed on its own and solved again; not a proof"
-    return caption, Table(("limit", "enough", "setting", "tree", "tried in vain"), rows)
+    caption = f"{modules(size.modules)}: the task's limits, each relaxed separately and solved again; not a proof"
+    return caption, Table(("limit", "sufficient change", "setting", "tree", "insufficient"), rows)

@@ -1,4 +1,4 @@
-"""A design in 3-D: its parts and their shapes, which the page and a figure of Plotly draw alike."""
+"""A design in 3-D: its parts and their meshes, for the page and for Plotly figures."""
 
 from __future__ import annotations
 
@@ -25,48 +25,48 @@ if TYPE_CHECKING:
     import plotly.graph_objects as go
 
 TURN = math.radians(300)
-"""Angle of a ring that is drawn [rad]."""
+"""Angle that the arrow of a torque spans [rad]."""
 NUMBERED = 30
-"""Largest number of modules that carry their number in the picture; more are named where the pointer is."""
+"""Largest number of modules that are numbered in the picture; in larger ones only tooltips show the number."""
 UP = np.array([0.0, 0.0, 1.0])
 SPINS = {-1.0: "counter-clockwise rotors", 1.0: "clockwise rotors"}
-"""How rotors turn seen from above, by the sign of their drag torque: they turn the other way."""
+"""Spin of rotors seen from above, by the sign of their drag torque, which opposes it."""
 
 
 class Part(NamedTuple):
-    """Something of one colour, once in the axes of the task, or a copy in the frame of some modules."""
+    """A mesh of one colour, either in the axes of the task or copied into the frames of modules."""
 
     kind: str
     name: str
-    """In the legend."""
+    """Name in the legend."""
     colour: str
     mesh: Trimesh | str
-    """Its surface; of copies the name of one of the meshes that all modules have."""
+    """The mesh itself; for copies, the name of a mesh that all modules share."""
     modules: Sequence[int] = ()
     """Module of each copy."""
     steps: Sequence[int] = (0,)
-    """Steps of the assembly from which on the copies are there."""
+    """Assembly step from which each copy is shown."""
     opacity: float = 1.0
 
     def dump(self) -> dict[str, Any]:
-        """Return it as the page takes it."""
+        """Return the part as JSON data for the page."""
         return {**self._asdict(), "mesh": self.mesh if isinstance(self.mesh, str) else triangles_of(self.mesh)}
 
 
 def scene(
-    design: Design, at: Platform, nearest: Clearance | None = None, assembly: Assembly | None = None
+    design: Design, poses: Platform, nearest: Clearance | None = None, assembly: Assembly | None = None
 ) -> Iterator[Part]:
     """Yield the parts of the picture of a design.
 
     Args:
         design: any design.
-        at: its poses.
-        nearest: the clearance to mark, where its audit says; None if there is no audit.
-        assembly: says which connector carries the end-effector, and which are blocked; None if there is no audit.
+        poses: its poses.
+        nearest: the clearance to mark; None without an audit.
+        assembly: the connector that holds the rod, and blocked connectors; None without an audit.
     """
     every = list(range(design.topology.n))
     yield Part("airflow", "airflow", palette.AIRFLOW, "airflow", every, every, 0.2)
-    yield from _regions(design, at)
+    yield from _regions(design, poses)
     yield Part("modules", "modules", palette.MODULE, "modules", every, every)
     for q in range(len(ROTOR_SPINS)):
         yield Part("rotors", "rotors", palette.ROTOR, f"rotor {q}", every, every, 0.6)
@@ -74,7 +74,7 @@ def scene(
         yield Part("spin", name, colour, name, every, every)
     yield Part("axes", "thrust axes", palette.THRUST_AXIS, "axes", every, every)
     yield from _connectors(design, assembly)
-    yield from _end_effector(design, at, assembly)
+    yield from _end_effector(design, poses, assembly)
     if nearest is not None and nearest.closest_m is not None:
         start, end = np.array(nearest.closest_m)
         r = 0.08 * design.task.module.arm_length
@@ -82,17 +82,17 @@ def scene(
         yield Part("closest", "closest pair", palette.CLOSEST_PAIR, mark)
 
 
-def figure(design: Design, at: Platform, nearest: Clearance | None, assembly: Assembly | None) -> go.Figure:
-    """Return the picture as a figure of Plotly; see `scene`."""
-    import plotly.graph_objects as go  # slow to load, and pages are drawn without it
+def figure(design: Design, poses: Platform, nearest: Clearance | None, assembly: Assembly | None) -> go.Figure:
+    """Return the picture as a Plotly figure; see `scene`."""
+    import plotly.graph_objects as go  # slow to import, and not needed for pages
 
     shared = meshes(design.task.module, sides=sides(design.topology.n))
     drawn, named = go.Figure(), set()
-    for part in scene(design, at, nearest, assembly):
+    for part in scene(design, poses, nearest, assembly):
         mesh = part.mesh
         if isinstance(mesh, str):
-            copies = [shared[mesh].copy().apply_transform(pose_matrix(at.R[i], at.p[i])) for i in part.modules]
-            mesh = join(copies)
+            transforms = [pose_matrix(poses.R[i], poses.p[i]) for i in part.modules]
+            mesh = join([shared[mesh].copy().apply_transform(transform) for transform in transforms])
         drawn.add_mesh3d(
             **dict(zip("xyzijk", (*mesh.vertices.astype(np.float32).T, *mesh.faces.T), strict=True)),
             name=part.name,
@@ -105,7 +105,7 @@ def figure(design: Design, at: Platform, nearest: Clearance | None, assembly: As
             meta={"part": part.kind},
         )
         named.add(part.name)
-    eye = dict(zip("xyz", (2.0 * towards_viewer(azimuth_deg(at))).tolist(), strict=True))
+    eye = dict(zip("xyz", (2.0 * towards_viewer(azimuth_deg(poses))).tolist(), strict=True))
     axis = {"showbackground": False, "gridcolor": "#dddddd", "zerolinecolor": "#bbbbbb", "showspikes": False}
     axes = {f"{name}axis": {**axis, "title": {"text": f"{name} [m]"}} for name in "xyz"}
     drawn.update_layout(
@@ -117,18 +117,18 @@ def figure(design: Design, at: Platform, nearest: Clearance | None, assembly: As
 
 
 def closest(audit: Audit | None) -> Clearance | None:
-    """Return the least clearance of an audit; None without any."""
+    """Return the smallest clearance of an audit; None if there is none."""
     return None if audit is None else min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
 
 
 def closest_words(nearest: Clearance) -> str:
-    """Return the least clearance in words."""
-    spare = " beyond the least distance" if nearest.kind in ("separation", "exclusion") else ""
+    """Return the smallest clearance in words."""
+    spare = " beyond the required distance" if nearest.kind in ("separation", "exclusion") else ""
     return f"The closest pair: {clearance(nearest)}{spare}, {nearest.name}."
 
 
 def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
-    """Return what modules have a copy of, in their own frame, by the name that a part gives.
+    """Return the meshes that all modules share, in the module frame, by name.
 
     Args:
         module: the module.
@@ -153,25 +153,25 @@ def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
 
 
 def shared_meshes(design: Design) -> dict[str, Any]:
-    """Return what modules of a design have copies of, in their own frame."""
+    """Return the meshes that all modules of a design share, as JSON data for the page."""
     shared = meshes(design.task.module, sides=sides(design.topology.n))
     return {name: triangles_of(mesh) for name, mesh in shared.items()}
 
 
 def sides(n: int) -> int:
-    """Return the number of sides of a circle: fewer than in files for other programs, fewest for many modules."""
+    """Return the number of sides of a circle: fewer than in exported files, and fewer still for many modules."""
     return 24 if n <= NUMBERED else 12
 
 
-def _regions(design: Design, at: Platform) -> Iterator[Part]:
-    """Yield the exposure regions: things, places that must not be blown at, and bounds of all airflow."""
+def _regions(design: Design, poses: Platform) -> Iterator[Part]:
+    """Yield the exposure regions: solid objects, keep-out regions, and cones that must contain all airflow."""
     groups: dict[tuple[str, str, float], list[Trimesh]] = {}
-    for number, shape in shapes(design.task, at.p_e):
+    for number, shape in shapes(design.task, poses.p_e):
         solid = design.task.exposure[number].solid
         if isinstance(shape, Cone) and solid and shape.half_angle_deg == 90:
-            yield _wall(shape, at)
+            yield _wall(shape, poses)
             continue
-        surface = region_mesh(shape, cone_slant(design, at)).apply_translation(at.end_effector)
+        surface = region_mesh(shape, cone_slant(design, poses)).apply_translation(poses.end_effector)
         if isinstance(shape, Cone):
             look = "cones", region_words(shape), 0.15
         elif solid:
@@ -183,52 +183,55 @@ def _regions(design: Design, at: Platform) -> Iterator[Part]:
         yield Part(kind, words, palette.EXPOSURE, join(surfaces), opacity=opacity)
 
 
-def _wall(shape: Cone, at: Platform) -> Part:
-    """Return a piece of the plane that bounds a half-space, as wide as the platform is far from its tip."""
+def _wall(shape: Cone, poses: Platform) -> Part:
+    """Return part of the plane that bounds a half-space, scaled to the platform's distance from its tip."""
     inwards = np.array(shape.axis)
-    width = 1.2 * float(np.linalg.norm(at.p - at.end_effector, axis=1).max())
+    width = 1.2 * float(np.linalg.norm(poses.p - poses.end_effector, axis=1).max())
     slab = trimesh.creation.box((width, width, 0.02 * width)).apply_translation((0.0, 0.0, -0.01 * width))
-    slab.apply_transform(pose_matrix(rotation_to(inwards), at.end_effector + shape.apex))
+    slab.apply_transform(pose_matrix(rotation_to(inwards), poses.end_effector + shape.apex))
     return Part("walls", "ground" if inwards @ UP > 0.9 else "wall", palette.WALL, slab, opacity=0.6)
 
 
 def _connectors(design: Design, assembly: Assembly | None) -> Iterator[Part]:
-    """Yield the joints, then the connectors without one, those from which no straight rod reaches the tip apart."""
+    """Yield the joints, the free connectors, and the connectors from which no straight rod reaches the tip."""
     joined = [(port, module, i) for h, i, a, b in design.topology.edges() for module, port in ((h, a), (i, b))]
-    sheet = None if assembly is None else assembly.end_effector
-    shut = {(x.module, x.port) for x in (() if sheet is None else sheet.connectors) if x.blocked_by}
+    end_effector = None if assembly is None else assembly.end_effector
+    blocked_connectors = {
+        (x.module, x.port) for x in (() if end_effector is None else end_effector.connectors) if x.blocked_by
+    }
     free = [(port, module, module) for module, port in sorted(design.topology.free_connectors)]
-    blocked = [spot for spot in free if spot[1::-1] in shut]
-    open_ = [spot for spot in free if spot[1::-1] not in shut]
-    for kind, mesh, name, colour, spots in (
+    blocked = [copy for copy in free if copy[1::-1] in blocked_connectors]
+    open_ = [copy for copy in free if copy[1::-1] not in blocked_connectors]
+    for kind, mesh, name, colour, copies in (
         ("joints", "joint", "joints", palette.CONNECTOR, joined),
         ("connectors", "connector", "free connectors", palette.FREE_PORT, open_),
         ("connectors", "connector", "connectors blocked for the rod", palette.BLOCKED_PORT, blocked),
     ):
-        for port in sorted({port for port, *_ in spots}):
-            modules, steps = zip(*(spot[1:] for spot in spots if spot[0] == port), strict=True)
+        for port in sorted({port for port, *_ in copies}):
+            modules, steps = zip(*(copy[1:] for copy in copies if copy[0] == port), strict=True)
             yield Part(kind, name, colour, f"{mesh} {port}", modules, steps)
 
 
-def _end_effector(design: Design, at: Platform, assembly: Assembly | None) -> Iterator[Part]:
-    """Yield the rod, the end-effector, the centre of mass and the line between, there in the last step."""
-    module, tip, last = design.task.module, at.end_effector, (design.topology.n,)
+def _end_effector(design: Design, poses: Platform, assembly: Assembly | None) -> Iterator[Part]:
+    """Yield the rod, the end-effector, the centre of mass and the line between, shown from the last step."""
+    module, tip, last = design.task.module, poses.end_effector, (design.topology.n,)
     mount = None if assembly is None else assembly.mount
     if mount is not None:
-        foot = at.p[mount.module] + module.connector_distance * at.R[mount.module] @ PORT_DIRECTIONS[mount.port]
+        i, port = mount.module, mount.port
+        foot = poses.p[i] + module.connector_distance * poses.R[i] @ PORT_DIRECTIONS[port]
         rod = tube(foot, tip, design.task.end_effector.rod_radius)
         yield Part("rod", "rod", palette.END_EFFECTOR, rod, steps=last)
-        yield Part("rod", "rod", palette.END_EFFECTOR, f"joint {mount.port}", [mount.module], last)
+        yield Part("rod", "rod", palette.END_EFFECTOR, f"joint {port}", [i], last)
     r = 0.12 * module.arm_length
     yield Part("tip", "end-effector", palette.END_EFFECTOR, ball(tip, r), steps=last)
-    yield Part("tip", "centre of mass", palette.CENTRE_OF_MASS, ball(at.p_com, r), steps=last)
-    line = tube(at.p_com, tip, 0.2 * r)
+    yield Part("tip", "centre of mass", palette.CENTRE_OF_MASS, ball(poses.p_com, r), steps=last)
+    line = tube(poses.p_com, tip, 0.2 * r)
     yield Part("offset", "centre of mass to tip", palette.OFFSET, line, steps=last)
 
 
 def triangles_of(mesh: Trimesh) -> dict[str, list[float]]:
-    """Return a mesh as the page takes it, with corners apart at its edges."""
-    # the sides of an octagon just have no edge in between
+    """Return a mesh as JSON data for the page, with vertices duplicated at sharp edges."""
+    # 46 deg: adjacent sides of an octagon are shaded smoothly
     smooth = mesh.face_adjacency[mesh.face_adjacency_angles < math.radians(46)]
     parts = trimesh.graph.connected_component_labels(smooth, len(mesh.faces)).repeat(3)
     corners, faces = np.unique(parts * len(mesh.vertices) + mesh.faces.ravel(), return_inverse=True)
@@ -247,13 +250,13 @@ def tube(start: Array, end: Array, radius: float) -> Trimesh:
 
 
 def straight_arrow(start: Array, direction: Array, length: float, thick: float) -> tuple[Trimesh, Array]:
-    """Return an arrow and its point, (3,) [m].
+    """Return a straight arrow and its tip, (3,) [m].
 
     Args:
-        start: where it begins, (3,) [m].
+        start: start of the arrow, (3,) [m].
         direction: unit vector, (3,).
-        length: of it [m].
-        thick: radius of its shaft [m].
+        length: length of the arrow [m].
+        thick: radius of the shaft [m].
     """
     head = min(5 * thick, length / 2)
     shaft = trimesh.creation.cylinder(radius=thick, height=length - head, sections=10)
@@ -265,7 +268,7 @@ def straight_arrow(start: Array, direction: Array, length: float, thick: float) 
 
 
 def ring(centre: Array, axis: Array, radius: float, thick: float) -> tuple[Trimesh, Array]:
-    """Return an arrow that turns about an axis by the right-hand rule, and where it begins."""
+    """Return an arrow along a ring about an axis, by the right-hand rule, and its start, (3,) [m]."""
     angles = np.linspace(0.0, TURN, 25)
     path = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
     steps = [

@@ -1,4 +1,4 @@
-"""A task as it was understood: every number with its unit, every choice in words."""
+"""The task as understood by the program: every number with its unit, every option in words."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from topo_search.model.value import Vector, is_zero
 from topo_search.report.wording import figures, length, modules, quantity
 
 Facts = tuple[str, Sequence[tuple[str, str]]]
-"""Title and named values of a group."""
+"""A group of facts: its title, then names and values."""
 
 
 def facts(task: ResolvedTask) -> tuple[Facts, ...]:
-    """Return everything that a task asks for but its load cases."""
-    exposure = [(f"requirement {e}", requirement(one)) for e, one in enumerate(task.exposure) if one.geometry]
-    slow = [(f"requirement {e}", requirement(one)) for e, one in enumerate(task.exposure) if not one.geometry]
+    """Return everything that a task specifies except its load cases."""
+    numbered = [(exposure, (f"requirement {e}", requirement(exposure))) for e, exposure in enumerate(task.exposure)]
+    regions = [fact for exposure, fact in numbered if exposure.geometry]
+    speeds = [fact for exposure, fact in numbered if not exposure.geometry]
     return (
         ("platform", list(_platform(task))),
         ("module", list(_module(task))),
         ("airflow envelope", list(_envelope(task))),
         ("end-effector", list(_end_effector(task))),
-        ("must stay out of the airflow", exposure or [("regions", "only the platform's own modules")]),
-        *([("air speed", slow)] if slow else []),
+        ("must stay out of the airflow", regions or [("regions", "none, only the platform's own modules")]),
+        *([("air speed", speeds)] if speeds else []),
         *_flight(task),
         ("search", _search(task)),
         *_tolerances(task),
@@ -43,10 +44,10 @@ def _platform(task: ResolvedTask) -> Iterator[tuple[str, str]]:
 
 
 def _included_parts(task: ResolvedTask) -> str:
-    """Return what weighs besides modules; the rod's mass is known of a design."""
+    """Return the masses besides those of modules; that of the rod depends on the design."""
     rod = "" if task.end_effector.rod_mass == "ignored" else " and the rod"
     if rod and task.end_effector.counted_rod is None:
-        rod = "; a design adds its rod"
+        rod = "; each design adds its rod"
     return f"{'joints and ' * bool(task.module.joint_mass)}end-effector{rod}"
 
 
@@ -65,13 +66,14 @@ def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "largest input u_max", f"{figures(u_max)} rad²/s² ({_speed(u_max)})"
     merit, C_T = module.figure_of_merit(task.air_density), module.propeller_coefficient(task.air_density)
     yield "figure of merit", f"{figures(merit, 3)}, with rotors of {length(module.body.rotor_radius)} radius"
-    yield "thrust coefficient C_T", f"{figures(C_T, 3)}, as of propellers: over rho (revolutions / s)² diameter⁴"
-    momentum = f"{figures(module.jet_momentum, 3)} of the thrust, by the jet model's constants"
+    propeller = "of propellers: thrust / (rho (revolutions / s)² diameter⁴)"
+    yield "thrust coefficient C_T", f"{figures(C_T, 3)}, {propeller}"
+    momentum = f"{figures(module.jet_momentum, 3)} of the thrust, from the constants of the jet model"
     yield "momentum of the jet", momentum
     tips = (figures(module.tip_speed(u), 3) for u in (hover, u_max))
-    yield "speed of rotor tips", "{} m/s at hover, {} m/s at full thrust".format(*tips)
+    yield "rotor tip speed", "{} m/s at hover, {} m/s at full thrust".format(*tips)
     if module.min_input:
-        yield "least input", f"{figures(module.min_input)} u_max"
+        yield "smallest input", f"{figures(module.min_input)} u_max"
     yield "input at hover", f"{figures(hover)} rad²/s² ({_speed(hover)})"
 
 
@@ -79,11 +81,11 @@ def _envelope(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     envelope = task.module.envelope
     yield "radius at the module", f"{figures(envelope.start_radius)} m"
     yield "radius at the far end", f"{figures(envelope.end_radius)} m"
-    yield "length of its axis", f"{figures(envelope.length)} m"
+    yield "length of the axis", f"{figures(envelope.length)} m"
     yield "full spreading angle", f"{figures(task.module.airflow.spread_angle_deg)}°"
     if task.exposure and (regions := task.module.region_airflow) is not None:
-        sizes = f"{length(regions.start_radius)} at the module, {figures(regions.spread_angle_deg)}°"
-        yield "against regions", f"{sizes}, ending {length(regions.reach)} below"
+        sizes = f"{length(regions.start_radius)} at the module, full angle {figures(regions.spread_angle_deg)}°"
+        yield "envelope against regions", f"{sizes}, ending {length(regions.reach)} below"
 
 
 def _end_effector(task: ResolvedTask) -> Iterator[tuple[str, str]]:
@@ -93,31 +95,31 @@ def _end_effector(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     position = "free, chosen by the search" if fixed is None else f"{vector(fixed)} m"
     yield "position p_E from the centre of mass", position
     yield "distance from module centres", "any" if apart is None else f"at least {figures(apart)} m"
-    yield "radius of its rod", length(tip.rod_radius)
+    yield "radius of the rod", length(tip.rod_radius)
     required = "required, clear of all parts and airflow"
     yield "straight rod", "reported, not required" if tip.rod == "none" else required
     if reach is not None:
-        yield "reach from the connector of its rod", f"at most {length(reach)}"
+        yield "reach from the rod's connector", f"at most {length(reach)}"
 
 
 def goals(task: Task) -> Facts:
-    """Return what effort is weighed against."""
+    """Return the goals that are traded off against control effort."""
     task_goals = task.goals
     force, torque = ("m_t g", "l_arm m_t g") if task.flight.units == "weight" else ("N", "N m")
     levels = (
         ("clearances", [length(x) for x in task_goals.clearance]),
         ("stand-off of the end-effector", [length(x) for x in task_goals.stand_off]),
         ("largest rotor input", [f"{figures(x)} u_max" for x in task_goals.peak_input]),
-        ("reserve of force", [f"{x:g} {force}" for x in task_goals.force_reserve]),
-        ("reserve of torque", [f"{x:g} {torque}" for x in task_goals.torque_reserve]),
+        ("force reserve", [f"{x:g} {force}" for x in task_goals.force_reserve]),
+        ("torque reserve", [f"{x:g} {torque}" for x in task_goals.torque_reserve]),
         ("possible with any one rotor dead", list(task_goals.rotor_out)),
         ("largest moment in a joint", [f"{x:g} N m" for x in task_goals.joint_moment]),
-        ("error of every hinge angle that is survived", [f"{x:g}°" for x in task_goals.hinge_angle_deg]),
+        ("hinge tolerance", [f"{x:g}°" for x in task_goals.hinge_angle_deg]),
         ("air speed in all regions", [f"{x:g} m/s" for x in task_goals.speed]),
         ("modules", [str(n) for n in task.sizes] if task_goals.modules else []),
     )
     rows = [(name, ", ".join(texts)) for name, texts in levels if texts]
-    return ("goals beside control effort", (*rows, ("searches", quantity(len(task_goals.levels), "level"))))
+    return ("goals besides control effort", (*rows, ("searches", quantity(len(task_goals.levels), "level"))))
 
 
 def _region(exposure: Local) -> str:
@@ -130,18 +132,18 @@ def _region(exposure: Local) -> str:
         pieces = quantity(len(exposure.pieces), "convex piece")
         hulls = f"{pieces} about the end-effector, with {len(exposure.corners)} corners in all"
     beyond = max(exposure.mesh_excess or (0.0,))
-    return hulls + (f", up to {length(at_most(beyond, 3))} beyond the mesh" if beyond else "")
+    return hulls + (f", up to {length(at_most(beyond, 3))} larger than the mesh" if beyond else "")
 
 
 def requirement(exposure: AnyExposure) -> str:
     """Return one exposure requirement in words."""
     if exposure.speed is None:
-        return _place(exposure)
+        return _geometry(exposure)
     reach = "" if exposure.speed_reach is None else f" within {length(exposure.speed_reach)} of the end-effector"
-    return f"{_place(exposure)}; air there at most {figures(exposure.speed)} m/s{reach}"
+    return f"{_geometry(exposure)}; air there at most {figures(exposure.speed)} m/s{reach}"
 
 
-def _place(exposure: AnyExposure) -> str:
+def _geometry(exposure: AnyExposure) -> str:
     match exposure:
         case Local():
             return _region(exposure)
@@ -157,7 +159,7 @@ def _place(exposure: AnyExposure) -> str:
             sides = " and ".join(
                 f"{vector(unit_vector(p.normal))} · x ≤ {length(p.offset)}" for p in exposure.planes
             )
-            return f"everything but where {sides}, with x from the end-effector"
+            return f"everything except where {sides}, with x from the end-effector"
 
 
 def _path(exposure: Directional) -> str:
@@ -171,19 +173,19 @@ def _path(exposure: Directional) -> str:
 
 
 def load_cases(task: ResolvedTask) -> list[list[str]]:
-    """Return a row for each load case: number and name, what is exerted where, in SI and relative; weight."""
+    """Return a row for each load case: number and name, wrenches in SI and relative units, weight."""
     force_unit, torque_unit = task.force_unit(task.n), task.torque_unit(task.n)
     return [
         [
             f"{k} ({case.name})" if case.name else str(k),
-            "; ".join(_parts(case, force_unit, torque_unit)),
-            figures(case.weight) if case.weight else "0: required, adds no control effort",
+            "; ".join(_wrenches(case, force_unit, torque_unit)),
+            figures(case.weight) if case.weight else "0: required, but adds no control effort",
         ]
         for k, case in enumerate(task.load_cases)
     ]
 
 
-def _parts(case: LoadCase, force_unit: float, torque_unit: float) -> list[str]:
+def _wrenches(case: LoadCase, force_unit: float, torque_unit: float) -> list[str]:
     texts = []
     for where, wrench in (("at the end-effector", case.at_end_effector), ("at the centre of mass", case.at_com)):
         for name, value, unit, scale, scaled in (
@@ -193,11 +195,11 @@ def _parts(case: LoadCase, force_unit: float, torque_unit: float) -> list[str]:
             if not is_zero(value):
                 relative = tuple(x / scale for x in value)
                 texts.append(f"{name} {where} {vector(value)} {unit} = {vector(relative)} {scaled}")
-    return [*(texts or ["nothing"]), *_sets(case)]
+    return [*(texts or ["nothing"]), *_wrench_sets(case)]
 
 
-def _sets(case: LoadCase) -> Iterator[str]:
-    """Yield the wrenches that must be possible besides."""
+def _wrench_sets(case: LoadCase) -> Iterator[str]:
+    """Yield the sets of wrenches that must be feasible in addition."""
     corners = f"{quantity(len(case.corners), 'corner')}, which suffice"
     if case.cone is not None:
         yield (
@@ -210,41 +212,41 @@ def _sets(case: LoadCase) -> Iterator[str]:
 
 
 def vector(values: Vector | tuple[float, ...]) -> str:
-    """Return a vector with three significant digits per entry; rounding errors beside a larger entry are 0."""
-    least = 1e-9 * max(map(abs, values))
-    return f"[{', '.join(figures(x if abs(x) > least else 0.0, 3) for x in values)}]"
+    """Return a vector with three significant digits per entry; entries below 1e-9 of the largest are 0."""
+    smallest = 1e-9 * max(map(abs, values))
+    return f"[{', '.join(figures(x if abs(x) > smallest else 0.0, 3) for x in values)}]"
 
 
 def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
     search = task.search
-    apart = {
+    rule = {
         "airflow": "airflow envelopes must not overlap",
-        "parts": "airflow envelopes may merge; rotors, hubs and arms keep out of other modules' envelopes",
-        "separation": f"centres at least {figures(task.separation)} m apart, in place of airflow (ablation)",
+        "parts": "airflow envelopes may overlap; rotors, hubs and arms stay out of other modules' envelopes",
+        "separation": f"centres at least {figures(task.separation)} m apart, instead of airflow (ablation)",
     }[search.interference]
-    body, kept, folds = task.body_clearance, task.centre_distance, task.folds(search.margin)
-    turns = in_words(folds, "°") if folds else "none: at any angle rotors would touch a neighbour or its airflow"
+    body, search_distance, folds = task.body_clearance, task.centre_distance, task.folds(search.margin)
+    hinges = in_words(folds, "°") if folds else "none: rotors would touch a neighbour or its airflow at any angle"
     if search.hinge_step_deg is not None:
-        turns += f", in steps of {figures(search.hinge_step_deg)}°"
+        hinges += f", in steps of {figures(search.hinge_step_deg)}°"
     if search.hinge_angles_deg is not None:
-        turns += f", of {', '.join(map(figures, sorted(search.hinge_angles_deg)))}° either way"
-    centres = "any distance" if body is None else f"at least {figures(body)} m apart"
-    if body is not None and kept is not None and kept > body:
-        centres += f"; the search keeps {upper_text(kept, 4)} m, at which no parts can touch"
-    root = "turned in any way" if search.root == "free" else "two angles of at most 90°, as in the paper"
+        hinges += f", only ±{', ±'.join(map(figures, sorted(search.hinge_angles_deg)))}°"
+    centres = "any" if body is None else f"centres at least {figures(body)} m apart"
+    if body is not None and search_distance is not None and search_distance > body:
+        centres += f"; the search keeps {upper_text(search_distance, 4)} m, so that no parts can touch"
+    root = "any orientation" if search.root == "free" else "two angles of at most 90°, as in the paper"
     return (
         ("root module", root),
         ("connectors", "aligned" if search.connectors == "aligned" else "any port to any port"),
         ("margin of every clearance", length(search.margin)),
         *([] if search.peak_input == 1 else [("rotor inputs", f"at most {figures(search.peak_input)} u_max")]),
-        ("interference", apart),
-        ("centres of modules not bolted together", centres),
-        ("hinge angles", turns),
+        ("interference", rule),
+        ("distance between unconnected modules", centres),
+        ("hinge angles", hinges),
     )
 
 
 def _flight(task: ResolvedTask) -> Iterator[Facts]:
-    """Yield what a design must be able to do beyond its load cases, if the task asks for anything."""
+    """Yield the required flight capabilities beyond the load cases, if there are any."""
     flight = task.flight
     if flight.asks:
         around = "hover" if flight.around == "hover" else "hover and every load case that carries the weight"
@@ -268,9 +270,9 @@ def _flight(task: ResolvedTask) -> Iterator[Facts]:
             rows.append(("angular acceleration", f"{sizes} rad/s² about x, y and z"))
         if flight.com_error:
             error = f"off by up to {figures(1e3 * flight.com_error)} mm along each axis"
-            rows.append(("centre of mass, for all of these", error))
+            rows.append(("centre of mass, for all of the above", error))
         if flight.allocator == "pseudo-inverse":
-            rows.append(("inputs for these", "by the pseudo-inverse, without desaturation"))
+            rows.append(("inputs for the above", "from the pseudo-inverse, without desaturation"))
         if flight.rotor_out != "none":
             in_hover = "hover" + " and every load case that carries the weight" * (flight.rotor_out == "all")
             torque = f", any torque of {figures(flight.rotor_out_torque or 0.0)} N m to spare"
@@ -279,11 +281,11 @@ def _flight(task: ResolvedTask) -> Iterator[Facts]:
             if limit is not None:
                 rows.append((f"{what} in a joint", f"at most {figures(limit)} {unit} in every load case"))
         if rows:
-            yield "possible beyond the load cases", rows
+            yield "required beyond the load cases", rows
 
 
 def _tolerances(task: ResolvedTask) -> Iterator[Facts]:
-    """Yield how exactly the platform is built, if the task says so."""
+    """Yield the build tolerances, if the task states any."""
     built = task.tolerances
     if built != Tolerances():
         rows = (
@@ -291,8 +293,8 @@ def _tolerances(task: ResolvedTask) -> Iterator[Facts]:
             ("module centres and end-effector", f"within {length(built.position)}"),
             ("airflow beyond its envelope", f"up to {length(built.envelope)}"),
         )
-        kept = "that the clearances survive" if task.flight.tolerances else "that are measured, not required"
-        yield f"tolerances {kept}", rows
+        role = "that clearances must survive" if task.flight.tolerances else "that are measured, not required"
+        yield f"tolerances {role}", rows
 
 
 def _speed(u: float) -> str:

@@ -1,24 +1,24 @@
-"""The picture of one design, small, or in 3-D as the page takes it: parts, throttles, load cases, assembly steps.
+"""Pictures of one design: a thumbnail, and the data of the 3-D view: parts, throttles, load cases, assembly steps.
 
-What modules have copies of is written once, in the module's frame; the page's script places the copies.
+Meshes that all modules share are stored once, in the module's frame; the page's script places the copies.
 
-Wrenches are arrows, forces straight and torques as a part of a ring around their axis:
+Forces are drawn as straight arrows, torques as arrows along part of a ring around their axis:
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | f, tau | force and torque, in the axes of the task | (3,) | N, N m |
-| S | length of the arrow of the largest force; a ring's radius is a part of it | | m |
+| S | arrow length of the largest force; the radius of rings is proportional to it | | m |
 
-The forces that a platform can add at its end-effector while it hovers are a convex polytope:
+The forces that a platform can exert at its end-effector while it hovers form a convex polytope:
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | u | rotor inputs, module-major, 0 <= u <= u_max | (4 n,) | rad^2/s^2 |
 | F, T | forces and torques about the centre of mass of unit inputs | (3, 4 n) | N s^2, N m s^2 |
-| f | force added at the end-effector: F u = m_t g e_z + f, T u = p_E x f | (3,) | N |
+| f | force exerted at the end-effector: F u = m_t g e_z + f, T u = p_E x f | (3,) | N |
 
-All in the axes of the task; with F u from the first equation in the second, (T - p_E x F) u = -p_E x m_t g e_z. The
-figures are the audit's, which proves them; this module only draws.
+All vectors are in the axes of the task. Eliminating f gives (T - p_E x F) u = -p_E x m_t g e_z. The polytope is
+only drawn; the figures beside it are proven by the audit.
 """
 
 from __future__ import annotations
@@ -49,27 +49,27 @@ from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
 from topo_search.report.task_facts import vector as vector_text
-from topo_search.report.wording import clearance, figures, least, length, most
+from topo_search.report.wording import clearance, figures, length, rounded_down, rounded_up
 from verify.air.jets import MODEL, jets
 from verify.flight.programs import Box
 from verify.flight.vehicle import force_hull
 from verify.kinematics import Platform
 
 
-def arrows(design: Design, at: Platform) -> Iterator[dict[str, Any]]:
-    """Yield every load case as arrows: its name, its words, the label and position of each arrow, its parts."""
-    S = longest_arrow(design, at)
-    shortest, thick, radius = 0.15, 0.025, 0.3  # shortest arrow, shaft, torque's ring, over the longest arrow
-    largest = {kind: largest_wrench(design, at, kind) for kind in ("force", "torque")}
-    for k, wrenches in itertools.groupby(load_wrenches(design, at), key=lambda wrench: wrench[0]):
+def arrows(design: Design, poses: Platform) -> Iterator[dict[str, Any]]:
+    """Yield every load case: its name, description, labels with positions, and arrows as parts."""
+    S = longest_arrow(design, poses)
+    shortest, thick, radius = 0.15, 0.025, 0.3  # shortest arrow, shaft radius, ring radius, over the longest arrow
+    largest = {kind: largest_wrench(design, poses, kind) for kind in ("force", "torque")}
+    for k, wrenches in itertools.groupby(load_wrenches(design, poses), key=lambda wrench: wrench[0]):
         meshes, labels, words = [], [], []
         for _, kind, where, point, vector in wrenches:
             size = float(np.linalg.norm(vector))
             if not size:
                 continue
             length = S * max(shortest, size / largest[kind])
-            shape, extent = (straight_arrow, length) if kind == "force" else (ring, radius * length)
-            mesh, end = shape(point, vector / size, extent, thick * S)
+            make_arrow, arrow_size = (straight_arrow, length) if kind == "force" else (ring, radius * length)
+            mesh, end = make_arrow(point, vector / size, arrow_size, thick * S)
             text = f"{figures(size, 3)} {'N' if kind == 'force' else 'N m'}"
             meshes.append(mesh)
             labels.append((text, end.round(5).tolist()))
@@ -77,84 +77,84 @@ def arrows(design: Design, at: Platform) -> Iterator[dict[str, Any]]:
         case = [Part("case", f"load case {k}", palette.WRENCH, join(meshes))] if meshes else []
         yield {
             "name": design.task.case_labels[k],
-            "told": "; ".join(words) or "nothing",
-            "ends": labels,
-            "parts": [*case, *_contact(design, design.task.load_cases[k], at, S)],
+            "description": "; ".join(words) or "nothing",
+            "labels": labels,
+            "parts": [*case, *_contact(design, design.task.load_cases[k], poses, S)],
         }
 
 
-def _contact(design: Design, case: LoadCase, at: Platform, longest: float) -> Iterator[Part]:
-    """Yield the contact plane of a push while it hovers: a disc at the end-effector, across the force."""
+def _contact(design: Design, case: LoadCase, poses: Platform, longest: float) -> Iterator[Part]:
+    """Yield the contact plane of a push in hover: a disc at the end-effector, normal to the force."""
     f = np.array(case.at_end_effector.force)
     weight = design.task.force_unit(design.topology.n)
-    if not f.any() or case.at_com.force[2] < 0.999 * weight:  # it hovers only if it carries its weight
+    if not f.any() or case.at_com.force[2] < 0.999 * weight:  # not hovering unless the rotors carry the weight
         return
     disc = trimesh.creation.cylinder(radius=0.35 * longest, height=0.002, sections=48)
-    disc.apply_transform(pose_matrix(rotation_to(f / np.linalg.norm(f)), at.end_effector))
+    disc.apply_transform(pose_matrix(rotation_to(f / np.linalg.norm(f)), poses.end_effector))
     yield Part("contact", "contact plane", palette.CONTACT, disc, opacity=0.5)
 
 
-def metres_per_newton(design: Design, at: Platform) -> float:
-    """Return the scale of the arrows of forces; without any force that of the platform's weight [m/N]."""
-    force = largest_wrench(design, at, "force") or design.task.force_unit(design.topology.n)
-    return longest_arrow(design, at) / force
+def metres_per_newton(design: Design, poses: Platform) -> float:
+    """Return the scale of force arrows [m/N]; if no load case has a force, the weight has the longest arrow."""
+    force = largest_wrench(design, poses, "force") or design.task.force_unit(design.topology.n)
+    return longest_arrow(design, poses) / force
 
 
-def longest_arrow(design: Design, at: Platform) -> float:
-    """Return the length of the longest arrow: 0.6 of the platform's reach from its centre of mass [m]."""
-    places = np.vstack([at.p, at.end_effector])
-    reach = float(np.linalg.norm(places - at.p_com, axis=1).max()) + design.task.module.arm_length
+def longest_arrow(design: Design, poses: Platform) -> float:
+    """Return the length of the longest arrow: 0.6 of the platform's extent from its centre of mass [m]."""
+    points = np.vstack([poses.p, poses.end_effector])
+    reach = float(np.linalg.norm(points - poses.p_com, axis=1).max()) + design.task.module.arm_length
     return 0.6 * reach
 
 
-def force_polytope(design: Design, at: Platform) -> tuple[Array, Array] | None:
-    """Return the polytope's vertices, (m, 3) [N], and triangles, (t, 3) indices of them.
+def force_polytope(design: Design, poses: Platform) -> tuple[Array, Array] | None:
+    """Return vertices, (m, 3) [N], and triangles, (t, 3) vertex indices, of the polytope of forces.
 
-    None where the platform cannot hover, or where all forces lie in a plane.
+    None if the platform cannot hover, or if all forces lie in a plane.
     """
     module, weight = design.task.module, design.task.force_unit(design.topology.n)
     scale = np.repeat([weight, weight * module.arm_length], 3)[:, None]
     largest = module.max_input(design.task.gravity) * module.thrust_coefficient
-    F, T = np.split(largest * thrust_matrix(module, at) / scale, 2)
-    x, y, z = at.p_e / module.arm_length
+    F, T = np.split(largest * thrust_matrix(module, poses) / scale, 2)
+    x, y, z = poses.p_e / module.arm_length
     lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # lever @ f = p_E x f
     carried, bounds = np.array([0.0, 0.0, 1.0]), Box(np.zeros(F.shape[1]), np.ones(F.shape[1]))
-    # of large platforms the hull has thousands of facets; five rounds come within a few percent of its volume
-    hull = force_hull(F, T - lever @ F, -lever @ carried, bounds, rounds=5)
-    return None if hull is None else (weight * (hull.points - carried), hull.simplices)
+    # the hull may have thousands of facets; five rounds approximate its volume within a few percent
+    polytope = force_hull(F, T - lever @ F, -lever @ carried, bounds, rounds=5)
+    return None if polytope is None else (weight * (polytope.points - carried), polytope.simplices)
 
 
-def view(design: Design, at: Platform, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
-    """Return the picture of a design, as the page's script draws it.
+def view(design: Design, poses: Platform, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
+    """Return the data of the 3-D view of a design, which the page's script draws.
 
     Args:
         design: any design.
-        at: its poses.
+        poses: its poses.
         audit: its audit.
-        forces: whether to draw what can be added at the end-effector in hover, which takes a second or more.
+        forces: whether to add the forces that it can exert in hover, which takes a second or more.
     """
     assembly = None if audit is None else audit.assembly
     nearest = closest(audit)
     u_max = design.task.module.max_input(design.task.gravity)
     return {
-        "parts": [part.dump() for part in scene(design, at, nearest, assembly)],
-        "towards": towards_viewer(azimuth_deg(at)).round(4).tolist(),
-        "R": at.R.round(7).tolist(),
-        "p": at.p.round(6).tolist(),
+        "parts": [part.dump() for part in scene(design, poses, nearest, assembly)],
+        "towards": towards_viewer(azimuth_deg(poses)).round(4).tolist(),
+        "R": poses.R.round(7).tolist(),
+        "p": poses.p.round(6).tolist(),
         "numbered": design.topology.n <= NUMBERED,
-        "marks": [["tip", at.end_effector.round(6).tolist()], ["centre of mass", at.p_com.round(6).tolist()]],
-        "modules": _modules(design, at, audit),
+        "marks": [["tip", poses.end_effector.round(6).tolist()], ["centre of mass", poses.p_com.round(6).tolist()]],
+        "modules": _modules(design, poses, audit),
         "throttle": (design.inputs / u_max).round(6).tolist(),
         "air": _air(design),
-        "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in arrows(design, at)],
+        "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in arrows(design, poses)],
         "closest": None if nearest is None else closest_words(nearest),
         "steps": _steps(design, assembly),
-        "forces": _forces(design, at, audit) if forces else None,
+        "forces": _forces(design, poses, audit) if forces else None,
     }
 
 
 def _air(design: Design) -> dict[str, Any]:
-    """Return what speeds of air follow from beside poses and throttles [m, m/s]."""
+    """Return the parameters from which the script computes air speeds, besides poses and throttles [m, m/s]."""
     module = design.task.module
     u_max, I = module.max_input(design.task.gravity), np.eye(3)[None]
     full = jets(module, design.task.air_density, np.zeros((1, 3)), I, I, np.array([[u_max]]))
@@ -170,26 +170,26 @@ def _air(design: Design) -> dict[str, Any]:
     }
 
 
-def _forces(design: Design, at: Platform, audit: Audit | None) -> dict[str, Any] | None:
-    """Return the forces that can be added at the end-effector in hover, to the scale of the load cases' arrows."""
-    polytope = force_polytope(design, at)
+def _forces(design: Design, poses: Platform, audit: Audit | None) -> dict[str, Any] | None:
+    """Return the forces that can be exerted at the end-effector in hover, to the scale of the arrows."""
+    polytope = force_polytope(design, poses)
     if polytope is None:
         return None
     vertices, triangles = polytope
-    scale = metres_per_newton(design, at)
-    corners = Trimesh(at.end_effector + scale * vertices, triangles, process=False)
-    words = "forces that can be added"
+    scale = metres_per_newton(design, poses)
+    corners = Trimesh(poses.end_effector + scale * vertices, triangles, process=False)
+    words = "feasible forces"
     parts = [Part("forces", words, palette.OFFSET, corners, opacity=0.35)]
-    caption = "All forces that can be added at the tip in hover, to the scale of the load cases' arrows."
+    caption = "All forces that the tip can exert in hover, to the scale of the load cases' arrows."
     reserve = None if audit is None or audit.flight is None else audit.flight.hover.force_reserve_N
     if reserve is not None:
-        sphere = ball(at.end_effector, scale * reserve)
-        parts.append(Part("forces", "in every direction", palette.END_EFFECTOR, sphere))
-        caption += f" The ball: {least(reserve, ' N')} can be added in every direction."
-    return {"told": caption, "parts": [part.dump() for part in parts]}
+        sphere = ball(poses.end_effector, scale * reserve)
+        parts.append(Part("forces", "force reserve", palette.END_EFFECTOR, sphere))
+        caption += f" The ball shows the force reserve: {rounded_down(reserve, ' N')} in any direction."
+    return {"description": caption, "parts": [part.dump() for part in parts]}
 
 
-def _modules(design: Design, at: Platform, audit: Audit | None) -> list[str]:
+def _modules(design: Design, poses: Platform, audit: Audit | None) -> list[str]:
     """Return the tooltip of each module."""
     joints = ["the root"]
     for (h, _, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
@@ -197,26 +197,26 @@ def _modules(design: Design, at: Platform, audit: Audit | None) -> list[str]:
         joints.append(f"port {PORT_NAMES[b]} bolted to port {PORT_NAMES[a]} of module {h}, {angle}")
     tooltips = []
     for i, joint in enumerate(joints):
-        lines = [f"module {i}", joint, f"centre {_vector(at.p[i])} m", f"thrust axis {_vector(at.z[i])}"]
+        lines = [f"module {i}", joint, f"centre {_vector(poses.p[i])} m", f"thrust axis {_vector(poses.z[i])}"]
         tooltips.append("\n".join([*lines, *([] if audit is None else _audit_lines(audit, i))]))
     return tooltips
 
 
 def _audit_lines(audit: Audit, i: int) -> Iterator[str]:
-    """Yield a module's least clearance and the largest moment in its joint, as the audit knows them."""
+    """Yield a module's smallest clearance and the largest moment in its joint, from the audit."""
     between = ("airflow", "separation", "body", "rotor-airflow", "bracket-airflow", "bracket-rotor", "rod-airflow")
     pairs = [pair for pair in audit.pairs if pair.a == i or (pair.b == i and pair.kind in between)]
     if pairs:
         nearest = min(pairs, key=lambda pair: pair.analytic_m)
-        yield f"least clearance {clearance(nearest)}: {nearest.name}"
+        yield f"smallest clearance {clearance(nearest)}: {nearest.name}"
     loads = [] if audit.flight is None else [load for load in audit.flight.joints if load.child == i]
     if loads:
         worst = max(loads, key=lambda load: load.moment_Nm)
-        yield f"joint bears up to {most(worst.moment_Nm, ' N m')}, in {worst.case}"
+        yield f"largest joint moment {rounded_up(worst.moment_Nm, ' N m')}, in {worst.case}"
 
 
 def _steps(design: Design, assembly: Assembly | None) -> list[str]:
-    """Return what is done at each step of the assembly, the root first and the rod, if there is one, last."""
+    """Return the assembly steps, the root first and the rod or the end-effector last."""
     steps = ["Start with module 0, the root."]
     for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
         steps.append(
@@ -227,10 +227,10 @@ def _steps(design: Design, assembly: Assembly | None) -> list[str]:
     if sheet is not None and sheet.mount is not None and sheet.rod is not None:
         steps.append(
             f"Fix the rod of {length(sheet.rod.length_m)} to port {PORT_NAMES[sheet.mount.port]} of module "
-            f"{sheet.mount.module}; it carries the end-effector."
+            f"{sheet.mount.module}; it holds the end-effector."
         )
     else:
-        steps.append("Mount the end-effector; no straight rod is known to carry it.")
+        steps.append("Mount the end-effector; no straight rod is known that could hold it.")
     return steps
 
 
@@ -239,23 +239,23 @@ def _vector(values: np.ndarray[Any, Any]) -> str:
 
 
 def thumbnail(design: Design, side: int = 36) -> Markup:
-    """Return a small picture, which tells designs apart in a table: inline SVG, seen as in the page's view.
+    """Return a small picture of a design as inline SVG, from the viewpoint of the 3-D view.
 
     Args:
         design: any design.
         side: edge of the picture [px].
     """
-    at, sides = poses_to_draw(design), 10  # of a rotor's disc
-    towards = towards_viewer(azimuth_deg(at))
+    poses, sides = poses_to_draw(design), 10  # sides of a rotor disc
+    towards = towards_viewer(azimuth_deg(poses))
     right = np.cross([0.0, 0.0, 1.0], towards)
     right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(right, towards)])  # right and down, as pixels count
+    axes = np.stack([right, np.cross(right, towards)])  # right and down, like pixels
     angles = np.linspace(0.0, 2 * np.pi, sides, endpoint=False)
     circle = design.task.module.body.rotor_radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-    hubs = at.p_com + at.rotors
-    discs = hubs[:, :, None] + np.einsum("nij,cj->nci", at.R, circle)[:, None]
-    everything = np.concatenate([discs.reshape(-1, 3), at.end_effector[None]]) @ axes.T
-    low, high = everything.min(axis=0), everything.max(axis=0)
+    hubs = poses.p_com + poses.rotors
+    discs = hubs[:, :, None] + np.einsum("nij,cj->nci", poses.R, circle)[:, None]
+    outline = np.concatenate([discs.reshape(-1, 3), poses.end_effector[None]]) @ axes.T
+    low, high = outline.min(axis=0), outline.max(axis=0)
     tip = max(3, side // 40)
     scale = (side - 2 * tip) / max(*(high - low), 1e-9)
 
@@ -266,7 +266,7 @@ def thumbnail(design: Design, side: int = 36) -> Markup:
     back_first = np.argsort((hubs @ towards).ravel())
     arms = "".join(f'<path d="M{pixels(hub[[0, 2]])}M{pixels(hub[[1, 3]])}"/>' for hub in hubs)
     rotors = "".join(f'<polygon points="{pixels(discs.reshape(-1, sides, 3)[i])}"/>' for i in back_first)
-    x, y = pixels(at.end_effector[None]).split(",")
+    x, y = pixels(poses.end_effector[None]).split(",")
     return Markup(
         f'<svg class="thumbnail" width="{side}" height="{side}" viewBox="0 0 {side} {side}" aria-hidden="true">'
         f'<g stroke="{palette.ARM}">{arms}</g><g fill="{palette.ROTOR}" stroke="{palette.MODULE}">{rotors}</g>'

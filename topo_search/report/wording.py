@@ -1,6 +1,6 @@
-"""Numbers, counts, clearances and near ties in words, the same wherever a person reads them.
+"""Numbers, counts, clearances and near ties as text, the same on pages and in the terminal.
 
-`--help` loads this file too: it must load no numerics at its top.
+`--help` imports this module, so it must not import numerical libraries at the top.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ if TYPE_CHECKING:
 
 EFFORT = "J = Σ_k λ_k ‖u_k‖²"
 NEAR_TIES = ("key", "J", "force", "torque", "rotors", "load factor", "joint moment", "hinge error", "rod")
-"""Headings of near ties."""
+"""Column headings of the table of near ties."""
 
 
 def modules(n: int) -> str:
-    """Return a number of modules."""
+    """Return a number of modules in words."""
     return quantity(n, "module")
 
 
 def sentence(words: str) -> str:
-    """Return words as a sentence."""
+    """Return words as a sentence, with a capital and a full stop."""
     return f"{words[0].upper()}{words[1:]}."
 
 
 def figures(value: float, digits: int = 4) -> str:
-    """Return a number with so many significant digits, a large or small one with a power of ten."""
+    """Return a number with `digits` significant digits; large and small ones with a power of ten."""
     text = f"{value:.{digits}g}"
     if "e" not in text:
         return text.replace("-", "−")
@@ -39,53 +39,53 @@ def figures(value: float, digits: int = 4) -> str:
 
 
 def length(metres: float) -> str:
-    """Return a length in the unit that suits it."""
+    """Return a length in mm, cm or m, whichever suits its size."""
     if abs(metres) < 0.01:
         return f"{figures(1000 * metres, 3)} mm"
     return f"{figures(100 * metres, 3)} cm" if abs(metres) < 1 else f"{figures(metres, 3)} m"
 
 
-def least(value: float | None, unit: str = "", digits: int = 3) -> str:
-    """Return a figure that is proven from below, rounded down, with its unit; nothing for None."""
+def rounded_down(value: float | None, unit: str = "", digits: int = 3) -> str:
+    """Return a proven lower bound, rounded down, with its unit; an empty text for None."""
     from topo_search.model.proven import at_least
 
     return "" if value is None else f"{figures(at_least(value, digits), digits)}{unit}"
 
 
-def most(value: float | None, unit: str = "", digits: int = 3) -> str:
-    """Return a figure that is proven from above, rounded up, with its unit; nothing for None."""
+def rounded_up(value: float | None, unit: str = "", digits: int = 3) -> str:
+    """Return a proven upper bound, rounded up, with its unit; an empty text for None."""
     from topo_search.model.proven import at_most
 
     return "" if value is None else f"{figures(at_most(value, digits), digits)}{unit}"
 
 
 def clearance(pair: Clearance) -> str:
-    """Return a clearance in figures with its unit, rounded down."""
+    """Return a clearance with its unit, rounded down."""
     from topo_search.model.proven import at_least
 
     return length(at_least(pair.analytic_m, 3))
 
 
 def millimetres(pair: Clearance) -> str:
-    """Return the same figures in millimetres, without the unit."""
+    """Return a clearance in millimetres without the unit, rounded down."""
     from topo_search.model.proven import lower_text
 
     return lower_text(1000 * pair.analytic_m, 3).replace("-", "−")
 
 
 def near_tie_cells(row: Row, best: Row) -> tuple[str, ...]:
-    """Return the cells of a design; its effort over that of the best, what is proven rounded to the safe side."""
+    """Return a design's cells of the table of near ties; proven figures are rounded to the safe side."""
     from topo_search.model.proven import at_most
 
-    more = 100 * ((row.objective or 0.0) / best.objective - 1) if best.objective else 0.0
+    excess_percent = 100 * ((row.objective or 0.0) / best.objective - 1) if best.objective else 0.0
     return (
         row.key,
-        f"+{more:.2f} %",
-        least(row.force_reserve_N, " N"),
-        least(row.torque_reserve_Nm, " N m"),
-        least(row.rotors_out_hover, f" of {4 * row.modules}"),
-        least(row.load_factor, digits=4),
-        most(row.joint_moment_Nm, " N m"),
-        least(row.hinge_tolerance_deg, "°"),
+        f"+{excess_percent:.2f} %",
+        rounded_down(row.force_reserve_N, " N"),
+        rounded_down(row.torque_reserve_Nm, " N m"),
+        rounded_down(row.rotors_out_hover, f" of {4 * row.modules}"),
+        rounded_down(row.load_factor, digits=4),
+        rounded_up(row.joint_moment_Nm, " N m"),
+        rounded_down(row.hinge_tolerance_deg, "°"),
         "none" if row.rod_length_m is None else length(at_most(row.rod_length_m, 3)),
     )

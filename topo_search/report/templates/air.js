@@ -1,12 +1,12 @@
-// Air speeds in a load case by the jet model of verify/air/jets.py, in metres and m/s: surfaces and slices.
+// Air speeds in a load case by the jet model of verify/air/jets.py, in m/s: surfaces and slices.
 
-const GRID = 60000; // points at most among which a surface of equal speed is drawn
-const ACROSS = 120; // cells of a slice along its longer side
+const GRID = 60000; // largest number of grid points for a surface of equal speed
+const ACROSS = 120; // number of cells of a slice along its longer side
 const COLOUR = "#56b4e9"; // of a surface
 // The six tetrahedra of a cell around its diagonal, by corners numbered x + 2 y + 4 z.
 const TETRAHEDRA = [[0, 1, 3, 7], [0, 3, 2, 7], [0, 2, 6, 7], [0, 6, 4, 7], [0, 4, 5, 7], [0, 5, 1, 7]];
-const BANDS = ["#fcfdbf", "#fe9f6d", "#de4968", "#8c2981", "#3b0f70", "#000004"]; // below 0.5 m/s, each to twice as much
-const SLOWEST = -2; // log2 of the speed where the first band begins
+const BANDS = ["#fcfdbf", "#fe9f6d", "#de4968", "#8c2981", "#3b0f70", "#000004"]; // the first ends at 0.5 m/s, each next one at twice the speed
+const SLOWEST = -2; // log2 of the nominal start of the first band
 
 function clip(t) {
   return Math.max(0, Math.min(1, t));
@@ -21,7 +21,7 @@ class Air {
     });
   }
 
-  // The sum of all modules' speeds at a point.
+  // Returns the sum of all modules' speeds at a point.
   at(point) {
     let sum = 0;
     for (const { R, p, v, U_H } of this.modules) {
@@ -36,20 +36,20 @@ class Air {
     const { rotors, radius, diameter, merged, fades, shear, jet } = this;
     const s = z / diameter;
     const from = Math.max(s, merged) + jet.origin;
-    const beside = Math.hypot(a, b) / (diameter * jet.half_width * from);
-    let most = (clip(s / merged) * jet.decay * U_H) / from / (1 + (Math.SQRT2 - 1) * beside * beside) ** 2;
+    const across = Math.hypot(a, b) / (diameter * jet.half_width * from);
+    let fastest = (clip(s / merged) * jet.decay * U_H) / from / (1 + (Math.SQRT2 - 1) * across * across) ** 2;
     const g = 1 + z / Math.hypot(radius, z);
     const fade = s < 0 ? 0 : clip((merged - s) / fades);
     let inflow = 0;
     for (const [q, [x, y]] of rotors.entries()) {
       const aside = Math.hypot(a - x, b - y);
-      if (fade) most = Math.max(most, v[q] * g * fade * clip(0.5 + (radius / Math.sqrt(g) - aside) / (2 * shear * (z + radius))));
+      if (fade) fastest = Math.max(fastest, v[q] * g * fade * clip(0.5 + (radius / Math.sqrt(g) - aside) / (2 * shear * (z + radius))));
       inflow += v[q] / (1 + (Math.SQRT2 * Math.hypot(Math.max(aside - radius, 0), z)) / radius) ** 2;
     }
-    return Math.max(most, inflow);
+    return Math.max(fastest, inflow);
   }
 
-  // The surface of all points of a box with one speed, by marching through tetrahedra.
+  // Returns the surface of equal speed in a box, by marching tetrahedra.
   surface(speed, box) {
     const step = Math.cbrt(box.reduce((volume, [low, high]) => volume * (high - low), 1 / GRID));
     const axes = box.map((side) => ticks(side, step));
@@ -74,14 +74,14 @@ class Air {
         const [inside, outside] = [all.filter((c) => beyond[c] > 0), all.filter((c) => beyond[c] <= 0)];
         if (!inside.length || !outside.length) continue;
         const ends = inside.flatMap((a) => outside.map((b) => crossing(a, b)));
-        const found = ends.length === 3 ? [ends] : [[ends[0], ends[1], ends[2]], [ends[1], ends[3], ends[2]]];
-        for (const face of found) faces.push(...outwards(face, corners, point(inside[0])));
+        const triangles = ends.length === 3 ? [ends] : [[ends[0], ends[1], ends[2]], [ends[1], ends[3], ends[2]]];
+        for (const face of triangles) faces.push(...outwards(face, corners, point(inside[0])));
       }
     }
     return Object.assign(new THREE.Mesh(surface({ corners, faces }), paint(COLOUR, 0.35)), { name: "air" });
   }
 
-  // The speeds in a plane across an axis (0, 1 or 2), which tells them to the pointer.
+  // Returns the speeds in a plane normal to an axis (0, 1 or 2); its tooltip is the speed at the pointer.
   slice(across, at, box) {
     const [first, second] = [0, 1, 2].filter((axis) => axis !== across);
     const step = Math.max(...[first, second].map((axis) => box[axis][1] - box[axis][0])) / ACROSS;
@@ -99,17 +99,17 @@ class Air {
     geometry.setAttribute("uv", new THREE.Float32BufferAttribute([0, 0, 1, 0, 0, 1, 1, 1], 2));
     const mesh = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ map, transparent: true, depthWrite: false, side: THREE.DoubleSide }));
     mesh.name = "slice";
-    mesh.userData.tell = ({ point }) => `${this.at(point.toArray()).toPrecision(2)} m/s`;
+    mesh.userData.tooltip = ({ point }) => `${this.at(point.toArray()).toPrecision(2)} m/s`;
     return mesh;
   }
 }
 
-// The red, green and blue of a colour.
+// Returns red, green and blue of a colour.
 function bytes(colour) {
   return [1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16));
 }
 
-// A triangle turned so that a point lies behind it.
+// Orients a triangle so that a point lies behind it.
 function outwards([a, b, c], corners, behind) {
   const at = (i) => new THREE.Vector3(corners[3 * i], corners[3 * i + 1], corners[3 * i + 2]);
   const [A, B, C] = [a, b, c].map(at);
@@ -117,7 +117,7 @@ function outwards([a, b, c], corners, behind) {
   return B.sub(A).cross(C.sub(A)).dot(away) > 0 ? [a, b, c] : [a, c, b];
 }
 
-// Numbers from one end of an interval to the other, as evenly as steps of about a size allow.
+// Divides an interval evenly into steps of about the given size.
 function ticks([low, high], step) {
   const count = Math.max(1, Math.round((high - low) / step));
   return Array.from({ length: count + 1 }, (_, k) => low + ((high - low) * k) / count);

@@ -1,7 +1,7 @@
-// The plot to choose a design by: two figures of every audited design that the filters leave, with the front.
+// The plot to choose a design by: two figures of every audited design that passes the filters, and the Pareto front.
 
 class Choice {
-  constructor(beside) {
+  constructor(comparison) {
     const { columns, rows } = read("ranking-data");
     this.plot = document.getElementById("choice");
     this.rows = rows;
@@ -13,18 +13,18 @@ class Choice {
     const names = columns
       .filter(([, , better], i) => better && new Set(audited.map((row) => row[i]).filter((x) => x !== null)).size > 1)
       .map(([name]) => name);
-    const first = (wished) => wished.find((name) => names.includes(name)) ?? names[0];
-    const wished = { up: first(["J [rad⁴/s⁴]"]), across: first(["any force [N]", "hinge error [°]", "clearance [mm]"]) };
-    this.selects = Object.entries(wished).map(([id, name]) => {
+    const first = (preferred) => preferred.find((name) => names.includes(name)) ?? names[0];
+    const defaults = { up: first(["J [rad⁴/s⁴]"]), across: first(["force reserve [N]", "hinge error [°]", "clearance [mm]"]) };
+    this.selects = Object.entries(defaults).map(([id, name]) => {
       const select = document.getElementById(id);
-      for (const one of names) select.add(new Option(one, one, false, one === name));
+      for (const option of names) select.add(new Option(option, option, false, option === name));
       select.addEventListener("change", () => this.draw(this.shown));
       return select;
     });
-    this.beside = beside;
+    this.comparison = comparison;
   }
 
-  // Draws the rows of these numbers.
+  // Draws the rows with these indices.
   draw(shown) {
     this.shown = shown;
     const [y, x] = this.selects.map((select) => select.value);
@@ -53,15 +53,15 @@ class Choice {
   }
 
   open(key) {
-    if (this.beside?.has(key)) this.beside.show(key);
+    if (this.comparison?.has(key)) this.comparison.show(key);
   }
 
-  // Clear designs that no other beats in both figures.
+  // Returns the clear designs that no other design beats in both figures.
   front(drawn, x, y) {
     const cost = (i, name) => (this.better[name] === "more" ? -1 : 1) * this.rows[i][this.index[name]];
     const clear = drawn.filter((i) => this.rows[i][this.index.audit].startsWith("clear"));
     clear.sort((a, b) => cost(a, x) - cost(b, x) || cost(a, y) - cost(b, y));
-    let least = Infinity;
-    return clear.filter((i) => cost(i, y) < least && ((least = cost(i, y)), true));
+    let lowest = Infinity;
+    return clear.filter((i) => cost(i, y) < lowest && ((lowest = cost(i, y)), true));
   }
 }

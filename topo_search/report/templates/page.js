@@ -1,44 +1,44 @@
 drawFigures();
 const element = document.getElementById("beside");
-const beside = element && new Beside(element);
+const comparison = element && new Comparison(element);
 const views = [...document.querySelectorAll(".view")].map((element) => new View(element));
 
 function redraw() {
   drawFigures();
-  for (const view of [...views, ...(beside?.views ?? [])]) view.load();
+  for (const view of [...views, ...(comparison?.views ?? [])]) view.load();
   choice?.draw(choice.shown);
 }
 
-dusk.addEventListener("change", redraw);
+prefersDark.addEventListener("change", redraw);
 document.getElementById("theme").addEventListener("click", () => {
   document.documentElement.dataset.theme = dark() ? "light" : "dark";
   redraw();
 });
 
-// Paper is white and cannot be unfolded.
+// Print with a white background and everything unfolded.
 const folded = document.querySelectorAll("details:not([open])");
-function onPaper(is) {
-  const before = dark();
-  printing = is;
-  folded.forEach((details) => (details.open = is));
-  if (dark() !== before) redraw();
-  for (const view of views) view.paper(is);
+function setPrinting(on) {
+  const wasDark = dark();
+  printing = on;
+  folded.forEach((details) => (details.open = on));
+  if (dark() !== wasDark) redraw();
+  for (const view of views) view.setPrinting(on);
 }
-window.addEventListener("beforeprint", () => onPaper(true));
-window.addEventListener("afterprint", () => onPaper(false));
+window.addEventListener("beforeprint", () => setPrinting(true));
+window.addEventListener("afterprint", () => setPrinting(false));
 
-// What can only be read by scrolling it aside can be reached by keys.
-function reachable() {
+// Elements that scroll sideways get keyboard focus.
+function makeScrollableFocusable() {
   for (const element of document.querySelectorAll(".wide, pre, nav")) {
     if (element.scrollWidth > element.clientWidth) element.tabIndex = 0;
     else element.removeAttribute("tabindex");
   }
 }
-window.addEventListener("resize", reachable);
+window.addEventListener("resize", makeScrollableFocusable);
 
-// The section that is read is marked in the table of contents.
+// The contents mark the section that is being read.
 const links = new Map([...document.querySelectorAll("nav a")].map((link) => [link.hash.slice(1), link]));
-const seen = new IntersectionObserver(
+const observer = new IntersectionObserver(
   (entries) => {
     for (const { target, isIntersecting } of entries) {
       if (!isIntersecting) continue;
@@ -48,15 +48,15 @@ const seen = new IntersectionObserver(
   },
   { rootMargin: "-60px 0px -70% 0px" },
 );
-document.querySelectorAll("main section").forEach((section) => seen.observe(section));
+document.querySelectorAll("main section").forEach((section) => observer.observe(section));
 
 const table = document.getElementById("ranking");
-const choice = document.getElementById("choice") && new Choice(beside);
-if (table) ranking(table, beside, choice);
-reachable();
-beside?.follow();
+const choice = document.getElementById("choice") && new Choice(comparison);
+if (table) ranking(table, comparison, choice);
+makeScrollableFocusable();
+comparison?.follow();
 
-// A link to a part that is folded unfolds it, and a chart in it takes its size.
+// A link to a folded section unfolds it, and its charts are resized.
 for (const details of document.querySelectorAll("details")) {
   details.addEventListener("toggle", () => details.querySelectorAll(".js-plotly-plot").forEach((plot) => Plotly.Plots.resize(plot)));
 }

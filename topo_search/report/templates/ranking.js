@@ -1,43 +1,43 @@
-// The ranking: sorted and filtered here, with as many rows in the document as are looked at.
+// The ranking table, sorted and filtered here; only the visible rows are in the document.
 const FIRST = 15;
-const ON_A_PHONE = ["tree", "J / bound", "gap [%]", "audit"]; // what fits on its screen
-const LAST_ON_A_DESK = "air at the tip [m/s]"; // columns beyond are shown on demand
+const ON_A_PHONE = ["tree", "J / bound", "gap [%]", "audit"]; // columns that fit on a narrow screen
+const LAST_ON_A_DESK = "air at the tip [m/s]"; // later columns are shown on demand
 
-const DECIMALS = { "J / bound": 4, "gap [%]": 2 }; // the same figures as everywhere
+const DECIMALS = { "J / bound": 4, "gap [%]": 2 }; // as in all other tables
 
-function written(name, value) {
+function formatted(name, value) {
   if (DECIMALS[name]) return value.toFixed(DECIMALS[name]);
   return typeof value === "number" && value >= 1e6 ? value.toExponential(4) : value;
 }
 
-function ranking(table, beside, choice) {
+function ranking(table, comparison, choice) {
   const { columns, rows } = read("ranking-data");
-  const place = Object.fromEntries(columns.map(([name], i) => [name, i]));
+  const column = Object.fromEntries(columns.map(([name], i) => [name, i]));
   const words = document.getElementById("words");
   const choices = { status: document.getElementById("status"), audit: document.getElementById("audit") };
   const more = document.getElementById("more");
   const texts = rows.map((row) => row.join(" ").toLowerCase());
   const order = rows.map((_, i) => i);
-  order.sort((a, b) => (rows[a][place["J [rad⁴/s⁴]"]] === null) - (rows[b][place["J [rad⁴/s⁴]"]] === null)); // designs first
-  const rest = (name) => {
-    if (place[name] > place[LAST_ON_A_DESK]) return " rest detail";
+  order.sort((a, b) => (rows[a][column["J [rad⁴/s⁴]"]] === null) - (rows[b][column["J [rad⁴/s⁴]"]] === null)); // designs first
+  const visibility = (name) => {
+    if (column[name] > column[LAST_ON_A_DESK]) return " rest detail";
     return ON_A_PHONE.includes(name) ? "" : " rest";
   };
-  const used = columns.map((_, i) => rows.some((row) => row[i] !== null));
-  let all = false;
+  const hasValues = columns.map((_, i) => rows.some((row) => row[i] !== null));
+  let showAll = false;
 
   for (const [name, select] of Object.entries(choices)) {
-    const values = new Set(rows.map((row) => row[place[name]]).filter((value) => value !== null));
+    const values = new Set(rows.map((row) => row[column[name]]).filter((value) => value !== null));
     for (const value of [...values].sort()) select.add(new Option(value, value));
   }
 
   const heading = table.tHead.insertRow();
   columns.forEach(([name, kind], i) => {
-    if (!used[i]) return;
+    if (!hasValues[i]) return;
     const cell = document.createElement("th");
     const button = document.createElement("button");
     cell.scope = "col";
-    cell.className = kind + rest(name);
+    cell.className = kind + visibility(name);
     button.type = "button";
     button.textContent = name;
     button.addEventListener("click", () => sort(i, cell));
@@ -60,54 +60,54 @@ function ranking(table, beside, choice) {
   }
 
   function show() {
-    const wanted = words.value.toLowerCase();
-    const found = order.filter(
+    const query = words.value.toLowerCase();
+    const matches = order.filter(
       (i) =>
-        texts[i].includes(wanted) &&
-        Object.entries(choices).every(([name, select]) => !select.value || rows[i][place[name]] === select.value),
+        texts[i].includes(query) &&
+        Object.entries(choices).every(([name, select]) => !select.value || rows[i][column[name]] === select.value),
     );
     const body = document.createElement("tbody");
-    for (const i of all ? found : found.slice(0, FIRST)) {
+    for (const i of showAll ? matches : matches.slice(0, FIRST)) {
       const line = body.insertRow();
-      const key = rows[i][place.tree];
-      if (key === beside?.key) line.setAttribute("aria-current", "true");
+      const key = rows[i][column.tree];
+      if (key === comparison?.key) line.setAttribute("aria-current", "true");
       columns.forEach(([name, kind], j) => {
-        if (!used[j]) return;
+        if (!hasValues[j]) return;
         const cell = line.insertCell();
         const value = rows[i][j];
-        if (name === "tree" && beside?.has(key)) cell.append(beside.thumbnail(key), opener(key));
-        else cell.textContent = value === null ? "" : written(name, value);
-        cell.className = (name === "audit" && value !== null ? value.split(", ").at(-1) : kind) + rest(name);
+        if (name === "tree" && comparison?.has(key)) cell.append(comparison.thumbnail(key), opener(key));
+        else cell.textContent = value === null ? "" : formatted(name, value);
+        cell.className = (name === "audit" && value !== null ? value.split(", ").at(-1) : kind) + visibility(name);
       });
     }
     table.tBodies[0].replaceWith(body);
-    choice?.draw(found);
-    const hidden = found.length - body.rows.length;
+    choice?.draw(matches);
+    const hidden = matches.length - body.rows.length;
     document.getElementById("shown").textContent = `${body.rows.length} of ${rows.length} candidates shown`;
     more.hidden = hidden === 0;
     more.textContent = `Show ${hidden} more`;
   }
 
-  // A row is opened by its tree's key; arrow keys go from one such row to the next.
+  // A button in a row opens its design; arrow keys move to the button of the next row.
   function opener(key) {
     const button = document.createElement("button");
     button.type = "button";
     button.textContent = key;
-    button.setAttribute("aria-label", `${key}: show beside the best`);
+    button.setAttribute("aria-label", `${key}: compare with the best`);
     return button;
   }
 
-  // The keys of near ties, and of the best of each size, open their designs as well.
+  // Keys in the tables of near ties and of sizes open their designs too.
   for (const cell of document.querySelectorAll("td[data-name=key], td[data-name=best]")) {
     const key = cell.textContent;
-    if (!beside?.has(key)) continue;
+    if (!comparison?.has(key)) continue;
     cell.replaceChildren(opener(key));
-    cell.firstChild.addEventListener("click", () => beside.show(key));
+    cell.firstChild.addEventListener("click", () => comparison.show(key));
   }
 
   table.addEventListener("click", (event) => {
     const button = event.target.closest("tbody tr")?.querySelector("button");
-    if (button) beside.show(button.textContent);
+    if (button) comparison.show(button.textContent);
   });
   table.addEventListener("keydown", (event) => {
     const by = { ArrowDown: 1, ArrowUp: -1 }[event.key];
@@ -117,8 +117,8 @@ function ranking(table, beside, choice) {
     event.preventDefault();
     next.focus();
   });
-  if (beside) {
-    beside.chosen = (key) => {
+  if (comparison) {
+    comparison.chosen = (key) => {
       for (const line of table.tBodies[0].rows) {
         const same = key !== null && line.cells[0].textContent === key;
         if (same) line.setAttribute("aria-current", "true");
@@ -132,7 +132,7 @@ function ranking(table, beside, choice) {
   document.getElementById("every").addEventListener("change", ({ target }) => table.classList.toggle("every", target.checked));
   document.getElementById("filter").addEventListener("submit", (event) => event.preventDefault());
   more.addEventListener("click", () => {
-    all = true;
+    showAll = true;
     show();
   });
   show();

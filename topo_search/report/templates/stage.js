@@ -1,9 +1,9 @@
-// What a view is drawn on by three.js: a canvas with light, a floor to tell sizes by, and a camera that turns.
+// The three.js scene of a view: a canvas with lights, a floor grid for scale, and an orbiting camera.
 
-THREE.ColorManagement.legacyMode = false; // colours are those of the page
+THREE.ColorManagement.legacyMode = false; // use the colours of the page unchanged
 
-const FIELD = 28; // of the camera, upright [degrees]
-const AROUND = 1.1; // what is seen, over what is framed
+const FIELD = 28; // vertical field of view [degrees]
+const AROUND = 1.1; // margin around the framed points
 const TURNS = { ArrowLeft: [-1, 0, 1], ArrowRight: [1, 0, 1], ArrowUp: [0, 1, 1], ArrowDown: [0, -1, 1], "+": [0, 0, 0.9], "-": [0, 0, 1 / 0.9] };
 
 class Stage {
@@ -18,15 +18,15 @@ class Stage {
     this.camera = new THREE.PerspectiveCamera(FIELD);
     this.camera.up.set(0, 0, 1);
     this.towards = towards;
-    this.turned = turned; // told when the reader turns the view
-    this.drawn = () => {}; // told when a picture is drawn
+    this.turned = turned; // called when the user turns the view
+    this.drawn = () => {}; // called after each frame
     this.first = { across: Math.atan2(towards[1], towards[0]), up: Math.asin(towards[2]), far: 1, aside: [0, 0] };
     this.orbit = this.first;
     this.sun = new THREE.DirectionalLight(0xffffff, 0.75);
     this.sun.castShadow = true;
     this.sun.shadow.mapSize.set(2048, 2048);
     this.sun.shadow.normalBias = 0.002;
-    this.lamp = new THREE.DirectionalLight(0xffffff, 0.2); // from the viewer, so that no side is black
+    this.lamp = new THREE.DirectionalLight(0xffffff, 0.2); // from the viewer, so that no side is dark
     this.floor = new THREE.Group();
     this.content = new THREE.Group();
     this.scene = new THREE.Scene();
@@ -55,7 +55,7 @@ class Stage {
     }
   }
 
-  // Keeps these points in the picture, whatever else there is, over a floor below them.
+  // Fits the view to these points and puts the floor below them.
   frame(points) {
     const box = new THREE.Box3().setFromPoints(points);
     box.getCenter(this.middle);
@@ -100,7 +100,7 @@ class Stage {
     this.turned(this.orbit);
   }
 
-  // The pointer turns the view, two fingers or a wheel zoom, the right button moves it aside.
+  // One pointer orbits, two fingers or the wheel zoom, the right button or shift pans.
   follow() {
     const { canvas } = this;
     const down = new Map();
@@ -143,7 +143,7 @@ class Stage {
     this.moved();
   }
 
-  // Places the camera so that, from where it first looks, all that is framed is as large as fits.
+  // Places the camera so that the framed points fill the picture as seen from the first viewpoint.
   aim(aspect) {
     const { camera } = this;
     const tall = Math.tan((FIELD / 2) * (Math.PI / 180));
@@ -168,7 +168,7 @@ class Stage {
     this.lamp.target.position.copy(this.middle);
   }
 
-  // Draws with the browser's next picture.
+  // Draws in the browser's next frame.
   render() {
     this.waiting ??= requestAnimationFrame(() => this.picture());
   }
@@ -187,13 +187,13 @@ class Stage {
     this.drawn();
   }
 
-  // Where a point lies in the picture [px].
+  // Returns the position of a point in the picture [px].
   onScreen(at) {
     const { x, y } = new THREE.Vector3(...at).project(this.camera);
     return [((1 + x) / 2) * this.canvas.clientWidth, ((1 - y) / 2) * this.canvas.clientHeight];
   }
 
-  // Where the axes of the task point in the picture, of length one.
+  // Returns the projections of the task's unit axes.
   axes() {
     return [0, 1, 2].map((axis) => {
       const { x, y } = new THREE.Vector3().setComponent(axis, 1).applyQuaternion(this.camera.quaternion.clone().invert());
@@ -201,16 +201,16 @@ class Stage {
     });
   }
 
-  // What is first under the pointer, of the objects that say something.
+  // Returns the first object under the pointer that has a tooltip.
   under({ offsetX, offsetY }) {
     const ray = new THREE.Raycaster();
     const at = new THREE.Vector2((2 * offsetX) / this.canvas.clientWidth - 1, 1 - (2 * offsetY) / this.canvas.clientHeight);
     ray.setFromCamera(at, this.camera);
-    return ray.intersectObjects(this.content.children.filter((object) => object.userData.tell))[0];
+    return ray.intersectObjects(this.content.children.filter((object) => object.userData.tooltip))[0];
   }
 }
 
-// A surface from corners and triangles, three numbers each.
+// Returns a geometry from vertices and triangles, three numbers each.
 function surface({ corners, faces }) {
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute("position", new THREE.Float32BufferAttribute(corners, 3));

@@ -1,24 +1,24 @@
-// A design in 3-D: what is shown of it is chosen by buttons, modules are labelled without pile-ups.
+// The 3-D view of a design; buttons choose what it shows, and labels name modules without overlaps.
 
-// Parts that are first left out, which a press on their names shows.
-const SWITCHED_OFF = ["airflow", "cones", "closest", "connectors", "offset"];
-const FRAMED = ["modules", "rotors", "axes", "joints", "rod", "tip", "case", "contact", "forces"]; // the picture holds all of these
-const TOLD = ["modules", "rotors", "airflow"]; // by the pointer: airflow lies around its module
-const UNSHADED = ["airflow", "cones", "regions", "walls", "forces", "contact"]; // cast no shadow
-const THROTTLE = ["#f0f0f0", "#f2b779", "#c8401c"]; // at nothing, half and all
-const ROOM = [1.4, 1.4, 2.4]; // for air, over the size of what is framed
-const PAPER = 640; // width of a picture on paper [px]
+// Kinds of parts that are hidden at first; a click on the name shows them.
+const HIDDEN_AT_FIRST = ["airflow", "cones", "closest", "connectors", "offset"];
+const FRAMED = ["modules", "rotors", "axes", "joints", "rod", "tip", "case", "contact", "forces"]; // the view is fitted to these
+const WITH_TOOLTIP = ["modules", "rotors", "airflow"]; // airflow encloses its module
+const UNSHADED = ["airflow", "cones", "regions", "walls", "forces", "contact"]; // kinds that cast no shadow
+const THROTTLE = ["#f0f0f0", "#f2b779", "#c8401c"]; // at 0, 50 and 100 %
+const ROOM = [1.4, 1.4, 2.4]; // box of the air, over the size of the framed points
+const PAPER = 640; // width of a printed picture [px]
 
 class View {
   constructor(element) {
     this.element = element;
     this.plot = element.querySelector(".stage");
-    this.told = element.querySelector(".told");
+    this.description = element.querySelector(".description");
     this.legend = element.querySelector(".legend");
     this.choice = { kind: "platform", number: 0 };
-    this.air = { speed: 0, across: "", at: null }; // a surface [m/s] and a slice, at a position [m] or through the tip
-    this.off = new Set(SWITCHED_OFF); // kinds of parts that are left out
-    this.beside = null; // the view that shows and turns the same
+    this.air = { speed: 0, across: "", at: null }; // speed of the surface [m/s]; axis and position [m] of the slice, null: through the tip
+    this.hidden = new Set(HIDDEN_AT_FIRST); // kinds of parts that are not shown
+    this.linked = null; // the view that shows the same and turns along
     for (const button of element.querySelectorAll("[data-choice]")) {
       button.addEventListener("click", () => this.choose({ kind: button.dataset.choice, number: Number(button.dataset.number ?? 0) }));
     }
@@ -28,13 +28,13 @@ class View {
       button.addEventListener("click", () => this.choose({ kind: "assembly", number: this.choice.number + Number(button.dataset.step) }));
     }
     for (const input of element.querySelectorAll("[data-air]")) {
-      input.addEventListener("change", () => this.blow(input.dataset.air, input.value));
+      input.addEventListener("change", () => this.showAir(input.dataset.air, input.value));
     }
     this.value = read(this.plot.dataset.view);
     try {
-      this.stage = new Stage(this.plot, this.value.towards, (orbit) => this.beside?.turn(orbit));
+      this.stage = new Stage(this.plot, this.value.towards, (orbit) => this.linked?.turn(orbit));
     } catch {
-      this.stage = null; // the still picture stays
+      this.stage = null; // the still picture remains
     }
     if (this.stage) this.listen();
     this.load();
@@ -50,50 +50,50 @@ class View {
       const hit = event.buttons ? undefined : stage.under(event);
       hover.hidden = !hit;
       if (!hit) return;
-      hover.textContent = hit.object.userData.tell(hit);
+      hover.textContent = hit.object.userData.tooltip(hit);
       hover.style.left = `${Math.min(event.offsetX + 14, plot.clientWidth - hover.offsetWidth)}px`;
       hover.style.top = `${Math.min(event.offsetY + 14, plot.clientHeight - hover.offsetHeight)}px`;
     });
     stage.canvas.addEventListener("pointerleave", () => (hover.hidden = true));
   }
 
-  // Reads what there is to draw, in the colours of the page, and draws it.
+  // Reads the data in the colours of the page, and draws it.
   load() {
     this.value = read(this.plot.dataset.view);
     this.meshes = this.value.meshes ?? read("meshes");
     this.show();
   }
 
-  choose(choice, air = this.air, off = this.off) {
-    this.beside?.set(choice, air, off);
-    this.set(choice, air, off);
+  choose(choice, air = this.air, hidden = this.hidden) {
+    this.linked?.set(choice, air, hidden);
+    this.set(choice, air, hidden);
   }
 
-  // Shows the air in the load case that is shown, or in the first.
-  blow(name, value) {
+  // Shows the air in the current load case, or in the first.
+  showAir(name, value) {
     const at = name === "across" ? { at: null } : {};
     const air = { ...this.air, ...at, [name]: name === "across" ? value : Number(value) };
     this.choose(this.choice.kind === "case" ? this.choice : { kind: "case", number: 0 }, air);
   }
 
-  // Leaves a kind of part out, or shows it again.
+  // Hides a kind of part, or shows it again.
   toggle(kind) {
-    const off = new Set(this.off);
-    if (!off.delete(kind)) off.add(kind);
-    this.choose(this.choice, this.air, off);
+    const hidden = new Set(this.hidden);
+    if (!hidden.delete(kind)) hidden.add(kind);
+    this.choose(this.choice, this.air, hidden);
   }
 
-  set({ kind, number }, air, off) {
-    Object.assign(this, { air, off });
+  set({ kind, number }, air, hidden) {
+    Object.assign(this, { air, hidden });
     const last = (kind === "assembly" ? this.value.steps : this.value.cases).length - 1;
     this.choice = { kind, number: Math.max(0, Math.min(last, number)) };
     this.show();
   }
 
-  // Two views that show the same of two designs, from the same side.
+  // Links two views: they show the same of two designs from the same viewpoint.
   pair(other) {
-    this.beside = other;
-    other.beside = this;
+    this.linked = other;
+    other.linked = this;
     other.turn(this.stage?.orbit);
   }
 
@@ -104,17 +104,17 @@ class View {
   }
 
   remove() {
-    this.beside = null;
+    this.linked = null;
     this.stage?.remove();
   }
 
-  // The parts of a choice, those that are left out among them.
+  // Returns the parts of a choice, including hidden ones.
   parts({ kind, number } = this.choice) {
     const { parts, cases, forces } = this.value;
     return [...parts, ...(kind === "case" ? cases[number].parts : []), ...(kind === "forces" ? forces.parts : [])];
   }
 
-  // The copies of a part that are there after a step of the assembly, as an object to draw.
+  // Returns an object with the copies of a part that are mounted after a step of the assembly.
   object(part, last = Infinity) {
     const shown = part.steps.map((_, k) => k).filter((k) => part.steps[k] <= last);
     const mesh = typeof part.mesh === "string" ? this.meshes[part.mesh] : part.mesh;
@@ -133,11 +133,11 @@ class View {
     return new THREE.Matrix4().set(...R.flatMap((row, axis) => [...row, p[axis]]), 0, 0, 0, 1);
   }
 
-  // Gives every module's copy its numbers for the pointer; rotors in a load case have the colour of their throttle.
-  tell(object, number) {
+  // Adds the tooltips of all copies; in a load case, rotors get the colour of their throttle.
+  addTooltips(object, number) {
     const { part, modules } = object.userData;
     const { throttle } = this.value;
-    object.userData.tell = ({ instanceId }) => this.value.modules[modules[instanceId]] + this.throttles(modules[instanceId], number);
+    object.userData.tooltip = ({ instanceId }) => this.value.modules[modules[instanceId]] + this.throttles(modules[instanceId], number);
     if (part.kind !== "rotors" || number === null) return;
     const rotor = Number(part.mesh.split(" ")[1]);
     Object.assign(object.material, { opacity: 1, transparent: false, depthWrite: true }); // for true colours
@@ -145,12 +145,12 @@ class View {
     modules.forEach((module, copy) => object.setColorAt(copy, heat(throttle[number][module][rotor])));
   }
 
-  // The throttles of a module's rotors: of one load case each, of all how far they go.
-  throttles(c, number) {
+  // Returns the throttles of a module's rotors in one load case, or in the first four.
+  throttles(module, number) {
     return this.value.throttle
-      .map((of, k) => {
+      .map((byModule, k) => {
         if (number !== null && k !== number) return "";
-        const u = of[c].map((share) => (100 * share).toFixed(1));
+        const u = byModule[module].map((share) => (100 * share).toFixed(1));
         return `\nload case ${k}: throttle ${u.join(", ")} %`;
       })
       .slice(0, number === null ? 4 : undefined)
@@ -159,7 +159,7 @@ class View {
 
   show() {
     const { kind, number } = this.choice;
-    this.told.textContent = this.words();
+    this.description.textContent = this.words();
     for (const button of this.element.querySelectorAll("[data-choice]")) {
       const same = button.dataset.choice === kind && (kind !== "case" || Number(button.dataset.number) === number);
       button.setAttribute("aria-pressed", same);
@@ -174,22 +174,22 @@ class View {
     const { content } = this.stage;
     this.stage.clear(content);
     for (const part of this.parts()) {
-      if (this.off.has(part.kind)) continue;
+      if (this.hidden.has(part.kind)) continue;
       const object = this.object(part, kind === "assembly" ? number : Infinity);
-      if (TOLD.includes(part.kind)) this.tell(object, kind === "case" ? number : null);
+      if (WITH_TOOLTIP.includes(part.kind)) this.addTooltips(object, kind === "case" ? number : null);
       content.add(object);
     }
     const points = this.framed();
     this.stage.frame(points);
-    if (kind === "case" && (speed || across)) content.add(...this.blown(number, points));
+    if (kind === "case" && (speed || across)) content.add(...this.airObjects(number, points));
     this.labels.set(this.marks(), this.stage.cell);
-    this.name();
+    this.fillLegend();
     this.stage.render();
   }
 
-  // The corners of what is framed, in all load cases or at the end of the assembly alike.
+  // Returns the corners of the boxes to fit the view to; the same for all load cases and assembly steps.
   framed() {
-    const cases = this.choice.kind === "case" ? this.value.cases.flatMap((one) => one.parts) : [];
+    const cases = this.choice.kind === "case" ? this.value.cases.flatMap((loadCase) => loadCase.parts) : [];
     const framed = [...this.parts(), ...cases].filter((part) => FRAMED.includes(part.kind));
     return framed.flatMap((part) => {
       const { corners } = typeof part.mesh === "string" ? this.meshes[part.mesh] : part.mesh;
@@ -200,15 +200,15 @@ class View {
     });
   }
 
-  // The names of what can be shown, a press on which leaves it out or shows it again; scales of colours.
-  name() {
+  // Fills the legend: buttons that hide or show parts, and colour scales.
+  fillLegend() {
     const { kind } = this.choice;
     const named = new Map(this.parts().map((part) => [part.name, part]));
     const buttons = [...named.values()].map((part) => {
       const button = document.createElement("button");
       button.type = "button";
       button.dataset.part = part.kind;
-      button.setAttribute("aria-pressed", !this.off.has(part.kind));
+      button.setAttribute("aria-pressed", !this.hidden.has(part.kind));
       button.append(swatch(part.colour), part.name);
       button.addEventListener("click", () => {
         this.toggle(part.kind);
@@ -222,8 +222,8 @@ class View {
     this.legend.replaceChildren(...buttons, ...scales);
   }
 
-  // What is drawn of the air of a load case, around what is framed but not above it: jets blow down.
-  blown(number, points) {
+  // Returns the objects of the air in a load case, around and below the framed points, because jets blow down.
+  airObjects(number, points) {
     const { speed, across } = this.air;
     const { min, max } = new THREE.Box3().setFromPoints(points);
     const [low, high] = [min.toArray(), max.toArray()];
@@ -248,31 +248,31 @@ class View {
     const { kind, number } = this.choice;
     const { cases, steps } = this.value;
     if (kind === "case") {
-      const air = this.air.speed || this.air.across ? " Air by the jet model, cut off around the platform." : "";
-      return `${cases[number].name}: ${cases[number].told}. The rotors have the colour of their throttle.${air}`;
+      const air = this.air.speed || this.air.across ? " Air by the jet model, cut off at a box around the platform." : "";
+      return `${cases[number].name}: ${cases[number].description}. Rotors are coloured by throttle.${air}`;
     }
-    if (kind === "forces") return this.value.forces.told;
+    if (kind === "forces") return this.value.forces.description;
     if (kind === "assembly") return `Step ${number + 1} of ${steps.length}: ${steps[number]}`;
     return this.value.closest ?? "";
   }
 
-  // Labels and what they point at.
+  // Returns the labels and their points.
   marks() {
     const { kind, number } = this.choice;
     const { p, marks, numbered, cases } = this.value;
     const count = kind === "assembly" ? Math.min(number + 1, p.length) : p.length;
-    const found = numbered ? p.slice(0, count).map((at, i) => ({ text: String(i), at })) : [];
-    if (kind !== "assembly" || number >= p.length) for (const [text, at] of marks) found.push({ text, at });
-    if (kind === "case") for (const [text, at] of cases[number].ends) found.push({ text, at });
-    return found;
+    const labels = numbered ? p.slice(0, count).map((at, i) => ({ text: String(i), at })) : [];
+    if (kind !== "assembly" || number >= p.length) for (const [text, at] of marks) labels.push({ text, at });
+    if (kind === "case") for (const [text, at] of cases[number].labels) labels.push({ text, at });
+    return labels;
   }
 
-  // Paper keeps nothing of a canvas of WebGL: a still picture takes its place, as wide as the paper.
-  paper(is) {
+  // A WebGL canvas does not print: replaces it by a still picture as wide as the paper.
+  setPrinting(on) {
     const canvas = this.element.querySelector(".canvas");
     this.still?.remove();
     canvas.style.width = canvas.style.zoom = "";
-    if (!is || !this.stage) return;
+    if (!on || !this.stage) return;
     this.stage.picture();
     this.still = new Image();
     this.still.className = "still";
@@ -285,7 +285,7 @@ class View {
   }
 }
 
-// The colour of a rotor at a share of its largest input.
+// Returns the colour of a rotor by its throttle.
 function heat(share) {
   const [low, middle, high] = THROTTLE.map((colour) => new THREE.Color(colour));
   return share < 0.5 ? low.lerp(middle, 2 * share) : middle.lerp(high, 2 * share - 1);

@@ -1,9 +1,9 @@
-// A design of the ranking beside another, at first the winner: both in 3-D, turned together, with their figures.
+// Two designs of the ranking side by side, by default against the winner: linked 3-D views and key figures.
 
-class Beside {
+class Comparison {
   constructor(element) {
     this.element = element;
-    this.places = element.querySelector(".cards").children;
+    this.columns = element.querySelector(".cards").children;
     this.views = [];
     this.key = null;
     const templates = document.querySelectorAll("template[id^='card-']");
@@ -12,7 +12,7 @@ class Beside {
     this.against = element.querySelector("[data-against]");
     this.against.addEventListener("change", () => this.show(this.key));
     document.addEventListener("keydown", (event) => event.key === "Escape" && this.key !== null && this.show(null));
-    this.chosen = () => {}; // told which key is shown
+    this.chosen = () => {}; // called with the key that is shown
     for (const button of element.querySelectorAll("[data-move]")) {
       button.addEventListener("click", () => this.move(Number(button.dataset.move)));
     }
@@ -23,7 +23,7 @@ class Beside {
     return this.keys.includes(key);
   }
 
-  // Opens the design that the address of the page names.
+  // Opens the design that is named in the address of the page.
   follow() {
     const [key, against] = decodeURIComponent(location.hash).replace("#design=", "").split(",");
     if (this.has(against)) this.against.value = against;
@@ -47,9 +47,9 @@ class Beside {
     this.element.hidden = key === null;
     const against = this.against.value;
     const keys = key === null ? [] : [...new Set([against, key])];
-    [...this.places].forEach((place, i) => place.replaceChildren(...(keys[i] ? [this.card(keys[i])] : [])));
-    const named = (one) => (one === this.best ? `the best, ${one}` : one);
-    const title = keys.length === 1 ? `${key}${key === this.best ? ", the best" : ""}` : `${key} beside ${named(against)}`;
+    [...this.columns].forEach((column, i) => column.replaceChildren(...(keys[i] ? [this.card(keys[i])] : [])));
+    const named = (other) => (other === this.best ? `the best, ${other}` : other);
+    const title = keys.length === 1 ? `${key}${key === this.best ? ", the best" : ""}` : `${key} compared with ${named(against)}`;
     if (key !== null || location.hash.startsWith("#design=")) {
       history.replaceState(null, "", key === null ? "#" : `#design=${key}${against === this.keys[0] ? "" : `,${against}`}`);
     }
@@ -58,19 +58,19 @@ class Beside {
     this.views = [...this.element.querySelectorAll(".view")].map((view) => new View(view));
     if (this.views.length === 2) this.views[0].pair(this.views[1]);
     this.chosen(key);
-    reachable();
+    makeScrollableFocusable();
     if (key !== null && scroll) this.element.scrollIntoView({ block: "start" });
   }
 
   // Marks the figures in which the two designs differ.
   mark() {
-    const figures = [...this.places].map(
-      (place) => new Map([...place.querySelectorAll("dt")].map((term) => [term.textContent, term.nextElementSibling.querySelector("strong")])),
+    const figures = [...this.columns].map(
+      (column) => new Map([...column.querySelectorAll("dt")].map((term) => [term.textContent, term.nextElementSibling.querySelector("strong")])),
     );
     for (const [name, figure] of figures[0]) {
       const other = figures[1].get(name);
       if (!other || other.textContent === figure.textContent) continue;
-      for (const one of [figure, other]) one.classList.add("differs");
+      for (const differing of [figure, other]) differing.classList.add("differs");
     }
   }
 
