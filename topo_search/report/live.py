@@ -72,7 +72,7 @@ class Live:
         if self._phase is None:
             return {"words": "The run begins.", "version": 0}
         left = period(self._left(time.monotonic()))
-        steps = "" if self._phase.alone else f"{self._done} of {self._phase.steps}, "
+        steps = "" if self._phase.is_serial else f"{self._done} of {self._phase.steps}, "
         words = f"{stage(self._phase)}: {steps}{describe(self._incumbent)}, about {left} left"
         return {"words": words, "version": self._version}
 
