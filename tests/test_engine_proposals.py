@@ -265,7 +265,7 @@ def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_plac
     monkeypatch: pytest.MonkeyPatch, round_size: int
 ) -> None:
     monkeypatch.setattr(
-        moves, "BREEDING", moves.Breeding(repeats=1)
+        moves, "BREEDING", moves.Breeding(max_repeats=1)
     )  # the more there are, the more often one's source is another one
 
     def missing(key: str, starts: int) -> Tried:
@@ -284,7 +284,7 @@ def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_plac
             assert told.issuperset(near)
             for one in unknown:
                 assert one.candidate.key not in {key, *near}
-                assert key not in one.near
+                assert key not in one.warm_starts
             assert all(objective(source, had[source]).objective is not None for source in near)
             assert len(set(near)) == len(near) <= proposal.starts - had[key]
             assert lent[key].isdisjoint(near)
@@ -404,7 +404,7 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
 
 def test_more_starts_that_fail_are_not_asked_for_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing but the first starts of a tree leads anywhere."""
-    monkeypatch.setattr(moves, "BREEDING", moves.Breeding(repeats=1))
+    monkeypatch.setattr(moves, "BREEDING", moves.Breeding(max_repeats=1))
     replayed = replay(
         study_of(space(7), sampler="moves", trials=100, starts=STARTS, seed=0),
         lambda key, starts: replace(scored(key, 1), starts=starts),
@@ -454,7 +454,7 @@ def test_a_population_that_finds_nothing_better_is_given_up(
         met.append(key)
         return Tried(key, starts, "feasible", 1.0 if key == met[0] else 2.0, None)
 
-    monkeypatch.setattr(moves, "BREEDING", moves.Breeding(stale=stale))
+    monkeypatch.setattr(moves, "BREEDING", moves.Breeding(patience=stale))
     monkeypatch.setattr(moves, "draw_move", counted)
     monkeypatch.setattr(moves.Moves, "sample_relative", watched)
     trials = given_up + 24

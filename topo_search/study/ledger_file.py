@@ -96,7 +96,7 @@ class LedgerLost(Exception):
         self.design: Design | None = None
         """The best design, audited if possible: this may be its only copy."""
         rule = rule or (
-            "emptied during the run; the run stopped, and later results are kept only in the output printed here"
+            "emptied during the run; the run stopped, and later results are only in the output printed here"
         )
         super().__init__(f"{path}: was removed, moved, replaced or {rule}")
 
