@@ -119,8 +119,8 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
     if impossible is not None:
         record_proof(folder, n, impossible, lower_bound)
         return
-    for each in contexts:
-        ledger.forget_audit_failures(each)
+    for margin_context in contexts:
+        ledger.forget_audit_failures(margin_context)
     if ledger.is_complete(context, request.starts, request.trials) and not ledger.has_failures(context):
         audit_best(folder, n, lower_bound, tools)
         return
