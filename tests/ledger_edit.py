@@ -32,4 +32,4 @@ def forge(database, *statements):
 def rewritten(folder, name, content):
     """Change a file of a run, with its digest in the ledger right again afterwards."""
     with RunFolder.load(folder, writes=True) as run:
-        run.keep(name, content if isinstance(content, str) else content.decode())
+        run.write_file(name, content if isinstance(content, str) else content.decode())

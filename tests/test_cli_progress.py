@@ -107,10 +107,10 @@ def test_a_timed_run_plans_rounds_of_more_starts_by_the_name_of_polishing(tmp_pa
 
     class Told(Lines):
         def plan(self, plan):
-            phases.append([phase.same for phase in plan.phases if phase.starts])
+            phases.append([phase.plan_key for phase in plan.phases if phase.starts])
 
         def phase(self, phase):
-            phases.append(phase.same)
+            phases.append(phase.plan_key)
 
     toy_run(tmp_path / "run", starts=4, time_limit=1000.0, observer=Told(lambda _: None))
     planned, *met = phases

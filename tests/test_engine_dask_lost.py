@@ -109,7 +109,7 @@ def test_a_scheduler_that_is_restarted_without_workers_ends_the_run(tmp_path, mo
         os.kill(cluster.scheduler.pid, signal.SIGKILL)
         cluster.scheduler.wait()
         cluster.start_scheduler()
-        eventually(lambda: workers.stands, 60)
+        eventually(lambda: workers.is_connected, 60)
         with pytest.raises(WorkersLost, match=r"is gone|no worker has returned"):
             workers.run_one(square, 3, deadline=LONG)
 

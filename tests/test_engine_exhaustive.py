@@ -77,7 +77,7 @@ def test_what_cannot_get_a_design_is_left_alone(status):
 
 def test_a_design_that_meets_the_bound_ends_the_search_a_window_later():
     stages, reached = search(place, bound=1.0)
-    assert [key for proposals in stages for key, _ in proposals] == KEYS[: ExhaustiveSearch.ahead] == [*reached]
+    assert [key for proposals in stages for key, _ in proposals] == KEYS[: ExhaustiveSearch.lookahead] == [*reached]
 
 
 def test_a_bound_that_is_reached_ends_the_search_also_within_its_rounds_of_starts():

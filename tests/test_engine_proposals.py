@@ -21,14 +21,14 @@ from own_code import make_brute_force, make_grid, make_groups, make_qmc, make_ra
 from suites import few
 from toy_problem import follow
 
-from topo_search.engine.proposals import LEARNT, OptunaSearch, moves
+from topo_search.engine.proposals import MIN_RESULTS, OptunaSearch, moves
 from topo_search.engine.proposals.trials import HALVING
 from topo_search.engine.strategy import Candidates, Proposal, SamplerFactory, Strategy, Tried
 from topo_search.model import Topology
 from topo_search.model.files import read_task
 
 SAMPLERS = ("moves", "tpe", "nsga2", "random")
-FIRST = {"moves": 1} | dict.fromkeys(SAMPLERS[1:], HALVING.few)
+FIRST = {"moves": 1} | dict.fromkeys(SAMPLERS[1:], HALVING.first_starts)
 """Starts of a new tree."""
 STARTS = 10
 
@@ -151,8 +151,8 @@ def test_no_more_than_a_round_is_unknown_and_few_results_are_learnt_at_a_time(
     last = max(place for place, p in enumerate(replayed.searched) if p.starts == FIRST[sampler])
     full = slice(round_size, last)  # after it what is told is fewer and fewer
     learnt = {later - earlier for earlier, later in pairwise(replayed.known[full])}
-    assert learnt == {0, LEARNT} or round_size < LEARNT
-    assert min(ahead[full]) > round_size - LEARNT
+    assert learnt == {0, MIN_RESULTS} or round_size < MIN_RESULTS
+    assert min(ahead[full]) > round_size - MIN_RESULTS
     assert len(replayed.new) == 50
 
 
@@ -210,7 +210,7 @@ def test_a_small_space_is_exhausted_and_the_study_ends(sampler: str) -> None:
     replayed = replay(study_of(space(5), sampler=sampler, trials=1000, starts=STARTS, seed=0))
     reached = {p.candidate.key: p.starts for p in replayed.searched}
     assert sorted(reached) == [candidate.key for candidate in space(5).candidates()]
-    assert sum(starts > HALVING.few for starts in reached.values()) < len(reached) / 2
+    assert sum(starts > HALVING.first_starts for starts in reached.values()) < len(reached) / 2
     (stage,) = replayed.stages
     last = [scored(p.candidate.key, reached[p.candidate.key]) for p in stage]
     assert [s.objective or math.inf for s in last] == sorted(s.objective or math.inf for s in last)
@@ -252,11 +252,11 @@ def test_the_best_have_all_starts_and_few_others_do(sampler: str) -> None:
     reached = {p.candidate.key: p.starts for p in replayed.proposals}
     scores = [scored(key, starts) for key, starts in reached.items()]
     feasible = sorted((s for s in scores if s.objective), key=lambda s: s.objective or 0.0)
-    assert [s.starts for s in feasible[: HALVING.certain]] == [24] * HALVING.certain
+    assert [s.starts for s in feasible[: HALVING.finalists]] == [24] * HALVING.finalists
     number = Counter(reached.values())
     assert number.keys() <= {FIRST[sampler], 2, 4, 8, 16, 24}
-    assert sum(trees for starts, trees in number.items() if starts <= HALVING.few) > 80
-    assert HALVING.certain <= number[24] < 40
+    assert sum(trees for starts, trees in number.items() if starts <= HALVING.first_starts) > 80
+    assert HALVING.finalists <= number[24] < 40
     assert all(s.starts == FIRST[sampler] for s in scores if s.status in ("failed", "impossible"))
 
 
@@ -265,7 +265,7 @@ def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_plac
     monkeypatch: pytest.MonkeyPatch, round_size: int
 ) -> None:
     monkeypatch.setattr(
-        moves, "BREEDING", moves.Breeding(repeats=1)
+        moves, "BREEDING", moves.Breeding(max_repeats=1)
     )  # the more there are, the more often one's source is another one
 
     def missing(key: str, starts: int) -> Tried:
@@ -279,12 +279,12 @@ def test_what_is_carried_over_are_designs_that_nothing_in_flight_changes_in_plac
         replayed = replay(strategy, objective)
         had, lent = Counter[str](), defaultdict[str, set[str]](set)
         for place, (proposal, unknown) in enumerate(zip(replayed.searched, near_ahead(replayed), strict=True)):
-            key, near = proposal.candidate.key, proposal.near
+            key, near = proposal.candidate.key, proposal.warm_starts
             told = {one.candidate.key for one in replayed.searched[: place - len(unknown)]}
             assert told.issuperset(near)
             for one in unknown:
                 assert one.candidate.key not in {key, *near}
-                assert key not in one.near
+                assert key not in one.warm_starts
             assert all(objective(source, had[source]).objective is not None for source in near)
             assert len(set(near)) == len(near) <= proposal.starts - had[key]
             assert lent[key].isdisjoint(near)
@@ -316,7 +316,12 @@ def test_what_is_kept_of_trials_is_what_the_study_says(
         best = {merit[-1]: merit for merit in reversed(merits)}
         proposed, without = set(map(key_of, earlier)), set(map(key_of, failed))
         twins = {searched.twin_of(Topology.from_key(key)).key for key in proposed - without}
-        assert (kept.proposed, kept.lent, kept.failed, kept.completed) == (proposed, lent, without, len(over))
+        assert (kept.proposed, kept.warm_started, kept.failed, kept.completed) == (
+            proposed,
+            lent,
+            without,
+            len(over),
+        )
         assert kept.starts == {key_of(one): one.user_attrs["starts"] for one in over}
         assert [merit[:4] for merit in kept.ranking] == sorted(best.values())
         assert sampler._settled == proposed | twins
@@ -384,14 +389,14 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
     hidden = {tree.key for tree in trees[:2]}
 
     def objective(key: str, starts: int) -> Tried:
-        if key in hidden and starts <= HALVING.few:
+        if key in hidden and starts <= HALVING.first_starts:
             bad = (None, 1.0) if at_first == "infeasible" else (10.0, None)
             return Tried(key, starts, at_first, *bad)
         return scored(key, starts)
 
     def found(sampler: str, seed: int) -> bool:
         replayed = replay(study_of(space(8), sampler=sampler, trials=trials, starts=10, seed=seed), objective)
-        return any(p.candidate.key in hidden and p.starts > HALVING.few for p in replayed.proposals)
+        return any(p.candidate.key in hidden and p.starts > HALVING.first_starts for p in replayed.proposals)
 
     assert sum(found("moves", seed) for seed in range(3)) >= 2
     assert not any(found("random", seed) for seed in range(3))
@@ -399,7 +404,7 @@ def test_a_tree_whose_starts_miss_is_tried_again(at_first: str, trials: int) -> 
 
 def test_more_starts_that_fail_are_not_asked_for_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing but the first starts of a tree leads anywhere."""
-    monkeypatch.setattr(moves, "BREEDING", moves.Breeding(repeats=1))
+    monkeypatch.setattr(moves, "BREEDING", moves.Breeding(max_repeats=1))
     replayed = replay(
         study_of(space(7), sampler="moves", trials=100, starts=STARTS, seed=0),
         lambda key, starts: replace(scored(key, 1), starts=starts),
@@ -449,7 +454,7 @@ def test_a_population_that_finds_nothing_better_is_given_up(
         met.append(key)
         return Tried(key, starts, "feasible", 1.0 if key == met[0] else 2.0, None)
 
-    monkeypatch.setattr(moves, "BREEDING", moves.Breeding(stale=stale))
+    monkeypatch.setattr(moves, "BREEDING", moves.Breeding(patience=stale))
     monkeypatch.setattr(moves, "draw_move", counted)
     monkeypatch.setattr(moves.Moves, "sample_relative", watched)
     trials = given_up + 24

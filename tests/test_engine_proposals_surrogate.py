@@ -91,7 +91,7 @@ def test_a_ranking_is_forecast_and_the_unknown_is_given_a_chance(bend: float) ->
 
 def test_of_very_many_solved_trees_some_of_all_places_are_looked_at() -> None:
     rng = np.random.default_rng(1)
-    described = np.sort(rng.normal(size=(2 * REGRESSION.trees + 1, 1)), axis=0)
+    described = np.sort(rng.normal(size=(2 * REGRESSION.max_trees + 1, 1)), axis=0)
     bounds = Surrogate(described, range(len(described))).lower_confidence_bounds(np.array([[-2.0], [0.0], [2.0]]))
     assert bounds[0] < bounds[1] - 0.5 < bounds[2] - 1.0
 

@@ -43,7 +43,7 @@ def audited():
 
 def test_the_page_of_a_run_says_what_the_run_found(tmp_path):
     page = Reader(toy_page(tmp_path / "run", modules=(2, 3), starts=4, seed=5))
-    (best,) = re.findall(r"With 2 modules, the smallest size asked for, (\w+) is the best found", page.text)
+    (best,) = re.findall(r"With 2 modules, the smallest requested size, (\w+) is the best found", page.text)
     rows = json.loads(page.data["ranking-data"])["rows"]
     assert rows[0][0] == best
     assert {row[1] for row in rows} == {2, 3}
@@ -313,7 +313,7 @@ def test_ten_thousand_candidates_take_less_than_six_megabytes(tmp_path):
     request = Request(toy_task(9), "none", starts=1, seed=0)
     (context, *_), path = request.contexts(9), tmp_path / "run"
     with RunFolder.open(path, request) as folder:
-        folder.ledger.begin(context, lower_bound(context.task), None)
+        folder.ledger.add_context(context, lower_bound(context.task), None)
         drawn = list(itertools.islice(candidates(9), NUMBER))
         assert len(drawn) == NUMBER
         solved = solve(context.task, drawn[0].topology, starts=range(1), seed=0)

@@ -11,7 +11,7 @@ from topo_search.engine import Failed
 from topo_search.model import Task, Topology
 from topo_search.model.design import Stated
 from topo_search.model.files import read_task
-from topo_search.study import Own, Request
+from topo_search.study import Request, UserInputs
 from topo_search.topologies import candidates
 
 
@@ -76,8 +76,8 @@ def test_listed_trees_cover_a_size_if_none_is_left_out(fields):
     images = [tree.key for tree in candidates(3, symmetry="none", **space_options(task))]
     for left_out in sorted({space.key_of(Topology.from_key(key)) for key in images}):
         kept = [key for key in images if space.key_of(Topology.from_key(key)) != left_out]
-        assert not replace(whole, user_inputs=Own(topologies=tuple(kept))).covers(3)
-        assert replace(whole, user_inputs=Own(topologies=(*kept, left_out))).covers(3)
+        assert not replace(whole, user_inputs=UserInputs(topologies=tuple(kept))).covers(3)
+        assert replace(whole, user_inputs=UserInputs(topologies=(*kept, left_out))).covers(3)
 
 
 @pytest.mark.parametrize("symmetry", ["none", "c2", "d2", "c4", "d4"])
@@ -86,7 +86,7 @@ def test_a_lossy_symmetry_covers_no_size(symmetry):
     task = Task.model_validate({"name": "tilted", "modules": 4, "load_cases": [tilted]})
     assert Request(task, symmetry, starts=1, seed=0).covers(4) == (symmetry in ("none", "c2"))
     by_number = Stated(name="own", invariant="none", lower=0.0)
-    assert not Request(task, "c2", starts=1, seed=0, user_inputs=Own(constraints=(by_number,))).covers(4)
+    assert not Request(task, "c2", starts=1, seed=0, user_inputs=UserInputs(constraints=(by_number,))).covers(4)
 
 
 def test_merged_trees_that_were_not_solved_do_not_count_as_feasible(tmp_path):
@@ -108,7 +108,7 @@ def test_failed_candidates_are_not_among_those_of_which_a_design_is_the_best(tmp
     ("sizes", "proven", "told"),
     [
         (3, (), ""),
-        ((3, 4), (), "the smallest size asked for"),
+        ((3, 4), (), "the smallest requested size"),
         ((1, 4), (1, 2), "the smallest size with a design (proven that fewer, down to 1, have none)"),
         ((1, 4), (1,), "the smallest size with a design (not proven that fewer, down to 1, have none)"),
     ],

@@ -152,7 +152,7 @@ def test_the_proof_of_a_tree_that_is_impossible_is_checked_like_any_other(tmp_pa
     found = checked(path)
     assert found.settled
     assert {tree.key: tree.verdict for tree in found.trees}["a300"] == ("checked" if closes else "impossible")
-    assert ("1 said to be impossible, which is not checked" in found.sentences[0]) is not closes
+    assert ("1 recorded as impossible, which is not checked" in found.sentences[0]) is not closes
 
 
 def test_the_best_design_is_audited_again(run, monkeypatch):
@@ -209,7 +209,7 @@ def test_a_check_looks_which_trees_there_are(run, other):
     other = other.ljust(len(key), "0")
     forged(run, ("UPDATE candidates SET key = ? WHERE key = ?", (other, key)))
     with RunFolder.load(run, writes=True) as folder:
-        folder.keep(f"proof/{other}", to_json(Proof.model_validate(proof | {"topology_key": other})))
+        folder.write_file(f"proof/{other}", to_json(Proof.model_validate(proof | {"topology_key": other})))
     found = checked(run)
     assert [tree.fault for tree in found.trees if tree.key == other] == ["is no candidate of this run"]
     assert "checked:" not in found.sentences[0]
@@ -219,7 +219,7 @@ def test_a_check_looks_which_trees_there_are(run, other):
 def test_a_replaced_best_design_is_refused(run):
     best, *_ = table(run)
     with RunFolder.load(run) as folder:
-        text = folder.text(next(row for row in folder.ledger.ranking(3) if row.key == best))
+        text = folder.design_text(next(row for row in folder.ledger.ranking(3) if row.key == best))
     design = Design.model_validate_json(text)
     looser = design.model_copy(update={"task": design.task.model_copy(update={"gravity": 1.0})})
     for other in (looser, design.model_copy(update={"objective": design.objective * 0.9})):

@@ -42,14 +42,14 @@ def read(run):
 @pytest.mark.parametrize("table", ["run", "contexts", "candidates", "texts", "solves"])
 def test_a_table_that_was_dropped(run, use, table):
     damaged(run, f"DROP TABLE {table}")
-    with named(run, f"its table {table} is not as this program makes it"):
+    with named(run, f"its table {table} is not as this program creates it"):
         use(run)
 
 
 @pytest.mark.parametrize("use", [toy_run, read])
 def test_a_column_that_has_another_name(run, use):
     damaged(run, "ALTER TABLE candidates RENAME COLUMN standing TO stands")
-    with named(run, "its table candidates is not as this program makes it"):
+    with named(run, "its table candidates is not as this program creates it"):
         use(run)
 
 
@@ -57,8 +57,8 @@ def test_a_column_that_has_another_name(run, use):
 @pytest.mark.parametrize(
     ("harm", "what"),
     [
-        ("DELETE FROM run", "its table run has 0 rows in place of one"),
-        ("INSERT INTO run SELECT * FROM run", "its table run has 2 rows in place of one"),
+        ("DELETE FROM run", "its table run has 0 rows instead of one"),
+        ("INSERT INTO run SELECT * FROM run", "its table run has 2 rows instead of one"),
         ("UPDATE run SET identity = json_remove(identity, '$.seed')", "seed: is required, but missing"),
         (
             "UPDATE run SET identity = json_set(identity, '$.seed', 'soon')",
@@ -95,14 +95,14 @@ def test_an_identity_that_is_no_text(run, use):
 def test_what_was_asked_for_last_is_no_number(run):
     forged(run, "UPDATE run SET starts = 'many'")
     for use in (toy_run, read):
-        with named(run, "a row of its table run has a value of another kind"):
+        with named(run, "a row of its table run has a value of the wrong type"):
             use(run)
 
 
 @pytest.mark.parametrize("harm", ["''", "'{'", "'[]'", "'{\"x\": NaN}'", "replace(fixed_by, 'numpy', 'numpi')"])
 def test_a_context_that_is_not_what_was_written(run, harm):
     forged(run, f"UPDATE contexts SET fixed_by = {harm}")
-    with pytest.raises(BadInput, match=r"is damaged \(what it holds of context [0-9a-f]{16} has changed"):
+    with pytest.raises(BadInput, match=r"is damaged \(its entry for context [0-9a-f]{16} has changed"):
         read(run)
 
 
@@ -137,7 +137,7 @@ def test_a_file_that_is_no_database(tmp_path):
 
 def test_a_folder_in_place_of_the_file(tmp_path):
     (tmp_path / "ledger.sqlite").mkdir()
-    with pytest.raises(BadInput, match=r"ledger\.sqlite: is no file; it is left unchanged"):
+    with pytest.raises(BadInput, match=r"ledger\.sqlite: is not a regular file; it is left unchanged"):
         toy_run(tmp_path)
 
 

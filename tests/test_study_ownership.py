@@ -327,7 +327,7 @@ def test_names_of_files_in_a_crafted_ledger_remove_nothing_outside(tmp_path):
 def test_what_runs_within_a_crafted_ledger_is_refused(tmp_path, made):
     toy_run(tmp_path)
     forged(tmp_path, f"CREATE {made}")
-    with pytest.raises(BadInput, match="is not as this program makes it"):
+    with pytest.raises(BadInput, match="is not as this program creates it"):
         toy_run(tmp_path)
 
 

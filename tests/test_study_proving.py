@@ -17,7 +17,7 @@ from topo_search.model.proven import gap_percent
 from topo_search.report.run_page import run_page
 from topo_search.study import RunFolder, Silent, answer_of, prove
 from topo_search.study.answer import candidates
-from topo_search.study.proofs import bounded_alike, problem, target
+from topo_search.study.proofs import problem, proofs_hold_for, target
 
 
 class Prover:
@@ -112,8 +112,8 @@ def test_a_tree_that_cannot_be_closed_is_open_and_nothing_is_claimed(run):
     row = table(run)[key]
     assert row["proof"] == "open"
     assert float(row["proven_bound"]) == toy_problem.BOUND
-    assert "1 open; nothing new is proven" in answer.sizes[0].proven
-    assert f"the same command cannot close {key}, " in answer.sizes[0].proven
+    assert "1 open; nothing is proven for the size" in answer.sizes[0].proven
+    assert f"the same command cannot close {key}: " in answer.sizes[0].proven
     assert not answer.sizes[0].proof_resumable
     again = Prover()
     assert proven(run, again).sizes == answer.sizes
@@ -211,16 +211,16 @@ def test_proofs_of_a_run_without_exposure_serve_for_one_with_it(run, tmp_path):
     proven(run, Prover())
     other, prover = tmp_path / "other", Prover()
     toy_run(other, task=exposed(toy_task()))
-    answer = proven(other, prover, lender=run, gap=0.02)
+    answer = proven(other, prover, source_run=run, gap=0.02)
     assert not prover.asked
     assert "no 3-module topology is more than 1.00 % better" in answer.sizes[0].proven
-    with RunFolder.load(run) as lender, RunFolder.load(other) as folder:
-        lent, taken = lender.proofs(3), folder.proofs(3)
+    with RunFolder.load(run) as source, RunFolder.load(other) as folder:
+        lent, taken = source.proofs(3), folder.proofs(3)
     assert {key: proof.chunks for key, proof in taken.items()} == {key: proof.chunks for key, proof in lent.items()}
     assert {proof.task.name for proof in taken.values()} == {"toy-local"}
     assert proven(other, prover, gap=0.02).sizes == answer.sizes
     assert not prover.asked
-    proven(other, prover, lender=run, gap=0.001)  # what proves less than is asked for is not taken
+    proven(other, prover, source_run=run, gap=0.001)  # what proves less than is asked for is not taken
     assert prover.asked
 
 
@@ -228,11 +228,11 @@ def test_an_open_proof_or_one_of_another_task_serves_for_no_other(run, tmp_path)
     proven(run, Prover(refuses=table(run)))
     toy_run(tmp_path / "other", task=exposed(toy_task()))
     with pytest.raises(BadInput, match=r"has no complete proof that holds for toy-local, n = 3"):
-        proven(tmp_path / "other", Prover(), lender=run)
+        proven(tmp_path / "other", Prover(), source_run=run)
     proven(tmp_path / "other", Prover())
     toy_run(tmp_path / "heavy", task=toy_task().model_copy(update={"gravity": 3.7}))
     with pytest.raises(BadInput, match="only name and exposure may differ"):
-        proven(tmp_path / "heavy", Prover(), lender=tmp_path / "other")
+        proven(tmp_path / "heavy", Prover(), source_run=tmp_path / "other")
 
 
 def test_the_page_says_what_is_proven(run):
@@ -289,12 +289,12 @@ def test_a_proof_names_what_its_bound_takes_in_beyond_load_cases():
     assert "reserves" not in problem(weak, "solver")
     for which, cases in (("hover", "hover"), ("all", "hover and load cases that carry the weight")):
         dead = plain.with_fields("flight", rotor_out=which).with_fields("module", min_input=0.1)
-        assert f"; with {cases} with any one rotor dead, least inputs;" in problem(dead, "task")
+        assert f"; with {cases} with any one rotor dead, minimum inputs;" in problem(dead, "task")
 
 
 def test_a_proof_with_a_wall_is_none_of_a_task_without():
     plain = toy_task().resolve(3)
     wall = plain.model_copy(update={"exposure": (Allowed(planes=(Plane(normal=(1.0, 0.0, 0.0)),)),)})
-    assert bounded_alike(plain, wall)
-    assert bounded_alike(wall, wall)
-    assert not bounded_alike(wall, plain)
+    assert proofs_hold_for(plain, wall)
+    assert proofs_hold_for(wall, wall)
+    assert not proofs_hold_for(wall, plain)

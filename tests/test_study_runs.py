@@ -256,7 +256,7 @@ def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path, protected):
         toy_run(tmp_path / "run")
     with pytest.raises(BadInput, match=r"^/proc/self: is not a run folder, and not empty: it has .*; choose"):
         toy_run("/proc/self")
-    with pytest.raises(BadInput, match=r"^/proc/nowhere/deep: cannot be made: No such file or directory; choose"):
+    with pytest.raises(BadInput, match=r"^/proc/nowhere/deep: cannot be created: No such file or directory;"):
         toy_run("/proc/nowhere/deep")
 
 

@@ -49,7 +49,7 @@ def run_strategy(path, *, until=math.inf, strategy=halving):
     request = Request(toy_task(4), "c2", 9, 0)
     scripted = Scripted(strategy, request.space(4))
     with RunFolder.open(path, request) as folder:
-        folder.ledger.begin(request.contexts(4)[0], toy_problem.BOUND, None)
+        folder.ledger.add_context(request.contexts(4)[0], toy_problem.BOUND, None)
         tools = Tools(toy_problem.BACKENDS, InProcess(1), Silent(), until)
         return solve_proposals(scripted, folder, 4, toy_problem.BOUND, tools), scripted.told
 
@@ -96,8 +96,8 @@ def test_what_has_no_design_comes_with_its_violation(tmp_path, monkeypatch):
 def warm_starting(strategy, space, told):
     first, second, third = itertools.islice(space.candidates(), 3)
     told.append((yield from strategy.scores_of(Proposal(first, 1))))
-    told.append((yield from strategy.scores_of(Proposal(second, 3, near=(first.key,)), Proposal(third, 1))))
-    told.append((yield from strategy.scores_of(Proposal(first, 2), Proposal(third, 3, near=(second.key,)))))
+    told.append((yield from strategy.scores_of(Proposal(second, 3, warm_starts=(first.key,)), Proposal(third, 1))))
+    told.append((yield from strategy.scores_of(Proposal(first, 2), Proposal(third, 3, warm_starts=(second.key,)))))
 
 
 def test_a_design_is_carried_over_in_place_of_the_next_start(tmp_path, log):
@@ -118,7 +118,7 @@ def test_designs_may_stand_for_all_of_the_first_starts(tmp_path, log):
     def carried_over_alone(strategy, space, told):
         first, second, third = itertools.islice(space.candidates(), 3)
         told.append((yield from strategy.scores_of(Proposal(first, 1), Proposal(second, 1))))
-        told.append((yield from strategy.scores_of(Proposal(third, 2, near=(first.key, second.key)))))
+        told.append((yield from strategy.scores_of(Proposal(third, 2, warm_starts=(first.key, second.key)))))
         told.append((yield from strategy.scores_of(Proposal(third, 4))))
 
     ended, told = run_strategy(tmp_path / "run", strategy=carried_over_alone)
@@ -168,7 +168,7 @@ def test_a_ledger_of_an_older_version_is_refused_and_left_as_it_is(tmp_path):
 def test_a_design_that_meets_the_bound_spares_the_rest_which_is_counted(tmp_path, monkeypatch, log):
     keys = sorted(table_of_all(tmp_path))
     ahead = (
-        ExhaustiveSearch.ahead + 3
+        ExhaustiveSearch.lookahead + 3
     )  # for each result before the one that meets the bound another one was proposed
     monkeypatch.setenv("TOY_OPTIMAL", keys[3])
     log.write_text("")

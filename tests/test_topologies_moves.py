@@ -82,7 +82,7 @@ def test_what_cannot_be_moved_is_refused() -> None:
     chain = Topology.from_key("a120")
     with pytest.raises(ValueError, match=r"`0 < i < 3` must hold, but got i = 0"):
         graft(chain, 0, (1, 1))
-    with pytest.raises(ValueError, match=r"module 2 goes with module 1, but got at = \(2, 1\)"):
+    with pytest.raises(ValueError, match=r"module 2 is in the part of module 1, but got at = \(2, 1\)"):
         graft(chain, 1, (2, 1))
     with pytest.raises(ValueError, match="carries one joint"):
         graft(chain, 2, (0, 0))

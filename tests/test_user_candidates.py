@@ -34,7 +34,7 @@ def test_only_listed_candidates_are_solved_as_they_stand(hover, tmp_path):
     listed = ["a500", Topology.from_key("a300"), Topology.from_key("aa00").graph(), "a140"]  # two are one design
     answer = search(hover, out=tmp_path / "run", topologies=listed, starts=1)
     assert keys(answer) == ["a140", "a300", "a500", "aa00"]
-    assert "every topology that was given is a candidate" in answer.sizes[0].quotient
+    assert "every listed topology is a candidate" in answer.sizes[0].quotient
     assert search(hover, out=tmp_path / "run", topologies=reversed(listed), starts=1).best == answer.best
     with pytest.raises(BadInput, match="a run with other topologies"):
         search(hover, out=tmp_path / "run", topologies=["a500"], starts=1)

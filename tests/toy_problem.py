@@ -35,7 +35,7 @@ from topo_search.model import (
     WorstCase,
     Wrench,
 )
-from topo_search.study import DEFAULT_ROUND, Own, Request, Row, Silent, run, solve_single
+from topo_search.study import DEFAULT_ROUND, Request, Row, Silent, UserInputs, run, solve_single
 
 BOUND = 1.0
 """Every objective lies above."""
@@ -208,7 +208,7 @@ def toy_run(
 ):
     """Run the toy problem: on an engine, in worker processes if their number is given, or in this process."""
     asked = task or toy_task(modules)
-    own = Own(topologies=listed)
+    own = UserInputs(topologies=listed)
     request = Request(asked, symmetry, starts, seed, strategy, sampler, trials, prune, round_size, user_inputs=own)
     place = Workers(workers) if workers else InProcess(1)
     with nullcontext(engine) if engine else place as engine:

@@ -27,7 +27,7 @@ from topo_search.compose import BACKENDS
 from topo_search.engine import Candidates, Engine, Failed, Job, Workers
 from topo_search.model.files import read_task
 from topo_search.study import Request, Silent, run
-from topo_search.study.request import Own
+from topo_search.study.request import UserInputs
 
 FEW = 4
 """Trees of the search in which code is loaded."""
@@ -72,7 +72,7 @@ def main() -> None:
             def request(trees: int, strategy: str = strategy) -> Request:
                 asked = Request(task, "task", default_starts(task), 0)
                 if strategy == "exhaustive":
-                    return replace(asked, user_inputs=Own(topologies=tuple(drawn[:trees])))
+                    return replace(asked, user_inputs=UserInputs(topologies=tuple(drawn[:trees])))
                 return replace(asked, strategy="optuna", trials=trees)
 
             searched(request(FEW), workers)

@@ -24,7 +24,7 @@ from topo_search.model import Design
 from topo_search.study import Request, RunFolder, Silent
 from topo_search.study.directory import digest_of
 from topo_search.study.ledger import row_of
-from topo_search.study.solving import Proposals
+from topo_search.study.solving import ProposedJobs
 
 BATCH = 1000
 
@@ -36,7 +36,7 @@ def fill(path: Path, request: Request, n: int) -> None:
     first = solve(context.task, next(space.candidates()).topology, starts=range(1), seed=0)
     assert isinstance(first, Design)
     with RunFolder.open(path, request) as folder:
-        folder.ledger.begin(context, BOUND, None)
+        folder.ledger.add_context(context, BOUND, None)
         while batch := list(islice(candidates, BATCH)):
             rows = []
             for candidate in batch:
@@ -57,7 +57,7 @@ def resume(path: Path, request: Request, n: int) -> None:
     space = request.space(n)
     with RunFolder.open(path, request) as folder:
         laps.append(("opening and checking the ledger", time.process_time()))
-        candidates = Proposals(ExhaustiveSearch(space, starts=1, timed=False), folder, n, BOUND, Silent())
+        candidates = ProposedJobs(ExhaustiveSearch(space, starts=1, timed=False), folder, n, BOUND, Silent())
         laps.append(("reading what is known", time.process_time()))
         if next(candidates.jobs(), None) is None:
             raise SystemExit("no job was left: the ledger holds everything")

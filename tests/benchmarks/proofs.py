@@ -22,7 +22,7 @@ from nlp.bounds.branch.proof import MOST_BOXES
 from topo_search.model import Chunk, Topology
 from topo_search.model.proof import Problem, chunk_count
 from topo_search.study import RunFolder
-from topo_search.study.proofs import knows, target
+from topo_search.study.proofs import bounded_requirements, target
 from verify import check_chunk
 
 
@@ -46,7 +46,8 @@ def main() -> None:
             prove_chunk(task, Topology.from_key(best.key), 0, best.objective, asked.problem, most_boxes=1)
             if asked.check:
                 check_chunk(task, Topology.from_key(best.key), 0, best.objective, Chunk.of(0, "closed", b"\0"))
-            print(f"{task.name}, {n} modules, about the {asked.problem}: {', '.join(knows(task, asked.problem))}")
+            requirements = ", ".join(bounded_requirements(task, asked.problem))
+            print(f"{task.name}, {n} modules, about the {asked.problem}: {requirements}")
             print("key        aim         cut/best     boxes   CPU s  chunks closed, check: CPU s, boxes halved")
             rows = [row for row in folder.ledger.ranking(n) if not asked.trees or row.key in asked.trees]
             drawn = random.Random(asked.seed).sample(rows, asked.sample) if asked.sample else rows

@@ -70,7 +70,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     kept: dict[int, list[Job]] = {}
     for size in arguments.rounds:
-        few = BREEDING.at_once if size >= BREEDING.many else 1
+        few = BREEDING.many_starts if size >= BREEDING.many_open else 1
         if few not in kept:
             kept[few] = measured(space, task, arguments.jobs, few)
         jobs, seconds = kept[few], [job.seconds for job in kept[few]]
@@ -140,7 +140,7 @@ def simulated(space: Candidates, jobs: list[Job], size: int, trials: int, worker
     with suppress(StopIteration):
         for proposal in search.propose(lambda _: solver.results(1)[0]):
             if proposal is not None:
-                solver.submit(proposal, again=search.stage is not None and search.stage.again)
+                solver.submit(proposal, again=search.stage is not None and search.stage.is_repeat)
     spans = solver.spans
     last, end = max(began for began, _ in spans), max(solver.free)
     shares = (sum(min(b, until) - a for a, b in spans) / (workers * until) for until in (last, end))

@@ -146,7 +146,7 @@ class Solved:
         """Solve a candidate from the starts that it lacks."""
         key = proposal.candidate.key
         first = self._starts.get(key, 0)
-        sources = [self._outcomes[key] for key in proposal.near]
+        sources = [self._outcomes[key] for key in proposal.warm_starts]
         near = [source for source in sources if isinstance(source, Design)]
         starts = range(first + len(near), proposal.starts)
         outcome = nlp.solve(self.task, proposal.candidate.topology, starts=starts, seed=self.seed, near=near)

@@ -87,7 +87,7 @@ class Bar:
 
         self._time_left().begin(phase, time.monotonic())
         self._phase, self._done = phase, 0
-        steps = f"0/{phase.steps}" if phase.steps > 1 or not phase.alone else ""
+        steps = f"0/{phase.steps}" if phase.steps > 1 or not phase.is_serial else ""
         self._progress.update(self._task, description=stage(phase), steps=steps)
 
     def settled(self, incumbent: Row | None, *, known: bool = False) -> None:

@@ -22,7 +22,7 @@ import nlp
 import verify
 from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Workers, computing_versions
 from topo_search.engine.strategy import OwnSampler, SamplerFactory, TopologySampler
-from topo_search.engine.workers import Given
+from topo_search.engine.workers import SolveOptions
 from topo_search.limits import LIMITS
 from topo_search.model import (
     Audit,
@@ -58,16 +58,16 @@ class Composed:
 
     constraints: tuple[OwnConstraint, ...] = ()
 
-    def solve(self, task: ResolvedTask, topology: Topology, **given: Unpack[Given]) -> Design | Infeasible:
+    def solve(self, task: ResolvedTask, topology: Topology, **options: Unpack[SolveOptions]) -> Design | Infeasible:
         """Solve one topology."""
-        outcome = nlp.solve(task, topology, constraints=self.constraints, **given)
+        outcome = nlp.solve(task, topology, constraints=self.constraints, **options)
         return self._mount(task, outcome) if isinstance(outcome, Design) else outcome
 
     def local_optima(
-        self, task: ResolvedTask, topology: Topology, *, most_effort: float, **given: Unpack[Given]
+        self, task: ResolvedTask, topology: Topology, *, most_effort: float, **options: Unpack[SolveOptions]
     ) -> list[Design]:
         """Find the local optima of one topology."""
-        found = nlp.local_optima(task, topology, constraints=self.constraints, most_effort=most_effort, **given)
+        found = nlp.local_optima(task, topology, constraints=self.constraints, most_effort=most_effort, **options)
         return [self._mount(task, design) for design in found]
 
     def audit(self, geometry: Geometry) -> Audit:

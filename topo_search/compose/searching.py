@@ -35,11 +35,11 @@ from topo_search.study import (
     Answer,
     Checked,
     Observer,
-    Own,
     Request,
     RunFolder,
     Silent,
     StrategyName,
+    UserInputs,
     run,
 )
 from topo_search.study import check as check_run
@@ -134,14 +134,14 @@ def search(
         trials if strategy == "optuna" else None,
         prune and strategy != "optuna",
         round_size,
-        user_inputs=Own(
+        user_inputs=UserInputs(
             topologies=None if topologies is None else own_candidates(topologies, base_task),
             near=tuple(digest(design.model_dump(mode="json", exclude={"solver"})) for design in designs),
             constraints=tuple(one.stated for one in checked),
             sampler=None if own_sampler is None else own_sampler.stated,
         ),
         near=designs,
-        propose=None if own_sampler is None else own_sampler.make,
+        sampler_factory=None if own_sampler is None else own_sampler.make,
     )
     path = Path("runs") / request.folder_name if out is None else Path(out)
     patient = strategy is not None or dask is not None or math.isfinite(time_limit) or path.exists()
@@ -153,9 +153,9 @@ def search(
         refuse_unprovable(request, base_task.name)
         _refuse_gap("prove", prove)
     if own_sampler is not None:
-        from topo_search.engine.proposals import make_own
+        from topo_search.engine.proposals import make_user_sampler
 
-        make_own(own_sampler.make, seed)
+        make_user_sampler(own_sampler.make, seed)
     for n in base_task.sizes if checked else ():
         resolved, topology = base_task.resolve(n), next(request.space(n).candidates()).topology
         nlp.refuse_unusable(checked, resolved, topology)
@@ -245,7 +245,7 @@ def prove(
             gap=gap,
             key=topology,
             problem=problem,
-            lender=None if lender is None else Path(lender),
+            source_run=None if lender is None else Path(lender),
             time_limit=time_limit,
         )
 

@@ -1,7 +1,15 @@
-"""The search engine: solves candidates in worker processes and hands their outcomes on, storing nothing."""
+"""The search engine: search strategies, and workers that run jobs in other processes; it stores nothing."""
 
 from topo_search.engine.dask_workers import Certificates, DaskWorkers, computing_versions
-from topo_search.engine.strategy import Candidates, ExhaustiveSearch, Listed, Proposal, Strategy, Tried, may_beat
+from topo_search.engine.strategy import (
+    Candidates,
+    ExhaustiveSearch,
+    ListedCandidates,
+    Proposal,
+    Strategy,
+    Tried,
+    may_beat,
+)
 from topo_search.engine.workers import (
     AuditDesign,
     Backends,

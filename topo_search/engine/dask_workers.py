@@ -1,9 +1,10 @@
-"""The workers of a Dask cluster: the same jobs, on other machines.
+"""An engine that runs jobs on the workers of a Dask cluster.
 
-Each Dask worker hands jobs one by one to a child process, that of `Workers`, so that a crash or a hang costs one
-job. Jobs and results pass through the Dask worker as bytes: only the child loads what solves.
+Each Dask worker passes its jobs one by one to a child process of `Workers`, so that a crash or a hang costs one
+job. Jobs and results pass through the Dask worker as bytes; only the child loads the solver.
 
-The connection to the scheduler, with TLS if it has certificates, answers in a limited time, or is lost.
+The connection to the scheduler, with TLS if there are certificates, counts as lost without an answer in limited
+time.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from multiprocessing import current_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from topo_search.engine.workers import Engine, Failed, Item, Result, Results, Work, Workers, WorkersLost
+from topo_search.engine.workers import Engine, Failed, Item, Result, Results, Workers, WorkersLost, Workload
 from topo_search.limits import quantity
 from topo_search.model import BadInput
 from topo_search.supervisor import tell
@@ -41,20 +42,20 @@ Reply = TypeVar("Reply")
 
 @dataclass(frozen=True)
 class Certificates:
-    """PEM files. Whoever has a certificate of the authority is trusted, whatever host it names."""
+    """PEM files for TLS. Any holder of a certificate of the authority is trusted, whatever host it names."""
 
     ca: Path
-    """Certificate of the authority that both ends trust."""
+    """Certificate of the authority that both sides trust."""
     cert: Path
-    """Certificate of this end, signed by it."""
+    """Certificate of this side, signed by the authority."""
     key: Path
-    """Private key of this end, without a passphrase."""
+    """Private key of this side, without a passphrase."""
 
     def __post_init__(self) -> None:
-        """Refuse files that cannot be used.
+        """Check the files.
 
         Raises:
-            BadInput: one is missing, or is no such file, or key and certificate are not of each other.
+            BadInput: a file is missing or invalid, or the key does not belong to the certificate.
         """
         for field in fields(self):
             path = getattr(self, field.name)
@@ -69,16 +70,16 @@ class Certificates:
             context.load_verify_locations(cafile=self.ca)
             option = "dask-cert, dask-key"
             what = f"a certificate and its key in PEM format, but got {self.cert}, {self.key}"
-            context.load_cert_chain(self.cert, self.key, password="")  # no passphrase is asked for
+            context.load_cert_chain(self.cert, self.key, password="")  # else OpenSSL would prompt for a passphrase
         except ssl.SSLError as error:
             raise BadInput(option, f"must be {what} ({error})") from None
 
 
 def _security(address: str, certificates: Certificates | None) -> Security | None:
-    """Return how a scheduler is connected to; None: as Dask's own configuration has it.
+    """Return the security settings of a connection; None: those of Dask's configuration.
 
     Raises:
-        BadInput: certificates without TLS, or TLS without certificates.
+        BadInput: there are certificates without TLS, or TLS without certificates.
     """
     encrypted = address.startswith("tls://")
     if certificates is not None:
@@ -86,56 +87,60 @@ def _security(address: str, certificates: Certificates | None) -> Security | Non
             raise BadInput("dask", f"must be tls://HOST:PORT for certificates, but got {address!r}")
         from distributed import Security
 
-        ends = {"tls_ca_file": "ca", "tls_client_cert": "cert", "tls_client_key": "key"}
-        files = {name: str(getattr(certificates, end)) for name, end in ends.items()}
+        fields_by_name = {"tls_ca_file": "ca", "tls_client_cert": "cert", "tls_client_key": "key"}
+        files = {name: str(getattr(certificates, field)) for name, field in fields_by_name.items()}
         return Security(require_encryption=True, **files)
     if encrypted:
         import distributed  # noqa: F401 (has the defaults of the configuration)
         from dask import config
 
-        needs = ("distributed.comm.tls.ca-file", "distributed.comm.tls.client.cert")  # a key may be in the latter
-        if lacking := [name for name in needs if config.get(name) is None]:
+        required = (
+            "distributed.comm.tls.ca-file",
+            "distributed.comm.tls.client.cert",
+        )  # the latter may have the key
+        if missing := [name for name in required if config.get(name) is None]:
             rule = (
                 "needs certificates with tls://HOST:PORT: give --dask-ca, --dask-cert and --dask-key (in Python: "
-                f"dask_tls), or set {' and '.join(lacking)} in Dask's configuration"
+                f"dask_tls), or set {' and '.join(missing)} in Dask's configuration"
             )
             raise BadInput("dask", rule)
     return None
 
 
 def _require_scheduler(address: str) -> None:
-    """Refuse another program's port: a scheduler speaks first, and begins with the length of what it says.
+    """Refuse the port of another program: a scheduler speaks first, beginning with the length of its message.
 
-    A port that is closed is left to Dask, which tries again: the scheduler may only just be starting.
+    A closed port is left to Dask, which tries again, since the scheduler may still be starting.
 
     Raises:
-        ValueError: something else answers, or nothing does.
+        ValueError: another program answers.
+        TimeoutError: nothing answers.
     """
-    scheme, end = address.split("://")
+    scheme, location = address.split("://")
     if scheme == "tls":
-        return  # the handshake of TLS refuses other programs
-    host, port = end.rsplit(":", 1)
+        return  # the TLS handshake refuses other programs
+    host, port = location.rsplit(":", 1)
     with (
         suppress(ConnectionError),
         socket.create_connection((host.strip("[]"), int(port)), DURATIONS.answer) as stream,
     ):
         greeting = stream.recv(8, socket.MSG_WAITALL)
-        if len(greeting) == 8 and int.from_bytes(greeting, "little") > 1 << 20:  # a scheduler's is far shorter
+        if len(greeting) == 8 and int.from_bytes(greeting, "little") > 1 << 20:  # a scheduler's message is short
             raise ValueError("another program answers there")
 
 
-def _begin(function: Callable[[], Reply]) -> Future[Reply]:
-    """Call a function in a thread that is left to itself when nobody waits any more."""
-    ended: Future[Reply] = Future()
-    threading.Thread(target=_settle, args=(ended, function), daemon=True).start()
-    return ended
+def _call_in_thread(function: Callable[[], Reply]) -> Future[Reply]:
+    """Call a function in a daemon thread, which is abandoned if its result takes too long."""
+    future: Future[Reply] = Future()
+    threading.Thread(target=_settle, args=(future, function), daemon=True).start()
+    return future
 
 
 def _settle(future: Future[Reply], call: Callable[[], Reply]) -> None:
-    """Give a future what a call returns or raises."""
+    """Set a future to what a call returns or raises."""
     try:
         future.set_result(call())
-    except BaseException as error:  # noqa: BLE001 (whatever it is, it is raised where the result is waited for)
+    except BaseException as error:  # noqa: BLE001 (it is raised where the result is read)
         future.set_exception(error)
 
 
@@ -151,27 +156,27 @@ COMPUTING = (
     "scipy",
     "trimesh",
 )
-"""Distributions that a job computes with, from the task to the audit; Python counts with them."""
+"""Distributions that jobs compute with, from the task to the audit; the version of Python counts too."""
 _first_child = threading.Lock()
 _thread = threading.local()
-"""Keeps, for each thread of a Dask worker, which runs one task at a time, a child that ends with the Dask worker,
-and the versions that it was found to have: they must not be changed under it."""
+"""State of each thread of a Dask worker, which runs one batch at a time: its `child` process, which ends with the
+Dask worker, and the `versions` that were last checked."""
 
 
 @dataclass(frozen=True)
 class Durations:
-    """Durations in dealing with a Dask cluster [s]."""
+    """Durations for a Dask cluster [s]."""
 
     answer: float = 60.0
-    """Longest wait for the scheduler to answer: it may only just be starting."""
+    """Longest wait for an answer of the scheduler, which may still be starting."""
     batch: float = 2.0
-    """Target of a batch of jobs: long compared with a child's wait for the next one."""
+    """Target duration of a batch: long compared with the delay between two batches."""
     away: float = 600.0
-    """Longest wait for Dask workers when all have left: a scheduler that was restarted may get none."""
+    """Longest wait for a Dask worker after all have left."""
     poll: float = 1.0
-    """Period at which the scheduler's list of workers is looked at."""
+    """Period at which the scheduler's list of workers is read."""
     preparation: float = 600.0
-    """Longest time for a Dask worker to compile before jobs are sent."""
+    """Longest time for a Dask worker to compile before it gets jobs."""
 
 
 DURATIONS = Durations()
@@ -182,67 +187,67 @@ class Batch:
     """Jobs that are sent together."""
 
     calls: tuple[bytes, ...]
-    """A function and its job each, pickled."""
+    """For each job, its function and the job, pickled."""
     deadlines: tuple[float, ...]
-    """Seconds that each may take."""
+    """For each job, the time after which it counts as hung [s]."""
     seconds: float
-    """After which what has not ended is dropped."""
+    """Time after which unfinished jobs are dropped [s]."""
     versions: dict[str, str]
-    """Versions of the distributions that can change a result."""
+    """Required versions of the distributions that can change a result."""
 
 
 @dataclass(frozen=True)
-class Ended:
+class BatchResult:
     """Results of a batch."""
 
     results: tuple[tuple[int, bytes | Failed], ...]
-    """The place in the batch, and the pickled result, of each job that was begun and not dropped."""
+    """The index in the batch and the pickled result of each job that was started and not dropped."""
     seconds: float
-    """Time they took together [s]."""
+    """Total time [s]."""
 
 
-def run_guarded(batch: Batch) -> Ended:
-    """Run the jobs of a batch that can be begun in its time (in a Dask worker).
+def run_batch(batch: Batch) -> BatchResult:
+    """Run the jobs of a batch that can be started in its time (in a Dask worker).
 
     Raises:
-        WorkersLost: this Dask worker can run no job, or none whose result could be reproduced.
+        WorkersLost: this Dask worker cannot run jobs, or its results may differ from those of other workers.
     """
-    if getattr(_thread, "versions", None) != batch.versions:  # to look them up takes as long as many a job
+    if getattr(_thread, "versions", None) != batch.versions:  # reading them takes as long as many a job
         if fault := find_fault(batch.versions)():
             raise WorkersLost(f"the Dask worker {current_process().name} {fault}")
         _thread.versions = batch.versions
     if not hasattr(_thread, "child"):
-        # Dask sets it for its workers, which may hold much data: the C library then gives memory back to the system
-        # as soon as it is free. A solver needs it again at once, and takes a sixth longer: children do without.
+        # Dask sets this so that the C library returns free memory to the system immediately. Solvers need the
+        # memory again at once and would take a sixth longer, so children run without it.
         os.environ.pop("MALLOC_TRIM_THRESHOLD_", None)
         from topo_search.model.compiled_code import choose_folder
 
         with _first_child:
-            choose_folder()  # for all children: where it is a temporary one, the line that says so comes once
+            choose_folder()  # once for all children, since it prints a line if the folder is temporary
         _thread.child = Workers(1).__enter__()
     child: Workers = _thread.child
     started_at = time.monotonic()
 
     def calls() -> Iterator[tuple[int, bytes]]:
-        """Yield calls with their places. Slow jobs after quick ones may be many: who is idle shall have them."""
+        """Yield numbered calls until the batch's time is over, so that idle workers get the remaining jobs."""
         for number, call in enumerate(batch.calls):
             if number == 0 or time.monotonic() - started_at < DURATIONS.batch:
                 yield number, call
 
     results: list[tuple[int, bytes | Failed]] = []
     until = started_at + batch.seconds
-    ended = child.run(_call, calls(), deadline=lambda call: batch.deadlines[call[0]], until=until)
-    for (number, _), result in ended:
+    outcomes = child.run(_call, calls(), deadline=lambda call: batch.deadlines[call[0]], until=until)
+    for (number, _), result in outcomes:
         if isinstance(result, WorkersLost):
             raise result
         results.append((number, result))
-    return Ended(tuple(results), time.monotonic() - started_at)
+    return BatchResult(tuple(results), time.monotonic() - started_at)
 
 
-def _call(call: tuple[int, bytes]) -> bytes | WorkersLost:
-    """Call a function with its job (in the child); what cannot be loaded here is no fault of the job."""
+def _call(numbered_call: tuple[int, bytes]) -> bytes | WorkersLost:
+    """Call a function with its job (in the child); a failed import is a fault of the worker, not of the job."""
     try:
-        function, job = pickle.loads(call[1])
+        function, job = pickle.loads(numbered_call[1])
     except (AttributeError, ImportError) as error:
         return WorkersLost(f"Dask workers cannot import what they must run: {error}")
     return pickle.dumps(function(job))
@@ -254,17 +259,17 @@ def _prepare(call: tuple[Callable[[Item, Callable[[str], None]], object], Item])
 
 
 def computing_versions() -> dict[str, str]:
-    """Return the versions that every Dask worker must have: those of what computes here."""
+    """Return the versions that every Dask worker must have: those of this process."""
     return {"Python": platform.python_version(), **{name: metadata.version(name) for name in COMPUTING}}
 
 
 def find_fault(versions: Mapping[str, str]) -> Callable[[], str | None]:
-    """Return a function that says what keeps a Dask worker from being used, if anything does.
+    """Return a function that says why a Dask worker cannot be used, or None.
 
-    It is sent by value and needs only Python's own library, for the worker may lack this package.
+    The function is sent by value and uses only the standard library, since the worker may lack this package.
 
     Args:
-        versions: that it must have, of the distributions that can change a result, and of Python.
+        versions: required versions of Python and of the distributions that can change a result.
     """
 
     def fault() -> str | None:
@@ -288,9 +293,9 @@ def find_fault(versions: Mapping[str, str]) -> Callable[[], str | None]:
 
 
 class DaskWorkers(Engine):
-    """The workers that a Dask scheduler has, however many join or leave; it is connected to with the first job.
+    """Runs jobs on the workers of a Dask scheduler, which may join and leave; connects with the first job.
 
-    A Dask worker that ends costs nothing: its jobs are sent to another one.
+    If a Dask worker ends, its jobs are sent to another one.
     """
 
     def __init__(
@@ -301,16 +306,16 @@ class DaskWorkers(Engine):
         note: Callable[[str], None] = lambda _: None,
         certificates: Certificates | None = None,
     ) -> None:
-        """Name the cluster.
+        """Set up the engine.
 
         Args:
-            address: the scheduler's, such as tcp://10.0.0.1:8786.
-            versions: of what can change a result; every worker must have the same.
-            note: receives what the user waits for.
-            certificates: of an address that begins with tls://; None: as Dask's own configuration has them.
+            address: address of the scheduler, such as tcp://10.0.0.1:8786.
+            versions: versions that every worker must have.
+            note: receives messages while the user waits.
+            certificates: certificates for an address that begins with tls://; None: those of Dask's configuration.
 
         Raises:
-            BadInput: it is no address, or its certificates are missing, or of no use.
+            BadInput: the address is invalid, or does not fit the certificates.
         """
         if re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", address) is None:
             rule = f"must be the address of a Dask scheduler, tcp://HOST:PORT, but got {address!r}"
@@ -320,11 +325,13 @@ class DaskWorkers(Engine):
         self._client: Client | None = None
         self._versions = dict(versions)
         self._note = note
-        self._looked = -math.inf
-        self._left: float | None = None
+        self._polled_at = -math.inf
+        self._empty_since: float | None = None
         """When the last Dask worker left."""
-        self._known: set[str] = set()
+        self._workers: set[str] = set()
+        """Addresses of the checked Dask workers."""
         self._threads = 0
+        """Number of jobs that all Dask workers run at a time."""
 
     def __enter__(self) -> Self:
         return self
@@ -335,7 +342,7 @@ class DaskWorkers(Engine):
             self._client = None
 
     @property
-    def stands(self) -> bool:
+    def is_connected(self) -> bool:
         """True if the scheduler can be reached."""
         return self._client is not None and self._client.status == "running"
 
@@ -343,16 +350,16 @@ class DaskWorkers(Engine):
         """Return the client; the first call connects it.
 
         Raises:
-            WorkersLost: nobody answers, or the scheduler is gone.
+            WorkersLost: the scheduler does not answer, or is gone.
         """
         if self._client is None:
             self._client = self._connect()
-        if not self.stands:
+        if not self.is_connected:
             raise self._loss()
         return self._client
 
     def _connect(self) -> Client:
-        """Connect within a time limit; Dask has none for a scheduler that accepts and stays silent."""
+        """Connect within a time limit, which Dask lacks for a scheduler that accepts but stays silent."""
         from distributed import Client
 
         def connect() -> Client:
@@ -360,166 +367,168 @@ class DaskWorkers(Engine):
             return Client(self.address, timeout=DURATIONS.answer, set_as_default=False, security=self._security)
 
         try:
-            return _begin(connect).result(DURATIONS.answer)
+            return _call_in_thread(connect).result(DURATIONS.answer)
         except TimeoutError as error:
-            why = str(error) or f"no answer within {DURATIONS.answer:.0f} s"
-        except (OSError, ValueError) as error:  # ValueError: words arrived before the handshake of TLS
-            why = str(error)
-        raise WorkersLost(f"no Dask scheduler answers at {self.address}: {why}")
+            cause = str(error) or f"no answer within {DURATIONS.answer:.0f} s"
+        except (OSError, ValueError) as error:  # ValueError: data arrived before the TLS handshake
+            cause = str(error)
+        raise WorkersLost(f"no Dask scheduler answers at {self.address}: {cause}")
 
     def threads(self) -> dict[str, int]:
-        """Return how many jobs each Dask worker runs at a time."""
+        """Return the number of jobs that each Dask worker runs at a time, by address."""
         return self._reply(self.client().nthreads)
 
-    def _reply(self, ask: Callable[[], Reply]) -> Reply:
-        """Return what the scheduler answers.
+    def _reply(self, request: Callable[[], Reply]) -> Reply:
+        """Return the scheduler's answer to a request.
 
         Raises:
-            WorkersLost: it is gone, which Dask may notice on another stream than the call's, or is silent.
+            WorkersLost: it does not answer, or is gone, which Dask may notice on another stream than the request's.
         """
-        answer = _begin(ask)
+        answer = _call_in_thread(request)
         until = time.monotonic() + DURATIONS.answer
-        while time.monotonic() < until and self.stands and not answer.done():
+        while time.monotonic() < until and self.is_connected and not answer.done():
             wait([answer], DURATIONS.poll)
-        if not answer.done() and self.stands:
+        if not answer.done() and self.is_connected:
             text = f"the Dask scheduler at {self.address} has not answered for {DURATIONS.answer:.0f} s"
             raise WorkersLost(text)
         try:
             return answer.result(0)
-        except OSError:  # TimeoutError among them
+        except OSError:  # includes TimeoutError
             raise self._loss() from None
 
     def _loss(self) -> WorkersLost:
         return WorkersLost(f"the Dask scheduler at {self.address} is gone")
 
-    def _submit(self, batch: Batch, worker: str | None = None) -> Future[Ended]:
-        """Hand a batch to the scheduler, for one Dask worker or whichever is free.
+    def _submit(self, batch: Batch, worker: str | None = None) -> Future[BatchResult]:
+        """Submit a batch to the scheduler, for one Dask worker or whichever is free.
 
-        Not by Dask's own executor: of a worker that ends once its result has arrived, that one makes a TypeError.
+        Dask's own executor is not used: it raises a TypeError if a worker ends after its result has arrived.
         """
-        sent = self.client().submit(run_guarded, batch, workers=worker, pure=False)
-        future: Future[Ended] = Future()
+        dask_future = self.client().submit(run_batch, batch, workers=worker, pure=False)
+        future: Future[BatchResult] = Future()
 
         def settle(_: object) -> None:
-            if sent.cancelled():
+            if dask_future.cancelled():
                 future.cancel()
             if future.set_running_or_notify_cancel():
-                _settle(future, sent.result)
+                _settle(future, dask_future.result)
 
-        sent.add_done_callback(settle)
-        future.add_done_callback(lambda done: sent.cancel() if done.cancelled() else None)
+        dask_future.add_done_callback(settle)
+        future.add_done_callback(lambda f: dask_future.cancel() if f.cancelled() else None)
         return future
 
     def prepare(self, function: Callable[[Item, Callable[[str], None]], object], task: Item) -> None:
-        """Compile on every Dask worker there is, before a time limit counts; messages go to its log.
+        """Compile on every current Dask worker, before a time limit counts; messages go to the worker's log.
 
-        One that joins later, or takes over ten minutes, compiles with its first job.
+        A worker that joins later, or takes over ten minutes, compiles with its first job.
         """
-        self._look()
-        if self._known:
-            self._note(f"preparing {quantity(len(self._known), 'Dask worker')}")
+        self._poll()
+        if self._workers:
+            self._note(f"preparing {quantity(len(self._workers), 'Dask worker')}")
         batch = Batch(
             (pickle.dumps((_prepare, (function, task))),),
             (DURATIONS.preparation,),
             DURATIONS.preparation,
             self._versions,
         )
-        running = {self._submit(batch, address) for address in self._known}
+        running = {self._submit(batch, address) for address in self._workers}
         while running:
-            ended, running = wait(running, DURATIONS.poll, FIRST_COMPLETED)
-            for future in ended:
+            finished, running = wait(running, DURATIONS.poll, FIRST_COMPLETED)
+            for future in finished:
                 self._result(future)
-            self._look()
+            self._poll()
 
-    def do(self, work: Work[Item, Result]) -> Results[Item, Result]:
-        """Yield (job, result) as batches end; about four batches a Dask thread are drawn from the jobs ahead.
+    def process(self, workload: Workload[Item, Result]) -> Results[Item, Result]:
+        """Yield (job, result) as batches end; about four batches per Dask thread are drawn in advance.
 
-        Jobs that a batch had no time to begin are sent again, before new ones are drawn. It ends when none runs and
-        there are none, even if there are more once all are known.
+        Jobs that a batch had no time to start are sent again, before new ones are drawn. The generator ends when no
+        job runs and none is available, even if results would make more available.
         """
-        waiting, suspects, alone = deque[Item](), deque[Item](), list[Item]()
-        running: dict[Future[Ended], list[Item]] = {}
+        waiting, suspects, isolated = deque[Item](), deque[Item](), list[Item]()
+        running: dict[Future[BatchResult], list[Item]] = {}
         size = 1
 
         def draw() -> list[Item]:
-            """Take a batch; when few jobs are left, all threads shall have some of them."""
-            nonlocal alone
-            if alone:
+            """Return the next batch, smaller when few jobs remain, so that all threads get some."""
+            nonlocal isolated
+            if isolated:
                 return []
             batches = 2 * max(1, self._threads)
-            while len(waiting) < batches * size and (job := next(work.jobs, None)) is not None:
+            while len(waiting) < batches * size and (job := next(workload.jobs, None)) is not None:
                 waiting.append(job)
-            if suspects and not waiting and not running:  # alone, each can only have ended its Dask worker itself
-                alone = [suspects.popleft()]
-                return alone
+            if (
+                suspects and not waiting and not running
+            ):  # run on its own, a job is to blame if its Dask worker ends
+                isolated = [suspects.popleft()]
+                return isolated
             return [waiting.popleft() for _ in range(min(size, math.ceil(len(waiting) / batches)))]
 
         batch = draw()
         try:
-            while (batch or running) and time.monotonic() < work.until:
-                self._look()
+            while (batch or running) and time.monotonic() < workload.until:
+                self._poll()
                 while batch and len(running) < 2 * self._threads:
-                    calls = tuple(pickle.dumps((work.function, job)) for job in batch)
-                    limits = tuple(map(work.deadline, batch)), work.until - time.monotonic()
+                    calls = tuple(pickle.dumps((workload.function, job)) for job in batch)
+                    limits = tuple(map(workload.deadline, batch)), workload.until - time.monotonic()
                     running[self._submit(Batch(calls, *limits, self._versions))] = batch
                     batch = draw()
-                pause = min(DURATIONS.poll, max(0.0, work.until - time.monotonic()))
+                pause = min(DURATIONS.poll, max(0.0, workload.until - time.monotonic()))
                 if not running:
-                    time.sleep(pause)  # for a first Dask worker
+                    time.sleep(pause)  # until a Dask worker joins
                 for future in wait(running, pause, FIRST_COMPLETED).done:
-                    jobs, ended = running.pop(future), self._result(future)
-                    if isinstance(ended, Failed) and jobs is alone:
-                        yield jobs[0], ended
-                    elif isinstance(ended, Failed):
+                    jobs, outcome = running.pop(future), self._result(future)
+                    if isinstance(outcome, Failed) and jobs is isolated:
+                        yield jobs[0], outcome
+                    elif isinstance(outcome, Failed):
                         suspects.extend(jobs)
-                    elif ended.results:
-                        fitting = int(DURATIONS.batch * len(ended.results) / ended.seconds)
-                        size = min(max(1, fitting), 50)  # no more: they come back together
-                        numbers = {number for number, _ in ended.results}
+                    elif outcome.results:
+                        fitting = int(DURATIONS.batch * len(outcome.results) / outcome.seconds)
+                        size = min(max(1, fitting), 50)  # bounded, since all results of a batch arrive together
+                        numbers = {number for number, _ in outcome.results}
                         waiting.extendleft(jobs[k] for k in reversed(range(len(jobs))) if k not in numbers)
-                        for number, result in ended.results:
+                        for number, result in outcome.results:
                             yield jobs[number], result if isinstance(result, Failed) else pickle.loads(result)
-                    if jobs is alone:
-                        alone = []
+                    if jobs is isolated:
+                        isolated = []
                 batch = batch or draw()
         finally:
-            if self.stands:
+            if self.is_connected:
                 for future in running:
                     future.cancel()
 
-    def _look(self) -> None:
-        """Find out how many jobs the Dask workers can run at a time, if that was not done just now.
+    def _poll(self) -> None:
+        """Update the list of Dask workers, at most once per period, and check new ones.
 
         Raises:
-            WorkersLost: there is no scheduler, or a Dask worker that cannot be used, or none has returned.
+            WorkersLost: the scheduler is gone, a Dask worker cannot be used, or none has returned in time.
         """
-        if time.monotonic() - self._looked < DURATIONS.poll:
+        if time.monotonic() - self._polled_at < DURATIONS.poll:
             return
-        first = self._looked == -math.inf
+        is_first = self._polled_at == -math.inf
         client, threads = self.client(), self.threads()
-        joined = [address for address in threads if address not in self._known]
-        if joined:  # those that are just leaving are left out
+        joined = [address for address in threads if address not in self._workers]
+        if joined:  # "ignore": they may be leaving already
             find = partial(client.run, find_fault(self._versions), workers=joined, on_error="ignore")
             for address, fault in self._reply(find).items():
                 if fault is not None:
                     raise WorkersLost(f"the Dask worker {address} {fault}")
-        self._known = set(threads)
-        self._looked = time.monotonic()
+        self._workers = set(threads)
+        self._polled_at = time.monotonic()
         if threads:
-            self._left = None
-        elif first:
+            self._empty_since = None
+        elif is_first:
             self._note(f"the Dask scheduler at {self.address} has no workers; waiting for the first one")
         elif self._threads:
-            self._left = self._looked
+            self._empty_since = self._polled_at
             patience = f"waiting {DURATIONS.away:.0f} s for one"
             self._note(f"all workers have left the Dask scheduler at {self.address}; {patience}")
-        elif self._left is not None and self._looked - self._left > DURATIONS.away:
+        elif self._empty_since is not None and self._polled_at - self._empty_since > DURATIONS.away:
             scheduler = f"the Dask scheduler at {self.address}"
             raise WorkersLost(f"no worker has returned to {scheduler} in {DURATIONS.away:.0f} s")
         self._threads = sum(threads.values())
 
-    def _result(self, future: Future[Ended]) -> Ended | Failed:
-        """Return what came back of a batch."""
+    def _result(self, future: Future[BatchResult]) -> BatchResult | Failed:
+        """Return the result of a batch; Failed if it ended its Dask workers."""
         from distributed import KilledWorker
 
         if future.cancelled():

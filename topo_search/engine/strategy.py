@@ -1,16 +1,15 @@
-"""Search strategies: what they have in common, the exhaustive one, their candidates, and samplers of a user's own.
+"""Search strategies: their interface, the exhaustive search, their candidates, and the user's samplers.
 
-A strategy proposes candidates, and takes their results in the order of its proposals, whichever job ended first.
-It knows neither workers nor files, and it is deterministic: with the same results it makes the same proposals. So a
-run that was killed repeats its proposals from the ledger, and neither the number of workers nor their speed changes
-what is proposed.
+A strategy proposes candidates and receives their results in the order of its proposals, whichever job finishes
+first. It knows neither workers nor files, and it is deterministic: the same results lead to the same proposals. So
+a killed run replays its proposals from the ledger, and the number and speed of workers do not affect the proposals.
 
 An exhaustive search gives all candidates the same number of starts: after a few starts, a tree's best effort says
-little about what more starts will find, and giving more to the trees ahead finds the best designs less surely than
-giving the same to all (`tests/benchmarks/budget.py`).
+little about what more starts will find, and giving more to the leading trees finds the best designs less reliably
+than giving the same to all (`tests/benchmarks/budget.py`).
 
-`search` takes an `OwnSampler` as `sampler=`: a `SamplerFactory`, which makes an Optuna sampler or a
-`TopologySampler`, with a name and a version.
+`search` takes an `OwnSampler` as `sampler=`: a `SamplerFactory` with a name and a version, which makes an Optuna
+sampler or a `TopologySampler`.
 """
 
 from __future__ import annotations
@@ -33,16 +32,16 @@ from topo_search.topologies import Candidate, Family, Root, Symmetry
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A candidate that is to have been solved from its first starts."""
+    """A candidate to solve from its first `starts` starts."""
 
     candidate: Candidate
     starts: int
-    """Number of starts in all; those that were tried before are not tried again."""
-    near: tuple[str, ...] = ()
-    """Keys of candidates whose designs are carried over in place of as many of the next starts.
+    """Total number of starts; those already solved are not repeated."""
+    warm_starts: tuple[str, ...] = ()
+    """Keys of candidates whose designs are carried over, each replacing one of the next starts.
 
-    The result of each was taken, and none of them is proposed again before that of this one is: how far it had come
-    would depend on which job ends first.
+    The strategy has received their results, and does not propose them again before the result of this proposal:
+    else their state would depend on which job finishes first.
     """
 
 
@@ -53,57 +52,57 @@ class Tried:
     key: str
     """Key of its topology."""
     starts: int
-    """Number of starts that need no more solving: tried, replaced by designs carried over, or given up."""
+    """Number of starts that are settled: solved, replaced by a warm start, or given up."""
     status: str
     """feasible, infeasible, impossible or failed."""
     objective: float | None
-    """J of the best design [rad^4/s^4]."""
+    """J of the best design [rad^4/s^4]; None without a design."""
     violation: float | None
-    """Distance of the closest start from feasible, in the task's own units; None where there is a design."""
+    """Smallest violation of all starts, in the task's own units; None with a design."""
 
 
 class Stage(NamedTuple):
-    """The proposals of a strategy that come next."""
+    """A series of proposals, for the progress display."""
 
     candidates: int
-    """At most."""
+    """Largest number of candidates."""
     starts: int
-    """Most starts of a candidate."""
-    again: bool = False
-    """True if they were proposed before, from fewer starts."""
+    """Largest number of starts of a candidate."""
+    is_repeat: bool = False
+    """True if the candidates were proposed before, with fewer starts."""
 
 
 class Strategy(ABC):
-    """Proposes candidates, and learns from their results."""
+    """Proposes candidates and learns from their results."""
 
     stage: Stage | None = None
-    """That of the latest proposal."""
-    over = False
-    """True if no more will be proposed, and all results were taken."""
+    """Stage of the latest proposal."""
+    is_finished = False
+    """True after the last proposal, once all results were received."""
 
     def __init__(self) -> None:
         self._open = deque[Proposal]()
-        """Proposals whose results were not taken."""
+        """Proposals whose results were not received yet."""
 
     def propose(self, result_of: Callable[[Proposal], Tried | None]) -> Iterator[Proposal | None]:
-        """Yield proposals; None as long as the next one depends on results that are not known.
+        """Yield proposals; None while the next one depends on results that are not known yet.
 
         Args:
-            result_of: returns the result of a proposal, once it is known.
+            result_of: returns the result of a proposal; None while it is not known.
         """
         self._result_of = result_of
         for proposal in self.proposals():
             if proposal is not None:
                 self._open.append(proposal)
             yield proposal
-        self.over = True
+        self.is_finished = True
 
     @abstractmethod
     def proposals(self) -> Iterator[Proposal | None]:
-        """Yield what `propose` does."""
+        """Yield the proposals; same as `propose`."""
 
     def results(self, number: int) -> Generator[None, None, list[Tried]]:
-        """Return so many results in the order of their proposals, once they are known (with `yield from`)."""
+        """Return the next `number` results in the order of their proposals (with `yield from`)."""
         results = list[Tried]()
         while len(results) < number:
             if (result := self._result_of(self._open[0])) is None:
@@ -117,17 +116,17 @@ class Strategy(ABC):
 class ExhaustiveSearch(Strategy):
     """Solves every candidate."""
 
-    ahead = 32
-    """Number of candidates proposed ahead of the results that may rule them out."""
+    lookahead = 32
+    """Number of candidates proposed before the results that may prune them are known."""
 
     def __init__(self, space: Candidates, *, starts: int, timed: bool, bound: float = -math.inf) -> None:
-        """Begin a search.
+        """Set up the search.
 
         Args:
             space: the candidates.
             starts: number of starts of each candidate.
-            timed: whether there is a time limit: then all are solved from one start first, then from more.
-            bound: lower bound on all objectives; a design that meets it ends the search.
+            timed: whether there is a time limit; then all are solved from one start first, then from more.
+            bound: lower bound of all objectives; a design that reaches it ends the search.
         """
         super().__init__()
         self._space = space
@@ -135,63 +134,63 @@ class ExhaustiveSearch(Strategy):
         self._bound = bound
 
     def proposals(self) -> Iterator[Proposal | None]:
-        """Yield every candidate, then those that may still win from more starts."""
+        """Yield every candidate, then those that may still win with more starts."""
         bound, (first, *later) = self._bound, self._stops
         self.stage = Stage(self._space.count(), first)
-        candidates, scores, least = list[Candidate](), list[Tried](), math.inf
+        candidates, scores, best = list[Candidate](), list[Tried](), math.inf
         for candidate in self._space.candidates():  # there may be millions: enumerated as they are solved
-            if math.isfinite(bound) and len(candidates) - len(scores) == self.ahead:
+            if math.isfinite(bound) and len(candidates) - len(scores) == self.lookahead:
                 scores += yield from self.results(1)
-                least = min(least, _least(scores[-1:]))
-            if not may_beat(least, bound):
+                best = min(best, _best_objective(scores[-1:]))
+            if not may_beat(best, bound):
                 break
             candidates.append(candidate)
             yield Proposal(candidate, first)
         scores += yield from self.results(len(candidates) - len(scores))
         for stop in later:
-            least = min(least, _least(scores))
+            best = min(best, _best_objective(scores))
             candidates = [
                 candidate
                 for candidate, score in zip(candidates, scores, strict=True)
-                if score.status in ("feasible", "infeasible") and may_beat(least, bound)
+                if score.status in ("feasible", "infeasible") and may_beat(best, bound)
             ]
             if candidates:
-                self.stage = Stage(len(candidates), stop, again=True)
+                self.stage = Stage(len(candidates), stop, is_repeat=True)
             for candidate in candidates:
                 yield Proposal(candidate, stop)
             scores = yield from self.results(len(candidates))
 
 
 def may_beat(objective: float, bound: float) -> bool:
-    """True if an objective with this lower bound can save more of another than is worth a search."""
-    return bound < objective * (1.0 - 1e-5)  # a bound's allowance for tolerances is mostly less
+    """True if a lower bound allows a design that is noticeably better than an objective."""
+    return bound < objective * (1.0 - 1e-5)  # mostly exceeds the bound's allowance for tolerances
 
 
-def _least(scores: Iterable[Tried]) -> float:
+def _best_objective(scores: Iterable[Tried]) -> float:
     return min((score.objective for score in scores if score.objective is not None), default=math.inf)
 
 
 class Candidates(Family):
-    """The trees of one number of modules that a search may propose: all candidates for a task."""
+    """The candidates for a task: the trees of one size that a search may propose."""
 
     def __init__(self, task: ResolvedTask, symmetry: Symmetry, *, rooted: bool = False) -> None:
         """Take the number of modules, the connectors and the root from a task.
 
         Args:
             task: the task.
-            symmetry: symmetry under which trees are one candidate.
-            rooted: whether trees that differ in their root alone are candidates of their own, though it is free.
+            symmetry: symmetry under which trees are merged into one candidate.
+            rooted: whether trees that differ only in their root are separate candidates, even if the root is free.
         """
         root: Root = "paper" if rooted else task.search.root
         super().__init__(task.n, symmetry=symmetry, connectors=task.search.connectors, root=root, task=task)
         self.task = task
 
 
-class Listed(Candidates):
-    """Candidates that somebody listed: each is solved as it stands, and stands for itself."""
+class ListedCandidates(Candidates):
+    """Candidates from a user's list: each is solved with its given root and represents only itself."""
 
     def __init__(self, task: ResolvedTask, keys: Sequence[str]) -> None:
-        """Take the keys of trees of the task's size, in ascending order."""
+        """Set the keys of trees of the task's size, in ascending order."""
         super().__init__(task, "none")
         self.keys = keys
 
@@ -205,17 +204,17 @@ class Listed(Candidates):
 
     @property
     def classes(self) -> int:
-        """The number of candidates: none stands for another one."""
+        """The number of candidates, each of which represents only itself."""
         return len(self.keys)
 
     def candidate_of(self, topology: Topology) -> Candidate:
-        """Return the candidate that a topology is; ValueError if it was not listed."""
+        """Return the candidate of a topology; ValueError if it is not listed."""
         if topology.key not in self.keys:
-            raise ValueError(f"{topology.key} is not one of the {len(self.keys)} given topologies")
+            raise ValueError(f"{topology.key} is not one of the {len(self.keys)} listed topologies")
         return Candidate(topology.key, 1)
 
     def draws(self, seed: int) -> Iterator[Topology]:
-        """Yield candidates, drawn independently and uniformly, without end."""
+        """Yield an endless series of candidates, drawn independently and uniformly."""
         random = Random(seed)
         return (Topology.from_key(random.choices(self.keys)[0]) for _ in repeat(None))
 
@@ -224,7 +223,7 @@ class Listed(Candidates):
 class TopologySampler(Protocol):
     """Proposes trees one by one.
 
-    To continue a stopped run, its proposals are replayed: the same arguments must give the same proposal.
+    A stopped run is resumed by replaying its proposals: the same arguments must give the same proposal.
     """
 
     def propose(self, candidates: Candidates, tried: Sequence[Tried], random: Random, /) -> Topology | str:
@@ -232,11 +231,11 @@ class TopologySampler(Protocol):
 
         Args:
             candidates: the available trees.
-            tried: results of completed rounds, in the order of the proposals; a tree with several solves has
-                several rows.
+            tried: the known results, in the order of the proposals, one for each solve of a tree.
             random: the only random generator to use.
 
-        A tree that was proposed before is rejected and another one requested; after 64 in a row one is drawn.
+        A tree that was proposed before is rejected, and the sampler is called again; after 64 rejections in a row a
+        tree is drawn uniformly.
         """
 
 
@@ -244,12 +243,12 @@ class SamplerFactory(Protocol):
     """Makes a sampler for one number of modules."""
 
     def __call__(self, seed: int, /) -> Any:
-        """Return a `TopologySampler`, or an Optuna sampler, which receives the fixed-length encoding of trees."""
+        """Return a `TopologySampler`, or an Optuna sampler, which works on the fixed-length encoding of trees."""
 
 
 @dataclass(frozen=True)
 class OwnSampler:
-    """A sampler of your own, with the name and version that identify its runs."""
+    """Your own sampler, with the name and version that identify its runs."""
 
     name: str
     make: SamplerFactory
@@ -264,5 +263,5 @@ class OwnSampler:
 
     @property
     def stated(self) -> Versioned:
-        """Record of it in a run's folder."""
+        """The sampler's record in a run's folder."""
         return Versioned(name=self.name, version=self.version)

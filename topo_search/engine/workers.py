@@ -1,7 +1,7 @@
-"""Jobs, and the worker processes that run them: children that may crash, hang or be killed without harm.
+"""Jobs, and the worker processes that run them, which may crash, hang or be killed without harm.
 
-The best of two ranges of starts is the best of their union. Infeasible ends are compared by their violation, scaled
-so that units do not matter.
+The better of the results of two ranges of starts is the result of their union. Infeasible results are compared by
+their violation, scaled to the task's units.
 """
 
 from __future__ import annotations
@@ -45,62 +45,64 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-class Given(TypedDict):
-    """Arguments of a solve, beside task and topology."""
+class SolveOptions(TypedDict):
+    """Arguments of a solve besides task and topology."""
 
     starts: range
     """Indices of the starts."""
     seed: int
-    """Draws them."""
+    """Seed of the random starts."""
     near: NotRequired[Sequence[Design]]
-    """Designs of other topologies that can be carried over, each as one more start before these."""
+    """Designs of other topologies to carry over, each as an additional start before the others."""
 
 
 class Solve(Protocol):
-    """Solves one topology from some of its starts: a pure function that can be sent to another process.
+    """Pure function that solves one topology from some of its starts; it can be sent to another process.
 
-    Start s is drawn from (task, topology, s, seed) alone: the best of two ranges is the best of their union.
+    Start s depends only on (task, topology, s, seed), so results of ranges of starts can be merged.
     """
 
-    def __call__(self, task: ResolvedTask, topology: Topology, **given: Unpack[Given]) -> Design | Infeasible:
-        """Return the best design over the starts, or the start that came closest.
+    def __call__(
+        self, task: ResolvedTask, topology: Topology, **options: Unpack[SolveOptions]
+    ) -> Design | Infeasible:
+        """Return the best design over the starts, or the result of the start with the smallest violation.
 
         Args:
             task: the task.
             topology: the tree.
-            given: starts, seed and near.
+            options: starts, seed and near.
         """
 
 
 class LocalOptima(Protocol):
-    """Finds all local optima of one topology that cost little enough: likewise a pure function."""
+    """Pure function that finds all local optima of one topology up to an effort."""
 
     def __call__(
-        self, task: ResolvedTask, topology: Topology, *, most_effort: float, **given: Unpack[Given]
+        self, task: ResolvedTask, topology: Topology, *, most_effort: float, **options: Unpack[SolveOptions]
     ) -> list[Design]:
-        """Return them, least effort first.
+        """Return the local optima, lowest effort first.
 
-        Args: as of `Solve`, and
+        Args: same as in `Solve`, and
             most_effort: largest effort of a design [rad^4/s^4].
         """
 
 
 @dataclass(frozen=True)
 class Backends:
-    """The functions that know the physics."""
+    """The functions that compute the physics."""
 
     solve: Solve
     audit: AuditDesign
     lower_bound: Callable[[ResolvedTask], float]
-    """Lower bound on the effort of designs of this task's size with a clear audit [rad^4/s^4]."""
+    """Returns a lower bound of the effort of all designs of this size with a clear audit [rad^4/s^4]."""
     prove_impossible: Callable[[ResolvedTask], Infeasible | None]
-    """A proof that no topology of this task's size can do it, if there is a simple one."""
+    """Returns a proof that no topology of this size can do the task, if there is a simple one."""
     local_optima: LocalOptima
 
 
 @dataclass(frozen=True)
 class Failed:
-    """A job that ended without an answer."""
+    """The result of a job that failed."""
 
     kind: Literal["crash", "timeout", "memory", "error"]
     reason: str
@@ -111,28 +113,28 @@ Outcome = Design | Infeasible | Failed
 
 
 class WorkersLost(RuntimeError):
-    """There is no worker: none lives long enough to take a job, or nobody answers where they should be."""
+    """No worker can run jobs: all die before they finish one, or cannot be reached."""
 
 
 Results = Generator[tuple[Item, Result | Failed], None, None]
 
 
 @dataclass(frozen=True)
-class Work(Generic[Item, Result]):
-    """Jobs for an engine, the function that does them, and their deadlines."""
+class Workload(Generic[Item, Result]):
+    """Jobs for an engine, with the function that runs them."""
 
     function: Callable[[Item], Result]
-    """Importable and pure."""
+    """Importable, pure function."""
     jobs: Iterator[Item | None]
-    """Picklable values, drawn lazily; None while the next job waits for another result."""
+    """Picklable values, drawn lazily; None while the next job depends on the result of another one."""
     deadline: Callable[[Item], float]
-    """Seconds that a job may take."""
+    """Returns the time after which a job counts as hung [s]."""
     until: float
-    """time.monotonic() at which to stop: what runs then is dropped and no more is begun."""
+    """time.monotonic() at which to stop: running jobs are dropped, and no more are started."""
 
 
 class Engine(Protocol):
-    """Runs pure functions elsewhere; which engine it is, and how fast, changes nothing in what they return."""
+    """Runs jobs in other processes; results depend neither on the engine nor on its speed."""
 
     def run(
         self,
@@ -142,18 +144,18 @@ class Engine(Protocol):
         deadline: Callable[[Item], float],
         until: float = math.inf,
     ) -> Results[Item, Result]:
-        """Yield (job, result) as jobs end, in any order; `jobs` is drawn from only seconds ahead of the workers.
+        """Yield (job, result) as jobs end, in any order; jobs are drawn only seconds before a worker is free.
 
-        A job that crashes its process or passes its deadline is tried twice, then comes back as Failed. Arguments
-        are those of `Work`.
+        A job that crashes its process or exceeds its deadline is tried twice, then its result is Failed. The
+        arguments are the fields of `Workload`.
 
         Raises:
-            WorkersLost: no worker can take a job.
+            WorkersLost: no worker can run jobs.
         """
-        return self.do(Work(function, iter(jobs), deadline, until))
+        return self.process(Workload(function, iter(jobs), deadline, until))
 
-    def do(self, work: Work[Item, Result]) -> Results[Item, Result]:
-        """Yield what `run` does."""
+    def process(self, workload: Workload[Item, Result]) -> Results[Item, Result]:
+        """Yield (job, result) as jobs end; see `run`."""
 
     def run_one(self, function: Callable[[Item], Result], job: Item, *, deadline: float) -> Result | Failed:
         """Return the result of a single job."""
@@ -162,31 +164,31 @@ class Engine(Protocol):
 
 
 def solve_deadline(n: int, starts: int) -> float:
-    """Return the time after which a solve counts as hung [s]: far above what one takes (n = 5: 1 s a start)."""
+    """Return the time after which a solve counts as hung [s]: far above the typical time (n = 5: 1 s per start)."""
     return 120.0 + starts * max(20.0, 0.2 * n**2)
 
 
 def audit_deadline(n: int) -> float:
-    """Return the time after which an audit counts as hung [s]: far above what one takes (n = 100: seconds)."""
+    """Return the time after which an audit counts as hung [s]: far above the typical time (n = 100: seconds)."""
     return 300.0 + 0.2 * n**2
 
 
 @dataclass(frozen=True)
 class Job:
-    """One candidate with the starts that it is still to be solved from."""
+    """A candidate and the starts from which to solve it."""
 
     task: ResolvedTask
     topology: Topology
     orbit: int
-    """Number of classes of the exact quotient that the candidate stands for."""
+    """Number of classes of the exact quotient that the candidate represents."""
     starts: range
     seed: int
     near: tuple[Design, ...] = ()
-    """Designs that are carried over, each as a start of its own before the others."""
+    """Designs to carry over, each as an additional start before the others."""
 
     @property
     def deadline(self) -> float:
-        """The time after which it counts as hung [s]."""
+        """Time after which the job counts as hung [s]."""
         return solve_deadline(self.topology.n, len(self.near) + len(self.starts))
 
 
@@ -201,23 +203,23 @@ def audit_job(audit: AuditDesign, labelled: tuple[object, Geometry]) -> Audit:
 
 
 def rounds(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:
-    """Yield the ranges of starts that are solved one after the other, short ones first where time may end.
+    """Yield the ranges of starts that are solved one after the other; with a time limit they grow from one start.
 
     Args:
-        starts: how many there are; None: without end.
-        size: of a round without a time limit; with one, rounds grow from a single start.
+        starts: total number of starts; None: unlimited.
+        size: number of starts in a round, if there is no time limit.
         timed: whether there is a time limit.
     """
     first = 0
     while starts is None or first < starts:
-        length = min(max(1, first), 4) if timed else size  # what runs when the time is over is lost
+        length = min(max(1, first), 4) if timed else size  # a round that runs at the time limit is lost
         stop = first + length if starts is None else min(first + length, starts)
         yield range(first, stop)
         first = stop
 
 
 def record_of(result: Design | Infeasible) -> SolverRecord | None:
-    """Return how a result came about, if it says so."""
+    """Return the solver's record of a result, if there is one."""
     if isinstance(result, Infeasible) or result.solver is None:
         return result.solver if isinstance(result, Infeasible) else None
     return SolverRecord.model_validate(result.solver)
@@ -227,10 +229,10 @@ def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: Resolv
     """Return the better of two results of one candidate, with the starts of both counted; `earlier` wins a tie."""
     best = min(earlier, later, key=lambda result: _rank(result, task))
     records = [record for record in (record_of(earlier), record_of(later)) if record is not None]
-    kept = record_of(best)
-    if kept is None:
+    best_record = record_of(best)
+    if best_record is None:
         return best
-    record = kept.model_copy(
+    record = best_record.model_copy(
         update={
             "starts": sum(record.starts for record in records),
             "starts_feasible": sum(record.starts_feasible for record in records),
@@ -240,12 +242,12 @@ def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: Resolv
     )
     if isinstance(best, Design):
         return best.model_copy(update={"solver": record.model_dump(mode="json")})
-    both = [result for result in (earlier, later) if isinstance(result, Infeasible)]
-    return best.with_starts((shortfall for result in both for shortfall in result.shortfalls), record)
+    results = [result for result in (earlier, later) if isinstance(result, Infeasible)]
+    return best.with_starts((shortfall for result in results for shortfall in result.shortfalls), record)
 
 
 def _rank(result: Design | Infeasible, task: ResolvedTask) -> tuple[bool, float]:
-    """Order designs by objective, before all that is infeasible, by violation."""
+    """Return the sort key of a result: designs by objective, then infeasible ones by violation."""
     if isinstance(result, Design):
         return False, result.objective
     return True, scaled_violation(result.violation, result.unit, task)
@@ -263,7 +265,7 @@ def scaled_violation(violation: float, unit: str, task: ResolvedTask) -> float:
 
 
 class _Process(SpawnProcess):
-    """A process that does not import the script that starts it."""
+    """A process that does not import the script that started the run."""
 
     _launch = threading.Lock()
 
@@ -271,42 +273,42 @@ class _Process(SpawnProcess):
     def _Popen(process_obj: BaseProcess) -> popen_spawn_posix.Popen:
         script = sys.modules["__main__"]
         with _Process._launch:
-            spec, script.__spec__ = script.__spec__, ModuleSpec("__main__", None)  # a name that is never imported
+            spec, script.__spec__ = script.__spec__, ModuleSpec("__main__", None)  # `__main__` is not imported
             try:
                 return SpawnProcess._Popen(process_obj)
             finally:
                 script.__spec__ = spec
 
 
-class _KeepingContext(SpawnContext):
-    """A way to start processes that keeps the locks it made.
+class _PersistentLocks(SpawnContext):
+    """A context for starting processes that keeps its locks alive.
 
-    A pool that stops drops its locks before it ends its workers, which removes them from the system: a worker that
-    is just starting would look for them in vain and end with a traceback.
+    A stopping pool drops its locks before it ends its workers, which removes them from the system. A worker that is
+    just starting would not find them and end with a traceback.
     """
 
     Process = _Process
 
     def __init__(self) -> None:
         super().__init__()
-        self._kept: list[object] = []
+        self._locks: list[object] = []
 
     def RLock(self) -> RLock:
         lock = super().RLock()
-        self._kept.append(lock)
+        self._locks.append(lock)
         return lock
 
 
 @dataclass
-class _Try(Generic[Item]):
+class _Attempt(Generic[Item]):
     job: Item
-    attempt: int = 1
-    since: float = 0.0
-    """time.monotonic() when it was handed to the pool."""
+    number: int = 1
+    submitted_at: float = 0.0
+    """time.monotonic() of its submission to the pool."""
 
 
 class _OneThread(Engine):
-    """An engine whose jobs load libraries that then compute in one thread: more would change sums."""
+    """An engine that limits the libraries of its jobs to one thread; several would change sums."""
 
     def __enter__(self) -> Self:
         self._environment = {name: os.environ.get(name) for name in ONE_THREAD}
@@ -322,30 +324,30 @@ class _OneThread(Engine):
 
 
 class CallingProcess(_OneThread):
-    """Runs jobs one by one in the process that calls: none has to start, but deadlines are not kept.
+    """Runs jobs one by one in the calling process, without the cost of starting another but without deadlines.
 
-    A job that crashes or never ends takes its caller with it: it is for a single candidate, and for no user's code.
+    A job that crashes or hangs takes the caller with it, so this is only for single candidates without user code.
     """
 
-    def do(self, work: Work[Item, Result]) -> Results[Item, Result]:
+    def process(self, workload: Workload[Item, Result]) -> Results[Item, Result]:
         """Yield (job, result) in order."""
-        for job in work.jobs:
-            if job is None or time.monotonic() >= work.until:
+        for job in workload.jobs:
+            if job is None or time.monotonic() >= workload.until:
                 return
             result: Result | Failed
             try:
                 with _interrupts_repeated():
-                    result = work.function(job)
+                    result = workload.function(job)
             except Exception as error:  # noqa: BLE001 (as in a worker, it is the result of the job)
-                result = _failure(error, work.deadline(job))
+                result = _failure(error, workload.deadline(job))
             yield job, result
 
 
 class Workers(_OneThread):
     """A pool of worker processes, started with the first job and stopped at the end of the `with` block.
 
-    A job that crashes its worker (segmentation fault, kill, out of memory) or passes its deadline is tried
-    twice, then comes back as Failed; the other jobs go on. One worker is a process too, so that it can be stopped.
+    A job that crashes its worker (segmentation fault, kill, out of memory) or exceeds its deadline is tried twice,
+    then its result is Failed; the other jobs go on. A single worker is a process too, so that it can be stopped.
     """
 
     def __init__(self, count: int) -> None:
@@ -353,61 +355,62 @@ class Workers(_OneThread):
             raise ValueError(f"`1 <= workers <= {LIMITS.workers}` must hold, but got {count:,}")
         self.count = count
         self._pool: ProcessPool | None = None
-        self._context = _KeepingContext()
+        self._context = _PersistentLocks()
         self._breaks = 0
+        """Number of times in a row that the pool broke."""
 
     def __exit__(self, *raised: object) -> None:
         self._stop()
         super().__exit__(*raised)
-        if isinstance(error := raised[1], WorkersLost):  # its message says all; where it was noticed is no help
+        if isinstance(error := raised[1], WorkersLost):  # its message is complete; a traceback would not help
             raise error.with_traceback(None) from None
 
-    def do(self, work: Work[Item, Result]) -> Results[Item, Result]:
-        """Yield (job, result) as jobs end; at most two jobs a worker are drawn from `jobs` ahead."""
-        waiting: deque[_Try[Item]] = deque()
-        running: dict[Future[Any], _Try[Item]] = {}
+    def process(self, workload: Workload[Item, Result]) -> Results[Item, Result]:
+        """Yield (job, result) as jobs end; at most two jobs per worker are drawn in advance."""
+        waiting: deque[_Attempt[Item]] = deque()
+        running: dict[Future[Any], _Attempt[Item]] = {}
         try:
-            while time.monotonic() < work.until:
+            while time.monotonic() < workload.until:
                 if self._pool is not None and not self._pool.active:
                     self._break()
                     waiting.extendleft(running.values())
                     running.clear()
                 while len(running) < 2 * self.count:
                     if not waiting:
-                        if (job := next(work.jobs, None)) is None:
+                        if (job := next(workload.jobs, None)) is None:
                             break
-                        waiting.append(_Try(job))
-                    since = time.monotonic()
-                    future = self._submit(work, waiting[0].job)
+                        waiting.append(_Attempt(job))
+                    submitted_at = time.monotonic()
+                    future = self._submit(workload, waiting[0].job)
                     if future is None:
                         break
-                    running[future] = replace(waiting.popleft(), since=since)
+                    running[future] = replace(waiting.popleft(), submitted_at=submitted_at)
                 if not running and not waiting:
                     return
-                ended = wait(running, min(1.0, max(0.0, work.until - time.monotonic())), FIRST_COMPLETED).done
-                for future in ended:
+                timeout = min(1.0, max(0.0, workload.until - time.monotonic()))
+                for future in wait(running, timeout, FIRST_COMPLETED).done:
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
                         continue  # stays in `running`; the pool is no longer active and is replaced above
-                    trial = running.pop(future)
+                    attempt = running.pop(future)
                     self._breaks = 0
-                    allowed = work.deadline(trial.job)
-                    early = time.monotonic() - trial.since < allowed
-                    if early and isinstance(error, TimeoutError) and error.__cause__ is None:  # the pool's own
-                        waiting.appendleft(trial)  # it reads the time of day, and that jumped
+                    deadline = workload.deadline(attempt.job)
+                    is_early = time.monotonic() - attempt.submitted_at < deadline
+                    if is_early and isinstance(error, TimeoutError) and error.__cause__ is None:  # the pool's own
+                        waiting.appendleft(attempt)  # the pool reads the system clock, which was set forward
                         continue
-                    result = pickle.loads(future.result()) if error is None else _failure(error, allowed)
-                    killed = isinstance(result, Failed) and result.kind != "error"  # a pure function raises again
-                    if killed and trial.attempt == 1:
-                        waiting.appendleft(_Try(trial.job, trial.attempt + 1))
+                    result = pickle.loads(future.result()) if error is None else _failure(error, deadline)
+                    was_killed = isinstance(result, Failed) and result.kind != "error"  # an error would recur
+                    if was_killed and attempt.number == 1:
+                        waiting.appendleft(_Attempt(attempt.job, attempt.number + 1))
                     else:
-                        yield trial.job, result
+                        yield attempt.job, result
         finally:
             if running:
                 self._stop()
 
-    def _submit(self, work: Work[Item, Result], job: Item) -> Future[Any] | None:
-        """Hand a job to the pool; None if the pool has just broken."""
+    def _submit(self, workload: Workload[Item, Result], job: Item) -> Future[Any] | None:
+        """Submit a job to the pool; return None if the pool has just broken."""
         if self._pool is None:
             self._pool = ProcessPool(
                 self.count, initializer=die_with_parent, initargs=(os.getpid(),), context=self._context
@@ -417,8 +420,8 @@ class Workers(_OneThread):
             if not started:
                 raise WorkersLost("no worker process could be started")
         try:
-            call = pickle.dumps((work.function, job))
-            future: Future[Any] = self._pool.schedule(call_pickled, args=(call,), timeout=work.deadline(job))
+            call = pickle.dumps((workload.function, job))
+            future: Future[Any] = self._pool.schedule(call_pickled, args=(call,), timeout=workload.deadline(job))
         except RuntimeError:
             if self._pool.active:
                 raise
@@ -426,12 +429,12 @@ class Workers(_OneThread):
         return future
 
     def _break(self) -> None:
-        """Give up a pool that lost an idle worker or could not start one."""
+        """Drop a pool that lost an idle worker or could not start one."""
         self._stop()
         self._breaks += 1
         if self._breaks > 2:
-            ended = "all worker processes ended before they finished a job: no memory?"
-            raise WorkersLost(f"{self._breaks} times in a row {ended}")
+            cause = "all worker processes ended before they finished a job: no memory?"
+            raise WorkersLost(f"{self._breaks} times in a row {cause}")
 
     def _stop(self) -> None:
         if self._pool is not None:
@@ -443,10 +446,10 @@ class Workers(_OneThread):
 
 @contextmanager
 def _interrupts_repeated() -> Iterator[None]:
-    """Raise KeyboardInterrupt of a script again until it arrives here: CasADi takes it for a failed evaluation."""
+    """Repeat KeyboardInterrupt in a script until it arrives: CasADi treats it as a failed evaluation."""
     if (
         threading.current_thread() is not threading.main_thread()
-        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler  # a command is killed if it goes on
+        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler  # a command's supervisor kills it
     ):
         yield
         return
@@ -455,20 +458,20 @@ def _interrupts_repeated() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, INTERRUPT_DELAY_S)
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGALRM)}
+    handlers = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGALRM)}
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
 
 
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
-    """Block Ctrl-C: workers, and the thread that replaces them, inherit that; the coordinator handles it.
+    """Block Ctrl-C, so that workers and the thread that replaces them inherit the mask; the coordinator handles it.
 
-    The resource tracker runs before that: its start unblocks Ctrl-C in the thread that starts it.
+    The resource tracker must run before, since starting it unblocks Ctrl-C in this thread.
     """
     resource_tracker.ensure_running()
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
@@ -480,29 +483,29 @@ def _interrupts_blocked() -> Iterator[None]:
 
 @contextmanager
 def _stops_deferred() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM wait until all processes stand.
+    """Defer Ctrl-C and SIGTERM until all processes have started.
 
-    One that interrupts this thread between the start of a process and what it writes to it leaves a process behind
-    that ends with a traceback.
+    An interrupt between the start of a process and the first data sent to it would leave a process that ends with a
+    traceback.
     """
-    if threading.current_thread() is not threading.main_thread():  # no signal interrupts this one
+    if threading.current_thread() is not threading.main_thread():  # signals do not interrupt other threads
         yield
         return
-    came: list[int] = []
-    handled = {number: handler for number in STOPS if callable(handler := signal.getsignal(number))}
-    for number in handled:
-        signal.signal(number, lambda number, frame: came.append(number))
+    received: list[int] = []
+    handlers = {number: handler for number in STOPS if callable(handler := signal.getsignal(number))}
+    for number in handlers:
+        signal.signal(number, lambda number, frame: received.append(number))
     try:
         yield
     finally:
-        for number, handler in handled.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
-        if came:
-            signal.raise_signal(came[0])
+        if received:
+            signal.raise_signal(received[0])
 
 
 def _failure(error: BaseException, deadline: float) -> Failed:
-    """Say what ended a job."""
+    """Return the failure that an exception of a job stands for."""
     if isinstance(error, ProcessExpired):
         code = error.exitcode
         if code >= 0:

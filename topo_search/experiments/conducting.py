@@ -130,7 +130,7 @@ class Results:
         if (folder / RESULTS).exists() and not (folder / ABOUT).exists():
             raise refusal(folder, f"has a {RESULTS} but no {ABOUT}: it is not an experiment folder")
         with Directory.open(folder) as directory, directory.lock():
-            directory.tidy()
+            directory.remove_partial()
             if (folder / ABOUT).exists():
                 _compare(folder, load_json(folder / ABOUT), about)
             else:

@@ -72,7 +72,7 @@ class Live:
         if self._phase is None:
             return {"words": "The run is starting.", "version": 0}
         remaining = period(self._time_left(time.monotonic()))
-        steps = "" if self._phase.alone else f"{self._steps_done} of {self._phase.steps}, "
+        steps = "" if self._phase.is_serial else f"{self._steps_done} of {self._phase.steps}, "
         words = f"{stage(self._phase)}: {steps}{describe(self._incumbent)}, about {remaining} left"
         return {"words": words, "version": self._version}
 

@@ -34,7 +34,7 @@ def announcement(phase: Phase) -> str:
     if phase.name == "auditing":
         return f"{stage(phase)}: {quantity(phase.steps, 'design')}"
     if not phase.starts:
-        return stage(phase) if phase.alone else f"{stage(phase)}: {quantity(phase.steps, 'part')}"
+        return stage(phase) if phase.is_serial else f"{stage(phase)}: {quantity(phase.steps, 'part')}"
     return f"{stage(phase)}: {quantity(phase.steps, 'candidate')}, at most {quantity(phase.starts, 'start')} each"
 
 

@@ -18,14 +18,14 @@ from topo_search.report.page import render
 from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, rounded_down, sentence
 from topo_search.study import (
     NEAR_BEST,
-    NOTHING,
+    NO_INPUTS,
     Answer,
     FrontPoint,
-    Own,
     Row,
     RunFile,
     RunFolder,
     SizeAnswer,
+    UserInputs,
     answer_of,
 )
 from topo_search.study.ledger import kind_of
@@ -33,7 +33,7 @@ from topo_search.study.ledger import kind_of
 
 def write_run_page(folder: RunFolder) -> None:
     """Write `report.html` into a run's folder."""
-    folder.keep(RunFile.REPORT, render(run_page(folder)) + folder.page_mark())
+    folder.write_file(RunFile.REPORT, render(run_page(folder)) + folder.page_mark())
 
 
 def run_page(folder: RunFolder) -> dict[str, Any]:
@@ -125,7 +125,7 @@ def _size_notes(size: SizeAnswer, shown: Row | None) -> list[str]:
     return sentences
 
 
-def _user_inputs(user_inputs: Own) -> Iterator[str]:
+def _user_inputs(user_inputs: UserInputs) -> Iterator[str]:
     """Yield notes on what the user supplied besides the task."""
     if user_inputs.constraints:
         names = ", ".join(f"{constraint.name} ({constraint.bounds})" for constraint in user_inputs.constraints)
@@ -230,7 +230,7 @@ def _reproduction(folder: RunFolder) -> dict[str, Any]:
         f"task.toml is in the run's folder, and below. Seed {request.seed} determines the random starts; the "
         "number of workers only affects the computing time.",
     )
-    if request.user_inputs != NOTHING:
+    if request.user_inputs != NO_INPUTS:
         lead = "The command does not include what the user supplied: "
         notes = (*notes, lead + " ".join(_user_inputs(request.user_inputs)))
     return {

@@ -11,11 +11,11 @@ from topo_search.study.proving import Checked, check, prove
 from topo_search.study.request import (
     DEFAULT_ROUND,
     LARGER_MARGINS,
-    NOTHING,
-    Own,
+    NO_INPUTS,
     Request,
     Sampler,
     StrategyName,
+    UserInputs,
     larger_margin,
 )
 from topo_search.study.run import run

@@ -1,4 +1,4 @@
-"""The answer of a run: what was found and proven, how both are said, and its tables as data frames."""
+"""The answer of a run: its designs and proofs, as values, in words, and as data frames."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 
 SHOWN = 10
-"""Number of rows in the table of the best."""
+"""Number of best designs in a table."""
 NEAR_BEST = 0.01
-"""Share of the effort of the best by which another design may need more and still be as good a choice."""
+"""Largest excess of effort over the best, as a share, for a design to count as equally good."""
 
 
 @dataclass(frozen=True)
@@ -34,69 +34,69 @@ class SizeAnswer:
     candidates: int
     """Number of candidates."""
     quotient: str
-    """Rule that makes trees one candidate, and whether it is exact."""
+    """Rule that merges trees into one candidate, and whether it is exact."""
     settled: int
     """Number of candidates solved from at least one start."""
     starts: int
-    """Number of starts that every candidate was solved from, unless it is impossible or failed; 0 while some were
-    not taken up."""
+    """Number of starts from which every candidate was solved, except impossible and failed ones; 0 while some
+    candidates are not solved."""
     complete: bool
-    """True if nothing is left to do: no start, and no audit (nor what follows one) of what may be the best."""
+    """True if no start remains to be solved, and no design that may be the best needs an audit."""
     statuses: dict[str, int]
     """Number of candidates by status."""
     feasible: int
-    """Number of classes of the exact quotient that are known to have a design: the sum of the orbits of candidates
-    with one; a candidate that a lossy symmetry makes stand for others counts as one."""
+    """Number of classes of the exact quotient with a design: the sum of the orbits of feasible candidates. With a
+    lossy symmetry each candidate counts once."""
     lower_bound: float
-    """[rad^4/s^4]"""
+    """Lower bound of the effort for this size [rad^4/s^4]."""
     best: Row | None
-    """The best design whose audit is clear."""
+    """The best design with a clear audit."""
     top: tuple[Row, ...]
-    """The best designs, whatever their audit."""
+    """The best designs, regardless of their audit."""
     near_ties: tuple[Row, ...]
-    """Designs whose audit is clear and whose effort is within NEAR_BEST of the best: largest force reserve first,
-    and of those alike, the largest reserve of torque."""
+    """Designs with a clear audit and an effort within NEAR_BEST of the best: largest force reserve first, then
+    largest torque reserve."""
     near_ties_unaudited: int
-    """Number of designs within NEAR_BEST of the best that are not audited: nothing is known of their reserves."""
+    """Number of designs within NEAR_BEST of the best without an audit, whose reserves are unknown."""
     remarks: tuple[str, ...]
     """Remarks on designs whose audit was not clear, and on candidates that failed."""
     reason: str | None
     """Why there is no design, if there is none."""
     covers_size: bool
-    """True if the candidates stand for all topologies of this size that the task allows; listed ones, or those that
-    a lossy symmetry leaves, need not."""
+    """True if the candidates represent all topologies of this size that the task allows, which listed topologies or
+    those of a lossy symmetry need not."""
     impossible: bool
     """True if it is proven that no topology of this size can do the task."""
     statement: str | None
-    """Statement on the best design: of how many candidates it is the best, and what is proven of all others."""
+    """How good the best design is: the number of candidates, and the proven gap."""
     relaxed: Relaxed | None = None
-    """Limits that, each relaxed on its own, give the closest trees a design; None where that was not tried."""
+    """Limits that give the closest trees a design when relaxed one at a time; None if they were not examined."""
     proven: str | None = None
-    """Statement on what branch and bound proves of all candidates, and of which problem; None if not asked."""
+    """What branch and bound proves for all candidates, with its scope; None without a proof."""
     proven_gap: float | None = None
-    """Largest share by which a design of this size can cost less than the best, within the scope of `proven`.
+    """Largest share by which a design of this size can improve on the best, within the scope of `proven`.
 
-    By branch and bound; None while that is not proven of all trees, or where the candidates do not cover the size.
+    From branch and bound; None while some trees are open, or if the candidates do not cover the size.
     """
     candidates_gap: float | None = None
-    """The same of the candidates alone."""
+    """The same for the candidates alone."""
     proof_resumable: tuple[str, ...] = ()
-    """The trees that are open and of which the same `prove` could prove more."""
+    """Open trees for which the same `prove` could prove more."""
 
     @property
     def counts(self) -> str:
-        """How many candidates ended how, in words."""
+        """Number of candidates with each status, in words."""
         return ", ".join(f"{number} {status}" for status, number in sorted(self.statuses.items()))
 
     def gap_of(self, row: Row) -> float | None:
-        """Return how much less than a design of this size another can cost at most, as a share, if known."""
+        """Return the largest share by which this size can improve on a design, if known."""
         best = None if self.best is None else self.best.objective
         if self.proven_gap is None or best is None or not row.objective:
             return row.gap
         return max(0.0, 1 - (1 - self.proven_gap) * best / row.objective)
 
     def _repr_html_(self) -> str:
-        """Show a notebook the best designs of this size."""
+        """Return the best designs of this size for a notebook."""
         title = heading(f"modules: {self.modules}; candidates: {self.candidates} ({self.counts or 'none settled'})")
         names = ("key", "J [rad^4/s^4]", "gap", "symmetric copies", "audit")
         rows = [
@@ -111,14 +111,16 @@ class SizeAnswer:
                 (row.key, row.objective, *(proven_cell(name, getattr(row, name)) for name in FLIGHT))
                 for row in self.near_ties
             ]
-            near = heading(f"within {100 * NEAR_BEST:g} % of the least control effort, largest force reserve first")
-            html += near + table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
+            html += heading(
+                f"within {100 * NEAR_BEST:g} % of the least control effort, largest force reserve first"
+            )
+            html += table(("key", "J [rad^4/s^4]", *FLIGHT), ties)
         return html + "".join(paragraph(text) for text in remarks)
 
 
 @dataclass(frozen=True)
 class LevelAnswer:
-    """Results at one level of the goals."""
+    """Results for one level of the goals."""
 
     number: int
     level: Level
@@ -134,16 +136,16 @@ class Answer:
     sizes: tuple[SizeAnswer, ...]
     """Results per size, smallest first; with goals, those of the loosest level."""
     levels: tuple[LevelAnswer, ...] = ()
-    """Results per level of a run with goals, the loosest first."""
+    """Results per level of a run with goals, loosest first."""
     points: tuple[FrontPoint, ...] = ()
-    """The front of a run with goals, least effort first."""
+    """The front of a run with goals, lowest effort first."""
     design: Design | None = None
-    """The best audited design itself."""
+    """The best design with a clear audit."""
     audit: Audit | None = None
-    """Its audit."""
+    """The audit of `design`."""
 
     def __str__(self) -> str:
-        """Say what was found, or why nothing was."""
+        """Return the best design, or why there is none, in one line."""
         if self.best is not None:
             gap = "" if self.best.gap is None else f", gap {gap_percent(self.best.gap)}"
             words = f"{self.best.key}, {self.best.modules} modules, J = {self.best.objective:.6g} rad^4/s^4{gap}"
@@ -155,46 +157,47 @@ class Answer:
 
     @property
     def found(self) -> bool:
-        """True if there is a design whose audit is clear."""
+        """True if there is a design with a clear audit."""
         return self.best is not None
 
     @property
     def idle_goals(self) -> list[str]:
         """A sentence for each goal whose levels do not change the result."""
-        best = [[size.best for size in at.sizes if size.best is not None] for at in self.levels]
-        least = [min((row.objective for row in rows if row.objective is not None), default=None) for rows in best]
-        return idle_goals([(at.level, J) for at, J in zip(self.levels, least, strict=True)], self.points)
+        best = [[size.best for size in level.sizes if size.best is not None] for level in self.levels]
+        lowest = [min((row.objective for row in rows if row.objective is not None), default=None) for rows in best]
+        levels = [level.level for level in self.levels]
+        return idle_goals(list(zip(levels, lowest, strict=True)), self.points)
 
     @property
     def best(self) -> Row | None:
-        """The best audited design of the smallest feasible size; with goals, the one of least effort."""
+        """The best clear design of the smallest size that has one; with goals, the one of lowest effort."""
         if self.levels:
             return self.points[0].row if self.points else None
         return next((size.best for size in self.sizes if size.best is not None), None)
 
     @property
     def shown(self) -> Row | None:
-        """The best design, or where none is clear the one of least effort of the smallest feasible size."""
+        """The best design, or if none is clear, that of lowest effort of the smallest feasible size."""
         return self.best or next((row for size in self.sizes for row in size.top), None)
 
     @property
     def level(self) -> int:
-        """Number of the level at which the best design was found; 0 without goals."""
+        """Number of the best design's level; 0 without goals."""
         return self.points[0].number if self.points else 0
 
     @property
     def at_level(self) -> Answer:
-        """The same with the sizes of that level."""
+        """The same answer with the sizes of that level."""
         return replace(self, sizes=self.levels[self.level].sizes) if self.levels else self
 
     @property
     def smallest(self) -> str:
-        """Statement on sizes smaller than that of the best design; for a range of sizes without goals."""
+        """Whether smaller sizes have a design, in words; empty unless there is a range of sizes without goals."""
         if self.best is None or self.levels or len(self.sizes) == 1:
             return ""
         fewer = [size for size in self.sizes if size.modules < self.best.modules]
         if not fewer:
-            return "the smallest size asked for"
+            return "the smallest requested size"
         proven = "proven" if all(size.impossible for size in fewer) else "not proven"
         return f"the smallest size with a design ({proven} that fewer, down to {fewer[0].modules}, have none)"
 
@@ -222,13 +225,12 @@ class Answer:
 
     @property
     def tolerances(self) -> str | None:
-        """Clearances of the best design that the task's tolerances leave, and whether that is required."""
-        audited = self.audit
-        return None if audited is None else audited.tolerances_words
+        """What the task's tolerances leave of the best design's clearances, and whether that is required."""
+        return None if self.audit is None else self.audit.tolerances_words
 
     @property
     def shorter_rod(self) -> str | None:
-        """Cost of a shorter rod of the best design."""
+        """Effort of the best design with a shorter rod, in words."""
         return None if self.design is None else self.design.shorter_rod
 
     @property
@@ -238,19 +240,20 @@ class Answer:
 
     @property
     def shortfalls(self) -> pd.DataFrame:
-        """A row for every constraint that the starts of a candidate without a design missed.
+        """A row for every constraint that the starts of a candidate without a design violate.
 
-        A candidate's most frequent constraint is first, `starts` says how many; `violation` is the least of theirs,
-        in `unit`; `kind` is the constraint without module numbers. A candidate that is proven impossible was not
-        solved and has no row. With goals the last column has the number of the level.
+        A candidate's most frequent constraint is first. `starts` counts the starts that violate it most,
+        `violation` is the smallest violation among them, in `unit`; `kind` is the constraint without module
+        numbers. A candidate that is proven impossible was not solved and has no row. With goals, the last column is
+        the level's number.
         """
 
         def rows_of(level: RunFolder, n: int) -> Iterator[Sequence[object]]:
             contexts = level.request.contexts(n)
             for row in level.ledger.ranking(n):
                 result = None if row.feasible else level.ledger.result(contexts[row.step], row.key)
-                for one in result.shortfalls if isinstance(result, Infeasible) else ():
-                    yield row.key, n, one.constraint, one.starts, one.violation, one.unit, kind_of(one.constraint)
+                for s in result.shortfalls if isinstance(result, Infeasible) else ():
+                    yield row.key, n, s.constraint, s.starts, s.violation, s.unit, kind_of(s.constraint)
 
         columns = ("key", "modules", "constraint", "starts", "violation", "unit", "kind")
         return _frame(self.folder, columns, rows_of)
@@ -259,7 +262,7 @@ class Answer:
     def solves(self) -> pd.DataFrame:
         """A row for every solve, in the order of completion, with the fields of `SolveEvent`.
 
-        With goals the last column has the number of the level.
+        With goals, the last column is the level's number.
         """
         columns = [field.name for field in fields(SolveEvent)]
         frame = _frame(self.folder, columns, lambda level, n: map(astuple, level.ledger.solves(n)))
@@ -277,13 +280,13 @@ class Answer:
 
     @property
     def proven(self) -> bool:
-        """True if branch and bound has closed all candidates of every size that has a best design."""
+        """True if branch and bound has closed all candidates of every size with a best design."""
         sizes = [size for size in self.sizes if size.best is not None]
         return bool(sizes) and all(size.candidates_gap is not None for size in sizes)
 
     @property
     def complete(self) -> bool:
-        """True if nothing is left to do."""
+        """True if no start and no audit remains."""
         return all(size.complete for size in self._all_sizes)
 
     @property
@@ -291,7 +294,7 @@ class Answer:
         return tuple(size for level in self.levels for size in level.sizes) or self.sizes
 
     def _repr_html_(self) -> str:
-        """Show a notebook what was found: a sentence and a table for each size, or for the front."""
+        """Return a sentence and a table for each size, or for the front, for a notebook."""
         if self.levels:
             columns = ("key", "modules", "J [rad^4/s^4]", "clearance [m]", "stand-off [m]", "peak input / u_max")
             names = ("key", "modules", "objective", "clearance", "stand_off", "peak_input")
@@ -308,7 +311,7 @@ class Answer:
 
     @property
     def exit_status(self) -> int:
-        """Exit status of the command: 0 for an audited design, 1 if no design passed its audit, 3 for no design."""
+        """Exit status of the command: 0 with a clear design, 1 if no audit is clear, 3 without a design."""
         if self.best is not None:
             return 0
         return 1 if any(size.feasible for size in self._all_sizes) else 3
@@ -323,7 +326,7 @@ def quotient_remark(quotient: Resolution) -> str:
 def candidates(path: Path) -> pd.DataFrame:
     """Return a row for every candidate of a run's folder, with the columns of `candidates.csv`, best first.
 
-    With goals there is one for every level too, and its number in the last column.
+    With goals there is a row for every level, and the last column is the level's number.
 
     Raises:
         BadInput: it is not a run folder.
@@ -336,7 +339,7 @@ def candidates(path: Path) -> pd.DataFrame:
 def _frame(
     path: Path, columns: Sequence[str], rows_of: Callable[[RunFolder, int], Iterable[Sequence[object]]]
 ) -> pd.DataFrame:
-    """Return the rows of all sizes, with goals of all levels, each with the number of its level."""
+    """Return the rows of all sizes and levels; with goals, the last column is the level's number."""
     import pandas as pd  # slow to import
 
     with RunFolder.load(path) as folder:

@@ -1,7 +1,7 @@
-"""The run folder: the ledger, and files made from it for people and other programs.
+"""The run folder: the ledger, and the files derived from it for people and other programs.
 
-A folder belongs to a run if it has its ledger, and to one request alone. Any other must be empty, or it is refused
-and left unchanged. In a run's folder only files that the run wrote itself are replaced or removed (`directory`).
+A folder with a ledger belongs to that ledger's run and request. Any other folder must be empty, or it is refused
+and left unchanged. Only files that the run itself wrote are replaced or removed (`directory`).
 """
 
 from __future__ import annotations
@@ -24,66 +24,68 @@ from topo_search.model.value import faults_of, naming
 from topo_search.study.directory import Directory, ReadOnlyFolder, RunFile
 from topo_search.study.ledger import COLUMNS, Ledger, Row
 from topo_search.study.ledger_file import blank
-from topo_search.study.proofs import ProofState, bounded_alike, cells, proof_state
-from topo_search.study.request import NOTHING, Own, Request, installed_versions
+from topo_search.study.proofs import ProofState, cells, proof_state, proofs_hold_for
+from topo_search.study.request import NO_INPUTS, Request, UserInputs, installed_versions
 
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def holds_run(directory: Directory) -> bool:
-    """Return whether a folder is that of a run; refuse one that has anything else in it, or lost its ledger."""
+def is_run_folder(directory: Directory) -> bool:
+    """Return whether a folder has a ledger, False if it is empty; refuse any other."""
     names = directory.names()
     if RunFile.LEDGER in names:
         return True
-    others = [name for name in names if name not in (RunFile.LOCK, RunFile.PARTIAL)]
-    if not others:
+    files = [name for name in names if name not in (RunFile.LOCK, RunFile.PARTIAL)]
+    if not files:
         return False
-    left = "it is left unchanged"
-    shown = ", ".join(others[:3]) + (", ..." if len(others) > 3 else "")
+    unchanged = "it is left unchanged"
+    shown = ", ".join(files[:3]) + (", ..." if len(files) > 3 else "")
     if any(
-        name in (*RunFile.RESULTS, *RunFile.PARTS) or name.startswith((RunFile.LEDGER, "best-n")) for name in others
+        name in (*RunFile.RESULTS, *RunFile.PARTS) or name.startswith((RunFile.LEDGER, "best-n")) for name in files
     ):
-        raise refusal(
-            directory.path,
-            f"has {shown} but no {RunFile.LEDGER}: the ledger was removed, or this is not a run folder; {left}",
-        )
-    raise refusal(directory.path, f"is not a run folder, and not empty: it has {shown}; {left}")
+        missing = f"has {shown} but no {RunFile.LEDGER}"
+        rule = f"{missing}: the ledger was removed, or this is not a run folder; {unchanged}"
+        raise refusal(directory.path, rule)
+    raise refusal(directory.path, f"is not a run folder, and not empty: it has {shown}; {unchanged}")
 
 
-def last_request(path: Path, directory: Directory, ledger: Ledger) -> Request:
-    """Return the request that a ledger was last given."""
-    held = ledger.identity()
+def stored_request(path: Path, directory: Directory, ledger: Ledger) -> Request:
+    """Return the latest request of a ledger's run."""
+    identity = ledger.identity()
     starts, trials = ledger.last_request()
     if starts < 1:
         raise BadInput(str(path), "has no run yet")
     try:
         return Request(
             _read_task(path, directory),
-            held.symmetry,
+            identity.symmetry,
             starts,
-            held.seed,
-            strategy=held.strategy,
-            sampler=held.sampler or "moves",
+            identity.seed,
+            strategy=identity.strategy,
+            sampler=identity.sampler or "moves",
             trials=trials,
-            round_size=held.round_size,
-            prune=bool(held.prune),
+            round_size=identity.round_size,
+            prune=bool(identity.prune),
             versions=ledger.versions() or installed_versions(),
-            user_inputs=held.own or NOTHING,
+            user_inputs=identity.own or NO_INPUTS,
         )
     except ValueError as error:
-        raise BadInput(str(path), f"holds a run that cannot be asked for: {error}") from None
+        raise BadInput(str(path), f"holds a run with an invalid request: {error}") from None
 
 
 def require_same(path: Path, request: Request, ledger: Ledger) -> None:
-    """Refuse a ledger of another request."""
-    held = ledger.identity()
+    """Refuse the ledger of another request."""
+    identity = ledger.identity()
     for name, value in request.identity:
-        if (other := getattr(held, name)) != value:
-            raise refusal(path, f"holds {_describe_other(name, other, value)}")
+        if (stored := getattr(identity, name)) != value:
+            raise refusal(path, f"holds {_describe_stored(name, stored, value)}")
 
 
 def require_versions(path: Path, ledger: Ledger) -> None:
-    """Refuse to take up a run whose own functions may have changed since its first result: nobody could tell."""
+    """Refuse to resume a run with functions of the user that have no version, once it has results.
+
+    The functions may have changed since.
+    """
     user_inputs = ledger.identity().own
     if user_inputs is not None and user_inputs.unversioned and ledger.versions() is not None:
         names = ", ".join(map(repr, user_inputs.unversioned))
@@ -92,23 +94,23 @@ def require_versions(path: Path, ledger: Ledger) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder unless it is there; BadInput if it cannot be."""
+    """Create a folder unless it exists; BadInput if that fails."""
     if os.path.lexists(path) and not path.is_dir():
         raise refusal(path, "is a file")
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise refusal(path, f"cannot be made: {error.strerror}") from None
+        raise refusal(path, f"cannot be created: {error.strerror}") from None
 
 
 def refusal(path: Path, what: str) -> BadInput:
-    """Return what to raise for a folder that the run cannot have."""
+    """Return the error for a folder that the run cannot use."""
     return BadInput(str(path), f"{what}; choose another folder with --out")
 
 
 def _read_task(path: Path, directory: Directory) -> Task:
-    """Return the task as the run wrote it: it names no other file."""
-    content, name = directory.read(RunFile.TASK, most_bytes=LIMITS.task_bytes), str(path / RunFile.TASK)
+    """Return the task as the run wrote it; it refers to no other file."""
+    content, name = directory.read(RunFile.TASK, max_bytes=LIMITS.task_bytes), str(path / RunFile.TASK)
     if content is None:
         raise BadInput(name, "no such file")
     with naming(name):
@@ -116,25 +118,25 @@ def _read_task(path: Path, directory: Directory) -> Task:
     return validate(Task, with_older_defaults(data), name)
 
 
-def _describe_other(name: str, held: Any, requested: Any) -> str:
-    """Say what a folder holds in place of what was requested."""
+def _describe_stored(name: str, stored: Any, requested: Any) -> str:
+    """Say what a folder holds instead of what was requested."""
     if name == "task":
         return "another task"
     if name != "own":
-        return f"a run with {name} {held}, not {requested}"
-    held, requested = held or NOTHING, requested or NOTHING
-    other = [part for part in Own.model_fields if getattr(held, part) != getattr(requested, part)]
-    return f"a run with other {' and other '.join(other)}"
+        return f"a run with {name} {stored}, not {requested}"
+    stored, requested = stored or NO_INPUTS, requested or NO_INPUTS
+    different = [part for part in UserInputs.model_fields if getattr(stored, part) != getattr(requested, part)]
+    return f"a run with other {' and other '.join(different)}"
 
 
 class RunFolder:
-    """The folder of one request, held by this process alone."""
+    """The folder of one request."""
 
     def __init__(self, path: Path, request: Request, ledger: Ledger, directory: Directory, level: str = "") -> None:
-        """Take a folder whose ledger is open; `level` is its part for one level of the goals, `levels/0/`."""
+        """Wrap a folder whose ledger is open; `level`: subfolder of one level of the goals, such as `levels/0/`."""
         self.path = path
         self.request = request
-        self.ledger = ledger.of(context for n in request.task.sizes for context in request.contexts(n))
+        self.ledger = ledger.ranking_only(context for n in request.task.sizes for context in request.contexts(n))
         self._directory = directory
         self._files = ledger.files_in(directory)
         self._level = level
@@ -142,39 +144,39 @@ class RunFolder:
     @classmethod
     @contextmanager
     def open(cls, path: Path, request: Request) -> Iterator[Self]:
-        """Make a run's folder, or take it up again.
+        """Create a run's folder, or open it to resume the run.
 
         Raises:
-            ReadOnlyFolder: it is there, but cannot be written to.
-            BadInput: it holds another run or something else, or another process works in it; it is left unchanged.
+            ReadOnlyFolder: the folder exists but cannot be written to.
+            BadInput: it holds another run or other files, or another process uses it; it is left unchanged.
         """
         make_folder(path)
         with Directory.open(path) as directory:
-            if not holds_run(directory):
+            if not is_run_folder(directory):
                 with directory.lock():
-                    if not holds_run(directory):  # else another process was faster
+                    if not is_run_folder(directory):  # another process may have been faster
                         identity = request.identity.model_dump_json(exclude_defaults=True)
                         directory.write(RunFile.LEDGER, blank(identity))
         with cls.load(path, request, writes=True) as folder:
-            folder._directory.tidy()
+            folder._directory.remove_partial()
             folder._files.require((*RunFile.RESULTS, *(f"best-n{n}.json" for n in request.task.sizes)))
-            folder.ledger.ask(request.starts, request.trials)
-            folder.keep(RunFile.TASK, to_toml(request.task))
+            folder.ledger.set_request(request.starts, request.trials)
+            folder.write_file(RunFile.TASK, to_toml(request.task))
             yield folder
 
     @classmethod
     @contextmanager
     def load(cls, path: Path, request: Request | None = None, *, writes: bool = False) -> Iterator[Self]:
-        """Open the folder of any run to read it.
+        """Open the folder of an existing run.
 
         Args:
             path: the folder.
-            request: what it must be the folder of; None: the request that it was last given.
-            writes: whether a file is to be kept there; then no other process may work in it.
+            request: the request that it must belong to; None: its own latest request.
+            writes: whether files will be written; then no other process may use the folder.
 
         Raises:
-            ReadOnlyFolder: it cannot be written to, but should be.
-            BadInput: it is not a run folder, or another process works in it.
+            ReadOnlyFolder: files are to be written, but cannot be.
+            BadInput: it is not a run folder, or another process uses it.
         """
         with Directory.open(path) as directory:
             if RunFile.LEDGER not in directory.names():
@@ -186,7 +188,7 @@ class RunFolder:
                     stack.enter_context(directory.lock())
                 ledger = stack.enter_context(Ledger.open(path / RunFile.LEDGER, read_only=not writes))
                 if request is None:
-                    request = last_request(path, directory, ledger)
+                    request = stored_request(path, directory, ledger)
                 else:
                     require_versions(path, ledger)
                 require_same(path, request, ledger)
@@ -194,7 +196,7 @@ class RunFolder:
 
     @cached_property
     def levels(self) -> tuple[RunFolder, ...]:
-        """The folder of each level of the goals; that of a run without goals is this one."""
+        """The folder of each level of the goals; without goals, this folder alone."""
         if not self.request.task.goals.names:
             return (self,)
         return tuple(
@@ -202,28 +204,28 @@ class RunFolder:
             for level, request in ((f"levels/{k}/", request) for k, request in enumerate(self.request.levels))
         )
 
-    def keep(self, name: str, content: str | None) -> None:
-        """Write a file of the run's own, unless it holds that already; None: remove it, if it is there.
+    def write_file(self, name: str, content: str | None) -> None:
+        """Write one of the run's files unless it is up to date; None: remove it if it exists.
 
         Raises:
-            BadInput: it is there, but the run did not write it.
+            BadInput: a file of this name exists that the run did not write.
             OSError: it cannot be written.
         """
         if content is None:
             self._files.remove([self._level + name])
         else:
-            self._files.keep([(self._level + name, content.encode())])
+            self._files.write([(self._level + name, content.encode())])
 
-    def keep_table(self, name: str, columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
-        """Write a file of the run's own as CSV; errors as of `keep`."""
-        self.keep(name, csv_text(columns, rows))
+    def write_table(self, name: str, columns: Iterable[str], rows: Iterable[Iterable[object]]) -> None:
+        """Write one of the run's files as CSV; same errors as `write_file`."""
+        self.write_file(name, csv_text(columns, rows))
 
     def page_mark(self) -> str:
-        """Return the last line of a page that is written now: a digest of all that it shows."""
+        """Return the last line of an up-to-date page: a digest of everything that it shows."""
         return f"<!-- {self.ledger.fingerprint(but=RunFile.REPORT)} -->\n"
 
     def page_is_current(self) -> bool:
-        """Return whether the page is there, as the run wrote it, and nothing that it shows has changed since."""
+        """Return whether the page exists, is unmodified, and shows the ledger's latest state."""
         page = self._directory.read(RunFile.REPORT)
         return (
             page is not None
@@ -232,26 +234,26 @@ class RunFolder:
         )
 
     def journal(self, name: str) -> Path:
-        """Return where a library may keep a journal, which it makes anew and locks.
+        """Return the path for a journal that a library creates, appends to and locks.
 
         Raises:
-            BadInput: a file is there that the run did not make.
+            BadInput: a file of this name exists that the run did not create.
         """
         if self._level:
-            self._directory.make(self._level.rstrip("/"))
+            self._directory.make_folder(self._level.rstrip("/"))
         self._files.adopt(self._level + name, f"{self._level}{name}.lock")
         return self.path / name
 
     def write(self) -> None:
-        """Bring all files of the folder up to the ledger.
+        """Write all files that derive from the ledger.
 
         Raises:
-            BadInput: files are in the way that the run did not write; all others are written.
+            BadInput: files of these names exist that the run did not write; all others are written.
         """
-        self.keep_table("candidates.csv", COLUMNS, (row for n in self.request.task.sizes for row in self.cells(n)))
+        self.write_table("candidates.csv", COLUMNS, (row for n in self.request.task.sizes for row in self.cells(n)))
         self._write_best()
         for part in RunFile.PARTS:
-            self._directory.make(self._level + part)
+            self._directory.make_folder(self._level + part)
         valid = set[str]()
 
         def contents() -> Iterator[tuple[str, bytes]]:
@@ -262,33 +264,33 @@ class RunFolder:
                             valid.add(name := f"{self._level}{part}/{key}.json")
                             yield name, text.encode()
 
-        self._files.keep(contents(), lasting=False)
+        self._files.write(contents(), durable=False)
         for part in RunFile.PARTS:
             self._files.remove(name for name in self._files.names_in(self._level + part) if name not in valid)
 
     def candidates(self, n: int) -> Iterator[tuple[Row, ProofState, Audit | None]]:
-        """Yield every candidate of n modules, least control effort first, with its proof and its audit."""
+        """Yield every candidate of n modules, lowest effort first, with its proof and its audit."""
         proofs, best, contexts = self.proofs(n), self.ledger.best_clear(n), self.request.contexts(n)
         for row in self.ledger.ranking(n):
             state = proof_state(row, proofs.get(row.key), None if best is None else best.objective)
             yield row, state, self.ledger.audit(contexts[row.step], row.key) if row.audit else None
 
     def result_of(self, row: Row) -> tuple[Design | None, Audit | None]:
-        """Return the design and the audit of a candidate, as far as it has them."""
+        """Return the design and the audit of a candidate; None for what it lacks."""
         context = self.request.contexts(row.modules)[row.step]
         result = self.ledger.result(context, row.key)
         return result if isinstance(result, Design) else None, self.ledger.audit(context, row.key)
 
     def cells(self, n: int) -> Iterator[list[object]]:
-        """Yield the row of every ranked candidate of n modules in `candidates.csv`."""
+        """Yield the rows of `candidates.csv` for n modules."""
         return (cells(*candidate) for candidate in self.candidates(n))
 
     def changed_files(self) -> list[str]:
-        """Return the names of all files whose content is not what the run wrote."""
+        """Return the names of all files that were modified since the run wrote them."""
         return self._files.find_changed()
 
     def proofs(self, n: int) -> dict[str, Proof]:
-        """Return the proofs of candidates of n modules by key: those of this very task.
+        """Return the proofs of candidates of n modules for exactly this task, by key.
 
         Raises:
             BadInput: one of them is damaged, or contradicts a design.
@@ -297,17 +299,18 @@ class RunFolder:
         return {proof.topology_key: proof for proof in self._sound_proofs(n) if proof.task == task}
 
     def proofs_for(self, task: ResolvedTask) -> dict[str, Proof]:
-        """Return the complete proofs that hold for a task of another run as well, as that run's own, by key.
+        """Return the complete proofs that also hold for a task of another run, by key, with that task.
 
         Raises:
             BadInput: one of them is damaged, or contradicts a design.
         """
-        held = [proof for proof in self._sound_proofs(task.n) if proof.complete and bounded_alike(proof.task, task)]
-        return {proof.topology_key: proof.model_copy(update={"task": task}) for proof in held}
+        proofs = (proof for proof in self._sound_proofs(task.n) if proof.complete)
+        valid = [proof for proof in proofs if proofs_hold_for(proof.task, task)]
+        return {proof.topology_key: proof.model_copy(update={"task": task}) for proof in valid}
 
     def _sound_proofs(self, n: int) -> Iterator[Proof]:
-        """Yield all proofs of the folder; none of n modules may exclude a design whose audit is clear."""
-        if not (proofs := self.read_within(RunFile.PROOFS, Proof)):
+        """Yield all proofs of the folder; refuse one of n modules that excludes a design with a clear audit."""
+        if not (proofs := self.read_files(RunFile.PROOFS, Proof)):
             return
         clear = {row.key: row.objective for row in self.ledger.ranking(n) if row.clear}
         for name, proof in proofs.items():
@@ -320,18 +323,18 @@ class RunFolder:
                 raise BadInput(str(self._directory.path / RunFile.PROOFS / name), rule)
             yield proof
 
-    def read_within(self, part: str, model: type[Model]) -> dict[str, Model]:
-        """Return the values that the run wrote into one of its folders, by the names of their files.
+    def read_files(self, part: str, model: type[Model]) -> dict[str, Model]:
+        """Return the values in all of the run's files of one folder, by file name.
 
         Raises:
             BadInput: one of them is damaged.
         """
         names = (path.rsplit("/", 1)[1] for path in self._files.names_in(f"{self._level}{part}"))
-        values = ((name, self.read_own(f"{part}/{name}", model)) for name in names)
+        values = ((name, self.read_file(f"{part}/{name}", model)) for name in names)
         return {name: value for name, value in values if value is not None}
 
-    def read_own(self, name: str, model: type[Model]) -> Model | None:
-        """Return the value that the run wrote into one of its files; None if the file is not there.
+    def read_file(self, name: str, model: type[Model]) -> Model | None:
+        """Return the value in one of the run's files; None if the file does not exist.
 
         Raises:
             BadInput: it is damaged.
@@ -344,19 +347,19 @@ class RunFolder:
         except ValidationError as error:
             raise BadInput(str(self._directory.path / path), faults_of(error, model)) from None
 
-    def drop_within(self, part: str) -> None:
-        """Remove what the run wrote into one of its folders."""
+    def remove_files(self, part: str) -> None:
+        """Remove the run's files from one of its folders."""
         self._files.remove(self._files.names_in(f"{self._level}{part}"))
 
     def _write_best(self) -> None:
-        """Write `best.json`, and `best-nN.json` of every size where there are several."""
+        """Write `best.json`, and `best-nN.json` for each of several sizes."""
         sizes = self.request.task.sizes
         best: dict[int, Row | None] = {n: self.ledger.best_clear(n) for n in sizes}
         files = {f"best-n{n}.json": row for n, row in best.items()} if len(sizes) > 1 else {}
         files["best.json"] = next((row for row in best.values() if row is not None), None)
         for name, row in files.items():
-            self.keep(name, None if row is None else self.text(row))
+            self.write_file(name, None if row is None else self.design_text(row))
 
-    def text(self, row: Row) -> str | None:
+    def design_text(self, row: Row) -> str | None:
         """Return the design of a row as JSON text."""
-        return self.ledger.design(self.request.contexts(row.modules)[row.step], row.key)
+        return self.ledger.result_text(self.request.contexts(row.modules)[row.step], row.key)

@@ -1,8 +1,9 @@
-"""The ledger: one row per candidate in an SQLite file, the truth about a run; `candidates.csv` shows the same rows.
+"""The ledger of a run: an SQLite file with one row per candidate, from which everything else derives.
 
 A row's key is its context (a digest of the task with its margin, the seed and the library versions) and its
-topology's key. Each row is on the disk before the next job's result is taken up (WAL, synchronous = FULL), with a
-checksum (`ledger_file`); and whoever wrote it knows that the file is still there.
+topology's key. Each row is on disk, with a checksum (`ledger_file`), before the next job's result is processed
+(WAL, synchronous = FULL); after each write the ledger makes sure that its file still exists. `candidates.csv` shows
+the same rows.
 """
 
 from __future__ import annotations
@@ -37,19 +38,19 @@ FLIGHT: dict[str, Callable[[Flight], float | int | None]] = {
     "hinge_tolerance_deg": lambda flight: flight.hinge_tolerance_deg,
     "rod_length_m": lambda flight: flight.rod_length_m,
 }
-"""Columns of an audited design: what its audit reports beyond the task."""
+"""Columns of figures from an audit that each row stores, and how to read them from the audit."""
 AUDITED = ("power_W", "air_tip_m_s", "air_region_m_s", "force_reserve_com_N", "tilt_deg")
-"""Columns of an audited design that are read from its audit, not from its row in the ledger."""
+"""Columns of figures that are read from the audit itself; rows do not store them."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """Result of one candidate."""
+    """The result of one candidate."""
 
     key: str
     modules: int
     orbit: int
-    """Number of classes of the exact quotient that the candidate stands for."""
+    """Number of symmetric copies: classes of the exact quotient that the candidate represents."""
     status: str
     """feasible, infeasible, impossible, pruned or failed."""
     objective: float | None = None
@@ -58,36 +59,36 @@ class Row:
     """[rad^4/s^4]"""
     gap: float | None = None
     worst_constraint: str | None = None
-    """The constraint that was missed; for `failed` the reason."""
+    """The most violated constraint; for `failed` the reason."""
     violation: float | None = None
     unit: str | None = None
     starts: int = 0
     starts_feasible: int = 0
     seconds: float = 0.0
     audit: str | None = None
-    """The verdict, once there is one."""
+    """The audit's verdict, if there is one."""
     starts_at_best: int = 0
-    """Number of starts that reached the same optimum as the best."""
+    """Number of starts that reached the best optimum."""
     asked: int = 0
-    """Number of starts that need no more solving: tried, replaced by a design carried over, or given up."""
+    """Number of starts that are settled: solved, replaced by a warm start, or given up."""
     audit_failure: str | None = None
-    """Why there is no verdict though an audit was tried."""
+    """Why the audit gave no verdict."""
     margin: float = 0.0
-    """The margin that the solver was asked for [m]."""
+    """The solver's margin [m]."""
     step: int = 0
-    """Its place among the `margins` of the task, 0 for the task's own."""
+    """Index of the margin among the task's `margins`; 0: the task's own."""
     force_reserve_N: float | None = None
-    """Any force of this size can be added at the end-effector in hover [N]; this and what follows of an audit."""
+    """Size of any force that can be added at the end-effector in hover [N]; from the audit, as are the rest."""
     torque_reserve_Nm: float | None = None
-    """Any torque of this size can be added in hover [N m]."""
+    """Size of any torque that can be added in hover [N m]."""
     rotors_out_hover: int | None = None
-    """Number of rotors any one of which may fail in hover."""
+    """Number of rotors whose single failure hover survives."""
     load_factor: float | None = None
-    """The least of hover and all load cases."""
+    """Smallest load factor of hover and all load cases."""
     joint_moment_Nm: float | None = None
-    """The largest of all joints and load cases [N m]."""
+    """Largest moment of all joints and load cases [N m]."""
     hinge_tolerance_deg: float | None = None
-    """Proven: hinge angles off by as much lose no clearance [deg]."""
+    """Error of all hinge angles that provably loses no clearance [deg]."""
     rod_length_m: float | None = None
 
     @property
@@ -101,8 +102,8 @@ class Row:
         return self.audit == "clear"
 
     @property
-    def audit_ended(self) -> bool:
-        """True if an audit need not be tried (again)."""
+    def is_audited(self) -> bool:
+        """True if there is a verdict, or the audit failed."""
         return self.audit is not None or self.audit_failure is not None
 
 
@@ -111,26 +112,26 @@ COLUMNS = (
     *(*ROW_FIELDS[: ROW_FIELDS.index("asked")], *FLIGHT, *AUDITED),
     *("proven_bound", "proven_gap", "proof", "proven_problem"),
 )
-"""The columns of `candidates.csv`: fields of a row before `asked`, then what audits say, last what proofs do."""
+"""Columns of `candidates.csv`: the row's fields before `asked`, then figures from audits, then proofs."""
 
 
 @dataclass(frozen=True)
 class SolveEvent:
-    """One solve, when it ended."""
+    """One finished solve."""
 
     at: float
-    """Time of its end [s since 1970, UTC]."""
+    """Time at which it finished [s since 1970, UTC]."""
     key: str
     status: str
-    """Key of the candidate after it."""
+    """The candidate's status after it."""
     objective: float | None
-    """The candidate's best after it [rad^4/s^4]."""
+    """The candidate's best objective after it [rad^4/s^4]."""
     margin: float
-    """The margin that the solver was asked for [m]."""
+    """The solver's margin [m]."""
 
 
 def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, starts: int, lower_bound: float) -> Row:
-    """Return the row of a candidate that was solved from its first `starts` starts, or given up."""
+    """Return the row of a candidate after its first `starts` starts."""
     candidate = Row(key=key, modules=modules, orbit=orbit, status="failed", asked=starts, lower_bound=lower_bound)
     if isinstance(outcome, Failed):
         return replace(candidate, worst_constraint=outcome.reason)
@@ -138,32 +139,32 @@ def row_of(outcome: Outcome, *, key: str, modules: int, orbit: int, starts: int,
         counts = ("starts", "starts_feasible", "starts_at_best", "seconds")
         candidate = replace(candidate, **{name: getattr(record, name) for name in counts})
     if isinstance(outcome, Infeasible):
-        missed = ("status", "worst_constraint", "violation", "unit")
-        return replace(candidate, **{name: getattr(outcome, name) for name in missed})
+        shortfall = ("status", "worst_constraint", "violation", "unit")
+        return replace(candidate, **{name: getattr(outcome, name) for name in shortfall})
     gap = Design.gap_of(outcome.objective, lower_bound)
     return replace(candidate, status="feasible", objective=outcome.objective, gap=gap)
 
 
 def proven_cell(name: str, value: object, digits: int = 6) -> object:
-    """Return what a table prints of one of an audit's figures, rounded to the side on which it is proven."""
+    """Return an audit's figure for a table, rounded towards the side that is proven."""
     if not isinstance(value, float):
         return value
-    at_most = {"air_tip_m_s", "air_region_m_s", "joint_moment_Nm", "rod_length_m"}  # all others are no less
-    at_most |= {"speed", "joint_moment", "peak_input"}  # the goals among them
-    return upper_text(value, digits) if name in at_most else lower_text(value, digits)
+    upper_bounds = {"air_tip_m_s", "air_region_m_s", "joint_moment_Nm", "rod_length_m"}  # others: lower bounds
+    upper_bounds |= {"speed", "joint_moment", "peak_input"}  # goals
+    return upper_text(value, digits) if name in upper_bounds else lower_text(value, digits)
 
 
 def flight_of(audit: Audit) -> dict[str, float | int | None]:
-    """Return what a row says of its audit's figures of flight, by the names of FLIGHT."""
+    """Return the audit's figures that a row stores, by the names of FLIGHT."""
     flight = audit.flight
     return {name: None if flight is None else read(flight) for name, read in FLIGHT.items()}
 
 
 def figures_of(audit: Audit) -> dict[str, float | None]:
-    """Return what an audit says by the names of AUDITED.
+    """Return the audit's figures that a row does not store, by the names of AUDITED.
 
-    Power at the rotors' shafts in hover [W]; of all load cases the fastest air at the end-effector and over regions
-    [m/s]; in hover any force that can be added at the centre of mass [N], and the tilt that can be held [deg].
+    Shaft power in hover [W]; the fastest air at the end-effector and over regions in any load case [m/s]; in hover,
+    the size of any force that can be added at the centre of mass [N] and the largest tilt [deg].
     """
     hover, air = None if audit.flight is None else audit.flight.hover, audit.air
     return {
@@ -175,23 +176,23 @@ def figures_of(audit: Audit) -> dict[str, float | None]:
     }
 
 
-def score(row: Row, task: ResolvedTask) -> Tried:
-    """Return what a strategy learns of a candidate."""
+def score_of(row: Row, task: ResolvedTask) -> Tried:
+    """Return the result of a candidate as its strategy receives it."""
     violation = None if row.violation is None else scaled_violation(row.violation, row.unit or "", task)
     return Tried(row.key, row.asked, row.status, row.objective, violation)
 
 
 def kind_of(constraint: str) -> str:
-    """Return the name of a constraint without the numbers of its modules."""
+    """Return the name of a constraint without module numbers."""
     return re.sub(r"\bmodule \d+", "a module", re.sub(r"\bmodules \d+ and \d+", "two modules", constraint))
 
 
 class _Sql:
-    """Parts of several queries."""
+    """Parts that queries share."""
 
     select = f"SELECT {', '.join(ROW_FIELDS)} FROM candidates"
-    ranked = "context IN (SELECT value FROM json_each(?))"
-    standing = f"WHERE standing AND modules = ? AND {ranked}"
+    in_contexts = "context IN (SELECT value FROM json_each(?))"
+    ranked = f"WHERE standing AND modules = ? AND {in_contexts}"
     row_key = "context = ? AND key = ?"
 
 
@@ -201,10 +202,10 @@ class Ledger:
     def __init__(self, database: sqlite3.Connection, path: Path) -> None:
         self._database = database
         self.path = path
-        self._names = [Path(f"{path.absolute()}{end}") for end in ("", "-wal")]
-        self._made = self._identities()
-        self._ranked = "[]"
-        """Names of the contexts that rankings are made of, those of one request and its library versions (JSON)."""
+        self._paths = [Path(f"{path.absolute()}{suffix}") for suffix in ("", "-wal")]
+        self._opened_files = self._file_identities()
+        self._contexts = "[]"
+        """Names of the contexts that rankings cover: those of one request and its library versions (JSON)."""
 
     @classmethod
     @contextmanager
@@ -213,20 +214,20 @@ class Ledger:
 
         Args:
             path: its file.
-            read_only: whether nothing may be written beside it either.
+            read_only: whether nothing may be written, not even files of SQLite next to it.
 
         Raises:
-            BadInput: the file is damaged, gone, or no ledger of this version; it is left unchanged.
+            BadInput: the file is damaged, missing, or not a ledger of this version; it is left unchanged.
         """
         with open_database(path, read_only=read_only) as database:
             yield cls(database, path)
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        """Make a transaction, and be sure that it is in the file.
+        """Run a transaction, and make sure that it reached the file.
 
         Raises:
-            LedgerLost: it is not: the file is gone.
+            LedgerLost: the file is gone.
         """
         with self._database:
             self._database.execute("BEGIN IMMEDIATE")
@@ -238,18 +239,18 @@ class Ledger:
             self._database.execute(query, values)
 
     def require(self) -> None:
-        """Make sure that what was written is in the file of this name, where the next process will look for it.
+        """Make sure that the path still leads to the file that was opened.
 
         Raises:
             LedgerLost: the file, or the folder, was removed, moved, replaced or emptied.
         """
-        if self._identities() != self._made:
+        if self._file_identities() != self._opened_files:
             raise LedgerLost(self.path)
 
-    def _identities(self) -> list[tuple[int, int, bool] | None]:
-        """Return which files there are, and whether the first has a content."""
+    def _file_identities(self) -> list[tuple[int, int, bool] | None]:
+        """Return device and inode of the ledger's files, and whether the first is not empty."""
         identities: list[tuple[int, int, bool] | None] = []
-        for path in self._names:
+        for path in self._paths:
             try:
                 status = path.lstat()
             except OSError:
@@ -259,35 +260,35 @@ class Ledger:
         return identities
 
     def identity(self) -> Identity:
-        """Return the identity of the run that the ledger holds.
+        """Return the identity of the ledger's run.
 
         Raises:
-            BadInput: it cannot be read, or is gone.
+            BadInput: it is missing or unreadable.
         """
         rows = self._database.execute("SELECT identity FROM run").fetchall()
         if len(rows) != 1:
-            raise damage(self.path, f"its table run has {len(rows)} rows in place of one")
+            raise damage(self.path, f"its table run has {len(rows)} rows instead of one")
         return parse(self.path, Identity, "run", rows[0][0])
 
     def fingerprint(self, *, but: str) -> str:
-        """Return a digest of all rows, of all files of the run but one, and of the versions that read them."""
+        """Return a digest of all rows, all files of the run except one, and the installed versions."""
         tallies = self._database.execute("SELECT * FROM tallies ORDER BY name").fetchall()
         query = "SELECT name, digest FROM files WHERE name <> ? ORDER BY name"
         files = self._database.execute(query, (but,)).fetchall()
         return digest_of(repr((tallies, files, installed_versions())).encode()).hex()
 
-    def ask(self, starts: int, trials: int | None) -> None:
-        """Record how many starts of each candidate, and how many proposals, were asked for last."""
+    def set_request(self, starts: int, trials: int | None) -> None:
+        """Record the latest request: starts per candidate, and number of proposals."""
         if self.last_request() != (starts, trials):
             self._write("UPDATE run SET starts = ?, trials = ?", (starts, trials))
 
     def last_request(self) -> tuple[int, int | None]:
-        """Return how many starts of each candidate, and how many proposals, were asked for last."""
+        """Return the latest request: starts per candidate, and number of proposals."""
         starts, trials = self._database.execute("SELECT starts, trials FROM run").fetchone()
         return starts, trials
 
     def versions(self) -> dict[str, str] | None:
-        """Return the versions of the libraries that solved last; None if nothing was begun."""
+        """Return the library versions of the latest solve; None if the ledger has no context."""
         latest = "contexts LEFT JOIN solves USING (context) ORDER BY number DESC LIMIT 1"
         values = self._database.execute(f"SELECT context, fixed_by FROM {latest}").fetchone()
         if values is None:
@@ -295,16 +296,16 @@ class Ledger:
         context, text = values
         try:
             fixed_by = json.loads(text)
-            named = digest(fixed_by)
+            name = digest(fixed_by)
         except (ValueError, RecursionError):
-            fixed_by, named = None, None
-        versions = fixed_by.get("versions") if isinstance(fixed_by, dict) and named == context else None
+            fixed_by, name = None, None
+        versions = fixed_by.get("versions") if isinstance(fixed_by, dict) and name == context else None
         if not isinstance(versions, dict) or not all(isinstance(value, str) for value in versions.values()):
-            raise damage(self.path, f"what it holds of context {context} has changed since it was written")
+            raise damage(self.path, f"its entry for context {context} has changed since it was written")
         return versions
 
     def bound(self, context: Context) -> tuple[float, Infeasible | None] | None:
-        """Return the lower bound and the proof of impossibility of a context, if it was begun."""
+        """Return the lower bound and the proof of impossibility of a context; None if the ledger lacks it."""
         query = "SELECT lower_bound, proof FROM contexts WHERE context = ?"
         values = self._database.execute(query, (context.name,)).fetchone()
         if values is None:
@@ -312,22 +313,22 @@ class Ledger:
         lower_bound, proof = values
         return lower_bound, None if proof is None else parse(self.path, Infeasible, "contexts", proof)
 
-    def begin(self, context: Context, lower_bound: float, proof: Infeasible | None) -> None:
-        """Record a context."""
+    def add_context(self, context: Context, lower_bound: float, proof: Infeasible | None) -> None:
+        """Record a context with its lower bound and its proof of impossibility, if there is one."""
         values = (context.name, context.task.n, context.step, context.margin, json.dumps(context.fixed_by))
         bounds = lower_bound, None if proof is None else to_json(proof)
         insert = "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?, NULL, NULL, 0)"
         self._write(insert, (*values, *bounds))
 
-    def end(self, context: Context, starts: int, trials: int | None) -> None:
-        """Record that the strategy came to its end with so many starts and proposals."""
+    def mark_complete(self, context: Context, starts: int, trials: int | None) -> None:
+        """Record that the strategy finished with these numbers of starts and proposals."""
         query = "UPDATE contexts SET ended_starts = ?, ended_trials = ? WHERE context = ?"
         self._write(query, (starts, trials, context.name))
 
-    def has_ended(self, context: Context, starts: int, trials: int | None) -> bool:
-        """Return whether the strategy came to its end with at least so many starts and proposals (None: all)."""
-        enough = "ended_starts >= ? AND (ended_trials IS NULL OR ended_trials >= ?)"
-        query = f"SELECT {enough} FROM contexts WHERE context = ?"
+    def is_complete(self, context: Context, starts: int, trials: int | None) -> bool:
+        """Return whether the strategy finished with at least these numbers of starts and proposals (None: all)."""
+        sufficient = "ended_starts >= ? AND (ended_trials IS NULL OR ended_trials >= ?)"
+        query = f"SELECT {sufficient} FROM contexts WHERE context = ?"
         values = self._database.execute(query, (starts, trials, context.name)).fetchone()
         return values is not None and bool(values[0])
 
@@ -338,13 +339,13 @@ class Ledger:
         return bool(self._database.execute(query, (context.name,)).fetchone()[0])
 
     def count_solved(self, context: Context, starts: int) -> int:
-        """Return how many candidates of a context were solved from so many starts."""
+        """Return how many candidates of a context were solved from at least `starts` starts."""
         query = "SELECT count(*) FROM candidates WHERE context = ? AND asked >= ? AND status <> 'failed'"
         number: int = self._database.execute(query, (context.name, starts)).fetchone()[0]
         return number
 
     def scores(self, context: Context) -> Iterator[Tried]:
-        """Return what candidates had reached after each solve that did not fail, in the order of their ends."""
+        """Yield the candidate's result after each solve that did not fail, in the order in which they finished."""
         query = (
             "SELECT key, asked, status, objective, violation FROM solves "
             "WHERE context = ? AND status <> 'failed' ORDER BY number"
@@ -357,8 +358,8 @@ class Ledger:
         return next(starmap(Row, self._database.execute(query, (context.name, key))), None)
 
     def result(self, context: Context, key: str) -> Design | Infeasible | None:
-        """Return one candidate's result so far; None if every attempt failed."""
-        text = self.design(context, key)
+        """Return one candidate's result so far; None if every solve failed."""
+        text = self.result_text(context, key)
         if text is None:
             return None
         model: type[Design] | type[Infeasible] = Design if '"topo-search/design"' in text[:60] else Infeasible
@@ -369,7 +370,7 @@ class Ledger:
         text = self._text("audit", context, key)
         return None if text is None else parse(self.path, Audit, "texts", text, strict=False)
 
-    def design(self, context: Context, key: str) -> str | None:
+    def result_text(self, context: Context, key: str) -> str | None:
         """Return a candidate's result as JSON text."""
         return self._text("result", context, key)
 
@@ -377,22 +378,23 @@ class Ledger:
         """Yield key, design and audit (as JSON texts) of every candidate of n modules that has a design."""
         query = (
             "SELECT key, result, result_checksum, texts.audit, audit_checksum "
-            f"FROM candidates LEFT JOIN texts USING (context, key) {_Sql.standing} AND status = 'feasible'"
+            f"FROM candidates LEFT JOIN texts USING (context, key) {_Sql.ranked} AND status = 'feasible'"
         )
-        for key, result, result_checksum, audit, audit_checksum in self._database.execute(query, (n, self._ranked)):
-            verdict = None if audit_checksum is None else checked_text(self.path, key, audit, audit_checksum)
-            yield key, checked_text(self.path, key, result, result_checksum), verdict
+        rows = self._database.execute(query, (n, self._contexts))
+        for key, result, result_checksum, audit, audit_checksum in rows:
+            audit_text = None if audit_checksum is None else checked_text(self.path, key, audit, audit_checksum)
+            yield key, checked_text(self.path, key, result, result_checksum), audit_text
 
     def record(
         self, context: Context, rows: Sequence[tuple[Row, Design | Infeasible | None]], *, failed: bool = False
     ) -> None:
-        """Write rows of candidates that were solved, all or none, with what is known of their designs.
+        """Write rows of solved candidates and their results in one transaction.
 
-        The last row with a design speaks for its candidate; the first one does when there is none. An audit stays
-        if `row` still has its verdict. `failed`: the last solve did, whatever the row has from earlier ones.
+        A candidate is ranked by its last row with a design, or else by its first row. Its audit is kept if `row`
+        still has the verdict. `failed`: the latest solve failed; the row holds the result of earlier ones.
         """
         columns = (*ROW_FIELDS, "context", "standing", "result_checksum", "checksum")
-        step_down = f"UPDATE candidates SET standing = 0 WHERE key = ? AND {_Sql.ranked}"
+        unrank = f"UPDATE candidates SET standing = 0 WHERE key = ? AND {_Sql.in_contexts}"
         write_row = f"""
         INSERT INTO candidates ({", ".join(columns)}) VALUES ({", ".join("?" * (len(columns) - 1))}, 0)
         ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in columns)},
@@ -408,14 +410,14 @@ class Ledger:
                 values = [getattr(row, name) for name in ROW_FIELDS]
                 text = None if result is None else to_json(result).encode()
                 if standing:
-                    self._database.execute(step_down, (row.key, self._ranked))
+                    self._database.execute(unrank, (row.key, self._contexts))
                 self._database.execute(write_row, (*values, context.name, standing, text and zlib.crc32(text)))
                 self._database.execute(write_result, (context.name, row.key, text, row.audit is not None))
-                if row.status != "pruned":  # for another design may rule it out, or none
-                    reached = score(row, context.task)
-                    reached = replace(reached, status="failed") if failed else reached
+                if row.status != "pruned":  # a pruned candidate was not solved
+                    score = score_of(row, context.task)
+                    score = replace(score, status="failed") if failed else score
                     number = self._database.execute("SELECT coalesce(max(number), 0) + 1 FROM solves").fetchone()[0]
-                    event = (number, time.time(), context.name, *astuple(reached), 0)
+                    event = (number, time.time(), context.name, *astuple(score), 0)
                     self._database.execute(f"INSERT INTO solves VALUES ({', '.join('?' * 9)})", event)
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
@@ -429,51 +431,51 @@ class Ledger:
             self._database.execute(f"UPDATE texts SET audit = ? WHERE {_Sql.row_key}", (text, *row_key))
 
     def forget_audit_failures(self, context: Context) -> None:
-        """Let designs whose audits failed be audited again."""
+        """Delete the failures of audits, so that those designs are audited again."""
         failed = "WHERE context = ? AND audit_failure IS NOT NULL"
         self._write(f"UPDATE candidates SET audit_failure = NULL {failed}", (context.name,))
 
     def record_audit_failure(self, context: Context, key: str, reason: str) -> None:
-        """Write why a candidate's design has no audit."""
+        """Write why the audit of a candidate's design failed."""
         self._write(f"UPDATE candidates SET audit_failure = ? WHERE {_Sql.row_key}", (reason, context.name, key))
 
     def files_in(self, directory: Directory) -> RunFiles:
-        """Return the files that the run wrote into its directory."""
+        """Return the run's files in its directory."""
         return RunFiles(self._database, directory)
 
-    def of(self, contexts: Iterable[Context]) -> Self:
-        """Return the same ledger with rankings of the rows of these contexts."""
+    def ranking_only(self, contexts: Iterable[Context]) -> Self:
+        """Return the same ledger, whose rankings cover only the rows of these contexts."""
         ledger = copy(self)
-        ledger._ranked = json.dumps([context.name for context in contexts])
+        ledger._contexts = json.dumps([context.name for context in contexts])
         return ledger
 
     def ranking(self, n: int) -> Iterator[Row]:
-        """Return the row that stands for each candidate of n modules: by objective, ties by key, then the rest."""
-        query = f"{_Sql.select} {_Sql.standing} ORDER BY objective IS NULL, objective, key"
-        return starmap(Row, self._database.execute(query, (n, self._ranked)))
+        """Yield the row of each candidate of n modules: by objective, then key, those without a design last."""
+        query = f"{_Sql.select} {_Sql.ranked} ORDER BY objective IS NULL, objective, key"
+        return starmap(Row, self._database.execute(query, (n, self._contexts)))
 
     def best_clear(self, n: int) -> Row | None:
         """Return the best row of n modules whose audit is clear."""
-        query = f"{_Sql.select} {_Sql.standing} AND audit = 'clear' ORDER BY objective, key LIMIT 1"
-        return next(starmap(Row, self._database.execute(query, (n, self._ranked))), None)
+        query = f"{_Sql.select} {_Sql.ranked} AND audit = 'clear' ORDER BY objective, key LIMIT 1"
+        return next(starmap(Row, self._database.execute(query, (n, self._contexts))), None)
 
     def solves(self, n: int) -> Iterator[SolveEvent]:
-        """Return the solves of n modules in the order in which they ended."""
+        """Yield the solves of n modules in the order in which they finished."""
         query = (
             "SELECT at, key, status, objective, margin FROM solves JOIN contexts USING (context) "
-            f"WHERE modules = ? AND {_Sql.ranked} "
-            "AND status <> 'impossible' ORDER BY number"  # a proof is no solve
+            f"WHERE modules = ? AND {_Sql.in_contexts} "
+            "AND status <> 'impossible' ORDER BY number"  # a proof is not a solve
         )
-        return starmap(SolveEvent, self._database.execute(query, (n, self._ranked)))
+        return starmap(SolveEvent, self._database.execute(query, (n, self._contexts)))
 
     def best_designs(self, context: Context, first: int, count: int) -> list[Row]:
-        """Return a context's designs from place `first` on, by objective, ties by key."""
+        """Return `count` designs of a context, ranked by objective and key, starting at index `first`."""
         designs = f"{_Sql.select} WHERE context = ? AND objective IS NOT NULL"
         query = f"{designs} ORDER BY objective, key LIMIT ? OFFSET ?"
         return [*starmap(Row, self._database.execute(query, (context.name, count, first)))]
 
     def _text(self, column: str, context: Context, key: str) -> str | None:
-        """Return what one of the columns of `texts` holds of a candidate."""
+        """Return a candidate's text in a column of `texts`, with its checksum verified."""
         texts = "candidates LEFT JOIN texts USING (context, key)"
         query = f"SELECT texts.{column}, {column}_checksum FROM {texts} WHERE {_Sql.row_key}"
         text, checksum = self._database.execute(query, (context.name, key)).fetchone() or (None, None)

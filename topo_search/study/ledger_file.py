@@ -1,16 +1,16 @@
-"""The ledger's file: its tables, and whether it is whole.
+"""The ledger's SQLite file: its tables, and the checks of its integrity.
 
-A file is checked when it is opened: its tables are those that this program makes, and their rows those that were
-written. The texts of results and audits, which are nearly all of it, are checked whenever they are read: each has
-its checksum in the row of its candidate. A file comes into being whole, with its run: an empty one was damaged.
+Opening the file checks that its tables are those of this program, and that their rows are unchanged. The texts of
+results and audits, nearly all of the file, are checked when they are read: the row of their candidate has their
+checksums. The file is created complete, with its run, so an empty file is damaged.
 
 | symbol | meaning |
 |---|---|
 | row's checksum | CRC-32 of its other values as text; every flipped bit changes it |
-| `tallies` | of each table: number of rows, and the sum of their checksums modulo 2^32 |
+| `tallies` | for each table: number of rows, and the sum of their checksums modulo 2^32 |
 
-Checksums tell damage, not malice: whoever writes a ledger on purpose writes its checksums too. What is read is
-checked for its meaning besides, before it becomes the name of a file or an answer.
+Checksums detect damage, not malice: a forged ledger has valid checksums. So values are also checked for their
+meaning before they become file names or answers.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from topo_search.study.answer import Answer
 
 KEPT = "all results are kept; run the same command to continue"
-"""Note (PEP 678) of what ends a run early, once it is so."""
-PLACES = {"run": "rowid", "contexts": "context", "candidates": "context, key", "solves": "number"}
-"""The tables that an answer is made from, and what a row of each is found by."""
+"""Note (PEP 678) on the exception that ends a run early, once its results are safe."""
+KEY_COLUMNS = {"run": "rowid", "contexts": "context", "candidates": "context, key", "solves": "number"}
+"""The tables from which answers are made, with the key columns of each."""
 KEY = re.compile(r"[ap][0-9a-f]+")
-"""Pattern of a topology's key, which also names files."""
+"""Pattern of a topology's key, which is also used in file names."""
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
 VERSION = 7
@@ -78,11 +78,11 @@ CREATE INDEX ranking ON candidates (context, objective, key);
 INSERT INTO tallies VALUES ('run', 0, 0), ('contexts', 0, 0), ('candidates', 0, 0), ('solves', 0, 0);
 COMMIT;
 """
-"""`starts`: asked for last. `standing`: this row speaks for its candidate, not one with another margin. `texts`: of
-results and audits, in JSON; `..._checksum` of a candidate is that of its text, null where there is none. `solves`:
-one row per solve, in the order of their ends, with what the candidate had reached after `asked` starts; a strategy
-is replayed from them. `ended_...`: what the strategy was asked for when it last came to its end. `tallies`: of the
-tables with a `checksum`. `files`: what the run itself wrote into its folder (`directory`)."""
+"""`run`: the identity and the latest request. `standing`: whether this row represents its candidate, rather than
+one with another margin. `texts`: results and audits in JSON; their checksums are in `candidates`, null without a
+text. `solves`: one row per solve, in order of completion, with the candidate's result after `asked` starts;
+strategies are replayed from them. `ended_...`: the request for which the strategy last finished. `tallies`: of the
+tables with key columns. `files`: the files that the run wrote into its folder (`directory`)."""
 ADVICE = "choose another folder with --out, or move it away"
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -90,16 +90,15 @@ Model = TypeVar("Model", bound=BaseModel)
 class LedgerLost(Exception):
     """The ledger, or its folder, was removed, moved, replaced or emptied while a run worked in it."""
 
-    def __init__(self, path: Path, end: str = "") -> None:
+    def __init__(self, path: Path, rule: str = "") -> None:
         self.answer: Answer | None = None
-        """Results of the run, as far as they can still be read."""
+        """The run's answer, as far as it can still be read."""
         self.design: Design | None = None
-        """The best design, audited if any is: nothing else may hold it any more."""
-        end = end or (
-            "emptied during the run; the run stopped, and what it found since then is kept only in the output "
-            "printed here"
+        """The best design, audited if possible: this may be its only copy."""
+        rule = rule or (
+            "emptied during the run; the run stopped, and later results are only in the output printed here"
         )
-        super().__init__(f"{path}: was removed, moved, replaced or {end}")
+        super().__init__(f"{path}: was removed, moved, replaced or {rule}")
 
 
 def checksum(values: Sequence[Any]) -> int:
@@ -108,14 +107,14 @@ def checksum(values: Sequence[Any]) -> int:
 
 
 def is_within_folder(name: str) -> bool:
-    """Return whether a relative name leads nowhere else."""
+    """Return whether a relative name stays within its folder."""
     return all(part not in ("", "..") for part in name.split("/"))
 
 
 def seal_changes(database: sqlite3.Connection) -> None:
-    """Have every row that is changed sealed again, and its table's tally follow, by triggers of this connection."""
+    """Create triggers of this connection that update a changed row's checksum and its table's tally."""
     database.create_function("seal", -1, lambda *values: checksum(values), deterministic=True)
-    for table, key_columns in PLACES.items():
+    for table, key_columns in KEY_COLUMNS.items():
         *names, _ = (name for _, name, *_ in database.execute(f"PRAGMA table_info({table})"))
         seal = f"""
         UPDATE {table} SET checksum = seal({", ".join(f"NEW.{name}" for name in names)})
@@ -132,40 +131,40 @@ def seal_changes(database: sqlite3.Connection) -> None:
 
 
 def fault(database: sqlite3.Connection, table: str) -> str | None:
-    """Return what is wrong with a table, if its rows are not those that were written; `files` has no tally."""
+    """Return what is wrong with a table's rows, if anything; `files` has no tally."""
     types_of = {"TEXT": str, "INTEGER": int, "REAL": float, "BLOB": bytes}
-    kinds = [  # types that the values of each column may have
+    allowed_types = [
         {types_of[declared]} if not_null or key else {types_of[declared], type(None)}
         for _, _, declared, not_null, _, key in database.execute(f"PRAGMA table_info({table})")
     ]
-    known: set[tuple[type, ...]] = set()
+    valid: set[tuple[type, ...]] = set()
     rows = total = 0
-    key_columns = slice(0, PLACES.get(table, "").count(",") + 1)
-    before: tuple[Any, ...] = ()
+    key_columns = slice(0, KEY_COLUMNS.get(table, "").count(",") + 1)
+    key: tuple[Any, ...] = ()
     for values in database.execute(f"SELECT * FROM {table} NOT INDEXED"):
         stored = values[-1]
         if checksum(values[:-1]) != stored:
             return f"a row of its table {table} is not what was written"
-        if (types := tuple(map(type, values))) not in known:
-            if not all(kind in allowed for kind, allowed in zip(types, kinds, strict=True)):
-                return f"a row of its table {table} has a value of another kind"
-            known.add(types)
+        if (types := tuple(map(type, values))) not in valid:
+            if not all(kind in allowed for kind, allowed in zip(types, allowed_types, strict=True)):
+                return f"a row of its table {table} has a value of the wrong type"
+            valid.add(types)
         if table == "files" and not is_within_folder(values[0]):
             return f"its table files has the name {values[0][:40]!r}"
-        if table != "run" and not before < (before := values[key_columns]):
+        if table != "run" and not key < (key := values[key_columns]):
             return f"the rows of its table {table} are not in order"
         if table == "candidates" and (len(values[1]) != values[2] + 1 or not KEY.fullmatch(values[1])):
             return f"its table candidates has the key {values[1][:40]!r} for {values[2]} modules"
         rows += 1
         total += stored
-    held = database.execute("SELECT rows, total FROM tallies WHERE name = ?", (table,)).fetchall()
-    if table in PLACES and held != [(rows, total & 0xFFFFFFFF)]:
+    tally = database.execute("SELECT rows, total FROM tallies WHERE name = ?", (table,)).fetchall()
+    if table in KEY_COLUMNS and tally != [(rows, total & 0xFFFFFFFF)]:
         return f"its table {table} has {rows} rows, which are not those that were written"
     return None
 
 
 def blank(identity: str) -> bytes:
-    """Return the content of a new ledger's file, with the identity of its run."""
+    """Return the content of a new ledger file with the identity of its run."""
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as database:
         database.executescript(SCHEMA)
         seal_changes(database)
@@ -177,31 +176,31 @@ def blank(identity: str) -> bytes:
 
 @contextmanager
 def open_database(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection]:
-    """Open a ledger's file; arguments and errors as `Ledger.open`.
+    """Open a ledger's file; same arguments and errors as `Ledger.open`.
 
-    Damage that is found later is named as well.
+    Damage that is found later raises BadInput too.
     """
     _check_file(path)
     options = "?mode=rw"
-    if read_only:  # without a log that a killed process left there is nothing to share with other processes
-        logged = path.with_name(f"{path.name}-wal").exists()
-        options = "?mode=ro" if logged else "?mode=ro&immutable=1"
+    if read_only:  # without a write-ahead log the file can be read on its own, and SQLite creates no files
+        has_log = path.with_name(f"{path.name}-wal").exists()
+        options = "?mode=ro" if has_log else "?mode=ro&immutable=1"
     with (
         closing(sqlite3.connect(path.absolute().as_uri() + options, isolation_level=None, uri=True)) as database,
-        _damage_named(path),
+        _translated_damage(path),
     ):
         database.execute("PRAGMA trusted_schema = OFF")
         try:
             _check(database, path)
-        except UnicodeDecodeError:  # the name of a column
+        except UnicodeDecodeError:  # in the name of a column
             raise damage(path, "its tables have names that are not text") from None
         if not read_only:
-            _make_lasting(database, path)
+            _make_durable(database, path)
         yield database
 
 
-def _make_lasting(database: sqlite3.Connection, path: Path) -> None:
-    """Make every transaction last once it has ended, and seal what it changes."""
+def _make_durable(database: sqlite3.Connection, path: Path) -> None:
+    """Make every transaction durable, and seal the rows that it changes."""
     try:
         database.execute("PRAGMA journal_mode = WAL")
         database.execute("BEGIN IMMEDIATE")
@@ -215,34 +214,34 @@ def _make_lasting(database: sqlite3.Connection, path: Path) -> None:
 
 
 def _check_file(path: Path) -> None:
-    """Refuse what is no ledger's file before SQLite looks at it: it would follow links, play back journals."""
-    for each in (path, *(path.with_name(f"{path.name}{end}") for end in ("-wal", "-shm"))):
+    """Refuse unsuitable files before SQLite opens them: it would follow links and play back journals."""
+    for file in (path, *(path.with_name(f"{path.name}{suffix}") for suffix in ("-wal", "-shm"))):
         try:
-            status = each.lstat()
+            status = file.lstat()
         except FileNotFoundError:
             continue
         if not stat.S_ISREG(status.st_mode):
-            raise refusal(each, "is a symbolic link" if stat.S_ISLNK(status.st_mode) else "is no file")
-        if each != path and status.st_nlink > 1:
-            raise refusal(each, "has a second name (hard link), and would be written through")
+            raise refusal(file, "is a symbolic link" if stat.S_ISLNK(status.st_mode) else "is not a regular file")
+        if file != path and status.st_nlink > 1:
+            raise refusal(file, "has a second name (hard link), and would be written through")
     journal = path.with_name(f"{path.name}-journal")
     if os.path.lexists(journal):
-        raise refusal(journal, "is not from this program, which keeps no such file")
+        raise refusal(journal, "is not from this program, which writes no such file")
     if not path.exists():
         raise refusal(path, "is gone")
-    if not path.stat().st_size:  # its content is SQLite's alone to read: closing the file would drop its locks
+    if not path.stat().st_size:  # only `stat`: opening and closing the file would drop SQLite's locks
         raise refusal(path, "is damaged (it is empty)")
 
 
 @contextmanager
-def _damage_named(path: Path) -> Iterator[None]:
-    """Turn what SQLite says of a damaged file into BadInput; a disk that is full or fails is another matter."""
+def _translated_damage(path: Path) -> Iterator[None]:
+    """Turn SQLite's errors for a damaged file into BadInput; other errors, such as a full disk, pass."""
     try:
         yield
     except sqlite3.DatabaseError as error:
-        # what is no text comes as an OperationalError, but not from SQLite itself, and so without a code
-        no_text = isinstance(error, sqlite3.OperationalError) and not hasattr(error, "sqlite_errorcode")
-        if type(error) is not sqlite3.DatabaseError and not no_text:
+        # invalid text raises an OperationalError of Python's module, which has no code of SQLite
+        is_text_error = isinstance(error, sqlite3.OperationalError) and not hasattr(error, "sqlite_errorcode")
+        if type(error) is not sqlite3.DatabaseError and not is_text_error:
             raise
         raise BadInput(str(path), f"is damaged or not a ledger ({error}); {ADVICE}") from None
 
@@ -251,7 +250,7 @@ def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str
     """Return the text of a candidate's result or audit.
 
     Raises:
-        BadInput: it is not the one that was written, or is gone.
+        BadInput: it has changed since it was written, or is missing.
     """
     if text is None or zlib.crc32(text) != checksum:
         raise BadInput(str(path), f"is damaged (its entry {key} has changed since it was written); {ADVICE}")
@@ -259,10 +258,10 @@ def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str
 
 
 def parse(path: Path, model: type[Model], table: str, text: str, *, strict: bool = True) -> Model:
-    """Return what a table holds as JSON text.
+    """Return the value of a JSON text from a table.
 
     Raises:
-        BadInput: it is no such thing.
+        BadInput: the text is invalid.
     """
     try:
         return model.model_validate_json(text, strict=strict)
@@ -271,40 +270,40 @@ def parse(path: Path, model: type[Model], table: str, text: str, *, strict: bool
 
 
 def _check(database: sqlite3.Connection, path: Path) -> None:
-    """Refuse what is no ledger, or not as it was written, before anything is written to it."""
+    """Refuse a file that is not a ledger, or was changed, before anything is written to it."""
     application: int = database.execute("PRAGMA application_id").fetchone()[0]
     version = database.execute("PRAGMA user_version").fetchone()[0]
     if application != APPLICATION_ID:
         raise refusal(path, "is an SQLite file of another program")
     if version != VERSION:
         raise refusal(path, f"has version {version}, but this program reads version {VERSION}")
-    database.execute("BEGIN")  # all is read as of one moment, also beside a run that works
+    database.execute("BEGIN")  # one consistent snapshot, even while a run writes
     _check_schema(database, path)
-    # all but `texts`, which have their checksums; SQLite before 3.33 checks all
-    for table in ("sqlite_schema", *PLACES, "tallies", "files"):
+    # all but `texts`, which have checksums; SQLite before 3.33 checks all tables
+    for table in ("sqlite_schema", *KEY_COLUMNS, "tallies", "files"):
         if (report := database.execute(f"PRAGMA integrity_check({table})").fetchone()[0]) != "ok":
             raise damage(path, report)
-    for table in (*PLACES, "files"):  # what the run wrote under a name that changed would be nobody's
-        if wrong := fault(database, table):
-            raise damage(path, wrong)
+    for table in (*KEY_COLUMNS, "files"):  # `files`: a changed name would disown a file of the run
+        if reason := fault(database, table):
+            raise damage(path, reason)
     database.execute("COMMIT")
 
 
 def _check_schema(database: sqlite3.Connection, path: Path) -> None:
-    """Refuse a ledger that has lost a table or a column, or has anything that this program does not make."""
+    """Refuse a ledger whose tables are not exactly those of this program."""
     schema = "SELECT type, name, tbl_name, sql FROM sqlite_schema"
     with closing(sqlite3.connect(":memory:")) as pattern:
         pattern.executescript(SCHEMA)
-        if odd := set(database.execute(schema)) ^ set(pattern.execute(schema)):
-            kind, name, *_ = max(odd, key=str)  # a table before its index
-            raise damage(path, f"its {kind} {str(name)[:100]} is not as this program makes it")
+        if differences := set(database.execute(schema)) ^ set(pattern.execute(schema)):
+            kind, name, *_ = max(differences, key=str)  # a table before its index
+            raise damage(path, f"its {kind} {str(name)[:100]} is not as this program creates it")
 
 
 def damage(path: Path, what: str) -> BadInput:
-    """Return the error that names the damage of a file that was only looked at."""
+    """Return the error for a damaged file, which is left unchanged."""
     return refusal(path, f"is damaged ({what})")
 
 
 def refusal(path: Path, what: str) -> BadInput:
-    """Return the error that says why a file is not used."""
+    """Return the error for a file that is not used, and left unchanged."""
     return BadInput(str(path), f"{what}; it is left unchanged: {ADVICE}")

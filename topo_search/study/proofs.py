@@ -1,4 +1,4 @@
-"""Proofs by branch and bound for a run's candidates, and for all of them together."""
+"""What proofs by branch and bound show for each candidate of a run, and for a whole size."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ EXCLUDED, WITHIN, OPEN, IMPOSSIBLE = "excluded", "within", "open", "impossible"
 
 
 class ProofState(NamedTuple):
-    """Proven facts about one tree."""
+    """What is proven about one tree."""
 
     proven_bound: float | None
     """No design of the tree costs less [rad^4/s^4]."""
     proven_gap: float | None
-    """1 - proven_bound / objective: how much less than its best one it can cost."""
+    """1 - proven_bound / objective: largest share by which it can improve on its best design."""
     proven_problem: Problem | None
-    """Designs that the bound is about."""
+    """Designs that the bound covers."""
     proof: str | None
-    """`excluded`: no less than the run's best; `within`: no less than a cut under it; `open`; `impossible`."""
+    """`excluded`: cannot beat the run's best; `within`: not below a cut under the best; `open`; `impossible`."""
 
 
 def proof_state(row: Row, proof: Proof | None, best: float | None) -> ProofState:
     """Return what is proven of a tree.
 
     Args:
-        row: of the tree.
-        proof: of the tree, if there is any.
-        best: the least effort of designs of its size whose audit is clear.
+        row: the tree's row.
+        proof: the tree's proof, if there is one.
+        best: effort of the best design of its size with a clear audit, if there is one.
     """
     if row.status == IMPOSSIBLE:
         return ProofState(None, None, None, IMPOSSIBLE)
@@ -56,29 +56,30 @@ def proof_state(row: Row, proof: Proof | None, best: float | None) -> ProofState
 
 def cells(row: Row, state: ProofState, audit: Audit | None) -> list[object]:
     """Return a candidate's row of `candidates.csv`."""
-    beside = {**state._asdict(), **(dict.fromkeys(AUDITED) if audit is None else figures_of(audit))}
-    return [beside[name] if name in beside else getattr(row, name) for name in COLUMNS]
+    figures = {**state._asdict(), **(dict.fromkeys(AUDITED) if audit is None else figures_of(audit))}
+    return [figures[name] if name in figures else getattr(row, name) for name in COLUMNS]
 
 
 def target(row: Row, best: float, gap: float) -> tuple[str, float]:
-    """Return what is to be proven of a tree: that it cannot beat the best, or if it comes near, by how little.
+    """Return the aim of a tree's proof and its cut.
 
     Returns:
-        `excluded` and the best's effort; or `within` and the effort that is `gap` under the tree's own best.
+        `excluded` and the effort of the run's best; or `within` and the effort `gap` under the tree's own best, if
+        that is lower.
     """
     if row.objective is not None and row.objective * (1 - gap) < best:
         return WITHIN, row.objective * (1 - gap)
     return EXCLUDED, best
 
 
-def bounded_alike(task: ResolvedTask, other: ResolvedTask) -> bool:
-    """True if a proof of one task is one of the other: the same but for name and exposure that no bound knows."""
-    alike = task.model_copy(update={"name": other.name, "exposure": other.exposure}) == other
-    return alike and set(half_spaces(task.exposure)) <= set(half_spaces(other.exposure))
+def proofs_hold_for(task: ResolvedTask, other: ResolvedTask) -> bool:
+    """True if proofs for `task` hold for `other`: only the name and exposure beyond `task`'s half-spaces differ."""
+    is_same = task.model_copy(update={"name": other.name, "exposure": other.exposure}) == other
+    return is_same and set(half_spaces(task.exposure)) <= set(half_spaces(other.exposure))
 
 
-def knows(task: ResolvedTask, about: Problem) -> list[str]:
-    """Return which requirements beyond load cases and airflow a bound takes in."""
+def bounded_requirements(task: ResolvedTask, about: Problem) -> list[str]:
+    """Return the requirements beyond load cases and airflow that the bound takes into account."""
     flight, words = task.flight, list[str]()
     if any(case.corners for case in task.load_cases):
         words.append("sets of wrenches")
@@ -90,34 +91,34 @@ def knows(task: ResolvedTask, about: Problem) -> list[str]:
         if flight.rotor_out != "none":
             which = "hover" if flight.rotor_out == "hover" else "hover and load cases that carry the weight"
             words.append(f"{which} with any one rotor dead")
-    words += ["least inputs"] * (task.min_input > 0)
+    words += ["minimum inputs"] * (task.min_input > 0)
     if half_spaces(task.exposure) and task.end_effector.fixed_position is None:
         words.append("half-spaces that hold the airflow")
     return words
 
 
 class ProofSummary(NamedTuple):
-    """Summary of the proofs of one size."""
+    """The proofs of one size together."""
 
     sentence: str | None = None
-    """None unless a proof was asked for."""
+    """What they prove; None without any proof."""
     gap: float | None = None
-    """Largest share by which a design of this size can cost less than the best; None while trees are open."""
+    """Largest share by which a design of this size can improve on the best; None while trees are open."""
     resumable: tuple[str, ...] = ()
-    """The trees that are open and of which the same command could prove more."""
+    """Open trees for which the same command could prove more."""
 
 
 def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
-    """Say what the proofs of one size come to together; `best`: the best design whose audit is clear."""
+    """Summarize the proofs of one size; `best`: its best design with a clear audit."""
     proofs = folder.proofs(n)
     if best is None or best.objective is None or not proofs:
         return ProofSummary()
     candidates = folder.request.space(n).count()
     states = {row.key: proof_state(row, proofs.get(row.key), best.objective) for row in folder.ledger.ranking(n)}
-    counts = Counter(one.proof or "not examined" for one in states.values())
+    counts = Counter(state.proof or "not examined" for state in states.values())
     words = {
         EXCLUDED: "cannot beat the best",
-        WITHIN: "proven to within the gap asked for",
+        WITHIN: "proven to within the requested gap",
         IMPOSSIBLE: "impossible",
         OPEN: "open",
         "not examined": "not examined",
@@ -126,18 +127,18 @@ def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
     number, unsolved = quantity(candidates, "candidate"), candidates - len(states)
     if unsolved:
         verdicts += f", {unsolved} not solved by `run`"
-    due = [key for key, state in states.items() if state.proof in (OPEN, None)]
-    if due or unsolved:
-        sentence = f"branch and bound, {number}: {verdicts}; nothing new is proven while some are open"
-        stuck = [key for key in due if key in proofs and is_stuck(proofs[key], best.objective)]
+    unproven = [key for key, state in states.items() if state.proof in (OPEN, None)]
+    if unproven or unsolved:
+        sentence = f"branch and bound, {number}: {verdicts}; nothing is proven for the size while some are open"
+        stuck = [key for key in unproven if key in proofs and is_stuck(proofs[key], best.objective)]
         if stuck:
             shown = ", ".join(stuck[:3]) + ", ..." * (len(stuck) > 3)
             sentence += (
-                f"; the same command cannot close {shown}, of which some boxes may hold a better design or are too "
-                "many: try a larger --gap or --problem solver"
+                f"; the same command cannot close {shown}: some boxes may contain a better design, or there are "
+                "too many; try a larger --gap or --problem solver"
             )
-        return ProofSummary(sentence, None, tuple(key for key in due if key not in stuck))
-    bounds = [one.proven_bound for one in states.values() if one.proven_bound is not None]
+        return ProofSummary(sentence, None, tuple(key for key in unproven if key not in stuck))
+    bounds = [state.proven_bound for state in states.values() if state.proven_bound is not None]
     gap, claim, scope = claim_of(
         folder, best, bounds, [proof.problem for key, proof in proofs.items() if key in states]
     )
@@ -147,13 +148,13 @@ def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
 def claim_of(
     folder: RunFolder, best: Row, bounds: Sequence[float], problems: Sequence[Problem]
 ) -> tuple[float, str, str]:
-    """Return what the bounds of all trees of a size prove: its gap, in words, and which designs it is about.
+    """Return what the bounds of all trees prove for a size: the gap, the claim in words, and its scope in words.
 
     Args:
-        folder: of the run.
+        folder: the run's folder.
         best: the best design of the size.
-        bounds: of trees with a complete proof [rad^4/s^4].
-        problems: designs that the proofs are about: together, those that all of them are about.
+        bounds: bounds of the trees with a complete proof [rad^4/s^4].
+        problems: designs that each of the proofs covers; the claim covers those that all of them do.
     """
     effort, n = best.objective or 0.0, best.modules
     gap = max(0.0, 1 - min(bounds, default=effort) / effort)
@@ -162,11 +163,11 @@ def claim_of(
     return gap, f"{subject} is {improvement(gap)}", problem(folder.request.contexts(n)[0].task, about)
 
 
-def sizes_with_best(folder: RunFolder, key: str | None, *, none: str) -> list[tuple[int, Row, float, list[Row]]]:
-    """Return every size with a clear design: it, its effort, and all rows, or that of a key.
+def sizes_with_best(folder: RunFolder, key: str | None, *, rule: str) -> list[tuple[int, Row, float, list[Row]]]:
+    """Return each size with a clear design: n, its best design, its effort, and all rows, or only that of `key`.
 
     Raises:
-        BadInput: no row has the key, or no size has such a design, which `none` says.
+        BadInput: no row has the key, or no size has such a design (message `rule`).
     """
     rows = {
         n: [row for row in folder.ledger.ranking(n) if key in (None, row.key)] for n in folder.request.task.sizes
@@ -176,37 +177,37 @@ def sizes_with_best(folder: RunFolder, key: str | None, *, none: str) -> list[tu
     best = ((n, folder.ledger.best_clear(n)) for n in rows)
     sizes = [(n, row, row.objective, rows[n]) for n, row in best if row is not None and row.objective]
     if not sizes:
-        raise BadInput(str(folder.path), none)
+        raise BadInput(str(folder.path), rule)
     return sizes
 
 
 def is_stuck(proof: Proof, best: float) -> bool:
-    """True if a proof has a chunk that cannot be closed, at the lowest cut that its gap allows."""
+    """True if a proof has a chunk that cannot be closed even at the lowest cut that its gap allows."""
     return proof.open_at is not None and proof.cut <= best * (1 - proof.gap)
 
 
 def problem(task: ResolvedTask, about: Problem) -> str:
-    """Say precisely which designs a proof is about."""
+    """State the scope of a proof: the designs that it covers."""
     margin = f" and {upper_text(task.search.margin)} m" if about == "solver" else ""
     if task.search.interference == "separation":
-        kept = f"centres of modules may be {upper_text(task.separation)} m{margin} apart"
+        distances = f"centres of modules may be {upper_text(task.separation)} m{margin} apart"
     else:
         what = "airflow envelopes"
         if task.search.interference == "parts":
             what = "rotors, hubs and arms and other modules' airflow envelopes"
-        kept = f"{what} may be{margin.removeprefix(' and')} apart" if margin else f"{what} may touch"
-        apart = task.centre_distance if about == "solver" else task.body_clearance
-        if apart is not None:
-            kept += f" and centres of modules not bolted together be {upper_text(apart)} m{margin} apart"
-    kept = f"the solver's own distances, {kept}" if about == "solver" else kept
-    if known := knows(task, about):
-        kept += f"; with {', '.join(known)}"
+        distances = f"{what} may be{margin.removeprefix(' and')} apart" if margin else f"{what} may touch"
+        clearance = task.centre_distance if about == "solver" else task.body_clearance
+        if clearance is not None:
+            distances += f" and centres of modules not bolted together be {upper_text(clearance)} m{margin} apart"
+    distances = f"the solver's own distances, {distances}" if about == "solver" else distances
+    if requirements := bounded_requirements(task, about):
+        distances += f"; with {', '.join(requirements)}"
     # a proof holds for the trees and the orientations that the task allows
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
-    of_set = task.search.hinge_set_deg is not None
-    hinges = "hinge angles of the task's set" if of_set else "hinge angles within 90 deg either way"
+    is_set = task.search.hinge_set_deg is not None
+    hinges = "hinge angles of the task's set" if is_set else "hinge angles within 90 deg either way"
     return (
-        f"scope: {connectors}{root}, {hinges}, every wrench and input within the "
-        f"audit's tolerance; {kept}; all other requirements are left out, and can only raise the control effort"
+        f"scope: {connectors}{root}, {hinges}, every wrench and input within the audit's tolerance; {distances}; "
+        "all other requirements are left out, and can only raise the control effort"
     )

@@ -1,7 +1,7 @@
-"""Proofs of all trees of a run, made and checked chunk by chunk.
+"""Proving and checking all trees of a run, chunk by chunk.
 
-A chunk that ended is kept within a second, and is not searched again. A check is made by means that share nothing
-with the proof; it proves and writes nothing.
+A finished chunk is written within a second and never searched again. The check shares no code with the proof; it
+proves nothing and writes nothing.
 """
 
 from __future__ import annotations
@@ -26,77 +26,77 @@ from topo_search.study.ledger_file import KEPT
 from topo_search.study.progress import EXPECTED, Observer, Phase
 from topo_search.study.proofs import IMPOSSIBLE, claim_of, sizes_with_best, target
 from topo_search.study.request import Request
-from topo_search.study.summary import answer_of, check_designs, refuse_lost
+from topo_search.study.summary import answer_of, check_designs, detect_loss
 
 ProveChunk = Callable[[ResolvedTask, Topology, int, float, Problem], Chunk]
-"""Searches one chunk of a tree for designs under a cut [rad^4/s^4]: a pure function."""
+"""Pure function that searches one chunk of a tree for designs below a cut [rad^4/s^4]."""
 
 
 @dataclass(frozen=True)
-class Patience:
-    """Limits of a proof that keep it from taking too long."""
+class ProofLimits:
+    """Limits of a proof."""
 
     chunk_s: float = 7200.0
-    """After which a chunk counts as hung: far above what one takes (n = 5: seconds)."""
+    """Time after which a chunk counts as hung [s]: far above the typical time (n = 5: seconds)."""
     modules: int = 12
-    """The allowance for rounding holds for more (`nlp.bounds.branch.box`); nobody can wait for so many boxes."""
+    """Largest platform: more modules take too many boxes, although the prover's rounding allowance covers them."""
     write_period_s: float = 1.0
-    """Least time between two writes of a proof that is not complete."""
+    """Shortest time between two writes of an incomplete proof [s]."""
 
 
-PATIENCE = Patience()
+PROOF_LIMITS = ProofLimits()
 
 
 @dataclass
-class _Work:
-    """The proofs of one size, as they grow."""
+class _SizeProofs:
+    """The growing proofs of one size."""
 
     folder: RunFolder
     observer: Observer
     floor: float
-    """Cut for a tree that cannot be held to a higher one: `gap` under the run's best [rad^4/s^4]."""
+    """Lowest cut, `gap` under the run's best, for trees with no proof at a higher one [rad^4/s^4]."""
     proofs: dict[str, Proof] = field(default_factory=dict)
-    kept: float = 0.0
-    due: set[str] = field(default_factory=set)
-    """Proofs with chunks that are not written yet."""
+    written_at: float = 0.0
+    unwritten: set[str] = field(default_factory=set)
+    """Keys of the proofs with chunks that are not written yet."""
     impossible: frozenset[str] = frozenset()
-    """Trees that other rules prove impossible; a record is for `--check` alone."""
+    """Trees that other rules prove impossible; only `--check` uses their proofs."""
 
     def jobs(self) -> Iterator[tuple[Proof, int]]:
-        """Yield what is due, tree by tree; a tree with a chunk that cannot be closed is left alone."""
+        """Yield the chunks to search, tree by tree, skipping trees with a chunk that cannot be closed."""
         for key in list(self.proofs):
             for number in self.proofs[key].due_chunks():
                 if self.proofs[key].open_at is None:
                     yield self.proofs[key].without_chunks, number
 
-    def take(self, begun: Proof, number: int, result: Chunk | Failed) -> None:
-        """Keep what came of a chunk."""
-        key = begun.topology_key
-        if begun.cut != self.proofs[key].cut:
+    def add_result(self, job_proof: Proof, number: int, result: Chunk | Failed) -> None:
+        """Add the result of a chunk to its proof, unless the cut was lowered meanwhile."""
+        key = job_proof.topology_key
+        if job_proof.cut != self.proofs[key].cut:
             return
         if isinstance(result, Failed):
             self.observer.note(f"{key}: chunk {number} failed, {result.reason}")
             return
-        known_open = self.proofs[key].open_at is not None
+        was_open = self.proofs[key].open_at is not None
         proof = self.proofs[key] = self.proofs[key].with_chunk(result)
-        self.due.add(key)
-        if proof.complete or time.monotonic() - self.kept > PATIENCE.write_period_s:
-            self.keep()
+        self.unwritten.add(key)
+        if proof.complete or time.monotonic() - self.written_at > PROOF_LIMITS.write_period_s:
+            self.write()
         if proof.complete:
-            self.observer.note(f"{key}: {_words(proof, self.floor)}, {proof.boxes:,} boxes")
+            self.observer.note(f"{key}: {_claim(proof, self.floor)}, {proof.boxes:,} boxes")
         elif result.outcome != "closed" and proof.cut > self.floor:
             self.proofs[key] = _lower(proof, self.floor)
             self.observer.note(f"{key}: {_cause(result)}; proving a gap of {gap_percent(proof.gap)} instead")
-        elif result.outcome != "closed" and not known_open:
-            state = "impossible, but without a record to check" if key in self.impossible else "open"
-            self.observer.note(f"{key}: {state}, for {_cause(result)}")
+        elif result.outcome != "closed" and not was_open:
+            state = "impossible, but without a proof to check" if key in self.impossible else "open"
+            self.observer.note(f"{key}: {state}: {_cause(result)}")
 
-    def keep(self) -> None:
-        """Write what is not written yet."""
-        for key in sorted(self.due):
-            self.folder.keep(f"{RunFile.PROOFS}/{key}", to_json(self.proofs[key]))
-        self.due.clear()
-        self.kept = time.monotonic()
+    def write(self) -> None:
+        """Write the proofs that have new chunks."""
+        for key in sorted(self.unwritten):
+            self.folder.write_file(f"{RunFile.PROOFS}/{key}", to_json(self.proofs[key]))
+        self.unwritten.clear()
+        self.written_at = time.monotonic()
 
 
 def prove(
@@ -109,78 +109,77 @@ def prove(
     engine: Engine,
     observer: Observer,
     problem: Problem = "task",
-    lender: Path | None = None,
+    source_run: Path | None = None,
     time_limit: float = math.inf,
     prepare: Callable[[ResolvedTask], None] = lambda _: None,
     report: Callable[[RunFolder], None] = lambda _: None,
 ) -> Answer:
-    """Prove what can be proven of the trees of a run against its best audited design, and return its answer.
+    """Prove how far each tree of a run can beat its best audited design, and return the run's answer.
 
     Args:
         path: the run's folder.
         prove_chunk: the prover.
-        centre: which module a tree hangs from in a proof.
-        gap: share of its own best effort to which a tree is proven that cannot be excluded.
-        key: of the one tree to look at; None: all.
-        engine: where chunks are searched; it changes nothing but the time it takes.
+        centre: returns the module that is the root of a tree in its proof.
+        gap: share of its own best effort to which a tree is proven if it cannot be excluded.
+        key: key of the only tree to prove; None: all.
+        engine: runs the jobs; affects only the time.
         observer: receives the progress.
-        problem: which designs the proof is about; what is proven of the task's is not proven again of the solver's.
-        lender: folder of another run, whose proofs are taken where they hold for this one and prove as much as the
-            gap asks for.
-        time_limit: seconds after which no more is searched; `prepare` does not count.
-        prepare: is called before the first chunk of a task is searched, if any is.
-        report: is handed the folder once all its files are written.
+        problem: designs that the proof covers; a proof about the task also counts for the solver's problem.
+        source_run: folder of another run, whose proofs are reused where they hold for this run and its gap.
+        time_limit: seconds after which the search stops, not counting `prepare`.
+        prepare: called before the first chunk of a task is searched, if there is any to search.
+        report: writes the folder's page after all other files.
 
     Raises:
-        BadInput: it is not a run folder, has no audited design or no such tree, or another process works in it; no
+        BadInput: it is not a run folder, has no audited design or no such tree, or another process uses it; or no
             proof of the other run holds for it.
-        KeyboardInterrupt: after Ctrl-C, with every finished chunk kept.
-        WorkersLost: the engine has no workers any more; likewise.
-        LedgerLost: as of `run`.
+        KeyboardInterrupt: after Ctrl-C; every finished chunk is kept.
+        WorkersLost: the engine has no workers left; same as for Ctrl-C.
+        LedgerLost: same as in `run`.
     """
     until = time.monotonic() + time_limit
-    with RunFolder.load(path, writes=True) as folder, refuse_lost(folder):
+    with RunFolder.load(path, writes=True) as folder, detect_loss(folder):
         refuse_unprovable(folder.request, str(path))
-        sizes = sizes_with_best(folder, key, none="has no audited design to prove against")
+        sizes = sizes_with_best(folder, key, rule="has no audited design to prove against")
         try:
             for n, incumbent, best, rows in sizes:
-                rows.sort(key=lambda row: row.status == IMPOSSIBLE)  # last: theirs is for the check alone
+                rows.sort(key=lambda row: row.status == IMPOSSIBLE)  # last: only `--check` uses their proofs
                 impossible = frozenset(row.key for row in rows if row.status == IMPOSSIBLE)
-                work = _Work(folder, observer, best * (1 - gap), impossible=impossible)
+                size = _SizeProofs(folder, observer, best * (1 - gap), impossible=impossible)
                 task = folder.request.contexts(n)[0].task
-                kept, reusable = folder.proofs(n), _lend(lender, task)
+                stored_proofs, reusable_proofs = folder.proofs(n), _reusable_proofs(source_run, task)
                 for row in rows:
                     aim, cut = target(row, best, gap)
-                    held, reused = kept.get(row.key), reusable.get(row.key)
-                    if held is not None and _serves(held, cut, work.floor, gap, problem):
-                        if held.open_at is not None and held.cut > work.floor:
-                            held = _lower(held, work.floor)
-                    elif reused is not None and reused.cut >= work.floor and reused.problem in ("task", problem):
-                        whole: Aim = "excluded" if reused.cut >= best else "within"
-                        held = reused.model_copy(update={"aim": whole, "gap": gap})
-                        work.due.add(row.key)
+                    proof, other = stored_proofs.get(row.key), reusable_proofs.get(row.key)
+                    if proof is not None and _is_sufficient(proof, cut, size.floor, gap, problem):
+                        if proof.open_at is not None and proof.cut > size.floor:
+                            proof = _lower(proof, size.floor)
+                    elif other is not None and other.cut >= size.floor and other.problem in ("task", problem):
+                        reached: Aim = "excluded" if other.cut >= best else "within"
+                        proof = other.model_copy(update={"aim": reached, "gap": gap})
+                        size.unwritten.add(row.key)
                     else:
                         scope = {"gap": gap, "problem": problem, "aim": aim, "cut": cut}
                         root = centre(task, Topology.from_key(row.key))
-                        held = Proof(task=task, topology_key=row.key, root_module=root, **scope)
-                    work.proofs[row.key] = held
-                before = dict[str, float]()
-                while before != (cuts := {key: proof.cut for key, proof in work.proofs.items()}):
-                    before = cuts  # what was lowered meanwhile is due again
-                    due = sum(len(proof.due_chunks()) for proof in work.proofs.values() if proof.open_at is None)
-                    if due:
+                        proof = Proof(task=task, topology_key=row.key, root_module=root, **scope)
+                    size.proofs[row.key] = proof
+                searched_cuts = dict[str, float]()
+                while searched_cuts != (cuts := {key: proof.cut for key, proof in size.proofs.items()}):
+                    searched_cuts = cuts  # trees whose cut is lowered during the search are searched again
+                    chunks = sum(len(proof.due_chunks()) for proof in size.proofs.values() if proof.open_at is None)
+                    if chunks:
                         started_at = time.monotonic()
                         prepare(task)
                         until += time.monotonic() - started_at
-                    observer.phase(Phase("proving", n, due, seconds=EXPECTED.chunk_s))
+                    observer.phase(Phase("proving", n, chunks, seconds=EXPECTED.chunk_s))
                     search = partial(_search, prove_chunk)
-                    ended = engine.run(search, work.jobs(), deadline=lambda _: PATIENCE.chunk_s, until=until)
+                    results = engine.run(search, size.jobs(), deadline=lambda _: PROOF_LIMITS.chunk_s, until=until)
                     try:
-                        for job, result in ended:
-                            work.take(*job, result)
+                        for job, result in results:
+                            size.add_result(*job, result)
                             observer.settled(incumbent)
                     finally:
-                        work.keep()
+                        size.write()
         except (KeyboardInterrupt, WorkersLost) as stop:
             folder.write()
             stop.add_note(KEPT)
@@ -198,17 +197,17 @@ def _search(prove_chunk: ProveChunk, job: tuple[Proof, int]) -> Chunk:
 
 
 def refuse_unprovable(request: Request, name: str) -> None:
-    """Refuse to prove what is beyond a proof, before a search for it begins.
+    """Refuse a task that cannot be proven, before it is searched.
 
     Raises:
-        BadInput: the task has goals, or more modules than a proof can be of; `name` says whose it is.
+        BadInput: the task has goals, a rod whose mass is included, or too many modules; `name`: the faulty input.
     """
     _refuse_goals(request, name)
     if request.task.end_effector.rod_mass == "included":
-        rule = 'must be "ignored" for a proof, which knows no rod whose mass a design decides, but got "included"'
+        rule = 'must be "ignored" for a proof, which cannot include the mass of a rod, but got "included"'
         raise BadInput(name, [Fault("end_effector.rod_mass", rule)])
-    if (n := request.task.sizes[-1]) > PATIENCE.modules:
-        raise BadInput(name, [Fault("modules", f"must be at most {PATIENCE.modules} for a proof, but got {n}")])
+    if (n := request.task.sizes[-1]) > PROOF_LIMITS.modules:
+        raise BadInput(name, [Fault("modules", f"must be at most {PROOF_LIMITS.modules} for a proof, but got {n}")])
 
 
 def _refuse_goals(request: Request, name: str) -> None:
@@ -216,23 +215,23 @@ def _refuse_goals(request: Request, name: str) -> None:
         raise BadInput(name, "has goals: a proof needs a single objective; run the task without goals")
 
 
-def _serves(held: Proof, cut: float, floor: float, gap: float, problem: Problem) -> bool:
-    """True if what is held of a tree is what is asked for, or more, a part of it, or all that this gap led to."""
-    if held.complete:
-        enough = held.cut >= cut or (held.gap == gap and held.cut >= floor)
-        return enough and held.problem in ("task", problem)
-    return held.cut in (cut, floor) and held.problem == problem
+def _is_sufficient(proof: Proof, cut: float, floor: float, gap: float, problem: Problem) -> bool:
+    """True if a stored proof shows at least what is requested, is a part of that, or all that this gap led to."""
+    if proof.complete:
+        reaches_cut = proof.cut >= cut or (proof.gap == gap and proof.cut >= floor)
+        return reaches_cut and proof.problem in ("task", problem)
+    return proof.cut in (cut, floor) and proof.problem == problem
 
 
-def _lend(lender: Path | None, task: ResolvedTask) -> dict[str, Proof]:
+def _reusable_proofs(source_run: Path | None, task: ResolvedTask) -> dict[str, Proof]:
     """Return the proofs of another run that hold for a task."""
-    if lender is None:
+    if source_run is None:
         return {}
-    with RunFolder.load(lender) as other:
-        proofs = other.proofs_for(task)
+    with RunFolder.load(source_run) as folder:
+        proofs = folder.proofs_for(task)
     if not proofs:
         text = f"has no complete proof that holds for {task.name}, n = {task.n}: only name and exposure may differ"
-        raise BadInput(str(lender), text)
+        raise BadInput(str(source_run), text)
     return proofs
 
 
@@ -240,24 +239,24 @@ def _lower(proof: Proof, floor: float) -> Proof:
     return proof.without_chunks.model_copy(update={"aim": "within", "cut": floor})
 
 
-def _words(proof: Proof, floor: float) -> str:
-    """Say what a complete proof proves."""
+def _claim(proof: Proof, floor: float) -> str:
+    """Return what a complete proof shows, in words."""
     if proof.aim == "excluded":
         return "proven, cannot beat the best"
-    whose = "the" if proof.cut == floor else "its own"
-    return f"proven, cannot beat {whose} best by more than {gap_percent(proof.gap)}"
+    reference = "the best" if proof.cut == floor else "its own best"
+    return f"proven, cannot beat {reference} by more than {gap_percent(proof.gap)}"
 
 
 def _cause(chunk: Chunk) -> str:
     """Say why a chunk is open."""
     if chunk.outcome == "many":
         return f"chunk {chunk.number} needs more than {chunk.boxes:,} boxes"
-    return f"chunk {chunk.number} cannot exclude a better design at the smallest size of boxes"
+    return f"chunk {chunk.number} cannot exclude a better design with the smallest boxes"
 
 
 _CheckJob = tuple[Proof, Chunk]
 CheckChunk = Callable[[ResolvedTask, Topology, int, float, Chunk, Problem], CheckedChunk]
-"""Checks that no design of one chunk of a tree costs less than a cut [rad^4/s^4]: a pure function."""
+"""Pure function that checks that no design in one chunk of a tree costs less than a cut [rad^4/s^4]."""
 
 
 @dataclass
@@ -267,21 +266,23 @@ class CheckedTree:
     key: str
     modules: int
     bound: float | None = None
-    """No design of the tree costs less, if it is checked and nothing of the run is refused [rad^4/s^4]."""
+    """Lower bound of the effort, if the tree is checked and nothing in the run is refused [rad^4/s^4]."""
     problem: Problem = "task"
-    """Designs that the bound is about."""
+    """Designs that the bound covers."""
     fault: str | None = None
-    """Why its proof is refused."""
+    """Why the proof is refused."""
     left: str | None = None
-    """Why there is nothing to check."""
+    """Why there is nothing to check: `open`, `not examined` or `impossible`."""
     boxes: int = 0
+    """Number of checked boxes."""
     halved: int = 0
+    """Number of boxes that the check halved further."""
     chunks: int = 0
-    """That were checked and hold."""
+    """Number of chunks that passed the check."""
 
     @property
     def verdict(self) -> str:
-        """`checked`, `refused`, `open` or `impossible`."""
+        """`checked`, `refused`, `open`, `not examined` or `impossible`."""
         if self.fault is not None:
             return "refused"
         return "checked" if self.left is None else self.left
@@ -293,12 +294,12 @@ class Checked:
 
     trees: list[CheckedTree] = field(default_factory=list)
     sentences: list[str] = field(default_factory=list)
-    """One for each size with a best design."""
+    """Result in words for each size with a best design."""
     faults: list[str] = field(default_factory=list)
     """Faults other than those of single trees."""
 
     missing: int = 0
-    """Number of candidates that the run has not solved yet, unless one tree alone was to be looked at."""
+    """Number of candidates that the run has not solved yet; 0 if only one tree is checked."""
 
     @property
     def refused(self) -> bool:
@@ -307,7 +308,7 @@ class Checked:
 
     @property
     def settled(self) -> bool:
-        """True if there is a proof, or another reason, for every tree."""
+        """True if every tree has a valid proof or is impossible."""
         return not self.refused and not self.missing and all(tree.left in (None, IMPOSSIBLE) for tree in self.trees)
 
 
@@ -321,25 +322,25 @@ def check(
     observer: Observer,
     prepare: Callable[[ResolvedTask], None] = lambda _: None,
 ) -> Checked:
-    """Check the proofs of a run, and the audit of the design that they are against.
+    """Check the proofs of a run, and the audit of the best design that they refer to.
 
     Args:
         path: the run's folder.
         check_chunk: checks a chunk.
         audit: audits a design.
-        key: of the one tree to look at; None: all.
-        engine: where chunks are checked.
+        key: key of the only tree to check; None: all.
+        engine: runs the jobs; affects only the time.
         observer: receives the progress.
-        prepare: is called before the first chunk of a task is checked, if any is.
+        prepare: called before the first chunk of a task is checked, if there is any to check.
 
     Raises:
         BadInput: it is not a run folder, has no audited design or no such tree.
-        WorkersLost: the engine has no workers any more.
+        WorkersLost: the engine has no workers left.
     """
     checked = Checked()
     with RunFolder.load(path) as folder:
         _refuse_goals(folder.request, str(path))
-        sizes = sizes_with_best(folder, key, none="holds no audited design that a proof could be against")
+        sizes = sizes_with_best(folder, key, rule="has no audited design to prove against")
         for n, best, _, rows in sizes:
             if not rows:
                 continue
@@ -355,9 +356,9 @@ def check(
                 prepare(task)
             _replay(jobs, trees, check_chunk, engine, observer)
             checked.trees += trees.values()
-        with_trees = {f"{RunFile.PROOFS}/{tree.key}" for tree in checked.trees}  # refused with their trees
-        checked.faults += [f"{name} {CHANGED}" for name in folder.changed_files() if name not in with_trees]
-        if checked.refused:  # then nothing is claimed, whatever else holds
+        proof_files = {f"{RunFile.PROOFS}/{tree.key}" for tree in checked.trees}  # refused with their trees
+        checked.faults += [f"{name} {CHANGED}" for name in folder.changed_files() if name not in proof_files]
+        if checked.refused:  # any fault voids all claims
             for examined in checked.trees:
                 examined.bound = None
         for n, best, _, rows in sizes:
@@ -365,30 +366,30 @@ def check(
             if key is None:
                 checked.missing += count - len(rows)
             if len(rows) > 1:
-                of_size = [tree for tree in checked.trees if tree.modules == n]
-                checked.sentences.append(_sentence(folder, of_size, best, count, proven=not checked.refused))
+                size_trees = [tree for tree in checked.trees if tree.modules == n]
+                checked.sentences.append(_sentence(folder, size_trees, best, count, proven=not checked.refused))
     return checked
 
 
 def _examine(
     folder: RunFolder, row: Row, task: ResolvedTask, space: Candidates
 ) -> tuple[CheckedTree, Proof | None]:
-    """Return what can be said of a tree without checking chunks, and its proof if they are to be checked."""
+    """Return the result for a tree before its chunks are checked, and its proof if there are chunks to check."""
     tree, name = CheckedTree(row.key, row.modules), f"{RunFile.PROOFS}/{row.key}"
     proof: Proof | None = None
     try:
         if space.candidate_of(Topology.from_key(row.key)).key != row.key:
-            raise ValueError(f"{row.key} is one of several trees that are one candidate")
-        proof = folder.read_own(name, Proof)
+            raise ValueError(f"{row.key} is not the representative of its candidate")
+        proof = folder.read_file(name, Proof)
     except BadInput as error:
         tree.fault = f"{name}{':' if error.faults[0].path else ''} {error.faults[0]}"
     except ValueError:
         tree.fault = "is no candidate of this run"
     if proof is not None:
-        tree.fault = _unfit(proof, row.key, task)
+        tree.fault = _mismatch(proof, row.key, task)
     if tree.fault is None and (proof is None or not proof.complete):
-        open_ = "not examined" if proof is None else "open"
-        tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else open_
+        state = "not examined" if proof is None else "open"
+        tree.left = IMPOSSIBLE if row.status == IMPOSSIBLE else state
     if proof is None or tree.fault is not None or tree.left is not None:
         return tree, None
     tree.bound, tree.problem = proof.cut, proof.problem
@@ -402,12 +403,12 @@ def _replay(
     engine: Engine,
     observer: Observer,
 ) -> None:
-    """Fill in what the chunks come to, and tell of each tree as it ends."""
-    due = (job for job in jobs if trees[job[0].topology_key].fault is None)
+    """Check the chunks, add the results to their trees, and report each tree as it finishes."""
+    pending = (job for job in jobs if trees[job[0].topology_key].fault is None)
     note_period_s = 10.0  # between two lines about one tree
     noted_at = time.monotonic()
-    ended = engine.run(partial(_check, check_chunk), due, deadline=lambda _: PATIENCE.chunk_s)
-    for (proof, chunk), result in ended:
+    results = engine.run(partial(_check, check_chunk), pending, deadline=lambda _: PROOF_LIMITS.chunk_s)
+    for (proof, chunk), result in results:
         tree = trees[proof.topology_key]
         if tree.fault is not None:
             continue
@@ -434,10 +435,10 @@ def _check(check_chunk: CheckChunk, job: _CheckJob) -> CheckedChunk:
 
 
 def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine) -> str | None:
-    """Say what is wrong with the best design, which proofs are against."""
+    """Say what is wrong with the best design, to which the proofs refer."""
     try:
         check_designs(folder, [best])
-        design = Design.model_validate_json(folder.text(best) or "")
+        design = Design.model_validate_json(folder.design_text(best) or "")
     except BadInput as error:
         return str(error)
     verdict = engine.run_one(audit, design, deadline=audit_deadline(best.modules))
@@ -446,8 +447,8 @@ def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine
     return None if verdict.verdict == "clear" else f"{best.key}: the audit of the best design is {verdict.verdict}"
 
 
-def _unfit(proof: Proof, key: str, task: ResolvedTask) -> str | None:
-    """Say why a proof is none of this tree and task."""
+def _mismatch(proof: Proof, key: str, task: ResolvedTask) -> str | None:
+    """Say why a proof does not belong to this tree and task."""
     if proof.topology_key != key:
         return f"{RunFile.PROOFS}/{key} is the proof of another tree, {proof.topology_key}"
     if proof.task != task:
@@ -459,15 +460,15 @@ def _unfit(proof: Proof, key: str, task: ResolvedTask) -> str | None:
 
 
 def _sentence(folder: RunFolder, trees: list[CheckedTree], best: Row, candidates: int, *, proven: bool) -> str:
-    """Say what the checked proofs of one size come to; `proven`: nothing of the run is refused."""
-    done = [tree for tree in trees if tree.verdict == "checked"]
+    """State the result for one size; `proven`: nothing in the run is refused."""
+    checked = [tree for tree in trees if tree.verdict == "checked"]
     counts = {word: sum(tree.verdict == word for tree in trees) for word in ("refused", "open", "not examined")}
     counts["not examined"] += candidates - len(trees)
-    left = [f"{number} {word}" for word, number in counts.items() if number]
-    impossible = sum(tree.verdict == IMPOSSIBLE for tree in trees)
-    beside = f", {impossible} said to be impossible, which is not checked" if impossible else ""
-    if left or not proven:
-        return ", ".join([f"{len(done)} of {candidates} trees checked", *left]) + beside
-    bounds = [tree.bound for tree in done if tree.bound is not None]
-    _, claim, scope = claim_of(folder, best, bounds, [tree.problem for tree in done])
-    return f"checked: {claim} than {best.key} ({len(done)} of {candidates} trees{beside}); {scope}"
+    unproven = [f"{number} {word}" for word, number in counts.items() if number]
+    number = sum(tree.verdict == IMPOSSIBLE for tree in trees)
+    impossible = f", {number} recorded as impossible, which is not checked" if number else ""
+    if unproven or not proven:
+        return ", ".join([f"{len(checked)} of {candidates} trees checked", *unproven]) + impossible
+    bounds = [tree.bound for tree in checked if tree.bound is not None]
+    _, claim, scope = claim_of(folder, best, bounds, [tree.problem for tree in checked])
+    return f"checked: {claim} than {best.key} ({len(checked)} of {candidates} trees{impossible}); {scope}"

@@ -1,9 +1,9 @@
-"""Request of a run: the request itself, the user's own input, and what fixes the value of each row.
+"""The request of a run, the user's inputs beside the task, and the context that determines each row.
 
-A design is solved with one margin after another until its audit is clear. The margins that may be asked for follow
-from the task alone, so that rows of a run can be compared: its own, then each ten times the one before; where the
-clearances must survive the tolerances, rungs that are closer, and an audit says which of them is needed: the first
-that makes up for the clearance missing under the worst errors, or the last.
+A design is solved with increasing margins until its audit is clear. The ladder of margins follows from the task
+alone, so that rows of a run can be compared: the task's own margin, then ten times the previous one. Where
+clearances must survive the tolerances the rungs are closer, and the audit selects the next one: the first that
+makes up for the clearance lost under the worst errors, or the last.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, Literal, get_args
 
 from pydantic import Field
 
-from topo_search.engine import Candidates, Listed
+from topo_search.engine import Candidates, ListedCandidates
 from topo_search.engine.strategy import SamplerFactory
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, ResolvedTask, Task
@@ -31,43 +31,43 @@ from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
 StrategyName = Literal["exhaustive", "optuna"]
 Sampler = Literal["moves", "tpe", "nsga2", "random"]
 DEFAULT_ROUND = 8
-"""Proposals whose results may be unknown when another is made, by default."""
+"""Default number of open proposals: those whose results may be unknown when the next one is made."""
 
 
-class Own(Value):
-    """User input of a run beside its task, as far as it distinguishes runs."""
+class UserInputs(Value):
+    """The user's inputs beside the task that distinguish runs."""
 
     topologies: tuple[str, ...] | None = None
     """Keys of the only candidates, in ascending order; None: all trees."""
     near: tuple[str, ...] = ()
-    """Digests of the designs that every candidate starts from."""
+    """Digests of the designs that warm-start every candidate."""
     constraints: tuple[Stated, ...] = ()
     sampler: Versioned | None = None
 
     @property
     def unversioned(self) -> tuple[str, ...]:
-        """Names of functions without a version: they may have changed."""
-        named = (*self.constraints, *([] if self.sampler is None else [self.sampler]))
-        return tuple(one.name for one in named if one.version is None)
+        """Names of functions without a version: changes of them go unnoticed."""
+        functions = (*self.constraints, *([] if self.sampler is None else [self.sampler]))
+        return tuple(function.name for function in functions if function.version is None)
 
     @property
-    def fixes(self) -> dict[str, Any]:
-        """Parts of it that fix the value of a row."""
-        given = self.model_dump(mode="json", include={"near", "constraints"})
-        return {name: value for name, value in given.items() if value}
+    def context_fields(self) -> dict[str, Any]:
+        """The inputs that affect the result of a candidate."""
+        inputs = self.model_dump(mode="json", include={"near", "constraints"})
+        return {name: value for name, value in inputs.items() if value}
 
     @property
-    def telling(self) -> str | None:
-        """Name of a constraint that may tell modules apart by their numbers."""
-        return next((one.name for one in self.constraints if one.invariant == "none"), None)
+    def module_sensitive(self) -> str | None:
+        """Name of a constraint that may depend on module numbers."""
+        return next((constraint.name for constraint in self.constraints if constraint.invariant == "none"), None)
 
     @property
-    def handed(self) -> str | None:
-        """Name of a constraint that may tell a platform from its mirror image."""
-        return next((one.name for one in self.constraints if one.invariant != "mirror"), None)
+    def mirror_sensitive(self) -> str | None:
+        """Name of a constraint that may distinguish a platform from its mirror image."""
+        return next((constraint.name for constraint in self.constraints if constraint.invariant != "mirror"), None)
 
 
-NOTHING = Own()
+NO_INPUTS = UserInputs()
 
 
 def installed_versions() -> dict[str, str]:
@@ -77,112 +77,112 @@ def installed_versions() -> dict[str, str]:
 
 
 def digest(value: Any) -> str:
-    """Return a short name of a JSON value that differs whenever the value does."""
+    """Return a short digest of a JSON value."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
 class Context:
-    """All that fixes a row but its topology: rows of one context can be compared."""
+    """Everything that determines a row except its topology; rows of one context can be compared."""
 
     task: ResolvedTask
     step: int
-    """Index of the task's `margins`: 0 for its own, larger ones because an audit was not clear."""
+    """Index among the task's `margins`: 0 for its own; larger ones follow an audit that was not clear."""
     seed: int
     versions: dict[str, str]
     """Versions of the libraries."""
     level: Level | None = None
-    """Level of the goals, if the run has any: what was solved there had other designs to start from."""
-    user_inputs: Own = NOTHING
-    """User input beside the task."""
+    """Level of the goals, if the run has any: its warm starts differ from those of other levels."""
+    user_inputs: UserInputs = NO_INPUTS
+    """The user's inputs beside the task."""
 
     @cached_property
     def fixed_by(self) -> dict[str, Any]:
-        """The content that the name is a digest of."""
+        """The JSON value of which the name is a digest."""
         level = {} if self.level is None else {"level": self.level._asdict()}
         fixed_by = {"task": self.task.model_dump(mode="json"), "seed": self.seed, "versions": self.versions}
-        return {**fixed_by, **level, **self.user_inputs.fixes}
+        return {**fixed_by, **level, **self.user_inputs.context_fields}
 
     @cached_property
     def name(self) -> str:
-        """Part of the key of its rows, beside the topology's key."""
+        """Digest that is part of the key of its rows, beside the topology's key."""
         return digest(self.fixed_by)
 
     @property
     def margin(self) -> float:
-        """The margin asked of the solver [m]."""
+        """The solver's margin [m]."""
         return self.task.search.margin
 
 
 class Identity(Value):
-    """Identity of a folder's only run. More starts and more trials extend a run, so they are left out."""
+    """The identity of a folder's only run. More starts and more trials extend a run, so they are not part of it."""
 
     task: str
-    """A digest."""
+    """Digest of the task."""
     seed: int
     symmetry: Symmetry
     strategy: StrategyName
     prune: bool | None = None
-    """Pruning of an exhaustive search; None for any other."""
+    """Whether an exhaustive search prunes; None for other strategies."""
     sampler: Sampler | None = None
-    """Sampler of a search that is not exhaustive."""
+    """Sampler of a search that is not exhaustive, unless the user provides it."""
     round_size: int = Field(DEFAULT_ROUND, ge=1, le=LIMITS.round)
-    """Proposals whose results may be unknown when any other makes one."""
+    """Number of open proposals of a search that is not exhaustive."""
     proposals: Literal["by whole rounds", "ahead of results"] = "by whole rounds"
-    """Order of proposals in any other; older folders are by whole rounds, which waited for their last job."""
-    own: Own | None = None
-    """User input beside the task, if any."""
+    """Order of proposals of such a search. Older folders have whole rounds, each waiting for its last job."""
+    own: UserInputs | None = None
+    """The user's inputs beside the task, if any."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """Request of a run: what to find. Resources (workers, time) are not part of it."""
+    """What a run must find, and how it searches. Resources (workers, time) are not part of it."""
 
     task: Task
     symmetry: Symmetry
-    """Symmetry under which trees are one candidate."""
+    """Symmetry under which trees are merged into one candidate."""
     starts: int
-    """Number of starts of each candidate, at most."""
+    """Largest number of starts of each candidate."""
     seed: int
     strategy: StrategyName = "exhaustive"
-    """Strategy by which candidates are chosen."""
+    """How candidates are selected."""
     sampler: Sampler = "moves"
-    """Sampler that proposes candidates when not all are solved."""
+    """What proposes candidates with the strategy `optuna`."""
     trials: int | None = None
     """Number of candidates to propose; None: all."""
     prune: bool = False
     """True if candidates are skipped that the bound proves to be no better than the best."""
     round_size: int = DEFAULT_ROUND
-    """Largest number of open proposals: what a proposal learns from is fixed by its place alone."""
+    """Number of open proposals. The index of a proposal alone determines which results it has."""
     versions: dict[str, str] = field(default_factory=installed_versions)
-    """Versions of the libraries that solve; rows that others solved do not count."""
+    """Versions of the libraries that solve; rows of other versions do not count."""
     level: Level | None = None
-    """The level of the goals that `task` holds, if this is one of those of a run with goals."""
+    """The level of the goals that `task` has, in a run with goals."""
     previous: Request | None = None
-    """The level before, whose designs are carried over."""
-    user_inputs: Own = NOTHING
-    """User input beside the task, as the folder keeps it."""
+    """Request of the previous level, whose designs are warm starts."""
+    user_inputs: UserInputs = NO_INPUTS
+    """The user's inputs beside the task, as the folder stores them."""
     near: tuple[Design, ...] = field(default=(), compare=False)
-    """The designs to start from themselves; a folder that is only read needs none."""
-    propose: SamplerFactory | None = field(default=None, compare=False)
-    """Factory of the user's own sampler; likewise."""
+    """Designs that warm-start every candidate; not needed to read a folder."""
+    sampler_factory: SamplerFactory | None = field(default=None, compare=False)
+    """Makes the user's sampler; not needed to read a folder."""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be asked; ValueError names it."""
-        for name, number, most in (
+        """Check the fields; ValueError names the first invalid one."""
+        for name, number, maximum in (
             ("starts", self.starts, LIMITS.starts),
             ("trials", self.trials, LIMITS.trials),
             ("round_size", self.round_size, LIMITS.round),
         ):
-            if number is not None and not 1 <= number <= most:
-                raise ValueError(f"`1 <= {name} <= {most:,}` must hold, but got {number:,}")
-        for name, value, known in (
+            if number is not None and not 1 <= number <= maximum:
+                raise ValueError(f"`1 <= {name} <= {maximum:,}` must hold, but got {number:,}")
+        for name, value, choices in (
             ("strategy", self.strategy, get_args(StrategyName)),
             ("sampler", self.sampler, get_args(Sampler)),
         ):
-            if value not in known:
-                raise ValueError(f"{name} must be one of {', '.join(known)}, but got {value!r}")
+            if value not in choices:
+                raise ValueError(f"{name} must be one of {', '.join(choices)}, but got {value!r}")
         if self.user_inputs.topologies is not None and self.strategy != "exhaustive":
             raise ValueError("`topologies` requires the strategy `exhaustive`: all listed trees are solved")
         if self.user_inputs.sampler is not None and self.strategy != "optuna":
@@ -190,7 +190,7 @@ class Request:
 
     @cached_property
     def identity(self) -> Identity:
-        """Identity of its folder."""
+        """The identity of the run."""
         tasks = [self.task.resolve(n).model_dump(mode="json") for n in self.task.sizes]
         if self.task.goals.names:
             tasks.append(self.task.goals.model_dump(mode="json"))
@@ -202,7 +202,7 @@ class Request:
             strategy=self.strategy,
             prune=self.prune if exhaustive else None,
             sampler=None if exhaustive or self.user_inputs.sampler is not None else self.sampler,
-            own=None if self.user_inputs == NOTHING else self.user_inputs,
+            own=None if self.user_inputs == NO_INPUTS else self.user_inputs,
             round_size=DEFAULT_ROUND if exhaustive else self.round_size,
             proposals="by whole rounds" if exhaustive else "ahead of results",
         )
@@ -215,61 +215,61 @@ class Request:
 
     @cached_property
     def levels(self) -> tuple[Request, ...]:
-        """A request for each level of the task's goals, in the order of `Goals.levels`; without goals, this one."""
+        """A request for each level of the task's goals, in the order of `Goals.levels`; without goals, itself."""
         goals, requests = self.task.goals, list[Request]()
         if not goals.names:
             return (self,)
         for number, level in enumerate(goals.levels):
-            before = goals.level_before(number)
-            previous = None if before is None else requests[before]
+            index = goals.level_before(number)
+            previous = None if index is None else requests[index]
             requests.append(replace(self, task=self.task.at(level), level=level, previous=previous))
         return tuple(requests)
 
     def space(self, n: int) -> Candidates:
         """Return the candidates of n modules."""
-        return self._choice(n)[0]
+        return self._resolve_candidates(n)[0]
 
     def quotient(self, n: int) -> Resolution:
-        """Return which trees stand for one candidate, whether that is exact, and why."""
-        return self._choice(n)[1]
+        """Return which trees are merged into one candidate, whether that is exact, and why."""
+        return self._resolve_candidates(n)[1]
 
-    def _choice(self, n: int) -> tuple[Candidates, Resolution]:
-        task, user_inputs = self.task.resolve(n), self.user_inputs
-        if user_inputs.topologies is not None:
-            keys = [key for key in user_inputs.topologies if len(key) - 1 == n]
-            return Listed(task, keys), Resolution("c1", True, "every topology that was given is a candidate")
-        telling, handed, free = user_inputs.telling, user_inputs.handed, task.search.root == "free"
-        if self.symmetry == "task" and telling is not None:
-            reason = f"every rooted tree is a candidate: {telling!r} may tell modules apart"
+    def _resolve_candidates(self, n: int) -> tuple[Candidates, Resolution]:
+        task, inputs = self.task.resolve(n), self.user_inputs
+        if inputs.topologies is not None:
+            keys = [key for key in inputs.topologies if len(key) - 1 == n]
+            return ListedCandidates(task, keys), Resolution("c1", True, "every listed topology is a candidate")
+        by_number, by_mirror, free = inputs.module_sensitive, inputs.mirror_sensitive, task.search.root == "free"
+        if self.symmetry == "task" and by_number is not None:
+            reason = f"every rooted tree is a candidate: {by_number!r} may depend on module numbers"
             return Candidates(task, "none", rooted=True), Resolution("c1", True, reason)
-        proper = free and self.symmetry == "task" and handed is not None
-        symmetry: Symmetry = "c2" if proper else self.symmetry
+        rotations_only = free and self.symmetry == "task" and by_mirror is not None
+        symmetry: Symmetry = "c2" if rotations_only else self.symmetry
         resolution = resolve_symmetry(task, symmetry)
-        broken = telling if free else None
-        if broken is None and resolution.group in ("d2", "d4"):
-            broken = handed
-        if proper:
-            reason = f"{resolution.reason}; {handed!r} may tell mirror images apart"
+        violator = by_number if free else None
+        if violator is None and resolution.group in ("d2", "d4"):
+            violator = by_mirror
+        if rotations_only:
+            reason = f"{resolution.reason}; {by_mirror!r} may distinguish mirror images"
             resolution = replace(resolution, reason=reason)
-        elif broken is not None and resolution.exact:
-            reason = f"lossy: {broken!r} may tell trees apart that count as one"
+        elif violator is not None and resolution.exact:
+            reason = f"lossy: {violator!r} may distinguish trees that are merged"
             resolution = Resolution(resolution.group, False, reason)
         return Candidates(task, symmetry), resolution
 
     def covers(self, n: int) -> bool:
-        """True if the candidates stand for every tree of n modules that the task's connectors and root allow.
+        """True if the candidates represent every tree of n modules that the task's connectors and root allow.
 
-        Only then does what is proven of all candidates hold of the size: every sentence about a size asks this.
+        Only then does a proof for all candidates hold for the size; statements about a size depend on this.
         """
         if self.user_inputs.topologies is None:
             return self.quotient(n).exact
-        every = replace(
+        all_trees = replace(
             self, user_inputs=self.user_inputs.model_copy(update={"topologies": None}), symmetry="task"
         ).space(n)
-        listed, due = self.space(n), every.count()
-        if listed.count() < due:
+        listed, total = self.space(n), all_trees.count()
+        if listed.count() < total:
             return False
-        return len({every.key_of(candidate.topology) for candidate in listed.candidates()}) == due
+        return len({all_trees.key_of(candidate.topology) for candidate in listed.candidates()}) == total
 
     def contexts(self, n: int) -> list[Context]:
         """Return the contexts of n modules: the task's own margin, then each larger one."""
@@ -281,16 +281,16 @@ class Request:
 
 
 LARGER_MARGINS = 3
-"""Repairs of a design that fails its audit, each with a larger margin."""
+"""Attempts to repair a design that fails its audit, each with a larger margin."""
 
 
 def larger_margin(margin: float) -> float:
-    """Return the margin to try after one that an audit did not pass [m]."""
+    """Return the margin to try after a design with this margin failed its audit [m]."""
     return 10.0 * margin or 1.0e-4
 
 
 def margins(task: ResolvedTask) -> list[float]:
-    """Return the margins that designs of a task may be asked for [m], its own first, each larger than the last."""
+    """Return the ladder of margins of a task [m], its own first, in ascending order."""
     ladder = [task.search.margin]
     if not task.flight.tolerances:
         for _ in range(LARGER_MARGINS):
@@ -298,13 +298,13 @@ def margins(task: ResolvedTask) -> list[float]:
         return ladder
     errors, module, n = task.tolerances, task.module, task.n
     delta, shift = math.radians(errors.hinge_angle_deg), 2 * errors.position + 2 * errors.envelope
-    # Of a platform stretched out: every hinge moves a far end of airflow by as much.
-    farthest = 2 * n * (module.connector_distance + module.arm_length) + module.reach
-    least = max(ladder[0], delta * module.arm_length + shift / 4)
-    most = 2 * (shift + delta * n * farthest)
-    rung = 1.25  # a margin over the one before
-    steps = max(LARGER_MARGINS, math.ceil(math.log(most / least, rung)))
-    return ladder + [least * rung**k for k in range(1, steps + 1)]
+    # the worst case, a stretched-out platform: each hinge moves the far end of the airflow by delta times this
+    longest_lever = 2 * n * (module.connector_distance + module.arm_length) + module.reach
+    smallest = max(ladder[0], delta * module.arm_length + shift / 4)
+    largest = 2 * (shift + delta * n * longest_lever)
+    ratio = 1.25  # of one margin to the previous one
+    steps = max(LARGER_MARGINS, math.ceil(math.log(largest / smallest, ratio)))
+    return ladder + [smallest * ratio**k for k in range(1, steps + 1)]
 
 
 def with_margin(task: ResolvedTask, margin: float) -> ResolvedTask:
@@ -314,24 +314,21 @@ def with_margin(task: ResolvedTask, margin: float) -> ResolvedTask:
 
 @dataclass
 class Margins:
-    """The margins that one design is solved with until its audit is clear, `LARGER_MARGINS` larger ones at most.
-
-    What becomes of a design depends on itself alone.
-    """
+    """The margins of one design: raised until its audit is clear, at most `LARGER_MARGINS` times."""
 
     tasks: Sequence[ResolvedTask]
     """The task with each of its `margins`."""
     step: int = 0
-    """Index of the present one."""
+    """Index of the current margin."""
     _raised: int = 0
 
     @property
     def task(self) -> ResolvedTask:
-        """The task with the present margin."""
+        """The task with the current margin."""
         return self.tasks[self.step]
 
     def raise_after(self, audit: Audit) -> bool:
-        """Raise the margin as an audit requires; False if none is large enough, or it was raised often enough."""
+        """Raise the margin as an audit requires; return False if none is large enough or no attempt remains."""
         step = self._next_step(audit)
         if step == len(self.tasks) or self._raised == LARGER_MARGINS:
             return False
@@ -339,13 +336,13 @@ class Margins:
         return True
 
     def _next_step(self, audit: Audit) -> int:
-        """Return the step after one whose audit is not clear; beyond the last: no margin is large enough."""
-        after, last = self.step + 1, len(self.tasks) - 1
+        """Return the step after an audit that was not clear; `len(tasks)` if no margin is large enough."""
+        next_step, last = self.step + 1, len(self.tasks) - 1
         worst = None if audit.sensitivity is None else audit.sensitivity.tolerances
         if not self.task.flight.tolerances or worst is None:
-            return after
-        pair = (worst.kind, worst.a, worst.b, worst.segment)
-        kept = (one.analytic_m for one in audit.pairs if (one.kind, one.a, one.b, one.segment) == pair)
-        needed = next(kept, self.task.search.margin) - worst.lower_m  # what the errors take from that pair
-        enough = (k for k in range(after, last) if self.tasks[k].search.margin >= needed)
-        return next(enough, max(after, last))
+            return next_step
+        key = (worst.kind, worst.a, worst.b, worst.segment)
+        nominal = (pair.analytic_m for pair in audit.pairs if (pair.kind, pair.a, pair.b, pair.segment) == key)
+        required = next(nominal, self.task.search.margin) - worst.lower_m  # what the errors take from this pair
+        sufficient = (k for k in range(next_step, last) if self.tasks[k].search.margin >= required)
+        return next(sufficient, max(next_step, last))

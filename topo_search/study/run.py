@@ -1,9 +1,10 @@
-"""A run: the loop that searches, audits and reports; this page is the algorithm.
+"""A run: search, audit, report. This page is the algorithm.
 
-For every size, smallest first: every candidate that the strategy proposes is solved and recorded in the ledger,
-then the best designs are audited. Where no size has a design, the limits that prevent one are sought. All files of
-the run's folder are written, the report last; if asked, branch and bound then proves that no tree is better.
-Everything is derived from the ledger: a run that was stopped continues where it was, and computes nothing twice.
+For every size, smallest first: solve every candidate that the strategy proposes, record each in the ledger, then
+audit the best designs. If no size has a design, find the limits that prevent one. Write all files of the run's
+folder, the report last; if asked, prove by branch and bound that no tree is better.
+
+Everything derives from the ledger: a stopped run resumes where it was and computes nothing twice.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from topo_search.study.optima import keep_optima, write_front
 from topo_search.study.progress import WRITING, Observer, proof_phase, remaining_plan
 from topo_search.study.relaxing import find_causes
 from topo_search.study.request import Request
-from topo_search.study.solving import Proposals, Tools, audit_best, record_proof, record_pruned, strategy_of
-from topo_search.study.summary import answer_of, finished_answer, refuse_lost
+from topo_search.study.solving import ProposedJobs, Tools, audit_best, record_proof, record_pruned, strategy_of
+from topo_search.study.summary import answer_of, complete_answer, detect_loss
 
 
 def run(
@@ -42,30 +43,29 @@ def run(
     prove: Callable[[], Answer] | None = None,
     keep_within: float | None = None,
 ) -> Answer:
-    """Do what is still to be done of a run, and return its answer.
+    """Start or resume a run, and return its answer.
 
     Args:
-        request: the task and how it is searched.
-        path: the run's folder; made if there is none, taken up again if there is.
+        request: task and settings of the search.
+        path: the run's folder; created if it does not exist, resumed if it does.
         backends: solver, audit and bounds.
-        engine: where jobs run; it changes nothing but the time it takes.
+        engine: runs the jobs; affects only the time.
         observer: receives the progress.
-        workers: how many jobs the engine runs at a time; None where that is not known.
-        time_limit: seconds after which no more is solved, from the end of `prepare`; the best designs are audited
-            all the same.
-        prepare: is called before the first candidate is solved, if any is.
-        report: writes the page of the folder once all its files are written.
-        prove: then proves what can be proven of a complete answer.
-        keep_within: keeps every local optimum whose effort is at most so much over the best [%].
+        workers: number of jobs that the engine runs at a time; None if unknown.
+        time_limit: seconds of solving after `prepare`; the best designs are audited even after that.
+        prepare: called before the first candidate is solved, if there is any to solve.
+        report: writes the folder's page after all other files.
+        prove: called for a complete answer with a design; returns the answer with proofs.
+        keep_within: keep every local optimum whose effort exceeds the best by at most this percentage [%].
 
     Raises:
-        BadInput: the folder cannot be used: it may be read-only if the run in it has ended.
-        KeyboardInterrupt: after Ctrl-C, with all results kept and all files written; a note (PEP 678) says so.
-        WorkersLost: the engine has no workers any more; likewise.
-        LedgerLost: the folder or its ledger vanished; it has what can still be read of the answer.
+        BadInput: the folder cannot be used. A read-only folder is accepted if its run is complete.
+        KeyboardInterrupt: after Ctrl-C; all results are kept, all files are written, and a note (PEP 678) says so.
+        WorkersLost: the engine has no workers left; same as for Ctrl-C.
+        LedgerLost: the folder or its ledger disappeared; the error holds what can still be read of the answer.
     """
     try:
-        with RunFolder.open(path, request) as folder, refuse_lost(folder):
+        with RunFolder.open(path, request) as folder, detect_loss(folder):
             try:
                 plan = remaining_plan(folder, workers, time_limit)
                 if plan.solves or keep_within is not None:
@@ -75,12 +75,7 @@ def run(
                 for number, level in enumerate(folder.levels):  # one, unless the task has goals
                     if level.request.level is not None:
                         observer.note(f"level {number} of {len(folder.levels)}: {level.request.level.words}")
-                    sizes, of_level = level.request.task.sizes, share_time(tools, len(folder.levels) - number)
-                    for index, n in enumerate(sizes):
-                        of_size = share_time(of_level, len(sizes) - index)
-                        search_size(level, n, of_size)
-                        if keep_within is not None:
-                            keep_optima(level, n, keep_within, of_size)
+                    search_level(level, share_time(tools, len(folder.levels) - number), keep_within)
                 find_causes(folder.levels[0], tools)
             except (KeyboardInterrupt, WorkersLost) as stop:
                 write_files(folder)
@@ -93,10 +88,20 @@ def run(
             folder.ledger.require()
             answer = answer_of(folder)
     except ReadOnlyFolder:
-        if (finished := finished_answer(path, request)) is None:
+        if (complete := complete_answer(path, request)) is None:
             raise
-        answer = finished
+        answer = complete
     return prove() if prove is not None and answer.best is not None and answer.complete else answer
+
+
+def search_level(folder: RunFolder, tools: Tools, keep_within: float | None) -> None:
+    """Search all sizes of a task, or of one level of its goals, smallest first."""
+    sizes = folder.request.task.sizes
+    for index, n in enumerate(sizes):
+        size_tools = share_time(tools, len(sizes) - index)
+        search_size(folder, n, size_tools)
+        if keep_within is not None:
+            keep_optima(folder, n, keep_within, size_tools)
 
 
 def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
@@ -107,43 +112,45 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
     if bound is None:
         tools.observer.phase(proof_phase(n))
         bound = tools.backends.lower_bound(context.task), tools.backends.prove_impossible(context.task)
-        ledger.begin(context, *bound)
+        ledger.add_context(context, *bound)
     lower_bound, impossible = bound
     if not quotient.exact:
         tools.observer.note(quotient_remark(quotient))
     if impossible is not None:
         record_proof(folder, n, impossible, lower_bound)
         return
-    for each in contexts:
-        ledger.forget_audit_failures(each)
-    if ledger.has_ended(context, request.starts, request.trials) and not ledger.has_failures(context):
+    for margin_context in contexts:
+        ledger.forget_audit_failures(margin_context)
+    if ledger.is_complete(context, request.starts, request.trials) and not ledger.has_failures(context):
         audit_best(folder, n, lower_bound, tools)
         return
-    timed = math.isfinite(tools.until)
-    strategy = strategy_of(folder, n, bound=lower_bound if request.prune else -math.inf, timed=timed)
-    ended = solve_proposals(strategy, folder, n, lower_bound, tools)
-    audit_best(folder, n, lower_bound, tools)
-    if ended and request.prune and not record_pruned(folder, n, lower_bound):
-        strategy = strategy_of(folder, n, timed=timed)  # the design that ruled others out is not clear
-        ended = solve_proposals(strategy, folder, n, lower_bound, tools)
+
+    def search(pruning_bound: float) -> bool:
+        strategy = strategy_of(folder, n, bound=pruning_bound, timed=math.isfinite(tools.until))
+        complete = solve_proposals(strategy, folder, n, lower_bound, tools)
         audit_best(folder, n, lower_bound, tools)
-    if ended:
-        ledger.end(context, request.starts, request.trials)
+        return complete
+
+    complete = search(lower_bound if request.prune else -math.inf)
+    if complete and request.prune and not record_pruned(folder, n, lower_bound):
+        complete = search(-math.inf)  # the design that pruned the others did not pass its audit
+    if complete:
+        ledger.mark_complete(context, request.starts, request.trials)
 
 
 def solve_proposals(strategy: Strategy, folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> bool:
-    """Solve and record what a strategy proposes; return whether it came to its end in time."""
-    candidates = Proposals(strategy, folder, n, lower_bound, tools.observer)
-    jobs = candidates.jobs()
+    """Solve and record what a strategy proposes; return whether it finished in time."""
+    proposals = ProposedJobs(strategy, folder, n, lower_bound, tools.observer)
+    jobs = proposals.jobs()
     with closing(tools.solve(jobs)) as outcomes:
         for job, outcome in outcomes:
-            candidates.record(job, outcome)
-    next(jobs, None)  # what is known may be all, also where no time was left to look
-    return strategy.over
+            proposals.record(job, outcome)
+    next(jobs, None)  # the ledger may answer all proposals, even if there was no time to draw a job
+    return strategy.is_finished
 
 
 def share_time(tools: Tools, parts: int) -> Tools:
-    """Return the same tools with an equal share of the time that is left."""
+    """Return the same tools with 1/parts of the remaining time."""
     now = time.monotonic()
     return tools if parts == 1 else replace(tools, until=now + (tools.until - now) / parts)
 

@@ -1,4 +1,4 @@
-"""One topology: rounds of starts until they no longer pay, an audit, and larger margins if it is not clear."""
+"""Solving one topology: rounds of starts while they pay, then an audit, and larger margins if it is not clear."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Solved:
     """Remarks, such as audits that were not clear."""
 
     def __str__(self) -> str:
-        """Say what was found, or why nothing was."""
+        """Return the design with its audit, or why there is none, in one line."""
         if not isinstance(self.outcome, Design):
             return _words(self.outcome)
         verdict = self.audit.verdict if isinstance(self.audit, Audit) else "failed"
@@ -45,7 +45,7 @@ class Solved:
 
     @property
     def found(self) -> bool:
-        """True if there is a design, and its audit is clear."""
+        """True if there is a design with a clear audit."""
         return isinstance(self.audit, Audit) and self.audit.verdict == "clear"
 
     @property
@@ -66,7 +66,7 @@ class Solved:
 
     @property
     def exit_status(self) -> int:
-        """Exit status of the command: 0 for an audited design, 1 if it did not pass its audit, 3 for no design."""
+        """Exit status of the command: 0 for a clear design, 1 if its audit is not clear, 3 without a design."""
         if not isinstance(self.outcome, Design):
             return 3
         return 0 if self.found else 1
@@ -95,18 +95,18 @@ def solve_single(
         base_task: the task, as the user wrote it.
         topology: the tree.
         backends: solver, audit and bounds.
-        starts: number of starts; None: until three rounds in a row did not pay, or the time is over.
-        round_size: starts of a round without a time limit.
-        seed: draws the starts.
-        time_limit: seconds after which no more is solved.
-        engine: where it is solved and audited.
+        starts: number of starts; None: stop after three rounds without a gain, or at the time limit.
+        round_size: number of starts in a round, if there is no time limit.
+        seed: seeds the random starts.
+        time_limit: seconds after which solving stops.
+        engine: runs the jobs; affects only the time.
         progress: receives the best outcome after each round.
-        near: designs to start from, besides the first round's starts.
+        near: designs that warm-start the first round, in addition to its starts.
     """
     until = math.inf if time_limit is None else time.monotonic() + time_limit
     tools = Tools(backends, engine, Silent(), until)
     task = base_task.resolve(topology.n)
-    raised = Margins([with_margin(task, margin) for margin in margins(task)])
+    ladder = Margins([with_margin(task, margin) for margin in margins(task)])
     notes: list[str] = []
 
     def explain(outcome: Infeasible) -> Infeasible:
@@ -114,20 +114,20 @@ def solve_single(
         return outcome.model_copy(update={"relaxed": relaxed})
 
     def best_of(task: ResolvedTask) -> Outcome:
-        """Return the best outcome over rounds of starts, until they end, the time does, or they no longer pay."""
-        best: Outcome = Failed("timeout", "time limit reached before the first start ended")
-        idle = 0
+        """Return the best outcome over rounds of starts, until the starts, the time or the gains end."""
+        best: Outcome = Failed("timeout", "time limit reached before the first start finished")
+        idle_rounds = 0
         for part in rounds(starts, starts or round_size, timed=time_limit is not None):
             job = Job(task, topology, 1, part, seed, () if part.start else tuple(near))
             outcome = next((outcome for _, outcome in tools.solve([job])), None)
-            if outcome is None:  # the time limit
+            if outcome is None:  # time limit reached
                 return best
             if isinstance(outcome, Failed):
                 return outcome if isinstance(best, Failed) else best
-            before, best = best, outcome if isinstance(best, Failed) else merge(best, outcome, task)
+            previous, best = best, outcome if isinstance(best, Failed) else merge(best, outcome, task)
             progress(best)
-            idle = 0 if _pays(before, best, task) else idle + 1
-            if idle == 3 and until == math.inf:
+            idle_rounds = 0 if _has_gain(previous, best, task) else idle_rounds + 1
+            if idle_rounds == 3 and until == math.inf:
                 return best
         return best
 
@@ -135,25 +135,25 @@ def solve_single(
         return Solved(explain(proof), None, ())
     solved: Solved | None = None
     while True:
-        outcome = best_of(raised.task)
+        outcome = best_of(ladder.task)
         if not isinstance(outcome, Design):
             return solved or Solved(explain(outcome) if isinstance(outcome, Infeasible) else outcome, None, ())
         audit = engine.run_one(backends.audit, outcome, deadline=audit_deadline(topology.n))
         if isinstance(audit, Failed):
             return Solved(outcome, audit, (*notes, f"the audit failed: {audit.reason}"))
         if audit.verdict != "clear":
-            notes.append(f"the audit of the design with margin {raised.task.search.margin:g} m is {audit.verdict}")
+            notes.append(f"the audit of the design with margin {ladder.task.search.margin:g} m is {audit.verdict}")
         solved = Solved(outcome, audit, tuple(notes))
-        if audit.verdict == "clear" or not raised.raise_after(audit) or time.monotonic() >= until:
+        if audit.verdict == "clear" or not ladder.raise_after(audit) or time.monotonic() >= until:
             return solved
 
 
-def _pays(before: Outcome, after: Design | Infeasible, task: ResolvedTask) -> bool:
-    """True if a round of starts brought a gain."""
-    gain = 1.0e-4  # relative decrease of the objective, or of the violation, that counts as one
-    if isinstance(before, Design) and isinstance(after, Design):
-        return before.objective - after.objective > gain * before.objective
-    if isinstance(before, Infeasible) and isinstance(after, Infeasible):
-        least, now = (scaled_violation(result.violation, result.unit, task) for result in (before, after))
-        return least - now > gain * least
+def _has_gain(previous: Outcome, best: Design | Infeasible, task: ResolvedTask) -> bool:
+    """True if a round of starts improved the best outcome."""
+    gain = 1.0e-4  # smallest relative decrease of the objective, or of the violation, that counts
+    if isinstance(previous, Design) and isinstance(best, Design):
+        return previous.objective - best.objective > gain * previous.objective
+    if isinstance(previous, Infeasible) and isinstance(best, Infeasible):
+        before, after = (scaled_violation(result.violation, result.unit, task) for result in (previous, best))
+        return before - after > gain * before
     return True

@@ -1,13 +1,13 @@
-"""The summary of a run: its answer, read from the ledger and its proofs.
+"""The answer of a run, read from its ledger and its proofs.
 
-An answer is held against everything that it was made from before it is given. Checksums find what changed by
-accident; this finds what cannot be true, whoever wrote it.
+Before an answer is returned, the rows, designs and audits that it comes from are checked against each other.
+Checksums find accidental changes; these checks find contradictions, whoever wrote the files.
 
 | symbol | meaning | unit |
 |---|---|---|
-| J | objective: of the row, of the design, and of the design's inputs again | rad^4/s^4 |
-| bound | of all topologies of the size: no J lies below it | rad^4/s^4 |
-| orbit | number of classes of the exact quotient that a candidate stands for; all add up to that of all | |
+| J | objective: in the row, in the design, and recomputed from the design's inputs | rad^4/s^4 |
+| bound | lower bound of J for all topologies of the size | rad^4/s^4 |
+| orbit | number of classes of the exact quotient that a candidate represents; all classes add up | |
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from topo_search.study.optima import front_of
 from topo_search.study.proofs import summarize
 from topo_search.study.relaxing import causes
 from topo_search.study.request import Request
-from topo_search.study.solving import audits_left
+from topo_search.study.solving import needs_audit
 
 
 def check_rows(rows: Iterable[Row], space: Candidates, lower_bound: float, path: Path) -> Iterator[Row]:
-    """Yield the ranked rows of one size, none of which may contradict the bound or their number.
+    """Yield the ranked rows of one size, checked against the bound and the number of trees.
 
     Raises:
-        BadInput: one does; names the candidate.
+        BadInput: a row contradicts them; names the candidate.
     """
     number, orbits, classes = 0, 0, space.classes
     statuses = ("feasible", "infeasible", "impossible", "pruned", "failed")
@@ -53,31 +53,31 @@ def check_rows(rows: Iterable[Row], space: Candidates, lower_bound: float, path:
         if row.feasible != (row.objective is not None):
             raise damage(path, f"{row.key} is {row.status} with the objective {row.objective}")
         if row.objective is not None:
-            least = max(lower_bound, row.lower_bound or 0.0)
-            below = 3.0e-6  # share by which J may lie below: rounding, and what earlier ledgers leave to the audit
-            if not (math.isfinite(row.objective) and row.objective >= least * (1 - below)):
-                raise damage(path, f"{row.key} has the objective {row.objective!r}, under the bound of {least!r}")
+            bound = max(lower_bound, row.lower_bound or 0.0)
+            tolerance = 3.0e-6  # for rounding, and for older ledgers that leave their tolerances to the audit
+            if not (math.isfinite(row.objective) and row.objective >= bound * (1 - tolerance)):
+                raise damage(path, f"{row.key} has the objective {row.objective!r}, under the bound of {bound!r}")
         yield row
     if number == space.count() and orbits != classes:
         raise damage(path, f"its {number} candidates represent {orbits} trees, but there are {classes}")
 
 
 def check_designs(folder: RunFolder, rows: Iterable[Row]) -> None:
-    """Make sure that rows, designs, audits and trees say the same of each other.
+    """Make sure that rows agree with their designs, audits and trees.
 
     Raises:
         BadInput: they do not; names the candidate.
     """
     for row in rows:
-        if (difference := _difference(folder, row)) is not None:
-            raise damage(folder.ledger.path, f"{row.key}: its {difference}")
+        if (contradiction := _contradiction(folder, row)) is not None:
+            raise damage(folder.ledger.path, f"{row.key}: its {contradiction}")
 
 
-def _difference(folder: RunFolder, row: Row) -> str | None:
-    """Return the first thing in which a row, its design, its audit and its tree differ."""
+def _contradiction(folder: RunFolder, row: Row) -> str | None:
+    """Return the first contradiction between a row, its design, its audit and its tree."""
     contexts = folder.request.contexts(row.modules)
     if not 0 <= row.step < len(contexts):
-        return f"margin has place {row.step} of {len(contexts)}"
+        return f"margin has index {row.step} of {len(contexts)}"
     context, (design, audit) = contexts[row.step], folder.result_of(row)
     if design is None:
         return "design is missing"
@@ -89,7 +89,7 @@ def _difference(folder: RunFolder, row: Row) -> str | None:
         return "key is not that of its tree"
     if design.task != context.task.with_rod(design.task.end_effector.counted_rod):
         return "task is not that of its design"
-    due = {
+    expected = {
         "modules": design.topology.n,
         "number of symmetric copies": candidate.orbit,
         "objective": design.objective,
@@ -99,7 +99,7 @@ def _difference(folder: RunFolder, row: Row) -> str | None:
         **(dict.fromkeys(FLIGHT) if audit is None else flight_of(audit)),
     }
     values = asdict(row) | {"number of symmetric copies": row.orbit}
-    if (name := next((name for name in due if values[name] != due[name]), None)) is not None:
+    if (name := next((name for name in expected if values[name] != expected[name]), None)) is not None:
         return f"{name} is not that of its design"
     cost = sum(
         case.weight * sum(u * u for u in inputs)
@@ -107,13 +107,14 @@ def _difference(folder: RunFolder, row: Row) -> str | None:
     )
     if abs(cost - design.objective) > 1.0e-6 * abs(design.objective):  # the audit's tolerance
         return f"objective is {design.objective!r}, but its inputs cost {cost!r}"
-    efforts = () if audit is None else (one.stated for one in audit.residuals if one.name == "objective")
+    residuals = () if audit is None else audit.residuals
+    efforts = (residual.stated for residual in residuals if residual.name == "objective")
     return "audit is of another objective" if any(J not in (None, design.objective) for J in efforts) else None
 
 
 @contextmanager
-def refuse_lost(folder: RunFolder) -> Iterator[None]:
-    """Say that folder or ledger are gone, if that is what ended the run, and what can still be read of them."""
+def detect_loss(folder: RunFolder) -> Iterator[None]:
+    """Turn an error into LedgerLost if the folder or its ledger is gone, with what can still be read of them."""
     try:
         yield
     except (LedgerLost, OSError, sqlite3.Error, BadInput) as error:
@@ -127,8 +128,8 @@ def refuse_lost(folder: RunFolder) -> Iterator[None]:
         raise
 
 
-def finished_answer(path: Path, request: Request) -> Answer | None:
-    """Return the answer of a run that has nothing left to do, from a folder that cannot be written to."""
+def complete_answer(path: Path, request: Request) -> Answer | None:
+    """Return the answer of a complete run from a read-only folder; None if the run is not complete."""
     if not os.access(path / RunFile.LEDGER, os.R_OK):
         return None
     with RunFolder.load(path, request) as folder:
@@ -137,7 +138,7 @@ def finished_answer(path: Path, request: Request) -> Answer | None:
 
 
 def answer_of(folder: RunFolder) -> Answer:
-    """Return what a run has found, from its ledger."""
+    """Return the answer of a run so far, from its ledger."""
     goals = folder.request.task.goals
     sizes = [tuple(_size_answer(level, n) for n in level.request.task.sizes) for level in folder.levels]
     answer = Answer(folder.path, sizes[0])
@@ -151,7 +152,7 @@ def answer_of(folder: RunFolder) -> Answer:
 
 
 def read_answer(path: str | Path) -> Answer:
-    """Return the answer that a run's folder holds so far.
+    """Return the answer in a run's folder so far.
 
     Raises:
         BadInput: it is not a run folder.
@@ -167,7 +168,7 @@ def read_answer(path: str | Path) -> Answer:
 
 
 def _best_unaudited(folder: RunFolder) -> Design | None:
-    """Return the design of least effort of the smallest size that has any, whatever is known of its audit."""
+    """Return the best design of the smallest size that has one, regardless of its audit."""
     for level in folder.levels:
         for n in level.request.task.sizes:
             row = next(level.ledger.ranking(n), None)
@@ -177,39 +178,39 @@ def _best_unaudited(folder: RunFolder) -> Design | None:
 
 
 def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
-    """Read the answer of one size of a task without goals."""
+    """Return the answer of one size of a task, or of one level of its goals."""
     ledger, request = folder.ledger, folder.request
     contexts, space, quotient = request.contexts(n), request.space(n), request.quotient(n)
     candidates, covers = space.count(), request.covers(n)
     lower_bound, impossible = ledger.bound(contexts[0]) or (0.0, None)
-    ended = impossible is not None or ledger.has_ended(contexts[0], request.starts, request.trials)
+    is_complete = impossible is not None or ledger.is_complete(contexts[0], request.starts, request.trials)
     statuses = Counter[str]()
-    fewest, feasible = request.starts, 0
-    best, closest, nearness = None, None, math.inf
-    top, near, remarks = list[Row](), list[Row](), list[str]()
+    fewest_starts, feasible = request.starts, 0
+    best, closest, smallest_violation = None, None, math.inf
+    top, near_best, remarks = list[Row](), list[Row](), list[str]()
     for row in check_rows(ledger.ranking(n), space, lower_bound, ledger.path):  # one pass: there may be millions
         statuses[row.status] += 1
         if row.status in ("feasible", "infeasible"):
-            fewest = min(fewest, row.asked)
+            fewest_starts = min(fewest_starts, row.asked)
         if row.feasible:
             feasible += row.orbit if quotient.exact else 1
             if best is None and row.clear:
                 best = row
             if best and row.objective is not None and row.objective <= (1 + NEAR_BEST) * (best.objective or 0.0):
-                near.append(row)
+                near_best.append(row)
             if len(top) < SHOWN:
                 top.append(row)
             remarks.extend(remark(row))
         elif row.status == "infeasible" and row.violation is not None:
-            scaled = scaled_violation(row.violation, row.unit or "", contexts[0].task)
-            if scaled < nearness:
-                closest, nearness = row, scaled
+            violation = scaled_violation(row.violation, row.unit or "", contexts[0].task)
+            if violation < smallest_violation:
+                closest, smallest_violation = row, violation
         elif row.status == "failed" and statuses["failed"] <= SHOWN:
             remarks.append(f"{row.key}: failed, {row.worst_constraint}")
     if statuses["failed"]:
-        remarks.append("some candidates failed for reasons that may not recur; the same command tries them again")
+        remarks.append("some candidates failed for reasons that may not recur; the same command solves them again")
     settled = candidates if impossible else statuses.total()
-    if ended and settled < candidates:
+    if is_complete and settled < candidates:
         number = f"{candidates - settled} of {candidates} candidates"
         remarks.append(f"{number} were never proposed: nothing is known about them")
     check_designs(folder, top if best is None or best in top else [*top, best])
@@ -220,15 +221,15 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         candidates=candidates,
         quotient=quotient_remark(quotient),
         settled=settled,
-        starts=fewest if settled >= candidates else 0,
-        complete=ended and not audits_left(ledger, contexts, request.starts),
+        starts=fewest_starts if settled >= candidates else 0,
+        complete=is_complete and not needs_audit(ledger, contexts, request.starts),
         statuses=dict(statuses),
         feasible=feasible,
         lower_bound=lower_bound,
         best=best,
         top=tuple(top),
-        near_ties=tuple(sorted((row for row in near if row.clear), key=_fragility)),
-        near_ties_unaudited=sum(row.audit is None for row in near),
+        near_ties=tuple(sorted((row for row in near_best if row.clear), key=_reserve_order)),
+        near_ties_unaudited=sum(row.audit is None for row in near_best),
         remarks=tuple(remarks),
         reason=None if feasible else reason(impossible, closest, statuses),
         covers_size=covers,
@@ -243,7 +244,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
 
 
 def statement(best: Row, solved: int, candidates: int) -> str:
-    """Say what is known of the best design: starts are no proof; the bound is, of every tree of the size."""
+    """State how good the best design is: the best found, and proven by the lower bound of the size."""
     number = f"all {candidates}" if solved == candidates else f"{solved} of {candidates}"
     words = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
     if best.gap is None:
@@ -252,18 +253,18 @@ def statement(best: Row, solved: int, candidates: int) -> str:
 
 
 def proven_statement(candidates: int, gap: float) -> str:
-    """Say that the best design is proven to be the best, but for a share of its effort."""
+    """State that the best design is proven to be the best, up to a gap."""
     number = "the only candidate" if candidates == 1 else f"all {candidates} candidates"
     return f"the best of {number}, proven" + (f" to within {gap_percent(gap)}" if gap > 0 else "")
 
 
 def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
-    """Say why there is no design: what is proven, or the smallest shortfall of all starts, which proves nothing.
+    """Say why there is no design: a proof, or else the smallest shortfall of all starts, which proves nothing.
 
     Args:
-        proof: that no topology can do it.
-        closest: the candidate of the start that came closest, of those that are not proven to be impossible.
-        statuses: how many candidates ended with which status.
+        proof: proof that no topology can do the task, if there is one.
+        closest: the candidate with the smallest shortfall among those not proven impossible.
+        statuses: number of candidates with each status.
     """
     if proof is not None:
         return proof.message
@@ -274,35 +275,35 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
         which = "the only candidate" if number == 1 else f"each of {number} candidates"
         return f"{which} is proven impossible; candidates.csv names what it cannot meet"
 
-    def candidates(some: int) -> str:
-        return "the only candidate" if number == 1 else quantity(some, "candidate")
+    def candidates(count: int) -> str:
+        return "the only candidate" if number == 1 else quantity(count, "candidate")
 
     parts, failed = list[str](), statuses["failed"]
     if number > impossible + failed:
-        tried = f"no start of {candidates(number - failed)} led to a design"
-        parts.append(f"{tried} ({impossible} proven impossible)" if impossible else tried)
+        solved = f"no start of {candidates(number - failed)} led to a design"
+        parts.append(f"{solved} ({impossible} proven impossible)" if impossible else solved)
     elif impossible:
         parts.append(f"{candidates(impossible)} proven impossible")
     if failed:
         parts.append(f"{candidates(failed)} failed, so nothing is known of {'it' if failed == 1 else 'them'}")
     if closest is not None:
-        miss = f"{closest.key} misses `{closest.worst_constraint}` by {closest.violation:.3g} {closest.unit}"
-        parts.append(f"smallest shortfall (not a proof): {miss}".rstrip())
+        shortfall = f"{closest.key} misses `{closest.worst_constraint}` by {closest.violation:.3g} {closest.unit}"
+        parts.append(f"smallest shortfall (not a proof): {shortfall}".rstrip())
     return "; ".join(parts)
 
 
 def remark(row: Row) -> list[str]:
-    """Say what an audit led to, if it was not clear at once."""
-    again = f"solved again with margin {row.margin:g} m because its audit was not clear" if row.step else ""
-    over = "" if row.audit is None or row.clear else f"skipped, its audit is {row.audit}"
+    """Return remarks on a design whose first audit was not clear."""
+    repeat = f"solved again with margin {row.margin:g} m because its audit was not clear" if row.step else ""
+    skip = "" if row.audit is None or row.clear else f"skipped, its audit is {row.audit}"
     if row.audit_failure is not None:
-        over = f"skipped, its audit failed: {row.audit_failure}"
-    text = "; ".join(part for part in (again, over) if part)
+        skip = f"skipped, its audit failed: {row.audit_failure}"
+    text = "; ".join(part for part in (repeat, skip) if part)
     return [f"{row.key}: {text}"] if text else []
 
 
-def _fragility(row: Row) -> tuple[float, float, float]:
-    """Return what designs are ranked by that cost about the same: unknown reserves come last."""
+def _reserve_order(row: Row) -> tuple[float, float, float]:
+    """Return the sort key of designs of similar effort: largest reserves first, unknown ones last."""
     reserves = (row.force_reserve_N, row.torque_reserve_Nm)
     force, torque = (-math.inf if reserve is None else reserve for reserve in reserves)
     return -force, -torque, row.objective or 0.0

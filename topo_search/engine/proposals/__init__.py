@@ -1,19 +1,19 @@
-"""A search that an Optuna study leads: candidates from few starts, and more starts for those that promise more.
+"""A search guided by an Optuna study: candidates get few starts, the promising ones more.
 
-Trees are proposed uniformly, by moves from good ones, or by Optuna's own samplers.
+Trees are proposed uniformly, by moves from good trees, or by Optuna's or the user's samplers.
 
-A candidate is proposed before the last few results are known, so that workers need not wait for each other: what
-is learnt for it depends on its place among the proposals alone.
+A candidate is proposed before the latest results are known, so that workers need not wait for each other. Which
+results are known to a proposal depends only on its number.
 
-Either those that do well are given more starts at once, or the sampler proposes candidates again. That is a trial
-of its own, told what all starts of the candidate led to: the value of a trial that is over cannot change.
+Either good candidates get more starts immediately, or the sampler proposes candidates repeatedly. Each repeat is a
+trial of its own with the result of all starts of the candidate, since the value of a finished trial cannot change.
 
-When enough were proposed the best of all are given what is left of their starts. If every candidate was proposed
-all are that may have a design, the best first, as in an exhaustive search; but designs that were carried over stay
-in the places of starts.
+After the last proposal the best candidates get their remaining starts. If every candidate was proposed, all that
+may have a design do, the best first, as in an exhaustive search, except that designs carried over have replaced
+starts.
 
-The study is in memory and made again with the strategy; its journal is a copy for optuna-dashboard, with what the
-proposals were made from.
+The study is in memory and recreated with the strategy; its journal is a copy for optuna-dashboard, including the
+warm starts of each proposal.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from topo_search.engine.proposals.trials import (
     TreeSampler,
     decode,
     encode,
-    goes_on,
+    is_promoted,
     rank,
     steps,
     value,
@@ -63,12 +63,12 @@ from topo_search.engine.workers import rounds
 from topo_search.model import BadInput, Fault, Topology
 from topo_search.supervisor import is_out_of_memory
 
-LEARNT, SHARE_LEARNT = 8, 16
-"""Fewest results that the sampler learns at once, and the divisor of a large round that gives their number."""
+MIN_RESULTS, RESULT_DIVISOR = 8, 16
+"""The sampler receives results in batches: at least so many, or this fraction of a large round."""
 
 
 class OptunaSearch(Strategy):
-    """Solves trees that an Optuna sampler draws until there are enough, or none is left."""
+    """Solves trees that a sampler draws until there are enough, or all are proposed."""
 
     def __init__(
         self,
@@ -82,22 +82,22 @@ class OptunaSearch(Strategy):
         journal: Path | None = None,
         timed: bool = False,
     ) -> None:
-        """Begin a search.
+        """Set up the search.
 
         Args:
             space: the candidates.
-            sampler: moves, tpe, nsga2 or random; or what makes one for a seed.
-            trials: how many different candidates to propose.
-            round_size: most proposals whose results are not known: the larger, the more jobs at a time, and the
-                later each is learnt from.
-            starts: starts of the best, or in the end of all if all are proposed; the others are given fewer.
-            seed: draws the proposals.
-            journal: a file that is written anew, for optuna-dashboard.
-            timed: whether there is a time limit: then what is left of the starts is given in parts.
+            sampler: moves, tpe, nsga2 or random; or a factory that makes a sampler for a seed.
+            trials: number of different candidates to propose.
+            round_size: largest number of open proposals: a larger one allows more jobs at a time, but the sampler
+                receives results later.
+            starts: number of starts of the best candidates, or of all if all are proposed; the others get fewer.
+            seed: seeds the proposals.
+            journal: file for optuna-dashboard, which is recreated.
+            timed: whether there is a time limit; then the remaining starts are solved in parts.
 
         Raises:
-            ValueError: an unknown sampler.
-            BadInput: what is made is no sampler; so of `ask`, where one proposes what is no candidate.
+            ValueError: unknown sampler.
+            BadInput: the factory makes no sampler; also later, if its sampler proposes no valid candidate.
         """
         super().__init__()
         self._space, self._trials, self._round_size, self._starts = space, trials, round_size, starts
@@ -106,58 +106,58 @@ class OptunaSearch(Strategy):
         self._journal = None if journal is None else _new_journal(journal)
         self._stops = [part.stop for part in rounds(starts, starts, timed=timed)]
         self._ranks: dict[str, Rank] = {}
-        self._had: dict[str, int] = {}
-        """Starts of each candidate so far."""
+        self._solved_starts: dict[str, int] = {}
+        """Starts of each candidate so far, by key."""
 
     def proposals(self) -> Iterator[Proposal | None]:
-        """Yield what the sampler draws, then the best again."""
+        """Yield what the sampler draws, then the remaining starts of the best candidates."""
         yield from self._draws()
-        best = sorted((reached, key) for key, reached in self._ranks.items() if reached[0] < IMPOSSIBLE)
-        most = HALVING.certain if self._trials < self._space.count() else None
+        best = sorted((score_rank, key) for key, score_rank in self._ranks.items() if score_rank[0] < IMPOSSIBLE)
+        number = HALVING.finalists if self._trials < self._space.count() else None
         for stop in self._stops:
-            short = [key for _, key in best[:most] if self._had[key] < stop]
-            if not short:
+            keys = [key for _, key in best[:number] if self._solved_starts[key] < stop]
+            if not keys:
                 continue
-            self.stage = Stage(len(short), stop, again=True)
-            for key in short:
+            self.stage = Stage(len(keys), stop, is_repeat=True)
+            for key in keys:
                 yield Proposal(self._space.candidate_of(Topology.from_key(key)), stop)
-            scores = yield from self.results(len(short))
-            self._had |= {score.key: score.starts for score in scores}
+            scores = yield from self.results(len(keys))
+            self._solved_starts |= {score.key: score.starts for score in scores}
             if self._journal is not None:
-                again = ((_trial_again(self._study, self._proposer, score.key), score) for score in scores)
-                self._journal.add_trials([_tell(self._study, trial, score) for trial, score in again])
+                trials = ((_enqueue_trial(self._study, self._proposer, score.key), score) for score in scores)
+                self._journal.add_trials([_tell(self._study, trial, score) for trial, score in trials])
 
     def _draws(self) -> Iterator[Proposal | None]:
-        """Yield what the sampler draws, and more starts of what does well, if it promotes that."""
-        proposer, ranks, had, starts = self._proposer, self._ranks, self._had, self._starts
-        ladder = [*steps(starts, proposer.few)]
-        left = min(self._trials, self._space.count())
-        learnt = min(self._round_size, max(LEARNT, self._round_size // SHARE_LEARNT))
-        self.stage = Stage(left, starts)
-        unknown, again = deque[Drawn](), deque[Drawn]()  # those whose results are not known, and that go on
-        while left or again or unknown:
-            while (left or again) and len(unknown) < self._round_size:
-                trial, idea = again.popleft() if again else _draw(self._study, proposer)
-                left -= idea.key not in ranks
-                unknown.append((trial, idea))
-                next_starts = ladder[bisect_right(ladder, had.get(idea.key, 0))]
+        """Yield what the sampler draws, and more starts of good candidates if it promotes them."""
+        proposer, ranks, solved_starts, starts = self._proposer, self._ranks, self._solved_starts, self._starts
+        ladder = [*steps(starts, proposer.first_starts)]
+        remaining = min(self._trials, self._space.count())
+        batch = min(self._round_size, max(MIN_RESULTS, self._round_size // RESULT_DIVISOR))
+        self.stage = Stage(remaining, starts)
+        open_trials, promoted = deque[Drawn](), deque[Drawn]()
+        while remaining or promoted or open_trials:
+            while (remaining or promoted) and len(open_trials) < self._round_size:
+                trial, idea = promoted.popleft() if promoted else _draw(self._study, proposer)
+                remaining -= idea.key not in ranks
+                open_trials.append((trial, idea))
+                next_starts = ladder[bisect_right(ladder, solved_starts.get(idea.key, 0))]
                 candidate = self._space.candidate_of(Topology.from_key(idea.key))
                 yield Proposal(candidate, next_starts, idea.warm_starts)
-            scores = yield from self.results(min(learnt, len(unknown)))
+            scores = yield from self.results(min(batch, len(open_trials)))
             ranks |= {score.key: rank(score) for score in scores}
-            had |= {score.key: score.starts for score in scores}
+            solved_starts |= {score.key: score.starts for score in scores}
             ranking = sorted(ranks.values()) if proposer.promotes else []
-            ended = []
+            finished = []
             for score in scores:
-                trial, _ = unknown.popleft()
-                promoted = proposer.promotes and score.starts < starts
-                if promoted and goes_on(score, ranking, bisect_right(ladder, score.starts)):
-                    again.append((trial, Idea(score.key)))
+                trial, _ = open_trials.popleft()
+                may_promote = proposer.promotes and score.starts < starts
+                if may_promote and is_promoted(score, ranking, bisect_right(ladder, score.starts)):
+                    promoted.append((trial, Idea(score.key)))
                 else:
                     proposer.note_score(trial.number, score)
-                    ended.append(_tell(self._study, trial, score))
+                    finished.append(_tell(self._study, trial, score))
             if self._journal is not None:
-                self._journal.add_trials(ended)
+                self._journal.add_trials(finished)
 
 
 Drawn = tuple[optuna.Trial, Idea]
@@ -174,15 +174,15 @@ def _draw(study: optuna.Study, proposer: TreeSampler) -> Drawn:
     return trial, idea
 
 
-def _trial_again(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:
-    """Return a trial of a candidate that is not the sampler's."""
+def _enqueue_trial(study: optuna.Study, proposer: TreeSampler, key: str) -> optuna.Trial:
+    """Return a trial of a given candidate, which the sampler does not draw."""
     numbers = encode(Topology.from_key(key), proposer.connectors)
     study.enqueue_trial(dict(numbers), {"key": key, "near": ()})
     return study.ask(proposer.distributions)
 
 
 def _tell(study: optuna.Study, trial: optuna.Trial, score: Tried) -> FrozenTrial:
-    """Tell the study the outcome of a candidate; without a design it misses a constraint, at an infinite value."""
+    """Report a result to the study; without a design it has an infinite value and violates a constraint."""
     trial.set_user_attr("status", score.status)
     trial.set_user_attr("starts", score.starts)
     if score.status == "failed":
@@ -192,24 +192,24 @@ def _tell(study: optuna.Study, trial: optuna.Trial, score: Tried) -> FrozenTrial
 
 
 def _new_journal(path: Path) -> optuna.Study:
-    """Return an empty study in a file; what is there, and the lock of a process that was killed, is removed."""
+    """Return an empty study in a file, replacing an old one and the lock of a killed process."""
     path.unlink(missing_ok=True)
     path.with_name(f"{path.name}.lock").unlink(missing_ok=True)
     return _new_study(storage=JournalStorage(JournalFileBackend(str(path))), study_name=path.resolve().parent.name)
 
 
 def _new_study(**options: Any) -> optuna.Study:
-    """Return a study that is made without a message."""
-    before = optuna.logging.get_verbosity()
+    """Create a study without log messages."""
+    verbosity = optuna.logging.get_verbosity()
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     try:
         return optuna.create_study(**options)
     finally:
-        optuna.logging.set_verbosity(before)
+        optuna.logging.set_verbosity(verbosity)
 
 
 SEEDS = 2**32
-"""Number of seeds that Optuna's samplers know."""
+"""Number of seeds that Optuna's samplers accept."""
 
 
 class Uniform(TreeSampler):
@@ -221,8 +221,8 @@ class Uniform(TreeSampler):
             yield self.uniform()
 
 
-class Optunas(TreeSampler):
-    """Has the numbers of a tree proposed by one of Optuna's samplers, after some trees drawn uniformly."""
+class OptunaTrees(TreeSampler):
+    """Draws some trees uniformly, then lets one of Optuna's samplers propose the numbers of a tree."""
 
     def __init__(self, space: Candidates, seed: int, sampler: BaseSampler) -> None:
         super().__init__(space, seed)
@@ -230,7 +230,7 @@ class Optunas(TreeSampler):
 
     def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield what the sampler proposes."""
-        while trial.number < HALVING.fresh:
+        while trial.number < HALVING.uniform_draws:
             yield self.uniform()
         while True:
             numbers = self._sampler.sample_relative(study, trial, self.distributions)
@@ -240,18 +240,18 @@ class Optunas(TreeSampler):
             yield self.idea_of(numbers)
 
     def idea_of(self, numbers: dict[str, int]) -> Idea:
-        """Return the candidate whose tree some numbers make."""
+        """Return the candidate whose tree the numbers encode."""
         return Idea(self.space.candidate_of(decode(numbers, self.space.n)).key)
 
 
-class OwnOptunas(Optunas):
-    """Has them proposed by a user's sampler from the first on, in the order in which Optuna itself calls one."""
+class UserOptunaTrees(OptunaTrees):
+    """Lets a user's Optuna sampler propose all trees, calling its methods in the same order as Optuna does."""
 
     def before_trial(self, study: Study, trial: FrozenTrial) -> None:
-        """Let the sampler prepare, if the trial is its own."""
-        if _is_again(trial):
+        """Let the sampler prepare, unless the trial was enqueued."""
+        if _is_enqueued(trial):
             return
-        with _naming(self._sampler, "before_trial"):
+        with _faults_named(self._sampler, "before_trial"):
             self._sampler.before_trial(study, trial)
 
     def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
@@ -261,20 +261,20 @@ class OwnOptunas(Optunas):
             yield self.idea_of(self._numbers(study, prepared))
 
     def _numbers(self, study: Study, trial: FrozenTrial) -> dict[str, int]:
-        """Return what is proposed for a trial, as `before_trial` left it."""
-        with _naming(self._sampler, "sample_relative"):
-            known = self._sampler.infer_relative_search_space(study, trial)
-            together = dict(self._sampler.sample_relative(study, trial, known))
+        """Return the sampler's proposal for a trial, as `before_trial` left it."""
+        with _faults_named(self._sampler, "sample_relative"):
+            space = self._sampler.infer_relative_search_space(study, trial)
+            relative = dict(self._sampler.sample_relative(study, trial, space))
         numbers = dict[str, int]()
         for name, distribution in self.distributions.items():
-            so_far = copy(trial)
-            so_far.params = dict(numbers)
-            so_far.distributions = {given: self.distributions[given] for given in numbers}
-            if name in together:
-                value = together[name]
+            partial_trial = copy(trial)
+            partial_trial.params = dict(numbers)
+            partial_trial.distributions = {drawn: self.distributions[drawn] for drawn in numbers}
+            if name in relative:
+                value = relative[name]
             else:
-                with _naming(self._sampler, "sample_independent"):
-                    value = self._sampler.sample_independent(study, so_far, name, distribution)
+                with _faults_named(self._sampler, "sample_independent"):
+                    value = self._sampler.sample_independent(study, partial_trial, name, distribution)
             if not isinstance(value, Integral) or value not in range(self.values[name]):
                 rule = f"{name} must be one of 0, ..., {self.values[name] - 1}, but got {value!r}"
                 raise BadInput("sampler", [Fault(type(self._sampler).__name__, rule)])
@@ -284,21 +284,19 @@ class OwnOptunas(Optunas):
     def after_trial(
         self, study: Study, trial: FrozenTrial, state: TrialState, values: Sequence[float] | None
     ) -> None:
-        """Report the result of one of its own trials to the sampler."""
-        if _is_again(trial):
+        """Report a result to the sampler, unless the trial was enqueued."""
+        if _is_enqueued(trial):
             return
-        with _naming(self._sampler, "after_trial"):
-            self._sampler.after_trial(cast("Study", _Endless(study)), trial, state, values)
+        with _faults_named(self._sampler, "after_trial"):
+            self._sampler.after_trial(cast("Study", _UnstoppableStudy(study)), trial, state, values)
 
 
-def _is_again(trial: FrozenTrial) -> bool:
-    return (
-        "fixed_params" in trial.system_attrs
-    )  # a tree that is solved again from more starts: its numbers are given
+def _is_enqueued(trial: FrozenTrial) -> bool:
+    return "fixed_params" in trial.system_attrs
 
 
-class _Endless:
-    """A study that a sampler does not stop: when its ideas are used up, trees are drawn."""
+class _UnstoppableStudy:
+    """A study that a sampler cannot stop: when it has nothing left to propose, trees are drawn."""
 
     def __init__(self, study: Study) -> None:
         self._study = study
@@ -307,34 +305,33 @@ class _Endless:
         return getattr(self._study, name)
 
     def stop(self) -> None:
-        """Go on."""
+        """Do nothing."""
 
 
-class Owned(TreeSampler):
-    """Lets a user's own sampler propose trees; reports what it names that is no candidate."""
+class UserTrees(TreeSampler):
+    """Lets a user's `TopologySampler` propose trees; BadInput if a proposal is no candidate."""
 
     def __init__(self, space: Candidates, seed: int, sampler: TopologySampler) -> None:
         super().__init__(space, seed)
         self._sampler = sampler
         self._tried: dict[int, Tried] = {}
-        """Results of the trials that are over, by number."""
+        """Results of the finished trials, by number."""
 
     def note_score(self, number: int, score: Tried) -> None:
-        """Take note of what a trial led to: how far from feasible it was, where that says anything."""
+        """Record the result of a trial, with a violation only if the candidate is infeasible."""
         super().note_score(number, score)
-        missed = violation(score) if score.status == "infeasible" else None
-        self._tried[number] = replace(score, violation=missed)
+        self._tried[number] = replace(score, violation=violation(score) if score.status == "infeasible" else None)
 
     def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
         """Yield what the sampler proposes."""
         tried = [self._tried[number] for number in sorted(self._tried)]
         while True:
-            with _naming(self._sampler, "propose"):
+            with _faults_named(self._sampler, "propose"):
                 proposed = self._sampler.propose(self.space, tried, self.random)
-            yield Idea(self._candidate(proposed))
+            yield Idea(self._candidate_key(proposed))
 
-    def _candidate(self, proposed: Topology | str) -> str:
-        """Return the key of the candidate that stands for a proposal."""
+    def _candidate_key(self, proposed: Topology | str) -> str:
+        """Return the key of a proposed tree's candidate."""
         try:
             topology = Topology.from_key(proposed) if isinstance(proposed, str) else proposed
             if not isinstance(topology, Topology):
@@ -349,29 +346,29 @@ class Owned(TreeSampler):
 def sampler_of(
     sampler: str | SamplerFactory, space: Candidates, *, starts: int, seed: int, round_size: int
 ) -> TreeSampler:
-    """Return the sampler of a name, or that a user's factory makes.
+    """Return the sampler with a name, or the one that a user's factory makes.
 
     Raises:
-        ValueError: an unknown name; lists the names.
+        ValueError: unknown name; lists the names.
         BadInput: the factory makes no sampler.
     """
     if not isinstance(sampler, str):
-        made = make_own(sampler, seed)
-        return OwnOptunas(space, seed, made) if isinstance(made, BaseSampler) else Owned(space, seed, made)
+        made = make_user_sampler(sampler, seed)
+        return UserOptunaTrees(space, seed, made) if isinstance(made, BaseSampler) else UserTrees(space, seed, made)
     if sampler == "moves":
         return Moves(space, starts=starts, seed=seed, round_size=round_size)
     if sampler == "random":
         return Uniform(space, seed)
     if sampler == "tpe":
-        return Optunas(space, seed, TPESampler(n_startup_trials=HALVING.fresh, seed=seed % SEEDS))
+        return OptunaTrees(space, seed, TPESampler(n_startup_trials=HALVING.uniform_draws, seed=seed % SEEDS))
     if sampler == "nsga2":
-        return Optunas(space, seed, NSGAIISampler(population_size=HALVING.fresh, seed=seed % SEEDS))
+        return OptunaTrees(space, seed, NSGAIISampler(population_size=HALVING.uniform_draws, seed=seed % SEEDS))
     raise ValueError(f"sampler must be one of moves, tpe, nsga2, random, but got {sampler!r}")
 
 
-def make_own(factory: SamplerFactory, seed: int) -> BaseSampler | TopologySampler:
-    """Return what a user's factory makes for a seed; BadInput if it is no sampler."""
-    with _naming(factory, "", "cannot make a sampler for a seed"):
+def make_user_sampler(factory: SamplerFactory, seed: int) -> BaseSampler | TopologySampler:
+    """Return the sampler that a user's factory makes for a seed; BadInput if it is no sampler."""
+    with _faults_named(factory, "", "cannot make a sampler for a seed"):
         made = factory(seed % SEEDS)
     if isinstance(made, BaseSampler):
         return made
@@ -383,8 +380,8 @@ def make_own(factory: SamplerFactory, seed: int) -> BaseSampler | TopologySample
 
 
 @contextmanager
-def _naming(sampler: object, method: str, rule: str = "raised an error") -> Iterator[None]:
-    """Name a user's sampler and its method in what it raises."""
+def _faults_named(sampler: object, method: str, rule: str = "raised an error") -> Iterator[None]:
+    """Turn an error of a user's sampler into BadInput that names the sampler and its method."""
     try:
         yield
     except Exception as error:

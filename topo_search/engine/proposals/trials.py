@@ -1,22 +1,22 @@
-"""Trials of trees: their encoding, their outcomes, and the Optuna sampler that proposes whole trees.
+"""Trials of trees: their encoding, their results, and the base class of samplers that propose whole trees.
 
-Trees are rows of whole numbers of fixed length: every row is a tree, and every tree is a row.
+A tree is encoded as a row of integers of fixed length: every row is a tree, and every tree has a row.
 
 | symbol | meaning | range |
 |---|---|---|
 | k | module, in the order of growth; module 0 is the root | 1..n-1 |
-| free ports | those of the k modules so far, oldest first, each one's from its port of entry on | 2k + 2 |
-| port k | which free port module k is joined to | 0..2k+1 |
-| spin k | parity of kappa[k]; only with connectors of any port | 0, 1 |
+| free ports | those of the first k modules, oldest module first, each from its port of entry on | 2k + 2 |
+| port k | index of the free port to which module k is joined | 0..2k+1 |
+| spin k | parity of kappa[k]; only if any connectors may be joined | 0, 1 |
 
-Nothing has to be repaired, for there are 2k + 2 free ports whatever was chosen before. Many rows are one candidate.
+Rows need no repair: there are 2k + 2 free ports whatever was chosen before. Many rows encode the same candidate.
 
-Starts follow promise: many candidates have few starts, the best of them more (successive halving). What became of
-the trials is kept in order as it comes, for a search of N trials asks for it N times.
+Starts are allotted by successive halving: many candidates get few starts, the best of them more. The ranking of the
+trials is updated with every result, since a search of N trials reads it N times.
 
-Each sampler proposes a whole tree, one that was proposed before only for more starts. A sampler learns of the
-trials through its arguments; the study keeps them for Optuna's own samplers and for the journal. A trial without a
-design has a constraint above zero there, so that Optuna ranks it behind all others.
+A sampler proposes whole trees, and repeats one only for more starts. It learns results through `note_score`; the
+study keeps them for Optuna's own samplers and for the journal. There a trial without a design violates a
+constraint, so that Optuna ranks it behind all others.
 """
 
 from __future__ import annotations
@@ -46,33 +46,33 @@ from topo_search.topologies import Connectors
 class Halving:
     """Settings of successive halving."""
 
-    few: int = 2
-    """Starts of a new candidate, if its sampler does not say otherwise."""
-    share: int = 4
+    first_starts: int = 2
+    """Default number of starts of a new candidate."""
+    reduction: int = 4
     """Starts are doubled while a candidate is among the best 1/4, 1/16, ... of all, if its sampler promotes."""
-    certain: int = 5
-    """So many of the best are given all starts in the end; all are if every candidate was proposed."""
-    draws: int = 64
-    """Known trees drawn in a row after which one is drawn uniformly from all that are left."""
-    fresh: int = 8
-    """Uniform draws that a search, or a population after a restart, begins with."""
+    finalists: int = 5
+    """Number of best candidates that get all starts in the end; all do if every candidate was proposed."""
+    max_rejections: int = 64
+    """Rejected draws in a row after which a new tree is drawn uniformly."""
+    uniform_draws: int = 8
+    """Number of uniform draws at the beginning of a search, or of a population."""
 
 
 HALVING = Halving()
 IMPOSSIBLE = 1.0e6
-"""Violation of a candidate that is proven impossible or failed, behind all for which no design was found."""
+"""Violation of a candidate that is proven impossible or failed: larger than that of any infeasible one."""
 Rank = tuple[float, float]
-"""Orders candidates by violation, 0 with a design, then by objective."""
+"""Sort key of candidates: violation, 0 with a design, then objective."""
 
 
 def ranges(n: int, connectors: Connectors) -> dict[str, int]:
-    """Return the names of the numbers that make a tree of n modules, and how many values each can have."""
+    """Return the names of the numbers that encode a tree of n modules, with the number of values of each."""
     spins = {f"spin {k}": 2 for k in range(1, n)} if connectors == "any" else {}
     return {f"port {k}": 2 * k + 2 for k in range(1, n)} | spins
 
 
 def decode(numbers: Mapping[str, int], n: int) -> Topology:
-    """Return the tree that a row of numbers makes."""
+    """Return the tree that a row encodes."""
     joints: list[Joint] = [ROOT]
     free = [(0, port) for port in range(4)]
     for k in range(1, n):
@@ -84,7 +84,7 @@ def decode(numbers: Mapping[str, int], n: int) -> Topology:
 
 
 def encode(topology: Topology, connectors: Connectors) -> dict[str, int]:
-    """Return a row of numbers that makes a tree with the same key."""
+    """Return a row that encodes a tree with the same key."""
     joints = Topology.from_key(topology.key).joints
     numbers: dict[str, int] = {}
     free = [(0, port) for port in range(4)]
@@ -98,29 +98,29 @@ def encode(topology: Topology, connectors: Connectors) -> dict[str, int]:
 
 
 def rank(score: Tried) -> Rank:
-    """Return how a candidate stands."""
+    """Return a candidate's sort key."""
     return violation(score), value(score)
 
 
-def steps(starts: int, few: int) -> Iterator[int]:
-    """Yield the numbers of starts from few to all, each for fewer candidates than the one before."""
-    step = few
+def steps(starts: int, first_starts: int) -> Iterator[int]:
+    """Yield the ladder of numbers of starts: doubled from the first to all."""
+    step = first_starts
     while step < starts:
         yield step
         step *= 2
     yield starts
 
 
-def goes_on(score: Tried, others: Sequence[Rank], step: int) -> bool:
-    """True if a candidate is given more starts.
+def is_promoted(score: Tried, ranking: Sequence[Rank], step: int) -> bool:
+    """True if a candidate gets more starts.
 
     Args:
-        score: its outcome after the first `step` steps.
-        others: how all candidates stand, itself among them, in ascending order.
-        step: 1 after the first step.
+        score: its result after `step` steps of the ladder.
+        ranking: sort keys of all candidates, including itself, in ascending order.
+        step: number of steps, 1 after the first.
     """
-    own_rank = rank(score)
-    return own_rank[0] < IMPOSSIBLE and bisect_left(others, own_rank) < len(others) // HALVING.share**step
+    score_rank = rank(score)
+    return score_rank[0] < IMPOSSIBLE and bisect_left(ranking, score_rank) < len(ranking) // HALVING.reduction**step
 
 
 class Idea(NamedTuple):
@@ -129,50 +129,50 @@ class Idea(NamedTuple):
     key: str
     """Key of the candidate."""
     warm_starts: tuple[str, ...] = ()
-    """Keys of the candidates whose designs are carried over to it."""
-    again: bool = False
-    """True if it was proposed before and is to have more starts."""
+    """Keys of the candidates whose designs are carried over."""
+    is_repeat: bool = False
+    """True if it was proposed before and gets more starts."""
 
 
 class Merit(NamedTuple):
-    """Result of a trial, in the order of merit: less is better, and the earlier one wins a tie."""
+    """Result of a trial as a sort key: lower is better, and the earlier one wins a tie."""
 
     violation: float
-    """Violation of the best start; 0 with one."""
+    """Violation of the best start; 0 with a design."""
     objective: float
-    """Infinite without a design."""
+    """Objective; infinite without a design."""
     number: int
     """Number of the trial."""
     key: str
     """Key of the trial's candidate."""
     status: str
-    """Outcome of the trial."""
+    """Status of the candidate after the trial."""
 
     @property
     def has_design(self) -> bool:
-        """True if the trial led to a design."""
+        """True if there is a design."""
         return math.isfinite(self.objective)
 
 
 def value(score: Tried) -> float:
-    """Return what a trial that did not fail is worth; less is better."""
+    """Return the objective of a trial; infinite without a design."""
     return math.inf if score.objective is None else score.objective
 
 
 def violation(score: Tried) -> float:
-    """Return by how much a design was missed: 0 with one."""
+    """Return the violation of a trial; 0 with a design."""
     if score.objective is not None:
         return 0.0
     return score.violation if score.status == "infeasible" and score.violation is not None else IMPOSSIBLE
 
 
 class TreeSampler(BaseSampler):
-    """Draws the numbers of a tree's encoding together, in the form that its candidate's key has."""
+    """Base class of samplers that draw all numbers of a tree together, as the encoding of its candidate's key."""
 
-    few = HALVING.few
-    """Starts of a new candidate."""
+    first_starts = HALVING.first_starts
+    """Number of starts of a new candidate."""
     promotes = True
-    """True if candidates that do well are given more starts at once."""
+    """True if good candidates get more starts immediately."""
 
     def __init__(self, space: Candidates, seed: int) -> None:
         self.space = space
@@ -181,42 +181,42 @@ class TreeSampler(BaseSampler):
         self.proposed: set[str] = set()
         """Keys of all candidates that have a trial."""
         self.running: dict[int, Idea] = {}
-        """Trials that are not over, by number."""
-        self.lent: dict[str, set[str]] = defaultdict(set)
-        """By key, whose designs were carried over to a candidate."""
+        """Running trials by number."""
+        self.warm_started: dict[str, set[str]] = defaultdict(set)
+        """For each candidate's key, the keys of candidates whose designs were carried over to it."""
         self.failed: set[str] = set()
-        """Keys of candidates of which a trial failed: that says nothing of them."""
+        """Keys of candidates with a failed trial, which says nothing about them."""
         self.completed = 0
-        """Number of trials that said something."""
+        """Number of trials that ended without a failure."""
         self.starts: dict[str, int] = {}
-        """Starts so far of each candidate of which a trial said something, by key."""
+        """Starts so far of each candidate with a completed trial, by key."""
         self.ranking: list[Merit] = []
-        """The best trial of each of these candidates, in the order of their merit."""
+        """The best trial of each of these candidates, in ascending order."""
         self._merits: dict[str, Merit] = {}
         self.values = ranges(space.n, self.connectors)
-        """Number of values that each number that makes a tree can have."""
+        """Number of values of each number that encodes a tree."""
         self.distributions: dict[str, BaseDistribution] = {
             name: CategoricalDistribution(range(values)) for name, values in self.values.items()
         }
-        """The numbers that make a tree, as Optuna's `ask` takes them."""
+        """The numbers that encode a tree, as Optuna's `ask` takes them."""
 
     @abstractmethod
     def ideas(self, study: Study, trial: FrozenTrial) -> Iterator[Idea]:
-        """Yield candidates for a trial until there is no idea left; known ones are passed over, if not meant again.
+        """Yield candidates for a trial, most promising first; known ones are rejected unless they are repeats.
 
         Args:
-            study: what Optuna's own samplers take.
-            trial: the one to propose for.
+            study: the study, for Optuna's own samplers.
+            trial: the trial that needs a candidate.
         """
 
     def note_idea(self, number: int, idea: Idea) -> None:
-        """Take note of what is proposed in a trial."""
+        """Record the proposal of a trial."""
         self.proposed.add(idea.key)
         self.running[number] = idea
-        self.lent[idea.key].update(idea.warm_starts)
+        self.warm_started[idea.key].update(idea.warm_starts)
 
     def note_score(self, number: int, score: Tried) -> None:
-        """Take note of what a trial of this sampler led to."""
+        """Record the result of a trial of this sampler."""
         del self.running[number]
         if score.status == "failed":
             self.failed.add(score.key)
@@ -232,37 +232,37 @@ class TreeSampler(BaseSampler):
             self._merits[score.key] = merit
 
     def uniform(self) -> Idea:
-        """Return a candidate drawn uniformly from all."""
+        """Return a candidate drawn uniformly from all candidates."""
         (topology,) = self.space.sample(1, self.random.getrandbits(64))
         return Idea(topology.key)
 
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
-        """Return the numbers that make a tree."""
+        """Return the numbers that encode a tree."""
         return self.distributions
 
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
     ) -> dict[str, Any]:
-        """Return the numbers of a tree that is drawn, and take note of it."""
-        for idea in islice(self.ideas(study, trial), HALVING.draws):
-            if idea.again or idea.key not in self.proposed:
+        """Return the numbers of a proposed tree, and record the proposal."""
+        for idea in islice(self.ideas(study, trial), HALVING.max_rejections):
+            if idea.is_repeat or idea.key not in self.proposed:
                 break
         else:
-            idea = self._draw_unknown()
+            idea = self._draw_new()
         self.note_idea(trial.number, idea)
         return dict(encode(Topology.from_key(idea.key), self.connectors))
 
     def sample_independent(
         self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
     ) -> Any:
-        """Refuse to draw a number of its own."""
+        """Refuse to draw a number on its own; ValueError."""
         raise ValueError(f"only {', '.join(self.distributions)} can be drawn, but got {param_name!r}")
 
-    def _draw_unknown(self) -> Idea:
-        """Return a candidate drawn uniformly from those without a trial; they are listed if there are few."""
-        for _ in range(HALVING.draws):
+    def _draw_new(self) -> Idea:
+        """Return a candidate drawn uniformly from those without a trial, which are enumerated if they are rare."""
+        for _ in range(HALVING.max_rejections):
             idea = self.uniform()
             if idea.key not in self.proposed:
                 return idea
-        left = [other.key for other in self.space.candidates() if other.key not in self.proposed]
-        return Idea(self.random.choice(left))
+        new = [candidate.key for candidate in self.space.candidates() if candidate.key not in self.proposed]
+        return Idea(self.random.choice(new))
