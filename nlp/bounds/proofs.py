@@ -79,14 +79,14 @@ def prove_chunk(
         number: of the chunk.
         cut: effort [rad^4/s^4].
         problem: which designs it is about (`topo_search.model.proof`).
-        most_boxes: after which the chunk is left open; default: `nlp.bounds.branch.proof.MOST_BOXES`.
+        most_boxes: after which the chunk is left open; default: `nlp.bounds.branch.proof.MAX_BOXES`.
 
     Raises:
         ValueError: there is no such chunk.
     """
     from nlp.bounds.branch import proof
 
-    most = proof.MOST_BOXES if most_boxes is None else most_boxes
+    most = proof.MAX_BOXES if most_boxes is None else most_boxes
     return proof.prove_chunk(task, topology, number, cut, problem, most_boxes=most)
 
 
