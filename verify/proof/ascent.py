@@ -177,14 +177,7 @@ def maximize_at_vertices(problem: CheckProblem, points: Points, y: Array, sigma:
 
 @njit(cache=True, literals=False)
 def maximize(
-    problem: CheckProblem,
-    points: Points,
-    y: Array,
-    sigma: Array,
-    T: float,
-    target: float,
-    step_target: float,
-    steps: int,
+    problem: CheckProblem, points: Points, y: Array, sigma: Array, T: float, target: float, limit: float, steps: int
 ) -> float:
     """Improve y and sigma, which satisfy the condition, in place; return the maximized value.
 
@@ -195,7 +188,7 @@ def maximize(
         sigma: multipliers of the walls, shape (W,).
         T: temperature.
         target: value at which the search ends.
-        step_target: value from which a step is shortened, as a shorter one may do.
+        limit: value from which a trial step is shortened further: smoothing makes it too good.
         steps: largest number of Newton steps.
     """
     best = smoothed_value(problem, points, y, sigma, T)
@@ -211,7 +204,7 @@ def maximize(
             trial_y = y + step_size * points.step
             trial_sigma = np.maximum(sigma + step_size * points.wall_step, 0.0)
             trial_value = smoothed_value(problem, points, trial_y, trial_sigma, T)
-            if best < trial_value < step_target:
+            if best < trial_value < limit:
                 break
             step_size *= ASCENT.backtracking
         if not trial_value > best:

@@ -182,10 +182,10 @@ def _process_box(
     initial = ascent.smoothed_value(problem, middle, workspace.initial_y, workspace.initial_sigma, cut)
     if not previous > initial:
         y[:], sigma[:] = workspace.initial_y, workspace.initial_sigma
-    target, step_target = TARGET * cut, ascent.ASCENT.stage_target * cut
-    ascent.maximize(problem, middle, y, sigma, cut, target, step_target, STEPS)
+    target, limit = TARGET * cut, ascent.ASCENT.stage_target * cut
+    ascent.maximize(problem, middle, y, sigma, cut, target, limit, STEPS)
     if ascent.drop_idle_cases(problem, middle, y, sigma):
-        ascent.maximize(problem, middle, y, sigma, cut, target, step_target, STEPS)
+        ascent.maximize(problem, middle, y, sigma, cut, target, limit, STEPS)
     arcs.fill_frames(problem, workspace.triangles, 3, workspace.frames)
     if dual.bound(problem, y, sigma, workspace.triangles, workspace.frames, workspace.bound) >= cut:
         return -1

@@ -58,6 +58,16 @@ def cross(a: Vector, b: Vector) -> Vector:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
+@njit(cache=True, forceinline=True)
+def rotate(R: Array, a: Vector) -> Vector:
+    """Return R a."""
+    return (
+        R[0, 0] * a[0] + R[0, 1] * a[1] + R[0, 2] * a[2],
+        R[1, 0] * a[0] + R[1, 1] * a[1] + R[1, 2] * a[2],
+        R[2, 0] * a[0] + R[2, 1] * a[1] + R[2, 2] * a[2],
+    )
+
+
 @njit(cache=True, allocates=False)
 def moment(frames: Frames, v: int, body: Array) -> Vector:
     """Return the moment of a module's body (`BranchProblem.bodies`) in frame v."""

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Frames, cross, moment, vector
+from nlp.bounds.branch.frames import Frames, add, cross, moment, rotate, vector
 from nlp.numbers.cholesky import factor, solve_factored
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -111,13 +111,10 @@ def fill_wrenches(problem: BranchProblem, R: Array, frames: Frames, newton: Newt
                     f += R[k, l] * force[l]
                     t += R[k, l] * (about[l] + ox * frames.x[i, l] + oy * frames.y[i, l] + oz * frames.z[i, l])
                 newton.a[4 * i + q, k], newton.a[4 * i + q, 3 + k] = f / 4, t / 4
-    sx, sy, sz = 0.0, 0.0, 0.0
+    total = (0.0, 0.0, 0.0)
     for i in range(n):
-        mx, my, mz = moment(frames, i, problem.bodies[i])
-        sx, sy, sz = sx + mx, sy + my, sz + mz
-    cx = R[0, 0] * sx + R[0, 1] * sy + R[0, 2] * sz
-    cy = R[1, 0] * sx + R[1, 1] * sy + R[1, 2] * sz
-    cz = R[2, 0] * sx + R[2, 1] * sy + R[2, 2] * sz
+        total = add(total, 1.0, moment(frames, i, problem.bodies[i]))
+    cx, cy, cz = rotate(R, total)
     for k in range(len(loads.f)):
         hx, hy, hz = loads.h[k]
         newton.b[k, 0], newton.b[k, 1], newton.b[k, 2] = loads.f[k]
@@ -196,14 +193,7 @@ def copy(y: Array, target: Array) -> None:
 @njit(cache=True, allocates=False)
 def enforce_condition(problem: BranchProblem, y: Array) -> None:
     """Make sum_k g_k x mu_k = 0 by the least change of the torque multipliers."""
-    loads = problem.loads
-    x, y_, z = load_residual(problem, y)
-    P = loads.condition_inverse
-    q = (
-        P[0, 0] * x + P[0, 1] * y_ + P[0, 2] * z,
-        P[1, 0] * x + P[1, 1] * y_ + P[1, 2] * z,
-        P[2, 0] * x + P[2, 1] * y_ + P[2, 2] * z,
-    )
+    loads, q = problem.loads, rotate(problem.loads.condition_inverse, load_residual(problem, y))
     for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
         change = cross(q, vector(loads.g, k))
         for l in range(3):

@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Axes, Frames, moment
+from nlp.bounds.branch.frames import Axes, Frames, add, cross, moment, rotate, vector
 from nlp.bounds.branch.multipliers import (
     MIN_WEIGHT,
     NewtonWorkspace,
@@ -60,20 +60,12 @@ class Slopes(NamedTuple):
     """Slopes, shape (A,)."""
     trial_g: Array
     """g after the trial step, shape (A,)."""
-    w: Array
-    """Direction of an axis, shape (3,)."""
-    c: Array
-    """Point of that axis, shape (3,)."""
-    d: Array
-    """Moment of a body about that point, shape (3,)."""
 
 
 @njit(cache=True)
 def empty_slopes(n: int, A: int) -> Slopes:
     """Return arrays for n modules and A angles."""
-    return Slopes(
-        np.zeros((A, 4 * n, 6)), np.zeros((A, 3)), np.zeros(A), np.zeros(A), np.zeros(3), np.zeros(3), np.zeros(3)
-    )
+    return Slopes(np.zeros((A, 4 * n, 6)), np.zeros((A, 3)), np.zeros(A), np.zeros(A))
 
 
 @njit(cache=True, allocates=False)
@@ -81,23 +73,20 @@ def fill(
     problem: BranchProblem, R: Array, middle: Frames, axes: Axes, newton: NewtonWorkspace, slopes: Slopes
 ) -> None:
     """Fill beta and v for a root orientation R and frames; `newton` has the wrenches there."""
-    tree, w, c, d = problem.tree, slopes.w, slopes.c, slopes.d
+    tree = problem.tree
     slopes.v[:] = 0.0
     for i in range(len(tree.parent)):
-        w_i, (mx, my, mz) = problem.bodies[i, 0], moment(middle, i, problem.bodies[i])
+        body = rotate(R, moment(middle, i, problem.bodies[i]))
         for level in range(tree.depth[i] + 3):
             a = tree.path[i, level]
+            w, c = rotate(R, vector(axes.omega, a)), rotate(R, vector(axes.c, a))
+            velocity = cross(w, add(body, -problem.bodies[i, 0], c))
             for k in range(3):
-                w[k] = R[k, 0] * axes.omega[a, 0] + R[k, 1] * axes.omega[a, 1] + R[k, 2] * axes.omega[a, 2]
-                c[k] = R[k, 0] * axes.c[a, 0] + R[k, 1] * axes.c[a, 1] + R[k, 2] * axes.c[a, 2]
-                d[k] = R[k, 0] * mx + R[k, 1] * my + R[k, 2] * mz - w_i * c[k]
-            slopes.v[a, 0] += w[1] * d[2] - w[2] * d[1]
-            slopes.v[a, 1] += w[2] * d[0] - w[0] * d[2]
-            slopes.v[a, 2] += w[0] * d[1] - w[1] * d[0]
+                slopes.v[a, k] += velocity[k]
             for j in range(4 * i, 4 * i + 4):
                 beta, (fx, fy, fz, tx, ty, tz) = slopes.beta[a, j], newton.a[j]
                 x, y, z = tx - c[1] * fz + c[2] * fy, ty - c[2] * fx + c[0] * fz, tz - c[0] * fy + c[1] * fx
-                p, q, r = w[1] * fz - w[2] * fy, w[2] * fx - w[0] * fz, w[0] * fy - w[1] * fx
+                p, q, r = cross(w, (fx, fy, fz))
                 beta[0], beta[1], beta[2] = p, q, r
                 beta[3] = w[1] * z - w[2] * y + c[1] * r - c[2] * q
                 beta[4] = w[2] * x - w[0] * z + c[2] * p - c[0] * r

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlp.bounds.branch.arrays import BranchProblem, Indices
-from nlp.bounds.branch.frames import Frames, moment
+from nlp.bounds.branch.frames import Frames, add, cross, dot, moment, rotate, vector
 from nlp.bounds.branch.multipliers import MIN_WEIGHT, best_input
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -122,15 +122,6 @@ def vertex_workspace(problem: BranchProblem) -> VertexWorkspace:
 
 
 @njit(cache=True, allocates=False)
-def _rotate(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    return (
-        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
-        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
-        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
-    )
-
-
-@njit(cache=True, allocates=False)
 def fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, workspace: VertexWorkspace) -> None:
     """Fill the wrenches, moments and wall distances of all frames."""
     walls = problem.walls
@@ -138,27 +129,19 @@ def fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, workspac
         R = roots[1 + root]
         for v in range(len(workspace.module_of_frame)):
             i, a = workspace.module_of_frame[v], workspace.a[root, v]
-            px, py, pz = _rotate(R, vertices.p[v, 0], vertices.p[v, 1], vertices.p[v, 2])
-            zx, zy, zz = _rotate(R, vertices.z[v, 0], vertices.z[v, 1], vertices.z[v, 2])
-            xx, xy, xz = _rotate(R, vertices.x[v, 0], vertices.x[v, 1], vertices.x[v, 2])
-            yx, yy, yz = _rotate(R, vertices.y[v, 0], vertices.y[v, 1], vertices.y[v, 2])
+            p, x_axis = rotate(R, vector(vertices.p, v)), rotate(R, vector(vertices.x, v))
+            y_axis, z_axis = rotate(R, vector(vertices.y, v)), rotate(R, vector(vertices.z, v))
             for q in range(4):
                 x, y, z = problem.rotor_torques[q]
-                a[q, 0], a[q, 1], a[q, 2] = zx / 4, zy / 4, zz / 4
-                a[q, 3] = (py * zz - pz * zy + x * xx + y * yx + z * zx) / 4
-                a[q, 4] = (pz * zx - px * zz + x * xy + y * yy + z * zy) / 4
-                a[q, 5] = (px * zy - py * zx + x * xz + y * yz + z * zz) / 4
-            mx, my, mz = moment(vertices, v, problem.bodies[i])
-            cx, cy, cz = _rotate(R, mx, my, mz)
-            workspace.moment[root, v, 0], workspace.moment[root, v, 1], workspace.moment[root, v, 2] = cx, cy, cz
+                torque = add(add(add(cross(p, z_axis), x, x_axis), y, y_axis), z, z_axis)
+                for l in range(3):
+                    a[q, l], a[q, 3 + l] = z_axis[l] / 4, torque[l] / 4
+            B = rotate(R, moment(vertices, v, problem.bodies[i]))
+            workspace.moment[root, v, 0], workspace.moment[root, v, 1], workspace.moment[root, v, 2] = B
             for r in range(len(walls.offset)):
                 if walls.module[r] == i:
-                    distance = walls.end[r] * walls.length
-                    workspace.wall[root, v, r] = (
-                        walls.normal[r, 0] * (px - distance * zx)
-                        + walls.normal[r, 1] * (py - distance * zy)
-                        + walls.normal[r, 2] * (pz - distance * zz)
-                    )
+                    e = add(p, -(walls.end[r] * walls.length), z_axis)
+                    workspace.wall[root, v, r] = dot(vector(walls.normal, r), e)
 
 
 @njit(cache=True, allocates=False)

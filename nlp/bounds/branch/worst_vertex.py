@@ -158,15 +158,15 @@ def maximize(
             if workspace.wall_step[r] < 0.0:
                 step_size = min(step_size, -SEARCH.boundary_share * sigma[r] / workspace.wall_step[r])
         trial_value, trial_minimum, trial_mean = best, minimum, mean
+        trial_y, trial_sigma = workspace.trial_y, workspace.trial_sigma
         for _ in range(SEARCH.max_trials):
             for k in range(len(y)):
                 for l in range(6):
-                    workspace.trial_y[k, l] = y[k, l] + step_size * workspace.step[k, l]
+                    trial_y[k, l] = y[k, l] + step_size * workspace.step[k, l]
             for r in range(len(sigma)):
-                workspace.trial_sigma[r] = sigma[r] + step_size * workspace.wall_step[r]
-            trial_value, trial_minimum, trial_mean = smoothed_value(
-                problem, workspace, workspace.trial_y, workspace.trial_sigma, T, m, s
-            )
+                trial_sigma[r] = sigma[r] + step_size * workspace.wall_step[r]
+            trial = smoothed_value(problem, workspace, trial_y, trial_sigma, T, m, s)
+            trial_value, trial_minimum, trial_mean = trial
             improved = trial_value > best
             if improved:
                 break
@@ -174,9 +174,9 @@ def maximize(
         if not improved:
             converged = True
             break
-        copy(workspace.trial_y, y)
+        copy(trial_y, y)
         for r in range(len(sigma)):
-            sigma[r] = workspace.trial_sigma[r]
+            sigma[r] = trial_sigma[r]
         gain, best, minimum, mean = trial_value - best, trial_value, trial_minimum, trial_mean
         if gain < SEARCH.min_gain * SEARCH.temperature_decay**stage * cut:
             limit, converged = mean + gain + len(sigma) * m if step_size == 1.0 else math.inf, True
@@ -199,16 +199,13 @@ def _max_step_size(workspace: VertexWorkspace) -> float:
 
 @njit(cache=True, allocates=False)
 def _drop_idle_corners(
-    problem: BranchProblem, newton: NewtonWorkspace, workspace: VertexWorkspace, idle_limit: float
+    problem: BranchProblem, newton: NewtonWorkspace, workspace: VertexWorkspace, limit: float
 ) -> None:
     """Drop corners that cost next to nothing."""
     any_dropped = False
     for k in range(len(workspace.y)):
-        if (
-            workspace.active[k]
-            and problem.loads.weight[k] == 0.0
-            and _largest_product(newton, workspace.y[k]) < idle_limit
-        ):
+        may_drop = workspace.active[k] and problem.loads.weight[k] == 0.0
+        if may_drop and _largest_product(newton, workspace.y[k]) < limit:
             workspace.active[k], any_dropped = False, True
             for l in range(6):
                 workspace.y[k, l], workspace.step[k, l] = 0.0, 0.0
@@ -253,25 +250,15 @@ def _fill_newton_step(
     problem: BranchProblem, newton: NewtonWorkspace, workspace: VertexWorkspace, T: float, m: float, s: float
 ) -> None:
     """Fill the step to the maximum of a quadratic model of F, after `smoothed_value` has filled D."""
-    walls, y, sigma, K, C = (
-        problem.walls,
-        workspace.y,
-        workspace.sigma,
-        len(workspace.y),
-        len(workspace.frame_of_module),
-    )
-    n, W, V = len(problem.tree.parent), len(sigma), _select_vertices(workspace)
-    rows, wall_rows, gradient, wall_gradient = (
-        workspace.rows,
-        workspace.wall_rows,
-        workspace.gradient,
-        workspace.wall_gradient,
-    )
+    walls, y, sigma, frames = problem.walls, workspace.y, workspace.sigma, workspace.frame_of_module
+    n, K, W, C, V = len(problem.tree.parent), len(y), len(sigma), len(frames), _select_vertices(workspace)
+    rows, wall_rows = workspace.rows, workspace.wall_rows
+    gradient, wall_gradient = workspace.gradient, workspace.wall_gradient
     workspace.frame_share[:] = 0.0
     for vertex in range(V):
         root, c = workspace.order[vertex] // C, workspace.order[vertex] % C
         for i in range(n):
-            workspace.frame_share[root, workspace.frame_of_module[c, i]] += workspace.q[vertex]
+            workspace.frame_share[root, frames[c, i]] += workspace.q[vertex]
     workspace.H[:] = 0.0
     for root in range(8):
         for v in range(len(workspace.module_of_frame)):
@@ -280,24 +267,20 @@ def _fill_newton_step(
     gradient[:] = 0.0
     wall_gradient[:] = 0.0
     for vertex in range(V):
-        row, root, c, share = (
-            3 + vertex,
-            workspace.order[vertex] // C,
-            workspace.order[vertex] % C,
-            workspace.q[vertex],
-        )
+        root, c = workspace.order[vertex] // C, workspace.order[vertex] % C
+        row, share = 3 + vertex, workspace.q[vertex]
         for k in range(K):
             if workspace.active[k]:
                 for l in range(6):
                     total = 0.0
                     for i in range(n):
-                        total += workspace.module_gradient[root, workspace.frame_of_module[c, i], k, l]
+                        total += workspace.module_gradient[root, frames[c, i], k, l]
                     rows[row, k, l] = total
                     gradient[k, l] += share * total
         for r in range(W):
             total = 0.0
             for i in range(n):
-                total += workspace.wall[root, workspace.frame_of_module[c, i], r]
+                total += workspace.wall[root, frames[c, i], r]
             wall_rows[row, r] = total
             wall_gradient[r] += share * total
     for vertex in range(V):
@@ -359,14 +342,8 @@ def _add_frame(problem: BranchProblem, root: int, v: int, workspace: VertexWorks
 def _solve_step(row_count: int, m: float, workspace: VertexWorkspace) -> None:
     """Fill the step: the first three rows are the condition, and the others each cost half their square."""
     y, sigma, step, wall_step = workspace.y, workspace.sigma, workspace.step, workspace.wall_step
-    H, rows, wall_rows, solved, S, q = (
-        workspace.H,
-        workspace.rows,
-        workspace.wall_rows,
-        workspace.solved,
-        workspace.S,
-        workspace.q,
-    )
+    H, S, q, solved = workspace.H, workspace.S, workspace.q, workspace.solved
+    rows, wall_rows = workspace.rows, workspace.wall_rows
     for row in range(row_count):
         q[row] = 0.0
         for column in range(row + 1):
