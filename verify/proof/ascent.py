@@ -188,7 +188,7 @@ def maximize(
         sigma: multipliers of the walls, shape (W,).
         T: temperature.
         target: value at which the search ends.
-        limit: value from which a trial step is shortened further: smoothing makes it too good.
+        limit: value beyond which a trial step is shortened further.
         steps: largest number of Newton steps.
     """
     best = smoothed_value(problem, points, y, sigma, T)
