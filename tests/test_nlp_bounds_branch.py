@@ -166,7 +166,7 @@ def looked_at(stated, theta, y, flat):
     work.ridge[:] = 0.0
     multipliers.fill_wrenches(stated, roots[0], middle, work)
     slopes.fill(stated, roots[0], middle, axes, work, flat)
-    return multipliers.value(stated, work, y), work
+    return multipliers.dual_value(stated, work, y), work
 
 
 @pytest.mark.parametrize("seed", few(range(20), 5))
@@ -189,7 +189,7 @@ def test_slopes_are_those_of_the_dual_function(seed):
         by = step * np.eye(A)[a]
         ends = [looked_at(stated, theta + sign * by, y, other)[0] for sign in (1, -1)]
         assert found[a] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-4, abs=1e-5 * np.abs(found).max())
-    slopes._gradients(stated, work, flat, y)
+    slopes._fill_slope_gradients(stated, work, flat, y)
     by = step * rng.normal(size=y.shape)
     expected = np.einsum("kal,kl->a", work.rows[:, 3:], by)
     assert (of(y + by) - of(y - by)) / 2 == pytest.approx(expected, rel=1e-3, abs=1e-3 * np.abs(expected).max())
