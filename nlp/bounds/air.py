@@ -40,8 +40,8 @@ from topo_search.model.shape import Capsule, Cone, Shape
 
 def refute_airspeed(task: ResolvedTask) -> Refutation | None:
     """Refute the task if the air over a region is faster than its limit in every design."""
-    tip_distance = _farthest_rotor(task)
-    if tip_distance is None:
+    rotor_distance = _farthest_rotor(task)
+    if rotor_distance is None:
         return None
     forces = least_force_norms(task)
     k, n, R = int(np.argmax(forces)), task.n, task.module.body.rotor_radius
@@ -51,7 +51,7 @@ def refute_airspeed(task: ResolvedTask) -> Refutation | None:
     for e, region in enumerate(task.exposure):
         if region.speed is None:
             continue
-        distance = tip_distance + min(map(_distance_to_region, region.shapes))
+        distance = rotor_distance + min(map(_distance_to_region, region.shapes))
         airspeed = induced / (1 + math.sqrt(2) * distance / R) ** 2
         if airspeed > region.speed:
             airspeed_text, limit_text = excess_texts(airspeed, region.speed)

@@ -110,9 +110,8 @@ def refute_axes(task: ResolvedTask, topology: Topology | None = None) -> Refutat
     else:
         return None
     F = total_forces(task)
-    distance = float(
-        np.sqrt(np.sum(np.linalg.svd(F, compute_uv=False)[d:] ** 2)) - np.linalg.norm(rod_force_change(task))
-    )
+    singular_values = np.linalg.svd(F, compute_uv=False)
+    distance = float(np.sqrt(np.sum(singular_values[d:] ** 2)) - np.linalg.norm(rod_force_change(task)))
     error = max(0.0, distance) / math.sqrt(len(F))
     if error <= tolerated_force(task) + FORCES.rounding * float(np.linalg.norm(F)):
         return None
