@@ -38,11 +38,11 @@ WALL = {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}]}
 
 
 def framed(stated, lower, upper):
-    """Corners of a box, and frames of all modules for each choice of them."""
-    corners, frames = np.zeros((len(lower), 3, 2)), arcs.empty_frames(stated, 3)
-    arcs.fill_triangles(lower, upper, 0, corners)
-    arcs.fill_frames(stated, corners, 3, frames)
-    return corners, frames
+    """Triangles of a box, and frames of all modules for each combination of their vertices."""
+    triangles, frames = np.zeros((len(lower), 3, 2)), arcs.empty_frames(stated, 3)
+    arcs.fill_triangles(lower, upper, 0, triangles)
+    arcs.fill_frames(stated, triangles, 3, frames)
+    return triangles, frames
 
 
 def framed_middle(stated, theta):
@@ -53,8 +53,8 @@ def framed_middle(stated, theta):
 
 
 def bound_of(stated, y, sigma, lower, upper):
-    corners, frames = framed(stated, lower, upper)
-    return dual.bound(stated, y, sigma, corners, frames, dual.bound_workspace(stated, len(frames.p)))
+    triangles, frames = framed(stated, lower, upper)
+    return dual.bound(stated, y, sigma, triangles, frames, dual.bound_workspace(stated, len(frames.p)))
 
 
 def dual_value(task, tree, theta, tip, y, walls, corners=()):
@@ -134,9 +134,9 @@ def test_two_modules_are_too_near_at_every_point_of_a_box_that_is_said_to_be_so(
     for _ in range(60):
         middle, half = rng.uniform(least, most), 10 ** rng.uniform(-2, -0.3)
         lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
-        corners, _ = framed(stated, lower, upper)
+        triangles, _ = framed(stated, lower, upper)
         _, at = framed_middle(stated, (lower + upper) / 2)
-        if crowded.find_crowded_pair(stated, corners, at, np.zeros(2, np.int64)):
+        if crowded.find_crowded_pair(stated, triangles, at, np.zeros(2, np.int64)):
             found += 1
             draws = 10 if rule == "airflow" else 2
             assert all(clearance_missed(task, tree, rng.uniform(lower, upper)) for _ in range(draws))
@@ -151,12 +151,12 @@ def test_no_two_points_of_modules_are_farther_apart_than_is_said(seed):
     stated, (least, most) = check_arrays(task, tree), checked_box(task, 5)
     middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, -0.2, size=7)
     lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
-    corners, _ = framed(stated, lower, upper)
+    triangles, _ = framed(stated, lower, upper)
     for i in range(5):
         for j in range(i):
             down = rng.uniform(0, stated.length, size=2)
             q_i, q_j = (*rng.normal(size=2), -down[0]), (0.0, 0.0, -down[1])
-            limit = crowded.largest_squared_distance(stated, corners, i, j, (q_i, q_j))
+            limit = crowded.largest_squared_distance(stated, triangles, i, j, (q_i, q_j))
             for _ in range(20):
                 at = poses(tree, (0.0, 0.0, 0.0), rng.uniform(lower, upper)[3:], stated.l_c)
                 apart = at.p[i] + at.R[i] @ q_i - at.p[j] - at.R[j] @ q_j
@@ -195,13 +195,13 @@ def test_prover_and_checker_ask_for_the_solvers_distances_where_the_proof_is_abo
 def crowded_at(task, tree, theta, problem):
     """Whether prover and checker find two modules too close to each other at a point."""
     stated = check_arrays(task, tree, problem)
-    corners, _ = framed(stated, theta, theta)
+    triangles, _ = framed(stated, theta, theta)
     _, at = framed_middle(stated, theta)
     other = to_arrays(task, tree, problem)
     _, middle, axes, vertices, rho = seen(other, theta, theta)
     return (
         crowding(other, middle, axes, vertices, rho, np.zeros(len(theta))) == EVERYWHERE,
-        bool(crowded.find_crowded_pair(stated, corners, at, np.zeros(2, np.int64))),
+        bool(crowded.find_crowded_pair(stated, triangles, at, np.zeros(2, np.int64))),
     )
 
 
