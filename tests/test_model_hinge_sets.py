@@ -20,7 +20,7 @@ from topo_search.study.relaxing import relaxable
 from topo_search.topologies import candidates
 from verify import audit, check_chunk
 from verify.proof.check import chunk_box
-from verify.proof.platform import angles_around, angles_of_hinges
+from verify.proof.platform import angles_around, hinge_angles
 
 TREE = Topology.from_key("a300")
 
@@ -226,7 +226,7 @@ def test_a_record_of_a_poorer_set_is_refused_for_a_richer_one():
 
 def test_every_combination_is_in_one_chunk():
     task, n = push(4, search={"hinge_step_deg": 30.0}), 4
-    angles = angles_of_hinges(task)
+    angles = hinge_angles(task)
     boxes = [chunk_box(task, n, number) for number in range(chunk_count(n))]
     for chosen in product(angles, repeat=n - 1):
         inside = [np.all(lower[3:] <= chosen) and np.all(chosen <= upper[3:]) for lower, upper in boxes]

@@ -15,7 +15,7 @@ from test_nlp_bounds_attack import random_task
 from nlp import solve
 from nlp.bounds.branch import box, frames, multipliers, search, slopes, worst_vertex
 from nlp.bounds.branch.arrays import centre, effort_unit, reroot, to_arrays, whole_box
-from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
+from nlp.bounds.branch.crowded import AT_MIDDLE, EVERYWHERE, crowding
 from nlp.bounds.branch.proof import chunk_box, prove_chunk
 from nlp.numbers.point import Point
 from nlp.units import Units
@@ -36,17 +36,17 @@ from verify.requirements import Scene
 def seen(stated, lower, upper):
     """All that the bound of a box is computed from."""
     n, A = len(stated.tree.parent), len(lower)
-    middle, vertices = frames.blank(n), frames.blank(stated.tree.first[-1])
+    middle, vertices = frames.empty_frames(n), frames.empty_frames(stated.tree.first[-1])
     axes = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3)))
     roots, at = np.zeros((9, 3, 3)), (lower + upper) / 2
-    frames.at_middle(stated.tree, stated.l_c, at, middle, axes)
-    frames.at_vertices(stated.tree, stated.l_c, lower, upper, vertices)
-    search._roots(lower, upper, at, roots)
+    frames.fill_middle_frames(stated.tree, stated.l_c, at, middle, axes)
+    frames.fill_vertex_frames(stated.tree, stated.l_c, lower, upper, vertices)
+    search.fill_roots(lower, upper, at, roots)
     return roots, middle, axes, vertices, (upper - lower) / 2
 
 
 def bound_of(stated, y, sigma, lower, upper):
-    return box.bound(stated, y, sigma, *seen(stated, lower, upper), box.sums(stated), math.inf)
+    return box.bound(stated, y, sigma, *seen(stated, lower, upper), box.bound_workspace(stated), math.inf)
 
 
 def dual_value(task, tree, theta, tip, y, walls):
@@ -99,7 +99,7 @@ def half_spaces(task):
 def multipliers_for(stated, rng):
     y = rng.normal(size=(len(stated.loads.f), 6)) * 10 ** rng.uniform(-1, 1)
     sigma = np.maximum(0.0, rng.normal(size=len(stated.walls.normal)))
-    worst_vertex.meet(stated, y, sigma)
+    worst_vertex.enforce_condition(stated, y, sigma)
     return y, sigma
 
 
@@ -152,7 +152,7 @@ def test_a_bound_ends_early_under_a_cut_alone(seed):
     stated, (least, most) = to_arrays(task, tree), whole_box(task, task.n)
     lower = rng.uniform(least, most)
     upper = np.minimum(most, lower + 0.3)
-    multiplied, looked_at = multipliers_for(stated, rng), (*seen(stated, lower, upper), box.sums(stated))
+    multiplied, looked_at = multipliers_for(stated, rng), (*seen(stated, lower, upper), box.bound_workspace(stated))
     proven = box.bound(stated, *multiplied, *looked_at, math.inf)
     assert box.bound(stated, *multiplied, *looked_at, proven) == proven
     above = proven + 1e-6 * abs(proven)
@@ -162,11 +162,11 @@ def test_a_bound_ends_early_under_a_cut_alone(seed):
 def looked_at(stated, theta, y, flat):
     """D at a point, with arrays for the multipliers' search there, and the slopes' parts."""
     roots, middle, axes, _, _ = seen(stated, theta, theta)
-    work = multipliers.workspace(stated)
+    work = multipliers.newton_workspace(stated)
     work.ridge[:] = 0.0
-    multipliers.wrenches(stated, roots[0], middle, work)
+    multipliers.fill_wrenches(stated, roots[0], middle, work)
     slopes.fill(stated, roots[0], middle, axes, work, flat)
-    return multipliers.value(stated, work, y), work
+    return multipliers.dual_value(stated, work, y), work
 
 
 @pytest.mark.parametrize("seed", few(range(20), 5))
@@ -177,7 +177,7 @@ def test_slopes_are_those_of_the_dual_function(seed):
     tree = random_tree(task.n, rng, aligned=task.search.connectors == "aligned")
     stated, theta = to_arrays(task, tree), rng.uniform(*whole_box(task, task.n))
     A, step, (y, _) = len(theta), 1e-6, multipliers_for(stated, rng)
-    flat, other = slopes.blank(task.n, A), slopes.blank(task.n, A)
+    flat, other = slopes.empty_slopes(task.n, A), slopes.empty_slopes(task.n, A)
     _, work = looked_at(stated, theta, y, flat)
 
     def of(y):
@@ -189,7 +189,7 @@ def test_slopes_are_those_of_the_dual_function(seed):
         by = step * np.eye(A)[a]
         ends = [looked_at(stated, theta + sign * by, y, other)[0] for sign in (1, -1)]
         assert found[a] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-4, abs=1e-5 * np.abs(found).max())
-    slopes._gradients(stated, work, flat, y)
+    slopes._fill_slope_gradients(stated, work, flat, y)
     by = step * rng.normal(size=y.shape)
     expected = np.einsum("kal,kl->a", work.rows[:, 3:], by)
     assert (of(y + by) - of(y - by)) / 2 == pytest.approx(expected, rel=1e-3, abs=1e-3 * np.abs(expected).max())
@@ -205,19 +205,19 @@ def test_flattened_multipliers_lose_less_towards_the_vertices():
         stated = to_arrays(task, reroot(tree, centre(task, tree)))
         lower = rng.uniform(least, most - 0.4)
         roots, middle, axes, _, rho = seen(stated, lower, lower + 0.4)
-        work, flat = multipliers.workspace(stated), slopes.blank(4, len(rho))
-        multipliers.wrenches(stated, roots[0], middle, work)
+        work, flat = multipliers.newton_workspace(stated), slopes.empty_slopes(4, len(rho))
+        multipliers.fill_wrenches(stated, roots[0], middle, work)
         work.ridge[:] = search.BRANCHING.ridge * 4 / 24 * (rho**2).sum()
         y = np.zeros((3, 6))
         y[:, :3] = 2 * stated.loads.f
-        if multipliers.improve(stated, work, y, 4, effort) > effort:
+        if multipliers.maximize(stated, work, y, 4, effort) > effort:
             continue
         slopes.fill(stated, roots[0], middle, axes, work, flat)
         before = y.copy()
         slopes.flatten(stated, work, flat, rho, y, 3, effort)
         first, last = (slopes._value(stated, work, flat, rho, one, flat.g) for one in (before, y))
         assert last >= first
-        assert multipliers.residual(stated, y) == pytest.approx((0, 0, 0), abs=1e-9 * np.abs(y).max())
+        assert multipliers.load_residual(stated, y) == pytest.approx((0, 0, 0), abs=1e-9 * np.abs(y).max())
         higher.append(last > first)
     assert len(higher) >= 6
     assert sum(higher) > 0.5 * len(higher)
@@ -260,7 +260,7 @@ def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed, rule):
         lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
         _, at, axes, vertices, rho = seen(stated, lower, upper)
         where = crowding(stated, at, axes, vertices, rho, np.zeros(len(least)))
-        if where != ALL_OVER:
+        if where != EVERYWHERE:
             continue
         found += 1
         for _ in range(10 if rule == "airflow" else 2):
@@ -283,7 +283,7 @@ def test_modules_that_are_too_close_at_a_point_are_found(seed, spread):
         if clearance_missed(task, tree, theta):
             found += 1
             _, at, axes, vertices, rho = seen(stated, theta, theta)
-            assert crowding(stated, at, axes, vertices, rho, np.zeros(len(least))) == ALL_OVER
+            assert crowding(stated, at, axes, vertices, rho, np.zeros(len(least))) == EVERYWHERE
     assert found > 0
 
 
@@ -355,7 +355,7 @@ def test_brute_force_finds_nothing_under_what_is_proven(best):
     task, tree, design = best
     tree = reroot(tree, centre(task, tree))
     stated, unit, (least, most) = to_arrays(task, tree), effort_unit(task), whole_box(task, tree.n)
-    work, A = multipliers.workspace(stated), len(least)
+    work, A = multipliers.newton_workspace(stated), len(least)
     work.ridge[:] = 1e-9
 
     def effort(theta):
@@ -365,10 +365,10 @@ def test_brute_force_finds_nothing_under_what_is_proven(best):
         roots, middle, axes, vertices, rho = seen(stated, theta, theta)
         if crowding(stated, middle, axes, vertices, rho, np.zeros(A)) >= AT_MIDDLE:
             return math.inf
-        multipliers.wrenches(stated, roots[0], middle, work)
+        multipliers.fill_wrenches(stated, roots[0], middle, work)
         y = np.zeros((2, 6))
         y[:, :3] = 4 * stated.loads.f
-        return multipliers.improve(stated, work, y, 60, 1e9) * unit
+        return multipliers.maximize(stated, work, y, 60, 1e9) * unit
 
     grid = itertools.product(*(np.linspace(low, high, 7) for low, high in zip(least, most, strict=True)))
     found = sorted((effort(np.array(theta)), theta) for theta in grid)
@@ -416,7 +416,7 @@ def test_what_is_left_out_of_a_bound_costs_a_flying_design_nothing(name, folder,
     cost = design.objective / effort_unit(task)
     cuts = cost * np.array([closed, 1.0001])
     found = [search.search(to_arrays(task, design.topology, problem), lower, upper, cut, 1) for cut in cuts]
-    assert [one.how for one in found] == [search.CLOSED, search.OPEN]
+    assert [one.outcome for one in found] == [search.CLOSED, search.STUCK]
 
 
 @pytest.mark.parametrize("name", ["wall-push", "window-cleaning", "survives-a-rotor"])
@@ -483,7 +483,7 @@ def test_a_heavy_end_effector_far_away_is_not_counted_on_to_hover_exactly(positi
     assert {one.status for one in audit(design).residuals} == {"clear"}
     theta = np.array(design.root_orientation_rad)
     problem, cost = to_arrays(design.task, design.topology, "task"), design.objective / effort_unit(design.task)
-    assert search.search(problem, theta - 1e-7, theta + 1e-7, 1.0001 * cost, 1).how == search.OPEN
+    assert search.search(problem, theta - 1e-7, theta + 1e-7, 1.0001 * cost, 1).outcome == search.STUCK
 
 
 def test_no_hover_is_counted_on_where_an_audit_sees_no_error_of_the_centre_of_mass():

@@ -9,7 +9,7 @@ from nlp_cases import HOVER, push, random_point, random_tree
 from scipy.optimize import lsq_linear
 
 from nlp import lower_bound
-from nlp.bounds.duality import directions, dual_value, greatest
+from nlp.bounds.duality import directions, dual_value, sphere_maximum
 from nlp.bounds.effort import closed_form
 from nlp.requirements.balances import wrench_matrix
 from topo_search.model import LoadCase, Wrench
@@ -178,7 +178,7 @@ def test_two_opposite_forces_share_the_modules_by_the_closed_form(weight, larges
 def test_the_greatest_value_on_the_sphere_is_above_all_and_near(seed, K):
     rng = np.random.default_rng(seed)
     nu, power = rng.normal(size=(K, 3)), rng.uniform(1.0, 3.0)
-    bound = greatest(lambda z: np.sum(np.maximum(z @ nu.T, 0.0) ** power, axis=-1))
+    bound = sphere_maximum(lambda z: np.sum(np.maximum(z @ nu.T, 0.0) ** power, axis=-1))
     z = rng.normal(size=(200_000, 3))
     values = np.sum(np.maximum(z / np.linalg.norm(z, axis=1, keepdims=True) @ nu.T, 0.0) ** power, axis=-1)
     assert values.max() <= bound <= 1.003 * values.max()

@@ -16,7 +16,7 @@ from nlp import proof_root, prove_chunk, solve
 from nlp.bounds.branch import arrays, search
 from nlp.bounds.branch import proof as branch
 from nlp.bounds.branch.arrays import to_arrays, whole_box
-from nlp.bounds.branch.crowded import ALL_OVER, crowding
+from nlp.bounds.branch.crowded import EVERYWHERE, crowding
 from nlp.units import Units
 from topo_search.model import Chunk, Design, Topology
 from topo_search.model.files import read_json
@@ -24,11 +24,13 @@ from topo_search.model.proof import chunk_count, proof_task
 from verify import check_chunk
 from verify.bodies import ConeSphere, clearances
 from verify.kinematics import poses
-from verify.proof import arcs, ascent, dual, nearness
+from verify.proof import arcs, ascent, crowded, dual
 from verify.proof import replay as ends
 from verify.proof.check import chunk_box
-from verify.proof.platform import all_angles, effort_unit, numbers, reroot
-from verify.proof.points import fill_point, fill_turns, turns, workspace
+from verify.proof.platform import effort_unit, reroot
+from verify.proof.platform import to_arrays as check_arrays
+from verify.proof.platform import whole_box as checked_box
+from verify.proof.points import empty_points, fill_point, fill_slopes, is_turned_by
 
 PAIR = Topology(((-1, -1, -1), (0, 0, 2)))
 PUSH = {"end_effector": {"force": [0.25, 0.0, 0.75]}}
@@ -36,23 +38,23 @@ WALL = {"kind": "allowed", "planes": [{"normal": [1.0, 0.0, 0.0]}]}
 
 
 def framed(stated, lower, upper):
-    """Corners of a box, and frames of all modules for each choice of them."""
-    corners, frames = np.zeros((len(lower), 3, 2)), arcs.frame_arrays(stated, 3)
-    arcs.fill_corners(lower, upper, 0, corners)
-    arcs.fill_frames(stated, corners, 3, frames)
-    return corners, frames
+    """Triangles of a box, and frames of all modules for each combination of their vertices."""
+    triangles, frames = np.zeros((len(lower), 3, 2)), arcs.empty_frames(stated, 3)
+    arcs.fill_triangles(lower, upper, 0, triangles)
+    arcs.fill_frames(stated, triangles, 3, frames)
+    return triangles, frames
 
 
 def framed_middle(stated, theta):
     points = np.stack([np.cos(theta), np.sin(theta)], axis=-1)[:, None]
-    frames = arcs.frame_arrays(stated, 1)
+    frames = arcs.empty_frames(stated, 1)
     arcs.fill_frames(stated, points, 1, frames)
     return points, frames
 
 
 def bound_of(stated, y, sigma, lower, upper):
-    corners, frames = framed(stated, lower, upper)
-    return dual.bound(stated, y, sigma, corners, frames, dual.sums(stated, len(frames.p)))
+    triangles, frames = framed(stated, lower, upper)
+    return dual.bound(stated, y, sigma, triangles, frames, dual.bound_workspace(stated, len(frames.p)))
 
 
 def dual_value(task, tree, theta, tip, y, walls, corners=()):
@@ -65,8 +67,8 @@ def dual_value(task, tree, theta, tip, y, walls, corners=()):
 
 def any_multipliers(stated, rng):
     y = rng.normal(size=(len(stated.f), 6)) * 10 ** rng.uniform(-2, 1)
-    sigma = np.maximum(0.0, rng.normal(size=len(stated.normal)))
-    ascent.balance(stated, workspace(stated, 1, 0), y, sigma)
+    sigma = np.maximum(0.0, rng.normal(size=len(stated.wall_normal)))
+    ascent.enforce_condition(stated, empty_points(stated, 1, 0), y, sigma)
     return y, sigma
 
 
@@ -88,12 +90,12 @@ def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed, flies):
     rng = np.random.default_rng([41, seed])
     task, tree = any_tree(rng, flies=flies)
     corners = any_corners(task, rng)
-    stated = numbers(task, tree, "task", corners)
-    least, most = all_angles(task, task.n)
+    stated = check_arrays(task, tree, "task", corners)
+    least, most = checked_box(task, task.n)
     middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, -0.1, size=len(least))
     lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
     y, sigma = any_multipliers(stated, rng)
-    walls = list(zip(stated.module, stated.down, stated.normal, sigma, strict=True))
+    walls = list(zip(stated.wall_module, stated.wall_distance, stated.wall_normal, sigma, strict=True))
     proven = bound_of(stated, y, sigma, lower, upper)
     for draw in range(60):
         theta = rng.uniform(lower, upper)
@@ -109,9 +111,9 @@ def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(
     rng = np.random.default_rng([42, seed])
     task, tree = any_tree(rng, flies=flies)
     corners = any_corners(task, rng)
-    stated = numbers(task, tree, "task", corners)
-    theta, (y, sigma) = rng.uniform(*all_angles(task, task.n)), any_multipliers(stated, rng)
-    walls = zip(stated.module, stated.down, stated.normal, sigma, strict=True)
+    stated = check_arrays(task, tree, "task", corners)
+    theta, (y, sigma) = rng.uniform(*checked_box(task, task.n)), any_multipliers(stated, rng)
+    walls = zip(stated.wall_module, stated.wall_distance, stated.wall_normal, sigma, strict=True)
     true = dual_value(task, tree, theta, np.zeros(3), y, walls, corners)
     proven = bound_of(stated, y, sigma, theta, theta)
     lever = 2 * stated.l_c * tree.n + 2
@@ -128,13 +130,13 @@ def test_two_modules_are_too_near_at_every_point_of_a_box_that_is_said_to_be_so(
     least = 4 if parts else 2  # of bolted modules no parts are in the way
     task = push(int(rng.integers(least, 6)), search={"connectors": "any", **parts})
     tree = random_tree(task.n, rng, aligned=False)
-    stated, (least, most), found = numbers(task, tree), all_angles(task, task.n), 0
+    stated, (least, most), found = check_arrays(task, tree), checked_box(task, task.n), 0
     for _ in range(60):
         middle, half = rng.uniform(least, most), 10 ** rng.uniform(-2, -0.3)
         lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
-        corners, _ = framed(stated, lower, upper)
+        triangles, _ = framed(stated, lower, upper)
         _, at = framed_middle(stated, (lower + upper) / 2)
-        if nearness.are_too_near(stated, corners, at, np.zeros(2, np.int64)):
+        if crowded.find_crowded_pair(stated, triangles, at, np.zeros(2, np.int64)):
             found += 1
             draws = 10 if rule == "airflow" else 2
             assert all(clearance_missed(task, tree, rng.uniform(lower, upper)) for _ in range(draws))
@@ -146,15 +148,15 @@ def test_no_two_points_of_modules_are_farther_apart_than_is_said(seed):
     rng = np.random.default_rng([44, seed])
     task = push(5, search={"connectors": "any"})
     tree = random_tree(5, rng, aligned=False)
-    stated, (least, most) = numbers(task, tree), all_angles(task, 5)
+    stated, (least, most) = check_arrays(task, tree), checked_box(task, 5)
     middle, half = rng.uniform(least, most), 10 ** rng.uniform(-3, -0.2, size=7)
     lower, upper = np.maximum(least, middle - half), np.minimum(most, middle + half)
-    corners, _ = framed(stated, lower, upper)
+    triangles, _ = framed(stated, lower, upper)
     for i in range(5):
         for j in range(i):
             down = rng.uniform(0, stated.length, size=2)
             q_i, q_j = (*rng.normal(size=2), -down[0]), (0.0, 0.0, -down[1])
-            limit = nearness.farthest(stated, corners, i, j, (q_i, q_j))
+            limit = crowded.largest_squared_distance(stated, triangles, i, j, (q_i, q_j))
             for _ in range(20):
                 at = poses(tree, (0.0, 0.0, 0.0), rng.uniform(lower, upper)[3:], stated.l_c)
                 apart = at.p[i] + at.R[i] @ q_i - at.p[j] - at.R[j] @ q_j
@@ -185,21 +187,21 @@ def test_prover_and_checker_ask_for_the_solvers_distances_where_the_proof_is_abo
         (False,) * 2,
         (True,) * 2,
     ]
-    stated = [numbers(task, three, problem) for problem in ("task", "solver")]
+    stated = [check_arrays(task, three, problem) for problem in ("task", "solver")]
     kept = math.sqrt(task.centre_distance**2 + 2 * task.centre_distance * task.search.margin)
-    assert [each.apart for each in stated] == pytest.approx([3.0, kept / 0.1])
+    assert [each.centre_distance for each in stated] == pytest.approx([3.0, kept / 0.1])
 
 
 def crowded_at(task, tree, theta, problem):
     """Whether prover and checker find two modules too close to each other at a point."""
-    stated = numbers(task, tree, problem)
-    corners, _ = framed(stated, theta, theta)
+    stated = check_arrays(task, tree, problem)
+    triangles, _ = framed(stated, theta, theta)
     _, at = framed_middle(stated, theta)
     other = to_arrays(task, tree, problem)
     _, middle, axes, vertices, rho = seen(other, theta, theta)
     return (
-        crowding(other, middle, axes, vertices, rho, np.zeros(len(theta))) == ALL_OVER,
-        bool(nearness.are_too_near(stated, corners, at, np.zeros(2, np.int64))),
+        crowding(other, middle, axes, vertices, rho, np.zeros(len(theta))) == EVERYWHERE,
+        bool(crowded.find_crowded_pair(stated, triangles, at, np.zeros(2, np.int64))),
     )
 
 
@@ -207,14 +209,14 @@ def crowded_at(task, tree, theta, problem):
 def test_wrenches_change_with_every_angle_as_is_said(seed):
     rng = np.random.default_rng([45, seed])
     task, tree = any_tree(rng)
-    stated, theta = numbers(task, tree), rng.uniform(-1.5, 1.5, size=tree.n + 2)
+    stated, theta = check_arrays(task, tree), rng.uniform(-1.5, 1.5, size=tree.n + 2)
 
     def wrenches(theta):
         points, frames = framed_middle(stated, theta)
-        at = workspace(stated, 1, len(theta))
+        at = empty_points(stated, 1, len(theta))
         fill_point(stated, points, frames, at, 0)
-        fill_turns(stated, points, frames, np.zeros(len(theta)), at)
-        return at.a[0], at.turning.change
+        fill_slopes(stated, points, frames, np.zeros(len(theta)), at)
+        return at.a[0], at.slopes.beta
 
     (_, change), step = wrenches(theta), 1e-6
     for angle in range(len(theta)):
@@ -225,7 +227,7 @@ def test_wrenches_change_with_every_angle_as_is_said(seed):
             while above > 0:
                 path.add(above + 2)
                 above = tree.parents[above]
-            assert turns(stated, angle, j // 4) == (angle < 3 or angle in path)
+            assert is_turned_by(stated, angle, j // 4) == (angle < 3 or angle in path)
             assert measured[j] == pytest.approx(change[angle, j], abs=1e-7 * tree.n)
 
 
@@ -234,18 +236,18 @@ def test_wrenches_change_with_every_angle_as_is_said(seed):
 def test_the_dual_function_changes_with_angles_and_its_slopes_with_multipliers_as_is_said(seed, flies):
     rng = np.random.default_rng([50, seed])
     task, tree = any_tree(rng, flies=flies)
-    stated = numbers(task, tree, "task", any_corners(task, rng))
+    stated = check_arrays(task, tree, "task", any_corners(task, rng))
     theta, (y, sigma) = rng.uniform(-1.5, 1.5, size=tree.n + 2), any_multipliers(stated, rng)
-    at = workspace(stated, 1, len(theta))
+    at = empty_points(stated, 1, len(theta))
 
     def looked_at(theta, y):
         points, frames = framed_middle(stated, theta)
         fill_point(stated, points, frames, at, 0)
-        fill_turns(stated, points, frames, np.full(len(theta), 0.1), at)
-        ascent.begin(stated, at, np.full(len(theta), 0.1), 1.0)
-        ascent.blur(stated, at, 0.1)  # without kinks
-        ascent.value(stated, at, y, sigma, 1.0)
-        return at.D[0], at.turning.slope.copy(), at.turning.steep.copy()
+        fill_slopes(stated, points, frames, np.full(len(theta), 0.1), at)
+        ascent.start(stated, at, np.full(len(theta), 0.1), 1.0)
+        ascent.set_kink_width(stated, at, 0.1)  # without kinks
+        ascent.smoothed_value(stated, at, y, sigma, 1.0)
+        return at.D[0], at.slopes.g.copy(), at.slopes.dg_dy.copy()
 
     (_, slope, steep), step = looked_at(theta, y), 1e-6
     size = 1 + np.abs(y).sum() ** 2 + np.abs(y).sum() + sigma.sum()
@@ -264,22 +266,22 @@ def test_multipliers_for_points_get_better_by_what_the_bounds_of_points_are(seed
     rng = np.random.default_rng([49, seed])
     task, tree = any_tree(rng, flies=flies)
     stated, theta = (
-        numbers(task, tree, "task", any_corners(task, rng)),
+        check_arrays(task, tree, "task", any_corners(task, rng)),
         rng.uniform(-1.5, 1.5, size=(5, tree.n + 2)),
     )
-    at, (y, sigma) = workspace(stated, len(theta), 0), any_multipliers(stated, rng)
+    at, (y, sigma) = empty_points(stated, len(theta), 0), any_multipliers(stated, rng)
     for v, one in enumerate(theta):
         fill_point(stated, *framed_middle(stated, one), at, v)
-    ascent.begin(stated, at, np.full(tree.n + 2, 0.1), 1.0)
-    ascent.blur(stated, at, 1e-12)
-    ascent.value(stated, at, y, sigma, 0.1)
-    lost = (1e-3 + stated.torque_off.max()) * (1 + np.abs(y).sum() + sigma.sum())  # to the audit's tolerance
+    ascent.start(stated, at, np.full(tree.n + 2, 0.1), 1.0)
+    ascent.set_kink_width(stated, at, 1e-12)
+    ascent.smoothed_value(stated, at, y, sigma, 0.1)
+    lost = (1e-3 + stated.torque_error.max()) * (1 + np.abs(y).sum() + sigma.sum())  # to the audit's tolerance
     assert [bound_of(stated, y, sigma, one, one) for one in theta] == pytest.approx(at.D, abs=lost)
     y[:], sigma[:] = 0.0, 0.0
     y[:, :3] = stated.weight[:, None] * stated.f / (2 * tree.n)
-    ascent.blur(stated, at, 0.1)
-    first = ascent.value(stated, at, y, sigma, 0.1)
-    assert ascent.climb(stated, at, y, sigma, 0.1, math.inf, math.inf, 20) > first
+    ascent.set_kink_width(stated, at, 0.1)
+    first = ascent.smoothed_value(stated, at, y, sigma, 0.1)
+    assert ascent.maximize(stated, at, y, sigma, 0.1, math.inf, math.inf, 20) > first
     assert dual.residual(stated, y, sigma) == pytest.approx((0, 0, 0), abs=1e-9 * (1 + np.abs(y).sum()))
     assert np.all(sigma >= 0)
 
@@ -290,7 +292,11 @@ def flying_design(name):
     task = design.task
     corners = range(len(proof_task(task, "solver").load_cases) - len(task.load_cases))
     theta = np.array([*design.root_orientation_rad, *design.hinge_angles_rad])
-    return numbers(task, design.topology, "solver", tuple(corners)), theta, design.objective / effort_unit(task)
+    return (
+        check_arrays(task, design.topology, "solver", tuple(corners)),
+        theta,
+        design.objective / effort_unit(task),
+    )
 
 
 def settled(stated, lower, upper, cut):
@@ -301,8 +307,8 @@ def settled(stated, lower, upper, cut):
 @pytest.mark.parametrize("name", ["wall-push", "window-cleaning", "survives-a-rotor"])
 def test_a_flying_design_has_a_bound_just_under_what_it_costs(name):
     stated, theta, cost = flying_design(name)
-    assert settled(stated, theta, theta, 0.995 * cost).how == ends.HELD
-    assert settled(stated, theta, theta, 1.0001 * cost).how == ends.NOT_BOUNDED
+    assert settled(stated, theta, theta, 0.995 * cost).outcome == ends.VALID
+    assert settled(stated, theta, theta, 1.0001 * cost).outcome == ends.NOT_BOUNDED
 
 
 def test_a_box_where_a_reserve_is_out_of_reach_is_excluded_whole():
@@ -310,7 +316,7 @@ def test_a_box_where_a_reserve_is_out_of_reach_is_excluded_whole():
     stated, _, cost = flying_design("wall-push")
     lower = np.radians([-45.0, -19.6875, 19.6875, -45.0, 33.75])
     found = settled(stated, lower, lower + np.radians([5.625, 2.8125, 2.8125, 5.625, 5.625]), 0.95 * cost)
-    assert (found.how, found.extra) == (ends.HELD, 0)
+    assert (found.outcome, found.halved) == (ends.VALID, 0)
 
 
 LEAST = {"module": {"min_input": 0.2, "max_thrust_to_weight": 3.0}}  # half the weight with the end-effector
@@ -335,17 +341,17 @@ def test_what_is_missed_by_little_is_out_of_reach_for_the_check_too():
     task = push(2, load_cases=loads, module={"min_input": 0.08, "max_thrust_to_weight": 3.0}, **DEAD)
     theta, cut = np.radians([-0.1758, 0.0, 47.46, -75.94]), 3.77
     for corners in (range(8), ()):  # and without it 0.4 % of the first load case
-        stated = numbers(task, PAIR, "task", tuple(corners))
-        assert settled(stated, theta - 1e-7, theta + 1e-7, cut).how == ends.HELD
+        stated = check_arrays(task, PAIR, "task", tuple(corners))
+        assert settled(stated, theta - 1e-7, theta + 1e-7, cut).outcome == ends.VALID
 
 
 @pytest.mark.parametrize("half", [1e-9, 1e-5, 1e-4])
 def test_an_effort_just_over_the_cut_is_seen_where_a_wrench_is_missed_by_a_thousandth(half):
     """The effort without what is missed is 0.07 % less than the cut: only long multipliers exceed it."""
     task = push(3)
-    stated = numbers(task, reroot(Topology.from_key("a300"), 1), "task", ())
+    stated = check_arrays(task, reroot(Topology.from_key("a300"), 1), "task", ())
     theta = np.array([1.10686301, -0.42061034, 0.68405207, -1.18406614, 1.1088531])
-    assert settled(stated, theta - half, theta + half, 11.236).how == ends.HELD
+    assert settled(stated, theta - half, theta + half, 11.236).outcome == ends.VALID
 
 
 def excludes(case, **fields):
@@ -356,9 +362,9 @@ def excludes(case, **fields):
     cut = 40 * (thrust / Units.of(task).force) ** 2
     found = search.search(problem, level - 1e-6, level + 1e-6, cut, 1)
     corners = range(len(problem.loads.f) - 1)
-    stated, scale = numbers(task, tree, "task", tuple(corners)), arrays.effort_unit(task) / effort_unit(task)
+    stated, scale = check_arrays(task, tree, "task", tuple(corners)), arrays.effort_unit(task) / effort_unit(task)
     replayed = settled(stated, level - 1e-6, level + 1e-6, cut * scale)
-    return found.how == search.CLOSED, replayed.how == ends.HELD
+    return found.outcome == search.CLOSED, replayed.outcome == ends.VALID
 
 
 @pytest.fixture(scope="module")
@@ -535,10 +541,10 @@ def test_what_cannot_be_looked_at_is_refused(pair):
 def test_chunks_of_prover_and_checker_cover_all_angles_and_share_no_more_than_faces(n, root):
     """The checker's reach as far as an audit lets angles pass."""
     task = push(n, search={"root": root})
-    most = all_angles(task, n)[1]
+    most = checked_box(task, n)[1]
     assert np.all(most[3:] > math.pi / 2 + 1e-6)
     assert root == "paper" or (most[0] > math.pi and most[1] >= math.pi / 2 and most[2] > math.pi)
-    for chunk, whole in ((branch.chunk_box, whole_box), (chunk_box, all_angles)):
+    for chunk, whole in ((branch.chunk_box, whole_box), (chunk_box, checked_box)):
         least, most = whole(task, n)
         boxes = [chunk(task, n, number) for number in range(chunk_count(n))]
         assert sum(np.prod(upper - lower) for lower, upper in boxes) == pytest.approx(np.prod(most - least))

@@ -1,32 +1,32 @@
-r"""Thrusts along any axes against the forces of all load cases at once: a dual problem.
+r"""A dual problem: thrusts along any axes against the forces of all load cases at once.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | n, K | modules, load cases | | |
-| f_k | force of load case k that a module bears on average, F_k / n | (3,) | m g |
+| f_k | force of load case k per module, F_k / n | (3,) | m g |
 | z_i | thrust axis of module i, any unit vector | (3,) | |
 | s_ik | thrust of module i in load case k, 0 <= s_ik <= T | | m g |
 | lambda_k | weight of load case k | | |
-| nu_k | multiplier: what a unit of force costs in load case k | (3,) | m g |
+| nu_k | multiplier: cost of a unit of force in load case k | (3,) | m g |
 | phi_k(t) | greatest t s - lambda_k s^2 of a thrust s in [0, T] | | (m g)^2 |
 
-Whatever the multipliers are, s_ik z_i summing to n f_k means that
+For any multipliers, if the s_ik z_i sum to n f_k then
 
     sum_ik lambda_k s_ik^2 >= sum_ik (s_ik nu_k . z_i - phi_k(nu_k . z_i))
                            >= n (sum_k nu_k . f_k - max over unit z of sum_k phi_k(nu_k . z)).
 
-With s the best thrust for t, t / (2 lambda_k) within [0, T], phi_k(t) = s (t - lambda_k s): a form without
-cancellation for any weights, zero included. Each phi_k is convex, not negative and zero at 0, so `greatest` bounds
-the maximum by proof, and no step of the search for good multipliers has to be believed. The dual problem is
-concave; its constraints, one for every z, are added where they are violated.
+With s the best thrust for t, t / (2 lambda_k) clipped to [0, T], phi_k(t) = s (t - lambda_k s), a form without
+cancellation for any weights, zero included. Each phi_k is convex, nonnegative and zero at 0, so `sphere_maximum` is
+a proven bound on the maximum, and the proof depends on no step of the search for good multipliers. The dual problem
+is concave; its constraints, one for every z, are added where they are violated.
 
-`greatest` covers the sphere by the cones of triangles with unit corners a, b, c. A point z of such a cone's part
-of the sphere is y / ||y|| for a point y of the flat triangle, and ||y|| >= d, the distance of its plane from the
-origin. A convex h >= 0 with h(0) = 0 grows along every ray and is largest at a corner, so
+`sphere_maximum` covers the sphere by the cones of triangles with unit vertices a, b, c. A point z of such a cone's
+part of the sphere is y / ||y|| for a point y of the flat triangle, and ||y|| >= d, the distance of its plane from
+the origin. A convex h >= 0 with h(0) = 0 grows along every ray and is largest at a vertex, so
 
     h(z) <= h(y / d) <= max(h(a / d), h(b / d), h(c / d)),
 
-which exceeds h at the corners themselves by the order of the triangle's area. Triangles where that still matters
+which exceeds h at the vertices themselves by the order of the triangle's area. Triangles where that still matters
 are split into four.
 """
 
@@ -47,14 +47,14 @@ Function = Callable[[Array], Array]
 
 
 class SphereCover(NamedTuple):
-    """The cover of the sphere by triangles."""
+    """Settings of the cover of the sphere by triangles."""
 
     accuracy: float = 2e-4
-    """Triangles whose bound exceeds the greatest value seen by less than this share of it are not split."""
-    most_triangles: int = 300_000
-    """Nothing is split beyond this number; the bound is then coarser and as valid."""
+    """Largest relative excess of a triangle's bound over the largest value of h so far that needs no split."""
+    max_triangles: int = 300_000
+    """Largest number of triangles; beyond it nothing is split, and the bound is coarser but still valid."""
     rounding: float = 1e-12
-    """Share added to the bound, for the rounding of d and of the corners."""
+    """Allowance for the rounding of d and of the vertices, over the bound."""
 
 
 SPHERE = SphereCover()
@@ -67,15 +67,15 @@ def octahedron() -> Array:
 
 
 def split(triangles: Array) -> Array:
-    """Return four triangles for each, with corners at the middles of its sides on the sphere."""
+    """Return four triangles for each, with vertices at the middles of its sides, projected onto the sphere."""
     a, b, c = triangles.transpose(1, 0, 2)
     ab, bc, ca = (_unit(a + b), _unit(b + c), _unit(c + a))
     quarters = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-    return np.concatenate([np.stack(corners, axis=1) for corners in quarters])
+    return np.concatenate([np.stack(vertices, axis=1) for vertices in quarters])
 
 
 def directions(splits: int) -> Array:
-    """Return 4^(splits + 1) + 2 directions, evenly spread, shape (m, 3)."""
+    """Return 4^(splits + 1) + 2 evenly spread directions, shape (m, 3)."""
     triangles = octahedron()
     for _ in range(splits):
         triangles = split(triangles)
@@ -90,20 +90,20 @@ def ring_around(axes: Array, angle: float) -> Array:
     return np.concatenate([axes, (np.cos(angle) * axes + np.sin(angle) * ring).reshape(-1, 3)])
 
 
-def greatest(h: Function) -> float:
-    """Return an upper bound on h over the unit sphere; h is convex, not negative, and h(0) = 0."""
-    triangles, seen, settled = octahedron(), 0.0, 0.0
+def sphere_maximum(h: Function) -> float:
+    """Return an upper bound on h over the unit sphere; h must be convex and nonnegative with h(0) = 0."""
+    triangles, largest_value, bound = octahedron(), 0.0, 0.0
     while True:
-        seen = max(seen, float(h(triangles.reshape(-1, 3)).max()))
+        largest_value = max(largest_value, float(h(triangles.reshape(-1, 3)).max()))
         outer = triangles / _distance(triangles)[:, None, None]
-        bound = h(outer.reshape(-1, 3)).reshape(-1, 3).max(axis=1)
-        open_ = bound > (1 + SPHERE.accuracy) * seen
-        if 4 * np.count_nonzero(open_) > SPHERE.most_triangles:
-            open_[:] = False
-        settled = max(settled, float(bound[~open_].max(initial=0.0)))
-        triangles = split(triangles[open_])
+        bounds = h(outer.reshape(-1, 3)).reshape(-1, 3).max(axis=1)
+        is_open = bounds > (1 + SPHERE.accuracy) * largest_value
+        if 4 * np.count_nonzero(is_open) > SPHERE.max_triangles:
+            is_open[:] = False
+        bound = max(bound, float(bounds[~is_open].max(initial=0.0)))
+        triangles = split(triangles[is_open])
         if not len(triangles):
-            return settled * (1 + SPHERE.rounding)
+            return bound * (1 + SPHERE.rounding)
 
 
 def _distance(triangles: Array) -> Array:
@@ -118,18 +118,18 @@ def _unit(vectors: Array) -> Array:
 
 
 class DualSearch(NamedTuple):
-    """The search for good multipliers; no step of it has to be believed."""
+    """Settings of the search for good multipliers."""
 
     splits: int = 2
-    """Subdivisions of the octahedron for the first directions: 66 of them."""
+    """Subdivisions of the octahedron for the initial directions: 66 of them."""
     rounds: int = 6
     """Largest number of refinements of the directions."""
     ring: float = 0.25
-    """Angle from an added direction to its six companions [rad]; a third of it in every further round."""
+    """Angle from an added direction to the six around it [rad]; each round divides it by three."""
     ascents: int = 60
     """Steps from a direction towards a local maximum."""
-    good_enough: float = 2e-4
-    """Share of the dual value that a search for better multipliers is not continued for."""
+    tolerance: float = 2e-4
+    """Relative gap of the dual value at which the search ends."""
 
 
 SEARCH = DualSearch()
@@ -137,15 +137,15 @@ SEARCH = DualSearch()
 
 def dual_value(nu: Array, f: Array, weights: Array, T: float) -> float:
     """Return a lower bound on the mean over the modules of sum_k lambda_k s_ik^2, for multipliers nu (K, 3)."""
-    # share of the sum of all |nu_k| |f_k| that is left to rounding
+    # 1e-14: allowance for rounding, over the sum of all |nu_k| |f_k|
     rounding = 1e-14 * float(np.sum(np.abs(nu) * np.abs(f)))
-    return float(np.sum(nu * f)) - rounding - greatest(lambda z: np.sum(_phi(z @ nu.T, weights, T), axis=-1))
+    return float(np.sum(nu * f)) - rounding - sphere_maximum(lambda z: np.sum(_phi(z @ nu.T, weights, T), axis=-1))
 
 
-def multipliers(f: Array, weights: Array, T: float, *, largest: float, known: float = 0.0) -> Array:
-    """Return multipliers nu, shape (K, 3), near those of the greatest dual value with all |nu| <= largest.
+def multipliers(f: Array, weights: Array, T: float, *, largest: float, known_bound: float = 0.0) -> Array:
+    """Return near-optimal multipliers nu with all |nu| <= largest, shape (K, 3).
 
-    The search ends early when no multipliers can have a dual value above `known`.
+    The search ends early if no multipliers can have a dual value above `known_bound`.
     """
     z, best, lower = directions(SEARCH.splits), np.zeros_like(f), -math.inf
     for step in range(SEARCH.rounds):
@@ -155,14 +155,14 @@ def multipliers(f: Array, weights: Array, T: float, *, largest: float, known: fl
         upper, value = np.sum(nu * f) - of_z.max(), np.sum(nu * f) - max(of_z.max(), of_peaks.max())
         if value > lower:
             best, lower = nu, value
-        if upper - max(lower, known) <= SEARCH.good_enough * upper:
+        if upper - max(lower, known_bound) <= SEARCH.tolerance * upper:
             break
         z = np.concatenate([z, ring_around(peaks[of_peaks > of_z.max()], SEARCH.ring / 3**step)])
     return best
 
 
 def _best_multipliers(z: Array, f: Array, weights: Array, T: float, largest: float) -> Array:
-    """Return the best multipliers when only the axes z, shape (m, 3), exist."""
+    """Return the best multipliers if only the axes z, shape (m, 3), were possible."""
     nu, greatest_phi = ca.MX.sym("nu", len(f), 3), ca.MX.sym("greatest_phi")
     t = ca.mtimes(ca.DM(z), nu.T)
     weight = ca.repmat(ca.DM(weights).T, len(z), 1)
@@ -181,7 +181,7 @@ def _best_multipliers(z: Array, f: Array, weights: Array, T: float, largest: flo
 
 
 def _peaks(nu: Array, weights: Array, T: float) -> Array:
-    """Return the local maxima over the sphere of the convex sum of the phi_k: each step follows its gradient."""
+    """Return the local maxima over the sphere of the convex sum of the phi_k, by gradient steps."""
     z = directions(SEARCH.splits)
     for _ in range(SEARCH.ascents):
         t = z @ nu.T

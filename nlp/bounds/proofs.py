@@ -1,39 +1,37 @@
-"""Proofs that no topology of a size, or no design of one topology, can do a task.
+"""Proofs that a task is impossible for all topologies of a size, or for one topology.
 
-Every rule leaves out all that it does not name, so what it refuses cannot be done with the rest either.
+Every rule drops the requirements that it does not name, so a task that it refutes is impossible with these as well.
 
-The branch and bound of one tree is loaded when it is used: it is compiled, and other commands need not load it.
+The branch and bound is imported on use: it is compiled, and other commands need not load it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from nlp.bounds.air import windy
-from nlp.bounds.effort import lightest_cases
-from nlp.bounds.reach import crowded_path, out_of_reach, rotors_overlap, stand_off
-from nlp.bounds.refutation import Refutation, modules
-from nlp.bounds.wrenches import all_forces, axes, failures, one_force, torque_reach
+from nlp.bounds.air import refute_airspeed
+from nlp.bounds.effort import lightest_task
+from nlp.bounds.reach import refute_path, refute_reach, refute_rotors, refute_stand_off
+from nlp.bounds.refutation import Refutation, size_text
+from nlp.bounds.wrenches import refute_axes, refute_failures, refute_forces, refute_lift, refute_torque
 from topo_search.model import Chunk, Infeasible, ResolvedTask, Topology
 from topo_search.model.proof import Problem
 
 
 def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> Infeasible | None:
-    """Return the proof that no topology of the task's size, or not this one, can do the task, if there is one.
+    """Return a proof that the task is impossible for its size, or for the given topology; None without one.
 
     Raises:
-        ValueError: a topology of another size.
+        ValueError: The topology has another size.
     """
     if topology is not None and task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
-    declared, task = task.declared.lightest, lightest_cases(task)
-    forces = one_force(task) or axes(task) or all_forces(task) or failures(declared)
-    refutation, concerned = (
-        forces or out_of_reach(task) or rotors_overlap(task) or windy(declared) or _shape(task),
-        None,
-    )
+    declared, task = task.declared.lightest, lightest_task(task)
+    forces = refute_lift(task) or refute_axes(task) or refute_forces(task) or refute_failures(declared)
+    refutation = forces or refute_reach(task) or refute_rotors(task) or refute_airspeed(declared)
+    refutation, concerned = refutation or _refute_shape(task), None
     if refutation is None and topology is not None:
-        refutation, concerned = axes(task, topology) or _shape(task, topology), topology
+        refutation, concerned = refute_axes(task, topology) or _refute_shape(task, topology), topology
     if refutation is None:
         return None
     return Infeasible(
@@ -43,23 +41,23 @@ def prove_impossible(task: ResolvedTask, topology: Topology | None = None) -> In
         worst_constraint=refutation.name,
         violation=refutation.amount,
         unit=refutation.unit,
-        message=_reserve_at_fault(declared, concerned) + refutation.message,
+        message=_reserve_prefix(declared, concerned) + refutation.message,
     )
 
 
-def _reserve_at_fault(task: ResolvedTask, topology: Topology | None) -> str:
-    """Return words that name the reserve without which nothing refutes the task; none if there is no such one."""
+def _reserve_prefix(task: ResolvedTask, topology: Topology | None) -> str:
+    """Return a prefix that names the reserve without which nothing refutes the task, or an empty string."""
     for field in ("force_reserve", "torque_reserve"):
         without = task.model_copy(update={"flight": task.flight.model_copy(update={field: 0.0})})
         if getattr(task.flight, field) and prove_impossible(without, topology) is None:
-            what = modules(task) if topology is None else topology.key
-            return f"flight.{field}: no platform of {what} has so much reserve: "
+            subject = size_text(task) if topology is None else topology.key
+            return f"flight.{field}: no platform of {subject} has so much reserve: "
     return ""
 
 
-def _shape(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
-    """Return what the shape of one tree rules out at any hinge angles; without one, that of every tree."""
-    return torque_reach(task, topology) or crowded_path(task, topology) or stand_off(task, topology)
+def _refute_shape(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
+    """Refute the task by the shape of the tree at any hinge angles; without a tree, by that of every tree."""
+    return refute_torque(task, topology) or refute_path(task, topology) or refute_stand_off(task, topology)
 
 
 def prove_chunk(
@@ -74,24 +72,25 @@ def prove_chunk(
     """Search one chunk of a tree's angles for designs that cost less than a cut.
 
     Args:
-        task: the task.
-        topology: the tree.
-        number: of the chunk.
+        task: task.
+        topology: tree.
+        number: number of the chunk.
         cut: effort [rad^4/s^4].
-        problem: which designs it is about (`topo_search.model.proof`).
-        most_boxes: after which the chunk is left open; default: `nlp.bounds.branch.proof.MOST_BOXES`.
+        problem: designs that the proof covers (`topo_search.model.proof`).
+        most_boxes: limit on the number of boxes, beyond which the chunk stays open; by default
+            `nlp.bounds.branch.proof.MAX_BOXES`.
 
     Raises:
-        ValueError: there is no such chunk.
+        ValueError: No chunk has this number.
     """
     from nlp.bounds.branch import proof
 
-    most = proof.MOST_BOXES if most_boxes is None else most_boxes
-    return proof.prove_chunk(task, topology, number, cut, problem, most_boxes=most)
+    max_boxes = proof.MAX_BOXES if most_boxes is None else most_boxes
+    return proof.prove_chunk(task, topology, number, cut, problem, most_boxes=max_boxes)
 
 
 def prepare_proof(task: ResolvedTask, tell: Callable[[str], None]) -> None:
-    """Compile the code of a proof before workers need it; `tell` gets a message if that takes a while."""
+    """Compile the code of a proof before workers need it; `tell` gets a message if that takes long."""
     from nlp.bounds.branch import proof
 
     proof.prepare(task, tell)

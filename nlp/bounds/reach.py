@@ -1,29 +1,29 @@
-"""Lengths that rule out a platform: a rod's reach, an end-effector's place, rotors across a hinge.
+"""Refutations by lengths: a rod's reach, an end-effector's position, rotors across a hinge.
 
 | symbol | meaning | unit |
 |---|---|---|
 | L | largest reach of the rod | m |
-| d | what every module's centre keeps from p_E at least | m |
+| d | least distance of every module's centre from p_E | m |
 | B | centre of mass of modules and joints; a fixed end-effector is at m_t / (m_t - m_E) p_E from it | |
-| q | its least distance from the centroid of the modules' centres, from which joints shift B a little | m |
+| q | least distance of p_E from the centroid of the modules' centres; joints shift B slightly from it | m |
 | d_ij | joints between the modules i and j | |
 
-A connector is l_c from a centre: no nearer to p_E than d - l_c. A centre is (1/n) sum_j 2 l_c d_ij <= (n - 1) l_c
-from the centroid at most, so a connector is no nearer to a fixed p_E than q - n l_c.
+A connector is l_c from a centre, so at least d - l_c from p_E. A centre is at most (1/n) sum_j 2 l_c d_ij
+<= (n - 1) l_c from the centroid, so a connector is at least q - n l_c from a fixed p_E.
 
 The least squared distance of p_E from a centre is at most their mean, |q|^2 + (1 / n^2) sum_{i<j} |p_i - p_j|^2,
 and two centres are at most 2 l_c d_ij apart.
 
-A path of few modules may get into its own way at every combination of its hinge angles. These angles, a box of
-+-pi/2 each and what the audit lets pass beyond, are halved again and again. In a box with half widths h about its
-middle, with one module between i and j held still, every hinge t between it and j moves the points of j by h_t
-times their distance from the hinge at most, and so for i. Where i and j are too close by more than all of that at
-the middle, no angle of the box is any good. The path is impossible when no box is left.
+The modules of a short path may be too close at every combination of its hinge angles. The box of these angles,
++-pi/2 each plus the audit's tolerance, is halved repeatedly. In a box with half widths h, relative to a fixed
+module between i and j, every hinge t between it and j moves the points of j by at most h_t times their distance
+from the hinge, and likewise for i. If i and j are too close at the middle by more than the sum of these, the box is
+excluded. The path is impossible if no box remains.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | turns | quarter turns from port to port at every inner module: 1, 2 (straight on), 3 | | |
-| alpha, h | middles and half widths of boxes; all boxes of a round are alike | (m, hinges), (hinges,) | rad |
+| alpha, h | middles and half widths of boxes; all boxes of a round have the same | (m, hinges), (hinges,) | rad |
 | R, p, z | frame of a module (x towards the next one), centre, thrust axis | (m,3,3), (m,3) | -, m |
 """
 
@@ -37,7 +37,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.bounds.refutation import Refutation, bodies_mass, modules, off_centre
+from nlp.bounds.refutation import Refutation, bodies_mass, centre_offset, size_text
 from nlp.numbers.geometry import Swept, clearance, rotation
 from topo_search.model import AirflowEnvelope, ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -46,18 +46,18 @@ from topo_search.model.proven import TOLERANCE, excess_texts, lower_text, upper_
 
 
 class PathSearch(NamedTuple):
-    """How far paths are searched."""
+    """Settings of the search of paths."""
 
-    longest: int = 5
-    """Modules of the longest path that is looked at."""
-    most_boxes: int = 4000
-    """Boxes in one round beyond which a path is given up as not proven."""
-    least_width: float = 0.01
-    """Half width of a box that is not halved any more [rad]."""
+    max_modules: int = 5
+    """Number of modules of the longest path."""
+    max_boxes: int = 4000
+    """Largest number of boxes in a round; beyond it nothing is proven for a path."""
+    min_width: float = 0.01
+    """Half width at which halving ends [rad]."""
     depth: float = 1e-3
-    """Least amount by which a clearance is missed in every box [l_arm]: far above rounding."""
-    parts: tuple[float, ...] = (0.0, 0.1, 0.3, 1.0)
-    """Shares of an envelope's length: a part of it that overlaps is proof enough, and moves less."""
+    """Least violation of a clearance in every box, far above rounding [l_arm]."""
+    length_shares: tuple[float, ...] = (0.0, 0.1, 0.3, 1.0)
+    """Shares of an envelope's length that are tried: an overlapping part is enough for a proof, and moves less."""
 
 
 SEARCH = PathSearch()
@@ -66,40 +66,40 @@ SEARCH = PathSearch()
 Turns = tuple[int, ...]
 
 
-def crowded_path(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
-    """Some path of the tree is in its own way at any hinge angles; without a tree, two bolted modules are."""
+def refute_path(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
+    """Refute a tree with a path whose modules are too close at any hinge angles; without a tree, any pair."""
     module, air = task.module, task.module.envelope if task.search.interference == "airflow" else None
-    # what is asked of a design, not the more that the search keeps: a proof is to hold for every design
-    apart, first = task.body_clearance or 0.0, 2
+    # distances required of every design, not the larger ones of the solver
+    centre_distance, min_separation = task.body_clearance or 0.0, 2
     if task.search.interference == "separation":
-        apart, first = task.separation, 1
+        centre_distance, min_separation = task.separation, 1
     l_c = module.connector_distance
     paths = _paths(topology) if topology is not None else {()} if task.n > 1 else set()
     for turns in sorted(paths, key=lambda turns: (len(turns), turns)):
         depth = SEARCH.depth * module.arm_length
-        if _is_crowded(turns, air, apart, first, l_c, depth):
-            row = f"{len(turns) + 2} modules in a row"
-            way = ", ".join({1: "right", 2: "straight on", 3: "left"}[turn] for turn in turns)
+        if _is_crowded(turns, air, centre_distance, min_separation, l_c, depth):
+            row_text = f"{len(turns) + 2} modules in a row"
+            directions = ", ".join({1: "right", 2: "straight on", 3: "left"}[turn] for turn in turns)
             return Refutation(
-                f"clearances of {row}",
+                f"clearances of {row_text}",
                 depth,
                 "m",
-                f"{row}{way and f' that go {way} (or the mirror image)'} come too close to each other at any hinge "
-                f"angles: module.connector_distance = {l_c:.15g} m is too short",
+                f"{row_text}{directions and f' that go {directions} (or the mirror image)'} come too close to each "
+                f"other at any hinge angles: module.connector_distance = {l_c:.15g} m is too short",
             )
     return None
 
 
 def _paths(topology: Topology) -> set[Turns]:
-    """Return the turns of all paths that are looked at; a path, its way back and its mirror image are one."""
+    """Return the turns of all short paths; a path, its reverse and its mirror images count once."""
     import networkx as nx
 
     graph, paths = topology.graph(), set[Turns]()
-    for _, ways in nx.all_pairs_shortest_path(graph, SEARCH.longest - 1):
-        for way in ways.values():
-            if len(way) == 1:
+    for _, paths_from in nx.all_pairs_shortest_path(graph, SEARCH.max_modules - 1):
+        for path in paths_from.values():
+            if len(path) == 1:
                 continue
-            ports = [(graph[i][j]["ports"][i], graph[i][j]["ports"][j]) for i, j in pairwise(way)]
+            ports = [(graph[i][j]["ports"][i], graph[i][j]["ports"][j]) for i, j in pairwise(path)]
             turns = [(out - entry) % 4 for (_, entry), (out, _) in pairwise(ports)]
             mirror = [(-turn) % 4 for turn in turns]
             paths.add(min(tuple(t) for t in (turns, turns[::-1], mirror, mirror[::-1])))
@@ -108,32 +108,32 @@ def _paths(topology: Topology) -> set[Turns]:
 
 @lru_cache(maxsize=256)
 def _is_crowded(
-    turns: Turns, air: AirflowEnvelope | None, apart: float, first: int, l_c: float, depth: float
+    turns: Turns, air: AirflowEnvelope | None, centre_distance: float, min_separation: int, l_c: float, depth: float
 ) -> bool:
-    """Return whether it is proven that modules in a row miss some clearance by `depth` [m] at any hinge angles.
+    """Return whether a path is proven to violate some clearance by `depth` [m] at any hinge angles.
 
-    Centres keep `apart` [m] from the `first` one after each other on.
+    Centres must be `centre_distance` [m] apart if they are at least `min_separation` joints apart.
     """
     hinges = len(turns) + 1
     pairs = np.array(list(combinations(range(hinges + 1), 2))).T
-    far = pairs[1] - pairs[0] >= first
+    is_separated = pairs[1] - pairs[0] >= min_separation
     alpha, h = np.zeros((1, hinges)), np.full(hinges, math.pi / 2 + TOLERANCE)
-    while len(alpha) <= SEARCH.most_boxes and h.max() > SEARCH.least_width:
+    while len(alpha) <= SEARCH.max_boxes and h.max() > SEARCH.min_width:
         z, p = _poses(turns, alpha, l_c)
-        distance = np.linalg.norm(p[pairs[1]] - p[pairs[0]], axis=-1)[far]
-        clear = (distance >= apart).all(axis=0)
+        distance = np.linalg.norm(p[pairs[1]] - p[pairs[0]], axis=-1)[is_separated]
+        clear = (distance >= centre_distance).all(axis=0)
         if air is not None:
             clear &= (_gaps(z, p, pairs, air.length, air.start_radius, air.growth) >= 0).all(axis=0)
         if clear.any():
             return False
-        open_ = (distance + _displacements(pairs, h, l_c)[far] >= apart - depth).all(axis=0)
-        for part in SEARCH.parts:
+        is_open = (distance + _displacements(pairs, h, l_c)[is_separated] >= centre_distance - depth).all(axis=0)
+        for share in SEARCH.length_shares:
             if air is not None:
-                length = part * air.length
+                length = share * air.length
                 radius = air.start_radius - (_displacements(pairs, h, l_c, length) + depth) / 2
-                gaps = _gaps(z, p, pairs, length, radius, part * air.growth)
-                open_ &= ((radius <= 0) | (gaps >= 0)).all(axis=0)
-        alpha = alpha[open_]
+                gaps = _gaps(z, p, pairs, length, radius, share * air.growth)
+                is_open &= ((radius <= 0) | (gaps >= 0)).all(axis=0)
+        alpha = alpha[is_open]
         if not len(alpha):
             return True
         t = int(np.argmax(h))
@@ -144,9 +144,9 @@ def _is_crowded(
 
 
 def _displacements(pairs: NDArray[np.intp], h: Array, l_c: float, length: float = 0.0) -> Array:
-    """Return how far points of the axes of each pair move to or from each other in a box, shape (pairs, 1) [m].
+    """Return the largest change of distance of points of two axes in a box, for each pair, shape (pairs, 1) [m].
 
-    Hinge t, between the modules t and t + 1, is l_c from their centres and 2 l_c farther from every next one.
+    Hinge t, between the modules t and t + 1, is l_c from their centres and 2 l_c farther from each further one.
     """
 
     def displacement(i: int, j: int) -> float:
@@ -160,13 +160,13 @@ def _displacements(pairs: NDArray[np.intp], h: Array, l_c: float, length: float 
 
 
 def _gaps(z: Array, p: Array, pairs: NDArray[np.intp], length: float, radius: Any, growth: float) -> Array:
-    """Return the clearance of the first `length` of two envelopes with another start radius, a row a pair [m]."""
-    one, other = (Swept(p[side], -length * z[side], radius, growth) for side in pairs)
-    return clearance(one, other)
+    """Return the clearances of two envelopes with this length and start radius, one row per pair [m]."""
+    first, second = (Swept(p[side], -length * z[side], radius, growth) for side in pairs)
+    return clearance(first, second)
 
 
 def _poses(turns: Turns, alpha: Array, l_c: float) -> tuple[Array, Array]:
-    """Return z and p of all modules of a path, shape (modules, m, 3): hinges turn about the y axis between them."""
+    """Return z and p of all modules of a path, shape (modules, m, 3); hinges turn about the y axis."""
     c, s, zero, one = np.cos(alpha), np.sin(alpha), np.zeros_like(alpha), np.ones_like(alpha)
     hinge = np.stack([c, zero, s, zero, one, zero, -s, zero, c], axis=-1).reshape(*alpha.shape, 3, 3)
     R, p = [np.broadcast_to(np.eye(3), (len(alpha), 3, 3))], [np.zeros((len(alpha), 3))]
@@ -177,71 +177,73 @@ def _poses(turns: Turns, alpha: Array, l_c: float) -> tuple[Array, Array]:
     return np.array(R)[..., 2], np.array(p)
 
 
-LEAST_MISS = 1e-9
-"""Share of a length by which it must be missed."""
+MIN_VIOLATION = 1e-9
+"""Least relative violation of a length."""
 
 
-def out_of_reach(task: ResolvedTask) -> Refutation | None:
-    """Return why no connector is within reach of the end-effector, if none can be."""
-    n, module, largest = task.n, task.module, task.largest_reach(task.n)
-    if largest is None:
+def refute_reach(task: ResolvedTask) -> Refutation | None:
+    """Refute a rod whose reach is too short for any connector."""
+    n, module, largest_reach = task.n, task.module, task.largest_reach(task.n)
+    if largest_reach is None:
         return None
-    farthest, why = max(_distances(task), default=(0.0, ""))
-    unseen = TOLERANCE * module.arm_length * (2 + task.total_mass(n) / bodies_mass(task))
-    if farthest <= largest + unseen:
+    farthest, reason = max(_distances(task), default=(0.0, ""))
+    tolerance = TOLERANCE * module.arm_length * (2 + task.total_mass(n) / bodies_mass(task))
+    if farthest <= largest_reach + tolerance:
         return None
-    shown, limit = excess_texts(farthest, largest)
+    distance_text, limit_text = excess_texts(farthest, largest_reach)
     return Refutation(
         "reach of the end-effector's rod",
-        farthest - largest,
+        farthest - largest_reach,
         "m",
-        f"end_effector.largest_reach = {limit} m is too short for {modules(task)}: {why}, so that the "
-        f"nearest free connector is {shown} m from the end-effector at least",
+        f"end_effector.largest_reach = {limit_text} m is too short for {size_text(task)}: {reason}, so that the "
+        f"nearest free connector is {distance_text} m from the end-effector at least",
     )
 
 
 def _distances(task: ResolvedTask) -> list[tuple[float, str]]:
-    """Return how far the nearest connector is at least [m], each with its reason."""
+    """Return lower bounds on the distance of the nearest connector [m], each with its reason."""
     n, l_c = task.n, task.module.connector_distance
     distances = []
     if task.exclusion_radius is not None:
-        apart = task.exclusion_radius
-        distances.append((apart - l_c, f"every module's centre keeps {lower_text(apart)} m from the end-effector"))
-    blown = task.module.region_envelope.start_radius
+        distance = task.exclusion_radius
+        distances.append(
+            (distance - l_c, f"every module's centre keeps {lower_text(distance)} m from the end-effector")
+        )
+    envelope_radius = task.module.region_envelope.start_radius
     for e, exposure in enumerate(task.exposure):
         if isinstance(exposure, Local) and exposure.radius is not None and exposure.geometry:
             reason = f"exposure[{e}].radius = {lower_text(exposure.radius)} m keeps every module's airflow off"
-            distances.append((exposure.radius + blown - l_c, reason))
+            distances.append((exposure.radius + envelope_radius - l_c, reason))
     if task.end_effector.fixed_position is not None:
         p_E = math.hypot(*task.end_effector.fixed_position)
-        q = task.total_mass(n) / bodies_mass(task) * p_E - off_centre(task)
+        q = task.total_mass(n) / bodies_mass(task) * p_E - centre_offset(task)
         distances.append((q - n * l_c, f"end_effector.position is {lower_text(p_E)} m from the centre of mass"))
     return distances
 
 
-def stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
-    """Some module is nearer to a fixed end-effector than its stand-off, in every shape of the platform.
+def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Refutation | None:
+    """Refute a stand-off that some module violates in every shape of the platform.
 
-    Of all trees a straight chain has the largest sum of squared distances, sum_{i<j} d_ij^2 = n^2 (n^2 - 1) / 12.
+    Of all trees, a straight chain has the largest sum of squared distances, sum_{i<j} d_ij^2 = n^2 (n^2 - 1) / 12.
     """
     n, position, required = task.n, task.end_effector.fixed_position, task.end_effector.stand_off
     if position is None:
         return None
     squares = n**2 * (n**2 - 1) / 12 if topology is None else _squared_distances(topology)
     share = task.total_mass(n) / bodies_mass(task)
-    q = share * math.hypot(*position) + off_centre(task)
+    q = share * math.hypot(*position) + centre_offset(task)
     farthest = math.hypot(q, 2 * task.module.connector_distance / n * math.sqrt(squares))
-    unseen = TOLERANCE * task.module.arm_length * (1 + share)  # of the distance, and of the place
-    if required <= farthest * (1 + LEAST_MISS) + unseen:
+    tolerance = TOLERANCE * task.module.arm_length * (1 + share)  # of the distance, and of the position
+    if required <= farthest * (1 + MIN_VIOLATION) + tolerance:
         return None
-    needed, reached = excess_texts(required, farthest)
+    required_text, distance_text = excess_texts(required, farthest)
     return Refutation(
         "end-effector exclusion",
         required - farthest,
         "m",
-        f"end_effector.stand_off = {needed} m is out of reach of {modules(task)}: with the end-effector fixed "
-        f"{upper_text(math.hypot(*position))} m from the centre of mass, some module centre is within {reached} m "
-        "of it in any shape",
+        f"end_effector.stand_off = {required_text} m is out of reach of {size_text(task)}: with the end-effector "
+        f"fixed {upper_text(math.hypot(*position))} m from the centre of mass, some module centre is within "
+        f"{distance_text} m of it in any shape",
     )
 
 
@@ -250,24 +252,24 @@ def _squared_distances(topology: Topology) -> int:
     import networkx as nx
 
     lengths: dict[int, dict[int, int]] = dict(nx.all_pairs_shortest_path_length(topology.graph()))
-    return sum(d**2 for of_one in lengths.values() for d in of_one.values()) // 2
+    return sum(d**2 for row in lengths.values() for d in row.values()) // 2
 
 
-def rotors_overlap(task: ResolvedTask) -> Refutation | None:
-    """Each of two bolted modules has a rotor across their hinge's axis, at one place, at any angle.
+def refute_rotors(task: ResolvedTask) -> Refutation | None:
+    """Refute two bolted modules whose rotors overlap across the hinge's axis at any angle.
 
-    The axis passes l_c from the centres of both, their rotors from l_arm / sqrt 2 - r to l_arm / sqrt 2 + r. Only a
-    rotor that ends before the axis, or begins beyond it, can be clear of the other one there.
+    The axis is l_c from both centres, the rotors extend from l_arm / sqrt 2 - r to l_arm / sqrt 2 + r. A rotor can
+    only be clear of the opposite one if it ends before the axis or begins beyond it.
     """
     module = task.module
     middle, r, l_c = module.arm_length / math.sqrt(2), module.body.rotor_radius, module.connector_distance
-    across = r - abs(middle - l_c)
-    if task.n == 1 or task.body_clearance is None or across <= LEAST_MISS * (middle + r):
+    overlap = r - abs(middle - l_c)
+    if task.n == 1 or task.body_clearance is None or overlap <= MIN_VIOLATION * (middle + r):
         return None
     inner, outer = excess_texts(l_c, middle - r)[1], excess_texts(middle + r, l_c)[0]
     return Refutation(
         "rotors of bolted modules",
-        across,
+        overlap,
         "m",
         "rotors of two modules that are bolted together overlap at any hinge angle: they reach from "
         f"{inner} to {outer} m towards a connector, across the hinge at module.connector_distance = {l_c:.15g} m",

@@ -1,8 +1,8 @@
-"""Statement of a rule that proves that something is impossible.
+"""Refutation of a task: a rule's proof that it is impossible.
 
-A proof holds for every design that its audit calls clear, so it allows for what the audit lets pass: residuals of
-`TOLERANCE` of every force [m_t g], of every torque about the COM and about the end-effector [l_arm m_t g], inputs
-beyond their limits [u_max], hinge angles beyond pi/2 [rad] and a fixed end-effector off its place [l_arm].
+A proof holds for every design with a clear audit, so it allows for the audit's tolerances: errors of `TOLERANCE` in
+every force [m_t g], in every torque about the COM and about the end-effector [l_arm m_t g], in the limits of inputs
+[u_max] and of hinge angles [rad], and in the position of a fixed end-effector [l_arm].
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ class Refutation:
 
 
 def largest_thrust(task: ResolvedTask) -> float:
-    """Return what all rotors at their limit pull with, 4 n k_f rho u_max [N]."""
+    """Return the thrust of all rotors at their limit, 4 n k_f rho u_max [N]."""
     return 4 * task.n * task.module.thrust_coefficient * task.max_input
 
 
-def unseen_thrust(task: ResolvedTask) -> float:
-    """Return how much more the audit lets pass, and as much below zero [N]."""
+def tolerated_thrust(task: ResolvedTask) -> float:
+    """Return the audit's tolerance of the thrust of all rotors, beyond their limit and below zero [N]."""
     return 4 * task.n * task.module.thrust_coefficient * TOLERANCE * task.module.max_input(task.gravity)
 
 
 def tolerated_force(task: ResolvedTask) -> float:
-    """Return by how much the audit lets a force be missed, whatever the rod weighs [N]."""
+    """Return the audit's tolerance of a force, with the heaviest rod [N]."""
     return TOLERANCE * (task.force_unit(task.n) + task.heaviest_rod * task.gravity)
 
 
@@ -45,12 +45,12 @@ def bodies_mass(task: ResolvedTask) -> float:
     return task.total_mass(task.n) - task.end_effector.mass
 
 
-def off_centre(task: ResolvedTask) -> float:
-    """Return how far the centre of mass of all modules and joints is from the mean of the modules' centres [m].
+def centre_offset(task: ResolvedTask) -> float:
+    """Return a bound on the distance of the centre of mass of modules and joints from the centroid [m].
 
-    A joint's connector is l_c (1 + (n - 1)^2) / n <= (n - 1) l_c from that mean at most: at the end of a chain.
-    With a rod that counts, of mass m_R, and a fixed end-effector it is by how much its weight changes the distance
-    of p_E from the mean, times m_t - m_E: m_R (|p_E| + |its middle - p_E|) at most.
+    A joint's connector is at most l_c (1 + (n - 1)^2) / n <= (n - 1) l_c from that centroid, at the end of a chain.
+    With a rod of mass m_R and a fixed end-effector, the rod changes the distance of p_E from the centroid, times
+    m_t - m_E, by at most m_R (|p_E| + |its middle - p_E|).
     """
     joints = (task.n - 1) * task.module.joint_mass
     moment = joints * (task.n - 1) * task.module.connector_distance
@@ -59,6 +59,6 @@ def off_centre(task: ResolvedTask) -> float:
     return moment / bodies_mass(task)
 
 
-def modules(task: ResolvedTask) -> str:
-    """Name the platform in a message."""
+def size_text(task: ResolvedTask) -> str:
+    """Return the platform's size as text."""
     return "one module" if task.n == 1 else f"{task.n} modules"

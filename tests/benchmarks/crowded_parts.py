@@ -24,7 +24,7 @@ from untangling import overlaps
 
 from nlp.bounds.branch import frames
 from nlp.bounds.branch.arrays import BranchProblem, centre, reroot, to_arrays, whole_box
-from nlp.bounds.branch.crowded import ALL_OVER, NOWHERE, crowding
+from nlp.bounds.branch.crowded import EVERYWHERE, NOWHERE, crowding
 from nlp.starts.random_starts import draw, generator
 from nlp.starts.untangling import untangle
 from topo_search.model import ResolvedTask, Task, Topology
@@ -137,17 +137,17 @@ def exclude(stated: BranchProblem, lower: Array, upper: Array, most: int) -> tup
     A, n = len(lower), len(stated.tree.parent)
     lo, hi = np.empty((64 * A, A)), np.empty((64 * A, A))
     lo[0], hi[0] = lower, upper
-    vertices, middle = frames.blank(stated.tree.first[-1]), frames.blank(n)
+    vertices, middle = frames.empty_frames(stated.tree.first[-1]), frames.empty_frames(n)
     axes, gain = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3))), np.zeros(A)
     left, boxes = 1, 0
     while left > 0 and boxes <= most:
         left -= 1
         boxes += 1
         at, rho = (lo[left] + hi[left]) / 2, (hi[left] - lo[left]) / 2
-        frames.at_middle(stated.tree, stated.l_c, at, middle, axes)
-        frames.at_vertices(stated.tree, stated.l_c, lo[left], hi[left], vertices)
+        frames.fill_middle_frames(stated.tree, stated.l_c, at, middle, axes)
+        frames.fill_vertex_frames(stated.tree, stated.l_c, lo[left], hi[left], vertices)
         where = crowding(stated, middle, axes, vertices, rho, gain)
-        if where == ALL_OVER:
+        if where == EVERYWHERE:
             continue
         if where == NOWHERE:
             return boxes, True

@@ -18,7 +18,7 @@ from statistics import mean, stdev
 from typing import get_args
 
 from nlp import proof_root, prove_chunk
-from nlp.bounds.branch.proof import MOST_BOXES
+from nlp.bounds.branch.proof import MAX_BOXES
 from topo_search.model import Chunk, Topology
 from topo_search.model.proof import Problem, chunk_count
 from topo_search.study import RunFolder
@@ -57,7 +57,7 @@ def main() -> None:
                 tree, boxes, closed, halved, seconds, checking = Topology.from_key(row.key), 0, 0, 0, 0.0, 0.0
                 for number in range(chunk_count(n)):
                     began = time.process_time()
-                    most = asked.most_boxes or MOST_BOXES
+                    most = asked.most_boxes or MAX_BOXES
                     chunk = prove_chunk(task, tree, number, cut, asked.problem, most_boxes=most)
                     seconds += time.process_time() - began
                     boxes, closed = boxes + chunk.boxes, closed + (chunk.outcome == "closed")

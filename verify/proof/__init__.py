@@ -1,5 +1,5 @@
-"""The check of a proof by branch and bound: it shares no code with what proved it, and takes its splits alone.
+"""The check of a proof by branch and bound: it shares no code with the prover and takes only the splits from it.
 
-`verify.proof.platform` states the task, `arcs` why corners are enough, `dual` and `nearness` the two reasons for
-which a box is dropped, `replay` goes through a record, `check` says what came of it.
+`verify.proof.platform` has the task as arrays, `arcs` the theorem that vertices suffice, `dual` and `crowded` the
+two reasons to exclude a box, `replay` the walk through a record, `check` the check of a chunk.
 """

@@ -14,21 +14,21 @@ from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, proof_ta
 from topo_search.model.topology import straight_chain
 from verify.bodies import Array
 from verify.proof import replay
-from verify.proof.platform import all_angles, angles_around, angles_of_hinges, effort_unit, numbers, reroot
+from verify.proof.platform import angles_around, effort_unit, hinge_angles, reroot, to_arrays, whole_box
 
 refresh(replay.replay, Path(__file__).parent, Path(proven.__file__))
 
-MOST_MODULES = 12
-"""The allowances for rounding hold for so many (`verify.proof.dual`)."""
+MAX_MODULES = 12
+"""Largest number of modules for which the allowances for rounding hold (`verify.proof.dual`)."""
 REASONS = {
-    replay.ENDS_EARLY: "the record ends before it",
-    replay.GOES_ON: "the record continues after the last box",
-    replay.NO_SUCH_ANGLE: "the record halves an unknown angle, or one without width",
+    replay.TOO_SHORT: "the record ends before it",
+    replay.TOO_LONG: "the record continues after the last box",
+    replay.INVALID_ANGLE: "the record halves an unknown angle, or one without width",
     replay.TOO_DEEP: "the record halves it more often than a number can be",
     replay.NOT_BOUNDED: "no bound excludes it",
     replay.NOT_CROWDED: "no two modules are too close everywhere in it",
 }
-"""Faults of a box, by the outcome of its replay."""
+"""Fault of a box for each outcome of a replay."""
 
 
 def check_chunk(
@@ -37,60 +37,60 @@ def check_chunk(
     """Check that no design of one chunk of a tree's angles costs less than a cut.
 
     Args:
-        task: the task.
-        topology: the tree.
-        root_module: the module that angles are counted from.
+        task: task.
+        topology: tree.
+        root_module: module at which the proof roots the tree.
         cut: effort [rad^4/s^4].
-        chunk: its number and its record; all else is found here.
-        problem: which designs the proof is about.
+        chunk: chunk with its number and record; nothing else of the proof is used.
+        problem: designs that the proof covers.
     """
     n = topology.n
-    if fault := _unfit(task, n, root_module, chunk, problem):
+    if fault := _invalid_input(task, n, root_module, chunk, problem):
         return CheckedChunk(number=chunk.number, fault=fault)
     try:
         record = np.frombuffer(chunk.record, np.uint8)
     except ValueError as error:
         return CheckedChunk(number=chunk.number, fault=str(error))
     lower, upper = chunk_box(task, n, chunk.number)
-    if np.any(lower > upper) and not len(record):  # no angles of the task's set are in the chunk
+    if np.any(lower > upper) and not len(record):  # no combination of the set's hinge angles is in the chunk
         return CheckedChunk(number=chunk.number, fault=None)
-    data = numbers(task, reroot(topology, root_module), problem, chunk.corners)
-    # a bound in these units is off from one in SI by a few roundings
-    replayed = replay.replay(data, lower, upper, cut / effort_unit(task) * (1 + 1e-12), record)
+    problem_arrays = to_arrays(task, reroot(topology, root_module), problem, chunk.corners)
+    # 1e-12: a bound in these units differs from one in SI by a few roundings
+    replayed = replay.replay(problem_arrays, lower, upper, cut / effort_unit(task) * (1 + 1e-12), record)
     fault = None
-    if replayed.how != replay.HELD:
-        where = _words(replayed.lower, replayed.upper)
-        fault = f"box {replayed.position + 1} of {len(record)}: {REASONS[replayed.how]} ({where})"
-    return CheckedChunk(number=chunk.number, fault=fault, boxes=len(record), halved=replayed.extra)
+    if replayed.outcome != replay.VALID:
+        where = _box_text(replayed.lower, replayed.upper)
+        fault = f"box {replayed.position + 1} of {len(record)}: {REASONS[replayed.outcome]} ({where})"
+    return CheckedChunk(number=chunk.number, fault=fault, boxes=len(record), halved=replayed.halved)
 
 
 def prepare_check(task: ResolvedTask, tell: Callable[[str], None]) -> None:
-    """Compile the check of a chunk, unless it is kept and up to date; `tell` is told if it takes a while."""
+    """Compile the check of a chunk unless its cache is up to date; `tell` gets a message if that takes long."""
     if not is_kept(replay.replay):
         tell("compiling the checker of proofs (once per installation, about two minutes)")
     check_chunk(task, straight_chain(task.n), 0, 0.0, Chunk.of(0, "closed", b"", ()))
 
 
 def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
-    """Return the box of a chunk, from and to, shape (n + 2,) [rad]: the chunks together are all angles.
+    """Return the least and greatest angles of a chunk, shape (n + 2,) [rad]; all chunks together cover all angles.
 
-    A chunk without any angle of the task's set has a box that ends before it begins.
+    A chunk without any angle of the task's set has least angles above the greatest.
     """
-    (lower, upper), angles = all_angles(task, n), angles_of_hinges(task)
+    (lower, upper), angles = whole_box(task, n), hinge_angles(task)
     for split in range(CHUNK_SPLITS if n > 1 else 0):
-        a = 3 + split % (n - 1)
-        below, beyond = angles_around(angles, (lower[a] + upper[a]) / 2)
+        axis = 3 + split % (n - 1)
+        lower_end, upper_begin = angles_around(angles, (lower[axis] + upper[axis]) / 2)
         if number >> (CHUNK_SPLITS - 1 - split) & 1 == 0:
-            upper[a] = below
+            upper[axis] = lower_end
         else:
-            lower[a] = beyond
+            lower[axis] = upper_begin
     return lower, upper
 
 
-def _unfit(task: ResolvedTask, n: int, root_module: int, chunk: Chunk, problem: Problem) -> str | None:
-    """Say what keeps a chunk from being looked at."""
-    if not 1 <= n <= MOST_MODULES:
-        return f"a check takes 1 to {MOST_MODULES} modules, but the tree has {n}"
+def _invalid_input(task: ResolvedTask, n: int, root_module: int, chunk: Chunk, problem: Problem) -> str | None:
+    """Return why a chunk cannot be checked, or None."""
+    if not 1 <= n <= MAX_MODULES:
+        return f"a check takes 1 to {MAX_MODULES} modules, but the tree has {n}"
     if task.n != n:
         return f"the task has {task.n} modules, but the tree {n}"
     if chunk.number >= chunk_count(n):
@@ -104,7 +104,7 @@ def _unfit(task: ResolvedTask, n: int, root_module: int, chunk: Chunk, problem: 
     return None
 
 
-def _words(lower: Array, upper: Array) -> str:
+def _box_text(lower: Array, upper: Array) -> str:
     names = ("psi", "alpha_0", "alpha_1", *(f"hinge {i}" for i in range(1, len(lower) - 2)))
     ranges = zip(names, np.degrees(lower), np.degrees(upper), strict=True)
     return ", ".join(f"{name} {low:.4g} to {high:.4g} deg" for name, low, high in ranges if math.isfinite(low))

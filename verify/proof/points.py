@@ -1,10 +1,11 @@
-"""What the dual function of a box depends on: its middle or its vertices, and what the angles change at the middle.
+"""Data of the dual function at points of a box, its middle or its vertices, and its slopes at the middle.
 
 | symbol | meaning | shape |
 |---|---|---|
-| a_j | wrench of rotor j at the input 1 | (4 n, 6) |
-| beta_aj | its change with angle a | (A, 4 n, 6) |
-| g_a | slope of D with angle a | (A,) |
+| a_j | wrench of rotor j at unit input, about the origin of W | (4 n, 6) |
+| beta_aj | derivative of a_j by angle a | (A, 4 n, 6) |
+| v_a | derivative of the sum of all c_i (`verify.proof.platform`) by angle a | (A, 3) |
+| g_a | derivative of D by angle a | (A,) |
 """
 
 from __future__ import annotations
@@ -16,90 +17,91 @@ from numpy.typing import NDArray
 
 from topo_search.model.compiled_code import njit
 from verify.bodies import Array
-from verify.proof.arcs import Frames, root_turn
-from verify.proof.platform import Numbers
+from verify.proof.arcs import Frames, fill_root_orientation
+from verify.proof.platform import CheckProblem
 
-MOST_POINTS = 32
-"""Largest number of points that count in a step."""
+MAX_POINTS = 32
+"""Largest number of points that enter a step."""
 
 
-class Turns(NamedTuple):
-    """Changes with the angles at the middle of a box."""
+class Slopes(NamedTuple):
+    """Derivatives by the angles at the middle of a box."""
 
     rho: Array
     """Half widths, shape (A,)."""
-    turned: NDArray[np.bool_]
-    """Modules that an angle turns, shape (A, n)."""
+    is_turned: NDArray[np.bool_]
+    """True if an angle turns a module, shape (A, n)."""
     axes: Array
     """Direction and point of every angle's axis in W, shape (A, 2, 3)."""
-    change: Array
-    """beta, shape (A, 4 n, 6)."""
-    moved: Array
-    """Derivatives of the sum of all c_i by the angles, shape (A, 3)."""
-    shift: Array
-    """Those of n_r . e_r, shape (A, W)."""
-    slope: Array
-    """g, shape (A,)."""
-    steep: Array
+    beta: Array
+    v: Array
+    wall_slope: Array
+    """Derivatives of n_r . e_r, shape (A, W)."""
+    g: Array
+    dg_dy: Array
     """Derivatives of g by y, shape (A, K, 6)."""
 
 
 class Points(NamedTuple):
-    """Points of a box, V of them, and multipliers' surroundings."""
+    """V points of a box, and the workspace of a search for multipliers at them."""
 
     a: Array
-    """Wrench of every rotor at the input 1 about the origin, in W, shape (V, 4 n, 6)."""
+    """Wrench of every rotor at unit input, shape (V, 4 n, 6)."""
     b: Array
-    """Wrenches that the load cases ask for, without p'_E, shape (V, K, 6)."""
+    """Required wrenches of the load cases, without the torque of p'_E, shape (V, K, 6)."""
     wall: Array
     """n_r . e_r + d_r, shape (V, W)."""
     D: Array
-    """The dual function, shape (V,)."""
-    curved: Array
+    """Dual function, shape (V,)."""
+    curvature: Array
     """sum_{a, j} rho_a^2 beta_aj beta_aj^T at the middle, 0 at vertices, shape (6, 6)."""
     weight: Array
-    """The weight, or s where that is greater, shape (K,)."""
+    """Weight of each load case, at least the kink width s, shape (K,)."""
     active: NDArray[np.bool_]
-    """Load cases that have multipliers, shape (K,)."""
-    project: Array
-    """Pseudo-inverse of sum_k [g_k]x [g_k]x^T over those, shape (3, 3)."""
+    """False for idle load cases, shape (K,)."""
+    condition_inverse: Array
+    """Pseudo-inverse of sum_k [g_k]x [g_k]x^T over active load cases, shape (3, 3)."""
     R: Array
-    """The root's orientation, shape (3, 3)."""
+    """Root orientation of the last point, shape (3, 3)."""
     step: Array
     """Step of y, shape (K, 6)."""
     wall_step: Array
     """Step of sigma, shape (W,)."""
     rows: Array
-    """Tied rows: how p'_E's factor changes with y, then the points' gradients, shape (K, 3 + MOST_POINTS, 6)."""
+    """Three rows of the condition, then gradients of points or slopes by y, shape (K, 3 + MAX_POINTS, 6)."""
     wall_rows: Array
-    """Likewise with sigma, shape (3 + MOST_POINTS, W)."""
+    """The same rows by sigma, shape (3 + MAX_POINTS, W)."""
     solved: Array
-    """A load case's Hessian's inverse times its gradient and the tied rows, shape (K, 6, 4 + MOST_POINTS)."""
+    """Inverse Hessian of each load case times its gradient and rows, shape (K, 6, 4 + MAX_POINTS)."""
     ridge: Array
-    """Ridges of y and sigma, m, and the share of the value that a step must gain for another, shape (4,)."""
-    turning: Turns
-    """At the middle; without angles at vertices."""
+    """Ridges of y and of sigma, shape (2,)."""
+    slope_smoothing: Array
+    """m, shape (1,)."""
+    min_gain: Array
+    """Least gain of a Newton step over the maximized value, shape (1,)."""
+    slopes: Slopes
+    """Slopes at the middle; without angles at vertices."""
 
 
 @njit(cache=True, literals=False)
-def workspace(numbers: Numbers, count: int, angles: int) -> Points:
-    """Return arrays for `count` points, and for slopes in so many angles."""
-    n, K, W = len(numbers.parent), len(numbers.f), len(numbers.normal)
-    rows, wall_rows = np.zeros((K, 3 + MOST_POINTS, 6)), np.zeros((3 + MOST_POINTS, W))
-    turned = np.zeros((angles, n), np.bool_)
+def empty_points(problem: CheckProblem, count: int, angles: int) -> Points:
+    """Return arrays for `count` points, and for slopes by `angles` angles."""
+    n, K, W = len(problem.parent), len(problem.f), len(problem.wall_normal)
+    rows, wall_rows = np.zeros((K, 3 + MAX_POINTS, 6)), np.zeros((3 + MAX_POINTS, W))
+    is_turned = np.zeros((angles, n), np.bool_)
     for k in range(K):
-        x, y, z = numbers.g[k]
+        x, y, z = problem.g[k]
         rows[k, 0, 4], rows[k, 0, 5] = -z, y
         rows[k, 1, 3], rows[k, 1, 5] = z, -x
         rows[k, 2, 3], rows[k, 2, 4] = -y, x
     for r in range(W):
-        wall_rows[:3, r] = -numbers.normal[r]
+        wall_rows[:3, r] = -problem.wall_normal[r]
     for a in range(angles):
         for i in range(n):
-            turned[a, i] = turns(numbers, a, i)
-    turning = Turns(
+            is_turned[a, i] = is_turned_by(problem, a, i)
+    slopes = Slopes(
         np.zeros(angles),
-        turned,
+        is_turned,
         np.zeros((angles, 2, 3)),
         np.zeros((angles, 4 * n, 6)),
         np.zeros((angles, 3)),
@@ -107,7 +109,7 @@ def workspace(numbers: Numbers, count: int, angles: int) -> Points:
         np.zeros(angles),
         np.zeros((angles, K, 6)),
     )
-    at = Points(
+    points = Points(
         np.zeros((count, 4 * n, 6)),
         np.zeros((count, K, 6)),
         np.zeros((count, W)),
@@ -121,41 +123,43 @@ def workspace(numbers: Numbers, count: int, angles: int) -> Points:
         np.zeros(W),
         rows,
         wall_rows,
-        np.zeros((K, 6, 4 + MOST_POINTS)),
-        np.ones(4),
-        turning,
+        np.zeros((K, 6, 4 + MAX_POINTS)),
+        np.ones(2),
+        np.ones(1),
+        np.ones(1),
+        slopes,
     )
-    fill_project(at)
-    return at
+    fill_condition_inverse(points)
+    return points
 
 
 @njit(cache=True, literals=False, allocates=False)
-def fill_point(numbers: Numbers, points: Array, frames: Frames, at: Points, v: int) -> None:
-    """Fill what D depends on at point v; frames are those there, one a module, points its pairs (c, s)."""
-    R, cx, cy, cz = at.R, 0.0, 0.0, 0.0
-    root_turn(points[0, 0], points[1, 0], points[2, 0], R)
-    for i in range(len(numbers.parent)):
-        x, y, z = _moment(numbers, frames, R, i)
+def fill_point(problem: CheckProblem, pairs: Array, frames: Frames, points: Points, v: int) -> None:
+    """Fill the data of point v from its pairs (c, s), shape (A, 1, 2), and its frames, one per module."""
+    R, cx, cy, cz = points.R, 0.0, 0.0, 0.0
+    fill_root_orientation(pairs[0, 0], pairs[1, 0], pairs[2, 0], R)
+    for i in range(len(problem.parent)):
+        x, y, z = _moment(problem, frames, R, i)
         cx, cy, cz = cx + x, cy + y, cz + z
         for q in range(4):
-            into = at.a[v, 4 * i + q]
-            into[:] = 0.0
+            wrench = points.a[v, 4 * i + q]
+            wrench[:] = 0.0
             for l in range(3):
                 torque = frames.B[i, l, 2]
                 for m in range(3):
-                    torque += frames.R[i, l, m] * numbers.torques[q, m]
+                    torque += frames.R[i, l, m] * problem.rotor_torques[q, m]
                 for row in range(3):
-                    into[row] += R[row, l] * frames.R[i, l, 2]
-                    into[3 + row] += R[row, l] * torque
-    for r in range(at.wall.shape[1]):
-        x, y, z = _end(numbers, frames, R, r)
-        normal = numbers.normal[r]
-        at.wall[v, r] = normal[0] * x + normal[1] * y + normal[2] * z + numbers.beyond[r]
-    for k in range(len(numbers.f)):
-        x, y, z = numbers.h[k]
-        b = at.b[v, k]
+                    wrench[row] += R[row, l] * frames.R[i, l, 2]
+                    wrench[3 + row] += R[row, l] * torque
+    for r in range(points.wall.shape[1]):
+        x, y, z = _envelope_end(problem, frames, R, r)
+        normal = problem.wall_normal[r]
+        points.wall[v, r] = normal[0] * x + normal[1] * y + normal[2] * z + problem.wall_offset[r]
+    for k in range(len(problem.f)):
+        x, y, z = problem.h[k]
+        b = points.b[v, k]
         for l in range(3):
-            b[l], b[3 + l] = numbers.f[k, l], numbers.t[k, l]
+            b[l], b[3 + l] = problem.f[k, l], problem.t[k, l]
         b[3] += cy * z - cz * y
         b[4] += cz * x - cx * z
         b[5] += cx * y - cy * x
@@ -171,9 +175,9 @@ def _rotate(R: Array, x: float, y: float, z: float) -> tuple[float, float, float
 
 
 @njit(cache=True, allocates=False)
-def _moment(numbers: Numbers, frames: Frames, R: Array, i: int) -> tuple[float, float, float]:
+def _moment(problem: CheckProblem, frames: Frames, R: Array, i: int) -> tuple[float, float, float]:
     """Return c_i in W."""
-    w, a, b = numbers.bodies[i]
+    w, a, b = problem.bodies[i]
     p, axes = frames.p[i], frames.R[i]
     return _rotate(
         R,
@@ -184,92 +188,92 @@ def _moment(numbers: Numbers, frames: Frames, R: Array, i: int) -> tuple[float, 
 
 
 @njit(cache=True, allocates=False)
-def _end(numbers: Numbers, frames: Frames, R: Array, r: int) -> tuple[float, float, float]:
-    """Return the end of the envelope of row r of the walls in W."""
-    i, down = numbers.module[r], numbers.down[r]
+def _envelope_end(problem: CheckProblem, frames: Frames, R: Array, r: int) -> tuple[float, float, float]:
+    """Return e_r in W, the end of the envelope of wall r."""
+    i, distance = problem.wall_module[r], problem.wall_distance[r]
     p, axes = frames.p[i], frames.R[i]
-    return _rotate(R, p[0] - down * axes[0, 2], p[1] - down * axes[1, 2], p[2] - down * axes[2, 2])
+    return _rotate(R, p[0] - distance * axes[0, 2], p[1] - distance * axes[1, 2], p[2] - distance * axes[2, 2])
 
 
 @njit(cache=True, allocates=False)
-def fill_turns(numbers: Numbers, points: Array, frames: Frames, rho: Array, at: Points) -> None:
-    """Fill what angles do at the middle, the point of `at`, as `fill_point` does."""
-    turning, curved, R = at.turning, at.curved, at.R
-    _fill_axes(numbers, points, frames, at)
-    curved[:], turning.moved[:], turning.shift[:] = 0.0, 0.0, 0.0
+def fill_slopes(problem: CheckProblem, pairs: Array, frames: Frames, rho: Array, points: Points) -> None:
+    """Fill the derivatives by the angles at the middle, the only point of `points`, after `fill_point`."""
+    slopes, curvature, R = points.slopes, points.curvature, points.R
+    _fill_axes(problem, pairs, frames, points)
+    curvature[:], slopes.v[:], slopes.wall_slope[:] = 0.0, 0.0, 0.0
     for angle in range(len(rho)):
-        turning.rho[angle] = rho[angle]
-        (wx, wy, wz), (px, py, pz) = turning.axes[angle, 0], turning.axes[angle, 1]
-        for i in range(len(numbers.parent)):
-            if not turning.turned[angle, i]:
+        slopes.rho[angle] = rho[angle]
+        (wx, wy, wz), (px, py, pz) = slopes.axes[angle, 0], slopes.axes[angle, 1]
+        for i in range(len(problem.parent)):
+            if not slopes.is_turned[angle, i]:
                 continue
             for j in range(4 * i, 4 * i + 4):
-                change = turning.change[angle, j]
-                _fill_change(turning.axes[angle], at.a[0, j], change)
+                beta = slopes.beta[angle, j]
+                _fill_beta(slopes.axes[angle], points.a[0, j], beta)
                 for l in range(6):
                     for m in range(6):
-                        curved[l, m] += rho[angle] ** 2 * change[l] * change[m]
-            x, y, z = _moment(numbers, frames, R, i)
-            w = numbers.bodies[i, 0]
+                        curvature[l, m] += rho[angle] ** 2 * beta[l] * beta[m]
+            x, y, z = _moment(problem, frames, R, i)
+            w = problem.bodies[i, 0]
             x, y, z = x - w * px, y - w * py, z - w * pz
-            turning.moved[angle, 0] += wy * z - wz * y
-            turning.moved[angle, 1] += wz * x - wx * z
-            turning.moved[angle, 2] += wx * y - wy * x
-        for r in range(len(numbers.normal)):
-            if turning.turned[angle, numbers.module[r]]:
-                x, y, z = _end(numbers, frames, R, r)
+            slopes.v[angle, 0] += wy * z - wz * y
+            slopes.v[angle, 1] += wz * x - wx * z
+            slopes.v[angle, 2] += wx * y - wy * x
+        for r in range(len(problem.wall_normal)):
+            if slopes.is_turned[angle, problem.wall_module[r]]:
+                x, y, z = _envelope_end(problem, frames, R, r)
                 x, y, z = x - px, y - py, z - pz
-                nx, ny, nz = numbers.normal[r]
-                shift = nx * (wy * z - wz * y) + ny * (wz * x - wx * z) + nz * (wx * y - wy * x)
-                turning.shift[angle, r] = shift
+                nx, ny, nz = problem.wall_normal[r]
+                wall_slope = nx * (wy * z - wz * y) + ny * (wz * x - wx * z) + nz * (wx * y - wy * x)
+                slopes.wall_slope[angle, r] = wall_slope
 
 
 @njit(cache=True, allocates=False)
-def _fill_axes(numbers: Numbers, points: Array, frames: Frames, at: Points) -> None:
-    (c, s), (c0, s0), axes = points[0, 0], points[1, 0], at.turning.axes
+def _fill_axes(problem: CheckProblem, pairs: Array, frames: Frames, points: Points) -> None:
+    (c, s), (c0, s0), axes = pairs[0, 0], pairs[1, 0], points.slopes.axes
     axes[:3] = 0.0
     axes[0, 0, 2] = 1.0
     axes[1, 0, 0], axes[1, 0, 1] = c, s
     axes[2, 0, 0], axes[2, 0, 1], axes[2, 0, 2] = -s * c0, c * c0, s0
-    for i in range(1, len(numbers.parent)):
-        h, port = numbers.parent[i], numbers.port[i]
+    for i in range(1, len(problem.parent)):
+        h, port = problem.parent[i], problem.port[i]
         arm, across = (0, 1) if port % 2 == 0 else (1, 0)
-        step = numbers.l_c if port < 2 else -numbers.l_c
+        step = problem.l_c if port < 2 else -problem.l_c
         for row in range(3):
             direction, point = 0.0, 0.0
             for l in range(3):
-                direction += at.R[row, l] * frames.R[h, l, across]
-                point += at.R[row, l] * (frames.p[h, l] + step * frames.R[h, l, arm])
+                direction += points.R[row, l] * frames.R[h, l, across]
+                point += points.R[row, l] * (frames.p[h, l] + step * frames.R[h, l, arm])
             axes[i + 2, 0, row], axes[i + 2, 1, row] = direction, point
 
 
 @njit(cache=True, allocates=False)
-def turns(numbers: Numbers, angle: int, i: int) -> bool:
-    """True if an angle turns a module: one of the root, or of a hinge on its path."""
+def is_turned_by(problem: CheckProblem, angle: int, i: int) -> bool:
+    """Return whether an angle turns module i: it is one of the root's, or of a hinge on the module's path."""
     while i > 0 and i + 2 != angle:
-        i = numbers.parent[i]
+        i = problem.parent[i]
     return angle < 3 or i > 0
 
 
 @njit(cache=True, allocates=False)
-def _fill_change(axis: Array, wrench: Array, change: Array) -> None:
-    """Fill how a rotor's wrench changes with an angle: omega x f, and likewise the torque about the axis."""
+def _fill_beta(axis: Array, wrench: Array, beta: Array) -> None:
+    """Fill the derivative of a rotor's wrench by an angle: omega x f, and omega x the torque about the axis."""
     (w0, w1, w2), (c0, c1, c2) = axis[0], axis[1]
     f0, f1, f2, t0, t1, t2 = wrench
     d0, d1, d2 = w1 * f2 - w2 * f1, w2 * f0 - w0 * f2, w0 * f1 - w1 * f0
     t0, t1, t2 = t0 - (c1 * f2 - c2 * f1), t1 - (c2 * f0 - c0 * f2), t2 - (c0 * f1 - c1 * f0)
-    change[0], change[1], change[2] = d0, d1, d2
-    change[3] = w1 * t2 - w2 * t1 + c1 * d2 - c2 * d1
-    change[4] = w2 * t0 - w0 * t2 + c2 * d0 - c0 * d2
-    change[5] = w0 * t1 - w1 * t0 + c0 * d1 - c1 * d0
+    beta[0], beta[1], beta[2] = d0, d1, d2
+    beta[3] = w1 * t2 - w2 * t1 + c1 * d2 - c2 * d1
+    beta[4] = w2 * t0 - w0 * t2 + c2 * d0 - c0 * d2
+    beta[5] = w0 * t1 - w1 * t0 + c0 * d1 - c1 * d0
 
 
 @njit(cache=True)
-def fill_project(at: Points) -> None:
-    """Fill what turns a miss into the change that meets the condition."""
+def fill_condition_inverse(points: Points) -> None:
+    """Fill `condition_inverse` for the active load cases."""
     M = np.zeros((3, 3))
-    for k in range(len(at.active)):
-        if at.active[k]:
-            C = at.rows[k, :3, 3:].copy()
+    for k in range(len(points.active)):
+        if points.active[k]:
+            C = points.rows[k, :3, 3:].copy()
             M += C @ C.T
-    at.project[:] = np.linalg.pinv(M, 1e-10)
+    points.condition_inverse[:] = np.linalg.pinv(M, 1e-10)

@@ -1,7 +1,7 @@
-"""Goes through the record of a chunk, box by box, and finds a reason of its own for every box that it drops.
+"""Replay of the record of a chunk, box by box, with an independent reason to exclude every box.
 
-A record names no multipliers and no modules: those are found here. Where they do not do for a box, it is halved
-here, and its halves are looked at; a box that is not settled so ends the replay.
+A record names neither multipliers nor modules: both are found here. If they do not exclude a box, it is halved
+further here; the replay ends at a box that cannot be excluded this way either.
 """
 
 from __future__ import annotations
@@ -16,221 +16,223 @@ from topo_search.model.compiled_code import njit
 from verify.bodies import Array
 from verify.proof import arcs, ascent, dual
 from verify.proof.arcs import Frames
-from verify.proof.nearness import are_too_near
-from verify.proof.platform import Numbers, angles_around
-from verify.proof.points import Points, fill_point, fill_turns, workspace
+from verify.proof.crowded import find_crowded_pair
+from verify.proof.platform import CheckProblem, angles_around
+from verify.proof.points import Points, empty_points, fill_point, fill_slopes
 
-BOUND, CROWDED, HALVED = 0, 1, 2
-"""Meaning of a byte for a box (`topo_search.model.proof`); HALVED + a: along angle a."""
-HELD, ENDS_EARLY, GOES_ON, NO_SUCH_ANGLE, TOO_DEEP, NOT_BOUNDED, NOT_CROWDED = range(7)
+BOUND, CROWDED, SPLIT = 0, 1, 2
+"""Meaning of the byte of a box (`topo_search.model.proof`); SPLIT + a: halved along angle a."""
+VALID, TOO_SHORT, TOO_LONG, INVALID_ANGLE, TOO_DEEP, NOT_BOUNDED, NOT_CROWDED = range(7)
 """Outcomes of a replay."""
-DEEPEST = 64
-"""No angle is halved more often: doubles have no more digits."""
-FIRST_STEPS = 8
-"""Newton steps from the multipliers of the box before."""
-PROMISING = 1.01
-"""Share of the cut at which those end."""
-MOST_EXTRA = 4000
-"""Largest number of boxes that one box of the record is cut into here."""
+MAX_DEPTH = 64
+"""Largest number of halvings of an angle: doubles have no more digits."""
+STEPS = 8
+"""Newton steps from the multipliers of the previous box."""
+TARGET = 1.01
+"""Value at which the search at the middle ends, over the cut."""
+MAX_HALVED = 4000
+"""Largest number of halvings within one box of the record."""
 
 
 class Replayed(NamedTuple):
     """Result of a replay."""
 
-    how: int
+    outcome: int
     position: int
-    """Position of the byte at which it ended."""
-    extra: int
-    """Number of boxes halved here."""
+    """Index of the byte at which the replay ended."""
+    halved: int
+    """Number of boxes halved beyond the record."""
     lower: Array
-    """The box that it ended at."""
+    """Least angles of the box at which the replay ended."""
     upper: Array
 
 
-class Workspace(NamedTuple):
+class BoxWorkspace(NamedTuple):
     """Arrays for one box."""
 
-    corners: Array
-    points: Array
-    """(c, s) of the middle, shape (A, 1, 2)."""
+    triangles: Array
+    """Triangles of all angles, shape (A, 3, 2)."""
+    middle_pairs: Array
+    """(c, s) of the middle or of a vertex, shape (A, 1, 2)."""
     frames: Frames
-    at_middle: Frames
+    """Frames for all combinations of triangle vertices of the hinges."""
+    middle_frames: Frames
     middle: Points
     vertices: Points
-    sums: dual.Sums
+    bound: dual.BoundWorkspace
     y: Array
-    """The multipliers of the box before."""
+    """Multipliers of the previous box, shape (K, 6)."""
     sigma: Array
-    """And those of walls."""
-    start: Array
-    """The multipliers of parallel thrust."""
-    open_air: Array
-    """No walls, shape (W,)."""
-    pair: NDArray[np.int64]
+    initial_y: Array
+    """Multipliers of parallel thrust axes, shape (K, 6)."""
+    initial_sigma: Array
+    """Zeros, shape (W,)."""
+    module_pair: NDArray[np.int64]
+    """Modules that were crowded in the previous box, shape (2,)."""
 
 
 @njit(cache=True)
-def replay(numbers: Numbers, lower: Array, upper: Array, cut: float, record: NDArray[np.uint8]) -> Replayed:
-    """Check that a record leaves no part of a box in which a design costs less than a cut.
+def replay(problem: CheckProblem, lower: Array, upper: Array, cut: float, record: NDArray[np.uint8]) -> Replayed:
+    """Check that a record excludes all of a box: no design in it costs less than a cut.
 
     Args:
-        numbers: the task and the tree.
+        problem: task and tree.
         lower: least angles, shape (A,) [rad].
-        upper: greatest angles.
-        cut: [lambda_max u_max^2].
-        record: a byte a box, depth first, the lower half before the upper one.
+        upper: greatest angles, shape (A,) [rad].
+        cut: effort [lambda_max u_max^2].
+        record: one byte per box, depth first, the lower half before the upper one.
     """
     A = len(lower)
-    work, rho = _workspace(numbers), np.zeros(A)
-    lo, hi = np.empty((DEEPEST * A + 2, A)), np.empty((DEEPEST * A + 2, A))
+    workspace, rho = _box_workspace(problem), np.zeros(A)
+    lo, hi = np.empty((MAX_DEPTH * A + 2, A)), np.empty((MAX_DEPTH * A + 2, A))
     lo[0], hi[0] = lower, upper
-    waiting, extra = 1, 0
+    top, halved = 1, 0
     for position in range(len(record)):
-        if waiting == 0:
-            return Replayed(GOES_ON, position, extra, lower, upper)
-        waiting -= 1
-        what = record[position]
-        if what >= HALVED:
-            a = what - HALVED
-            if a >= A or not lo[waiting, a] < hi[waiting, a]:
-                return Replayed(NO_SUCH_ANGLE, position, extra, lo[waiting].copy(), hi[waiting].copy())
-            if waiting + 2 > DEEPEST * A:
-                return Replayed(TOO_DEEP, position, extra, lo[waiting].copy(), hi[waiting].copy())
-            _halve(numbers, lo, hi, waiting, a)
-            waiting += 2
+        if top == 0:
+            return Replayed(TOO_LONG, position, halved, lower, upper)
+        top -= 1
+        code = record[position]
+        if code >= SPLIT:
+            a = code - SPLIT
+            if a >= A or not lo[top, a] < hi[top, a]:
+                return Replayed(INVALID_ANGLE, position, halved, lo[top].copy(), hi[top].copy())
+            if top + 2 > MAX_DEPTH * A:
+                return Replayed(TOO_DEEP, position, halved, lo[top].copy(), hi[top].copy())
+            _halve(problem, lo, hi, top, a)
+            top += 2
             continue
-        base, used = waiting, 0
-        waiting += 1
-        while waiting > base:
-            waiting -= 1
-            rho[:] = (hi[waiting] - lo[waiting]) / 2
-            a = _settle(numbers, what, lo[waiting], hi[waiting], rho, cut, work)
+        base, halved_here = top, 0
+        top += 1
+        while top > base:
+            top -= 1
+            rho[:] = (hi[top] - lo[top]) / 2
+            a = _process_box(problem, code, lo[top], hi[top], rho, cut, workspace)
             if a < 0:
                 continue
-            used += 1
-            if used > MOST_EXTRA or waiting + 2 > DEEPEST * A or rho[a] < 1e-9:
-                how = NOT_CROWDED if what == CROWDED else NOT_BOUNDED
-                return Replayed(how, position, extra + used, lo[waiting].copy(), hi[waiting].copy())
-            _halve(numbers, lo, hi, waiting, a)
-            waiting += 2
-        extra += used
-    if waiting > 0:
-        return Replayed(ENDS_EARLY, len(record), extra, lo[waiting - 1].copy(), hi[waiting - 1].copy())
-    return Replayed(HELD, len(record), extra, lower, upper)
+            halved_here += 1
+            if halved_here > MAX_HALVED or top + 2 > MAX_DEPTH * A or rho[a] < 1e-9:
+                outcome = NOT_CROWDED if code == CROWDED else NOT_BOUNDED
+                return Replayed(outcome, position, halved + halved_here, lo[top].copy(), hi[top].copy())
+            _halve(problem, lo, hi, top, a)
+            top += 2
+        halved += halved_here
+    if top > 0:
+        return Replayed(TOO_SHORT, len(record), halved, lo[top - 1].copy(), hi[top - 1].copy())
+    return Replayed(VALID, len(record), halved, lower, upper)
 
 
 @njit(cache=True, inline="always")
-def _workspace(numbers: Numbers) -> Workspace:
-    A, K = len(numbers.parent) + 2, len(numbers.f)
-    frames, at_middle = arcs.frame_arrays(numbers, 3), arcs.frame_arrays(numbers, 1)
-    start, open_air = np.zeros((K, 6)), np.zeros(len(numbers.normal))
-    for k in range(K):  # n modules, four rotors each, all in parallel with the force: t = 2 lambda u
-        start[k, :3] = 2 * numbers.weight[k] * numbers.f[k] / (4 * len(numbers.parent))
-    return Workspace(
+def _box_workspace(problem: CheckProblem) -> BoxWorkspace:
+    A, K = len(problem.parent) + 2, len(problem.f)
+    frames, middle_frames = arcs.empty_frames(problem, 3), arcs.empty_frames(problem, 1)
+    initial_y, initial_sigma = np.zeros((K, 6)), np.zeros(len(problem.wall_normal))
+    for k in range(K):  # four rotors per module, all parallel to the force: t = 2 lambda u
+        initial_y[k, :3] = 2 * problem.weight[k] * problem.f[k] / (4 * len(problem.parent))
+    return BoxWorkspace(
         np.zeros((A, 3, 2)),
         np.zeros((A, 1, 2)),
         frames,
-        at_middle,
-        workspace(numbers, 1, A),
-        workspace(numbers, 2**A, 0),
-        dual.sums(numbers, len(frames.p)),
-        start.copy(),
-        open_air.copy(),
-        start,
-        open_air,
+        middle_frames,
+        empty_points(problem, 1, A),
+        empty_points(problem, 2**A, 0),
+        dual.bound_workspace(problem, len(frames.p)),
+        initial_y.copy(),
+        initial_sigma.copy(),
+        initial_y,
+        initial_sigma,
         np.zeros(2, np.int64),
     )
 
 
 @njit(cache=True)
-def _halve(numbers: Numbers, lo: Array, hi: Array, at: int, a: int) -> None:
-    """Put the two halves of a box in its place, the lower one on top; with a set they begin and end in it."""
-    below = beyond = (lo[at, a] + hi[at, a]) / 2
+def _halve(problem: CheckProblem, lo: Array, hi: Array, top: int, a: int) -> None:
+    """Replace the top box with its halves, the lower one on top, with limits from the set of hinge angles."""
+    lower_end = upper_begin = (lo[top, a] + hi[top, a]) / 2
     if a >= 3:
-        below, beyond = angles_around(numbers.angles, below)
-    lo[at + 1], hi[at + 1] = lo[at], hi[at]
-    lo[at, a], hi[at + 1, a] = beyond, below
+        lower_end, upper_begin = angles_around(problem.hinge_angles, lower_end)
+    lo[top + 1], hi[top + 1] = lo[top], hi[top]
+    lo[top, a], hi[top + 1, a] = upper_begin, lower_end
 
 
 @njit(cache=True, inline="always")
-def _settle(
-    numbers: Numbers, what: int, lower: Array, upper: Array, rho: Array, cut: float, work: Workspace
+def _process_box(
+    problem: CheckProblem, code: int, lower: Array, upper: Array, rho: Array, cut: float, workspace: BoxWorkspace
 ) -> int:
-    """Return -1 if a box can be dropped for the reason that is given for it, else the angle to halve it along."""
-    widest, first = -1, 0 if what == BOUND else 3
-    for a in range(first, len(rho)):
-        if 2 * rho[a] > arcs.WIDEST and (widest < 0 or rho[a] > rho[widest]):
-            widest = a
-    if widest >= 0:
-        return widest
-    arcs.fill_corners(lower, upper, first, work.corners)
+    """Return -1 if the reason given by the record excludes the box, else the angle to halve."""
+    wide_axis, first_angle = -1, 0 if code == BOUND else 3
+    for a in range(first_angle, len(rho)):
+        if 2 * rho[a] > arcs.MAX_WIDTH and (wide_axis < 0 or rho[a] > rho[wide_axis]):
+            wide_axis = a
+    if wide_axis >= 0:
+        return wide_axis
+    arcs.fill_triangles(lower, upper, first_angle, workspace.triangles)
     for a in range(len(rho)):
         middle = (lower[a] + upper[a]) / 2
-        work.points[a, 0, 0], work.points[a, 0, 1] = math.cos(middle), math.sin(middle)
-    arcs.fill_frames(numbers, work.points, 1, work.at_middle)
-    if what == CROWDED:
-        if are_too_near(numbers, work.corners, work.at_middle, work.pair):
+        workspace.middle_pairs[a, 0, 0], workspace.middle_pairs[a, 0, 1] = math.cos(middle), math.sin(middle)
+    arcs.fill_frames(problem, workspace.middle_pairs, 1, workspace.middle_frames)
+    if code == CROWDED:
+        if find_crowded_pair(problem, workspace.triangles, workspace.middle_frames, workspace.module_pair):
             return -1
-        return _hinge_between(numbers, rho, work.pair[0], work.pair[1])
-    middle, vertices, y, sigma = work.middle, work.vertices, work.y, work.sigma
-    fill_point(numbers, work.points, work.at_middle, middle, 0)
-    fill_turns(numbers, work.points, work.at_middle, rho, middle)
-    ascent.begin(numbers, middle, rho, cut)
-    if not ascent.value(numbers, middle, y, sigma, cut) > ascent.value(
-        numbers, middle, work.start, work.open_air, cut
-    ):
-        y[:], sigma[:] = work.start, work.open_air
-    enough, most = PROMISING * cut, ascent.ASCENT.most * cut
-    ascent.climb(numbers, middle, y, sigma, cut, enough, most, FIRST_STEPS)
-    if ascent.leave(numbers, middle, y, sigma):
-        ascent.climb(numbers, middle, y, sigma, cut, enough, most, FIRST_STEPS)
-    arcs.fill_frames(numbers, work.corners, 3, work.frames)
-    if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
+        return _crowded_hinge(problem, rho, workspace.module_pair[0], workspace.module_pair[1])
+    middle, vertices, y, sigma = workspace.middle, workspace.vertices, workspace.y, workspace.sigma
+    fill_point(problem, workspace.middle_pairs, workspace.middle_frames, middle, 0)
+    fill_slopes(problem, workspace.middle_pairs, workspace.middle_frames, rho, middle)
+    ascent.start(problem, middle, rho, cut)
+    previous = ascent.smoothed_value(problem, middle, y, sigma, cut)
+    initial = ascent.smoothed_value(problem, middle, workspace.initial_y, workspace.initial_sigma, cut)
+    if not previous > initial:
+        y[:], sigma[:] = workspace.initial_y, workspace.initial_sigma
+    target, limit = TARGET * cut, ascent.ASCENT.stage_target * cut
+    ascent.maximize(problem, middle, y, sigma, cut, target, limit, STEPS)
+    if ascent.drop_idle_cases(problem, middle, y, sigma):
+        ascent.maximize(problem, middle, y, sigma, cut, target, limit, STEPS)
+    arcs.fill_frames(problem, workspace.triangles, 3, workspace.frames)
+    if dual.bound(problem, y, sigma, workspace.triangles, workspace.frames, workspace.bound) >= cut:
         return -1
-    axis = _steepest(numbers, work, rho)
+    axis = _split_axis(problem, workspace, rho)
     for v in range(len(vertices.D)):
         for a in range(len(rho)):
-            work.points[a, 0] = work.corners[a, v >> a & 1]
-        arcs.fill_frames(numbers, work.points, 1, work.at_middle)
-        fill_point(numbers, work.points, work.at_middle, vertices, v)
-    ascent.begin(numbers, vertices, rho, cut)
-    y[:], sigma[:] = work.start, work.open_air
-    ascent.lift(numbers, vertices, y, sigma, cut)
-    if dual.bound(numbers, y, sigma, work.corners, work.frames, work.sums) >= cut:
+            workspace.middle_pairs[a, 0] = workspace.triangles[a, v >> a & 1]
+        arcs.fill_frames(problem, workspace.middle_pairs, 1, workspace.middle_frames)
+        fill_point(problem, workspace.middle_pairs, workspace.middle_frames, vertices, v)
+    ascent.start(problem, vertices, rho, cut)
+    y[:], sigma[:] = workspace.initial_y, workspace.initial_sigma
+    ascent.maximize_at_vertices(problem, vertices, y, sigma, cut)
+    if dual.bound(problem, y, sigma, workspace.triangles, workspace.frames, workspace.bound) >= cut:
         return -1
-    y[:], sigma[:] = work.start, work.open_air
+    y[:], sigma[:] = workspace.initial_y, workspace.initial_sigma
     return axis
 
 
 @njit(cache=True)
-def _hinge_between(numbers: Numbers, rho: Array, i: int, j: int) -> int:
-    """Return the widest hinge between two modules."""
+def _crowded_hinge(problem: CheckProblem, rho: Array, i: int, j: int) -> int:
+    """Return the widest hinge on the path between two modules."""
     axis = max(i, j) + 2
     while i != j:
         if i < j:
             i, j = j, i
         if rho[i + 2] > rho[axis]:
             axis = i + 2
-        i = numbers.parent[i]
+        i = problem.parent[i]
     return axis
 
 
 @njit(cache=True)
-def _steepest(numbers: Numbers, work: Workspace, rho: Array) -> int:
-    """Return the angle that changes the bound the most, once slopes are filled."""
-    at, turning = work.middle, work.middle.turning
-    curve = np.zeros(len(rho))
-    for k in range(len(work.y)):
-        for j in range(at.a.shape[1]):
-            t = (at.a[0, j] * work.y[k]).sum()
-            u = min(max(t / (2 * at.weight[k]), numbers.u_min), 1.0)
+def _split_axis(problem: CheckProblem, workspace: BoxWorkspace, rho: Array) -> int:
+    """Return the angle with the largest effect on the bound, after the slopes are filled."""
+    points, slopes = workspace.middle, workspace.middle.slopes
+    curvature = np.zeros(len(rho))
+    for k in range(len(workspace.y)):
+        for j in range(points.a.shape[1]):
+            t = (points.a[0, j] * workspace.y[k]).sum()
+            u = min(max(t / (2 * points.weight[k]), problem.u_min), 1.0)
             for angle in range(len(rho)):
-                if turning.turned[angle, j // 4]:
-                    change = (turning.change[angle, j] * work.y[k]).sum()
-                    curve[angle] += change * change / (4 * at.weight[k]) + u * abs(t)
-    axis, most = 0, -1.0
+                if slopes.is_turned[angle, j // 4]:
+                    slope = (slopes.beta[angle, j] * workspace.y[k]).sum()
+                    curvature[angle] += slope * slope / (4 * points.weight[k]) + u * abs(t)
+    axis, largest_gain = 0, -1.0
     for a in range(len(rho)):
-        gain = abs(turning.slope[a]) * rho[a] / 2 + curve[a] * rho[a] ** 2
-        if gain > most:
-            axis, most = a, gain
+        gain = abs(slopes.g[a]) * rho[a] / 2 + curvature[a] * rho[a] ** 2
+        if gain > largest_gain:
+            axis, largest_gain = a, gain
     return axis

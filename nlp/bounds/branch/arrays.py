@@ -1,18 +1,18 @@
-"""A task and a tree as the numbers that the branch and bound works on.
+"""A task and a tree as arrays for branch and bound.
 
-Lengths in l_arm, forces in m g, inputs in the hover input of a module, efforts in the square of that. With `free`
-root orientation the tree is rooted at its centre, which makes the paths from the root short.
+Lengths are in l_arm, forces in m g, inputs in the hover input of a module, efforts in the square of that. With a
+`free` root orientation the tree is rooted at its centre, which keeps the paths from the root short.
 
 | symbol | meaning | shape |
 |---|---|---|
 | n, K, A | modules, load cases, angles: psi, alpha_0, alpha_1, then the hinges; A = n + 2 | |
 | f_k | force f_E + f_C of load case k | (K, 3) |
 | t_k, h_k | its torque about the origin of W is t_k + sum_i p_i x h_k + p'_E x g_k | (K, 3) each |
-| g_k | what p'_E is the lever of; 0 where the task fixes the end-effector from the COM | (K, 3) |
-| lambda_k | weight, in the largest | (K,) |
-| n_r | outward normal of the half-space that row r keeps an end of an envelope in | (W, 3) |
+| g_k | force with the lever p'_E; 0 if the task fixes the end-effector relative to the COM | (K, 3) |
+| lambda_k | weight over the largest weight | (K,) |
+| n_r | outward normal of wall r, a half-space that contains an end of an airflow envelope | (W, 3) |
 
-Load cases are followed by the corners of sets of wrenches, of reserves and of rotor failures, which weigh nothing.
+Load cases are followed by the corners of wrench sets, reserves and rotor failures, which have no weight.
 """
 
 from __future__ import annotations
@@ -39,39 +39,39 @@ from topo_search.model.value import Vector
 Indices = NDArray[np.int64]
 
 HALF_TURN = math.pi * (1 + 1e-12)
-"""Boxes of the root orientation reach a little beyond pi, which no float is."""
+"""Limit of the root's angles: slightly above pi, which is not a float [rad]."""
 SUM_ROUNDING = 1e-11
-"""Share of the largest terms of a sum that is left to rounding, up to n K = 10,000 (`nlp.bounds.branch.box`)."""
+"""Allowance for rounding of a sum, over its largest terms, up to n K = 10,000 (`nlp.bounds.branch.box`)."""
 
 
 class Tree(NamedTuple):
     """Parents, ports and paths of the modules."""
 
     parent: Indices
-    """-1 for the root; parents come first."""
+    """-1 for the root; parents precede children."""
     port: Indices
     kappa: Indices
     depth: Indices
-    """Hinges between the root and a module."""
+    """Number of hinges between the root and a module, shape (n,)."""
     path: Indices
     """Angles that move module i, outermost first: psi, alpha_0, alpha_1, then hinges; shape (n, A), -1 beyond."""
     first: Indices
-    """Index of the first of module i's 2^depth[i] vertices in a table of all, then the table's length: (n + 1,)."""
+    """Index of the first of the 2^depth[i] frames of module i, then the number of frames, shape (n + 1,)."""
     bolted: NDArray[np.bool_]
-    """Shape (n, n)."""
+    """True if two modules share a joint, shape (n, n)."""
 
 
 class Levers(NamedTuple):
-    """Greatest distances over all angles [l_arm]."""
+    """Greatest distances from the axes over all angles [l_arm]."""
 
     rotor: Array
-    """Greatest distance of module i's rotors from the axis of angle a, with the lever of drag; shape (n, A)."""
+    """Distance of the rotors of module i from the axis of angle a, plus the lever of drag, shape (n, A)."""
     centre: Array
-    """Greatest distance of its centre, shape (n, A)."""
+    """Distance of the module's centre, shape (n, A)."""
     body: Array
-    """Greatest distance of its body's moment (`BranchProblem.bodies`); shape (n, A)."""
+    """Moment of the module's body (`BranchProblem.bodies`) about the axis, shape (n, A)."""
     between: Array
-    """Greatest distance between the axes of two angles; shape (A, A)."""
+    """Distance between the axes of two angles, shape (A, A)."""
 
 
 class Loads(NamedTuple):
@@ -82,27 +82,27 @@ class Loads(NamedTuple):
     h: Array
     g: Array
     weight: Array
-    dead: Indices
-    """Rotor at rest, 4 i + q, or -1, shape (K,)."""
-    project: Array
+    dead_rotor: Indices
+    """Dead rotor of each load case, 4 i + q, or -1, shape (K,)."""
+    condition_inverse: Array
     """Pseudo-inverse of sum_k [g_k]x [g_k]x^T, shape (3, 3)."""
 
 
 class Walls(NamedTuple):
-    """Half-spaces about a free end-effector: row r holds n_r . (e_r - p'_E) + d_r <= 0, e_r of an envelope."""
+    """Half-spaces relative to a free end-effector: n_r . (e_r - p'_E) + d_r <= 0 for an end e_r of an envelope."""
 
     normal: Array
     module: Indices
     end: Indices
-    """0: at the module, 1: far down its airflow."""
-    beyond: Array
-    """d_r, the radius of the end less the offset of the half-space [l_arm], shape (W,)."""
+    """End of the envelope: 0 at the module, 1 at the far end, shape (W,)."""
+    offset: Array
+    """d_r, radius of the end less the offset of the half-space, shape (W,) [l_arm]."""
     length: float
-    """Distance of the two ends [l_arm]."""
+    """Distance between the two ends [l_arm]."""
 
 
 class Slack(NamedTuple):
-    """Losses of a dual value: to deviations that an audit lets pass, and to rounding."""
+    """Allowances of a dual value for the audit's tolerance and for rounding."""
 
     force: Array
     """Loss per unit of |nu_k|, shape (K,)."""
@@ -111,28 +111,29 @@ class Slack(NamedTuple):
     wall: float
     """Loss per unit of a wall's multiplier."""
     tip: float
-    """Greatest |p'_E| [l_arm]."""
+    """Loss per unit of the condition's residual: the greatest |p'_E| [l_arm]."""
 
 
 class Separation(NamedTuple):
     """Required separation of modules and airflow [l_arm]."""
 
-    airflow: bool
+    has_airflow: bool
+    """True if airflow envelopes must not overlap."""
     length: float
     start_radius: float
     growth: float
-    apart: float
-    """Least distance of centres; 0 without a limit."""
-    of_all: bool
-    """True if that is asked of modules that share a joint, too."""
+    centre_distance: float
+    """Least distance between module centres; 0 if there is no limit."""
+    includes_bolted: bool
+    """True if `centre_distance` applies to modules that share a joint, too."""
     margin: float
-    """By which, to first order, envelopes are to clear each other, or parts."""
-    parts: Array
-    """Balls that keep out of the airflow of modules that share no joint: x, y, z, radius; shape (b, 4)."""
+    """Required clearance of envelopes or parts, to first order."""
+    balls: Array
+    """Balls that must be out of the airflow of modules that share no joint: x, y, z, radius, shape (b, 4)."""
 
 
 class BranchProblem(NamedTuple):
-    """A task and a tree."""
+    """A task and a tree as arrays."""
 
     tree: Tree
     levers: Levers
@@ -141,55 +142,55 @@ class BranchProblem(NamedTuple):
     slack: Slack
     separation: Separation
     bodies: Array
-    """Mass of a module with its joints over the mean, and its moments along x and y of the module, shape (n, 3)."""
-    torques: Array
-    """Torque of each rotor about its module's centre at unit thrust, shape (4, 3)."""
+    """Mass of each module with its joints over the mean, and moments along the module's x and y, shape (n, 3)."""
+    rotor_torques: Array
+    """Torque of each rotor about its module's centre at unit thrust, in the module's frame, shape (4, 3)."""
     l_c: float
     u_min: float
     u_max: float
-    """Both limits include the audit's tolerance."""
-    angles: Array
-    """Angles that hinges may have, in order; empty if any will do [rad]."""
+    """Both input limits include the audit's tolerance."""
+    hinge_angles: Array
+    """Set of hinge angles in ascending order; empty if the task has none [rad]."""
 
 
 def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task") -> BranchProblem:
-    """Return the numbers of a task and a tree, which must be rooted at its `centre`.
+    """Return the arrays of a task and a tree, which must be rooted at its `centre`.
 
     Args:
-        task: the task.
-        topology: the tree.
-        problem: which designs the proof is about (`topo_search.model.proof`).
+        task: task.
+        topology: tree.
+        problem: designs that the proof covers (`topo_search.model.proof`).
     """
     n, unit, module = topology.n, Units.of(task), task.module
     l_c = module.connector_distance / unit.length
     drag = module.torque_coefficient / (module.thrust_coefficient * module.arm_length)
-    tree, carried = _tree(topology), masses(module, task.end_effector, topology)
-    bodies = np.column_stack([carried.modules, carried.modules[:, None] * carried.centres]) * n / carried.bodies
+    tree, mass = _tree(topology), masses(module, task.end_effector, topology)
+    bodies = np.column_stack([mass.modules, mass.modules[:, None] * mass.centres]) * n / mass.bodies
     levers = _levers(tree, l_c, drag, bodies)
     cornered = proof_task(task, problem)
-    loads, walls, U = _loads(cornered, carried, unit), _walls(task, unit), task.max_thrust_to_weight
-    air, kind = module.envelope, task.search.interference
-    margin, body = 0.0, task.body_clearance
+    loads, walls, U = _loads(cornered, mass, unit), _walls(task, unit), task.max_thrust_to_weight
+    air, interference = module.envelope, task.search.interference
+    margin, body_distance = 0.0, task.body_clearance
     if problem == "solver":
-        margin, body = task.search.margin, task.centre_distance
-    apart = task.separation if kind == "separation" else body or 0.0
-    apart = math.sqrt(apart * (apart + 2 * margin))
+        margin, body_distance = task.search.margin, task.centre_distance
+    centre_distance = task.separation if interference == "separation" else body_distance or 0.0
+    centre_distance = math.sqrt(centre_distance * (centre_distance + 2 * margin))
     length, start_radius, growth = (x / unit.length for x in (air.length, air.start_radius, air.growth))
     return BranchProblem(
         tree,
         levers,
         loads,
         walls,
-        _slack(cornered, tree, levers, loads, walls, carried, U),
+        _slack(cornered, tree, levers, loads, walls, mass, U),
         Separation(
-            airflow=kind == "airflow",
+            has_airflow=interference == "airflow",
             length=length,
             start_radius=start_radius,
             growth=growth,
-            apart=apart / unit.length,
-            of_all=kind == "separation",
+            centre_distance=centre_distance / unit.length,
+            includes_bolted=interference == "separation",
             margin=margin / unit.length,
-            parts=_parts(task, problem) / unit.length,
+            balls=_balls(task, problem) / unit.length,
         ),
         bodies,
         4 * torque_map(module).T,
@@ -200,11 +201,11 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
     )
 
 
-def _parts(task: ResolvedTask, problem: Problem) -> Array:
-    """Return balls that keep out of other modules' airflow: the solver's, or some that the parts hold [m].
+def _balls(task: ResolvedTask, problem: Problem) -> Array:
+    """Return balls that must be out of other modules' airflow: the solver's cover, or balls inside the parts [m].
 
-    These are points of the rotors' rims, towards the arm and the two ports beside it, balls between the faces of
-    rotors, and one in the hub.
+    Inside the parts are points of the rotor rims, towards the arm and the two ports beside it, balls between the
+    faces of rotors, and one in the hub.
     """
     module, body = task.module, task.module.body
     if task.search.interference != "parts":
@@ -221,47 +222,47 @@ def _parts(task: ResolvedTask, problem: Problem) -> Array:
 
 
 def effort_unit(task: ResolvedTask) -> float:
-    """Return the unit of efforts [rad^4/s^4]."""
+    """Return the unit of effort [rad^4/s^4]."""
     return Units.of(task).input ** 2 * max(case.weight for case in task.load_cases)
 
 
 def hinge_angles(task: ResolvedTask) -> Array:
-    """Return the angles that hinges may have, in order; empty if any will do [rad].
+    """Return the task's set of hinge angles in ascending order; empty if it has none [rad].
 
-    Either sign of an angle is there, so that it does not matter from where a hinge is looked at.
+    The set has both signs of each angle, so it is the same seen from either end of a hinge.
     """
     return np.array([math.radians(angle) for angle in task.search.hinge_set_deg or ()])
 
 
 def whole_box(task: ResolvedTask, n: int) -> tuple[Array, Array]:
-    """Return the box of all angles, from and to, shape (A,) each [rad]: a design's, and what an audit lets pass."""
+    """Return the least and greatest angles of a design, with the audit's tolerance, shape (A,) each [rad]."""
     angles = hinge_angles(task)
-    quarter = np.full(n - 1, math.pi / 2 + TOLERANCE)
+    hinge_limit = np.full(n - 1, math.pi / 2 + TOLERANCE)
     root = [HALF_TURN, math.pi / 2 * (1 + 1e-12), HALF_TURN]
     if task.search.root == "paper":
         root = [TOLERANCE, math.pi / 2 + TOLERANCE, math.pi / 2 + TOLERANCE]
-    most = np.concatenate([root, quarter])
-    lower, upper = -most, most.copy()
+    largest = np.concatenate([root, hinge_limit])
+    lower, upper = -largest, largest.copy()
     if len(angles):
         lower[3:], upper[3:] = angles[0], angles[-1]
     return lower, upper
 
 
 def centre(task: ResolvedTask, topology: Topology) -> int:
-    """Return the root of a tree in a proof: its centre, the first if there are two."""
+    """Return the root module of a tree in a proof: its centre, the first of two."""
     import networkx as nx
 
     return 0 if task.search.root == "paper" else min(nx.center(topology.graph()))
 
 
 def reroot(topology: Topology, root: int) -> Topology:
-    """Return the tree rooted at another module: breadth first, ports in order."""
+    """Return the tree rooted at another module, numbered breadth first, ports in order."""
     graph, joints, queue = topology.graph(), list[Joint](), [(root, -1, ROOT)]
-    for i, came_from, joint in queue:
+    for i, previous, joint in queue:
         number = len(joints)
         joints.append(joint)
-        beyond = [(graph[i][j]["ports"][i], j) for j in graph[i] if j != came_from]
-        queue += [(j, i, (number, port, graph[i][j]["ports"][j])) for port, j in sorted(beyond)]
+        neighbours = [(graph[i][j]["ports"][i], j) for j in graph[i] if j != previous]
+        queue += [(j, i, (number, port, graph[i][j]["ports"][j])) for port, j in sorted(neighbours)]
     return Topology(tuple(joints))
 
 
@@ -284,35 +285,35 @@ def _tree(topology: Topology) -> Tree:
 
 
 def _levers(tree: Tree, l_c: float, drag: float, bodies: Array) -> Levers:
-    """Return the distances along the tree stretched out; an axis is l_c before its module, the root's 0."""
+    """Return the distances in the stretched-out tree; hinges are l_c before their modules, the root's axes at 0."""
     n = len(tree.parent)
-    before = np.concatenate([np.zeros(3), l_c * (2 * tree.depth[1:] - 1)])
-    centre = np.abs(2 * l_c * tree.depth[:, None] - before)
+    axis_offset = np.concatenate([np.zeros(3), l_c * (2 * tree.depth[1:] - 1)])
+    centre = np.abs(2 * l_c * tree.depth[:, None] - axis_offset)
     body = bodies[:, :1] * centre + np.linalg.norm(bodies[:, 1:], axis=1)[:, None]
-    return Levers(centre + 1 + drag, centre, body, np.abs(before[:, None] - before[None, :])[: n + 2])
+    return Levers(centre + 1 + drag, centre, body, np.abs(axis_offset[:, None] - axis_offset[None, :])[: n + 2])
 
 
-def _loads(task: ResolvedTask, carried: Masses, unit: Units) -> Loads:
+def _loads(task: ResolvedTask, mass: Masses, unit: Units) -> Loads:
     cases, position = task.load_cases, task.end_effector.fixed_position
     tip, com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
-    f_E, f_C = (np.array([w.force for w in at]) / unit.force for at in (tip, com))
+    f_E, f_C = (np.array([w.force for w in wrenches]) / unit.force for wrenches in (tip, com))
     t = np.add([w.torque for w in tip], [w.torque for w in com]) / unit.torque
-    n, share = task.n, carried.tip / carried.total
+    n, share = task.n, mass.tip / mass.total
     weight = np.array([case.weight for case in cases])
-    dead = np.array([-1 if rotor is None else rotor for rotor in task.dead_rotors])
+    dead_rotor = np.array([-1 if rotor is None else rotor for rotor in task.dead_rotors])
     if position is None:
-        g, h = f_E + share * f_C, f_C / (carried.total * (n / carried.bodies))
+        g, h = f_E + share * f_C, f_C / (mass.total * (n / mass.bodies))
     else:  # p'_E and the COM from B (`nlp.numbers.masses`)
         p_E = np.array(position) / unit.length
-        t = t + carried.lever * np.cross(p_E, f_E) + carried.tip / carried.bodies * np.cross(p_E, f_C)
+        t = t + mass.lever * np.cross(p_E, f_E) + mass.tip / mass.bodies * np.cross(p_E, f_C)
         g, h = np.zeros_like(f_E), (f_E + f_C) / n
     crosses = sum(((g_k @ g_k) * np.eye(3) - np.outer(g_k, g_k) for g_k in g), np.zeros((3, 3)))
-    project = np.linalg.pinv(crosses, rcond=1e-9, hermitian=True)
-    return Loads(f_E + f_C, t, h, g, weight / weight.max(), dead, project)
+    condition_inverse = np.linalg.pinv(crosses, rcond=1e-9, hermitian=True)
+    return Loads(f_E + f_C, t, h, g, weight / weight.max(), dead_rotor, condition_inverse)
 
 
 def _walls(task: ResolvedTask, unit: Units) -> Walls:
-    """Return the half-spaces of the exposure, but of a fixed end-effector, which follows the centre of mass."""
+    """Return the half-spaces of the exposure; none for a fixed end-effector, which follows the centre of mass."""
     air, rows = task.module.region_envelope, list[tuple[Vector, int, int, float]]()
     for _, axis, apex in half_spaces(task.exposure) if task.end_effector.fixed_position is None else ():
         x, y, z = axis or NOWHERE
@@ -329,33 +330,35 @@ def _walls(task: ResolvedTask, unit: Units) -> Walls:
 
 
 def _slack(
-    task: ResolvedTask, tree: Tree, levers: Levers, loads: Loads, walls: Walls, carried: Masses, U: float
+    task: ResolvedTask, tree: Tree, levers: Levers, loads: Loads, walls: Walls, mass: Masses, U: float
 ) -> Slack:
-    """Return what deviations within an audit's tolerance and rounding take from a dual value.
+    """Return the losses of a dual value to the audit's tolerance and to rounding.
 
-    With e = TOLERANCE m_t g a force may be off by e, a torque about the COM and about the end-effector by l_arm e
-    each, hence about B by (1 + 2 m_E / (m_t - m_E)) l_arm e (`nlp.bounds.wrenches`), and about the origin of W by
-    the distance of B times e more. Every input may be d = TOLERANCE U beyond its limits: of
-    those below zero a rotor's psi gains d |a_j . y| at most. A fixed end-effector may be TOLERANCE l_arm off.
-    Hover and other centres of reserves may be off by e along every axis, their torques about the COM alone, where
-    that may be: B is m_E / (m_t - m_E) p_E from it.
+    With e = TOLERANCE m_t g the audit allows an error of e in a force, of l_arm e in a torque about the COM and
+    about the end-effector, hence of (1 + 2 m_E / (m_t - m_E)) l_arm e about B (`nlp.bounds.wrenches`), and of the
+    distance of B times e more about the origin of W. Every input may exceed its limits by d = TOLERANCE U; inputs
+    below zero raise a rotor's psi by at most d |a_j . y|. A fixed end-effector may be off by TOLERANCE l_arm. Hover
+    and other centres of reserves may be off by e along every axis, their torques about the COM only, wherever its
+    error puts it: B is m_E / (m_t - m_E) p_E from the COM.
     """
     n, unit = len(tree.parent), task.module.arm_length
-    e, d = TOLERANCE * carried.total, TOLERANCE * U
-    about_B = (2 * carried.lever - 1) * e
+    e, d = TOLERANCE * mass.total, TOLERANCE * U
+    about_B = (2 * mass.lever - 1) * e
     if isinstance(task, CorneredTask):
         e *= math.sqrt(3)
-        moved = (carried.lever - 1) * task.longest_lever(n) + math.sqrt(3) * task.declared.flight.com_error
-        about_B = max(about_B, (1 + moved / unit) * e)
+        com_shift = (mass.lever - 1) * task.longest_lever(n) + math.sqrt(3) * task.declared.flight.com_error
+        about_B = max(about_B, (1 + com_shift / unit) * e)
     B, lever = float(levers.body[:, 0].mean()), float(levers.rotor.max())  # the first axis is through the origin
-    both = [math.hypot(*case.at_end_effector.force) + math.hypot(*case.at_com.force) for case in task.load_cases]
-    off = 0.0 if task.end_effector.fixed_position is None else TOLERANCE * carried.lever
+    case_forces = [
+        math.hypot(*case.at_end_effector.force) + math.hypot(*case.at_com.force) for case in task.load_cases
+    ]
+    position_error = 0.0 if task.end_effector.fixed_position is None else TOLERANCE * mass.lever
     f, t, h = (np.linalg.norm(x, axis=1) for x in (loads.f, loads.t, loads.h))
     rounding = SUM_ROUNDING * max(1.0, n * len(f) / 10_000)
     force = e + n * d + rounding * (f + n * U)
-    levered = f + h + np.linalg.norm(loads.g, axis=1)
-    torque = about_B + e * B + n * d * lever + off * np.array(both) / Units.of(task).force
-    torque = torque + rounding * (t + n * lever * (levered + U))
-    tip = B + carried.lever * (task.farthest_end_effector(n) / unit + TOLERANCE)
-    wall = rounding * (float(levers.centre.max()) + walls.length + float(np.abs(walls.beyond).max(initial=0.0)))
+    levered_forces = f + h + np.linalg.norm(loads.g, axis=1)
+    torque = about_B + e * B + n * d * lever + position_error * np.array(case_forces) / Units.of(task).force
+    torque = torque + rounding * (t + n * lever * (levered_forces + U))
+    tip = B + mass.lever * (task.farthest_end_effector(n) / unit + TOLERANCE)
+    wall = rounding * (float(levers.centre.max()) + walls.length + float(np.abs(walls.offset).max(initial=0.0)))
     return Slack(force, torque, wall, tip)

@@ -1,6 +1,6 @@
 r"""A lower bound on the effort of every design whose angles lie in a box.
 
-**Duality.** For any multipliers y_k = (nu_k, mu_k) of force and torque and any design of angles theta
+**Duality.** For any multipliers y_k = (nu_k, mu_k) of force and torque and any design with angles theta
 
 .. math::
 
@@ -8,21 +8,21 @@ r"""A lower bound on the effort of every design whose angles lie in a box.
     + \sum_r \sigma_r (n_r \cdot e_r(\theta) + d_r) =: D(\theta; y, \sigma), \qquad
     \psi_k(t) = \max_{u_{min} \le u \le u_{max}} t u - \lambda_k u^2
 
-with sigma_r >= 0 of the rows of walls, n_r . (e_r - p'_E) + d_r <= 0, e_r an end of an envelope. The balance of
-load case k has p'_E x g_k in its torque; p'_E cancels in the sum where sum_k g_k x mu_k = sum_r sigma_r n_r, so
-that no box for it is needed. b_k . y_k is const + sum_i B_i . s with s = sum_k h_k x mu_k and B_i the moment of
-module i and its joints, p_i where joints weigh nothing; u_min >= 0, so that psi is nondecreasing. A corner of a
-reserve is a load case with lambda_k = 0, whose psi is u_min t + (u_max - u_min) max(t, 0); one with y_k = 0 adds
-nothing. A dead rotor contributes no psi.
+with multipliers sigma_r >= 0 of the walls, n_r . (e_r - p'_E) + d_r <= 0 for an end e_r of an envelope. The balance
+of load case k has p'_E x g_k in its torque; p'_E cancels in the sum under the condition
+sum_k g_k x mu_k = sum_r sigma_r n_r, so p'_E needs no box. b_k . y_k is const + sum_i B_i . s with
+s = sum_k h_k x mu_k and B_i the moment of module i and its joints (p_i if joints have no mass); u_min >= 0, so psi
+is nondecreasing. A corner of a reserve is a load case with lambda_k = 0, whose psi is
+u_min t + (u_max - u_min) max(t, 0); with y_k = 0 it adds nothing. A dead rotor contributes no psi.
 
-**Interpolation.** In every single angle a, the others held, t = a_j . y_k is A + alpha cos x + beta sin x, x
-from the middle of the box and |x| <= rho. It exceeds the line P_a t through its values at x = -rho and rho by
+**Interpolation.** In a single angle a, with all others fixed, t = a_j . y_k is A + alpha cos x + beta sin x, where
+x is measured from the middle, |x| <= rho. It exceeds the line P_a t through its values at -rho and rho by
 alpha (cos x - cos rho) + beta (sin x - x sin rho / rho)
 <= max(0, alpha) (1 - cos rho) + |beta| rho^3 / (9 sqrt 3): sin x - x sin rho / rho is the integral of Green's
 function of the interval with sin s <= s, and (x rho^2 - x^3) / 6 is greatest at x = rho / sqrt 3. One angle
 after the other, outermost first, t - P t = sum_a P_{<a} (t - P_a t). There alpha_a is a harmonic in every angle b
-beyond a too, so it exceeds its interpolant by M_a sum_{b > a} w_b at most, w_b the length of (1 - cos rho_b,
-rho_b^3 / (9 sqrt 3)) and M_a at least |t - A| whatever the angles beyond a. As max(0, .) is convex, t is at most
+beyond a too, so it exceeds its interpolant by at most M_a sum_{b > a} w_b, with w_b the length of (1 - cos rho_b,
+rho_b^3 / (9 sqrt 3)) and M_a at least |t - A| for all angles beyond a. As max(0, .) is convex, t is at most
 the interpolant of t(v) + E(v) in the whole box,
 
 .. math:: E(v) = \sum_a (1 - \cos \rho_a) \max(0, \alpha_a(v) + M_a \sum_{b > a} w_b) + M_a \rho_a^3 / (9 \sqrt 3)
@@ -31,28 +31,28 @@ and as psi is convex and nondecreasing, psi(t) is at most the interpolant of psi
 
     D >= const + min over vertices v of sum_i (B_i(v) . s + w_i(v) - E_i - sum_jk psi_k(t_jk(v) + E_jk(v)))
 
-with w_i = sum_r sigma_r n_r . e_r over the two ends of module i, as harmonic as B_i . s.
+with w_i = sum_r sigma_r n_r . e_r over the two ends of module i, a harmonic like B_i . s.
 
-**Minimum.** What module i adds depends on the root's angles and the hinges on its path alone. So for each of the 8
-vertices of the root the minimum over hinges is taken from the leaves of the tree inwards, not over all 2^A
+**Minimum.** The term of module i depends only on the root's angles and the hinges on its path. So for each of the 8
+vertices of the root the minimum over hinges is computed from the leaves of the tree inwards, not over all 2^A
 vertices.
 
-**Remainders.** For rotor j of module i, about the axis (omega, c) of angle a with nu' = nu + mu x c, tau its torque
-about c: 4 A = (nu' . omega) (omega . z) + (mu . omega) (omega . tau) and alpha cos rho is the mean of t less A at
-the two vertices that differ in a alone. M_a is |nu'| + |mu| times the greatest lever, |nu'| that at the middle
-plus |mu| times how far c moves. In E_i alpha and beta are those of the middle, which one more angle b changes by
-rho_b |s| times the lever of the inner of a and b at most, and never more than |s| times that of a. Distances are
-those of the tree stretched out.
+**Remainders.** For rotor j of module i, about the axis (omega, c) of angle a with nu' = nu + mu x c and its torque
+tau about c: 4 A = (nu' . omega) (omega . z) + (mu . omega) (omega . tau), and alpha cos rho is the mean of t - A at
+the two vertices that differ only in a. M_a is |nu'| + |mu| times the greatest lever, where |nu'| is its value at
+the middle plus |mu| times the drift of c. In E_i alpha and beta are those at the middle; another angle b changes
+them by at most rho_b |s| times the lever of the inner of a and b, and never by more than |s| times that of a.
+Distances are those of the tree stretched out.
 
-**Rounding.** Frames are products of at most A + 1 rotations, each of whose entries is off by 4 eps at most (eps =
-2^-53: one rounding of each sine, product and sum), so an entry of a frame by under 8 (A + 1) eps, a position by
-that times the path's length, t by under 100 (A + 1) eps (|nu| + |mu| L), L the longest lever, and t + E by under
-six times that: rho_a < 1/2. psi' <= u_max, and sums of 4 n K + 5 n + 6 K terms are off by that many eps of the sum
-of their sizes, none of which is above u_max (|nu| + |mu| L), sigma L or the sizes of b . y. For A <= 20 and n K <=
-10,000 that is under 8e-12 of these in all; `Slack` takes SUM_ROUNDING = 1e-11 of them, in proportion more where n K
-is greater, beside the audit's tolerance, which is 1e-6 of those of y and alone a hundred thousand times as large.
-Ends of boxes are floats, and adjacent boxes share them, so boxes leave no gap. What the condition on mu and sigma
-misses costs as much times |p'_E|, which is bounded by what an audit lets pass.
+**Rounding.** Frames are products of at most A + 1 rotations, whose entries have errors of at most 4 eps (eps =
+2^-53: one rounding of each sine, product and sum). So an entry of a frame has an error under 8 (A + 1) eps, a
+position that times the path's length, t under 100 (A + 1) eps (|nu| + |mu| L) with the longest lever L, and t + E
+under six times that, as rho_a < 1/2. psi' <= u_max, and sums of 4 n K + 5 n + 6 K terms have errors of that many
+eps times the sum of the terms' magnitudes, none of which exceeds u_max (|nu| + |mu| L), sigma L or the magnitudes
+of b . y. For A <= 20 and n K <= 10,000 that is under 8e-12 of these in all. `Slack` allows SUM_ROUNDING = 1e-11 of
+them, and proportionally more for greater n K, in addition to the audit's tolerance, which is 1e-6 of those of y and
+by itself a hundred thousand times as large. Limits of boxes are floats that adjacent boxes share, so there are no
+gaps. The residual of the condition on mu and sigma costs its length times |p'_E|, which the audit bounds.
 """
 
 from __future__ import annotations
@@ -63,67 +63,67 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem, Indices
-from nlp.bounds.branch.frames import Axes, Frames, moment
-from nlp.bounds.branch.multipliers import best_input, imbalance
+from nlp.bounds.branch.frames import Axes, Frames, Vector, add, cross, dot, moment, vector
+from nlp.bounds.branch.multipliers import best_input, residual
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 CUBIC = 1 / (9 * math.sqrt(3))
-"""Largest coefficient of rho^3, see the module's docstring."""
-MISSED = 1e-13
-"""Rounding error of the condition on mu and sigma, as a share of |g_k| |mu_k| and sigma_r."""
+"""Largest coefficient of rho^3 (module docstring)."""
+CONDITION_ROUNDING = 1e-13
+"""Rounding error of the condition on mu and sigma, over |g_k| |mu_k| and sigma_r."""
 
 
-class Sums(NamedTuple):
-    """Arrays that evaluating a box needs, and what it leaves in them."""
+class BoundWorkspace(NamedTuple):
+    """Arrays for the bound of one box, and the gains of its angles."""
 
-    active: Indices
-    """Load cases that count, shape (K,)."""
-    y: Array
-    """Their multipliers in the root's frame at its vertices, shape (8, K, 6)."""
-    wrench: Array
+    active_cases: Indices
+    """Load cases that add to D, shape (K,)."""
+    root_y: Array
+    """Multipliers of these in the root's frame at its vertices, shape (8, K, 6)."""
+    wrenches: Array
     """(z, p x z + torque) of every rotor in all frames, shape (frames, 4, 6)."""
-    screw: Array
-    """(omega, c x omega) of the hinge before a module, at its first frame of two, shape (frames, 6)."""
+    screws: Array
+    """(omega, c x omega) of the hinge before a module, at the first of its two frames, shape (frames, 6)."""
     t: Array
     """a_j . y_k at all vertices, shape (8, frames, K, 4)."""
-    above: Array
-    """That with its remainder E."""
-    most: Array
+    t_bound: Array
+    """t plus its remainder E, shape (8, frames, K, 4)."""
+    force_limit: Array
     """Greatest |nu'| of a load case about every axis, shape (K, A)."""
-    added: Array
-    """What the bodies and walls add, shape (8, frames)."""
-    walls: Array
-    """sum_r sigma_r n_r of both ends of every module, in the root's frame, shape (n, 2, 3)."""
-    least: Array
-    """Least sums over the modules beyond, for every frame: (frames,)."""
+    module_value: Array
+    """Contribution of bodies and walls to D, shape (8, frames)."""
+    wall_sums: Array
+    """sum_r sigma_r n_r for both ends of every module, in the root's frame, shape (n, 2, 3)."""
+    least_sum: Array
+    """Least sum over a module and all modules beyond it, for every frame, shape (frames,)."""
     slope: Array
-    """Slope of D at the middle, by angle, shape (A,)."""
-    spread: Array
-    """Loss of D to remainders, by angle, shape (A,)."""
+    """Slope of D at the middle by each angle, shape (A,)."""
+    loss: Array
+    """Loss of D to remainders by each angle, shape (A,)."""
     drift: Array
-    """(A,): how far the point of every axis moves in the box."""
+    """Largest displacement of the point of each axis in the box, shape (A,)."""
     omega: Array
     """The root's axes in its frame at its vertices, shape (3, 8, 3)."""
-    turning: Array
-    """Torque of a module's rotors about an axis, shape (4,)."""
-    flat: Array
+    torque: Array
+    """Torque of each rotor of a module about an axis, shape (4,)."""
+    versine: Array
     """1 - cos rho, shape (A,)."""
     cubic: Array
-    """That of the sine, shape (A,)."""
-    more: Array
-    """What alpha may exceed its interpolant by, times `flat`, shape (K, A)."""
-    slopes: Array
-    """What every angle changes a module's rotors by, shape (A, 4)."""
-    parts: Array
-    """And their remainders."""
+    """Largest value of sin x - x sin rho / rho, shape (A,)."""
+    excess: Array
+    """Limit on the excess of alpha over its interpolant, times `versine`, shape (K, A)."""
+    rotor_slopes: Array
+    """Slope of t by each angle for each rotor of a module, shape (A, 4)."""
+    rotor_losses: Array
+    """Remainder of t by each angle for each rotor of a module, shape (A, 4)."""
 
 
 @njit(cache=True)
-def sums(problem: BranchProblem) -> Sums:
-    """Return arrays for one box at a time."""
+def bound_workspace(problem: BranchProblem) -> BoundWorkspace:
+    """Return the workspace for a task and tree."""
     K, A, count = len(problem.loads.f), len(problem.levers.between), problem.tree.first[-1]
-    return Sums(
+    return BoundWorkspace(
         np.zeros(K, np.int64),
         np.zeros((8, K, 6)),
         np.zeros((count, 4, 6)),
@@ -157,47 +157,48 @@ def bound(
     axes: Axes,
     vertices: Frames,
     rho: Array,
-    work: Sums,
+    workspace: BoundWorkspace,
     cut: float,
 ) -> float:
-    """Return the lower bound of a box with multipliers y, in effort units, or if it is under the cut, a value so.
+    """Return the lower bound of a box in effort units; if it is under the cut, any value between it and the cut.
 
     Args:
-        problem: the task and the tree.
-        y: multipliers in W.
-        sigma: those of the rows of walls, shape (W,).
+        problem: task and tree.
+        y: multipliers of the load cases in W, shape (K, 6).
+        sigma: multipliers of the walls, shape (W,).
         roots: root orientations at the middle and at the 8 vertices, shape (9, 3, 3).
         middle: frames at the middle of the box.
-        axes: the angles' axes there.
+        axes: axes of the angles at the middle.
         vertices: frames at the vertices of the hinges.
-        rho: half widths, under 1/2 [rad].
-        work: arrays, for `gains` too.
-        cut: what ends the search for the least vertex.
+        rho: half widths, each under 1/2, shape (A,) [rad].
+        workspace: output, also for `add_rotor_gains`.
+        cut: value under which the minimum over the vertices is not completed.
     """
-    constant, count = _constant(problem, y, sigma), 0
+    constant, case_count = _constant(problem, y, sigma), 0
     for k in range(len(y)):
-        if counts(problem, y, k):
-            work.active[count] = k
-            count += 1
-    _drifts(problem, rho, work.drift)
-    _add_bodies(problem, y, sigma, roots, middle, axes, vertices, rho, work)
-    _fill_thrusts(problem, y, roots, vertices, count, work)
+        if is_active(problem, y, k):
+            workspace.active_cases[case_count] = k
+            case_count += 1
+    _fill_drifts(problem, rho, workspace.drift)
+    _add_bodies(problem, y, sigma, roots, middle, axes, vertices, rho, workspace)
+    _fill_products(problem, y, roots, vertices, case_count, workspace)
     if cut < math.inf:
-        least = _least(problem, work, work.t, count, constant, cut)
-        if least < cut:
-            return least
-    _fill_most(problem, y, roots[0], axes, count, work)
-    _add_remainders(problem, roots, axes, rho, count, work)
-    return _least(problem, work, work.above, count, constant, cut if cut < math.inf else -math.inf)
+        minimum = _least_vertex_value(problem, workspace, workspace.t, case_count, constant, cut)
+        if minimum < cut:
+            return minimum
+    _fill_force_limits(problem, y, roots[0], axes, case_count, workspace)
+    _add_remainders(problem, roots, axes, rho, case_count, workspace)
+    cut = cut if cut < math.inf else -math.inf
+    return _least_vertex_value(problem, workspace, workspace.t_bound, case_count, constant, cut)
 
 
 @njit(cache=True, allocates=False)
-def counts(problem: BranchProblem, y: Array, k: int) -> bool:
-    """True if a load case has a weight or multipliers; others add nothing."""
-    some: bool = problem.loads.weight[k] > 0.0
+def is_active(problem: BranchProblem, y: Array, k: int) -> bool:
+    """Return whether a load case has a weight or multipliers; others add nothing to D."""
+    active: bool = problem.loads.weight[k] > 0.0
     for l in range(6):
-        some |= y[k, l] != 0.0
-    return some
+        active |= y[k, l] != 0.0
+    return active
 
 
 @njit(cache=True, allocates=False)
@@ -210,203 +211,208 @@ def _add_bodies(
     axes: Axes,
     vertices: Frames,
     rho: Array,
-    work: Sums,
+    workspace: BoundWorkspace,
 ) -> None:
-    """Fill what bodies and walls add at every vertex, less their remainders."""
+    """Fill the contribution of bodies and walls at every vertex, less their remainders."""
     tree, L, ends = problem.tree, problem.walls.length, 2 if len(sigma) > 0 else 0
-    work.slope[:] = 0.0
-    work.spread[:] = 0.0
+    workspace.slope[:] = 0.0
+    workspace.loss[:] = 0.0
     if ends > 0:
-        _turn_walls(problem, roots[0], sigma, work.walls)
+        _fill_wall_sums(problem, roots[0], sigma, workspace.wall_sums)
     sx, sy, sz = _lever_force(problem, y)
-    s = _into(roots[0], sx, sy, sz)
+    s = _to_root(roots[0], sx, sy, sz)
     for i in range(len(tree.parent)):
         m, lever = moment(middle, i, problem.bodies[i]), problem.levers.body[i]
-        lost = _remainder_of(problem, i, problem.bodies[i, 0], m, lever, 0.0, s, axes, rho, work)
+        loss = _moment_loss(problem, i, problem.bodies[i, 0], m, lever, 0.0, s, axes, rho, workspace)
         for end in range(ends):
-            x, y_, z = work.walls[i, end]
+            x, y_, z = workspace.wall_sums[i, end]
             if x * x + y_ * y_ + z * z > 0.0:
-                (px, py, pz), (zx, zy, zz), down = middle.p[i], middle.z[i], end * L
-                e = (px - down * zx, py - down * zy, pz - down * zz)
-                lost += _remainder_of(
-                    problem, i, 1.0, e, problem.levers.centre[i], down, (x, y_, z), axes, rho, work
+                distance = end * L
+                e = add(vector(middle.p, i), -distance, vector(middle.z, i))
+                loss += _moment_loss(
+                    problem, i, 1.0, e, problem.levers.centre[i], distance, (x, y_, z), axes, rho, workspace
                 )
         for root in range(8):
             for v in range(tree.first[i], tree.first[i + 1]):
-                work.added[root, v] = -lost
+                workspace.module_value[root, v] = -loss
     for root in range(8):
-        s = _into(roots[1 + root], sx, sy, sz)
+        s = _to_root(roots[1 + root], sx, sy, sz)
         if ends > 0:
-            _turn_walls(problem, roots[1 + root], sigma, work.walls)
+            _fill_wall_sums(problem, roots[1 + root], sigma, workspace.wall_sums)
         for i in range(len(tree.parent)):
-            near, far = work.walls[i, 0], work.walls[i, 1]
+            n_0, n_1 = workspace.wall_sums[i, 0], workspace.wall_sums[i, 1]
             for v in range(tree.first[i], tree.first[i + 1]):
-                mx, my, mz = moment(vertices, v, problem.bodies[i])
-                added = mx * s[0] + my * s[1] + mz * s[2]
+                total = dot(moment(vertices, v, problem.bodies[i]), s)
                 if ends > 0:
                     for l in range(3):
-                        added += vertices.p[v, l] * near[l] + (vertices.p[v, l] - L * vertices.z[v, l]) * far[l]
-                work.added[root, v] += added
+                        total += vertices.p[v, l] * n_0[l] + (vertices.p[v, l] - L * vertices.z[v, l]) * n_1[l]
+                workspace.module_value[root, v] += total
 
 
 @njit(cache=True, allocates=False)
-def _fill_thrusts(problem: BranchProblem, y: Array, roots: Array, vertices: Frames, count: int, work: Sums) -> None:
-    """Fill the multipliers, the wrenches and their products, at all vertices."""
-    torques, seen, wrench, thrusts = problem.torques, work.y, work.wrench, work.t
+def _fill_products(
+    problem: BranchProblem, y: Array, roots: Array, vertices: Frames, count: int, workspace: BoundWorkspace
+) -> None:
+    """Fill multipliers, wrenches and their products at all vertices."""
+    torques, root_y, wrenches, t_values = problem.rotor_torques, workspace.root_y, workspace.wrenches, workspace.t
     frames_x, frames_y, frames_z, frames_p = vertices.x, vertices.y, vertices.z, vertices.p
     for root in range(8):
         R = roots[1 + root]
         for slot in range(count):
-            k = work.active[slot]
+            k = workspace.active_cases[slot]
             for l in range(3):
-                seen[root, slot, l] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
-                seen[root, slot, 3 + l] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
-    for v in range(len(wrench)):
-        (px, py, pz), (zx, zy, zz) = frames_p[v], frames_z[v]
-        about = (py * zz - pz * zy, pz * zx - px * zz, px * zy - py * zx)
+                root_y[root, slot, l] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
+                root_y[root, slot, 3 + l] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
+    for v in range(len(wrenches)):
+        z = vector(frames_z, v)
+        about = cross(vector(frames_p, v), z)
         for q in range(4):
             a, b, c = torques[q]
             for l in range(3):
-                wrench[v, q, l] = frames_z[v, l]
-                wrench[v, q, 3 + l] = about[l] + a * frames_x[v, l] + b * frames_y[v, l] + c * frames_z[v, l]
+                wrenches[v, q, l] = frames_z[v, l]
+                wrenches[v, q, 3 + l] = about[l] + a * frames_x[v, l] + b * frames_y[v, l] + c * frames_z[v, l]
         for root in range(8):
             for slot in range(count):
-                n0, n1, n2, m0, m1, m2 = seen[root, slot]
-                force = n0 * zx + n1 * zy + n2 * zz
+                n0, n1, n2, m0, m1, m2 = root_y[root, slot]
+                force = dot((n0, n1, n2), z)
                 for q in range(4):
-                    torque = m0 * wrench[v, q, 3] + m1 * wrench[v, q, 4] + m2 * wrench[v, q, 5]
-                    thrusts[root, v, slot, q] = 0.25 * (force + torque)
+                    torque = m0 * wrenches[v, q, 3] + m1 * wrenches[v, q, 4] + m2 * wrenches[v, q, 5]
+                    t_values[root, v, slot, q] = 0.25 * (force + torque)
     first, parent, port, l_c = problem.tree.first, problem.tree.parent, problem.tree.port, problem.l_c
     for i in range(1, len(parent)):
         h, across = parent[i], frames_y if port[i] % 2 == 0 else frames_x
         along = frames_x if port[i] % 2 == 0 else frames_y
         step = l_c if port[i] < 2 else -l_c
         for v in range(first[h + 1] - first[h]):
-            screw, (wx, wy, wz), (ax, ay, az) = (
-                work.screw[first[i] + 2 * v],
-                across[first[h] + v],
-                along[first[h] + v],
-            )
-            px, py, pz = frames_p[first[h] + v]
-            cx, cy, cz = px + step * ax, py + step * ay, pz + step * az
-            screw[0], screw[1], screw[2] = wx, wy, wz
-            screw[3], screw[4], screw[5] = cy * wz - cz * wy, cz * wx - cx * wz, cx * wy - cy * wx
+            screw, omega = workspace.screws[first[i] + 2 * v], vector(across, first[h] + v)
+            c = add(vector(frames_p, first[h] + v), step, vector(along, first[h] + v))
+            screw[0], screw[1], screw[2] = omega
+            screw[3], screw[4], screw[5] = cross(c, omega)
 
 
 @njit(cache=True, allocates=False)
-def _fill_most(problem: BranchProblem, y: Array, R: Array, axes: Axes, count: int, work: Sums) -> None:
-    """Fill the greatest |nu'| of all load cases about all axes."""
+def _fill_force_limits(
+    problem: BranchProblem, y: Array, R: Array, axes: Axes, count: int, workspace: BoundWorkspace
+) -> None:
+    """Fill the greatest |nu'| of every load case about every axis."""
     for slot in range(count):
-        k = work.active[slot]
-        mx, my, mz = _into(R, y[k, 3], y[k, 4], y[k, 5])
-        nx, ny, nz = _into(R, y[k, 0], y[k, 1], y[k, 2])
-        mu = math.sqrt(mx * mx + my * my + mz * mz)
-        for a in range(len(work.drift)):
-            cx, cy, cz = axes.c[a]
-            fx, fy, fz = nx + my * cz - mz * cy, ny + mz * cx - mx * cz, nz + mx * cy - my * cx
-            work.most[slot, a] = math.sqrt(fx * fx + fy * fy + fz * fz) + mu * work.drift[a]
+        k = workspace.active_cases[slot]
+        nu, mu = _to_root(R, y[k, 0], y[k, 1], y[k, 2]), _to_root(R, y[k, 3], y[k, 4], y[k, 5])
+        mu_norm = math.sqrt(dot(mu, mu))
+        for a in range(len(workspace.drift)):
+            f = _nu_about(nu, mu, vector(axes.c, a))
+            workspace.force_limit[slot, a] = math.sqrt(dot(f, f)) + mu_norm * workspace.drift[a]
 
 
 @njit(cache=True, allocates=False)
-def _add_remainders(problem: BranchProblem, roots: Array, axes: Axes, rho: Array, count: int, work: Sums) -> None:
-    """Fill `above`: t with its remainders."""
-    tree, seen, wrench, thrusts, above = problem.tree, work.y, work.wrench, work.t, work.above
-    n, A, first = len(tree.parent), len(rho), tree.first
-    more, a_q, omega, flat, cubic = work.more, work.turning, work.omega, work.flat, work.cubic
+def _add_remainders(
+    problem: BranchProblem, roots: Array, axes: Axes, rho: Array, count: int, workspace: BoundWorkspace
+) -> None:
+    """Fill `t_bound`."""
+    tree, n, A, first = problem.tree, len(problem.tree.parent), len(rho), problem.tree.first
+    root_y, wrenches, t_values, t_bound = workspace.root_y, workspace.wrenches, workspace.t, workspace.t_bound
+    versine, cubic, excess = workspace.versine, workspace.cubic, workspace.excess
+    omega, torque = workspace.omega, workspace.torque
     for a in range(A):
-        flat[a], cubic[a] = 1 - math.cos(rho[a]), CUBIC * rho[a] ** 3
+        versine[a], cubic[a] = 1 - math.cos(rho[a]), CUBIC * rho[a] ** 3
     cosine, sine = math.cos(rho[2]), math.sin(rho[2])
     for root in range(8):
         for l in range(3):
             omega[0, root, l] = roots[1 + root, 2, l]
-        turned = sine if root & 1 else -sine
-        omega[1, root, 0] = axes.omega[1, 0] * cosine - axes.omega[1, 2] * turned
-        omega[1, root, 2] = axes.omega[1, 2] * cosine + axes.omega[1, 0] * turned
+        signed_sine = sine if root & 1 else -sine
+        omega[1, root, 0] = axes.omega[1, 0] * cosine - axes.omega[1, 2] * signed_sine
+        omega[1, root, 2] = axes.omega[1, 2] * cosine + axes.omega[1, 0] * signed_sine
         omega[2, root, 1] = 1.0
     for i in range(n):
         depth = tree.depth[i]
         for slot in range(count):
-            m0, m1, m2 = seen[0, slot, 3], seen[0, slot, 4], seen[0, slot, 5]
+            m0, m1, m2 = root_y[0, slot, 3], root_y[0, slot, 4], root_y[0, slot, 5]
             mu = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
-            beyond, both = 0.0, 0.0
-            for at in range(2 + depth, -1, -1):
-                a = tree.path[i, at]
-                most = work.most[slot, a] + mu * problem.levers.rotor[i, a]
-                more[slot, at] = 0.25 * flat[a] * most * beyond
-                beyond += math.sqrt(flat[a] * flat[a] + cubic[a] * cubic[a])
-                both += 0.25 * most * cubic[a]
+            outer_sum, cubic_loss = 0.0, 0.0
+            for level in range(2 + depth, -1, -1):
+                a = tree.path[i, level]
+                limit = workspace.force_limit[slot, a] + mu * problem.levers.rotor[i, a]
+                excess[slot, level] = 0.25 * versine[a] * limit * outer_sum
+                outer_sum += math.sqrt(versine[a] * versine[a] + cubic[a] * cubic[a])
+                cubic_loss += 0.25 * limit * cubic[a]
             for root in range(8):
                 for v in range(first[i], first[i + 1]):
                     for q in range(4):
-                        above[root, v, slot, q] = thrusts[root, v, slot, q] + both
-        for at in range(3):
-            bit, share = 4 >> at, flat[at] / math.cos(rho[at])
+                        t_bound[root, v, slot, q] = t_values[root, v, slot, q] + cubic_loss
+        for level in range(3):
+            bit, scale = 4 >> level, versine[level] / math.cos(rho[level])
             for root in range(8):
                 if root & bit:
                     continue
-                other, (wx, wy, wz) = root + bit, omega[at, root]
+                upper_vertex, (wx, wy, wz) = root + bit, omega[level, root]
                 for v in range(first[i], first[i + 1]):
                     for q in range(4):
-                        a_q[q] = wx * wrench[v, q, 3] + wy * wrench[v, q, 4] + wz * wrench[v, q, 5]
-                    along = wx * wrench[v, 0, 0] + wy * wrench[v, 0, 1] + wz * wrench[v, 0, 2]
+                        torque[q] = wx * wrenches[v, q, 3] + wy * wrenches[v, q, 4] + wz * wrenches[v, q, 5]
+                    axis_force = wx * wrenches[v, 0, 0] + wy * wrenches[v, 0, 1] + wz * wrenches[v, 0, 2]
                     for slot in range(count):
-                        n0, n1, n2, m0, m1, m2 = seen[root, slot]
-                        held, turning = (n0 * wx + n1 * wy + n2 * wz) * along, m0 * wx + m1 * wy + m2 * wz
+                        n0, n1, n2, m0, m1, m2 = root_y[root, slot]
+                        mu_omega = m0 * wx + m1 * wy + m2 * wz
+                        parallel = (n0 * wx + n1 * wy + n2 * wz) * axis_force
                         for q in range(4):
-                            both = thrusts[root, v, slot, q] + thrusts[other, v, slot, q]
-                            part = (0.5 * both - 0.25 * (held + turning * a_q[q])) * share + more[slot, at]
-                            part = max(part, 0.0)
-                            above[root, v, slot, q] += part
-                            above[other, v, slot, q] += part
+                            t_sum = t_values[root, v, slot, q] + t_values[upper_vertex, v, slot, q]
+                            loss = (0.5 * t_sum - 0.25 * (parallel + mu_omega * torque[q])) * scale
+                            loss += excess[slot, level]
+                            loss = max(loss, 0.0)
+                            t_bound[root, v, slot, q] += loss
+                            t_bound[upper_vertex, v, slot, q] += loss
         for h in range(depth):
             a, bit = tree.path[i, 3 + h], 1 << (depth - 1 - h)
-            share = flat[a] / math.cos(rho[a])
-            for near in range(1 << depth):
-                if near & bit:
+            scale = versine[a] / math.cos(rho[a])
+            for lower_vertex in range(1 << depth):
+                if lower_vertex & bit:
                     continue
-                v, other = first[i] + near, first[i] + near + bit
-                wx, wy, wz, dx, dy, dz = work.screw[first[a - 2] + 2 * (near >> (depth - h))]
-                moved = dx * wrench[v, 0, 0] + dy * wrench[v, 0, 1] + dz * wrench[v, 0, 2]
+                v, upper_vertex = first[i] + lower_vertex, first[i] + lower_vertex + bit
+                wx, wy, wz, dx, dy, dz = workspace.screws[first[a - 2] + 2 * (lower_vertex >> (depth - h))]
+                shift = dx * wrenches[v, 0, 0] + dy * wrenches[v, 0, 1] + dz * wrenches[v, 0, 2]
                 for q in range(4):
-                    a_q[q] = wx * wrench[v, q, 3] + wy * wrench[v, q, 4] + wz * wrench[v, q, 5] + moved
-                along = wx * wrench[v, 0, 0] + wy * wrench[v, 0, 1] + wz * wrench[v, 0, 2]
+                    torque[q] = wx * wrenches[v, q, 3] + wy * wrenches[v, q, 4] + wz * wrenches[v, q, 5] + shift
+                axis_force = wx * wrenches[v, 0, 0] + wy * wrenches[v, 0, 1] + wz * wrenches[v, 0, 2]
                 for root in range(8):
                     for slot in range(count):
-                        n0, n1, n2, m0, m1, m2 = seen[root, slot]
-                        turning = m0 * wx + m1 * wy + m2 * wz
-                        held = (n0 * wx + n1 * wy + n2 * wz + m0 * dx + m1 * dy + m2 * dz) * along
+                        n0, n1, n2, m0, m1, m2 = root_y[root, slot]
+                        mu_omega = m0 * wx + m1 * wy + m2 * wz
+                        parallel = (n0 * wx + n1 * wy + n2 * wz + m0 * dx + m1 * dy + m2 * dz) * axis_force
                         for q in range(4):
-                            both = thrusts[root, v, slot, q] + thrusts[root, other, slot, q]
-                            part = (0.5 * both - 0.25 * (held + turning * a_q[q])) * share + more[slot, 3 + h]
-                            part = max(part, 0.0)
-                            above[root, v, slot, q] += part
-                            above[root, other, slot, q] += part
+                            t_sum = t_values[root, v, slot, q] + t_values[root, upper_vertex, slot, q]
+                            loss = (0.5 * t_sum - 0.25 * (parallel + mu_omega * torque[q])) * scale
+                            loss += excess[slot, 3 + h]
+                            loss = max(loss, 0.0)
+                            t_bound[root, v, slot, q] += loss
+                            t_bound[root, upper_vertex, slot, q] += loss
 
 
 @njit(cache=True, allocates=False)
-def _least(problem: BranchProblem, work: Sums, thrusts: Array, count: int, constant: float, cut: float) -> float:
-    """Return the constant and the least sum over the modules of all vertices, or of some that are under the cut."""
+def _least_vertex_value(
+    problem: BranchProblem, workspace: BoundWorkspace, t_values: Array, count: int, constant: float, cut: float
+) -> float:
+    """Return the least D over the vertices; once it is under the cut, that over a part of them."""
     tree, loads, u_min, u_max = problem.tree, problem.loads, problem.u_min, problem.u_max
     first, parent = tree.first, tree.parent
-    active, added, least, result = work.active, work.added, work.least, math.inf
+    active, module_value, least_sum = workspace.active_cases, workspace.module_value, workspace.least_sum
+    result = math.inf
     for root in range(8):
         for i in range(len(parent)):
             for v in range(first[i], first[i + 1]):
-                total = added[root, v]
+                total = module_value[root, v]
                 for slot in range(count):
-                    weight, dead = loads.weight[active[slot]], loads.dead[active[slot]] - 4 * i
+                    weight, dead_rotor = loads.weight[active[slot]], loads.dead_rotor[active[slot]] - 4 * i
                     for q in range(4):
-                        t = thrusts[root, v, slot, q]
+                        t = t_values[root, v, slot, q]
                         u = best_input(t, weight, u_min, u_max)
-                        if q != dead:
+                        if q != dead_rotor:
                             total -= u * (t - weight * u)
-                least[v] = total
+                least_sum[v] = total
         for i in range(len(parent) - 1, 0, -1):
             h = parent[i]
             for v in range(first[h + 1] - first[h]):
-                at = first[i] + 2 * v
-                least[first[h] + v] += min(least[at], least[at + 1])
-        result = min(result, constant + least[0])
+                child_frame = first[i] + 2 * v
+                least_sum[first[h] + v] += min(least_sum[child_frame], least_sum[child_frame + 1])
+        result = min(result, constant + least_sum[0])
         if result < cut:
             break
     return result
@@ -414,11 +420,11 @@ def _least(problem: BranchProblem, work: Sums, thrusts: Array, count: int, const
 
 @njit(cache=True, allocates=False)
 def _constant(problem: BranchProblem, y: Array, sigma: Array) -> float:
-    """Return what of D no angle changes, less what the audit lets pass and rounding take."""
+    """Return the terms of D that depend on no angle, less the allowances for the audit's tolerance and rounding."""
     total, loads, slack = 0.0, problem.loads, problem.slack
-    a, b, c = imbalance(problem, y, sigma)
+    a, b, c = residual(problem, y, sigma)
     for r in range(len(sigma)):
-        total += sigma[r] * (problem.walls.beyond[r] - slack.wall - slack.tip * MISSED)
+        total += sigma[r] * (problem.walls.offset[r] - slack.wall - slack.tip * CONDITION_ROUNDING)
     for k in range(len(y)):
         nu2, mu2 = 0.0, 0.0
         for l in range(3):
@@ -427,25 +433,25 @@ def _constant(problem: BranchProblem, y: Array, sigma: Array) -> float:
             mu2 += y[k, 3 + l] ** 2
         nu, mu = math.sqrt(nu2), math.sqrt(mu2)
         g = math.sqrt(loads.g[k, 0] ** 2 + loads.g[k, 1] ** 2 + loads.g[k, 2] ** 2)
-        total -= slack.force[k] * nu + slack.torque[k] * mu + slack.tip * MISSED * g * mu
+        total -= slack.force[k] * nu + slack.torque[k] * mu + slack.tip * CONDITION_ROUNDING * g * mu
     return total - slack.tip * math.sqrt(a * a + b * b + c * c)
 
 
 @njit(cache=True, allocates=False)
-def _turn_walls(problem: BranchProblem, R: Array, sigma: Array, into: Array) -> None:
-    """Fill the sums of sigma_r n_r seen in a root's frame."""
+def _fill_wall_sums(problem: BranchProblem, R: Array, sigma: Array, wall_sums: Array) -> None:
+    """Fill the sums of sigma_r n_r in the root's frame."""
     walls = problem.walls
-    into[:] = 0.0
+    wall_sums[:] = 0.0
     for r in range(len(sigma)):
         if sigma[r] > 0.0:
             x, y, z = sigma[r] * walls.normal[r, 0], sigma[r] * walls.normal[r, 1], sigma[r] * walls.normal[r, 2]
-            sums = into[walls.module[r], walls.end[r]]
+            wall_sum = wall_sums[walls.module[r], walls.end[r]]
             for l in range(3):
-                sums[l] += R[0, l] * x + R[1, l] * y + R[2, l] * z
+                wall_sum[l] += R[0, l] * x + R[1, l] * y + R[2, l] * z
 
 
 @njit(cache=True, allocates=False)
-def _into(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _to_root(R: Array, x: float, y: float, z: float) -> Vector:
     """Return R^T of a vector."""
     return (
         R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
@@ -454,8 +460,18 @@ def _into(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     )
 
 
+@njit(cache=True, forceinline=True)
+def _nu_about(nu: Vector, mu: Vector, c: Vector) -> Vector:
+    """Return nu' = nu + mu x c."""
+    return (
+        nu[0] + mu[1] * c[2] - mu[2] * c[1],
+        nu[1] + mu[2] * c[0] - mu[0] * c[2],
+        nu[2] + mu[0] * c[1] - mu[1] * c[0],
+    )
+
+
 @njit(cache=True, allocates=False)
-def _lever_force(problem: BranchProblem, y: Array) -> tuple[float, float, float]:
+def _lever_force(problem: BranchProblem, y: Array) -> Vector:
     """Return s = sum_k h_k x mu_k in W."""
     x, y_, z = 0.0, 0.0, 0.0
     for k in range(len(y)):
@@ -466,108 +482,92 @@ def _lever_force(problem: BranchProblem, y: Array) -> tuple[float, float, float]
 
 
 @njit(cache=True, allocates=False)
-def _drifts(problem: BranchProblem, rho: Array, drift: Array) -> None:
-    """Fill how far the points of the axes move at most, in W."""
+def _fill_drifts(problem: BranchProblem, rho: Array, drift: Array) -> None:
+    """Fill the largest displacements of the points of the axes in the box."""
     tree, between = problem.tree, problem.levers.between
     drift[:] = 0.0
     for i in range(1, len(tree.parent)):
-        for outer in range(2 + tree.depth[i]):
-            b = tree.path[i, outer]
+        for level in range(2 + tree.depth[i]):
+            b = tree.path[i, level]
             drift[i + 2] += rho[b] * between[b, i + 2]
 
 
 @njit(cache=True, allocates=False)
-def gains(problem: BranchProblem, y: Array, R: Array, middle: Frames, axes: Axes, rho: Array, work: Sums) -> None:
-    """Add to `slope` and `spread` of a box that was bounded what its rotors change, at the middle."""
+def add_rotor_gains(
+    problem: BranchProblem, y: Array, R: Array, middle: Frames, axes: Axes, rho: Array, workspace: BoundWorkspace
+) -> None:
+    """Add the rotors' part to `slope` and `loss` of a box after `bound`, evaluated at the middle."""
     u_min, u_max = problem.u_min, problem.u_max
-    slopes, parts = work.slopes, work.parts
+    slopes, losses = workspace.rotor_slopes, workspace.rotor_losses
     for k in range(len(y)):
-        nx, ny, nz = _into(R, y[k, 0], y[k, 1], y[k, 2])
-        mx, my, mz = _into(R, y[k, 3], y[k, 4], y[k, 5])
+        nu, mu = _to_root(R, y[k, 0], y[k, 1], y[k, 2]), _to_root(R, y[k, 3], y[k, 4], y[k, 5])
         weight = problem.loads.weight[k]
-        if not counts(problem, y, k):
+        if not is_active(problem, y, k):
             continue
         for i in range(len(middle.p)):
-            path, count = problem.tree.path[i], problem.tree.depth[i] + 3
-            xx, xy, xz = middle.x[i]
-            yx, yy, yz = middle.y[i]
-            zx, zy, zz = middle.z[i]
-            px, py, pz = middle.p[i]
-            for at in range(count):
-                a = path[at]
-                wx, wy, wz = axes.omega[a]
-                cx, cy, cz = axes.c[a]
-                fx, fy, fz = nx + my * cz - mz * cy, ny + mz * cx - mx * cz, nz + mx * cy - my * cx
-                along, turning = fx * wx + fy * wy + fz * wz, mx * wx + my * wy + mz * wz
-                ox, oy, oz = mx - turning * wx, my - turning * wy, mz - turning * wz  # mu across omega
-                dx, dy, dz = px - cx, py - cy, pz - cz
-                Tx, Ty, Tz = dy * zz - dz * zy, dz * zx - dx * zz, dx * zy - dy * zx
-                alpha = (fx - along * wx) * zx + (fy - along * wy) * zy + (fz - along * wz) * zz
-                alpha += ox * Tx + oy * Ty + oz * Tz
-                vx, vy, vz = my * wz - mz * wy, mz * wx - mx * wz, mx * wy - my * wx  # mu x omega
-                beta = (fy * wz - fz * wy) * zx + (fz * wx - fx * wz) * zy + (fx * wy - fy * wx) * zz
-                beta += vx * Tx + vy * Ty + vz * Tz
-                flat, cubic = 1 - math.cos(rho[a]), CUBIC * rho[a] ** 3
+            path, path_length = problem.tree.path[i], problem.tree.depth[i] + 3
+            x, y_, z, p = vector(middle.x, i), vector(middle.y, i), vector(middle.z, i), vector(middle.p, i)
+            for level in range(path_length):
+                a = path[level]
+                omega, c = vector(axes.omega, a), vector(axes.c, a)
+                f, T = _nu_about(nu, mu, c), cross(add(p, -1.0, c), z)
+                mu_across, f_across = add(mu, -dot(mu, omega), omega), add(f, -dot(f, omega), omega)
+                mu_turned, f_turned = cross(mu, omega), cross(f, omega)
+                alpha, beta = dot(f_across, z) + dot(mu_across, T), dot(f_turned, z) + dot(mu_turned, T)
+                versine, cubic = 1 - math.cos(rho[a]), CUBIC * rho[a] ** 3
                 for q in range(4):
-                    own_x, own_y, own_z = problem.torques[q]
-                    al = alpha + own_x * (ox * xx + oy * xy + oz * xz)
-                    al += own_y * (ox * yx + oy * yy + oz * yz) + own_z * (ox * zx + oy * zy + oz * zz)
-                    be = beta + own_x * (vx * xx + vy * xy + vz * xz)
-                    be += own_y * (vx * yx + vy * yy + vz * yz) + own_z * (vx * zx + vy * zy + vz * zz)
-                    slopes[at, q] = 0.25 * be
-                    parts[at, q] = 0.25 * (max(al, 0.0) * flat + abs(be) * cubic)
-            about_x = mx * xx + my * xy + mz * xz
-            about_y = mx * yx + my * yy + mz * yz
-            about_z = mx * zx + my * zy + mz * zz
-            force = (nx + my * pz - mz * py) * zx + (ny + mz * px - mx * pz) * zy + (nz + mx * py - my * px) * zz
+                    torque = problem.rotor_torques[q]
+                    alpha_q = alpha + torque[0] * dot(mu_across, x)
+                    alpha_q += torque[1] * dot(mu_across, y_) + torque[2] * dot(mu_across, z)
+                    beta_q = beta + torque[0] * dot(mu_turned, x)
+                    beta_q += torque[1] * dot(mu_turned, y_) + torque[2] * dot(mu_turned, z)
+                    slopes[level, q] = 0.25 * beta_q
+                    losses[level, q] = 0.25 * (max(alpha_q, 0.0) * versine + abs(beta_q) * cubic)
+            force, mu_x, mu_y, mu_z = dot(_nu_about(nu, mu, p), z), dot(mu, x), dot(mu, y_), dot(mu, z)
             for q in range(4):
-                own_x, own_y, own_z = problem.torques[q]
-                t = 0.25 * (force + own_x * about_x + own_y * about_y + own_z * about_z)
-                for at in range(count):
-                    t += parts[at, q]
+                torque = problem.rotor_torques[q]
+                t = 0.25 * (force + torque[0] * mu_x + torque[1] * mu_y + torque[2] * mu_z)
+                for level in range(path_length):
+                    t += losses[level, q]
                 u = best_input(t, weight, u_min, u_max)
-                if u > 0.0 and problem.loads.dead[k] != 4 * i + q:
-                    for at in range(count):
-                        work.slope[path[at]] -= u * slopes[at, q]
-                        work.spread[path[at]] += u * parts[at, q]
+                if u > 0.0 and problem.loads.dead_rotor[k] != 4 * i + q:
+                    for level in range(path_length):
+                        workspace.slope[path[level]] -= u * slopes[level, q]
+                        workspace.loss[path[level]] += u * losses[level, q]
 
 
 @njit(cache=True, allocates=False)
-def _remainder_of(
+def _moment_loss(
     problem: BranchProblem,
     i: int,
     w: float,
-    m: tuple[float, float, float],
+    m: Vector,
     lever: Array,
     beyond: float,
-    s: tuple[float, float, float],
+    s: Vector,
     axes: Axes,
     rho: Array,
-    work: Sums,
+    workspace: BoundWorkspace,
 ) -> float:
-    """Return by how much m . s is below its interpolant at most: as the rotors' remainders, for -s.
+    """Return the largest deficit of m . s under its interpolant, and add to `slope` and `loss`.
 
-    m is the moment of a mass w that moves with module i, at the middle, `lever` and what is `beyond` it its most
-    about every axis.
+    m is the moment at the middle of a mass w that moves with module i; about axis a, |m| <= lever[a] + beyond.
     """
-    path, count, (mx, my, mz) = problem.tree.path[i], problem.tree.depth[i] + 3, m
+    path, path_length = problem.tree.path[i], problem.tree.depth[i] + 3
     size, total = math.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2), 0.0
-    for at in range(count):
-        a = path[at]
-        wx, wy, wz = axes.omega[a]
-        dx, dy, dz = mx - w * axes.c[a, 0], my - w * axes.c[a, 1], mz - w * axes.c[a, 2]
-        along = dx * wx + dy * wy + dz * wz
-        alpha = -((dx - along * wx) * s[0] + (dy - along * wy) * s[1] + (dz - along * wz) * s[2])
-        beta = (wy * dz - wz * dy) * s[0] + (wz * dx - wx * dz) * s[1] + (wx * dy - wy * dx) * s[2]
-        more = 0.0
-        for other in range(count):
-            if other != at:
-                b = path[other]
-                more += rho[b] * size * (lever[a if other < at else b] + beyond)
-        most = size * (lever[a] + beyond)
-        part = max(0.0, min(alpha + more, most)) * (1 - math.cos(rho[a]))
-        part += min(abs(beta) + more, most) * CUBIC * rho[a] ** 3
-        work.slope[a] += beta
-        work.spread[a] += part
-        total += part
+    for level in range(path_length):
+        a = path[level]
+        omega, d = vector(axes.omega, a), add(m, -w, vector(axes.c, a))
+        alpha, beta = -dot(add(d, -dot(d, omega), omega), s), dot(cross(omega, d), s)
+        excess = 0.0
+        for other_level in range(path_length):
+            if other_level != level:
+                b = path[other_level]
+                excess += rho[b] * size * (lever[a if other_level < level else b] + beyond)
+        limit = size * (lever[a] + beyond)
+        loss = max(0.0, min(alpha + excess, limit)) * (1 - math.cos(rho[a]))
+        loss += min(abs(beta) + excess, limit) * CUBIC * rho[a] ** 3
+        workspace.slope[a] += beta
+        workspace.loss[a] += loss
+        total += loss
     return total

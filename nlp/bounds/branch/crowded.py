@@ -1,19 +1,20 @@
-r"""Boxes of hinge angles in which two modules are too close to each other everywhere.
+r"""Crowded boxes of hinge angles: two modules are too close to each other everywhere in them.
 
-Take a point on the airflow axis of each of two modules i and j, at the shares eta and gamma of its length, or,
-where airflows may merge, the middle of a ball that the parts of one module hold and a point of the other's axis.
-Their squared distance is a first harmonic in every hinge between them: of the two points one is turned about the
-hinge's axis, the other held, and |A|^2 + |B|^2 - 2 A . B from a point of the axis has A . B alone change. So the
-interpolation of `nlp.bounds.branch.box` holds: the squared distance is at most its greatest value at the
-vertices of the hinges between plus sum_a (max(0, alpha_a) (1 - cos rho_a) + |beta_a| rho_a^3 / (9 sqrt 3)),
-where alpha = -2 A_# . B_# and beta = -2 B . (omega x A) at the middle, both more by 2 rho_b |A| |B| for another
-hinge b, the lengths from its axis and from that of a on the far side, and never more than 2 |A| |B|. Where that
-is under the squared sum of the radii at the two points, envelopes overlap, or parts are in airflow, in all of the
-box; likewise centres, against the distance that is asked of them. It does not matter how the points were chosen.
+Take a point on the airflow axis of each of two modules i and j, at the shares eta and gamma of its length. If
+airflows may merge, take instead the centre of a ball inside the parts of one module and a point of the other's
+axis. Their squared distance is a first harmonic in every hinge between them: the hinge turns one of the points
+about its axis and leaves the other fixed, and in |A|^2 + |B|^2 - 2 A . B, from a point of the axis, only A . B
+changes. So the interpolation of `nlp.bounds.branch.box` holds: the squared distance is at most its greatest value
+at the vertices of the hinges between i and j plus sum_a (max(0, alpha_a) (1 - cos rho_a) + |beta_a| rho_a^3 / (9
+sqrt 3)), where alpha = -2 A_# . B_# (parts across the axis) and beta = -2 B . (omega x A) at the middle; another
+hinge b increases either by at most 2 rho_b |A| |B|, with A from the axis of the inner hinge and B from that of the
+outer one, and neither exceeds 2 |A| |B|. If that is under the squared sum of the radii at the two points, envelopes
+overlap, or parts are in airflow, in the whole box. Centres are compared with the required distance in the same way.
+Any choice of points is valid.
 
-What an audit calls clear is clear to the last digit, so that only rounding is left to allow for: coordinates and
-with them squared distances are off by less than 1e-13 of the squared length of the tree stretched out with both
-axes (compare `nlp.bounds.branch.box`), and MARGIN of that is taken.
+A clear audit has no tolerance here, so the only allowance is for rounding: the error of coordinates, and so of
+squared distances, is less than 1e-13 of the squared length of the tree stretched out with both axes (compare
+`nlp.bounds.branch.box`); the allowance is DISTANCE_ROUNDING of that.
 """
 
 from __future__ import annotations
@@ -22,88 +23,88 @@ import math
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.box import CUBIC
-from nlp.bounds.branch.frames import Axes, Frames
+from nlp.bounds.branch.frames import Axes, Frames, Vector, add, cross, dot, vector
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
-MARGIN = 1e-11
-"""Share of the largest squared length by which two modules must be too close."""
-NOWHERE, AT_MIDDLE, ALL_OVER = 0, 1, 2
-Vector = tuple[float, float, float]
-ROUNDS = 20
-"""Rounds of the search for the two points."""
+DISTANCE_ROUNDING = 1e-11
+"""Allowance for rounding of a squared distance, over the squared stretched-out length."""
+NOWHERE, AT_MIDDLE, EVERYWHERE = 0, 1, 2
+MAX_ROUNDS = 20
+"""Largest number of rounds of the search for the two points."""
 
 
 @njit(cache=True, allocates=False)
 def crowding(problem: BranchProblem, middle: Frames, axes: Axes, vertices: Frames, rho: Array, gain: Array) -> int:
-    """Return NOWHERE, AT_MIDDLE or ALL_OVER: where in a box of hinges two modules are too close.
+    """Return where in a box of hinge angles two modules are too close: NOWHERE, AT_MIDDLE or EVERYWHERE.
 
     Args:
-        problem: the task and the tree.
+        problem: task and tree.
         middle: frames at the middle of the box.
-        axes: the hinges' axes there.
+        axes: axes of the angles at the middle.
         vertices: frames at the vertices of the hinges.
         rho: half widths, shape (A,) [rad].
-        gain: is filled with what each hinge's remainder takes, where they are too close at the middle alone.
+        gain: output, the loss to each hinge's remainder if two modules are too close at the middle, shape (A,).
     """
     tree, separation, n = problem.tree, problem.separation, len(problem.tree.parent)
     where = NOWHERE
     gain[:] = 0.0
     for i in range(n):
         for j in range(i + 1, n):
-            if separation.airflow:
-                eta, gamma = _nearest(problem, middle, i, j)
-                radii = 2 * separation.start_radius + (eta + gamma) * separation.growth
-                radii = math.sqrt(radii * (radii + 2 * separation.margin))
+            if separation.has_airflow:
+                eta, gamma = _deepest_shares(problem, middle, i, j)
+                distance = 2 * separation.start_radius + (eta + gamma) * separation.growth
+                distance = math.sqrt(distance * (distance + 2 * separation.margin))
                 q_i, q_j = (0.0, 0.0, -eta * separation.length), (0.0, 0.0, -gamma * separation.length)
-                where = max(where, _closeness(problem, middle, axes, vertices, rho, i, j, q_i, q_j, radii, gain))
+                air = _point_crowding(problem, middle, axes, vertices, rho, i, j, q_i, q_j, distance, gain)
+                where = max(where, air)
             if not tree.bolted[i, j]:
-                for b in range(len(separation.parts)):
-                    for one, other in ((i, j), (j, i)):
-                        if where < ALL_OVER:
-                            in_air = _part_in_air(problem, middle, axes, vertices, rho, one, other, b, gain)
-                            where = max(where, in_air)
-            if where < ALL_OVER and separation.apart > 0.0 and (separation.of_all or not tree.bolted[i, j]):
+                for b in range(len(separation.balls)):
+                    for owner, blown in ((i, j), (j, i)):
+                        if where < EVERYWHERE:
+                            air = _ball_in_airflow(problem, middle, axes, vertices, rho, owner, blown, b, gain)
+                            where = max(where, air)
+            distance = separation.centre_distance
+            if where < EVERYWHERE and distance > 0.0 and (separation.includes_bolted or not tree.bolted[i, j]):
                 o = (0.0, 0.0, 0.0)
-                apart = _closeness(problem, middle, axes, vertices, rho, i, j, o, o, separation.apart, gain)
-                where = max(where, apart)
-            if where == ALL_OVER:
-                return ALL_OVER
+                where = max(
+                    where, _point_crowding(problem, middle, axes, vertices, rho, i, j, o, o, distance, gain)
+                )
+            if where == EVERYWHERE:
+                return EVERYWHERE
     return where
 
 
 @njit(cache=True, allocates=False)
-def _nearest(problem: BranchProblem, at: Frames, i: int, j: int) -> tuple[float, float]:
-    """Return shares of the two axes where the envelopes are about deepest in each other."""
-    L, grow = problem.separation.length, problem.separation.growth
-    zi, zj = at.z[i], at.z[j]
-    w0, w1, w2 = at.p[i, 0] - at.p[j, 0], at.p[i, 1] - at.p[j, 1], at.p[i, 2] - at.p[j, 2]
-    along_i, along_j = w0 * zi[0] + w1 * zi[1] + w2 * zi[2], w0 * zj[0] + w1 * zj[1] + w2 * zj[2]
-    cosine = zi[0] * zj[0] + zi[1] * zj[1] + zi[2] * zj[2]
+def _deepest_shares(problem: BranchProblem, frames: Frames, i: int, j: int) -> tuple[float, float]:
+    """Return the shares of the two axes at which the envelopes overlap most, approximately."""
+    L, growth = problem.separation.length, problem.separation.growth
+    zi, zj, w = vector(frames.z, i), vector(frames.z, j), add(vector(frames.p, i), -1.0, vector(frames.p, j))
+    along_i, along_j, cosine = dot(w, zi), dot(w, zj), dot(zi, zj)
     r = 2 * problem.separation.start_radius
-    # f = |w - eta L zi + gamma L zj|^2 - (r + (eta + gamma) grow)^2, by one share after the other
-    square = L * L - grow * grow
-    mixed = -(L * L * cosine + grow * grow)
+    # minimize f = |w - eta L zi + gamma L zj|^2 - (r + (eta + gamma) growth)^2, one share after the other
+    square = L * L - growth * growth
+    cross_term = -(L * L * cosine + growth * growth)
     if square <= 0.0:
         return 0.0, 0.0
-    best, deepest = (0.0, 0.0), math.inf
-    for start in (0.0, 1.0):  # axes next to parallel are too close at their ends, if anywhere
+    best, minimum = (0.0, 0.0), math.inf
+    for start in (0.0, 1.0):  # nearly parallel axes are too close at their ends, if at all
         eta = gamma = start
-        for _ in range(ROUNDS):
-            before = gamma
-            eta = min(1.0, max(0.0, (L * along_i + r * grow - mixed * gamma) / square))
-            gamma = min(1.0, max(0.0, (-L * along_j + r * grow - mixed * eta) / square))
-            if gamma == before:
+        for _ in range(MAX_ROUNDS):
+            previous = gamma
+            eta = min(1.0, max(0.0, (L * along_i + r * growth - cross_term * gamma) / square))
+            gamma = min(1.0, max(0.0, (-L * along_j + r * growth - cross_term * eta) / square))
+            if gamma == previous:
                 break
-        f = square * (eta * eta + gamma * gamma) / 2 + mixed * eta * gamma
-        f -= (L * along_i + r * grow) * eta + (-L * along_j + r * grow) * gamma
-        if f < deepest:
-            best, deepest = (eta, gamma), f
+        f = square * (eta * eta + gamma * gamma) / 2 + cross_term * eta * gamma
+        f -= (L * along_i + r * growth) * eta + (-L * along_j + r * growth) * gamma
+        if f < minimum:
+            best, minimum = (eta, gamma), f
     return best
 
 
 @njit(cache=True, allocates=False)
-def _part_in_air(
+def _ball_in_airflow(
     problem: BranchProblem,
     middle: Frames,
     axes: Axes,
@@ -114,22 +115,23 @@ def _part_in_air(
     b: int,
     gain: Array,
 ) -> int:
-    """Return where in the box a part of module i, the ball b, is in the airflow of module j."""
+    """Return where in the box ball b of module i is in the airflow of module j."""
     separation = problem.separation
-    L, grow = separation.length, separation.growth
-    x, y, z, radius = separation.parts[b]
-    w, a, p = _point(middle, i, (x, y, z)), middle.z[j], middle.p[j]
-    r, gamma = separation.start_radius + radius, 1.0
-    if grow < L:  # where (w + gamma L a)^2 - (r + gamma grow)^2 is least
-        along = (w[0] - p[0]) * a[0] + (w[1] - p[1]) * a[1] + (w[2] - p[2]) * a[2]
-        gamma = min(1.0, max(0.0, (r * grow - L * along) / (L * L - grow * grow)))
-    r += gamma * grow
-    r = math.sqrt(r * (r + 2 * separation.margin))
-    return _closeness(problem, middle, axes, vertices, rho, i, j, (x, y, z), (0.0, 0.0, -gamma * L), r, gain)
+    L, growth = separation.length, separation.growth
+    x, y, z, radius = separation.balls[b]
+    w = add(_point(middle, i, (x, y, z)), -1.0, vector(middle.p, j))
+    distance, gamma = separation.start_radius + radius, 1.0
+    if growth < L:  # minimize (w + gamma L z)^2 - (distance + gamma growth)^2
+        along = dot(w, vector(middle.z, j))
+        gamma = min(1.0, max(0.0, (distance * growth - L * along) / (L * L - growth * growth)))
+    distance += gamma * growth
+    distance = math.sqrt(distance * (distance + 2 * separation.margin))
+    q_i, q_j = (x, y, z), (0.0, 0.0, -gamma * L)
+    return _point_crowding(problem, middle, axes, vertices, rho, i, j, q_i, q_j, distance, gain)
 
 
 @njit(cache=True, allocates=False)
-def _closeness(
+def _point_crowding(
     problem: BranchProblem,
     middle: Frames,
     axes: Axes,
@@ -139,83 +141,81 @@ def _closeness(
     j: int,
     q_i: Vector,
     q_j: Vector,
-    radii: float,
+    distance: float,
     gain: Array,
 ) -> int:
-    """Return where in the box two points, q_i and q_j in the frames of their modules, are nearer than so much."""
+    """Return where in the box points q_i and q_j, in the frames of their modules, are nearer than `distance`."""
     tree = problem.tree
     A, B = _point(middle, i, q_i), _point(middle, j, q_j)
-    stretched = 2 * problem.l_c * (tree.depth[i] + tree.depth[j]) + _length(q_i) + _length(q_j)
-    limit = radii * radii - MARGIN * (1 + stretched * stretched)
-    if _squared_norm(A, B) >= limit:
+    stretched_length = 2 * problem.l_c * (tree.depth[i] + tree.depth[j]) + _length(q_i) + _length(q_j)
+    limit = distance * distance - DISTANCE_ROUNDING * (1 + stretched_length * stretched_length)
+    if _squared_distance(A, B) >= limit:
         return NOWHERE
-    shared = 0  # hinges on both paths, which come first
+    shared = 0  # number of hinges on both paths, which come first
     while shared < min(tree.depth[i], tree.depth[j]) and tree.path[i, 3 + shared] == tree.path[j, 3 + shared]:
         shared += 1
     for side in range(2):
-        near, far, of_near, of_far = (i, j, A, B) if side == 0 else (j, i, B, A)
-        q_near, q_far = (q_i, q_j) if side == 0 else (q_j, q_i)
-        for at in range(shared, tree.depth[near]):
-            part = _remainder(problem, axes, rho, near, far, shared, at, of_near, of_far, q_near, q_far)
-            gain[tree.path[near, 3 + at]] += part
-            limit -= part
-    if _squared_norm(A, B) >= limit:
+        moving, other, C, D = (i, j, A, B) if side == 0 else (j, i, B, A)
+        q_moving, q_other = (q_i, q_j) if side == 0 else (q_j, q_i)
+        for level in range(shared, tree.depth[moving]):
+            loss = _hinge_loss(problem, axes, rho, moving, other, shared, level, C, D, q_moving, q_other)
+            gain[tree.path[moving, 3 + level]] += loss
+            limit -= loss
+    if _squared_distance(A, B) >= limit:
         return AT_MIDDLE
     for v in range(2 ** (tree.depth[i] - shared)):
         A = _point(vertices, tree.first[i] + v, q_i)
         for w in range(2 ** (tree.depth[j] - shared)):
             B = _point(vertices, tree.first[j] + w, q_j)
-            if _squared_norm(A, B) >= limit:
+            if _squared_distance(A, B) >= limit:
                 return AT_MIDDLE
-    return ALL_OVER
+    return EVERYWHERE
 
 
 @njit(cache=True, allocates=False)
-def _remainder(
+def _hinge_loss(
     problem: BranchProblem,
     axes: Axes,
     rho: Array,
-    near: int,
-    far: int,
+    moving: int,
+    other: int,
     shared: int,
-    at: int,
+    level: int,
     A: Vector,
     B: Vector,
-    q_near: Vector,
-    q_far: Vector,
+    q_moving: Vector,
+    q_other: Vector,
 ) -> float:
-    """Return what the hinge at a place of one module's path takes; A is a point of that module, B of the other."""
+    """Return the remainder of the hinge at `level` of a path; A is a point of that module, B of the other."""
     tree, l_c = problem.tree, problem.l_c
-    a = tree.path[near, 3 + at]
-    wx, wy, wz = axes.omega[a]
-    Ax, Ay, Az = A[0] - axes.c[a, 0], A[1] - axes.c[a, 1], A[2] - axes.c[a, 2]
-    Bx, By, Bz = B[0] - axes.c[a, 0], B[1] - axes.c[a, 1], B[2] - axes.c[a, 2]
-    along_A, along_B = Ax * wx + Ay * wy + Az * wz, Bx * wx + By * wy + Bz * wz
-    alpha = -2 * (Ax * Bx + Ay * By + Az * Bz - along_A * along_B)
-    beta = -2 * ((wy * Az - wz * Ay) * Bx + (wz * Ax - wx * Az) * By + (wx * Ay - wy * Ax) * Bz)
-    # from the hinge before the module at place `at`, l_c from its centre and from its parent's
-    to_near = _reach(l_c, tree.depth[near] - 1 - at, q_near)
-    to_far = _reach(l_c, at - shared + tree.depth[far] - shared, q_far)
-    more = 0.0
-    for other in range(shared, tree.depth[near]):
-        if other > at:
-            inner = _reach(l_c, tree.depth[near] - 1 - other, q_near)
-            more += 2 * rho[tree.path[near, 3 + other]] * inner * to_far
-        elif other < at:
-            beyond = _reach(l_c, other - shared + tree.depth[far] - shared, q_far)
-            more += 2 * rho[tree.path[near, 3 + other]] * beyond * to_near
-    for other in range(shared, tree.depth[far]):
-        inner = _reach(l_c, tree.depth[far] - 1 - other, q_far)
-        more += 2 * rho[tree.path[far, 3 + other]] * inner * to_near
-    most = 2 * to_near * to_far
-    part: float = max(0.0, min(alpha + more, most)) * (1 - math.cos(rho[a]))
-    part += min(abs(beta) + more, most) * CUBIC * rho[a] ** 3
-    return part
+    a = tree.path[moving, 3 + level]
+    omega, c = vector(axes.omega, a), vector(axes.c, a)
+    A, B = add(A, -1.0, c), add(B, -1.0, c)
+    alpha = -2 * (dot(A, B) - dot(A, omega) * dot(B, omega))
+    beta = -2 * dot(cross(omega, A), B)
+    # levers from the hinge at `level`, l_c from the centres of the two modules that it joins
+    moving_lever = _max_lever(l_c, tree.depth[moving] - 1 - level, q_moving)
+    other_lever = _max_lever(l_c, level - shared + tree.depth[other] - shared, q_other)
+    excess = 0.0
+    for level_b in range(shared, tree.depth[moving]):
+        if level_b > level:
+            lever = _max_lever(l_c, tree.depth[moving] - 1 - level_b, q_moving)
+            excess += 2 * rho[tree.path[moving, 3 + level_b]] * lever * other_lever
+        elif level_b < level:
+            lever = _max_lever(l_c, level_b - shared + tree.depth[other] - shared, q_other)
+            excess += 2 * rho[tree.path[moving, 3 + level_b]] * lever * moving_lever
+    for level_b in range(shared, tree.depth[other]):
+        lever = _max_lever(l_c, tree.depth[other] - 1 - level_b, q_other)
+        excess += 2 * rho[tree.path[other, 3 + level_b]] * lever * moving_lever
+    limit = 2 * moving_lever * other_lever
+    loss: float = max(0.0, min(alpha + excess, limit)) * (1 - math.cos(rho[a]))
+    loss += min(abs(beta) + excess, limit) * CUBIC * rho[a] ** 3
+    return loss
 
 
 @njit(cache=True, allocates=False)
-def _reach(l_c: float, modules: int, q: Vector) -> float:
-    """Return the largest distance of a point q of a module from a hinge, over the modules between them."""
+def _max_lever(l_c: float, modules: int, q: Vector) -> float:
+    """Return the largest distance of a point q of a module from a hinge with `modules` modules in between."""
     if modules == 0:  # the module's axis is at a right angle to the arm
         return math.hypot(l_c + math.hypot(q[0], q[1]), q[2])
     return l_c * (1 + 2 * modules) + _length(q)
@@ -223,21 +223,17 @@ def _reach(l_c: float, modules: int, q: Vector) -> float:
 
 @njit(cache=True, allocates=False)
 def _length(q: Vector) -> float:
-    return math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    return math.sqrt(dot(q, q))
 
 
 @njit(cache=True, allocates=False)
-def _point(at: Frames, frame: int, q: Vector) -> Vector:
-    (px, py, pz), (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = at.p[frame], at.x[frame], at.y[frame], at.z[frame]
-    return (
-        px + q[0] * xx + q[1] * yx + q[2] * zx,
-        py + q[0] * xy + q[1] * yy + q[2] * zy,
-        pz + q[0] * xz + q[1] * yz + q[2] * zz,
-    )
+def _point(frames: Frames, frame: int, q: Vector) -> Vector:
+    p = add(vector(frames.p, frame), q[0], vector(frames.x, frame))
+    return add(add(p, q[1], vector(frames.y, frame)), q[2], vector(frames.z, frame))
 
 
 @njit(cache=True, allocates=False)
-def _squared_norm(A: Vector, B: Vector) -> float:
-    x, y, z = A[0] - B[0], A[1] - B[1], A[2] - B[2]
-    squared: float = x * x + y * y + z * z
+def _squared_distance(A: Vector, B: Vector) -> float:
+    d = add(A, -1.0, B)
+    squared: float = dot(d, d)
     return squared

@@ -1,4 +1,4 @@
-"""Poses of modules in the root module's frame: at the vertices of a box of hinge angles, and at its middle."""
+"""Frames of modules in the root's frame, at the vertices of a box of hinge angles and at its middle."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from nlp.bounds.branch.arrays import Tree
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
+Vector = tuple[float, float, float]
+
 
 class Frames(NamedTuple):
-    """Frames and centres in the root's frame; those of module i at vertex v are at `first[i] + v`.
+    """Axes and centres of modules in the root's frame; module i at vertex v has the index `first[i] + v`.
 
-    The vertices of a module are those of the hinges on its path, outermost first: bit by bit, 0 where the angle is
-    least. One step along the path appends a bit.
+    The bits of v are the hinges on the module's path, outermost first: 0 for the least angle, 1 for the greatest.
+    One step along the path appends a bit.
     """
 
     x: Array
@@ -26,33 +28,64 @@ class Frames(NamedTuple):
 
 
 class Axes(NamedTuple):
-    """The axes that angles turn about, in the root's frame, shape (A, 3) each: directions and points."""
+    """Directions and points of the axes of all angles in the root's frame, shape (A, 3) each."""
 
     omega: Array
     c: Array
 
 
-@njit(cache=True, allocates=False)
-def moment(at: Frames, v: int, body: Array) -> tuple[float, float, float]:
-    """Return the moment of a module's body (`BranchProblem.bodies`) in frame v."""
-    w, a, b = body
+@njit(cache=True, forceinline=True)
+def vector(A: Array, i: int) -> Vector:
+    """Return row i of A."""
+    return A[i, 0], A[i, 1], A[i, 2]
+
+
+@njit(cache=True, forceinline=True)
+def add(a: Vector, t: float, b: Vector) -> Vector:
+    """Return a + t b."""
+    return a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2]
+
+
+@njit(cache=True, forceinline=True)
+def dot(a: Vector, b: Vector) -> float:
+    """Return a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, forceinline=True)
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, forceinline=True)
+def rotate(R: Array, a: Vector) -> Vector:
+    """Return R a."""
     return (
-        w * at.p[v, 0] + a * at.x[v, 0] + b * at.y[v, 0],
-        w * at.p[v, 1] + a * at.x[v, 1] + b * at.y[v, 1],
-        w * at.p[v, 2] + a * at.x[v, 2] + b * at.y[v, 2],
+        R[0, 0] * a[0] + R[0, 1] * a[1] + R[0, 2] * a[2],
+        R[1, 0] * a[0] + R[1, 1] * a[1] + R[1, 2] * a[2],
+        R[2, 0] * a[0] + R[2, 1] * a[1] + R[2, 2] * a[2],
     )
 
 
+@njit(cache=True, allocates=False)
+def moment(frames: Frames, v: int, body: Array) -> Vector:
+    """Return the moment of a module's body (`BranchProblem.bodies`) in frame v."""
+    w, a, b = body
+    p = (w * frames.p[v, 0], w * frames.p[v, 1], w * frames.p[v, 2])
+    return add(add(p, a, vector(frames.x, v)), b, vector(frames.y, v))
+
+
 @njit(cache=True)
-def blank(count: int) -> Frames:
-    """Return arrays for so many frames."""
+def empty_frames(count: int) -> Frames:
+    """Return arrays for `count` frames."""
     return Frames(np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3)))
 
 
 @njit(cache=True, allocates=False)
-def at_vertices(tree: Tree, l_c: float, lower: Array, upper: Array, into: Frames) -> None:
-    """Fill the frames of all modules at all vertices of their hinges."""
-    _root(into)
+def fill_vertex_frames(tree: Tree, l_c: float, lower: Array, upper: Array, frames: Frames) -> None:
+    """Fill the frames of all modules at the vertices of the hinges on their paths."""
+    _fill_root(frames)
     for i in range(1, len(tree.parent)):
         h = tree.parent[i]
         count = tree.first[h + 1] - tree.first[h]
@@ -60,37 +93,28 @@ def at_vertices(tree: Tree, l_c: float, lower: Array, upper: Array, into: Frames
             angle = upper[i + 2] if bit else lower[i + 2]
             c, s = math.cos(angle), math.sin(angle)
             for v in range(count):
-                _child(
-                    into,
-                    tree.first[h] + v,
-                    into,
-                    tree.first[i] + 2 * v + bit,
-                    tree.port[i],
-                    tree.kappa[i],
-                    c,
-                    s,
-                    l_c,
-                )
+                parent, child = tree.first[h] + v, tree.first[i] + 2 * v + bit
+                _fill_child(frames, parent, child, tree.port[i], tree.kappa[i], c, s, l_c)
 
 
 @njit(cache=True, allocates=False)
-def at_middle(tree: Tree, l_c: float, middle: Array, into: Frames, axes: Axes) -> None:
-    """Fill one frame for every module, and the axes, at given angles."""
-    _root(into)
-    _root_axes(middle, axes)
+def fill_middle_frames(tree: Tree, l_c: float, middle: Array, frames: Frames, axes: Axes) -> None:
+    """Fill one frame per module, and the axes, at the angles `middle`."""
+    _fill_root(frames)
+    _fill_root_axes(middle, axes)
     for i in range(1, len(tree.parent)):
         h, port = tree.parent[i], tree.port[i]
         c, s = math.cos(middle[i + 2]), math.sin(middle[i + 2])
-        _child(into, h, into, i, port, tree.kappa[i], c, s, l_c)
+        _fill_child(frames, h, i, port, tree.kappa[i], c, s, l_c)
         sign = 1.0 if port < 2 else -1.0
         for k in range(3):
-            axes.omega[i + 2, k] = into.y[h, k] if port % 2 == 0 else into.x[h, k]
-            along = into.x[h, k] if port % 2 == 0 else into.y[h, k]
-            axes.c[i + 2, k] = into.p[h, k] + l_c * sign * along
+            axes.omega[i + 2, k] = frames.y[h, k] if port % 2 == 0 else frames.x[h, k]
+            along = frames.x[h, k] if port % 2 == 0 else frames.y[h, k]
+            axes.c[i + 2, k] = frames.p[h, k] + l_c * sign * along
 
 
 @njit(cache=True, allocates=False)
-def root_frame(psi: float, alpha_0: float, alpha_1: float, R: Array) -> None:
+def fill_root_orientation(psi: float, alpha_0: float, alpha_1: float, R: Array) -> None:
     """Fill R = Rz(psi) Rx(alpha_0) Ry(alpha_1)."""
     c0, s0 = math.cos(psi), math.sin(psi)
     c1, s1 = math.cos(alpha_0), math.sin(alpha_0)
@@ -101,13 +125,14 @@ def root_frame(psi: float, alpha_0: float, alpha_1: float, R: Array) -> None:
 
 
 @njit(cache=True, allocates=False)
-def _root(into: Frames) -> None:
-    into.x[0], into.y[0], into.z[0], into.p[0] = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+def _fill_root(frames: Frames) -> None:
+    frames.x[0], frames.y[0] = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    frames.z[0], frames.p[0] = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 
 
 @njit(cache=True, allocates=False)
-def _root_axes(middle: Array, axes: Axes) -> None:
-    """Fill the axes of psi, alpha_0 and alpha_1: e_z, Rz e_x and Rz Rx e_y in W, all through the origin."""
+def _fill_root_axes(middle: Array, axes: Axes) -> None:
+    """Fill the axes of psi, alpha_0 and alpha_1 (e_z, Rz e_x and Rz Rx e_y in W), all through the origin."""
     c1, s1 = math.cos(middle[1]), math.sin(middle[1])
     c2, s2 = math.cos(middle[2]), math.sin(middle[2])
     axes.omega[0] = -c1 * s2, s1, c1 * c2
@@ -117,24 +142,24 @@ def _root_axes(middle: Array, axes: Axes) -> None:
 
 
 @njit(cache=True, allocates=False)
-def _child(of: Frames, h: int, into: Frames, i: int, port: int, kappa: int, c: float, s: float, l_c: float) -> None:
-    """Fill frame i of a module from its parent's, frame h: R_i = R_h H(alpha) Rz(kappa pi/2)."""
+def _fill_child(frames: Frames, h: int, i: int, port: int, kappa: int, c: float, s: float, l_c: float) -> None:
+    """Fill frame i of a module from frame h of its parent: R_i = R_h H(alpha) Rz(kappa pi/2)."""
     sign = 1.0 if port < 2 else -1.0
     for k in range(3):
-        rx, ry, rz = of.x[h, k], of.y[h, k], of.z[h, k]
+        rx, ry, rz = frames.x[h, k], frames.y[h, k], frames.z[h, k]
         if port % 2 == 0:  # R_h Ry(alpha)
             hx, hy, hz = c * rx - s * rz, ry, s * rx + c * rz
-            steps = rx + hx
+            arms = rx + hx
         else:  # R_h Rx(alpha)
             hx, hy, hz = rx, c * ry + s * rz, c * rz - s * ry
-            steps = ry + hy
-        into.p[i, k] = of.p[h, k] + l_c * sign * steps
-        into.z[i, k] = hz
+            arms = ry + hy
+        frames.p[i, k] = frames.p[h, k] + l_c * sign * arms
+        frames.z[i, k] = hz
         if kappa == 0:
-            into.x[i, k], into.y[i, k] = hx, hy
+            frames.x[i, k], frames.y[i, k] = hx, hy
         elif kappa == 1:
-            into.x[i, k], into.y[i, k] = hy, -hx
+            frames.x[i, k], frames.y[i, k] = hy, -hx
         elif kappa == 2:
-            into.x[i, k], into.y[i, k] = -hx, -hy
+            frames.x[i, k], frames.y[i, k] = -hx, -hy
         else:
-            into.x[i, k], into.y[i, k] = -hy, hx
+            frames.x[i, k], frames.y[i, k] = -hy, hx

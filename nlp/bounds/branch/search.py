@@ -1,8 +1,8 @@
-"""Depth first through the boxes of one chunk, against a fixed cut.
+"""Depth-first search through the boxes of one chunk, against a fixed cut.
 
-The record has a byte a box, in the order of the search, the lower half first: DUAL, a bound excludes it; SPLIT + a,
-it is halved along angle a; CROWDED, two modules are too close everywhere in it. Which modules, or which
-multipliers, whoever checks it finds for himself.
+The record has one byte per box, in the order of the search, the lower half first. BOUND: a bound excludes the box;
+CROWDED: two modules are too close everywhere in it; SPLIT + a: it is halved along angle a. The record names neither
+modules nor multipliers: a checker finds its own.
 """
 
 from __future__ import annotations
@@ -15,144 +15,145 @@ from numpy.typing import NDArray
 
 from nlp.bounds.branch import box, frames, multipliers, slopes, worst_vertex
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.crowded import ALL_OVER, AT_MIDDLE, crowding
+from nlp.bounds.branch.crowded import AT_MIDDLE, EVERYWHERE, crowding
 from nlp.bounds.branch.multipliers import copy
-from nlp.bounds.branch.vertices import Vertices, blank_vertices
+from nlp.bounds.branch.vertices import VertexWorkspace, vertex_workspace
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
-DUAL, CROWDED, SPLIT = 0, 1, 2
-CLOSED, MANY, OPEN = 0, 1, 2
-"""Outcomes of a search: all boxes excluded, too many boxes examined, or one found that cannot be excluded."""
+BOUND, CROWDED, SPLIT = 0, 1, 2
+CLOSED, BOX_LIMIT, STUCK = 0, 1, 2
+"""Outcomes of a search: all boxes excluded, the limit on boxes reached, or a smallest box that is not excluded."""
 
 
 class Branching(NamedTuple):
-    """How boxes are halved, and how hard multipliers are searched for."""
+    """Settings of the splitting of boxes and of the search for multipliers."""
 
-    widest: float = 0.9
-    """Width of a box that is halved without a bound [rad]."""
-    least_width: float = 2e-4
-    """A box narrower than this in all angles that is not excluded ends the search [rad]."""
-    aspect: float = 2.0
-    """Largest width of any angle, over that of the one that is split."""
+    max_bound_width: float = 0.9
+    """Largest width of a box that is bounded; a wider one is halved at once [rad]."""
+    min_width: float = 2e-4
+    """Width of a smallest box: one narrower than this in all angles ends the search if not excluded [rad]."""
+    max_aspect: float = 2.0
+    """Largest ratio of the box's width to that of the angle that is split."""
     steps: int = 2
-    """Newton steps for a box, from its parent's multipliers."""
-    flattened: int = 2
-    """Newton steps after those, for what D falls by towards its vertices."""
-    fine: float = 0.5
-    """Hinges are halved to this while two modules are too close at the middle and psi is whole [rad]."""
-    narrow: float = 0.01
-    """A box narrower than this in all angles is tried again from the start [rad]."""
-    many_steps: int = 40
-    """Newton steps of that second trial: a parent's multipliers may have been led astray."""
+    """Newton steps per box, from its parent's multipliers."""
+    flattening_steps: int = 2
+    """Newton steps after those, which make D flatter towards the vertices."""
+    crowded_width: float = 0.5
+    """Width to which hinges are halved first while modules are crowded at the middle and psi is unsplit [rad]."""
+    retry_width: float = 0.01
+    """A box narrower than this in all angles is tried again from the initial multipliers [rad]."""
+    retry_steps: int = 40
+    """Newton steps of that second trial: a parent's multipliers may be a poor start."""
     ridge: float = 2.0
-    """Ridge of multipliers of force, over n / 24 sum_a rho_a^2: how much D curves over the box."""
-    levered: float = 10.0
-    """Ridge of multipliers of torque, in that of force: levers are longer than l_arm."""
-    least_square: float = 1e-4
+    """Ridge of multipliers of force, over n / 24 sum_a rho_a^2, for the curvature of D over the box."""
+    torque_ridge: float = 10.0
+    """Ridge of multipliers of torque over that of force: levers are longer than l_arm."""
+    min_square: float = 1e-4
     """Least sum_a rho_a^2 in a ridge [rad^2]."""
-    enough: float = 1.3
-    """Share of the cut at which the search for multipliers ends: where no balance can be met they have no end."""
-    slope: float = 0.25
+    target: float = 1.3
+    """D at which the search for multipliers ends, over the cut: they grow without limit if no balance exists."""
+    slope_weight: float = 0.25
     """Weight of D's slope in the gain of a split, relative to the loss to remainders."""
 
 
 BRANCHING = Branching()
 
 
-class Boxes(NamedTuple):
-    """Boxes that wait, the last one first, and what is known of them."""
+class BoxStack(NamedTuple):
+    """Stack of open boxes, the last one next."""
 
     lower: Array
     """Least angles, shape (depth, A) [rad]."""
     upper: Array
     y: Array
-    """Multipliers of the box that they are halves of, shape (depth, K, 6)."""
+    """Multipliers of the parent box, shape (depth, K, 6)."""
     sigma: Array
-    bounded: NDArray[np.bool_]
-    """True if that had a bound."""
-    moved: NDArray[np.bool_]
-    """True if it was halved along a hinge."""
-    used: NDArray[np.bool_]
-    """Load cases and corners that any box was excluded with, shape (K,)."""
+    has_bound: NDArray[np.bool_]
+    """True if the parent was bounded."""
+    hinge_halved: NDArray[np.bool_]
+    """True if the parent was halved along a hinge."""
+    active_cases: NDArray[np.bool_]
+    """Load cases and corners whose multipliers exclude some box, shape (K,)."""
 
 
-class Workspace(NamedTuple):
+class BoxWorkspace(NamedTuple):
     """Arrays for one box."""
 
     roots: Array
     """Root orientations at the middle and at the 8 vertices, shape (9, 3, 3)."""
-    at: Array
-    """Its middle, shape (A,) [rad]."""
+    centre: Array
+    """Angles at the middle, shape (A,) [rad]."""
     rho: Array
-    """Its half widths."""
+    """Half widths, shape (A,) [rad]."""
     gain: Array
+    """Expected gain of halving each angle, shape (A,)."""
     middle: frames.Frames
     axes: frames.Axes
     vertices: frames.Frames
     weightless: bool
     """True if some load case has no weight."""
-    first: Array
-    """Multipliers of parallel thrusts, shape (K, 6)."""
+    initial_y: Array
+    """Multipliers of parallel thrust axes, shape (K, 6)."""
     y: Array
     sigma: Array
-    search: multipliers.Workspace
+    newton: multipliers.NewtonWorkspace
     slopes: slopes.Slopes
-    lifted: Vertices
-    sums: box.Sums
+    vertex_search: VertexWorkspace
+    bound: box.BoundWorkspace
 
 
 class SearchResult(NamedTuple):
     """Result of a search."""
 
-    how: int
+    outcome: int
     record: NDArray[np.uint8]
     lower: Array
-    """The box that is not excluded, if it was for that."""
+    """Least angles of the box at which the search ended."""
     upper: Array
-    used: NDArray[np.bool_]
-    """Load cases and corners that any box was excluded with, shape (K,)."""
+    active_cases: NDArray[np.bool_]
+    """Load cases and corners whose multipliers exclude some box, shape (K,)."""
 
 
 @njit(cache=True)
 def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_boxes: int) -> SearchResult:
-    """Exclude all of a box, or say where it cannot be done.
+    """Exclude a whole box of angles, or return the part where that failed.
 
     Args:
-        problem: the task and the tree.
+        problem: task and tree.
         lower: least angles, shape (A,) [rad].
-        upper: greatest angles.
-        cut: in effort units.
-        most_boxes: after which it is given up.
+        upper: greatest angles, shape (A,) [rad].
+        cut: effort that every design in the box must be shown to exceed [effort units].
+        most_boxes: limit on the number of boxes.
     """
-    waiting, work = _boxes(problem, lower, upper), _workspace(problem)
-    lo, hi, used, whole_rho = waiting.lower, waiting.upper, waiting.used, (upper[0] - lower[0]) / 2
-    waiting.y[0] = work.first
-    record, boxes, left = np.empty(1024, np.uint8), 0, 1
-    while left > 0:
-        left -= 1
+    stack, workspace = _initial_stack(problem, lower, upper), _box_workspace(problem)
+    lo, hi, active_cases, whole_rho = stack.lower, stack.upper, stack.active_cases, (upper[0] - lower[0]) / 2
+    stack.y[0] = workspace.initial_y
+    record, boxes, top = np.empty(1024, np.uint8), 0, 1
+    while top > 0:
+        top -= 1
         if boxes == most_boxes:
-            return SearchResult(MANY, record[:boxes], lo[left].copy(), hi[left].copy(), used)
-        what = _settle(problem, waiting, work, left, cut, whole_rho)
+            return SearchResult(BOX_LIMIT, record[:boxes], lo[top].copy(), hi[top].copy(), active_cases)
+        code = _process_box(problem, stack, workspace, top, cut, whole_rho)
         if boxes == len(record):
             longer = np.empty(2 * boxes, np.uint8)
             longer[:boxes] = record
             record = longer
-        record[boxes] = max(what, 0)
+        record[boxes] = max(code, 0)
         boxes += 1
-        if what < 0:
-            return SearchResult(OPEN, record[:boxes], lo[left].copy(), hi[left].copy(), used)
-        if what >= SPLIT:
-            left += 2
-    return SearchResult(CLOSED, record[:boxes], lower, upper, used)
+        if code < 0:
+            return SearchResult(STUCK, record[:boxes], lo[top].copy(), hi[top].copy(), active_cases)
+        if code >= SPLIT:
+            top += 2
+    return SearchResult(CLOSED, record[:boxes], lower, upper, active_cases)
 
 
 @njit(cache=True)
-def _boxes(problem: BranchProblem, lower: Array, upper: Array) -> Boxes:
-    """Return the one box that waits at first."""
+def _initial_stack(problem: BranchProblem, lower: Array, upper: Array) -> BoxStack:
+    """Return the stack with the whole box on it."""
     K, A, W = len(problem.loads.f), len(lower), len(problem.walls.normal)
     depth = 64 * A
-    waiting = Boxes(
+    stack = BoxStack(
         np.empty((depth, A)),
         np.empty((depth, A)),
         np.zeros((depth, K, 6)),
@@ -161,181 +162,181 @@ def _boxes(problem: BranchProblem, lower: Array, upper: Array) -> Boxes:
         np.ones(depth, np.bool_),
         np.zeros(K, np.bool_),
     )
-    waiting.lower[0], waiting.upper[0] = lower, upper
-    return waiting
+    stack.lower[0], stack.upper[0] = lower, upper
+    return stack
 
 
 @njit(cache=True)
-def _workspace(problem: BranchProblem) -> Workspace:
-    """Return arrays for one box at a time."""
-    n, K, A, W = (
-        len(problem.tree.parent),
-        len(problem.loads.f),
-        len(problem.tree.parent) + 2,
-        len(problem.walls.normal),
-    )
-    first = np.zeros((K, 6))
+def _box_workspace(problem: BranchProblem) -> BoxWorkspace:
+    n, K, W = len(problem.tree.parent), len(problem.loads.f), len(problem.walls.normal)
+    A, initial_y = n + 2, np.zeros((K, 6))
     for k in range(K):
         for l in range(3):
-            first[k, l] = 8 * problem.loads.weight[k] * problem.loads.f[k, l] / n
-    return Workspace(
+            initial_y[k, l] = 8 * problem.loads.weight[k] * problem.loads.f[k, l] / n
+    return BoxWorkspace(
         np.zeros((9, 3, 3)),
         np.zeros(A),
         np.zeros(A),
         np.zeros(A),
-        frames.blank(n),
+        frames.empty_frames(n),
         frames.Axes(np.zeros((A, 3)), np.zeros((A, 3))),
-        frames.blank(problem.tree.first[-1]),
+        frames.empty_frames(problem.tree.first[-1]),
         problem.loads.weight.min() == 0.0,
-        first,
+        initial_y,
         np.zeros((K, 6)),
         np.zeros(W),
-        multipliers.workspace(problem),
-        slopes.blank(n, A),
-        blank_vertices(problem),
-        box.sums(problem),
+        multipliers.newton_workspace(problem),
+        slopes.empty_slopes(n, A),
+        vertex_workspace(problem),
+        box.bound_workspace(problem),
     )
 
 
 @njit(cache=True, allocates=False)
-def _settle(
-    problem: BranchProblem,
-    waiting: Boxes,
-    work: Workspace,
-    left: int,
-    cut: float,
-    whole_rho: float,
+def _process_box(
+    problem: BranchProblem, stack: BoxStack, workspace: BoxWorkspace, top: int, cut: float, whole_rho: float
 ) -> int:
-    """Return what the record has for a box, or -1 if it ends the search; its halves take its place."""
-    lo, hi, at, rho, sums = waiting.lower[left], waiting.upper[left], work.at, work.rho, work.sums
-    lifted = len(work.sigma) > 0 or work.weightless
-    for a in range(len(at)):
-        at[a], rho[a] = (lo[a] + hi[a]) / 2, (hi[a] - lo[a]) / 2
-    frames.at_middle(problem.tree, problem.l_c, at, work.middle, work.axes)
-    frames.at_vertices(problem.tree, problem.l_c, lo, hi, work.vertices)
+    """Exclude or halve the top box; return its byte of the record, or -1 if it is too small to be halved."""
+    lo, hi, centre, rho, bound = (
+        stack.lower[top],
+        stack.upper[top],
+        workspace.centre,
+        workspace.rho,
+        workspace.bound,
+    )
+    uses_vertices = len(workspace.sigma) > 0 or workspace.weightless
+    for a in range(len(centre)):
+        centre[a], rho[a] = (lo[a] + hi[a]) / 2, (hi[a] - lo[a]) / 2
+    frames.fill_middle_frames(problem.tree, problem.l_c, centre, workspace.middle, workspace.axes)
+    frames.fill_vertex_frames(problem.tree, problem.l_c, lo, hi, workspace.vertices)
     axis = _widest_angle(rho)
-    copy(waiting.y[left], work.y)
-    for r in range(len(work.sigma)):
-        work.sigma[r] = waiting.sigma[left, r]
-    if waiting.moved[left]:
-        where = crowding(problem, work.middle, work.axes, work.vertices, rho, work.gain)
-        if where == ALL_OVER:
+    copy(stack.y[top], workspace.y)
+    for r in range(len(workspace.sigma)):
+        workspace.sigma[r] = stack.sigma[top, r]
+    if stack.hinge_halved[top]:
+        where = crowding(problem, workspace.middle, workspace.axes, workspace.vertices, rho, workspace.gain)
+        if where == EVERYWHERE:
             return CROWDED
         if where == AT_MIDDLE and rho[0] == whole_rho:
-            axis = max(axis, _hinge_between(rho, work.gain))
-    bound_due = axis < 0
-    if bound_due:
-        _roots(lo, hi, at, work.roots)
-        excluded = waiting.bounded[left] and _reaches(problem, work, cut)
+            axis = max(axis, _crowded_hinge(rho, workspace.gain))
+    needs_bound = axis < 0
+    if needs_bound:
+        fill_roots(lo, hi, centre, workspace.roots)
+        excluded = stack.has_bound[top] and _is_excluded(problem, workspace, cut)
         if not excluded:
-            multipliers.wrenches(problem, work.roots[0], work.middle, work.search)
-            excluded = _lift(problem, work, cut) if lifted else _search(problem, work, cut)
-        if excluded:
-            for k in range(len(work.y)):
-                waiting.used[k] |= box.counts(problem, work.y, k)
-            return DUAL
-        if _width(rho) < BRANCHING.least_width:
-            return -1
-        box.gains(problem, work.y, work.roots[0], work.middle, work.axes, rho, sums)
-        for a in range(len(rho)):
-            if lifted:
-                work.gain[a] = sums.spread[a] * worst_vertex.evenness(work.lifted, a)
+            multipliers.fill_wrenches(problem, workspace.roots[0], workspace.middle, workspace.newton)
+            if uses_vertices:
+                excluded = _exclude_at_vertices(problem, workspace, cut)
             else:
-                work.gain[a] = BRANCHING.slope * abs(sums.slope[a]) * rho[a] + sums.spread[a]
-        axis = _worst(rho, work.gain)
-    _halve(problem, waiting, work, left, axis, bound_due)
+                excluded = _exclude_at_middle(problem, workspace, cut)
+        if excluded:
+            for k in range(len(workspace.y)):
+                stack.active_cases[k] |= box.is_active(problem, workspace.y, k)
+            return BOUND
+        if _max_width(rho) < BRANCHING.min_width:
+            return -1
+        box.add_rotor_gains(problem, workspace.y, workspace.roots[0], workspace.middle, workspace.axes, rho, bound)
+        for a in range(len(rho)):
+            if uses_vertices:
+                workspace.gain[a] = bound.loss[a] * worst_vertex.evenness(workspace.vertex_search, a)
+            else:
+                workspace.gain[a] = BRANCHING.slope_weight * abs(bound.slope[a]) * rho[a] + bound.loss[a]
+        axis = _split_axis(rho, workspace.gain)
+    _halve(problem, stack, workspace, top, axis, needs_bound)
     return SPLIT + axis
 
 
 @njit(cache=True, allocates=False)
-def _halve(problem: BranchProblem, waiting: Boxes, work: Workspace, left: int, axis: int, bounded: bool) -> None:
-    """Put the halves of a box in its place, the upper one below the other."""
-    for a in range(len(work.at)):
-        waiting.lower[left + 1, a], waiting.upper[left + 1, a] = waiting.lower[left, a], waiting.upper[left, a]
-    for half in range(left, left + 2):
-        copy(work.y, waiting.y[half])
-        for r in range(len(work.sigma)):
-            waiting.sigma[half, r] = work.sigma[r]
-        waiting.bounded[half], waiting.moved[half] = bounded, axis >= 3
-    end = begin = work.at[axis]
+def _halve(
+    problem: BranchProblem, stack: BoxStack, workspace: BoxWorkspace, top: int, axis: int, has_bound: bool
+) -> None:
+    """Replace the top box with its halves, the lower one on top."""
+    for a in range(len(workspace.centre)):
+        stack.lower[top + 1, a], stack.upper[top + 1, a] = stack.lower[top, a], stack.upper[top, a]
+    for half in range(top, top + 2):
+        copy(workspace.y, stack.y[half])
+        for r in range(len(workspace.sigma)):
+            stack.sigma[half, r] = workspace.sigma[r]
+        stack.has_bound[half], stack.hinge_halved[half] = has_bound, axis >= 3
+    lower_end = upper_begin = workspace.centre[axis]
     if axis >= 3:
-        end, begin = halves(problem.angles, waiting.lower[left, axis], waiting.upper[left, axis])
-    waiting.lower[left, axis], waiting.upper[left + 1, axis] = begin, end
+        lower_end, upper_begin = halves(problem.hinge_angles, stack.lower[top, axis], stack.upper[top, axis])
+    stack.lower[top, axis], stack.upper[top + 1, axis] = upper_begin, lower_end
 
 
 @njit(cache=True)
 def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
-    """Return where the lower half of an interval of hinge angles ends, and where the upper one begins [rad].
+    """Return the end of the lower half of an interval of hinge angles, and the beginning of the upper half [rad].
 
-    Both are at the middle if any angle will do; else at angles that hinges may have, or the upper half is empty and
-    begins at infinity.
+    Both are the middle without a set of hinge angles. With a set, they are angles of it; an empty upper half begins
+    at infinity.
     """
     middle = (lower + upper) / 2
     if len(angles) == 0:
         return middle, middle
-    after = np.searchsorted(angles, middle, side="right")
-    if after == len(angles) or angles[after] > upper:
+    index = np.searchsorted(angles, middle, side="right")
+    if index == len(angles) or angles[index] > upper:
         return upper, math.inf
-    return angles[after - 1], angles[after]
+    return angles[index - 1], angles[index]
 
 
 @njit(cache=True, allocates=False)
-def _search(problem: BranchProblem, work: Workspace, cut: float) -> bool:
-    """Return whether multipliers exclude a box; y, its parent's, becomes those tried last."""
-    rho, y, newton = work.rho, work.y, work.search
+def _exclude_at_middle(problem: BranchProblem, workspace: BoxWorkspace, cut: float) -> bool:
+    """Improve y, the parent's multipliers, at the middle of a box; return whether they exclude the box."""
+    rho, y, newton = workspace.rho, workspace.y, workspace.newton
     square = 0.0
     for a in range(len(rho)):
         square += rho[a] ** 2
-    ridge = BRANCHING.ridge * len(work.middle.p) / 24 * max(square, BRANCHING.least_square)
+    ridge = BRANCHING.ridge * len(workspace.middle.p) / 24 * max(square, BRANCHING.min_square)
     _set_ridge(newton, ridge)
-    if multipliers.value(problem, newton, work.first) > multipliers.value(problem, newton, y):
-        copy(work.first, y)
-    multipliers.improve(problem, newton, y, BRANCHING.steps, BRANCHING.enough * cut)
-    slopes.fill(problem, work.roots[0], work.middle, work.axes, newton, work.slopes)
-    slopes.flatten(problem, newton, work.slopes, rho, y, BRANCHING.flattened, BRANCHING.enough * cut)
-    if _reaches(problem, work, cut):
+    if multipliers.dual_value(problem, newton, workspace.initial_y) > multipliers.dual_value(problem, newton, y):
+        copy(workspace.initial_y, y)
+    multipliers.maximize(problem, newton, y, BRANCHING.steps, BRANCHING.target * cut)
+    slopes.fill(problem, workspace.roots[0], workspace.middle, workspace.axes, newton, workspace.slopes)
+    slopes.flatten(problem, newton, workspace.slopes, rho, y, BRANCHING.flattening_steps, BRANCHING.target * cut)
+    if _is_excluded(problem, workspace, cut):
         return True
-    if _width(rho) >= BRANCHING.narrow:
+    if _max_width(rho) >= BRANCHING.retry_width:
         return False
     _set_ridge(newton, ridge)
-    copy(work.first, y)
-    multipliers.improve(problem, newton, y, BRANCHING.many_steps, BRANCHING.enough * cut)
-    return _reaches(problem, work, cut)
+    copy(workspace.initial_y, y)
+    multipliers.maximize(problem, newton, y, BRANCHING.retry_steps, BRANCHING.target * cut)
+    return _is_excluded(problem, workspace, cut)
 
 
 @njit(cache=True, allocates=False)
-def _lift(problem: BranchProblem, work: Workspace, cut: float) -> bool:
-    """Return whether multipliers of its worst vertex exclude a box; y, its parent's, become those tried last."""
-    if _climb(problem, work, cut, worst_vertex.SEARCH.steps):
+def _exclude_at_vertices(problem: BranchProblem, workspace: BoxWorkspace, cut: float) -> bool:
+    """Improve y and sigma, the parent's, at the worst vertex of a box; return whether they exclude the box."""
+    if _maximize_at_vertices(problem, workspace, cut, worst_vertex.SEARCH.steps):
         return True
-    if _width(work.rho) >= BRANCHING.narrow:
+    if _max_width(workspace.rho) >= BRANCHING.retry_width:
         return False
-    copy(work.first, work.y)
-    for r in range(len(work.sigma)):
-        work.sigma[r] = 0.0
-    return _climb(problem, work, cut, BRANCHING.many_steps)
+    copy(workspace.initial_y, workspace.y)
+    for r in range(len(workspace.sigma)):
+        workspace.sigma[r] = 0.0
+    return _maximize_at_vertices(problem, workspace, cut, BRANCHING.retry_steps)
 
 
 @njit(cache=True, allocates=False)
-def _climb(problem: BranchProblem, work: Workspace, cut: float, steps: int) -> bool:
-    """Search from y, by `steps` a stage at most, for multipliers that exclude a box; return whether they do."""
-    lifted = work.lifted
-    worst_vertex.begin(problem, work.roots, work.vertices, work.rho, cut, work.y, work.sigma, lifted)
+def _maximize_at_vertices(problem: BranchProblem, workspace: BoxWorkspace, cut: float, steps: int) -> bool:
+    """Run the search at the worst vertex, `steps` a stage; return whether y and sigma exclude the box."""
+    vertex_search, y, sigma = workspace.vertex_search, workspace.y, workspace.sigma
+    worst_vertex.start(problem, workspace.roots, workspace.vertices, workspace.rho, cut, y, sigma, vertex_search)
     for stage in range(worst_vertex.SEARCH.stages):
-        least, most = worst_vertex.climb(problem, work.search, lifted, cut, stage, steps)
-        copy(lifted.y, work.y)
-        for r in range(len(work.sigma)):
-            work.sigma[r] = lifted.sigma[r]
-        worst_vertex.finish(problem, work.search, work.y, work.sigma)
-        if most < cut:
+        minimum, limit = worst_vertex.maximize(problem, workspace.newton, vertex_search, cut, stage, steps)
+        copy(vertex_search.y, y)
+        for r in range(len(sigma)):
+            sigma[r] = vertex_search.sigma[r]
+        worst_vertex.finish(problem, workspace.newton, y, sigma)
+        if limit < cut:
             break
-        if least > cut and _reaches(problem, work, cut):
+        if minimum > cut and _is_excluded(problem, workspace, cut):
             return True
-    return _reaches(problem, work, cut)
+    return _is_excluded(problem, workspace, cut)
 
 
 @njit(cache=True, allocates=False)
-def _width(rho: Array) -> float:
+def _max_width(rho: Array) -> float:
     width = 0.0
     for a in range(len(rho)):
         width = max(width, 2 * rho[a])
@@ -343,73 +344,63 @@ def _width(rho: Array) -> float:
 
 
 @njit(cache=True, allocates=False)
-def _reaches(problem: BranchProblem, work: Workspace, cut: float) -> bool:
+def _is_excluded(problem: BranchProblem, workspace: BoxWorkspace, cut: float) -> bool:
     """Return whether the bound of a box reaches the cut."""
-    bound = box.bound(
-        problem,
-        work.y,
-        work.sigma,
-        work.roots,
-        work.middle,
-        work.axes,
-        work.vertices,
-        work.rho,
-        work.sums,
-        cut,
-    )
+    w = workspace
+    bound = box.bound(problem, w.y, w.sigma, w.roots, w.middle, w.axes, w.vertices, w.rho, w.bound, cut)
     return bool(bound >= cut)
 
 
 @njit(cache=True, allocates=False)
-def _set_ridge(newton: multipliers.Workspace, ridge: float) -> None:
+def _set_ridge(newton: multipliers.NewtonWorkspace, ridge: float) -> None:
     for l in range(3):
-        newton.ridge[l], newton.ridge[3 + l] = ridge, BRANCHING.levered * ridge
+        newton.ridge[l], newton.ridge[3 + l] = ridge, BRANCHING.torque_ridge * ridge
 
 
 @njit(cache=True, allocates=False)
 def _widest_angle(rho: Array) -> int:
-    """Return the angle to halve in a box that is too wide for a bound, hinges first, or -1."""
+    """Return the angle to halve in a box that is too wide for a bound, hinges first; -1 if it is not too wide."""
     axis = 3
     for a in range(3, len(rho)):
         if rho[a] > rho[axis]:
             axis = a
-    if axis < len(rho) and 2 * rho[axis] > BRANCHING.widest:
+    if axis < len(rho) and 2 * rho[axis] > BRANCHING.max_bound_width:
         return axis
     axis = 0
     for a in range(1, 3):
         if rho[a] > rho[axis]:
             axis = a
-    return axis if 2 * rho[axis] > BRANCHING.widest else -1
+    return axis if 2 * rho[axis] > BRANCHING.max_bound_width else -1
 
 
 @njit(cache=True, allocates=False)
-def _hinge_between(rho: Array, gain: Array) -> int:
-    """Return the hinge that keeps two modules from being too close all over a box, or -1 if all are narrow."""
-    axis, most = -1, -1.0
+def _crowded_hinge(rho: Array, gain: Array) -> int:
+    """Return the hinge whose halves are most likely to be crowded everywhere, or -1 if all are narrow."""
+    axis, largest_gain = -1, -1.0
     for a in range(3, len(rho)):
-        if 2 * rho[a] > BRANCHING.fine and gain[a] > most:
-            axis, most = a, gain[a]
+        if 2 * rho[a] > BRANCHING.crowded_width and gain[a] > largest_gain:
+            axis, largest_gain = a, gain[a]
     return axis
 
 
 @njit(cache=True, allocates=False)
-def _worst(rho: Array, gain: Array) -> int:
-    """Return the angle whose halves may gain the most, of those that are not far narrower than others."""
-    least, axis, most = 0.0, 0, -math.inf
+def _split_axis(rho: Array, gain: Array) -> int:
+    """Return the angle with the largest gain, without those that are much narrower than others."""
+    min_rho, axis, largest_gain = 0.0, 0, -math.inf
     for a in range(len(rho)):
-        least = max(least, rho[a] / BRANCHING.aspect)
+        min_rho = max(min_rho, rho[a] / BRANCHING.max_aspect)
     for a in range(len(rho)):
-        if rho[a] > least and gain[a] > most:
-            axis, most = a, gain[a]
+        if rho[a] > min_rho and gain[a] > largest_gain:
+            axis, largest_gain = a, gain[a]
     return axis
 
 
 @njit(cache=True, allocates=False)
-def _roots(lower: Array, upper: Array, middle: Array, roots: Array) -> None:
+def fill_roots(lower: Array, upper: Array, middle: Array, roots: Array) -> None:
     """Fill the root orientations at the middle and at the 8 vertices."""
-    frames.root_frame(middle[0], middle[1], middle[2], roots[0])
+    frames.fill_root_orientation(middle[0], middle[1], middle[2], roots[0])
     for v in range(8):
         psi = upper[0] if v & 4 else lower[0]
         alpha_0 = upper[1] if v & 2 else lower[1]
         alpha_1 = upper[2] if v & 1 else lower[2]
-        frames.root_frame(psi, alpha_0, alpha_1, roots[1 + v])
+        frames.fill_root_orientation(psi, alpha_0, alpha_1, roots[1 + v])

@@ -1,18 +1,18 @@
-r"""Multipliers that a box is bounded well with, by how D changes across it.
+r"""Multipliers whose dual function D falls little across a box.
 
-In a box of half widths rho the bound is about D at the middle less what D may fall towards a vertex: with slopes
+In a box of half widths rho the bound is about D at the middle less its decrease towards a vertex: with the slopes
 g_a = dD / d theta_a it is
 
 .. math:: D(y) - \sum_a \rho_a |g_a(y)|
 
-The multipliers that are best at the middle have the slopes of the effort itself; others, hardly worse there, are
-flat in most angles. That is what is maximised here, by Newton's method with |g| <= (g^2 / m + m) / 2, m the size of
-g before the step (iteratively reweighted). Any multipliers will do for a proof.
+The best multipliers at the middle have the slopes of the effort itself; others are hardly worse there and flat in
+most angles. The expression is maximized by Newton's method with |g| <= (g^2 / m + m) / 2, where m is |g| before the
+step (iteratively reweighted least squares). Any multipliers will do for a proof.
 
 | symbol | meaning | shape |
 |---|---|---|
-| beta_aj | how the wrench of rotor j changes with angle a, in W | (A, 4 n, 6) |
-| v_a | how the sum of all B_i does (`nlp.bounds.branch.box`) | (A, 3) |
+| beta_aj | derivative of the wrench of rotor j by angle a, in W | (A, 4 n, 6) |
+| v_a | derivative of the sum of all B_i (`nlp.bounds.branch.box`) by angle a, in W | (A, 3) |
 """
 
 from __future__ import annotations
@@ -23,8 +23,15 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Axes, Frames, moment
-from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, best_input, copy, meet, newton_step
+from nlp.bounds.branch.frames import Axes, Frames, add, cross, moment, rotate, vector
+from nlp.bounds.branch.multipliers import (
+    MIN_WEIGHT,
+    NewtonWorkspace,
+    best_input,
+    copy,
+    enforce_condition,
+    fill_newton_step,
+)
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -32,13 +39,13 @@ from topo_search.model.compiled_code import njit
 class Flattening(NamedTuple):
     """Settings of the search."""
 
-    even: float = 0.02
-    """Least size of a slope, in what is enough: below, g^2 stands for |g|."""
-    ridge: float = 0.3
-    """Share of the ridge that is left: it stood for the slopes too."""
-    halvings: int = 3
-    """Number of shares of a step that are tried: 1, shorter, shorter^2."""
-    shorter: float = 0.4
+    min_slope: float = 0.02
+    """Slope under which g^2 replaces |g|, over the target value of D."""
+    ridge_share: float = 0.3
+    """Factor on the ridge, which stands for the slopes too before this search."""
+    max_trials: int = 3
+    """Largest number of step sizes in a line search: 1, backtracking, backtracking^2."""
+    backtracking: float = 0.4
 
 
 FLATTENING = Flattening()
@@ -50,45 +57,36 @@ class Slopes(NamedTuple):
     beta: Array
     v: Array
     g: Array
-    """(A,)"""
-    tried: Array
-    """(A,): g of a step that is tried."""
-    w: Array
-    """(3,): an axis' direction,"""
-    c: Array
-    """a point of it,"""
-    d: Array
-    """and a moment about that."""
+    """Slopes, shape (A,)."""
+    trial_g: Array
+    """g after the trial step, shape (A,)."""
 
 
 @njit(cache=True)
-def blank(n: int, A: int) -> Slopes:
-    """Return arrays for one box at a time."""
-    return Slopes(
-        np.zeros((A, 4 * n, 6)), np.zeros((A, 3)), np.zeros(A), np.zeros(A), np.zeros(3), np.zeros(3), np.zeros(3)
-    )
+def empty_slopes(n: int, A: int) -> Slopes:
+    """Return arrays for n modules and A angles."""
+    return Slopes(np.zeros((A, 4 * n, 6)), np.zeros((A, 3)), np.zeros(A), np.zeros(A))
 
 
 @njit(cache=True, allocates=False)
-def fill(problem: BranchProblem, R: Array, middle: Frames, axes: Axes, work: Workspace, into: Slopes) -> None:
-    """Fill beta and v for a root orientation R and frames, whose wrenches `work` holds."""
-    tree, w, c, d = problem.tree, into.w, into.c, into.d
-    into.v[:] = 0.0
+def fill(
+    problem: BranchProblem, R: Array, middle: Frames, axes: Axes, newton: NewtonWorkspace, slopes: Slopes
+) -> None:
+    """Fill beta and v for a root orientation R and frames; `newton` has the wrenches there."""
+    tree = problem.tree
+    slopes.v[:] = 0.0
     for i in range(len(tree.parent)):
-        w_i, (mx, my, mz) = problem.bodies[i, 0], moment(middle, i, problem.bodies[i])
-        for at in range(tree.depth[i] + 3):
-            a = tree.path[i, at]
+        body = rotate(R, moment(middle, i, problem.bodies[i]))
+        for level in range(tree.depth[i] + 3):
+            a = tree.path[i, level]
+            w, c = rotate(R, vector(axes.omega, a)), rotate(R, vector(axes.c, a))
+            velocity = cross(w, add(body, -problem.bodies[i, 0], c))
             for k in range(3):
-                w[k] = R[k, 0] * axes.omega[a, 0] + R[k, 1] * axes.omega[a, 1] + R[k, 2] * axes.omega[a, 2]
-                c[k] = R[k, 0] * axes.c[a, 0] + R[k, 1] * axes.c[a, 1] + R[k, 2] * axes.c[a, 2]
-                d[k] = R[k, 0] * mx + R[k, 1] * my + R[k, 2] * mz - w_i * c[k]
-            into.v[a, 0] += w[1] * d[2] - w[2] * d[1]
-            into.v[a, 1] += w[2] * d[0] - w[0] * d[2]
-            into.v[a, 2] += w[0] * d[1] - w[1] * d[0]
+                slopes.v[a, k] += velocity[k]
             for j in range(4 * i, 4 * i + 4):
-                beta, (fx, fy, fz, tx, ty, tz) = into.beta[a, j], work.a[j]
+                beta, (fx, fy, fz, tx, ty, tz) = slopes.beta[a, j], newton.a[j]
                 x, y, z = tx - c[1] * fz + c[2] * fy, ty - c[2] * fx + c[0] * fz, tz - c[0] * fy + c[1] * fx
-                p, q, r = w[1] * fz - w[2] * fy, w[2] * fx - w[0] * fz, w[0] * fy - w[1] * fx
+                p, q, r = cross(w, (fx, fy, fz))
                 beta[0], beta[1], beta[2] = p, q, r
                 beta[3] = w[1] * z - w[2] * y + c[1] * r - c[2] * q
                 beta[4] = w[2] * x - w[0] * z + c[2] * p - c[0] * r
@@ -97,61 +95,63 @@ def fill(problem: BranchProblem, R: Array, middle: Frames, axes: Axes, work: Wor
 
 @njit(cache=True, literals=False, allocates=False)
 def flatten(
-    problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, steps: int, enough: float
+    problem: BranchProblem, newton: NewtonWorkspace, slopes: Slopes, rho: Array, y: Array, steps: int, target: float
 ) -> None:
-    """Improve multipliers of a box of half widths rho in place, by so many steps at most, until D is enough."""
-    A, tied = len(rho), 3 + len(rho)
+    """Improve y in place for a box of half widths rho, until D reaches `target` or after `steps` Newton steps."""
+    A, row_count = len(rho), 3 + len(rho)
     for l in range(6):
-        work.ridge[l] *= FLATTENING.ridge
-    best = _value(problem, work, slopes, rho, y, slopes.g)
+        newton.ridge[l] *= FLATTENING.ridge_share
+    best = _value(problem, newton, slopes, rho, y, slopes.g)
     for _ in range(steps):
-        if best > enough:
+        if best > target:
             break
-        _gradients(problem, work, slopes, y)
+        _fill_slope_gradients(problem, newton, slopes, y)
         for a in range(A):  # lambda_a = (g_a + G_a . step) rho_a / m_a
-            work.diagonal[3 + a] = max(abs(slopes.g[a]), FLATTENING.even * enough) / max(rho[a], 1e-12)
-            work.goal[3 + a] = slopes.g[a]
-        newton_step(problem, work, y, tied)
-        share, reached = 1.0, -math.inf
-        for _ in range(FLATTENING.halvings):
+            newton.diagonal[3 + a] = max(abs(slopes.g[a]), FLATTENING.min_slope * target) / max(rho[a], 1e-12)
+            newton.goal[3 + a] = slopes.g[a]
+        fill_newton_step(problem, newton, y, row_count)
+        step_size, trial_value = 1.0, -math.inf
+        for _ in range(FLATTENING.max_trials):
             for k in range(len(y)):
                 for l in range(6):
-                    work.trial[k, l] = y[k, l] + share * work.step[k, l]
-            meet(problem, work.trial)
-            reached = _value(problem, work, slopes, rho, work.trial, slopes.tried)
-            if reached > best:
+                    newton.trial_y[k, l] = y[k, l] + step_size * newton.step[k, l]
+            enforce_condition(problem, newton.trial_y)
+            trial_value = _value(problem, newton, slopes, rho, newton.trial_y, slopes.trial_g)
+            if trial_value > best:
                 break
-            share *= FLATTENING.shorter
-        if not reached > best:
+            step_size *= FLATTENING.backtracking
+        if not trial_value > best:
             break
-        best = reached
-        copy(work.trial, y)
+        best = trial_value
+        copy(newton.trial_y, y)
         for a in range(A):
-            slopes.g[a] = slopes.tried[a]
+            slopes.g[a] = slopes.trial_g[a]
 
 
 @njit(cache=True, allocates=False)
-def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, y: Array, g: Array) -> float:
-    """Return what is maximised, and fill g."""
+def _value(
+    problem: BranchProblem, newton: NewtonWorkspace, slopes: Slopes, rho: Array, y: Array, g: Array
+) -> float:
+    """Return the maximized expression, and fill g."""
     tree, u_min, u_max, total = problem.tree, problem.u_min, problem.u_max, 0.0
     g[:] = 0.0
     for k in range(len(y)):
-        weight, h, mu = max(LEAST_WEIGHT, problem.loads.weight[k]), problem.loads.h[k], y[k, 3:]
+        weight, h, mu = max(MIN_WEIGHT, problem.loads.weight[k]), problem.loads.h[k], y[k, 3:]
         for l in range(6):
-            total += (work.b[k, l] - work.ridge[l] / 2 * y[k, l]) * y[k, l]
+            total += (newton.b[k, l] - newton.ridge[l] / 2 * y[k, l]) * y[k, l]
         for a in range(len(rho)):
             v = slopes.v[a]
             g[a] += mu[0] * (v[1] * h[2] - v[2] * h[1])
             g[a] += mu[1] * (v[2] * h[0] - v[0] * h[2]) + mu[2] * (v[0] * h[1] - v[1] * h[0])
-        for j in range(len(work.a)):
+        for j in range(len(newton.a)):
             t = 0.0
             for l in range(6):
-                t += work.a[j, l] * y[k, l]
+                t += newton.a[j, l] * y[k, l]
             u = best_input(t, weight, u_min, u_max)
             if u > 0.0:
                 total -= u * (t - weight * u)
-                for at in range(tree.depth[j // 4] + 3):
-                    a = tree.path[j // 4, at]
+                for level in range(tree.depth[j // 4] + 3):
+                    a = tree.path[j // 4, level]
                     for l in range(6):
                         g[a] -= u * slopes.beta[a, j, l] * y[k, l]
     for a in range(len(rho)):
@@ -160,28 +160,28 @@ def _value(problem: BranchProblem, work: Workspace, slopes: Slopes, rho: Array, 
 
 
 @njit(cache=True, allocates=False)
-def _gradients(problem: BranchProblem, work: Workspace, slopes: Slopes, y: Array) -> None:
+def _fill_slope_gradients(problem: BranchProblem, newton: NewtonWorkspace, slopes: Slopes, y: Array) -> None:
     """Fill the gradients of all slopes in y."""
     tree, u_min, u_max = problem.tree, problem.u_min, problem.u_max
     for k in range(len(y)):
-        weight, h, rows = max(LEAST_WEIGHT, problem.loads.weight[k]), problem.loads.h[k], work.rows[k, 3:]
+        weight, h, rows = max(MIN_WEIGHT, problem.loads.weight[k]), problem.loads.h[k], newton.rows[k, 3:]
         for a in range(len(rows)):
             v, row = slopes.v[a], rows[a]
             row[0], row[1], row[2] = 0.0, 0.0, 0.0
             row[3], row[4] = v[1] * h[2] - v[2] * h[1], v[2] * h[0] - v[0] * h[2]
             row[5] = v[0] * h[1] - v[1] * h[0]
-        for j in range(len(work.a)):
+        for j in range(len(newton.a)):
             t = 0.0
             for l in range(6):
-                t += work.a[j, l] * y[k, l]
+                t += newton.a[j, l] * y[k, l]
             u = best_input(t, weight, u_min, u_max)
             if u == 0.0:
                 continue
-            for at in range(tree.depth[j // 4] + 3):
-                a, changed = tree.path[j // 4, at], 0.0
+            for level in range(tree.depth[j // 4] + 3):
+                a, input_slope = tree.path[j // 4, level], 0.0
                 if u_min < u < u_max:
                     for l in range(6):
-                        changed += slopes.beta[a, j, l] * y[k, l]
-                    changed /= 2 * weight
+                        input_slope += slopes.beta[a, j, l] * y[k, l]
+                    input_slope /= 2 * weight
                 for l in range(6):
-                    rows[a, l] -= u * slopes.beta[a, j, l] + changed * work.a[j, l]
+                    rows[a, l] -= u * slopes.beta[a, j, l] + input_slope * newton.a[j, l]

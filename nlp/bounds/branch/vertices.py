@@ -1,4 +1,4 @@
-"""The dual function D at all vertices of a box, smoothed, with the arrays of its search (`worst_vertex`)."""
+"""Smoothed dual function D at all vertices of a box, and the workspace of its search (`worst_vertex`)."""
 
 from __future__ import annotations
 
@@ -9,105 +9,105 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlp.bounds.branch.arrays import BranchProblem, Indices
-from nlp.bounds.branch.frames import Frames, moment
-from nlp.bounds.branch.multipliers import LEAST_WEIGHT, best_input
+from nlp.bounds.branch.frames import Frames, add, cross, dot, moment, rotate, vector
+from nlp.bounds.branch.multipliers import MIN_WEIGHT, best_input
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
-MOST_VERTICES = 32
-"""Largest number of vertices that count in a step."""
+MAX_VERTICES = 32
+"""Largest number of vertices that enter a step."""
 
 
-class Vertices(NamedTuple):
-    """Arrays for one search."""
+class VertexWorkspace(NamedTuple):
+    """Arrays for one search; C is the number of vertices of the hinges."""
 
-    module: Indices
-    """Whose frame it is, shape (frames,)."""
-    frame: Indices
-    """Every module's frame at every vertex of the hinges, shape (C, n)."""
+    module_of_frame: Indices
+    """Module of every frame, shape (frames,)."""
+    frame_of_module: Indices
+    """Frame of every module at every vertex of the hinges, shape (C, n)."""
     a: Array
     """Wrenches of a module's rotors in W, shape (8, frames, 4, 6)."""
     moment: Array
-    """Moment of its body, shape (8, frames, 3)."""
+    """B_i, moment of the module's body in W, shape (8, frames, 3)."""
     wall: Array
-    """n_r . e_r of its own rows, 0 of others, shape (8, frames, W)."""
+    """n_r . e_r of the module's rows, 0 for other modules' rows, shape (8, frames, W)."""
     t: Array
     """a_j . y_k, shape (8, frames, K, 4)."""
-    added: Array
+    module_value: Array
     """Contribution of a module to D, shape (8, frames)."""
-    kinked: Array
-    """Contribution of the kinks' width to that, shape (8, frames)."""
+    smoothing_excess: Array
+    """Excess of `module_value` from the smoothed kinks, shape (8, frames)."""
     D: Array
     """D of all vertices, shape (8 C,)."""
     share: Array
-    """e^(-D_v / T), but for a factor; 0 once `order` has the vertex: (8 C,)."""
+    """e^(-D_v / T), up to a common factor; 0 once the vertex is in `order`; shape (8 C,)."""
     order: Indices
-    """Vertices that count in a step, shape (most,)."""
-    of_frame: Array
-    """Sum of w_v of a frame, shape (8, frames)."""
-    part: Array
+    """Vertices that enter a step, shape (MAX_VERTICES,)."""
+    frame_share: Array
+    """Sum of w_v over the vertices with this frame, shape (8, frames)."""
+    module_gradient: Array
     """Contribution of a module to a gradient, shape (8, frames, K, 6)."""
     H: Array
     rows: Array
-    """The condition's three, then the vertices', shape (3 + most, K, 6)."""
+    """Three rows of the condition, then those of the vertices, shape (3 + MAX_VERTICES, K, 6)."""
     wall_rows: Array
     solved: Array
-    """H_k^-1 of the rows."""
+    """H_k^-1 times the rows."""
     S: Array
-    """Compliance of all rows."""
+    """Schur complement of all rows."""
     q: Array
-    """Multipliers of the rows, before that w_v."""
-    mean: Array
+    """First w_v, then multipliers of the rows."""
+    gradient: Array
     """Gradient of F, shape (K, 6)."""
-    wall_mean: Array
+    wall_gradient: Array
     ridge: Array
     """r, shape (K, 6)."""
-    on: NDArray[np.bool_]
-    """True if a load case or corner counts, shape (K,)."""
+    active: NDArray[np.bool_]
+    """False for idle corners, shape (K,)."""
     y: Array
-    """Multipliers that meet the condition, shape (K, 6)."""
+    """Multipliers that satisfy the condition, shape (K, 6)."""
     sigma: Array
     step: Array
     """Step of y, shape (K, 6)."""
     wall_step: Array
     """Step of sigma, shape (W,)."""
-    ahead: Array
-    """y after a share of the step."""
-    wall_ahead: Array
+    trial_y: Array
+    """y after the trial step."""
+    trial_sigma: Array
 
 
 @njit(cache=True)
-def blank_vertices(problem: BranchProblem) -> Vertices:
-    """Return arrays for one box at a time."""
+def vertex_workspace(problem: BranchProblem) -> VertexWorkspace:
+    """Return the workspace for a task and tree."""
     tree, K, W = problem.tree, len(problem.loads.f), len(problem.walls.normal)
     n, count = len(tree.parent), tree.first[-1]
-    module, frame = np.zeros(count, np.int64), np.zeros((2 ** (n - 1), n), np.int64)
+    module_of_frame, frame_of_module = np.zeros(count, np.int64), np.zeros((2 ** (n - 1), n), np.int64)
     for i in range(1, n):
         h = tree.parent[i]
-        module[tree.first[i] : tree.first[i + 1]] = i
-        for c in range(len(frame)):
-            frame[c, i] = tree.first[i] + 2 * (frame[c, h] - tree.first[h]) + (c >> (i - 1) & 1)
-    most = MOST_VERTICES
-    return Vertices(
-        module,
-        frame,
+        module_of_frame[tree.first[i] : tree.first[i + 1]] = i
+        for c in range(len(frame_of_module)):
+            frame_of_module[c, i] = tree.first[i] + 2 * (frame_of_module[c, h] - tree.first[h]) + (c >> (i - 1) & 1)
+    rows = 3 + MAX_VERTICES
+    return VertexWorkspace(
+        module_of_frame,
+        frame_of_module,
         np.zeros((8, count, 4, 6)),
         np.zeros((8, count, 3)),
         np.zeros((8, count, W)),
         np.zeros((8, count, K, 4)),
         np.zeros((8, count)),
         np.zeros((8, count)),
-        np.zeros(8 * len(frame)),
-        np.zeros(8 * len(frame)),
-        np.zeros(most, np.int64),
+        np.zeros(8 * len(frame_of_module)),
+        np.zeros(8 * len(frame_of_module)),
+        np.zeros(MAX_VERTICES, np.int64),
         np.zeros((8, count)),
         np.zeros((8, count, K, 6)),
         np.zeros((K, 6, 6)),
-        np.zeros((3 + most, K, 6)),
-        np.zeros((3 + most, W)),
-        np.zeros((3 + most, K, 6)),
-        np.zeros((3 + most, 3 + most)),
-        np.zeros(3 + most),
+        np.zeros((rows, K, 6)),
+        np.zeros((rows, W)),
+        np.zeros((rows, K, 6)),
+        np.zeros((rows, rows)),
+        np.zeros(rows),
         np.zeros((K, 6)),
         np.zeros(W),
         np.zeros((K, 6)),
@@ -122,104 +122,87 @@ def blank_vertices(problem: BranchProblem) -> Vertices:
 
 
 @njit(cache=True, allocates=False)
-def _rotate(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
-    return (
-        R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
-        R[1, 0] * x + R[1, 1] * y + R[1, 2] * z,
-        R[2, 0] * x + R[2, 1] * y + R[2, 2] * z,
-    )
-
-
-@njit(cache=True, allocates=False)
-def fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, into: Vertices) -> None:
-    """Fill the wrenches, moments and ends of all frames."""
+def fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, workspace: VertexWorkspace) -> None:
+    """Fill the wrenches, moments and wall distances of all frames."""
     walls = problem.walls
     for root in range(8):
         R = roots[1 + root]
-        for v in range(len(into.module)):
-            i, a = into.module[v], into.a[root, v]
-            px, py, pz = _rotate(R, vertices.p[v, 0], vertices.p[v, 1], vertices.p[v, 2])
-            zx, zy, zz = _rotate(R, vertices.z[v, 0], vertices.z[v, 1], vertices.z[v, 2])
-            xx, xy, xz = _rotate(R, vertices.x[v, 0], vertices.x[v, 1], vertices.x[v, 2])
-            yx, yy, yz = _rotate(R, vertices.y[v, 0], vertices.y[v, 1], vertices.y[v, 2])
+        for v in range(len(workspace.module_of_frame)):
+            i, a = workspace.module_of_frame[v], workspace.a[root, v]
+            p, x_axis = rotate(R, vector(vertices.p, v)), rotate(R, vector(vertices.x, v))
+            y_axis, z_axis = rotate(R, vector(vertices.y, v)), rotate(R, vector(vertices.z, v))
             for q in range(4):
-                x, y, z = problem.torques[q]
-                a[q, 0], a[q, 1], a[q, 2] = zx / 4, zy / 4, zz / 4
-                a[q, 3] = (py * zz - pz * zy + x * xx + y * yx + z * zx) / 4
-                a[q, 4] = (pz * zx - px * zz + x * xy + y * yy + z * zy) / 4
-                a[q, 5] = (px * zy - py * zx + x * xz + y * yz + z * zz) / 4
-            mx, my, mz = moment(vertices, v, problem.bodies[i])
-            cx, cy, cz = _rotate(R, mx, my, mz)
-            into.moment[root, v, 0], into.moment[root, v, 1], into.moment[root, v, 2] = cx, cy, cz
-            for r in range(len(walls.beyond)):
+                x, y, z = problem.rotor_torques[q]
+                torque = add(add(add(cross(p, z_axis), x, x_axis), y, y_axis), z, z_axis)
+                for l in range(3):
+                    a[q, l], a[q, 3 + l] = z_axis[l] / 4, torque[l] / 4
+            B = rotate(R, moment(vertices, v, problem.bodies[i]))
+            workspace.moment[root, v, 0], workspace.moment[root, v, 1], workspace.moment[root, v, 2] = B
+            for r in range(len(walls.offset)):
                 if walls.module[r] == i:
-                    down = walls.end[r] * walls.length
-                    into.wall[root, v, r] = (
-                        walls.normal[r, 0] * (px - down * zx)
-                        + walls.normal[r, 1] * (py - down * zy)
-                        + walls.normal[r, 2] * (pz - down * zz)
-                    )
+                    e = add(p, -(walls.end[r] * walls.length), z_axis)
+                    workspace.wall[root, v, r] = dot(vector(walls.normal, r), e)
 
 
 @njit(cache=True, allocates=False)
-def value(
-    problem: BranchProblem, into: Vertices, y: Array, sigma: Array, T: float, m: float, s: float
+def smoothed_value(
+    problem: BranchProblem, workspace: VertexWorkspace, y: Array, sigma: Array, T: float, m: float, s: float
 ) -> tuple[float, float, float]:
-    """Return F, the least D and the mean of all by their shares, and fill D and what it is computed from."""
+    """Return F, the least D without smoothing and the mean of D weighted by the shares; fill D and its terms."""
     loads, walls, n = problem.loads, problem.walls, len(problem.tree.parent)
     u_min, u_max = problem.u_min, problem.u_max
     constant, sx, sy, sz, barrier = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(y)):
-        if into.on[k]:
+        if workspace.active[k]:
             for l in range(3):
                 constant += loads.f[k, l] * y[k, l] + loads.t[k, l] * y[k, 3 + l]
             for l in range(6):
-                constant -= into.ridge[k, l] / 2 * y[k, l] ** 2
+                constant -= workspace.ridge[k, l] / 2 * y[k, l] ** 2
             hx, hy, hz = loads.h[k]
             mx, my, mz = y[k, 3], y[k, 4], y[k, 5]
             sx, sy, sz = sx + hy * mz - hz * my, sy + hz * mx - hx * mz, sz + hx * my - hy * mx
     for r in range(len(sigma)):
-        constant += sigma[r] * walls.beyond[r]
+        constant += sigma[r] * walls.offset[r]
         barrier += m * math.log(sigma[r])
     for root in range(8):
-        for v in range(len(into.module)):
-            a, at = into.a[root, v], into.moment[root, v]
+        for v in range(len(workspace.module_of_frame)):
+            a, B = workspace.a[root, v], workspace.moment[root, v]
             a0, a1, a2 = a[0, 0], a[0, 1], a[0, 2]
-            total, more = at[0] * sx + at[1] * sy + at[2] * sz, 0.0
+            module_value, excess = B[0] * sx + B[1] * sy + B[2] * sz, 0.0
             for r in range(len(sigma)):
-                total += into.wall[root, v, r] * sigma[r]
+                module_value += workspace.wall[root, v, r] * sigma[r]
             for k in range(len(y)):
-                if not into.on[k]:
+                if not workspace.active[k]:
                     continue
                 weight, force = loads.weight[k], a0 * y[k, 0] + a1 * y[k, 1] + a2 * y[k, 2]
-                dead = loads.dead[k] - 4 * into.module[v]
+                dead = loads.dead_rotor[k] - 4 * workspace.module_of_frame[v]
                 for q in range(4):
                     t = force + a[q, 3] * y[k, 3] + a[q, 4] * y[k, 4] + a[q, 5] * y[k, 5]
-                    into.t[root, v, k, q] = t
+                    workspace.t[root, v, k, q] = t
                     if q == dead:
                         continue
                     if weight == 0.0:
-                        short = (u_max - u_min) / 2 * (math.sqrt(t * t + s * s) - s - abs(t))
+                        smoothing = (u_max - u_min) / 2 * (math.sqrt(t * t + s * s) - s - abs(t))
                         psi = best_input(t, 0.0, u_min, u_max) * t
-                        total -= psi + short
-                        more -= short
+                        module_value -= psi + smoothing
+                        excess -= smoothing
                     else:
-                        counted = max(weight, LEAST_WEIGHT)
-                        u = best_input(t, counted, u_min, u_max)
-                        total -= u * (t - counted * u)
-            into.added[root, v], into.kinked[root, v] = total, more
-    C, least, worst, total, mean = len(into.frame), math.inf, math.inf, 0.0, 0.0
+                        smoothed_weight = max(weight, MIN_WEIGHT)
+                        u = best_input(t, smoothed_weight, u_min, u_max)
+                        module_value -= u * (t - smoothed_weight * u)
+            workspace.module_value[root, v], workspace.smoothing_excess[root, v] = module_value, excess
+    C, minimum, exact_minimum, share_sum, mean = len(workspace.frame_of_module), math.inf, math.inf, 0.0, 0.0
     for vertex in range(8 * C):
-        D, more = constant, 0.0
+        D, excess = constant, 0.0
         for i in range(n):
-            D += into.added[vertex // C, into.frame[vertex % C, i]]
-            more += into.kinked[vertex // C, into.frame[vertex % C, i]]
-        into.D[vertex] = D
-        least = min(least, D)
-        worst = min(worst, D - more)
+            D += workspace.module_value[vertex // C, workspace.frame_of_module[vertex % C, i]]
+            excess += workspace.smoothing_excess[vertex // C, workspace.frame_of_module[vertex % C, i]]
+        workspace.D[vertex] = D
+        minimum = min(minimum, D)
+        exact_minimum = min(exact_minimum, D - excess)
     for vertex in range(8 * C):
-        share = math.exp((least - into.D[vertex]) / T)
-        into.share[vertex] = share
-        total += share
-        mean += share * into.D[vertex]
-    return least - T * math.log(total) + barrier, worst, mean / total
+        share = math.exp((minimum - workspace.D[vertex]) / T)
+        workspace.share[vertex] = share
+        share_sum += share
+        mean += share * workspace.D[vertex]
+    return minimum - T * math.log(share_sum) + barrier, exact_minimum, mean / share_sum

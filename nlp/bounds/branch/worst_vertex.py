@@ -1,24 +1,25 @@
-r"""Good multipliers for a box with corners of reserves or walls: those whose D is greatest at its worst vertex.
+r"""Multipliers that maximize D at the worst vertex of a box, for tasks with corners of reserves or walls.
 
-Where a reserve cannot be produced, multipliers at the middle of a box grow until D exceeds any cut there, and D
-falls the more steeply towards the vertices. So what is maximised is D at all vertices v of the box at once,
+If a reserve cannot be produced, multipliers at the middle of a box grow until D exceeds any cut there, and D
+falls all the more steeply towards the vertices. So D is maximized at all vertices v of the box at once, smoothed:
 
 .. math::
 
     F(y, \sigma) = -T \log \sum_v e^{-D_v(y, \sigma) / T} + m \sum_r \log \sigma_r
         - \frac{1}{2} \sum_{k,l} r_l y_{kl}^2
 
-under the condition that p'_E drops out, by damped Newton steps while T, m and the width s of a kink fall: psi of a
-corner, u_min t + (u_max - u_min) max(t, 0), counts as u_min t + (u_max - u_min) (t + sqrt(t^2 + s^2) - s) / 2. That
-is less, and at the maximum sum_v w_v G_v is next to nothing, so hardly any multipliers lift the worst vertex above
-sum_v w_v D_v + W m: under the cut, the search ends. Corners whose thrusts are of the size of s cost nothing and are
-left out of later stages. Nothing that is proven rests on any of this: any multipliers will do.
+under the condition that p'_E cancels, by damped Newton steps while T, m and the kink width s decrease: psi of a
+corner, u_min t + (u_max - u_min) max(t, 0), is smoothed to u_min t + (u_max - u_min) (t + sqrt(t^2 + s^2) - s) / 2.
+That is less, and at the maximum sum_v w_v G_v is nearly zero, so hardly any multipliers raise the worst vertex
+above sum_v w_v D_v + W m: if that is under the cut, the search ends. Corners whose products a_j . y_k are of the
+size of s are idle: they cost nothing and are dropped from later stages. No proof depends on this search: any
+multipliers will do.
 
-D_v is a sum over the modules, each in one of its frames at one of the 8 vertices of the root.
+D_v is a sum over the modules; each has one of its frames, at one of the 8 vertices of the root.
 
 | symbol | meaning | shape |
 |---|---|---|
-| w_v | share of vertex v in the gradient, e^(-D_v / T) over the sum of all | (8 C,) |
+| w_v | share of vertex v in the gradient: e^(-D_v / T) over their sum | (8 C,) |
 | G_v | gradient of D_v; a row is sqrt(w_v / T) (G_v - sum_v w_v G_v) | (K, 6), (W,) |
 """
 
@@ -28,9 +29,9 @@ import math
 from typing import NamedTuple
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Frames
-from nlp.bounds.branch.multipliers import LEAST_WEIGHT, Workspace, best_input, copy, imbalance
-from nlp.bounds.branch.vertices import MOST_VERTICES, Vertices, fill_frames, value
+from nlp.bounds.branch.frames import Frames, cross, vector
+from nlp.bounds.branch.multipliers import MIN_WEIGHT, NewtonWorkspace, best_input, copy, residual
+from nlp.bounds.branch.vertices import MAX_VERTICES, VertexWorkspace, fill_frames, smoothed_value
 from nlp.numbers.cholesky import factor, solve_factored
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -40,312 +41,322 @@ class VertexSearch(NamedTuple):
     """Settings of the search."""
 
     stages: int = 6
-    """Number of values of T, m and s, each less than the one before."""
+    """Number of stages, with T, m and s less in each."""
     steps: int = 3
     """Largest number of Newton steps per stage."""
-    halvings: int = 6
-    """Number of shares of a step that are tried: 1, shorter, shorter^2, ..."""
-    shorter: float = 0.3
-    gain: float = 1e-3
-    """Share of the cut that another step should gain in the first stage; it falls with T."""
-    longest: float = 2.0
-    """Longest step of y, in its own length: where a reserve cannot be produced it grows without end."""
-    boundary: float = 0.95
-    """Share of the way to sigma = 0 that a step goes."""
-    soft: float = 0.05
-    """T in the first stage, in the cut."""
-    softer: float = 0.6
-    """T in the next stage, in that of this one."""
-    kink: float = 0.15
-    """s in the first stage, in the cut over 4 n u_max."""
-    kinked: float = 0.35
-    """s and m in the next stage, in those of this one."""
-    pressed: float = 2e-3
-    """m and sigma in the first stage, in the cut."""
-    enough: float = 1.1
-    """Share of the cut above which the worst vertex ends a stage."""
-    light: float = 1e-3
-    """Least w_v that counts in a step, in the greatest."""
+    max_trials: int = 6
+    """Largest number of step sizes in a line search: 1, backtracking, backtracking^2, ..."""
+    backtracking: float = 0.3
+    min_gain: float = 1e-3
+    """Least gain of a Newton step in the first stage, over the cut; it decreases with T."""
+    max_step: float = 2.0
+    """Longest step of y, over its length: y grows without limit if a reserve cannot be produced."""
+    boundary_share: float = 0.95
+    """Largest share of the way to sigma = 0 in one step."""
+    initial_temperature: float = 0.05
+    """T in the first stage, over the cut."""
+    temperature_decay: float = 0.6
+    """Ratio of T between stages."""
+    initial_kink_width: float = 0.15
+    """s in the first stage, over the cut / (4 n u_max)."""
+    kink_decay: float = 0.35
+    """Ratio of s and of m between stages."""
+    initial_barrier: float = 2e-3
+    """m and least sigma in the first stage, over the cut."""
+    target: float = 1.1
+    """D of the worst vertex at which a stage ends, over the cut."""
+    min_share: float = 1e-3
+    """Least w_v that enters a step, over the greatest."""
     ridge: float = 0.02
-    """Ridge of multipliers of force, over n / 24 sum_a rho_a^2: the remainders of the bound grow with them."""
-    kinked_ridge: float = 10.0
-    """Ridge of corners over the root of sum_a rho_a^2, in `ridge`: their psi has a kink."""
-    largest_ridge: float = 100.0
-    """Least factor of the ridge of corners."""
-    levered: float = 10.0
-    """Ridge of multipliers of torque, in that of force: levers are longer than l_arm."""
-    least_square: float = 1e-6
+    """Ridge of multipliers of force, over n / 24 sum_a rho_a^2: the bound's remainders grow with them."""
+    corner_ridge: float = 10.0
+    """Ridge of corners, over `ridge` / sqrt(sum_a rho_a^2): their psi has a kink."""
+    min_corner_ridge: float = 100.0
+    """Least ridge of corners, over `ridge`."""
+    torque_ridge: float = 10.0
+    """Ridge of multipliers of torque over that of force: levers are longer than l_arm."""
+    min_square: float = 1e-6
     """Least sum_a rho_a^2 in a ridge [rad^2]."""
-    small: float = 1.0
-    """Largest |a_j . y_k|, in s, of a corner that costs nothing and is left out of later stages."""
-    idle: float = 1e-3
-    """Largest |a_j . y_k| of a corner that costs nothing, over 2 u_max."""
-    cannot: float = 1e-9
-    """Share of the walls' multipliers that the condition may miss by rounding."""
+    idle_limit: float = 1.0
+    """Largest |a_j . y_k| of an idle corner during the search, over s."""
+    final_idle_limit: float = 1e-3
+    """Largest |a_j . y_k| of an idle corner at the end, over 2 u_max."""
+    condition_tolerance: float = 1e-9
+    """Largest residual of the condition that counts as rounding, over the sum of sigma."""
 
 
 SEARCH = VertexSearch()
 
 
 @njit(cache=True, allocates=False)
-def begin(
+def start(
     problem: BranchProblem,
     roots: Array,
     vertices: Frames,
     rho: Array,
     cut: float,
-    first: Array,
-    pressed: Array,
-    into: Vertices,
+    initial_y: Array,
+    initial_sigma: Array,
+    workspace: VertexWorkspace,
 ) -> None:
-    """Fill `into` for a box, with multipliers that the search starts at.
+    """Set up the search for a box, with the multipliers that it starts from.
 
     Args:
-        problem: the task and the tree.
+        problem: task and tree.
         roots: root orientations at the middle and at the 8 vertices, shape (9, 3, 3).
         vertices: frames at the vertices of the hinges.
-        rho: half widths [rad].
-        cut: in effort units.
-        first: multipliers of load cases, shape (K, 6).
-        pressed: those of walls, shape (W,).
-        into: arrays.
+        rho: half widths, shape (A,) [rad].
+        cut: effort [effort units].
+        initial_y: multipliers of load cases, shape (K, 6).
+        initial_sigma: multipliers of walls, shape (W,).
+        workspace: output.
     """
-    y, sigma = into.y, into.sigma
-    fill_frames(problem, roots, vertices, into)
+    y, sigma = workspace.y, workspace.sigma
+    fill_frames(problem, roots, vertices, workspace)
     square = 0.0
     for a in range(len(rho)):
         square += rho[a] ** 2
-    square = max(square, SEARCH.least_square)
+    square = max(square, SEARCH.min_square)
     ridge = SEARCH.ridge * len(problem.tree.parent) / 24 * square
     for k in range(len(y)):
-        into.on[k] = True
-        at = ridge
+        workspace.active[k] = True
+        case_ridge = ridge
         if problem.loads.weight[k] == 0.0:
-            at *= max(SEARCH.kinked_ridge / math.sqrt(square), SEARCH.largest_ridge)
+            case_ridge *= max(SEARCH.corner_ridge / math.sqrt(square), SEARCH.min_corner_ridge)
         for l in range(3):
-            into.ridge[k, l], into.ridge[k, 3 + l] = at, SEARCH.levered * at
-    copy(first, y)
+            workspace.ridge[k, l], workspace.ridge[k, 3 + l] = case_ridge, SEARCH.torque_ridge * case_ridge
+    copy(initial_y, y)
     for r in range(len(sigma)):
-        sigma[r] = max(pressed[r], SEARCH.pressed * cut)
-    # The condition holds from the start: steps that a barrier shortens keep it.
-    _correct(problem, y, sigma, True)
+        sigma[r] = max(initial_sigma[r], SEARCH.initial_barrier * cut)
+    # the condition holds from the start: steps shortened by the barrier preserve it
+    _correct_torques(problem, y, sigma, True)
 
 
 @njit(cache=True, allocates=False)
-def climb(
-    problem: BranchProblem, work: Workspace, into: Vertices, cut: float, stage: int, steps: int
+def maximize(
+    problem: BranchProblem, newton: NewtonWorkspace, workspace: VertexWorkspace, cut: float, stage: int, steps: int
 ) -> tuple[float, float]:
-    """Improve `into.y` and `into.sigma`; return the least D, and the most that it can become, if known.
+    """Improve y and sigma of `workspace` in one stage; return the least D and an upper limit on it, if known.
 
     Args:
-        problem: the task and the tree.
-        work: with the wrenches of the box's middle.
-        into: arrays for the box.
-        cut: in effort units.
-        stage: one after the other, from 0.
+        problem: task and tree.
+        newton: workspace with the wrenches at the middle of the box.
+        workspace: arrays for the box.
+        cut: effort [effort units].
+        stage: number of the stage, from 0.
         steps: largest number of Newton steps.
     """
-    y, sigma, scale = into.y, into.sigma, SEARCH.kinked**stage
-    T, m = SEARCH.soft * SEARCH.softer**stage * cut, SEARCH.pressed * scale * cut
-    s = SEARCH.kink * scale * cut / (4 * len(problem.tree.parent) * problem.u_max)
-    best, least, middle = value(problem, into, y, sigma, T, m, s)
-    most, settled = math.inf, False
+    y, sigma, scale = workspace.y, workspace.sigma, SEARCH.kink_decay**stage
+    T, m = SEARCH.initial_temperature * SEARCH.temperature_decay**stage * cut, SEARCH.initial_barrier * scale * cut
+    s = SEARCH.initial_kink_width * scale * cut / (4 * len(problem.tree.parent) * problem.u_max)
+    best, minimum, mean = smoothed_value(problem, workspace, y, sigma, T, m, s)
+    limit, converged = math.inf, False
     for _ in range(steps):
-        _newton(problem, work, into, T, m, s)
-        share, better = _longest_share(into), False
+        _fill_newton_step(problem, newton, workspace, T, m, s)
+        step_size, improved = _max_step_size(workspace), False
         for r in range(len(sigma)):
-            if into.wall_step[r] < 0.0:
-                share = min(share, -SEARCH.boundary * sigma[r] / into.wall_step[r])
-        reached, worst, ahead = best, least, middle
-        for _ in range(SEARCH.halvings):
+            if workspace.wall_step[r] < 0.0:
+                step_size = min(step_size, -SEARCH.boundary_share * sigma[r] / workspace.wall_step[r])
+        trial_value, trial_minimum, trial_mean = best, minimum, mean
+        trial_y, trial_sigma = workspace.trial_y, workspace.trial_sigma
+        for _ in range(SEARCH.max_trials):
             for k in range(len(y)):
                 for l in range(6):
-                    into.ahead[k, l] = y[k, l] + share * into.step[k, l]
+                    trial_y[k, l] = y[k, l] + step_size * workspace.step[k, l]
             for r in range(len(sigma)):
-                into.wall_ahead[r] = sigma[r] + share * into.wall_step[r]
-            reached, worst, ahead = value(problem, into, into.ahead, into.wall_ahead, T, m, s)
-            better = reached > best
-            if better:
+                trial_sigma[r] = sigma[r] + step_size * workspace.wall_step[r]
+            trial = smoothed_value(problem, workspace, trial_y, trial_sigma, T, m, s)
+            trial_value, trial_minimum, trial_mean = trial
+            improved = trial_value > best
+            if improved:
                 break
-            share *= SEARCH.shorter
-        if not better:
-            settled = True
+            step_size *= SEARCH.backtracking
+        if not improved:
+            converged = True
             break
-        copy(into.ahead, y)
+        copy(trial_y, y)
         for r in range(len(sigma)):
-            sigma[r] = into.wall_ahead[r]
-        gain, best, least, middle = reached - best, reached, worst, ahead
-        if gain < SEARCH.gain * SEARCH.softer**stage * cut:
-            most, settled = middle + gain + len(sigma) * m if share == 1.0 else math.inf, True
+            sigma[r] = trial_sigma[r]
+        gain, best, minimum, mean = trial_value - best, trial_value, trial_minimum, trial_mean
+        if gain < SEARCH.min_gain * SEARCH.temperature_decay**stage * cut:
+            limit, converged = mean + gain + len(sigma) * m if step_size == 1.0 else math.inf, True
             break
-        if least > SEARCH.enough * cut:
+        if minimum > SEARCH.target * cut:
             break
-    if settled:
-        _shrink(problem, work, into, SEARCH.small * s)
-    return least, most
+    if converged:
+        _drop_idle_corners(problem, newton, workspace, SEARCH.idle_limit * s)
+    return minimum, limit
 
 
 @njit(cache=True, allocates=False)
-def _longest_share(into: Vertices) -> float:
-    size, length = 0.0, 0.0
-    for k in range(len(into.y)):
+def _max_step_size(workspace: VertexWorkspace) -> float:
+    y_square, step_square = 0.0, 0.0
+    for k in range(len(workspace.y)):
         for l in range(6):
-            size, length = size + into.y[k, l] ** 2, length + into.step[k, l] ** 2
-    return min(1.0, SEARCH.longest * math.sqrt(size / length)) if size * length > 0.0 else 1.0
+            y_square, step_square = y_square + workspace.y[k, l] ** 2, step_square + workspace.step[k, l] ** 2
+    return min(1.0, SEARCH.max_step * math.sqrt(y_square / step_square)) if y_square * step_square > 0.0 else 1.0
 
 
 @njit(cache=True, allocates=False)
-def _shrink(problem: BranchProblem, work: Workspace, into: Vertices, small: float) -> None:
-    """Leave corners out that cost next to nothing."""
-    left_out = False
-    for k in range(len(into.y)):
-        if into.on[k] and problem.loads.weight[k] == 0.0 and _greatest(work, into.y[k]) < small:
-            into.on[k], left_out = False, True
+def _drop_idle_corners(
+    problem: BranchProblem, newton: NewtonWorkspace, workspace: VertexWorkspace, limit: float
+) -> None:
+    """Drop corners that cost next to nothing."""
+    any_dropped = False
+    for k in range(len(workspace.y)):
+        may_drop = workspace.active[k] and problem.loads.weight[k] == 0.0
+        if may_drop and _largest_product(newton, workspace.y[k]) < limit:
+            workspace.active[k], any_dropped = False, True
             for l in range(6):
-                into.y[k, l], into.step[k, l] = 0.0, 0.0
-    if left_out:
-        _correct(problem, into.y, into.sigma, False)
+                workspace.y[k, l], workspace.step[k, l] = 0.0, 0.0
+    if any_dropped:
+        _correct_torques(problem, workspace.y, workspace.sigma, False)
 
 
 @njit(cache=True, allocates=False)
-def _greatest(work: Workspace, y: Array) -> float:
-    """Return the greatest |a_j . y| at the middle."""
+def _largest_product(newton: NewtonWorkspace, y: Array) -> float:
+    """Return the largest |a_j . y| at the middle."""
     greatest = 0.0
-    for j in range(len(work.a)):
+    for j in range(len(newton.a)):
         t = 0.0
         for l in range(6):
-            t += work.a[j, l] * y[l]
+            t += newton.a[j, l] * y[l]
         greatest = max(greatest, abs(t))
     return greatest
 
 
 @njit(cache=True, allocates=False)
-def _choose(into: Vertices) -> int:
-    """Fill the vertices that count in a step and, in `q`, their shares; return how many there are."""
-    most, chosen, count = 0.0, 0.0, 0
-    while count < MOST_VERTICES:
+def _select_vertices(workspace: VertexWorkspace) -> int:
+    """Fill the vertices that enter a step and, in `q`, their shares; return their number."""
+    largest, share_sum, count = 0.0, 0.0, 0
+    while count < MAX_VERTICES:
         greatest = 0
-        for vertex in range(len(into.share)):
-            if into.share[vertex] > into.share[greatest]:
+        for vertex in range(len(workspace.share)):
+            if workspace.share[vertex] > workspace.share[greatest]:
                 greatest = vertex
-        most = max(most, into.share[greatest])
-        if into.share[greatest] <= SEARCH.light * most:
+        largest = max(largest, workspace.share[greatest])
+        if workspace.share[greatest] <= SEARCH.min_share * largest:
             break
-        into.order[count], into.q[count] = greatest, into.share[greatest]
-        chosen, count = chosen + into.share[greatest], count + 1
-        into.share[greatest] = 0.0
-    for place in range(count):
-        into.q[place] /= chosen
+        workspace.order[count], workspace.q[count] = greatest, workspace.share[greatest]
+        share_sum, count = share_sum + workspace.share[greatest], count + 1
+        workspace.share[greatest] = 0.0
+    for position in range(count):
+        workspace.q[position] /= share_sum
     return count
 
 
 @njit(cache=True, allocates=False)
-def _newton(problem: BranchProblem, work: Workspace, into: Vertices, T: float, m: float, s: float) -> None:
-    """Fill the step from y and sigma, of which `value` has filled D, to the maximum of a quadratic model of F."""
-    walls, y, sigma, K, C = problem.walls, into.y, into.sigma, len(into.y), len(into.frame)
-    n, W, V = len(problem.tree.parent), len(sigma), _choose(into)
-    rows, wall_rows, mean, wall_mean = into.rows, into.wall_rows, into.mean, into.wall_mean
-    into.of_frame[:] = 0.0
+def _fill_newton_step(
+    problem: BranchProblem, newton: NewtonWorkspace, workspace: VertexWorkspace, T: float, m: float, s: float
+) -> None:
+    """Fill the step to the maximum of a quadratic model of F, after `smoothed_value` has filled D."""
+    walls, y, sigma, frames = problem.walls, workspace.y, workspace.sigma, workspace.frame_of_module
+    n, K, W, C, V = len(problem.tree.parent), len(y), len(sigma), len(frames), _select_vertices(workspace)
+    rows, wall_rows = workspace.rows, workspace.wall_rows
+    gradient, wall_gradient = workspace.gradient, workspace.wall_gradient
+    workspace.frame_share[:] = 0.0
     for vertex in range(V):
-        root, c = into.order[vertex] // C, into.order[vertex] % C
+        root, c = workspace.order[vertex] // C, workspace.order[vertex] % C
         for i in range(n):
-            into.of_frame[root, into.frame[c, i]] += into.q[vertex]
-    into.H[:] = 0.0
+            workspace.frame_share[root, frames[c, i]] += workspace.q[vertex]
+    workspace.H[:] = 0.0
     for root in range(8):
-        for v in range(len(into.module)):
-            if into.of_frame[root, v] > 0.0:
-                _add_frame(problem, root, v, into, s)
-    mean[:] = 0.0
-    wall_mean[:] = 0.0
+        for v in range(len(workspace.module_of_frame)):
+            if workspace.frame_share[root, v] > 0.0:
+                _add_frame(problem, root, v, workspace, s)
+    gradient[:] = 0.0
+    wall_gradient[:] = 0.0
     for vertex in range(V):
-        row, root, c, share = 3 + vertex, into.order[vertex] // C, into.order[vertex] % C, into.q[vertex]
+        root, c = workspace.order[vertex] // C, workspace.order[vertex] % C
+        row, share = 3 + vertex, workspace.q[vertex]
         for k in range(K):
-            if into.on[k]:
+            if workspace.active[k]:
                 for l in range(6):
                     total = 0.0
                     for i in range(n):
-                        total += into.part[root, into.frame[c, i], k, l]
+                        total += workspace.module_gradient[root, frames[c, i], k, l]
                     rows[row, k, l] = total
-                    mean[k, l] += share * total
+                    gradient[k, l] += share * total
         for r in range(W):
             total = 0.0
             for i in range(n):
-                total += into.wall[root, into.frame[c, i], r]
+                total += workspace.wall[root, frames[c, i], r]
             wall_rows[row, r] = total
-            wall_mean[r] += share * total
+            wall_gradient[r] += share * total
     for vertex in range(V):
-        scale = math.sqrt(into.q[vertex] / T)
+        scale = math.sqrt(workspace.q[vertex] / T)
         for k in range(K):
             for l in range(6):
-                rows[3 + vertex, k, l] = scale * (rows[3 + vertex, k, l] - mean[k, l])
+                rows[3 + vertex, k, l] = scale * (rows[3 + vertex, k, l] - gradient[k, l])
         for r in range(W):
-            wall_rows[3 + vertex, r] = scale * (wall_rows[3 + vertex, r] - wall_mean[r])
+            wall_rows[3 + vertex, r] = scale * (wall_rows[3 + vertex, r] - wall_gradient[r])
     for k in range(K):
         for row in range(3):
             for l in range(6):
-                rows[row, k, l] = work.rows[k, row, l]
+                rows[row, k, l] = newton.rows[k, row, l]
         for l in range(3):
-            mean[k, l] += problem.loads.f[k, l] - into.ridge[k, l] * y[k, l]
-            mean[k, 3 + l] += problem.loads.t[k, l] - into.ridge[k, 3 + l] * y[k, 3 + l]
+            gradient[k, l] += problem.loads.f[k, l] - workspace.ridge[k, l] * y[k, l]
+            gradient[k, 3 + l] += problem.loads.t[k, l] - workspace.ridge[k, 3 + l] * y[k, 3 + l]
     for r in range(W):
         for row in range(3):
             wall_rows[row, r] = -walls.normal[r, row]
-        wall_mean[r] += walls.beyond[r] + m / sigma[r]
-    _solve(3 + V, m, into)
+        wall_gradient[r] += walls.offset[r] + m / sigma[r]
+    _solve_step(3 + V, m, workspace)
 
 
 @njit(cache=True, allocates=False)
-def _add_frame(problem: BranchProblem, root: int, v: int, into: Vertices, s: float) -> None:
-    """Fill what a module in one of its frames adds to a gradient, and add its share to minus the Hessian."""
-    u_min, u_max, dead = problem.u_min, problem.u_max, problem.loads.dead
-    share, (cx, cy, cz) = into.of_frame[root, v], into.moment[root, v]
-    for k in range(len(into.y)):
-        if not into.on[k]:
+def _add_frame(problem: BranchProblem, root: int, v: int, workspace: VertexWorkspace, s: float) -> None:
+    """Fill the gradient of a module in one of its frames, and add its share to the negative Hessian."""
+    u_min, u_max, dead_rotor = problem.u_min, problem.u_max, problem.loads.dead_rotor
+    share, (cx, cy, cz) = workspace.frame_share[root, v], workspace.moment[root, v]
+    for k in range(len(workspace.y)):
+        if not workspace.active[k]:
             continue
-        weight, part, H = problem.loads.weight[k], into.part[root, v, k], into.H[k]
+        weight, module_gradient, H = problem.loads.weight[k], workspace.module_gradient[root, v, k], workspace.H[k]
         for l in range(6):
-            part[l] = 0.0
+            module_gradient[l] = 0.0
         for q in range(4):
-            a, t = into.a[root, v, q], into.t[root, v, k, q]
-            if dead[k] == 4 * into.module[v] + q:
+            a, t = workspace.a[root, v, q], workspace.t[root, v, k, q]
+            if dead_rotor[k] == 4 * workspace.module_of_frame[v] + q:
                 continue
             if weight == 0.0:
                 length, half = math.sqrt(t * t + s * s), (u_max - u_min) / 2
-                u, stiff = u_min + half * (1 + t / length), half * s * s / length**3
+                u, curvature = u_min + half * (1 + t / length), half * s * s / length**3
             else:
-                counted = max(weight, LEAST_WEIGHT)
-                u = best_input(t, counted, u_min, u_max)
-                stiff = 1 / (2 * counted) if u_min < u < u_max else 0.0
+                smoothed_weight = max(weight, MIN_WEIGHT)
+                u = best_input(t, smoothed_weight, u_min, u_max)
+                curvature = 1 / (2 * smoothed_weight) if u_min < u < u_max else 0.0
             for l in range(6):
-                part[l] -= u * a[l]
-            if stiff > 0.0:
+                module_gradient[l] -= u * a[l]
+            if curvature > 0.0:
                 for l in range(6):
                     for column in range(l + 1):
-                        H[l, column] += share * stiff * a[l] * a[column]
+                        H[l, column] += share * curvature * a[l] * a[column]
         hx, hy, hz = problem.loads.h[k]
-        part[3] += cy * hz - cz * hy
-        part[4] += cz * hx - cx * hz
-        part[5] += cx * hy - cy * hx
+        module_gradient[3] += cy * hz - cz * hy
+        module_gradient[4] += cz * hx - cx * hz
+        module_gradient[5] += cx * hy - cy * hx
 
 
 @njit(cache=True, allocates=False)
-def _solve(tied: int, m: float, into: Vertices) -> None:
-    """Fill the step: the first three rows, the condition, are met, the others take half their square."""
-    y, sigma, step, wall_step = into.y, into.sigma, into.step, into.wall_step
-    H, rows, wall_rows, solved, S, q = into.H, into.rows, into.wall_rows, into.solved, into.S, into.q
-    for row in range(tied):
+def _solve_step(row_count: int, m: float, workspace: VertexWorkspace) -> None:
+    """Fill the step: the first three rows are the condition, and the others each cost half their square."""
+    y, sigma, step, wall_step = workspace.y, workspace.sigma, workspace.step, workspace.wall_step
+    H, S, q, solved = workspace.H, workspace.S, workspace.q, workspace.solved
+    rows, wall_rows = workspace.rows, workspace.wall_rows
+    for row in range(row_count):
         q[row] = 0.0
         for column in range(row + 1):
             S[row, column] = 0.0
     for k in range(len(y)):
-        if not into.on[k]:
+        if not workspace.active[k]:
             continue
         for l in range(6):
-            H[k, l, l] += into.ridge[k, l]
-            step[k, l] = into.mean[k, l]
+            H[k, l, l] += workspace.ridge[k, l]
+            step[k, l] = workspace.gradient[k, l]
         factor(H[k], 6)
         solve_factored(H[k], step[k], 6)
-        for row in range(tied):
+        for row in range(row_count):
             for l in range(6):
                 solved[row, k, l] = rows[row, k, l]
                 q[row] += rows[row, k, l] * (step[k, l] + (y[k, l] if row < 3 else 0.0))
@@ -356,76 +367,76 @@ def _solve(tied: int, m: float, into: Vertices) -> None:
                     total += rows[row, k, l] * solved[column, k, l]
                 S[row, column] += total
     for r in range(len(sigma)):
-        soft = sigma[r] ** 2 / m
-        wall_step[r] = into.wall_mean[r] * soft
-        for row in range(tied):
+        compliance = sigma[r] ** 2 / m
+        wall_step[r] = workspace.wall_gradient[r] * compliance
+        for row in range(row_count):
             q[row] += wall_rows[row, r] * (wall_step[r] + (sigma[r] if row < 3 else 0.0))
             for column in range(row + 1):
-                S[row, column] += wall_rows[row, r] * wall_rows[column, r] * soft
-    size = S[0, 0] + S[1, 1] + S[2, 2]
-    for row in range(tied):  # without g there is no condition
-        S[row, row] += 1.0 if row > 2 or size == 0.0 else 1e-9 * size
-    factor(S, tied)
-    solve_factored(S, q, tied)
+                S[row, column] += wall_rows[row, r] * wall_rows[column, r] * compliance
+    trace = S[0, 0] + S[1, 1] + S[2, 2]
+    for row in range(row_count):  # with all g = 0 there is no condition
+        S[row, row] += 1.0 if row > 2 or trace == 0.0 else 1e-9 * trace
+    factor(S, row_count)
+    solve_factored(S, q, row_count)
     for k in range(len(y)):
-        if into.on[k]:
+        if workspace.active[k]:
             for l in range(6):
-                for row in range(tied):
+                for row in range(row_count):
                     step[k, l] -= q[row] * solved[row, k, l]
     for r in range(len(sigma)):
-        for row in range(tied):
+        for row in range(row_count):
             wall_step[r] -= q[row] * wall_rows[row, r] * sigma[r] ** 2 / m
 
 
 @njit(cache=True, allocates=False)
-def evenness(into: Vertices, axis: int) -> float:
-    """Return how evenly the shares are spread over the two ends of an angle, 1/4 at most.
+def evenness(workspace: VertexWorkspace, axis: int) -> float:
+    """Return the product of the shares at the two ends of an angle, at most 1/4 when they are even.
 
-    Where multipliers cannot tell the ends apart, thrusts at both stand for one design: halves forbid that.
+    While multipliers do not distinguish the ends, D allows thrusts that mix both; halving forbids that.
     """
-    C, upper, total = len(into.frame), 0.0, 0.0
+    C, upper, share_sum = len(workspace.frame_of_module), 0.0, 0.0
     for vertex in range(8 * C):
         bit = vertex // C >> (2 - axis) if axis < 3 else vertex % C >> (axis - 3)
-        total += into.share[vertex]
+        share_sum += workspace.share[vertex]
         if bit & 1:
-            upper += into.share[vertex]
-    return upper / total * (1 - upper / total)
+            upper += workspace.share[vertex]
+    return upper / share_sum * (1 - upper / share_sum)
 
 
 @njit(cache=True, allocates=False)
-def meet(problem: BranchProblem, y: Array, sigma: Array) -> None:
-    """Meet the condition by the least change of torques' multipliers that are not zero, or else without walls."""
-    _correct(problem, y, sigma, False)
-    a, b, c = imbalance(problem, y, sigma)
-    size = 0.0
+def enforce_condition(problem: BranchProblem, y: Array, sigma: Array) -> None:
+    """Enforce the condition by the least change of nonzero torque multipliers; if that fails, set sigma to zero."""
+    _correct_torques(problem, y, sigma, False)
+    a, b, c = residual(problem, y, sigma)
+    sigma_sum = 0.0
     for r in range(len(sigma)):
-        size += sigma[r]
-    if not math.sqrt(a * a + b * b + c * c) <= SEARCH.cannot * size:
+        sigma_sum += sigma[r]
+    if not math.sqrt(a * a + b * b + c * c) <= SEARCH.condition_tolerance * sigma_sum:
         for r in range(len(sigma)):
             sigma[r] = 0.0
-        _correct(problem, y, sigma, False)
+        _correct_torques(problem, y, sigma, False)
 
 
 @njit(cache=True, allocates=False)
-def _correct(problem: BranchProblem, y: Array, sigma: Array, every: bool) -> None:
-    """Change mu_k by q x g_k, with (sum_k [g_k]x [g_k]x^T) q what the condition misses."""
+def _correct_torques(problem: BranchProblem, y: Array, sigma: Array, all_cases: bool) -> None:
+    """Change mu_k by q x g_k, where (sum_k [g_k]x [g_k]x^T) q is the residual of the condition."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(y)):
-        if every or _any(y[k]):
+        if all_cases or _is_nonzero(y[k]):
             gx, gy, gz = problem.loads.g[k]
             xx, yy, zz = xx + gy * gy + gz * gz, yy + gz * gz + gx * gx, zz + gx * gx + gy * gy
             xy, xz, yz = xy - gx * gy, xz - gx * gz, yz - gy * gz
-    size = xx + yy + zz
-    if size == 0.0:
+    trace = xx + yy + zz
+    if trace == 0.0:
         return
-    more = 1e-9 * size  # parallel g leave a direction open
-    a = math.sqrt(xx + more)
+    regularization = 1e-9 * trace  # parallel g leave a direction open
+    a = math.sqrt(xx + regularization)
     b, c = xy / a, xz / a
-    d = math.sqrt(yy + more - b * b)
+    d = math.sqrt(yy + regularization - b * b)
     e = (yz - b * c) / d
-    f = math.sqrt(zz + more - c * c - e * e)
+    f = math.sqrt(zz + regularization - c * c - e * e)
     for _ in range(3):
-        qx, qy, qz = imbalance(problem, y, sigma)
+        qx, qy, qz = residual(problem, y, sigma)
         qx = qx / a
         qy = (qy - b * qx) / d
         qz = (qz - c * qx - e * qy) / f
@@ -433,26 +444,28 @@ def _correct(problem: BranchProblem, y: Array, sigma: Array, every: bool) -> Non
         qy = (qy - e * qz) / d
         qx = (qx - b * qy - c * qz) / a
         for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
-            if every or _any(y[k]):
-                gx, gy, gz = problem.loads.g[k]
-                y[k, 3] -= qy * gz - qz * gy
-                y[k, 4] -= qz * gx - qx * gz
-                y[k, 5] -= qx * gy - qy * gx
+            if all_cases or _is_nonzero(y[k]):
+                change = cross((qx, qy, qz), vector(problem.loads.g, k))
+                for l in range(3):
+                    y[k, 3 + l] -= change[l]
 
 
 @njit(cache=True, allocates=False)
-def _any(y: Array) -> bool:
-    some: bool = False
+def _is_nonzero(y: Array) -> bool:
+    nonzero: bool = False
     for l in range(6):
-        some |= y[l] != 0.0
-    return some
+        nonzero |= y[l] != 0.0
+    return nonzero
 
 
 @njit(cache=True, allocates=False)
-def finish(problem: BranchProblem, work: Workspace, y: Array, sigma: Array) -> None:
-    """Meet the condition, without multipliers of corners that cost nothing: each loses something to rounding."""
+def finish(problem: BranchProblem, newton: NewtonWorkspace, y: Array, sigma: Array) -> None:
+    """Drop idle corners, each of which would lose something to rounding, and enforce the condition."""
     for k in range(len(y)):
-        if problem.loads.weight[k] == 0.0 and _greatest(work, y[k]) < SEARCH.idle * 2 * problem.u_max:
+        if (
+            problem.loads.weight[k] == 0.0
+            and _largest_product(newton, y[k]) < SEARCH.final_idle_limit * 2 * problem.u_max
+        ):
             for l in range(6):
                 y[k, l] = 0.0
-    meet(problem, y, sigma)
+    enforce_condition(problem, y, sigma)
