@@ -383,4 +383,5 @@ def test_what_is_no_run_or_has_other_modules_is_refused(tmp_path, other, rule):
 def test_a_run_with_something_left_is_refused(tmp_path):
     run(tmp_path / "one", {})
     toy_run(tmp_path / "left", time_limit=0.0)
-    assert "something is left to do" in invoke("kit", tmp_path / "left", "--out", tmp_path / "kit", status=2).stderr
+    refused = invoke("kit", tmp_path / "left", "--out", tmp_path / "kit", status=2)
+    assert "must be a finished run, but it is not" in refused.stderr
