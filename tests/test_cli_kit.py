@@ -193,7 +193,7 @@ def test_two_runs_end_in_a_drawer_a_change_and_two_kits(tmp_path):
     sheet = (tmp_path / "kit/change-1-push-wall.html").read_text()
     assert page.count("<svg") == 4
     for each in (page, sheet):
-        assert "where the last step of the assembly sheet of wall says" in " ".join(each.split())
+        assert "in the last step of the assembly sheet of wall" in " ".join(each.split())
     assert sheet.count(palette.END_EFFECTOR) == 2 * (2 - undo)
     for task, design in zip(told["tasks"], designs, strict=True):
         best = read_json(Design, tmp_path / ("one" if task["task"] == "push" else "two") / "best.json")
