@@ -19,7 +19,7 @@ from attempts import Stated, attempts
 from children import Child, Row
 
 from topo_search.experiments import experiment
-from topo_search.experiments.conducting import Measured, Results, identify
+from topo_search.experiments.conducting import CellResult, Results, identify
 from topo_search.experiments.plan import Cell
 
 METHOD = "direct"
@@ -55,11 +55,11 @@ def main() -> None:
                 rows.add(measured(cell, given.cap))
 
 
-def measured(cell: Cell, cap: int) -> Measured:
+def measured(cell: Cell, cap: int) -> CellResult:
     """Return the row of one topology."""
     overrides = (*cell.variant.overrides, f"module.connector_distance={cell.distance_m}")
     stated = Stated(cell.task, cell.n, (*overrides, f"task_seed={cell.task_seed}"))
-    row = Measured(**cell.identity, status="infeasible", method=METHOD)
+    row = CellResult(**cell.identity, status="infeasible", method=METHOD)
     with Child(attempts, METHOD, "ours", stated, [cell.key], range(cell.settings.starts), cap=cap) as child:
         while row.status == "infeasible" and (answer := next(child, None)) is not None:
             row = _with(row, answer)
@@ -68,7 +68,7 @@ def measured(cell: Cell, cap: int) -> Measured:
     return row
 
 
-def _with(row: Measured, answer: Row) -> Measured:
+def _with(row: CellResult, answer: Row) -> CellResult:
     """Return a row with one more start."""
     spent = replace(
         row,
