@@ -96,7 +96,7 @@ def test_the_choice_is_that_of_all_combinations(seed):
 
 @pytest.mark.parametrize(("n", "tasks", "count", "step"), [(3, 4, 6, 45.0), (4, 3, 12, 30.0), (5, 3, 16, 15.0)])
 def test_many_designs_some_of_them_copies_are_chosen_from_exactly(n, tasks, count, step):
-    choices = drawer.made_up(n, tasks, count, step)
+    choices = drawer.synthetic_choices(n, tasks, count, step)
     copied = [each[k] for k in (1, 2) for each in choices[:1]]
     choices[-1] += [design.model_copy(update={"objective": 1.03}) for design in copied]
     stay = [[[len(shared_part(a, b)) for b in other] for a in one] for one, other in pairwise(choices)]

@@ -134,14 +134,14 @@ def main() -> None:
     for rungs in SCHEDULES:
         random = Random(0)
         searches = [search(trees, rungs, random) for _ in range(arguments.searches)]
-        hits = [[each.best.get(key, math.inf) <= SAME * least[key] for key in top] for each in searches]
-        starts, seconds = sum(each.starts for each in searches), sum(each.seconds for each in searches)
+        hits = [[run.best.get(key, math.inf) <= SAME * least[key] for key in top] for run in searches]
+        starts, seconds = sum(run.starts for run in searches), sum(run.seconds for run in searches)
         reference = reference or (starts, seconds)
         sums = (
             sum(row[0] for row in hits),
             sum(map(all, hits)),
             sum(map(sum, hits)) / len(top),
-            sum(len(each.best) for each in searches) / len(least),
+            sum(len(run.best) for run in searches) / len(least),
         )
         best, ten, share, feasible = (value / len(searches) for value in sums)
         print(

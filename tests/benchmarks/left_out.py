@@ -33,8 +33,8 @@ def variants(task: ResolvedTask) -> Iterator[tuple[str, ResolvedTask]]:
     yield "the whole task", task
     regions = task.exposure
     for r, region in enumerate(regions):
-        rest = regions[:r] + regions[r + 1 :]
-        yield f"without exposure {r} ({region.kind})", task.model_copy(update={"exposure": rest})
+        remaining = regions[:r] + regions[r + 1 :]
+        yield f"without exposure {r} ({region.kind})", task.model_copy(update={"exposure": remaining})
     if len(regions) > 1:
         yield "without exposure", task.model_copy(update={"exposure": ()})
     for name, (field, update) in FIELDS.items():
@@ -59,7 +59,7 @@ def main() -> None:
     trees = [candidate.topology for candidate in candidates(task.n, symmetry="task", task=task)]
     if arguments.trees:
         trees = [Topology.from_key(key) for key in arguments.trees]
-    bound, whole = lower_bound(task), math.nan
+    bound, reference = lower_bound(task), math.nan
     print(f"| `{task.name}`, n = {task.n} | over the lower bound | less than the whole task's | tree | CPU s |")
     print("|---|---|---|---|---|")
     for name, changed in variants(task):
@@ -67,8 +67,8 @@ def main() -> None:
         outcomes = [solve(changed, tree, starts=range(arguments.starts), seed=0) for tree in trees]
         if designs := [outcome for outcome in outcomes if isinstance(outcome, Design)]:
             best = min(designs, key=lambda design: design.objective)
-            whole = best.objective if math.isnan(whole) else whole
-            share = 100 * (1 - best.objective / whole)
+            reference = best.objective if math.isnan(reference) else reference
+            share = 100 * (1 - best.objective / reference)
             cells = f"{best.objective / bound:.4f} | {share:.2f} % | `{best.topology.key}`"
         print(f"| {name} | {cells} | {time.process_time() - started:.0f} |", flush=True)
 

@@ -79,10 +79,10 @@ def best_known(rows: list[Row]) -> dict[str, float]:
 
 def time_to_best(history: list[tuple[str, float, float | None]], best: dict[str, float]) -> tuple[float, bool]:
     """Return the CPU time until enough trees were done [s] and True; otherwise the whole time and False."""
-    done: set[str] = set()
+    finished: set[str] = set()
     for key, seconds, J in history:
         if J is not None and J - best[key] <= WITHIN * best[key]:
-            done.add(key)
-            if len(done) >= SHARE * len(best):
+            finished.add(key)
+            if len(finished) >= SHARE * len(best):
                 return seconds, True
     return history[-1][1], False

@@ -74,10 +74,8 @@ def main() -> None:
     print("|---|---|---|---|---|")
     for name, solves_by_tree in results.items():
         J = np.array([[result.J for result in solves] for solves in solves_by_tree])
-        least, seconds = (
-            J.min(axis=1),
-            np.mean([sum(result.seconds for result in solves) for solves in solves_by_tree]),
-        )
+        least = J.min(axis=1)
+        seconds = np.mean([sum(result.seconds for result in solves) for solves in solves_by_tree])
         at_best = np.isfinite(least) & (least <= (1 + WITHIN) * best)
         cells = f"{np.isfinite(J).mean():.1%} | {np.isfinite(least).sum()} | {at_best.sum()} | {seconds:.3f}"
         print(f"| {name} | {cells} |")
@@ -91,9 +89,7 @@ def strategies(task: ResolvedTask, topology: Topology, starts: int, sizes: list[
     result = {"fresh": fresh}
     for by in sizes:
         rng = np.random.default_rng(0)
-        result[f"each displaced by {by:g}"] = half + [
-            solve_from(program, displace(previous.point, by, rng)) for previous in half
-        ]
+        result[f"each displaced by {by:g}"] = half + [solve_from(program, displace(r.point, by, rng)) for r in half]
         hops = list(half)
         for _ in half:
             best = min(hops, key=lambda hop: hop.rank)

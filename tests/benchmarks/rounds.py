@@ -75,9 +75,12 @@ def main() -> None:
             jobs_by_starts[starts] = measure_jobs(space, task, arguments.jobs, starts)
         jobs, seconds = jobs_by_starts[starts], [job.seconds for job in jobs_by_starts[starts]]
         result = simulate(space, jobs, size, arguments.trials, arguments.workers)
-        each, share = 1e3 * result.proposing / result.number, result.proposing / result.solving
+        milliseconds, share = 1e3 * result.proposing / result.number, result.proposing / result.solving
         cells = f"{size} | {starts}; {sum(seconds) / len(seconds):.2f}, {max(seconds):.2f}"
-        print(f"| {cells} | {result.proposed:.0%} | {result.ended:.0%} | {each:.1f} | {share:.1%} |", flush=True)
+        print(
+            f"| {cells} | {result.proposed:.0%} | {result.ended:.0%} | {milliseconds:.1f} | {share:.1%} |",
+            flush=True,
+        )
 
 
 def measure_jobs(space: Candidates, task: ResolvedTask, number: int, starts: int) -> list[Job]:

@@ -69,15 +69,9 @@ def record(command: list[str], name: str) -> Path:
     task = options.task_of(arguments.task, tuple(arguments.set), paper=False, modules=arguments.modules)
     recorder = Recorder()
     with tempfile.TemporaryDirectory() as folder:
-        options_given = {"starts": arguments.starts, "workers": arguments.workers, "strategy": arguments.strategy}
-        search(
-            task,
-            out=folder,
-            observer=recorder,
-            time_limit=arguments.time_limit,
-            trials=arguments.trials,
-            **options_given,
-        )
+        limits = {"time_limit": arguments.time_limit, "trials": arguments.trials, "starts": arguments.starts}
+        choice = {"workers": arguments.workers, "strategy": arguments.strategy}
+        search(task, out=folder, observer=recorder, **limits, **choice)
     end = round(time.monotonic() - recorder.start_time, 3)
     RECORDED.mkdir(exist_ok=True)
     path = RECORDED / f"{name}.json"

@@ -41,8 +41,8 @@ def main() -> None:
             )
             for bolted in (True, False)
         ]
-        bolted, other = ("" if d is None else f"{d:.1f}" for d in least)
-        print(f"{topology.key}  {audit.verdict}  bolted {bolted}  other {other}", flush=True)
+        bolted, unbolted = ("" if d is None else f"{d:.1f}" for d in least)
+        print(f"{topology.key}  {audit.verdict}  bolted {bolted}  other {unbolted}", flush=True)
 
 
 if __name__ == "__main__":

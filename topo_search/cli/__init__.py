@@ -31,7 +31,7 @@ class OrderedGroup(click.Group):
         """Write a section for each group."""
         for title, commands in GROUPS.items():
             with formatter.section(title):
-                rows = [(each.name or "", (each.help or "").partition("\n\n")[0]) for each in commands]
+                rows = [(command.name or "", (command.help or "").partition("\n\n")[0]) for command in commands]
                 formatter.write_dl(rows, col_max=12)
 
 

@@ -34,7 +34,7 @@ PICTURES = ("png", "svg")
 TABLES = ("assembly", "csv", "parquet")
 KIT = ("kit", "allocation", "rotors", "px4", "brackets", "sheet", "parts")
 """The lab kit, and its parts that can be written on their own."""
-OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
+BUILT_IN = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
 """All formats of this package."""
 
 
@@ -43,7 +43,7 @@ OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
 @click.option(
     "--format",
     "kind",
-    metavar=f"[{'|'.join(OURS)}|...]",
+    metavar=f"[{'|'.join(BUILT_IN)}|...]",
     help="File format (default: by the suffix of --out).",
 )
 @options.choice(
@@ -58,9 +58,7 @@ OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
     metavar="M/S",
     above=True,
 )
-@options.whole_number(
-    "--load-case", (0, None), "Load case of the air that --air-speed draws (default: 0).", metavar="K"
-)
+@options.whole_number("--load-case", (0, None), "Load case for --air-speed (default: 0).", metavar="K")
 @options.real_number(
     "--angle-step",
     (0, 45),
@@ -75,9 +73,7 @@ OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
     metavar="SECONDS",
     above=True,
 )
-@click.option(
-    "--rod-mass", is_flag=True, help="Give the rod its mass in the MuJoCo model even if the design neglects it."
-)
+@click.option("--rod-mass", is_flag=True, help="Give the rod its mass in the MuJoCo model in any case.")
 @click.option(
     "--contacts",
     is_flag=True,
@@ -134,40 +130,40 @@ def export(
     from topo_search.export.mjcf import Physics
     from topo_search.model.files import write_atomically
 
-    if kind not in (None, *OURS) and kind not in formats():
-        rule = f"must be one of {', '.join(sorted({*OURS, *formats()}))}, but got {kind!r}"
+    if kind not in (None, *BUILT_IN) and kind not in formats():
+        rule = f"must be one of {', '.join(sorted({*BUILT_IN, *formats()}))}, but got {kind!r}"
         raise click.BadParameter(rule, click.get_current_context(), param_hint="'--format'")
     suffix = out.suffix.lower()
-    form: Any = kind or SUFFIXES.get(suffix)
-    form = form or next((each.name for each in formats().values() if suffix in each.suffixes), None)
+    target: Any = kind or SUFFIXES.get(suffix)
+    target = target or next((own.name for own in formats().values() if suffix in own.suffixes), None)
     if kind not in ("kit", "brackets") and out.is_dir():
         raise ts.BadInput("--out", f"must be a file unless --format is kit or brackets, but {out} is a directory")
-    if form is None:
+    if target is None:
         rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
         raise ts.BadInput("--out", rule)
-    if parts is not None and form not in ("glb", "stl"):
+    if parts is not None and target not in ("glb", "stl"):
         raise ts.BadInput("--parts", f"applies only to glb and stl, but got {parts}")
-    if air_speed is not None and form not in ("glb", *PICTURES):
-        raise ts.BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {form}")
+    if air_speed is not None and target not in ("glb", *PICTURES):
+        raise ts.BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {target}")
     if load_case is not None and air_speed is None:
         raise ts.BadInput("--load-case", "applies only with --air-speed")
-    if angle_step is not None and form not in KIT:
-        raise ts.BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {form}")
-    if form == "air" and SUFFIXES.get(suffix) != "air":
+    if angle_step is not None and target not in KIT:
+        raise ts.BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {target}")
+    if target == "air" and SUFFIXES.get(suffix) != "air":
         raise ts.BadInput("--out", f"must end in .npz or .vti, but got {out.name}")
     physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
-    if physics != Physics() and form not in ("mjcf", "kit"):
-        rule = f"apply only to a MuJoCo model (mjcf, kit), but got --format {form}"
+    if physics != Physics() and target not in ("mjcf", "kit"):
+        rule = f"apply only to a MuJoCo model (mjcf, kit), but got --format {target}"
         raise ts.BadInput("--motor-lag, --rod-mass, --contacts", rule)
-    if form in KIT:
-        _write_kit(read_completed(source), form, out, angle_step, physics)
+    if target in KIT:
+        _write_kit(read_completed(source), target, out, angle_step, physics)
         return
     options.require_writable(out)
-    with needs_extras(f"--format {form}"):
-        if form in TABLES:
-            write_atomically(out, _table(source, form))
+    with needs_extras(f"--format {target}"):
+        if target in TABLES:
+            write_atomically(out, _table(source, target))
         else:
-            shows_gap = form in PICTURES or form not in OURS
+            shows_gap = target in PICTURES or target not in BUILT_IN
             design = (read_design if shows_gap else read_completed)(source)
             surface = None
             if air_speed is not None:
@@ -180,22 +176,22 @@ def export(
                 "mjcf": {"physics": physics},
                 **{picture: {"air": surface} for picture in PICTURES},
             }
-            if form == "air":
+            if target == "air":
                 from topo_search.export.air_field import air_field, npz, vti
 
                 write_atomically(out, (vti if suffix == ".vti" else npz)(air_field(design)))
             else:
-                write_atomically(out, content(design, of_name(form), **keywords.get(form, {})))
+                write_atomically(out, content(design, of_name(target), **keywords.get(target, {})))
             _warn_unless_clear(audit(design))
     kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
-    click.echo(f"the {kinds.get(form, 'design')} is in {out}")
+    click.echo(f"the {kinds.get(target, 'design')} is in {out}")
 
 
 def _warn_unless_clear(audit: ts.Audit) -> None:
     """Warn if the audit of an exported design is not clear."""
     if audit.verdict != ts.Status.CLEAR:
         broken = [pair.name for pair in audit.pairs if pair.status != ts.Status.CLEAR]
-        broken += [each.name for each in audit.residuals if each.status != ts.Status.CLEAR]
+        broken += [residual.name for residual in audit.residuals if residual.status != ts.Status.CLEAR]
         shown = ", ".join(broken[:3]) + ", ..." * (len(broken) > 3)
         note(f"warning: the audit of this design is {audit.verdict}: {shown}")
 

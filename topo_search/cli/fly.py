@@ -118,7 +118,7 @@ def _lines(result: FlightResult) -> Iterator[str]:
     from topo_search.simulation.result import CELLS, word
 
     head = ("scenario", "outcome", *CELLS[:-1], "largest")
-    rows = [head, *((each.name, word(each), *each.cells) for each in result.scenarios)]
+    rows = [head, *((scenario.name, word(scenario), *scenario.cells) for scenario in result.scenarios)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     for row in rows:
         yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()

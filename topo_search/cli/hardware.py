@@ -47,9 +47,7 @@ def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
     loaded = read_vehicle(vehicle)
     result = capability_of(loaded, None if judge is None else ts.read_task(judge))
     if result is None:
-        raise ts.BadInput(
-            vehicle, "must have wrenches that can be computed with, but its mass or its dimensions are too large"
-        )
+        raise ts.BadInput(vehicle, "must have wrenches to compute with, but its mass or dimensions are too large")
     if page is not None:
         from topo_search.report.design_page import vehicle_page
 

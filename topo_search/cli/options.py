@@ -35,22 +35,22 @@ class Real(click.FloatRange):
 
 
 def real_number(
-    option: str, within: tuple[float, float | None], text: str, *names: str, above: bool = False, **rest: Any
+    option: str, within: tuple[float, float | None], text: str, *names: str, above: bool = False, **settings: Any
 ) -> Callable[..., Any]:
     """Return an option for a number in a range; `above` excludes the lower limit."""
-    return click.option(option, *names, type=Real(*within, min_open=above), help=text, **rest)
+    return click.option(option, *names, type=Real(*within, min_open=above), help=text, **settings)
 
 
 def whole_number(
-    option: str, within: tuple[int, int | None], text: str, *names: str, **rest: Any
+    option: str, within: tuple[int, int | None], text: str, *names: str, **settings: Any
 ) -> Callable[..., Any]:
     """Return an option for a whole number in a range."""
-    return click.option(option, *names, type=click.IntRange(*within), help=text, **rest)
+    return click.option(option, *names, type=click.IntRange(*within), help=text, **settings)
 
 
-def choice(option: str, values: Sequence[str], text: str, **rest: Any) -> Callable[..., Any]:
+def choice(option: str, values: Sequence[str], text: str, **settings: Any) -> Callable[..., Any]:
     """Return an option for one of several words."""
-    return click.option(option, type=click.Choice(values), help=text, **rest)
+    return click.option(option, type=click.Choice(values), help=text, **settings)
 
 
 PATH = click.Path(path_type=Path)
@@ -67,9 +67,7 @@ set_field = click.option(
 seed = whole_number("--seed", (0, LIMITS.largest_integer), "Seed of all random numbers.", default=0)
 workers = whole_number("--workers", (1, LIMITS.workers), "Worker processes (default: the cores available).")
 connectors = choice(
-    "--connectors",
-    ["aligned", "any"],
-    "Ports by which a child may be attached: only the one opposite its parent's, or any.",
+    "--connectors", ["aligned", "any"], "Ports by which a child may be attached: only the opposite one, or any."
 )
 root = choice("--root", ["free", "paper"], "Root orientation: free, or limited to the paper's two angles.")
 paper = click.option(
@@ -109,9 +107,9 @@ def time_limit(
     return real_number("--time-limit", (0, LIMITS.seconds), text, above=True, metavar="SECONDS")
 
 
-def out(option: str, name: str, text: str, **rest: Any) -> Callable[..., Any]:
+def out(option: str, name: str, text: str, **settings: Any) -> Callable[..., Any]:
     """Return an option for a file to write in addition to the printed output."""
-    return click.option(option, name, type=FILE, metavar="FILE", help=text, **rest)
+    return click.option(option, name, type=FILE, metavar="FILE", help=text, **settings)
 
 
 def _sizes(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -132,12 +130,7 @@ def dask(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def with_certificates(
-        *,
-        dask: str | None,
-        dask_ca: Path | None,
-        dask_cert: Path | None,
-        dask_key: Path | None,
-        **option_values: Any,
+        *, dask: str | None, dask_ca: Path | None, dask_cert: Path | None, dask_key: Path | None, **values: Any
     ) -> None:
         tls = None
         if dask_ca or dask_cert or dask_key:
@@ -146,7 +139,7 @@ def dask(command: Callable[..., Any]) -> Callable[..., Any]:
             if not (dask_ca and dask_cert and dask_key):
                 raise click.UsageError("--dask-ca, --dask-cert and --dask-key must be given together")
             tls = ts.Certificates(dask_ca, dask_cert, dask_key)
-        command(dask=dask, dask_tls=tls, **option_values)
+        command(dask=dask, dask_tls=tls, **values)
 
     function: Callable[..., Any] = with_certificates
     for name, text in (
@@ -225,12 +218,12 @@ def warn(task: ts.Task) -> tuple[TaskWarning, ...]:
     return warnings
 
 
-def _conflicts(setting: str, others: tuple[str, ...]) -> bool:
-    """True if a setting sets the same field as one of `others`, or a table that contains it."""
+def _conflicts(setting: str, settings: tuple[str, ...]) -> bool:
+    """True if a setting sets the same field as one of `settings`, or a table that contains it."""
     from topo_search.model.text import field_of
 
-    mine = field_of(setting)
-    return bool(mine) and any(all(a == b for a, b in zip(mine, field_of(other), strict=False)) for other in others)
+    path = field_of(setting)
+    return bool(path) and any(all(a == b for a, b in zip(path, field_of(each), strict=False)) for each in settings)
 
 
 def is_json() -> bool:
@@ -282,9 +275,7 @@ def require_writable(out: Path | None, option: str = "--out") -> None:
             raise ts.BadInput(option, f"must be a regular file if it exists, but got {out}")
         while not folder.exists():
             folder = folder.parent
-        with tempfile.NamedTemporaryFile(
-            dir=folder, prefix=f".{out.name}."
-        ):  # the name that `write_atomically` uses
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{out.name}."):  # as in `write_atomically`
             pass
     except OSError as error:
         raise ts.BadInput(option, f"must be writable, but got {out} ({folder}: {error.strerror})") from None

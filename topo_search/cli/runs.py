@@ -161,9 +161,8 @@ def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, wo
     failed: list[tuple[str, str]] = []
     files = len(loaded) + len(refused) + skipped
     processes = min(workers or available_cores(), files) if files > 1 else 0
-    for (name, design), result in zip(
-        loaded, audits((design for _, design in loaded), workers=processes), strict=True
-    ):
+    results = audits((design for _, design in loaded), workers=processes)
+    for (name, design), result in zip(loaded, results, strict=True):
         if isinstance(result, Failed):
             failed.append((name, f"the audit failed: {result.reason}"))
             note(": ".join(failed[-1]))

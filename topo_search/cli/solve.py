@@ -58,18 +58,13 @@ def solve(
     from topo_search.engine import Failed
     from topo_search.model.files import write_atomically
 
-    user_task = options.task_of(task, settings, paper=paper, modules=modules)
-    topology = _topology(user_task, key, sample_seed, sized=modules is not None)
+    problem = options.task_of(task, settings, paper=paper, modules=modules)
+    topology = _topology(problem, key, sample_seed, sized=modules is not None)
     designs = options.read_near(near)
     options.require_writable(out)
-    options.warn(user_task.model_copy(update={"modules": topology.n}))
+    options.warn(problem.model_copy(update={"modules": topology.n}))
     solved = ts.solve(
-        user_task,
-        topology,
-        near=designs,
-        progress=lambda best: note(progress_line(best)),
-        note=note,
-        **option_values,
+        problem, topology, near=designs, progress=lambda best: note(progress_line(best)), note=note, **option_values
     )
     if out is not None and isinstance(solved.outcome, ts.Design):
         text = ts.to_json(solved.outcome)

@@ -92,9 +92,9 @@ def _requirements(task: ts.Task) -> Iterator[tuple[str, Iterable[tuple[str, str]
     """Yield the requirements of a task in groups, with the unit of weight for every number of modules."""
     from topo_search.report.task_facts import facts, goals, load_cases
 
-    first, *others = (task.resolve(n) for n in task.sizes)
+    first, *larger = (task.resolve(n) for n in task.sizes)
     platform, *groups = facts(first)
-    yield from (platform, *(facts(other)[0] for other in others), *groups)
+    yield from (platform, *(facts(resolved)[0] for resolved in larger), *groups)
     if any(exposure.geometry for exposure in first.exposure):
         from topo_search.cli.hardware import speeds_on
         from verify.air.envelope import envelope_air
@@ -104,7 +104,7 @@ def _requirements(task: ts.Task) -> Iterator[tuple[str, Iterable[tuple[str, str]
         yield "air of one module in hover, on its envelope for regions: at most", speeds
     if task.goals.names:
         yield goals(task)
-    size = f" of {quantity(first.n, 'module')}" if others else ""
+    size = f" of {quantity(first.n, 'module')}" if larger else ""
     cases = [(f"load case {k}", f"{wrench}; weight {weight}") for k, wrench, weight in load_cases(first)]
     yield f"load cases{size}, each the total wrench of the rotors", cases
 
@@ -113,8 +113,8 @@ def _expectations(size: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the figures of `_size` in words."""
     from topo_search.model.proven import at_least
 
-    least = figures(at_least(size["lower_bound"], 4))
-    bound = f"at least {least} rad⁴/s⁴ if every wrench is met exactly, whatever the topology"
+    bound_text = figures(at_least(size["lower_bound"], 4))
+    bound = f"at least {bound_text} rad⁴/s⁴ if every wrench is met exactly, whatever the topology"
     return [
         ("candidates", f"{size['candidates']}; {size['quotient']}"),
         ("control effort J", f"impossible: {size['impossible']}" if size["impossible"] else bound),

@@ -57,16 +57,16 @@ class SolverAndAudit:
 
     constraints: tuple[OwnConstraint, ...] = ()
 
-    def solve(self, task: ResolvedTask, topology: Topology, **given: Unpack[Given]) -> Design | Infeasible:
+    def solve(self, task: ResolvedTask, topology: Topology, **options: Unpack[Given]) -> Design | Infeasible:
         """Solve one topology."""
-        outcome = nlp.solve(task, topology, constraints=self.constraints, **given)
+        outcome = nlp.solve(task, topology, constraints=self.constraints, **options)
         return self._mount_rod(task, outcome) if isinstance(outcome, Design) else outcome
 
     def local_optima(
-        self, task: ResolvedTask, topology: Topology, *, most_effort: float, **given: Unpack[Given]
+        self, task: ResolvedTask, topology: Topology, *, most_effort: float, **options: Unpack[Given]
     ) -> list[Design]:
         """Find the local optima of one topology."""
-        designs = nlp.local_optima(task, topology, constraints=self.constraints, most_effort=most_effort, **given)
+        designs = nlp.local_optima(task, topology, constraints=self.constraints, most_effort=most_effort, **options)
         return [self._mount_rod(task, design) for design in designs]
 
     def audit(self, geometry: Geometry) -> Audit:
@@ -104,16 +104,12 @@ def backends(constraints: Sequence[OwnConstraint]) -> Backends:
     """Return solver, audit and bounds; constraints affect only the first two."""
     if not constraints:
         return BACKENDS
-    constrained = SolverAndAudit(tuple(constraints))
-    return replace(
-        BACKENDS, solve=constrained.solve, audit=constrained.audit, local_optima=constrained.local_optima
-    )
+    both = SolverAndAudit(tuple(constraints))
+    return replace(BACKENDS, solve=both.solve, audit=both.audit, local_optima=both.local_optima)
 
 
-_UNCONSTRAINED = SolverAndAudit()
-BACKENDS = Backends(
-    _UNCONSTRAINED.solve, _UNCONSTRAINED.audit, nlp.proven_bound, nlp.prove_impossible, _UNCONSTRAINED.local_optima
-)
+_PLAIN = SolverAndAudit()
+BACKENDS = Backends(_PLAIN.solve, _PLAIN.audit, nlp.proven_bound, nlp.prove_impossible, _PLAIN.local_optima)
 
 
 def open_engine(
@@ -229,8 +225,8 @@ def named_sampler(sampler: AnySampler) -> OwnSampler | None:
         return OwnSampler(getattr(sampler, "__qualname__", type(sampler).__name__), sampler)
     if isinstance(sampler, TopologySampler):  # without state: the same for every seed
         return OwnSampler(type(sampler).__name__, lambda _: sampler)
-    known = ", ".join(get_args(Sampler))
-    rule = f"must be {known}, or make one for a seed, such as `lambda seed: {type(sampler).__name__}(seed=seed)`"
+    names = ", ".join(get_args(Sampler))
+    rule = f"must be {names}, or make one for a seed, such as `lambda seed: {type(sampler).__name__}(seed=seed)`"
     raise ValueError(f"sampler {rule}, but got {sampler!r}")
 
 
@@ -276,10 +272,9 @@ def envelope_of_speed(
     try:
         return enclose(module, density, thrust, speed)
     except Unreached as error:
-        reached = (
-            f"{lower_text(error.bound.at_least, 4)} m/s (proven: at most {upper_text(error.bound.at_most, 4)})"
-        )
-        rule = f"must be a speed that is reached; at {thrust_text}, that is up to {reached}, but got {speed:g}"
+        low, high = lower_text(error.bound.at_least, 4), upper_text(error.bound.at_most, 4)
+        reached = f"up to {low} m/s (proven: at most {high})"
+        rule = f"must be a speed that is reached; at {thrust_text}, that is {reached}, but got {speed:g}"
     except ArithmeticError as error:
         rule = str(error)
     raise BadInput(source, [Fault("module.airflow.speed", rule)])

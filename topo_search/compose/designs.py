@@ -169,8 +169,8 @@ def round_angles(design: Design, step_deg: float) -> Rounded:
 
 def compare_audits(before: Audit, after: Audit) -> str:
     """Return a sentence about how a design's audit changed."""
-    least = (min((pair.analytic_m for pair in each.pairs), default=None) for each in (before, after))
-    old, new = ("none" if gap is None else f"{lower_text(1000 * gap, 3)} mm" for gap in least)
+    clearances = (min((pair.analytic_m for pair in result.pairs), default=None) for result in (before, after))
+    old, new = ("none" if gap is None else f"{lower_text(1000 * gap, 3)} mm" for gap in clearances)
     return f"Audit: {after.verdict} (before: {before.verdict}); least clearance {new} (before: {old})."
 
 
@@ -189,13 +189,12 @@ def brackets_note(design: Design) -> str:
     pairs = [pair for pair in audit(design.model_copy(update={"task": task})).pairs if pair.kind in kinds]
     if not pairs:
         return "Brackets: there are no joints, or numbers are too large to audit them."
-    least = min(pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
-    if least.status is Status.CLEAR:
-        return (
-            "Brackets are audited clear of all airflow and rotors; the least clearance is "
-            f"{lower_text(1000 * least.analytic_m, 3)} mm, {least.name}."
-        )
-    return f"Brackets are not clear: {least.name}, {lower_text(1000 * least.analytic_m, 3)} mm ({least.status})."
+    nearest = min(pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
+    clearance = f"{lower_text(1000 * nearest.analytic_m, 3)} mm"
+    if nearest.status is Status.CLEAR:
+        text = "Brackets are audited clear of all airflow and rotors; the least clearance is"
+        return f"{text} {clearance}, {nearest.name}."
+    return f"Brackets are not clear: {nearest.name}, {clearance} ({nearest.status})."
 
 
 def audit(design: Geometry, *, constraints: Iterable[OwnConstraint] = ()) -> Audit:

@@ -164,11 +164,11 @@ class SharedKit(Value):
         """The drawer, the tasks and the changes in words."""
         brackets, kinds = sum(kind.count for kind in self.brackets), quantity(len(self.brackets), "kind")
         excess = upper_text(max(task.over_best_percent for task in self.tasks), 3)
-        kept = " x ".join(map(str, self.designs_kept))
+        choices = " x ".join(map(str, self.designs_kept))
         return [
             f"{self.modules} modules and {brackets} brackets of {kinds} do all tasks "
             f"within {excess} % of their least effort",
-            f"no choice among the designs kept ({kept}) needs fewer brackets",
+            f"no choice among the designs kept ({choices}) needs fewer brackets",
             *(f"bracket {kind.angle_deg:.{DIGITS}f} deg: {kind.count}" for kind in self.brackets),
             *(
                 f"{task.task}: {task.topology_key}, {upper_text(task.over_best_percent, 3)} % over the least effort"
@@ -271,9 +271,8 @@ def share_brackets(choices: Sequence[Sequence[Design]], tolerance_deg: float, wi
                 continue
             turns = zip(design.hinge_angles_rad, bracket_turns(design), strict=True)
             with suppress(NotPossible):
-                refitted.append(
-                    refit(design, [math.copysign(math.radians(shared[abs(phi)]), a) for a, phi in turns])
-                )
+                angles = [math.copysign(math.radians(shared[abs(phi)]), a) for a, phi in turns]
+                refitted.append(refit(design, angles))
         largest = (1 + within / 100) * designs[0].objective
         clear = [
             design
@@ -286,14 +285,12 @@ def share_brackets(choices: Sequence[Sequence[Design]], tolerance_deg: float, wi
 
 def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
     """Return the index of the chosen design of each task; the programs are those of the module's docstring."""
-    kept = [_without_copies(task_designs) for task_designs in choices]
-    designs = [task_designs[d] for task_designs, indices in zip(choices, kept, strict=True) for d in indices]
+    kept = [_without_copies(each) for each in choices]
+    designs = [each[d] for each, indices in zip(choices, kept, strict=True) for d in indices]
     first = np.cumsum([0, *map(len, kept)]).tolist()
     tasks = [range(*bounds) for bounds in pairwise(first)]
     counts = [count_kinds(design) for design in designs]
-    brackets = sorted(
-        {(kind, j) for count in counts for kind, number in count.items() for j in range(1, number + 1)}
-    )
+    brackets = sorted({(kind, j) for count in counts for kind, c in count.items() for j in range(1, c + 1)})
     needs = np.array([[count[kind] >= j for kind, j in brackets] for count in counts]).reshape(len(designs), -1)
     y = range(len(designs), len(designs) + len(brackets))
     rows: list[BracketRow] = [(dict.fromkeys(task, 1.0), 1.0, 1.0) for task in tasks]
@@ -304,9 +301,7 @@ def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
     rows.append((drawer, -math.inf, round(fewest) + 0.5))
     z = {pair: number for number, pair in enumerate(_pairs(needs, tasks, round(fewest)), start=y.stop)}
     for side, linked in enumerate((range(first[-2]), range(first[1], first[-1]))):
-        rows += [
-            ({d: -1.0} | {number: 1.0 for pair, number in z.items() if pair[side] == d}, 0.0, 0.0) for d in linked
-        ]
+        rows += [({d: -1.0} | {z_k: 1.0 for pair, z_k in z.items() if pair[side] == d}, 0.0, 0.0) for d in linked]
     moves = dict[int, float]()
     for pair, number in z.items():
         before, after = (designs[d] for d in pair)
@@ -357,13 +352,13 @@ def _pairs(needs: NDArray[np.bool_], tasks: Sequence[range], fewest: int) -> Ite
 
 def _without_copies(designs: Sequence[Design]) -> list[int]:
     """Return the indices of designs with distinct assemblies, of each the design with the least effort."""
-    kept: dict[frozenset[tuple[float, int]], list[int]] = {}
+    distinct: dict[frozenset[tuple[float, int]], list[int]] = {}
     for d in sorted(range(len(designs)), key=lambda d: designs[d].objective):
-        same_kinds = kept.setdefault(frozenset(count_kinds(designs[d]).items()), [])
+        same_kinds = distinct.setdefault(frozenset(count_kinds(designs[d]).items()), [])
         n = designs[d].topology.n
         if not any(len(shared_part(designs[d], designs[e])) == n == designs[e].topology.n for e in same_kinds):
             same_kinds.append(d)
-    return sorted(d for same_kinds in kept.values() for d in same_kinds)
+    return sorted(d for same_kinds in distinct.values() for d in same_kinds)
 
 
 def count_kinds(design: Design) -> Counter[float]:
@@ -376,11 +371,8 @@ def shared_part(first: Design, second: Design) -> dict[int, int]:
 
     The result is exact: a joint of one design that is matched with a joint of the other fixes all other modules.
     """
-    first_ports, second_ports = _ports(first), _ports(second)
-    sides = [
-        [(i, a, phi) for i, joints in ports.items() for a, (*_, phi) in joints.items()]
-        for ports in (first_ports, second_ports)
-    ]
+    ports = _ports(first), _ports(second)
+    sides = [[(i, a, phi) for i, joints in side.items() for a, (*_, phi) in joints.items()] for side in ports]
     largest = {0: 0}
     seen = set[tuple[int, int, int]]()
     for (start, a, angle), (match, b, match_angle) in product(*sides):
@@ -390,8 +382,8 @@ def shared_part(first: Design, second: Design) -> dict[int, int]:
         part, grown = {start: (match, turn)}, [start]
         for i in grown:
             j, turn = part[i]
-            for port, (child, child_port, phi) in first_ports[i].items():
-                joint = second_ports[j].get((port + turn) % 4)
+            for port, (child, child_port, phi) in ports[0][i].items():
+                joint = ports[1][j].get((port + turn) % 4)
                 if child not in part and joint and joint[2] == phi and (joint[1] - child_port) % 2 == 0:
                     part[child] = joint[0], (joint[1] - child_port) % 4
                     grown.append(child)
@@ -412,11 +404,11 @@ def _ports(design: Design) -> dict[int, dict[int, tuple[int, int, float]]]:
 def growing_steps(design: Design, piece: Iterable[int]) -> tuple[Step, ...]:
     """Return the joints that complete a platform from a piece of it, module by module."""
     ports, grown = _ports(design), list(piece)
-    steps, known = list[Step](), set(grown)
+    steps, bolted = list[Step](), set(grown)
     for i in grown:
         for port, (j, port_of_j, phi) in ports[i].items():
-            if j not in known:
-                known.add(j)
+            if j not in bolted:
+                bolted.add(j)
                 grown.append(j)
                 steps.append(Step(module=j, port=port_of_j, to=i, to_port=port, bracket_deg=abs(phi)))
     return tuple(steps)
@@ -451,12 +443,12 @@ def _read_choices(run: Path, within: float) -> list[Design]:
 
 def _require_same_module(runs: Sequence[Path], choices: Sequence[Sequence[Design]]) -> None:
     """Raise BadInput unless all tasks have the same module; airflow may differ, as it depends on the task."""
-    first, *others = (designs[0].task.module.model_dump(mode="json", exclude={"airflow"}) for designs in choices)
-    for run, other in zip(runs[1:], others, strict=True):
+    first, *modules = (designs[0].task.module.model_dump(mode="json", exclude={"airflow"}) for designs in choices)
+    for run, module in zip(runs[1:], modules, strict=True):
         if faults := [
             Fault(f"module.{name}", f"must be that of {runs[0]}, as one drawer holds modules of one kind")
-            for name in sorted({*first, *other})
-            if first.get(name) != other.get(name)
+            for name in sorted({*first, *module})
+            if first.get(name) != module.get(name)
         ]:
             raise BadInput(str(run), faults)
 

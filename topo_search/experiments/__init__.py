@@ -1,7 +1,7 @@
 """The paper's studies and further ones: many topologies solved under varied conditions, measured and summarised.
 
 An experiment is a list of cells, each one topology under one condition. Cells are measured in worker processes, and
-each row is written to disk at once, so that the same command resumes a stopped experiment.
+each row is written to disk at once, so that a stopped experiment can be resumed.
 """
 
 from topo_search.experiments.conducting import Experiment, conduct, results

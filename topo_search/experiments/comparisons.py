@@ -106,9 +106,9 @@ def findings(rows: pd.DataFrame, names: list[str]) -> list[str]:
     """Return a sentence about the cost of each variant, for each problem."""
     sentences = []
     for (task, distance, n), group in summary(rows, names).groupby(PROBLEM):
-        reference, *others = group.to_dict(orient="records")
+        reference, *variants = group.to_dict(orient="records")
         if reference["variant"] == names[0]:  # otherwise the reference has no rows yet
-            sentences += [f"{task}, {n} modules at {distance:.2f} m: {_cost(row, reference)}" for row in others]
+            sentences += [f"{task}, {n} modules at {distance:.2f} m: {_cost(row, reference)}" for row in variants]
     return sentences
 
 

@@ -86,8 +86,8 @@ def slowdown(rows: pd.DataFrame) -> pd.DataFrame:
     `times_median`: ratio of their CPU time to this solver's; `memory_median`: likewise for peak memory.
     """
     designs = _solved_rows(rows)
-    ours, others = (designs[(designs["method"] == METHOD) == is_ours] for is_ours in (True, False))
-    both = others.merge(ours, on=list(IDENTITY[1:]), suffixes=("", "_ours"))
+    ours, direct = (designs[(designs["method"] == METHOD) == is_ours] for is_ours in (True, False))
+    both = direct.merge(ours, on=list(IDENTITY[1:]), suffixes=("", "_ours"))
     both = both.assign(times=both["seconds"] / both["seconds_ours"], memory=both["peak_mb"] / both["peak_mb_ours"])
     groups = both.groupby(["method", "distance_m", "n"])
     return pd.DataFrame(

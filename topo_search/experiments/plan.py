@@ -43,11 +43,11 @@ class Settings:
     """CPU time per cell after which no further start begins, if the first design ends a cell [s]."""
 
     def __post_init__(self) -> None:
-        known = examples()
+        names = examples()
         faults = [
-            Fault("--task", f"must name a shipped example, but got {name[:80]}; {nearest(name[:80], known)}")
+            Fault("--task", f"must name a shipped example, but got {name[:80]}; {nearest(name[:80], names)}")
             for name, _ in self.tasks
-            if name not in known
+            if name not in names
         ]
         numbers: dict[str, tuple[Sequence[float], float]] = {
             "sizes": ([n for _, sizes in self.tasks for n in sizes], LIMITS.modules),
@@ -174,18 +174,9 @@ def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> l
     )
     require_few(fewest * max(1, len(settings.distances)))
     tasks = {name: read_task(name) for name, _ in settings.tasks}
-    with_random_wrenches = {name for name, task in tasks.items() if task.task_seed is not None}
+    seeded = {name for name, task in tasks.items() if task.task_seed is not None}
     cells = [
-        Cell(
-            variant,
-            name,
-            distance,
-            n,
-            key,
-            settings.seed + number if name in with_random_wrenches else None,
-            settings,
-            first,
-        )
+        Cell(variant, name, distance, n, key, settings.seed + number if name in seeded else None, settings, first)
         for n in sorted(set(task_sizes))
         for number, tree in enumerate(trees(n, settings.trees(n), settings.seed))
         for name, sizes in settings.tasks
