@@ -91,8 +91,8 @@ def print_left_out(task: ResolvedTask, starts: int) -> None:
     """Print the second table."""
     trees = list(candidates(task.n, symmetry="task", task=task))
     least = {
-        name: [least_effort(task, tree.topology, is_kept, starts) for tree in trees]
-        for name, is_kept in KEPT_CONSTRAINTS.items()
+        name: [least_effort(task, tree.topology, keeps, starts) for tree in trees]
+        for name, keeps in KEPT_CONSTRAINTS.items()
     }
     incumbent = min(least["nothing"])
     print(f"\n{'push, left out':40}{'least / closed':>15}{'trees it would exclude':>24}")
@@ -111,11 +111,11 @@ def print_proven(task: ResolvedTask) -> None:
 
 
 def least_effort(
-    task: ResolvedTask, tree: Topology, is_kept: Callable[[Constraint, Topology], bool], starts: int
+    task: ResolvedTask, tree: Topology, keeps: Callable[[Constraint, Topology], bool], starts: int
 ) -> float:
     """Return the least effort found with bounds and only some of the constraints [rad^4/s^4]."""
     full = problem(task, tree)
-    rows = [row for row in full.constraints if is_kept(row, tree)]
+    rows = [row for row in full.constraints if keeps(row, tree)]
     program = {
         "x": full.variables.vector(),
         "p": full.beta,
