@@ -2,8 +2,8 @@
 
     .venv/bin/python docs/figures.py
 
-writes every one to `docs/pages/figures/NAME.svg`, NAME being that of its function. Ports, rotors, hinge axes,
-envelopes and the jet are those of the package; lengths are in metres where no axis says otherwise.
+writes each to `docs/pages/figures/NAME.svg`, where NAME is that of its function. Ports, rotors, hinge axes,
+envelopes and the jet come from the package. Lengths are in metres unless an axis says otherwise.
 """
 
 from __future__ import annotations
@@ -48,15 +48,15 @@ STYLE = {
 }
 MODULE = Module()
 Y = np.array([0.0, 1.0, 0.0])
-"""Towards the viewer of a side view is -y: x to the right, z up."""
+"""The normal of a side view, which is seen from -y: x to the right, z up."""
 
 Draw = Callable[..., None]
 DRAWN: dict[str, tuple[Draw, tuple[float, float], int]] = {}
-"""Every figure: what draws it, its size [in] and its number of panels side by side."""
+"""Every figure by name: its function, its size [in] and its number of panels, side by side."""
 
 
 def drawing(width: float, height: float, panels: int = 1) -> Callable[[Draw], Draw]:
-    """Register a function that draws on panels side by side."""
+    """Register a function that draws a figure of this size [in] on panels side by side."""
 
     def register(draw: Draw) -> Draw:
         DRAWN[draw.__name__.replace("_", "-")] = draw, (width, height), panels
@@ -66,15 +66,15 @@ def drawing(width: float, height: float, panels: int = 1) -> Callable[[Draw], Dr
 
 
 def svg(name: str) -> str:
-    """Return a figure."""
+    """Return a figure as SVG."""
     draw, size, panels = DRAWN[name]
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=size, facecolor=SHEET, layout="constrained")
         if panels:
             axes = figure.subplots(1, panels, squeeze=False)[0]
-            for one in axes:
-                one.set_aspect("equal")
-                one.axis("off")
+            for panel in axes:
+                panel.set_aspect("equal")
+                panel.axis("off")
             draw(*axes)
         else:
             draw(figure)
@@ -84,12 +84,12 @@ def svg(name: str) -> str:
 
 
 def arrow(axes: Axes, tail: Any, head: Any, text: str = "", colour: str = INK, **at: Any) -> None:
-    """Draw an arrow, with words at its head."""
+    """Draw an arrow with a text at its head."""
     axes.annotate("", head, tail, arrowprops={"arrowstyle": "-|>", "color": colour, "shrinkA": 0, "shrinkB": 0})
     axes.plot(*np.transpose([tail, head]), alpha=0)  # annotations do not set limits
     if text:
-        place = np.array(head) + at.pop("by", (0.0, 0.0))
-        axes.text(*place, text, **{"color": colour, "ha": "center", "va": "center", **at})
+        position = np.array(head) + at.pop("by", (0.0, 0.0))
+        axes.text(*position, text, **{"color": colour, "ha": "center", "va": "center", **at})
 
 
 def dimension(axes: Axes, a: Any, b: Any, text: str, by: tuple[float, float] = (0.0, 0.0)) -> None:
@@ -112,13 +112,13 @@ def dot(axes: Axes, at: Any, colour: str, text: str = "", by: tuple[float, float
 
 
 def boxes(axes: Axes, rows: list[tuple[str, ...]], *, back: tuple[str, int, int] | None = None) -> None:
-    """Draw a row of boxes, title and words each, joined by arrows; `back` from one box to another."""
-    for k, (title, *words) in enumerate(rows):
+    """Draw a row of boxes joined by arrows, each with a title and lines; `back` is an arrow from box to box."""
+    for k, (title, *lines) in enumerate(rows):
         axes.add_patch(
             FancyBboxPatch((2.4 * k, 0), 1.9, 1.2, boxstyle="round,pad=0.08", fc="#eef3f8", ec=palette.CONNECTOR)
         )
         axes.text(2.4 * k + 0.95, 0.95, title, ha="center", va="center", weight="bold")
-        axes.text(2.4 * k + 0.95, 0.42, "\n".join(words), ha="center", va="center", fontsize=7.5)
+        axes.text(2.4 * k + 0.95, 0.42, "\n".join(lines), ha="center", va="center", fontsize=7.5)
         if k:
             arrow(axes, (2.4 * k - 0.41, 0.6), (2.4 * k - 0.09, 0.6))
     if back:
@@ -130,27 +130,27 @@ def boxes(axes: Axes, rows: list[tuple[str, ...]], *, back: tuple[str, int, int]
     axes.set(xlim=(-0.2, 2.4 * len(rows) - 0.2), ylim=(-0.85, 1.4))
 
 
-def seen(points: Array, azimuth: float = -60.0, elevation: float = 22.0) -> Array:
-    """Return points of space as they are seen, (..., 2)."""
+def project(points: Array, azimuth: float = -60.0, elevation: float = 22.0) -> Array:
+    """Project points in space onto the paper, (..., 2)."""
     turned = points @ (rotation(0, math.radians(elevation)) @ rotation(2, math.radians(-90 - azimuth))).T
     return np.asarray(turned[..., [0, 2]])
 
 
 def quadrotor(axes: Axes, R: Array, p: Array, view: Callable[[Array], Array], *, thrust: bool = True) -> None:
     """Draw a module: arms, rotor discs, connectors, thrust axis."""
-    for place in p + MODULE.arm_length * ROTOR_DIRECTIONS @ R.T:
-        axes.plot(*view(np.stack([p, place])).T, color=palette.MODULE, linewidth=2)
+    for position in p + MODULE.arm_length * ROTOR_DIRECTIONS @ R.T:
+        axes.plot(*view(np.stack([p, position])).T, color=palette.MODULE, linewidth=2)
         axes.add_patch(
-            Polygon(view(circle(place, MODULE.body.rotor_radius, R[:, 2])), fc=palette.ROTOR, ec=PALE, alpha=0.6)
+            Polygon(view(circle(position, MODULE.body.rotor_radius, R[:, 2])), fc=palette.ROTOR, ec=PALE, alpha=0.6)
         )
-    for place in p + MODULE.connector_distance * PORT_DIRECTIONS @ R.T:
-        axes.plot(*view(np.stack([p, place])).T, color=palette.CONNECTOR, linewidth=1)
+    for position in p + MODULE.connector_distance * PORT_DIRECTIONS @ R.T:
+        axes.plot(*view(np.stack([p, position])).T, color=palette.CONNECTOR, linewidth=1)
     if thrust:
         arrow(axes, view(p), view(p + 1.6 * MODULE.arm_length * R[:, 2]), colour=palette.THRUST_AXIS)
 
 
 def side(points: Array) -> Array:
-    """Return points as they are seen along y, x to the right."""
+    """Project points onto the x-z plane, x to the right."""
     return np.asarray(points[..., [0, 2]])
 
 
@@ -166,8 +166,8 @@ def module(axes: Axes) -> None:
     """Ports and rotors of a module from above."""
     flat = np.eye(3)
     quadrotor(axes, flat, np.zeros(3), lambda x: x[..., :2], thrust=False)
-    for q, (place, spin) in enumerate(zip(MODULE.arm_length * ROTOR_DIRECTIONS, ROTOR_SPINS, strict=True)):
-        axes.text(*place[:2], f"rotor {q}\n{'↺' if spin < 0 else '↻'}", ha="center", va="center", fontsize=8)
+    for q, (position, spin) in enumerate(zip(MODULE.arm_length * ROTOR_DIRECTIONS, ROTOR_SPINS, strict=True)):
+        axes.text(*position[:2], f"rotor {q}\n{'↺' if spin < 0 else '↻'}", ha="center", va="center", fontsize=8)
     for port, (name, e) in enumerate(zip(PORT_NAMES, PORT_DIRECTIONS, strict=True)):
         end = MODULE.connector_distance * e[:2]
         axes.plot(*end, "s", color=palette.CONNECTOR)
@@ -177,7 +177,7 @@ def module(axes: Axes) -> None:
     axes.text(
         0.0,
         -0.285,
-        "↺ counter-clockwise from above, ↻ clockwise; z, the thrust, points at you",
+        "↺ counter-clockwise from above, ↻ clockwise; the thrust axis z points at you",
         ha="center",
         fontsize=8,
     )
@@ -189,10 +189,10 @@ def hinges(*panels: Axes) -> None:
     """A hinge angle of +25 degrees at each port of the root, from the audit's kinematics."""
     for port, (axes, name) in enumerate(zip(panels, PORT_NAMES, strict=True)):
         tree = Topology(((-1, -1, -1), (0, port, (port + 2) % 4)))
-        found = poses(tree, (0.0, 0.0, 0.0), (math.radians(25),), MODULE.connector_distance)
-        for R, p in zip(found.R, found.p, strict=True):
-            quadrotor(axes, R, p, seen)
-        rise = "up" if found.p[1, 2] > 0 else "down"
+        bodies = poses(tree, (0.0, 0.0, 0.0), (math.radians(25),), MODULE.connector_distance)
+        for R, p in zip(bodies.R, bodies.p, strict=True):
+            quadrotor(axes, R, p, project)
+        rise = "up" if bodies.p[1, 2] > 0 else "down"
         axes.set(xlim=(-0.5, 0.5), ylim=(-0.42, 0.5))
         axes.set_title(f"port {port} ({name}): +25°\nchild's far end {rise}", fontsize=8)
 
@@ -209,9 +209,9 @@ def euler(*panels: Axes) -> None:
     R = np.eye(3)
     for axes, (title, axis, angle) in zip(panels, steps, strict=True):
         R = R @ rotation(axis, angle)
-        quadrotor(axes, R, np.zeros(3), seen, thrust=False)
+        quadrotor(axes, R, np.zeros(3), project, thrust=False)
         for name, e, colour in zip("xyz", R.T, ("#d55e00", "#009e73", "#0072b2"), strict=True):
-            arrow(axes, seen(np.zeros(3)), seen(0.24 * e), name, colour, by=0.05 * seen(e))
+            arrow(axes, project(np.zeros(3)), project(0.24 * e), name, colour, by=0.05 * project(e))
         axes.set(xlim=(-0.36, 0.36), ylim=(-0.25, 0.34))
         axes.set_title(title, fontsize=9)
 
@@ -222,18 +222,18 @@ def frames(figure: Figure) -> None:
     figure.set_layout_engine("none")  # the scene knows its part of the figure
     with mpl.rc_context({"font.size": 8}):
         design = read_json(Design, DESIGNS / "wall-push.json")
-        at = poses_of(design)
-        scene = Scene(figure, (0.02, 0.02, 0.96, 0.94), design, at)
+        platform = poses_of(design)
+        scene = Scene(figure, (0.02, 0.02, 0.96, 0.94), design, platform)
         scene.platform()
         scene.finish()
-        for place, words, by in (
-            (at.p[0], "root module: origin of W,\nits axes are the task's", (-60, 40)),
-            (at.p_com, "centre of mass: COM loads act here", (60, -45)),
-            (at.end_effector, "tip: end-effector loads act here,\n$p_E$ from the centre of mass", (25, 40)),
+        for position, words, by in (
+            (platform.p[0], "root module: origin of W,\nits axes are the task's", (-60, 40)),
+            (platform.p_com, "centre of mass: COM loads act here", (60, -45)),
+            (platform.end_effector, "tip: end-effector loads act here,\n$p_E$ from the centre of mass", (25, 40)),
         ):
             scene.axes.annotate(
                 words,
-                scene._project(place[None])[0],
+                scene._project(position[None])[0],
                 xytext=by,
                 textcoords="offset points",
                 fontsize=8,
@@ -259,7 +259,7 @@ def airflow_envelope(axes: Axes) -> None:
     axes.text(
         -0.5,
         -0.8,
-        f"spread_angle_deg:\n{MODULE.airflow.spread_angle_deg:g}° in all,\nhalf to each side",
+        f"spread_angle_deg:\n{MODULE.airflow.spread_angle_deg:g}° in total,\nhalf to each side",
         ha="center",
         fontsize=8,
     )
@@ -282,7 +282,7 @@ def clearance(*panels: Axes) -> None:
 
 
 def tip_and_module(axes: Axes, tilt: float = -0.35) -> None:
-    """Draw a tip, and a module with its airflow above to the left."""
+    """Draw a tip, and above left of it a module with its airflow."""
     R, p = rotation(1, tilt), np.array([-0.62, 0.0, 0.42])
     quadrotor(axes, R, p, side)
     envelope(axes, R, p)
@@ -329,7 +329,7 @@ def region_cone(axes: Axes) -> None:
         )
     )
     arrow(axes, (0, 0), (-0.31, 0.21), "axis", by=(0.02, 0.09))
-    axes.text(0.35, -0.35, "no airflow\nout here", ha="center", fontsize=8)
+    axes.text(0.35, -0.35, "no airflow\noutside", ha="center", fontsize=8)
 
 
 @drawing(2.4, 2.3)
@@ -356,7 +356,7 @@ def pipeline(axes: Axes) -> None:
         ("task", "wrenches, regions,", "module, reserves"),
         ("enumerate", "trees up to", "symmetry"),
         ("solve", "many starts,", "Ipopt polishes"),
-        ("audit", "own code,", "proves each row"),
+        ("audit", "independent code,", "proves each row"),
         ("report", "page, tables,", "kit"),
     ]
     boxes(axes, rows, back=("audit not clear: solve again with a larger margin", 3, 2))
@@ -377,7 +377,7 @@ def build_pipeline(axes: Axes) -> None:
 
 @drawing(7.0, 1.5)
 def cluster(axes: Axes) -> None:
-    """Who talks to whom in a search on a cluster."""
+    """The processes of a search on a cluster."""
     rows = [
         ("topo-search", "proposes, records,", "ranks"),
         ("scheduler", "dask, one", "address"),
@@ -388,7 +388,7 @@ def cluster(axes: Axes) -> None:
 
 @drawing(7.4, 1.5)
 def verdicts(axes: Axes) -> None:
-    """What is known of a tree."""
+    """The verdicts on a tree."""
     rows = [
         ("tree", "one topology", ""),
         ("impossible?", "proven,", "with the reason"),
@@ -466,7 +466,7 @@ def jet(figure: Figure) -> None:
 
 @drawing(6.6, 2.4, panels=3)
 def interference(*panels: Axes) -> None:
-    """What two modules must keep out of each other's way."""
+    """The three rules of interference between two modules."""
     for axes, (name, dx, tilt) in zip(
         panels, (("airflow", 0.42, 0.12), ("parts", 0.34, 0.0), ("separation", 0.3, -0.15)), strict=True
     ):
@@ -496,23 +496,23 @@ def downwash(axes: Axes) -> None:
 
 @drawing(3.6, 2.6)
 def bracket_solid(axes: Axes) -> None:
-    """A hinge bracket of 20 degrees, as it is printed."""
+    """A printed hinge bracket of 20 degrees."""
     mesh = bracket(Bracket(), math.radians(20.0))
     faces, normals = np.asarray(mesh.triangles), np.asarray(mesh.face_normals)
-    view = seen(np.eye(3))
+    view = project(np.eye(3))
     towards = np.cross(*view.T)
     shown = normals @ towards > 1e-6
     order = np.argsort((faces[shown].mean(axis=1)) @ towards)
     grey = 0.55 + 0.35 * np.abs(normals[shown][order] @ np.array([0.3, -0.3, 0.9]))
     tints = np.repeat(np.minimum(grey, 1.0)[:, None], 3, axis=1)
     axes.add_collection(
-        PolyCollection(seen(faces[shown][order]), facecolors=tints, edgecolors=tints, linewidths=0.3)
+        PolyCollection(project(faces[shown][order]), facecolors=tints, edgecolors=tints, linewidths=0.3)
     )
     axes.autoscale_view()
 
 
-def tree(axes: Axes, key: str, words: str = "", moved: int | None = None) -> None:
-    """Draw a tree flat, its modules numbered, one of them marked."""
+def tree(axes: Axes, key: str, title: str = "", moved: int | None = None) -> None:
+    """Draw a tree in the plane with numbered modules, the moved one marked."""
     topology = Topology.from_key(key)
     at, _ = layout(topology)
     for h, i, a, _ in topology.edges():
@@ -536,7 +536,7 @@ def tree(axes: Axes, key: str, words: str = "", moved: int | None = None) -> Non
         xlim=at[:, 0].min() + np.array([-0.6, 0.6 + np.ptp(at[:, 0])]),
         ylim=at[:, 1].min() + np.array([-0.6, 0.6 + np.ptp(at[:, 1])]),
     )
-    axes.set_title(words or key, fontsize=9)
+    axes.set_title(title or key, fontsize=9)
 
 
 @drawing(7.0, 2.2, panels=3)
@@ -566,7 +566,7 @@ def load_case(left: Axes, right: Axes) -> None:
             arrow(axes, (0, 0), (0, 0.38), "weight", palette.THRUST_AXIS, by=(0.11, 0.0))
         axes.set(xlim=(-0.3, 0.95), ylim=(-0.15, 0.45))
         axes.set_title(
-            "end_effector alone: falls" if not carries else "with carries_weight = true: hovers and pushes",
+            "only end_effector: falls" if not carries else "with carries_weight = true: hovers and pushes",
             fontsize=9,
         )
 
@@ -592,7 +592,7 @@ def force_cone(left: Axes, right: Axes) -> None:
 
 @drawing(6.6, 1.5)
 def gap(axes: Axes) -> None:
-    """Effort of the winner of push over its lower bound, from its file."""
+    """Effort of the winner of push relative to its lower bound, from its design file."""
     design = read_json(Design, DESIGNS / "push-a70010.json")
     over = 1 / (1 - design.gap)
     axes.set_aspect("auto")
@@ -600,7 +600,7 @@ def gap(axes: Axes) -> None:
     axes.text(0.02, 1, f"{design.topology.key}: J = {over:.4f} times the bound", va="center")
     axes.text(0.02, 0, "lower bound: no tree of this size needs less", va="center")
     axes.plot([1, 1], [-0.4, 1.4], "--", color=INK, linewidth=0.8)
-    axes.text(1.005, 0, "gap: what nothing can beat", va="center", fontsize=8)
+    axes.text(1.005, 0, "gap: no design saves more", va="center", fontsize=8)
     axes.set(xlim=(0, 1.35))
 
 
@@ -624,11 +624,11 @@ def rod(axes: Axes) -> None:
 
 @drawing(5.6, 2.6, panels=2)
 def build_error(left: Axes, right: Axes) -> None:
-    """A hinge off by some degrees swings the airflow."""
+    """A hinge error of some degrees swings the airflow."""
     for axes, off in ((left, 0.0), (right, 6.0)):
         angle = math.radians(-18 + off)
-        found = poses(Topology.from_key("a10"), (0.0, 0.0, 0.0), (angle,), MODULE.connector_distance)
-        for R, p in zip(found.R, found.p, strict=True):
+        bodies = poses(Topology.from_key("a10"), (0.0, 0.0, 0.0), (angle,), MODULE.connector_distance)
+        for R, p in zip(bodies.R, bodies.p, strict=True):
             quadrotor(axes, R, p, side)
             envelope(axes, R, p)
         axes.set_title("as designed" if not off else "hinge off: clearance lost", fontsize=9)
@@ -675,7 +675,7 @@ def drawer(figure: Figure) -> None:
 
 @drawing(6.4, 2.4, panels=2)
 def starts(left: Axes, right: Axes) -> None:
-    """Outer and inner search: trees are counted; each is descended from many starts."""
+    """The outer search over trees and the inner one: descents from several starts."""
     tree(left, "a5100", "outer: choose a tree")
     t = np.linspace(0, 1, 200)
     effort = 0.5 + 0.25 * np.cos(14 * t) + 0.5 * (t - 0.7) ** 2
@@ -696,7 +696,7 @@ def starts(left: Axes, right: Axes) -> None:
 
 
 def star() -> Iterator[tuple[Array, Array]]:
-    """Yield place and axis of the rotors of a hexarotor tilted by 30 degrees in turn."""
+    """Yield position and axis of the rotors of a hexarotor, tilted by 30 degrees to alternate sides."""
     for k in range(6):
         turn = rotation(2, k * math.pi / 3)
         yield turn @ np.array([0.3, 0, 0]), turn @ rotation(0, math.radians(30 * (-1) ** k)) @ np.array([0, 0, 1.0])
@@ -705,11 +705,13 @@ def star() -> Iterator[tuple[Array, Array]]:
 @drawing(4.2, 2.2)
 def vehicle(axes: Axes) -> None:
     """A vehicle with tilted rotors."""
-    for place, axis in star():
-        axes.plot(*seen(np.stack([0 * place, place])).T, color=palette.MODULE, linewidth=2)
-        axes.add_patch(Polygon(seen(circle(place, 0.1, axis)), fc=palette.ROTOR, ec=PALE, alpha=0.6))
-        arrow(axes, seen(place), seen(place + 0.22 * axis), colour=palette.THRUST_AXIS)
-    axes.text(*seen(np.array([0, 0, -0.3])), "x_m, y_m, z_m and ax, ay, az of every rotor", ha="center", fontsize=8)
+    for position, axis in star():
+        axes.plot(*project(np.stack([0 * position, position])).T, color=palette.MODULE, linewidth=2)
+        axes.add_patch(Polygon(project(circle(position, 0.1, axis)), fc=palette.ROTOR, ec=PALE, alpha=0.6))
+        arrow(axes, project(position), project(position + 0.22 * axis), colour=palette.THRUST_AXIS)
+    axes.text(
+        *project(np.array([0, 0, -0.3])), "x_m, y_m, z_m and ax, ay, az of every rotor", ha="center", fontsize=8
+    )
 
 
 @drawing(5.0, 3.0)
@@ -725,7 +727,7 @@ def bridge(axes: Axes) -> None:
 
 
 def main() -> None:
-    """Draw all."""
+    """Draw every figure."""
     OUT.mkdir(exist_ok=True)
     for name in DRAWN:
         (OUT / f"{name}.svg").write_text(svg(name), encoding="utf-8")

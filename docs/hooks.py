@@ -1,4 +1,4 @@
-"""Parts of the site made from the product at build time: pictures, gallery, commands, tables, schemas."""
+"""Parts of the site that are generated at build time: pictures, gallery, commands, tables, schemas."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from topo_search.model.proven import gap_percent
 from topo_search.simulation.result import FlightResult, ScenarioResult, word
 
 PICTURES = Path(__file__).parents[1] / "notebooks/pictures"
-KEPT = Path(__file__).parents[1] / "notebooks/results"
+RESULTS = Path(__file__).parents[1] / "notebooks/results"
 BENCHMARKS = Path(__file__).parents[1] / "tests/benchmarks/README.md"
 SCHEMAS = Path(__file__).parents[1] / "topo_search/schemas"
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pictures that notebooks draw, and the schemas."""
+    """Add the pictures that notebooks draw, and the JSON schemas."""
     for picture in sorted((*PICTURES.glob("*.png"), *PICTURES.glob("*.webp"))):
         files.append(File.generated(config, f"pictures/{picture.name}", abs_src_path=str(picture)))
     for schema in sorted(SCHEMAS.glob("*.json")):
@@ -38,7 +38,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
-    """Fill in what is generated: a page names it in a comment on a line of its own."""
+    """Replace comments that name generated content, `<!-- commands -->`, by that content."""
     for mark, generate in GENERATED.items():
         if f"<!-- {mark} -->" in markdown:
             markdown = markdown.replace(f"<!-- {mark} -->", generate())
@@ -50,24 +50,24 @@ def _benchmarks() -> str:
 
 
 def _commands() -> str:
-    """Return a table for each group of commands, in the order of work."""
+    """Return a table per group of commands, in the order of work."""
     tables = []
     for title, commands in GROUPS.items():
-        summaries = {one.name: (one.help or "").partition("\n\n")[0] for one in commands}
+        summaries = {command.name: (command.help or "").partition("\n\n")[0] for command in commands}
         rows = [f"| `topo-search {name}` | {summary} |" for name, summary in summaries.items()]
         tables.append("\n".join([f"| {title} | |", "|---|---|", *rows]))
     return "\n\n".join(tables)
 
 
 def _limits() -> str:
-    """Return a table of the limits with what stands below each in the code."""
+    """Return a table of the limits, each with its docstring."""
     (limits,) = (node for node in ast.parse(inspect.getsource(Limits)).body if isinstance(node, ast.ClassDef))
     rows = ["| limit | at most | |", "|---|---|---|"]
-    for field, told in pairwise(limits.body):
-        if isinstance(field, ast.AnnAssign) and isinstance(told, ast.Expr):
+    for field, docstring in pairwise(limits.body):
+        if isinstance(field, ast.AnnAssign) and isinstance(docstring, ast.Expr):
             name, values = ast.unparse(field.target), getattr(LIMITS, ast.unparse(field.target))
             shown = ", ".join(f"{value:,}" for value in (values if isinstance(values, tuple) else [values]))
-            rows.append(f"| `{name}` | {shown} | {' '.join(ast.literal_eval(told.value).split())} |")
+            rows.append(f"| `{name}` | {shown} | {' '.join(ast.literal_eval(docstring.value).split())} |")
     return "\n".join(rows)
 
 
@@ -76,20 +76,20 @@ def _task_file() -> str:
 
 
 def _gallery() -> str:
-    kept = json.loads((KEPT / "gallery.json").read_text(encoding="utf-8"))
-    return "\n".join(_shown(name, kept.get(name)) for name in examples())
+    results = json.loads((RESULTS / "gallery.json").read_text(encoding="utf-8"))
+    return "\n".join(_example(name, results.get(name)) for name in examples())
 
 
-def _shown(name: str, kept: dict[str, Any] | None) -> str:
-    """Return an example's lesson, which is its first comment, command, run time, answer, picture and file."""
+def _example(name: str, result: dict[str, Any] | None) -> str:
+    """Return an example's lesson (its first comment), command, CPU time, answer, picture and file."""
     text = (resources.files("topo_search") / "examples" / f"{name}.toml").read_text(encoding="utf-8")
     lesson = text.splitlines()[0].removeprefix("# ")
-    parts = [f"## {name}", lesson, f"```sh\ntopo-search run {name}{kept['options'] if kept else ''}\n```"]
-    if kept is not None:
+    parts = [f"## {name}", lesson, f"```sh\ntopo-search run {name}{result['options'] if result else ''}\n```"]
+    if result is not None:
         parts.append(
-            f"{kept['modules']} modules, {kept['candidates']} candidates, {kept['cpu_seconds']} s of CPU time. "
-            f"Best design: `{kept['key']}`, audit {kept['audit']}; "
-            f"no platform of that size is more than {gap_percent(kept['gap'])} better."
+            f"{result['modules']} modules, {result['candidates']} candidates, {result['cpu_seconds']} s of CPU "
+            f"time. Best design: `{result['key']}`, audit {result['audit']}; "
+            f"no platform of that size is more than {gap_percent(result['gap'])} better."
         )
         alt = f"The best platform found for {name}: its airflow, a close-up and its tree"
         parts.append(f"![{alt}](pictures/gallery-{name}.png)")
@@ -99,57 +99,57 @@ def _shown(name: str, kept: dict[str, Any] | None) -> str:
 
 
 def _flight(name: str) -> str:
-    """Return the table of a flight that was kept, its plot, and what rotors can do in hover."""
-    result = _kept_flight(name)
-    names = ("scenario", "outcome", "error", "tilt", "force error", "at largest thrust", "why")
-    head = f"| {' | '.join(names)} |\n{'|---' * len(names)}|"
-    rows = "\n".join(_scenario(one) for one in result.scenarios)
+    """Return the table and plot of a stored flight, and its reserves in hover."""
+    result = _read_flight(name)
+    columns = ("scenario", "outcome", "error", "tilt", "force error", "at largest thrust", "reason")
+    head = f"| {' | '.join(columns)} |\n{'|---' * len(columns)}|"
+    rows = "\n".join(_scenario_row(scenario) for scenario in result.scenarios)
     summary = (
-        f"In hover rotors can push {100 * result.weakest_force_share:.3g} % of the weight sideways in the weakest "
-        f"direction; the platform survives {result.rotors_out} of {result.rotors} single rotor failures in hover, "
-        f"each known after {result.options.get('detection_time_s', 0.1):g} s."
+        f"In hover the platform can push sideways with {100 * result.weakest_force_share:.3g} % of its weight in "
+        f"the weakest direction, and survives {result.rotors_out} of {result.rotors} single rotor failures in "
+        f"hover, each detected after {result.options.get('detection_time_s', 0.1):g} s."
     )
     plot = f"![Error, tilt and largest thrust of every flight](../pictures/flight-{name}.png)"
     return f"{head}\n{rows}\n\n{summary}\n\n{plot}"
 
 
 def _flights(*names: str) -> str:
-    """Return a table with a row for all flights of a design, and their largest errors."""
+    """Return a table with a row per design: the worst of all its flights."""
     columns = (
         "design",
         "side force",
-        "back after",
+        "return takes",
         "drift in hover",
         "force error",
         "at largest thrust",
         "rotor dies",
     )
     head = f"| {' | '.join(columns)} | |\n{'|---' * (len(columns) + 1)}|"
-    return "\n".join([head, *(_all_of(name, _kept_flight(name)) for name in names)])
+    return "\n".join([head, *(_design_row(name, _read_flight(name)) for name in names)])
 
 
-def _all_of(name: str, result: FlightResult) -> str:
-    by_name = {one.name: one for one in result.scenarios}
-    back = [one.settled_s for one in result.scenarios if one.name.startswith("return")]
-    counting = [one for one in result.scenarios if one.counts]
-    off = [one.force_error_share for one in counting if one.force_error_share is not None]
-    limit = max(one.saturated_share or 0.0 for one in counting)
+def _design_row(name: str, result: FlightResult) -> str:
+    by_name = {flight.name: flight for flight in result.scenarios}
+    return_times = [flight.settled_s for flight in result.scenarios if flight.name.startswith("return")]
+    counting = [flight for flight in result.scenarios if flight.counts]
+    force_errors = [flight.force_error_share for flight in counting if flight.force_error_share is not None]
+    saturation = max(flight.saturated_share or 0.0 for flight in counting)
     cells = (
         *(name, f"{100 * result.weakest_force_share:.2g} % of the weight"),
-        "never" if None in back else f"{max(s or 0.0 for s in back):.2g} s",
+        "never" if None in return_times else f"{max(s or 0.0 for s in return_times):.2g} s",
         f"{100 * (by_name['hover'].drift_m or 0.0):.2f} cm",
-        f"{100 * max(off):.1f} %" if off else "not flown",
-        *(f"{100 * limit:.1f} % of the time", word(result.scenarios[-1]), f"**{word(result)}**"),
+        f"{100 * max(force_errors):.1f} %" if force_errors else "not flown",
+        *(f"{100 * saturation:.1f} % of the time", word(result.scenarios[-1]), f"**{word(result)}**"),
     )
     return f"| {' | '.join(cells)} |"
 
 
-def _required() -> str:
-    """Return tables of what the best designs of flying tasks are certified to reach, and of what they hold."""
-    rows = pd.read_csv(KEPT / "flights.csv", dtype=str, keep_default_na=False).to_dict("records")
+def _requirements() -> str:
+    """Return two tables of the best designs of flying tasks: certified figures, and simulated flights."""
+    rows = pd.read_csv(RESULTS / "flights.csv", dtype=str, keep_default_na=False).to_dict("records")
     lines = ["| task, modules | required | effort | tip | centre of mass | tilt | turn |", f"|{'---|' * 7}"]
     for row in rows:
-        cells = [_asked_of(row), row["effort"].replace("e+", "e") or "no design"]
+        cells = [_task_cells(row), row["effort"].replace("e+", "e") or "no design"]
         for column in ("tip", "com", "tilt_deg", "angular_acceleration_rad_s2"):
             pair = [row[f"{column}{suffix}"] for suffix in ("", "_pseudo_inverse")]
             cells.append("; ".join(f"{float(x):.2g}" for x in pair if x))
@@ -161,37 +161,37 @@ def _required() -> str:
     ]
     for row in rows:
         cells = [f"{row[f'{rule}_gust']}, {row[f'{rule}_tilt']}" for rule in ("bounded", "px4") if row["tree"]]
-        lines.append(f"| {' | '.join([_asked_of(row), *(cells or ['', ''])])} |")
+        lines.append(f"| {' | '.join([_task_cells(row), *(cells or ['', ''])])} |")
     return "\n".join(lines)
 
 
-def _asked_of(row: dict[Any, Any]) -> str:
+def _task_cells(row: dict[Any, Any]) -> str:
     return f"`{row['task']}`, {row['modules']} | {REQUIREMENTS[row['required']]}"
 
 
-def _kept_flight(name: str) -> FlightResult:
-    return FlightResult.model_validate_json((KEPT / f"flight-{name}.json").read_text(encoding="utf-8"))
+def _read_flight(name: str) -> FlightResult:
+    return FlightResult.model_validate_json((RESULTS / f"flight-{name}.json").read_text(encoding="utf-8"))
 
 
-def _scenario(one: ScenarioResult) -> str:
+def _scenario_row(scenario: ScenarioResult) -> str:
     numbers = (
-        (one.drift_m, 100.0, " cm"),
-        (one.tilt_deg, 1.0, " deg"),
-        (one.force_error_share, 100.0, " %"),
-        (one.saturated_share, 100.0, " %"),
+        (scenario.drift_m, 100.0, " cm"),
+        (scenario.tilt_deg, 1.0, " deg"),
+        (scenario.force_error_share, 100.0, " %"),
+        (scenario.saturated_share, 100.0, " %"),
     )
     cells = ["" if value is None else f"{scale * value:.2f}{unit}" for value, scale, unit in numbers]
-    return f"| {' | '.join((one.name, word(one), *cells, one.reason or ''))} |"
+    return f"| {' | '.join((scenario.name, word(scenario), *cells, scenario.reason or ''))} |"
 
 
 REQUIREMENTS = {
     "reserves": "reserves at the tip",
-    "centred": "as shipped, but centred",
+    "centred": "as shipped, without `com_error`",
     "task": "as shipped",
-    "pseudo-inverse": "as shipped, by the pseudo-inverse",
+    "pseudo-inverse": "as shipped, with the pseudo-inverse",
 }
 GENERATED = {
-    "flights of requirements": _required,
+    "flights of requirements": _requirements,
     "benchmarks": _benchmarks,
     "commands": _commands,
     "limits": _limits,

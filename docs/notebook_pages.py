@@ -1,4 +1,4 @@
-"""The notebooks as pages of the site, as `make notebooks-docs` ran and kept them: none is run while it is built."""
+"""Pages of the site from the notebooks with their stored outputs (`make notebooks-docs`); the build runs none."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from traitlets.config import Config
 
 EXECUTED = Path(__file__).parent / "executed"
 SHOWN = ["image/png", "image/gif", "text/html", "text/markdown", "text/plain"]
-"""Kinds of output, the preferred one first: interactive pictures would put megabytes of scripts into a page."""
+"""Kinds of output by preference, without the interactive ones: their scripts would add megabytes to a page."""
 FORMULA = re.compile(r"\$\$(?P<block>.+?)\$\$|\$(?P<inline>[^$]+)\$", re.DOTALL)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add a page for each notebook, and its pictures."""
+    """Add a page per notebook, and its pictures."""
     exporter = MarkdownExporter(config=Config(NbConvertBase={"display_data_priority": SHOWN}))
     for book in sorted(EXECUTED.glob("*.ipynb")):
         content = nbformat.read(book, as_version=4)
@@ -40,7 +40,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def _mathml(formula: re.Match[str]) -> str:
-    """Return a formula as browsers draw it, without a script."""
+    """Return a formula as MathML, which browsers draw without a script."""
     if formula["block"] is not None:
         return f"\n\n<div>{convert(' '.join(formula['block'].split()), display='block')}</div>\n\n"
     return convert(formula["inline"])

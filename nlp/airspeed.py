@@ -1,17 +1,17 @@
-r"""Air speed over regions: the jet model in numbers and as rows of a program.
+r"""Air speed over regions: the jet model, and the points whose speeds become rows of a program.
 
-Lengths are in l_arm, s = depth / 2 in distances of opposite rotors.
+Lengths are in l_arm; s = depth / 2, in distances of opposite rotors.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | v_q | speed that disc q induces, sqrt(k_f u_q / (2 rho pi R^2)) | | m/s |
-| U_H | root of the mean of the v_q^2 | | m/s |
+| U_H | root mean square of the v_q | | m/s |
 | s, r | depth below the module, distance from its axis | | 2 l_arm, l_arm |
 | z, r_q, d_q | depth in l_arm; distance from rotor q's axis; from its disc | | l_arm |
 | D, s_0, b | `module.airflow.jet` | | |
 
-A module's air is the largest of three parts: the merged jets (Bauersfeld et al., arXiv 2403.13321), a disc's own
-slipstream (momentum theory, with a shear layer of 0.1 (z + R)), and the flow towards the discs:
+A module's air speed is the largest of three parts: the merged jets (Bauersfeld et al., arXiv 2403.13321), a disc's
+own slipstream (momentum theory, with a shear layer of 0.1 (z + R)), and the flow towards the discs:
 
 .. math::
 
@@ -20,10 +20,10 @@ slipstream (momentum theory, with a shear layer of 0.1 (z + R)), and the flow to
     s' &= \max(s, 2.5), \quad r_h = 2 b (s' + s_0), \quad g = 1 + z / \sqrt{R^2 + z^2} \\
     c_z &= \min(1, (2.5 - s) / 1.5), \quad c_r = \tfrac12 + (R / \sqrt g - r_q) / (0.2 (z + R)) \in [0, 1]
 
-Over a region counts the sum of all modules' speeds. A program has it at points of the region where air is fastest,
-taken in as a solve leaves them too fast; there the largest of the parts is their 8-norm, which is no less. Points
-of a ball move with a module, or the platform would turn away from them at no cost; others are fixed from the
-end-effector.
+The air speed at a point is the sum over all modules. A program has rows for points of the region where air is
+fastest, added once a solve violates the limit there. In rows the 8-norm of the parts replaces their maximum, which
+is no larger. Points of a ball move with a module, since otherwise the platform would turn away from them at no
+cost; other points are fixed relative to the end-effector.
 """
 
 from __future__ import annotations
@@ -46,38 +46,38 @@ from topo_search.model.shape import Capsule, Cone, Polytope, Shape
 if TYPE_CHECKING:
     from nlp.numbers.jets import Region
 
-AIMED_AT = 0.997
-"""Share of a limit that rows state: what is faster between their points is within the limit."""
-ALLOWED = 0.998
-"""Share of a limit up to which a design meets it: the audit's bound over the whole region is still under it."""
+TARGET_SHARE = 0.997
+"""Share of a limit that rows allow, so that faster air between their points is within the limit."""
+ALLOWED_SHARE = 0.998
+"""Share of a limit that a design may reach, so that the audit's bound over the whole region is within the limit."""
 DEPTHS = np.concatenate([[0.0], np.geomspace(0.1, 60.0, 30)])
-"""Depths at which a search for the fastest air begins [l_arm]."""
-AROUND = np.array(sorted(set(product((-1.0, 0.0, 1.0), repeat=3)) - {(0.0, 0.0, 0.0)}, key=np.linalg.norm))
-"""Directions of its steps, in the module's frame."""
+"""Depths where a search for the fastest air may start [l_arm]."""
+DIRECTIONS = np.array(sorted(set(product((-1.0, 0.0, 1.0), repeat=3)) - {(0.0, 0.0, 0.0)}, key=np.linalg.norm))
+"""Directions of the steps of the search, in the module's frame."""
 
 
 TOWARDS_MODULE = 0.0, 0.0, 0.0
-"""`SpeedPoint.direction` of the point of a ball that is near the module's axis and, of those, near the module."""
+"""`SpeedPoint.direction` for the point of a ball near the module's axis and, among those, near the module."""
 
 
 class SpeedPoint(NamedTuple):
-    """A point of a region that a program states, in a load case."""
+    """A point of a region with a row in a program, in one load case."""
 
     case: int
     exposure: int
     from_tip: tuple[float, float, float]
-    """From p'_E [l_arm]."""
+    """The point, or the centre of its ball, from p'_E [l_arm]."""
     module: int = -1
-    """Instead of that point: one of a ball around it that moves with this module."""
+    """Module that the point of the ball moves with; -1: no ball."""
     radius: float = 0.0
     """Radius of the ball [l_arm]."""
     direction: tuple[float, float, float] = TOWARDS_MODULE
-    """Direction of the point from there: along the shortest way to the module's axis, across both, along it."""
+    """Direction of the point from the centre: components towards the module's axis, across both, and along it."""
 
 
 @dataclass(frozen=True)
-class Fastest:
-    """Fastest air over a region in a load case, and where."""
+class SpeedMaximum:
+    """Fastest air over a region in one load case."""
 
     case: int
     exposure: int
@@ -86,16 +86,16 @@ class Fastest:
     speed: float
     """[m/s]"""
     points: tuple[SpeedPoint, ...]
-    """The fastest of each module's neighbourhood."""
+    """Points that get rows: fastest points near each module."""
 
 
-def name_of(task: ResolvedTask, at: Fastest) -> str:
-    """Name a limit as the audit does."""
-    return names.air(at.exposure, task.exposure[at.exposure], task.case_labels[at.case])
+def name_of(task: ResolvedTask, maximum: SpeedMaximum) -> str:
+    """Name a limit as in the audit."""
+    return names.air(maximum.exposure, task.exposure[maximum.exposure], task.case_labels[maximum.case])
 
 
-def fastest(point: Point) -> Iterator[Fastest]:
-    """Yield every region whose speed is limited, in every load case: where the air is fastest there."""
+def fastest(point: Point) -> Iterator[SpeedMaximum]:
+    """Yield the fastest air over every region with a limit, in every load case."""
     task, l_arm = point.task, point.task.module.arm_length
     limited = [(number, exposure) for number, exposure in enumerate(task.exposure) if exposure.speed is not None]
     if not limited:
@@ -113,7 +113,8 @@ def fastest(point: Point) -> Iterator[Fastest]:
         for case in range(len(task.declared.load_cases)):
             speeds, points = dict[SpeedPoint, float](), set[SpeedPoint]()
             for region in regions:
-                for i, (*x, speed) in enumerate(climb(jet, R, p, induced[case], region, DEPTHS, AROUND).tolist()):
+                maxima = climb(jet, R, p, induced[case], region, DEPTHS, DIRECTIONS)
+                for i, (*x, speed) in enumerate(maxima.tolist()):
                     if speed < 0.0:
                         continue
                     if not region.radius:
@@ -122,13 +123,13 @@ def fastest(point: Point) -> Iterator[Fastest]:
                     on_path = _nearest_of_path(region, np.array(x))
                     points.add(_point(case, number, on_path, i, region.radius))
                     direction = _direction(on_path, region.radius, R[i, :, 2], p[i], np.array(x))
-                    at = (np.array(x),) if direction is None else (on_path, i, region.radius, direction)
-                    speeds[_point(case, number, *at)] = speed
+                    key = (np.array(x),) if direction is None else (on_path, i, region.radius, direction)
+                    speeds[_point(case, number, *key)] = speed
             if not speeds:
                 continue
-            most = max(speeds.values())
-            points.update(point for point, speed in speeds.items() if speed > 0.9 * most)
-            yield Fastest(case, number, exposure.speed or math.inf, most, tuple(sorted(points)))
+            largest = max(speeds.values())
+            points.update(point for point, speed in speeds.items() if speed > 0.9 * largest)
+            yield SpeedMaximum(case, number, exposure.speed or math.inf, largest, tuple(sorted(points)))
 
 
 def _nearest_of_path(region: Region, x: Array) -> Array:
@@ -136,14 +137,14 @@ def _nearest_of_path(region: Region, x: Array) -> Array:
     return np.asarray(region.start + np.clip(along, 0.0, 1.0) * region.axis)
 
 
-def _point(case: int, exposure: int, from_tip: Array, *of_ball: Any) -> SpeedPoint:
-    """Return a point in as many digits as tell it from others."""
+def _point(case: int, exposure: int, from_tip: Array, *ball: Any) -> SpeedPoint:
+    """Return a point, rounded so that equal points compare equal."""
     x, y, z = from_tip.round(6).tolist()
-    return SpeedPoint(case, exposure, (x, y, z), *of_ball)
+    return SpeedPoint(case, exposure, (x, y, z), *ball)
 
 
 def _direction(centre: Array, radius: float, z: Array, p: Array, x: Array) -> tuple[float, ...] | None:
-    """Return `SpeedPoint.direction` of a point of a ball; None where the module's axis is as near as that."""
+    """Return `SpeedPoint.direction` of a point of a ball; None if the module's axis meets the ball."""
     w = p + z * ((centre - p) @ z) - centre
     length = np.linalg.norm(w)
     if length <= radius:
@@ -153,7 +154,7 @@ def _direction(centre: Array, radius: float, z: Array, p: Array, x: Array) -> tu
 
 
 def region_of(shape: Shape, l_arm: float, within: float | None) -> Region:
-    """Return a region of the air [l_arm] of a shape whose direction is known, and the reach of its limit [m]."""
+    """Return the region of a shape with a fixed direction, cut off at a distance `within` [m] from p'_E."""
     from nlp.numbers.jets import Region  # compiled code, which other commands need not load
 
     start, axis, radius, half_angle, planes = np.zeros(3), np.zeros(3), 0.0, 0.0, np.zeros((0, 3))

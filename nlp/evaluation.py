@@ -1,23 +1,22 @@
-r"""Constraint violations at a point of a task, and the correction of points to have none.
+r"""Constraint violations at a point of a task, and the correction of points.
 
-Every constraint of a point evaluated again in numpy, exactly: no smoothing, no margin, no word of Ipopt's.
+Every constraint is evaluated exactly in NumPy, without smoothing or margins, and without trusting Ipopt. A point is
+a design if all violations are within their tolerances; otherwise the worst violation is the reason given to the
+user.
 
-A point is a design when nothing here is violated by more than the tolerances; else the worst violation is the
-reason that a user reads.
-
-Correction takes the point that Ipopt reached to one that a file can hold: angles wrapped, inputs exact. Where a
-load case has no weight, Ipopt leaves any inputs that produce it; a file gets the least ones, from one small convex
-problem per load case:
+Correction turns Ipopt's result into a point that a file can hold: angles wrapped, inputs exact. If a load case has
+no weight, Ipopt returns any inputs that produce it; correction finds the smallest ones, by one small convex problem
+per load case:
 
 .. math:: \min_{v_{min} \le v \le 1} \tfrac12 \|v\|^2 \quad \text{subject to} \quad A v = b_k
 
 | symbol | meaning | shape |
 |---|---|---|
-| v, v_min | inputs over the largest that a design may use; the least that a rotor runs at | (4n,) |
+| v, v_min | inputs and minimum input, over the maximum input | (4n,) |
 | A | wrench of the rotors at v about W's origin, in weights and arm lengths times weights | (6, 4n) |
-| b_k | what load case k asks for, in the same units | (6,) |
+| b_k | required wrench of load case k, in the same units | (6,) |
 
-The solver is DAQP, a dual active-set method, as CasADi brings it.
+The solver is DAQP, a dual active-set method that comes with CasADi.
 """
 
 from __future__ import annotations
@@ -47,9 +46,9 @@ from topo_search.model import Design
 from topo_search.model.arrays import Array
 
 LOAD_TOLERANCE = 1e-7
-"""Tolerance of a joint's load above the largest [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
-PLACE_TOLERANCE = 1e-9
-"""Largest error of a fixed end-effector's place [l_arm]."""
+"""Tolerance of a joint load above its limit [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
+POSITION_TOLERANCE = 1e-9
+"""Largest allowed error of a fixed end-effector's position [l_arm]."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +57,14 @@ class Violation:
 
     name: str
     amount: float
-    """Positive when violated, zero or negative when met, in `unit`."""
+    """Positive if violated, zero or negative if met, in `unit`."""
     unit: str
     scaled: float
-    """The same in l_arm, m_t g, l_arm m_t g or rad, so that different kinds compare."""
+    """The same in l_arm, m_t g, l_arm m_t g or rad, to compare constraints of different kinds."""
     tolerance: float = 0.0
-    """Largest `scaled` of a met constraint."""
+    """Largest `scaled` at which the constraint is met."""
     air: tuple[airspeed.SpeedPoint, ...] = ()
-    """Points at which a program states an air speed; empty for other constraints."""
+    """Points where a program gets rows of the air speed; empty for other constraints."""
 
     @property
     def met(self) -> bool:
@@ -74,17 +73,17 @@ class Violation:
 
     @property
     def rank(self) -> float:
-        """Excess over its tolerance; NaN is the largest."""
+        """Excess over the tolerance; infinite for NaN."""
         return math.inf if math.isnan(self.scaled) else self.scaled - self.tolerance
 
 
 def violations(point: Point) -> list[Violation]:
-    """Return every constraint of the problem with its violation."""
+    """Return the violations of all constraints."""
     return [*_balances(point), *_clearances(point), *_joints(point), *_air(point), *_bounds(point)]
 
 
 def worst(checks: list[Violation]) -> Violation:
-    """Return the constraint that is furthest from being met."""
+    """Return the largest violation, relative to tolerances."""
     return max(checks, key=lambda check: check.rank)
 
 
@@ -103,9 +102,11 @@ def _joints(point: Point) -> Iterator[Violation]:
 
 
 def _air(point: Point) -> Iterator[Violation]:
-    for at in airspeed.fastest(point):
-        excess = at.speed - airspeed.ALLOWED * at.limit
-        yield Violation(airspeed.name_of(point.task, at), excess, "m/s", excess / at.limit, air=at.points)
+    for maximum in airspeed.fastest(point):
+        excess = maximum.speed - airspeed.ALLOWED_SHARE * maximum.limit
+        yield Violation(
+            airspeed.name_of(point.task, maximum), excess, "m/s", excess / maximum.limit, air=maximum.points
+        )
 
 
 def _clearances(point: Point) -> Iterator[Violation]:
@@ -117,10 +118,9 @@ def _clearances(point: Point) -> Iterator[Violation]:
 
 
 def _bounds(point: Point) -> Iterator[Violation]:
-    """Yield those of inputs, hinges, root, and p_E where it is bounded.
+    """Yield the violations of bounds on inputs, hinges, root and p_E.
 
-    The printed problem has no row for the end-effector's reach, and none for its place where a task fixes that: it
-    is no unknown then.
+    The printed problem has no row for the end-effector's reach, nor for a fixed position, which is no unknown.
     """
     task, l_arm = point.task, point.task.module.arm_length
     u, alive = point.u.reshape(len(task.load_cases), -1), running_rotors(task)
@@ -138,97 +138,97 @@ def _bounds(point: Point) -> Iterator[Violation]:
     too_far = float(np.linalg.norm(offset)) - task.farthest_end_effector(point.topology.n)
     yield Violation(names.REACH, too_far, "m", too_far / l_arm)
     if position is not None:
-        off = float(np.linalg.norm(offset - position))
-        yield Violation(names.POSITION, off, "m", off / l_arm, PLACE_TOLERANCE)
+        error = float(np.linalg.norm(offset - position))
+        yield Violation(names.POSITION, error, "m", error / l_arm, POSITION_TOLERANCE)
 
 
 class Correction(NamedTuple):
-    """The correction of inputs."""
+    """Settings of the correction of inputs."""
 
     passes: int = 3
-    """Largest number of corrections of the inputs; one leaves rounding errors only, unless an input meets its
-    bound."""
+    """Largest number of corrections; one leaves only rounding errors unless an input reaches a bound."""
     stiffness: float = 1e10
-    """Price of a squared residual where least inputs are sought, in squared inputs; what is missed is corrected."""
+    """Price of a squared residual in the search for minimum inputs; residuals are corrected afterwards."""
 
 
 CORRECTION = Correction()
 
 
-Limits = tuple[Array, Array]
-"""Least and largest input of every rotor in every load case, shape (K, 4n) each."""
+Bounds = tuple[Array, Array]
+"""Minimum and maximum input of every rotor in every load case, shape (K, 4n) each."""
 
 
 def correct(point: Point, *, settled: int = 0, refit: bool = False) -> Point:
-    """Return the point with its root angles in range and its inputs on the wrench balance.
+    """Return the point with wrapped root angles and inputs that satisfy the wrench balance.
 
-    Every load case's inputs are moved by the least-norm correction over the rotors that are not at a bound, then
-    brought inside their bounds: the balance that Ipopt meets to its tolerance is then met to rounding.
+    The inputs of every load case get the least-norm correction over the rotors that are not at a bound, and are
+    then clipped to their bounds. The balance, which Ipopt satisfies to its tolerance, then holds to rounding.
 
     Args:
-        point: where Ipopt ended.
-        settled: the first load cases that keep their inputs even if they weigh nothing.
-        refit: whether every load case gets the least inputs, whatever it weighs.
+        point: the result of Ipopt.
+        settled: number of leading load cases that keep their inputs even if they have no weight.
+        refit: whether every load case gets its minimum inputs, regardless of its weight.
     """
     A, b, alive = wrench_matrix(point), asked_wrenches(point), running_rotors(point.task)
-    limits = point.task.min_input * alive, point.task.max_input * alive
-    u = _balance(A, b, np.clip(point.u.reshape(len(b), -1), *limits), limits)
+    bounds = point.task.min_input * alive, point.task.max_input * alive
+    u = _balance(A, b, np.clip(point.u.reshape(len(b), -1), *bounds), bounds)
     weightless = np.array([case.weight == 0 for case in point.task.load_cases])
     weightless[:settled] = False
     weightless |= refit
     if weightless.any():
-        low, high = (limit[weightless] for limit in limits)
-        u[weightless] = _least(point, A, b[weightless], u[weightless], (low, high))
+        lower, upper = (limit[weightless] for limit in bounds)
+        u[weightless] = _smallest_inputs(point, A, b[weightless], u[weightless], (lower, upper))
     root = root_angles(root_rotation(point.root)) if point.task.search.root == "free" else point.root
     return replace(point, root=root, u=u.reshape(point.u.shape))
 
 
-def _least(point: Point, A: Array, b: Array, u: Array, limits: Limits) -> Array:
-    """Return the least inputs of the wrenches b (K, 6), shape (K, 4n); u where they are not found and miss more."""
+def _smallest_inputs(point: Point, A: Array, b: Array, u: Array, bounds: Bounds) -> Array:
+    """Return the minimum inputs of the wrenches b (K, 6), shape (K, 4n), or u where that is better balanced."""
     from nlp.reduced.inputs import dual  # compiled code, which most tasks need not load
 
     units = np.repeat([point.task.force_unit(point.topology.n), point.task.torque_unit(point.topology.n)], 3)
     u_min, u_max = point.task.min_input, point.task.max_input
     columns, wrenches = np.ascontiguousarray((A * u_max / units[:, None]).T), b / units
-    least = np.empty_like(u)
+    smallest = np.empty_like(u)
     for k, w in enumerate(wrenches):
-        produced = columns * (limits[1][k] > 0)[:, None]  # by rotors that run
-        dual(produced, w, CORRECTION.stiffness, u_min / u_max, 1.0, np.zeros(6), least[k])
-    least = _balance(A, b, np.clip(least * u_max, *limits), limits)
-    missed, before = (np.abs((inputs @ A.T - b) / units).max(axis=1) for inputs in (least, u))
-    balanced, less = missed <= WRENCH_TOLERANCE / 10, np.sum(least**2, axis=1) < np.sum(u**2, axis=1)
-    better = np.where(before <= WRENCH_TOLERANCE / 10, balanced & less, missed < before)
-    return np.where(better[:, None], least, u)
+        produced = columns * (bounds[1][k] > 0)[:, None]  # without dead rotors
+        dual(produced, w, CORRECTION.stiffness, u_min / u_max, 1.0, np.zeros(6), smallest[k])
+    smallest = _balance(A, b, np.clip(smallest * u_max, *bounds), bounds)
+    residuals, residuals_before = (np.abs((inputs @ A.T - b) / units).max(axis=1) for inputs in (smallest, u))
+    balanced, cheaper = residuals <= WRENCH_TOLERANCE / 10, np.sum(smallest**2, axis=1) < np.sum(u**2, axis=1)
+    better = np.where(residuals_before <= WRENCH_TOLERANCE / 10, balanced & cheaper, residuals < residuals_before)
+    return np.where(better[:, None], smallest, u)
 
 
-def _balance(A: Array, b: Array, u: Array, limits: Limits) -> Array:
-    """Return inputs u (K, 4n) within their bounds, moved onto the wrenches b (K, 6); u is changed."""
-    unfinished = np.arange(len(b))
+def _balance(A: Array, b: Array, u: Array, bounds: Bounds) -> Array:
+    """Correct inputs u (K, 4n) in place to produce the wrenches b (K, 6) within their bounds; return u."""
+    active = np.arange(len(b))
     for _ in range(CORRECTION.passes):
-        before, u_min, u_max = u[unfinished], limits[0][unfinished], limits[1][unfinished]
-        free = (before > u_min) & (before < u_max)
+        inputs, u_min, u_max = u[active], bounds[0][active], bounds[1][active]
+        free = (inputs > u_min) & (inputs < u_max)
         inverses = np.linalg.pinv(A * free[:, None], rcond=1e-6)
-        correction = np.einsum("krw,kw->kr", inverses, b[unfinished] - before @ A.T)
-        corrected = np.where(free, before + correction, before)
-        u[unfinished] = np.clip(corrected, u_min, u_max)
+        correction = np.einsum("krw,kw->kr", inverses, b[active] - inputs @ A.T)
+        corrected = np.where(free, inputs + correction, inputs)
+        u[active] = np.clip(corrected, u_min, u_max)
         met_bound = np.any(free & ((corrected <= u_min) | (corrected >= u_max)), axis=1)
-        unfinished = unfinished[met_bound]
-        if not len(unfinished):
+        active = active[met_bound]
+        if not len(active):
             break
     return u
 
 
 class NotPossible(ValueError):
-    """No inputs within their limits produce a load case."""
+    """No inputs within their bounds produce a load case."""
 
 
 def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
-    """Return a design with other hinge angles and the inputs that fit them.
+    """Return a design with other hinge angles and matching inputs.
 
-    The root keeps its orientation; the end-effector keeps its place, or where the task fixes it, that from the COM.
+    The root keeps its orientation. The end-effector keeps its position in the world, or from the COM if the task
+    fixes that.
 
     Raises:
-        NotPossible: names the first load case that rotors can no longer produce.
+        NotPossible: names the first load case that the rotors cannot produce.
     """
     root, alpha = np.array(design.root_orientation_rad), np.array(hinge_angles_rad)
     topology, p_E = design.topology, np.array(design.end_effector_m)
@@ -236,11 +236,12 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
     task, p_E = point.task, point.p_E
     units = np.repeat([task.force_unit(topology.n), task.torque_unit(topology.n)], 3)
     A = wrench_matrix(point) * task.max_input / units[:, None]
-    u = task.max_input * _least_inputs(A, asked_wrenches(point) / units, task.min_input / task.max_input)
+    u = task.max_input * _solve_inputs(A, asked_wrenches(point) / units, task.min_input / task.max_input)
     corrected = correct(Point(task, topology, root, alpha, p_E, u.reshape(point.u.shape)))
-    off = np.abs(corrected.u.reshape(len(u), -1) / task.max_input @ A.T - asked_wrenches(point) / units).max(axis=1)
-    if off.max() > WRENCH_TOLERANCE:
-        raise NotPossible(f"load case {int(np.argmax(off))} cannot be produced by the rotors")
+    produced = corrected.u.reshape(len(u), -1) / task.max_input @ A.T
+    residuals = np.abs(produced - asked_wrenches(point) / units).max(axis=1)
+    if residuals.max() > WRENCH_TOLERANCE:
+        raise NotPossible(f"load case {int(np.argmax(residuals))} cannot be produced by the rotors")
     J = corrected.objective
     return design.model_copy(
         update={
@@ -255,14 +256,14 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
     )
 
 
-def _least_inputs(A: Array, b: Array, lowest: float) -> Array:
-    """Return the least inputs of every load case, shape (K, 4n); NotPossible names one that has none."""
+def _solve_inputs(A: Array, b: Array, v_min: float) -> Array:
+    """Return the minimum inputs of every load case, shape (K, 4n); raise NotPossible if one is infeasible."""
     N = A.shape[1]
     options = {"error_on_fail": False, "print_time": False}
     solve = ca.conic("least", "daqp", {"h": ca.Sparsity.diag(N), "a": ca.Sparsity.dense(6, N)}, options)
     inputs = []
     for k, b_k in enumerate(b):
-        solution = solve(h=ca.DM.eye(N), g=0, a=A, lba=b_k, uba=b_k, lbx=lowest, ubx=1)
+        solution = solve(h=ca.DM.eye(N), g=0, a=A, lba=b_k, uba=b_k, lbx=v_min, ubx=1)
         if not solve.stats()["success"]:
             raise NotPossible(f"load case {k} cannot be produced by the rotors")
         inputs.append(np.asarray(solution["x"]).ravel())

@@ -1,6 +1,6 @@
-"""Ipopt: its call and its result.
+"""Calls of Ipopt and their results.
 
-It is not called without room for its BLAS, which waits without end for memory that it cannot have.
+Ipopt is called only if there is enough memory for its BLAS, which otherwise waits for memory forever.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from nlp.numbers.point import Point
 from topo_search.model import ResolvedTask, Topology
 
 MEMORY = 256 * 2**20
-"""Address space that a process needs before its first call of Ipopt [bytes]: the plugin, and buffers of its BLAS.
+"""Address space needed before the first call of Ipopt, for the plugin and buffers of its BLAS [bytes].
 
-Measured with `ulimit -v`: with 40 to 128 MB more than after loading CasADi a first solve never returns, with 192 MB
-it ends with an error, with 256 MB it solves.
+Measured with `ulimit -v`: with 40 to 128 MB beyond the memory after loading CasADi a first solve never returns,
+with 192 MB it fails, with 256 MB it succeeds.
 """
 BETA = 200.0
-"""Sharpness of the log-sum-exp: it asks for log(9)/200 = 0.011 l_arm^2 more than the exact minimum at most.
+"""Sharpness of the log-sum-exp: it requires at most log(9)/200 = 0.011 l_arm^2 more than the exact minimum.
 
-Where the end of an axis is nearest, three KKT candidates coincide, which asks for log(3)/200 too much: 0.07 mm
-between envelopes of the default module. So far above the margin designs end.
+If the end of an axis is nearest, three KKT candidates coincide, which requires log(3)/200 too much: designs keep
+0.07 mm more than the margin between envelopes of the default module.
 """
 OPTIONS: dict[str, int | float | str | bool] = {
     "print_time": False,
-    "show_eval_warnings": False,  # of values that are no numbers: Ipopt turns back, and the result says so
+    "show_eval_warnings": False,  # about NaN: Ipopt backtracks, and its status tells
     "ipopt.print_level": 0,
     "ipopt.sb": "yes",
-    "ipopt.max_iter": 300,  # a limit in iterations, not in time: the result must not depend on the machine's speed
+    "ipopt.max_iter": 300,  # not a time limit: results must not depend on the machine's speed
     "ipopt.mu_strategy": "adaptive",
     "ipopt.bound_relax_factor": 0.0,  # inputs and angles end inside their bounds, not 1e-8 outside
 }
@@ -49,20 +49,20 @@ class IpoptResult:
 
     @property
     def finite(self) -> bool:
-        """True if all values are numbers; an evaluation that failed leaves none behind."""
+        """True if all values are finite, which they are not after a failed evaluation."""
         return bool(np.all(np.isfinite(self.point.pack())))
 
 
 def ipopt(name: str, problem: Any, options: dict[str, Any]) -> ca.Function:
-    """Return Ipopt for a problem; MemoryError if it would not get the memory that it begins with."""
+    """Return Ipopt for a problem; raise MemoryError if there is too little memory to start it."""
     _require_memory()
     return ca.nlpsol(name, "ipopt", problem, options)
 
 
-@cache  # once it was called it has its buffers
+@cache  # after the first call Ipopt has its buffers
 def _require_memory() -> None:
     try:
-        mmap.mmap(-1, MEMORY).close()  # no page of it is touched
+        mmap.mmap(-1, MEMORY).close()  # reserves addresses only: no page is touched
     except OSError as error:
         raise MemoryError(f"Ipopt needs {MEMORY // 2**20} MB of address space") from error
 
@@ -70,8 +70,8 @@ def _require_memory() -> None:
 def result_of(
     solver: ca.Function, solution: dict[str, ca.DM], task: ResolvedTask, topology: Topology
 ) -> IpoptResult:
-    """Return what a solver returns."""
+    """Return the result of a solver."""
     stats = solver.stats()
     x = np.asarray(solution["x"], dtype=float).ravel()
-    iterations = max(0, int(stats["iter_count"]))  # -1 where Ipopt does not begin, for there are too few unknowns
+    iterations = max(0, int(stats["iter_count"]))  # -1 if Ipopt does not start, with too few unknowns
     return IpoptResult(Point.unpack(task, topology, x), str(stats["return_status"]), iterations)

@@ -1,27 +1,27 @@
-r"""Joint loads in the load cases that a task states, and their limits as rows of a program.
+r"""Joint loads in the load cases of a task, and their limits as rows of a program.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| j, o_j | module beyond the joint, the child's side; its centre from the COM | (3,) | l_arm |
-| c | the connector at which the joint is cut, from the COM | (3,) | l_arm |
-| m_J, M | mass of a joint, of the platform | | m |
+| j, o_j | module outward of the joint; its centre from the COM | (3,) | l_arm |
+| c | connector at which the joint is cut, from the COM | (3,) | l_arm |
+| m_J, M | mass of a joint; of the platform | | m |
 | a, w' | acceleration of the platform and its angular acceleration | (3,) | g, g / l_arm |
-| F_c, tau_c | what the joint exerts on what is beyond it | (3,) | m g, l_arm m g |
-| L | the largest that is allowed | | m g, l_arm m g |
+| F_c, tau_c | force and torque of the joint on everything outward of it | (3,) | m g, l_arm m g |
+| L | limit of a load | | m g, l_arm m g |
 
-A load case is the whole wrench that the rotors produce, so what is left unbalanced is what it asks for at the COM
-less the weight: a = f_C / M - e_z, w' = I^-1 tau_C. Newton and Euler for what is beyond:
+A load case is the total wrench of the rotors, so its wrench at the COM less the weight accelerates the platform:
+a = f_C / M - e_z, w' = I^-1 tau_C. Newton's and Euler's equations for everything outward of the joint:
 
 .. math::
 
     F_c = \sum_j (a + w' \times o_j + e_z) - s_j z_j, \qquad
     \tau_c = \sum_j (I_j w' - m_j) + (o_j - c) \times (a + w' \times o_j + e_z - s_j z_j)
 
-with the joints beyond, which are points of mass, and with the end-effector, its reaction f_E, tau_E and a rod that
-counts included, where it is mounted beyond. The joint at the cut is not beyond it. Both are linear in the inputs. A
-limit is stated as (L^2 - |.|^2) / (2 L) >= 0, which near the limit is the length that is left. Where no straight
-rod reaches, either side of a joint may carry the end-effector: each load is then the larger of both, and a limit is
-a row for each.
+plus the outward joints, which are point masses but do not include the cut one, and plus the end-effector with its
+reaction f_E, tau_E and the mass of its rod, if it is mounted outward. Both loads are linear in the inputs. A limit
+is the row (L^2 - |.|^2) / (2 L) >= 0, which near the limit is the distance to it. If no straight rod reaches,
+either side of a joint may carry the end-effector: each load is then the larger of both, and each limit has two
+rows.
 """
 
 from __future__ import annotations
@@ -40,36 +40,36 @@ from nlp.numbers.point import Connector, Point, connectors, rod_path
 from nlp.problem import Variables
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
-from nlp.symbols.platform import of_module, of_platform, of_rod, rod_vector, scale
+from nlp.symbols.platform import module_inertia, platform_inertia, rod_inertia, rod_vector, scale
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.room import part_cover
 
 FITTING = 2.0
-"""Length over which a rod is fixed to its mount, in radii of the rod."""
+"""Length of the fitting of a rod at its mount, in radii of the rod."""
 
 
 @dataclass(frozen=True)
 class Load:
-    """The size of a force or moment in one joint and load case."""
+    """Size of a force or moment in one joint and load case."""
 
     case: int
     child: int
-    """The module beyond the joint."""
+    """Module outward of the joint."""
     moment: bool
-    """Else a force."""
+    """False: a force."""
     limit: float
     """L [N] or [N m]."""
     name: str
-    """As the failure report names its limit."""
+    """Name of its limit in the failure report."""
 
 
 def limited_loads(task: ResolvedTask, topology: Topology) -> tuple[Load, ...]:
-    """Return the loads that a task limits: in every joint and every load case that it states."""
+    """Return the loads that a task limits: in every joint and every load case, corners aside."""
     return tuple(
-        Load(k, i, what == "moment", limit, f"{label}, {what} in the joint of module {i} and its parent")
-        for what, limit in zip(("force", "moment"), task.declared.joint_limits, strict=True)
+        Load(k, i, kind == "moment", limit, f"{label}, {kind} in the joint of module {i} and its parent")
+        for kind, limit in zip(("force", "moment"), task.declared.joint_limits, strict=True)
         if limit is not None
         for k, label in enumerate(task.declared.case_labels)
         for i in range(1, topology.n)
@@ -77,14 +77,14 @@ def limited_loads(task: ResolvedTask, topology: Topology) -> tuple[Load, ...]:
 
 
 def rod_of(point: Point) -> Connector | None:
-    """Return where the nearest rod that meets its limits starts, or the one that counts; None: none does."""
+    """Return the connector of the nearest rod that meets its limits, or of the rod with mass; None if none does."""
     (R, p), module = point.poses, point.task.module
     free = np.array(connectors(point.task, point.topology))
     starts = p[free[:, 0]] + module.connector_distance * np.einsum(
         "iab,ib->ia", R[free[:, 0]], PORT_DIRECTIONS[free[:, 1]]
     )
     lengths = np.linalg.norm(starts - point.p_E, axis=1)
-    # equal to as many digits as in the audit, so that of mirror images both choose the same one
+    # rounded as in the audit, so that a design and its mirror image choose the same connector
     nearest = int(np.argmin(np.round(lengths / module.arm_length, 9)))
     for limits in clearances(point.task, point.topology):
         if isinstance(limits, BestRod):
@@ -95,55 +95,58 @@ def rod_of(point: Point) -> Connector | None:
 
 
 def holder(point: Point) -> int | None:
-    """Return the module that carries the end-effector; None: unknown.
+    """Return the module that carries the end-effector; None if unknown.
 
-    It is that of the nearest free connector whose rod meets its limits (`nlp.requirements.rod`), if that rod is
-    clear of all airflow and of balls around what parts reach out of it: the audit then bolts the rod there too.
+    It is the module of the nearest free connector whose rod meets its limits (`nlp.requirements.rod`), if that rod
+    is clear of all airflow and of balls around the parts outside it: then the audit bolts the rod there, too.
     """
     rod, cover = rod_of(point), part_cover(point.task.module)
     if rod is None:
         return None
     (R, p), radius, path, i = point.poses, point.task.end_effector.rod_radius, rod_path(point, rod), rod[0]
     start = point.p_E - path
-    fitted, length = np.zeros((point.topology.n, 1, 1)), float(np.linalg.norm(path))
-    fitted[i] = min(1.0, FITTING * radius / max(length, radius))  # the fitting may touch what it is bolted to
+    fitting, length = np.zeros((point.topology.n, 1, 1)), float(np.linalg.norm(path))
+    fitting[i] = min(1.0, FITTING * radius / max(length, radius))  # the fitting may touch its module
     balls = p[:, None] + np.einsum("iab,mb->ima", R, cover.centres)
-    beyond = Swept(start + fitted * path, (1 - fitted) * path, radius)
-    clear = np.all(clearance(beyond, Swept(balls, np.zeros(3), 0.0)) > cover.radii)
+    free_part = Swept(start + fitting * path, (1 - fitting) * path, radius)
+    clear = np.all(clearance(free_part, Swept(balls, np.zeros(3), 0.0)) > cover.radii)
     return i if clear and np.all(clearance(Swept(start, path, radius), point.envelopes) > 0) else None
 
 
 def loads(point: Point) -> Array:
-    """Return the size of every load that is limited, in the order of `limited_loads` [N], [N m]."""
-    task, listed = point.task, limited_loads(point.task, point.topology)
-    if not listed:
+    """Return the size of every limited load, in the order of `limited_loads` [N], [N m]."""
+    task, limited = point.task, limited_loads(point.task, point.topology)
+    if not limited:
         return np.zeros(0)
     unit, cases = Units.of(task), len(task.declared.load_cases)
     plain = Point(task.declared, point.topology, point.root, point.alpha, point.p_E, point.u[:cases])
-    sizes = _sizes(task.declared, point.topology, holder(point), listed)
-    units = np.array([unit.torque if load.moment else unit.force for load in listed])
+    sizes = _sizes(task.declared, point.topology, holder(point), limited)
+    units = np.array([unit.torque if load.moment else unit.force for load in limited])
     return np.asarray(np.asarray(sizes(plain.pack())).ravel() * units)
 
 
 @lru_cache(maxsize=8)
-def _sizes(task: ResolvedTask, topology: Topology, held: int | None, listed: tuple[Load, ...]) -> ca.Function:
-    x, vectors = _vectors(task, topology, held, listed)
-    return ca.Function("sizes", [x], [ca.vertcat(*(ca.mmax(ca.vertcat(*map(ca.norm_2, of))) for of in vectors))])
+def _sizes(
+    task: ResolvedTask, topology: Topology, tip_module: int | None, limited: tuple[Load, ...]
+) -> ca.Function:
+    x, vectors = _vectors(task, topology, tip_module, limited)
+    sizes = [ca.mmax(ca.vertcat(*map(ca.norm_2, sides))) for sides in vectors]
+    return ca.Function("sizes", [x], [ca.vertcat(*sizes)])
 
 
 class Limits(NamedTuple):
-    """Loads and air speeds that a program states."""
+    """Loads and air speeds that have rows in a program."""
 
-    held: int | None
-    """The module that carries the end-effector; None: unknown."""
+    tip_module: int | None
+    """Module that carries the end-effector; None: unknown."""
     loads: tuple[Load, ...]
     air: tuple[SpeedPoint, ...] = ()
 
 
 def limit_rows(task: ResolvedTask, topology: Topology, limits: Limits) -> tuple[ca.SX, ca.SX]:
-    """Return the unknowns of a program, those of its corners included, and a row for each limit: at least zero."""
+    """Return the unknowns of a program with its corners, and the rows of the limits, each at least zero."""
     unit, rows = Units.of(task), list[ca.SX]()
-    x, vectors = _vectors(task, topology, limits.held, limits.loads)
+    x, vectors = _vectors(task, topology, limits.tip_module, limits.loads)
     for load, sides in zip(limits.loads, vectors, strict=True):
         L = load.limit / (unit.torque if load.moment else unit.force)
         rows += [(L * L - ca.dot(v, v)) / (2 * L) for v in sides]
@@ -151,29 +154,29 @@ def limit_rows(task: ResolvedTask, topology: Topology, limits: Limits) -> tuple[
 
 
 def _vectors(
-    task: ResolvedTask, topology: Topology, held: int | None, listed: tuple[Load, ...]
+    task: ResolvedTask, topology: Topology, tip_module: int | None, limited: tuple[Load, ...]
 ) -> tuple[ca.SX, list[list[ca.SX]]]:
     """Return the unknowns of `nlp.problem.Variables` as one column, and the forces or moments of each load.
 
-    A load is one vector, or one with the end-effector on either side of the joint where `held` is None.
+    A load is one vector, or if `tip_module` is None two, with the end-effector outward and inward of the joint.
     """
     unit, module, carried = Units.of(task), task.module, masses(task.module, task.end_effector, topology)
     l_c, m_E = module.connector_distance / unit.length, task.end_effector.mass / module.mass
     variables = Variables.of(task, topology)
-    placed, p_E, p_COM = variables.platform(task, topology)
-    o, q, up = [pose.p - p_COM for pose in placed], p_E - p_COM, ca.DM([0, 0, 1])
-    joints = {i: o[h] + l_c * placed[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
-    turning, m_J, m_R = (
-        [of_module(pose.R, module) for pose in placed],
+    modules, p_E, p_COM = variables.platform(task, topology)
+    o, q, up = [pose.p - p_COM for pose in modules], p_E - p_COM, ca.DM([0, 0, 1])
+    joints = {i: o[h] + l_c * modules[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
+    inertias, m_J, m_R = (
+        [module_inertia(pose.R, module) for pose in modules],
         module.joint_mass / module.mass,
         carried.rod.mass,
     )
-    whole = of_platform(o, [pose.R for pose in placed], q, carried)
-    d = rod_vector(o, [pose.R for pose in placed], q, carried.rod)
-    r_R, spin_R = q - d / 2, of_rod(d, carried.rod)
-    torques, beyond = ca.DM(torque_map(module)), _outward_modules(topology)
+    inertia = platform_inertia(o, [pose.R for pose in modules], q, carried)
+    d = rod_vector(o, [pose.R for pose in modules], q, carried.rod)
+    r_R, spin_R = q - d / 2, rod_inertia(d, carried.rod)
+    torques, outward = ca.DM(torque_map(module)), _outward_modules(topology)
     vectors = []
-    for load in listed:
+    for load in limited:
         case, c = task.load_cases[load.case], joints[load.child]
         f_C, tau_C = scale(case.at_com.force, unit.force), scale(case.at_com.torque, unit.torque)
         f_E, tau_E = (
@@ -182,30 +185,30 @@ def _vectors(
         )
         a, spin = f_C / carried.total - up, ca.SX.zeros(3)
         if any(case.at_com.torque):
-            spin = ca.solve(whole, tau_C)
+            spin = ca.solve(inertia, tau_C)
         force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
-        for j in beyond[load.child]:
+        for j in outward[load.child]:
             u_j = variables.u[load.case][4 * j : 4 * j + 4]
-            pull = a + ca.cross(spin, o[j]) + up - ca.sum1(u_j) / 4 * placed[j].z
+            pull = a + ca.cross(spin, o[j]) + up - ca.sum1(u_j) / 4 * modules[j].z
             force += pull
-            moment += turning[j] @ spin - placed[j].R @ (torques @ u_j) + ca.cross(o[j] - c, pull)
-            if j != load.child:  # the joint that is cut hangs at the parent
+            moment += inertias[j] @ spin - modules[j].R @ (torques @ u_j) + ca.cross(o[j] - c, pull)
+            if j != load.child:  # the cut joint belongs to the parent
                 pull = m_J * (a + ca.cross(spin, joints[j]) + up)
                 force += pull
                 moment += ca.cross(joints[j] - c, pull)
         pull = m_E * (a + ca.cross(spin, q) + up) + f_E
-        without = moment if load.moment else force
+        without_tip = moment if load.moment else force
         on_rod = m_R * (a + ca.cross(spin, r_R) + up)
-        turned = ca.cross(q - c, pull) + tau_E + ca.cross(r_R - c, on_rod) + spin_R @ spin
-        with_tip = moment + turned if load.moment else force + pull + on_rod
-        sides = (True, False) if held is None else (held in beyond[load.child],)
-        vectors.append([with_tip if tip else without for tip in sides])
+        tip_moment = ca.cross(q - c, pull) + tau_E + ca.cross(r_R - c, on_rod) + spin_R @ spin
+        with_tip = moment + tip_moment if load.moment else force + pull + on_rod
+        sides = (True, False) if tip_module is None else (tip_module in outward[load.child],)
+        vectors.append([with_tip if tip else without_tip for tip in sides])
     return variables.vector(), vectors
 
 
 def _outward_modules(topology: Topology) -> list[set[int]]:
-    """Return which modules hang at each one, itself included."""
-    beyond = [{i} for i in range(topology.n)]
+    """Return the modules outward of each one, itself included."""
+    outward = [{i} for i in range(topology.n)]
     for h, i, _, _ in reversed(list(topology.edges())):
-        beyond[h] |= beyond[i]
-    return beyond
+        outward[h] |= outward[i]
+    return outward

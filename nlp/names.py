@@ -1,6 +1,6 @@
-"""Names of constraints that several places use; the others stand with their requirement.
+"""Names of constraints that several modules use; other names are defined with their requirement.
 
-The audit, which shares no code with the solver, uses the same words; a test holds the two to that.
+The audit, which shares no code with the solver, uses the same names; a test compares them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ ROD = "reach of the end-effector's rod"
 
 
 def force(case: str) -> str:
-    """Name the force balance of a load case, by what it is called."""
+    """Name the force balance of a load case."""
     return f"{case}, force"
 
 
@@ -25,7 +25,7 @@ def torque(case: str) -> str:
 
 
 def rotor_airflow(i: int, j: int) -> str:
-    """Name the clearance of module i's rotors, and of other parts of it, from the airflow of module j."""
+    """Name the clearance of module i's rotors and other parts from the airflow of module j."""
     return f"rotors of module {i} and airflow of module {j}"
 
 
@@ -35,16 +35,16 @@ def tip_airflow(i: int) -> str:
 
 
 def exclusion(i: int) -> str:
-    """Name the end-effector's exclusion ball of module i."""
+    """Name the exclusion ball of the end-effector, for module i."""
     return f"end-effector exclusion of module {i}"
 
 
 def exposure(number: int, exposure: AnyExposure, i: int, segment: int | None = None) -> str:
-    """Name the clearance of module i's envelope from one exposure requirement."""
+    """Name the clearance of module i's envelope from an exposure requirement."""
     part = "" if segment is None else f", {PART_NAMES[exposure.kind]} {segment}"
     return f"exposure {number} ({exposure.kind}{part}) of module {i}"
 
 
 def air(number: int, exposure: AnyExposure, case: str) -> str:
-    """Name the limit of the air speed over the region of one exposure requirement in a load case."""
+    """Name the limit of the air speed over an exposure requirement's region in a load case."""
     return f"air over exposure {number} ({exposure.kind}), {case}"

@@ -1,4 +1,4 @@
-r"""The inner problem of one topology, as the paper prints it (paper, Eq. opti).
+r"""The inner problem of one topology, as printed in the paper (Eq. opti).
 
 Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `nlp.units`):
 
@@ -25,26 +25,25 @@ Variables, dimensionless (lengths in l_arm, forces in m g, inputs in u_hover; `n
       \text{ hulls and the cone}                                                   \quad \forall i         & (9) \\
     & u_{min} \le u_k \le \rho u_{max}, \quad \alpha_{min,i} \le \alpha_i \le \alpha_{max,i}              & (10)
 
-(3) is the paper's torque balance about the origin of W instead of the COM: the same constraint, since it differs
-from it by p_COM x (2), and much sparser. (5), (6) and (8) are this project's body clearance. In (5) d is so large
-that no rigid parts can touch. (6) keeps the parts of module i, as far as they are outside its own envelope, out of
-the airflow of module j: balls that cover them, first those around the rotors (`topo_search.model.room`).
-(8) keeps the end-effector, a ball as thick as its rod, out of all airflow; where (7) is left out, so that it may
-be inside a module, so is (8). With body clearance the range of alpha_i is what is left of +-pi/2 by the rotors of
-bolted modules, which must not touch the other module (`topo_search.model.room`), and by all their parts, which
-must keep out of the other's airflow. Of several ranges a hinge keeps to the one that it starts in. Without body
-clearance the range is +-pi/2, as in the paper. In the paper's ablation (5) holds for all pairs, with the
-separation as d, in place of (4), and (6) and (8) are left out. d_E is the paper's l_c, or the task's stand-off
-where that is larger; L is the largest reach of the rod, which the paper does not limit; except for its tip the rod
-from that connector keeps out of all regions that are solid (`nlp.requirements.rod`); rho is the share of u_max
-that the task allows, in the paper 1. Every clearance of (4) to (9) keeps the margin. u_min is the least input of
-the task, in the paper 0; where a load case must do with a rotor dead, both bounds of its input are 0.
+(3) is the paper's torque balance about the origin of W instead of the COM. It is the same constraint, since it
+differs by p_COM x (2), but much sparser. (5), (6) and (8) are this project's body clearance. In (5) d is so large
+that rigid parts cannot touch. (6) keeps the parts of module i that are outside its own envelope out of the airflow
+of module j; they are covered by balls, first those around the rotors (`topo_search.model.room`). (8) keeps the
+end-effector, a ball as thick as its rod, out of all airflow; without (7) it may be inside a module, and (8) is left
+out, too. With body clearance the range of alpha_i is +-pi/2 without angles at which rotors touch the bolted module
+or any parts are in its airflow (`topo_search.model.room`); if several ranges remain, a hinge stays in the one where
+it starts. Without body clearance the range is +-pi/2, as in the paper. In the paper's ablation (5) holds for all
+pairs, with the separation as d, and (4), (6) and (8) are left out. d_E is the paper's l_c, or the task's stand-off
+if larger. L is the largest reach of the rod, which the paper does not limit. Except for its tip, the rod keeps out
+of all solid regions (`nlp.requirements.rod`). rho is the share of u_max that the task allows; it is 1 in the paper.
+u_min is the minimum input of the task; it is 0 in the paper. Both bounds of a dead rotor's input are 0. Every
+clearance of (4) to (9) includes the margin.
 
-Each requirement is stated in `nlp.requirements`, with its exact value and its name. What Ipopt gets is scaled:
-(1) is divided by 4 n sum_k lambda_k, so that it is the weighted mean of the squared inputs over u_hover^2; (2) and
-(3) by n, so that they are in weights; the bounds of (10) are in u_hover, where rho u_max is the largest thrust over
-weight; (5) and (7) are (||.||^2 - d^2) / (2 d), and (4), (6), (8) and (9) log-sum-exps over twice the sum of the
-end radii: all of them lengths in l_arm near contact.
+Each requirement is defined in `nlp.requirements`, with its exact value and its name. Ipopt gets scaled values: (1)
+is divided by 4 n sum_k lambda_k, which makes it the weighted mean of the squared inputs over u_hover^2; (2) and (3)
+are divided by n, which makes them multiples of the weight; the bounds of (10) are in u_hover, where rho u_max is
+the maximum thrust-to-weight ratio; (5) and (7) are (||.||^2 - d^2) / (2 d), and (4), (6), (8) and (9) log-sum-exps
+over twice the sum of the end radii, so all of them are lengths in l_arm near contact.
 """
 
 from __future__ import annotations
@@ -57,8 +56,8 @@ import casadi as ca
 from nlp import names
 from nlp.numbers.masses import masses
 from nlp.requirements import clearances, variable_bounds
-from nlp.requirements.balances import turns
-from nlp.symbols.platform import Pose, asked_wrench, of_platform, poses, tip_and_com, wrench_map
+from nlp.requirements.balances import angular_accelerations
+from nlp.symbols.platform import Pose, platform_inertia, poses, required_wrench, tip_and_com, wrench_map
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 
@@ -80,12 +79,12 @@ class Variables:
     root: ca.SX
     alpha: ca.SX
     p_E: ca.SX
-    """p'_E; empty when the task fixes the position from the COM."""
+    """p'_E; empty if the task fixes the position from the COM."""
     u: list[ca.SX]
 
     @classmethod
     def of(cls, task: ResolvedTask, topology: Topology) -> Variables:
-        """Return those of a task and topology."""
+        """Return the unknowns of a task and topology."""
         n, position = topology.n, task.end_effector.fixed_position
         return cls(
             root=ca.SX.sym("root", 3),
@@ -106,7 +105,7 @@ class Variables:
 
 @dataclass(frozen=True)
 class Problem:
-    """The whole nonlinear program of one task and topology."""
+    """The nonlinear program of one task and topology."""
 
     variables: Variables
     beta: ca.SX
@@ -115,7 +114,7 @@ class Problem:
     constraints: list[Constraint]
     lower: list[float]
     upper: list[float]
-    """Bounds on the variables, in the order of `variables.vector()`; hinges have closer ones from a start on."""
+    """Bounds on the variables, in the order of `variables.vector()`; a solve narrows those of hinges."""
 
 
 def problem(task: ResolvedTask, topology: Topology) -> Problem:
@@ -142,14 +141,15 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
 
     # (2)-(3) wrench balance of every load case
     carried = masses(module, task.end_effector, topology)
-    J = of_platform([pose.p - p_COM for pose in modules], [pose.R for pose in modules], p_E - p_COM, carried)
+    J = platform_inertia([pose.p - p_COM for pose in modules], [pose.R for pose in modules], p_E - p_COM, carried)
     A = wrench_map([pose.R for pose in modules], [pose.p for pose in modules], module)
     constraints: list[Constraint] = []
-    for u_k, label, case, turn in zip(variables.u, task.case_labels, task.load_cases, turns(task), strict=True):
-        missing = A @ u_k - asked_wrench(case, unit, p_E=p_E, p_COM=p_COM)
-        missing[3:] -= J @ ca.DM(turn)
-        constraints.append(Constraint(names.force(label), missing[:3] / n, 0.0, 0.0))
-        constraints.append(Constraint(names.torque(label), missing[3:] / n, 0.0, 0.0))
+    turns = angular_accelerations(task)
+    for u_k, label, case, turn in zip(variables.u, task.case_labels, task.load_cases, turns, strict=True):
+        residual = A @ u_k - required_wrench(case, unit, p_E=p_E, p_COM=p_COM)
+        residual[3:] -= J @ ca.DM(turn)
+        constraints.append(Constraint(names.force(label), residual[:3] / n, 0.0, 0.0))
+        constraints.append(Constraint(names.torque(label), residual[3:] / n, 0.0, 0.0))
 
     # (4)-(9) clearances
     for requirement in clearances(task, topology):

@@ -1,22 +1,22 @@
-r"""Reserves of an allocator that only multiplies by the pseudo-inverse, as constraints on the geometry alone.
+r"""Reserves of a pseudo-inverse control allocator, as constraints on the geometry only.
 
-Lengths in l_arm; forces in m g, torques in l_arm m g, about the COM; inputs over the largest of a rotor.
+Lengths in l_arm; forces in m g, torques in l_arm m g about the COM; inputs over a rotor's maximum input.
 
 | symbol | meaning | shape |
 |---|---|---|
-| A, A^+ | wrench of every rotor at its largest input; its pseudo-inverse A^T (A A^T)^-1 | (6, 4n), (4n, 6) |
-| b; E | wrench of the case; wrenches that can be added, each as large as is asked for | (6,); (6, d) |
-| v, S | inputs of both, A^+ b and A^+ E | (4n,), (4n, d) |
-| v_min | least input of a rotor | |
+| A, A^+ | wrench of every rotor at its maximum input; its pseudo-inverse A^T (A A^T)^-1 | (6, 4n), (4n, 6) |
+| b; E | wrench of the case; additional wrenches of the required sizes | (6,); (6, d) |
+| v, S | their inputs A^+ b and A^+ E | (4n,), (4n, d) |
+| v_min | minimum input of a rotor | |
 
-A ball of additions moves input i by |S_i| at most. The allocator exerts all of it if
+A ball of additional wrenches changes input i by |S_i| at most. The allocator produces all of it if
 
 .. math:: v_i + |S_i| \le 1, \qquad v_i - |S_i| \ge v_{min}
 
-Hover at a tilt t to every side e is the force W (sin t e, cos t) in the axes of the body. With (h, c) = W A^+_i for
-forces, horizontal and vertical, input i is at most |h| sin t + c cos t, which grows with t up to tan t = |h| / c,
-and at least c cos t - |h| sin t, which falls. Where the centre of mass may be off, all of it holds at the corners
-of the box of errors: forces there act with their levers.
+Hover at a tilt t in any direction e needs the force W (sin t e, cos t) in the axes of the body. With (h, c), the
+horizontal and vertical parts of W A^+_i for forces, input i is at most |h| sin t + c cos t, which grows with t up
+to tan t = |h| / c, and at least c cos t - |h| sin t, which falls. With an uncertain centre of mass the constraints
+hold at the corners of the box of errors, where forces have the levers of the error.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import numpy as np
 
 from nlp.numbers.masses import masses
 from nlp.requirements.balances import WRENCH_TOLERANCE
-from nlp.symbols.platform import of_platform, wrench_map
+from nlp.symbols.platform import platform_inertia, wrench_map
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.arrays import Array
@@ -39,21 +39,21 @@ from topo_search.model.load_case import AT, PLACES, box_corners, centres, centre
 from topo_search.model.proven import TOLERANCE
 from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
-ROUND = 1e-16
-"""Squared share of an input by which a size is rounded off, so that it has a slope at zero."""
-What = Literal["tip", "com", "torque", "acceleration", "tilt", "nothing"]
+ROUNDING = 1e-16
+"""Added to the square of an input's change, as a share of its maximum, so that its root is smooth at zero."""
+Kind = Literal["tip", "com", "torque", "acceleration", "tilt", "nothing"]
 
 
 @dataclass(frozen=True)
-class _Kept:
-    """Margin of every input to its limits under a requirement."""
+class _Reserve:
+    """A reserve: margins of all inputs to their bounds."""
 
     case: LoadCase
-    what: What
+    kind: Kind
     size: tuple[float, ...]
-    """Size along each axis that counts [N], [N m], [rad/s^2]; of a tilt [rad]."""
+    """Size along each relevant axis [N], [N m], [rad/s^2]; angle of a tilt [rad]."""
     error: float
-    """Half of the box in which the centre of mass may be [m]."""
+    """Half the side of the box of errors of the centre of mass [m]."""
 
     def rows(self, platform: SymbolicPlatform) -> ca.SX:
         """Return the rows, each at least zero."""
@@ -62,7 +62,7 @@ class _Kept:
         )
 
     def _rows_at(self, error: Array, platform: SymbolicPlatform) -> ca.SX:
-        """Return the rows with the centre of mass off by an error, shape (3,) [m]."""
+        """Return the rows for an error of the centre of mass, shape (3,) [m]."""
         task = platform.task
         unit = Units.of(task)
         units = ca.DM([unit.force] * 3 + [unit.torque] * 3)
@@ -74,79 +74,78 @@ class _Kept:
         b = ca.vertcat(ca.DM(tip.force) + ca.DM(com.force), ca.DM(tip.torque) + ca.DM(com.torque) + levers)
         inputs = A.T @ ca.solve(A @ A.T, ca.horzcat(b / units, self._additions(error, platform) / units))
         v, S, v_min = inputs[:, 0], inputs[:, 1:], task.module.min_input
-        if self.what != "tilt":
-            moved = ca.sqrt(ca.sum2(S**2) + ROUND)
-            return ca.vertcat(1 - v - moved, v - moved - v_min)
+        if self.kind != "tilt":
+            change = ca.sqrt(ca.sum2(S**2) + ROUNDING)
+            return ca.vertcat(1 - v - change, v - change - v_min)
         sine, cosine = math.sin(self.size[0]), math.cos(self.size[0])
-        h, c = ca.sqrt(ca.sum2(S[:, :2] ** 2) + ROUND), S[:, 2]
+        h, c = ca.sqrt(ca.sum2(S[:, :2] ** 2) + ROUNDING), S[:, 2]
         largest = ca.if_else(h * cosine < c * sine, ca.sqrt(h**2 + c**2), h * sine + c * cosine)
         return ca.vertcat(1 - largest, c * cosine - h * sine - v_min)
 
     def _additions(self, error: Array, platform: SymbolicPlatform) -> ca.SX:
         """Return E [N], [N m]."""
-        nothing, each = ca.SX.zeros(3, 3), ca.SX.eye(3)
-        at_com = ca.vertcat(each, ca.skew(ca.DM(error)))
-        match self.what:
+        zero, identity = ca.SX.zeros(3, 3), ca.SX.eye(3)
+        at_com = ca.vertcat(identity, ca.skew(ca.DM(error)))
+        match self.kind:
             case "nothing":
                 return ca.SX.zeros(6, 1)
             case "tilt":
                 return platform.task.force_unit(platform.n) * at_com
             case "tip":
-                added = ca.vertcat(each, ca.skew(platform.end_effector))
+                added = ca.vertcat(identity, ca.skew(platform.end_effector))
             case "com":
                 added = at_com
             case "torque":
-                added = ca.vertcat(nothing, each)
+                added = ca.vertcat(zero, identity)
             case "acceleration":
-                added = ca.vertcat(nothing, _inertia(platform))
+                added = ca.vertcat(zero, _inertia(platform))
         return ca.horzcat(*(r * added[:, k] for k, r in enumerate(self.size) if r > 0))
 
 
 @dataclass(frozen=True)
-class _Named:
-    """A requirement by its name, as the rod of the task at hand makes it."""
+class _NamedReserve:
+    """A reserve by its name, recomputed for the rod of a platform's task."""
 
     name: str
-    light: _Kept
-    """The requirement of the given task, for tasks with a heavier rod that leave it out."""
+    declared: _Reserve
+    """The reserve of the declared task, for tasks whose rod's mass drops it."""
 
     def __call__(self, platform: SymbolicPlatform) -> ca.SX:
         """Return the rows, each at least zero."""
-        return dict(_requirements(platform.task)).get(self.name, self.light).rows(platform)
+        return dict(_reserves(platform.task)).get(self.name, self.declared).rows(platform)
 
 
 def pseudo_inverse_constraints(task: ResolvedTask) -> tuple[OwnConstraint, ...]:
-    """Return what a task requires of the pseudo-inverse, named as in the audit; nothing of the best allocator."""
+    """Return the reserves of a task with a pseudo-inverse allocator, named as in the audit; else none."""
     if task.flight.allocator == "optimal":
         return ()
+    unit, scale = "of the largest input", WRENCH_TOLERANCE / TOLERANCE
     return tuple(
-        OwnConstraint(
-            name, _Named(name, kept), lower=0.0, unit="of the largest input", scale=WRENCH_TOLERANCE / TOLERANCE
-        )
-        for name, kept in _requirements(task)
+        OwnConstraint(name, _NamedReserve(name, reserve), lower=0.0, unit=unit, scale=scale)
+        for name, reserve in _reserves(task)
     )
 
 
-def _requirements(task: ResolvedTask) -> Iterator[tuple[str, _Kept]]:
-    """Yield the requirements with their names."""
+def _reserves(task: ResolvedTask) -> Iterator[tuple[str, _Reserve]]:
+    """Yield the reserves with their names."""
     flight, error = task.flight, task.flight.com_error
     level = flight.directions == "horizontal"
     for _, label, case in centres(task):
         force = "horizontal force" if level else "force"
         for point in PLACES[flight.at] if flight.force_reserve else ():
             size = (flight.force_reserve,) * (2 if level else 3)
-            yield f"{label}, {force} reserve{AT[point]}", _Kept(case, "com" if point else "tip", size, error)
+            yield f"{label}, {force} reserve{AT[point]}", _Reserve(case, "com" if point else "tip", size, error)
         if flight.torque_reserve:
-            yield f"{label}, torque reserve", _Kept(case, "torque", (flight.torque_reserve,) * 3, error)
+            yield f"{label}, torque reserve", _Reserve(case, "torque", (flight.torque_reserve,) * 3, error)
         for k, a in enumerate(flight.angular_acceleration):
             if a > 0:
                 size = tuple(a * (k == axis) for axis in range(3))
-                yield f"{label}, angular acceleration about {'xyz'[k]}", _Kept(case, "acceleration", size, error)
+                yield f"{label}, angular acceleration about {'xyz'[k]}", _Reserve(case, "acceleration", size, error)
         if flight.com_error:
-            yield f"{label}, error of the centre of mass", _Kept(case, "nothing", (), error)
+            yield f"{label}, error of the centre of mass", _Reserve(case, "nothing", (), error)
     if flight.tilt_deg:
         (_, label, case), *_ = centres_of(task, "hover")
-        yield f"{label}, tilt", _Kept(case, "tilt", (math.radians(flight.tilt_deg),), error)
+        yield f"{label}, tilt", _Reserve(case, "tilt", (math.radians(flight.tilt_deg),), error)
 
 
 def _inertia(platform: SymbolicPlatform) -> ca.SX:
@@ -154,4 +153,4 @@ def _inertia(platform: SymbolicPlatform) -> ca.SX:
     task, l_arm = platform.task, platform.task.module.arm_length
     o, q = [o / l_arm for o in platform.centres], platform.end_effector / l_arm
     carried = masses(task.module, task.end_effector, platform.topology)
-    return task.module.mass * l_arm**2 * of_platform(o, platform.orientations, q, carried)
+    return task.module.mass * l_arm**2 * platform_inertia(o, platform.orientations, q, carried)

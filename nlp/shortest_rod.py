@@ -1,9 +1,9 @@
-"""The rod: its mass, and its length.
+"""Mass and length of the rod of a design.
 
-A rod that counts weighs what follows from where it ends, which is known once a design is: it is solved again from
-there with that mass, until both agree. Where the effort is flat in the rod's length, a start ends with any: the
-design is solved again with less and less reach, as long as that adds no effort. The first reach that adds some says
-what a shorter rod costs.
+The mass of a rod follows from its length, which is known only after a solve: the design is solved again with that
+mass until both agree. If the effort is flat in the rod's length, a solve returns any length: the design is solved
+again with less and less reach as long as that adds no effort. The first reach that adds some gives the cost of a
+shorter rod.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.corners import take_in_corners, with_some
+from nlp.corners import solve_with_corners, with_some_corners
 from nlp.joints import rod_of
 from nlp.numbers.point import Connector, Point, rod_path, weigh_rod, with_rod
 from nlp.start_result import StartResult
@@ -24,16 +24,16 @@ from topo_search.model.corners import to_corners
 
 
 class RodSearch(NamedTuple):
-    """The search for the shortest rod of as good a design."""
+    """Settings of the search for the shortest rod at equal effort."""
 
     same_effort: float = 1e-6
-    """Relative difference of efforts that counts as none: the audit's tolerance."""
+    """Relative difference in effort that is neglected: the audit's tolerance."""
     step: float = 0.9
-    """Length of a shorter rod relative to the present one, in the first step and in the last."""
-    agreed_length: float = 1e-5
-    """Difference of the rod's mass before and after a solve that no solve needs to make up [m_t]."""
-    most_solves: int = 8
-    """Largest number of solves until a design agrees with its rod's mass."""
+    """Length of a shorter rod relative to the current one, in the first and in the last step."""
+    mass_tolerance: float = 1e-5
+    """Largest difference of the rod's mass before and after a solve of a consistent design [m_t]."""
+    max_solves: int = 8
+    """Largest number of solves until a design is consistent with its rod's mass."""
 
 
 SEARCH = RodSearch()
@@ -42,68 +42,67 @@ SEARCH = RodSearch()
 def count_rods(
     results: Iterable[StartResult], constraints: UserConstraints, most_effort: float | None = None
 ) -> list[StartResult]:
-    """Return the results of starts, those that may be the best with the mass of their rods, or all up to an effort.
+    """Return the results of starts; those that may be best, or all up to an effort, with the mass of their rods.
 
-    Starts that ended at the same minimum share the rod. Results that cost more without its mass than that effort,
-    or than the best with it, are left as they are.
+    Starts that reached the same minimum share the rod. Results that without the rod's mass already cost more than
+    `most_effort`, or than the best with it, are returned unchanged.
     """
-    counted, listed = dict[int, StartResult](), list(results)
-    for one in sorted(listed, key=lambda one: one.rank):
-        best = min((other.objective for other in counted.values() if other.worst.met), default=np.inf)
-        if not one.worst.met or one.objective > (most_effort or np.nextafter(best, 0)):
+    weighed, original = dict[int, StartResult](), list(results)
+    for result in sorted(original, key=lambda result: result.rank):
+        best = min((other.objective for other in weighed.values() if other.worst.met), default=np.inf)
+        if not result.worst.met or result.objective > (most_effort or np.nextafter(best, 0)):
             break
-        if id(one.point) not in counted:
-            counted[id(one.point)] = count_rod(one, constraints)
-    weighed = [(one, counted.get(id(one.point))) for one in listed]
-    return [one if other is None else replace(other, start=one.start) for one, other in weighed]
+        if id(result.point) not in weighed:
+            weighed[id(result.point)] = count_rod(result, constraints)
+    return [replace(weighed.get(id(result.point), result), start=result.start) for result in original]
 
 
 def count_rod(design: StartResult, constraints: UserConstraints, connector: Connector | None = None) -> StartResult:
-    """Solve again with the mass of the rod until design and mass agree; return the best with a rod that was tried.
+    """Solve again with the mass of the rod until design and mass agree; return the best result.
 
     Args:
         design: the result of a start.
-        constraints: constraints of the user.
-        connector: where the rod starts; None: at the nearest one whose rod meets its limits, as long as that is
-            another one after the solves.
+        constraints: the user's constraints.
+        connector: connector of the rod; None: the nearest one whose rod meets its limits, updated until it repeats.
     """
     if connector is not None:
         return _count_at(connector, design, constraints)
-    tried, nearest = dict[Connector | None, StartResult](), rod_of(design.point)
-    while nearest not in tried:  # with a rod of its own each, the solves for two connectors need not agree
-        tried[nearest] = design = _count_at(nearest, design, constraints)
+    by_connector, nearest = dict[Connector | None, StartResult](), rod_of(design.point)
+    while nearest not in by_connector:  # solves with the rods of two connectors need not agree
+        by_connector[nearest] = design = _count_at(nearest, design, constraints)
         nearest = rod_of(replace(design.point, task=with_rod(design.point.task, None)))
-    return min(tried.values(), key=lambda one: one.rank)
+    return min(by_connector.values(), key=lambda result: result.rank)
 
 
 def _count_at(connector: Connector | None, design: StartResult, constraints: UserConstraints) -> StartResult:
     n = design.point.topology.n
-    for _ in range(SEARCH.most_solves):
-        before, weighed = design.point.task.total_mass(n), _weigh(design, constraints, connector)
-        agreed = abs(weighed.point.task.total_mass(n) - before) <= SEARCH.agreed_length * before
-        if agreed and (weighed.worst.met or not design.worst.met):  # rotors at their limits make up for nothing
+    for _ in range(SEARCH.max_solves):
+        mass, weighed = design.point.task.total_mass(n), _weigh(design, constraints, connector)
+        consistent = abs(weighed.point.task.total_mass(n) - mass) <= SEARCH.mass_tolerance * mass
+        lost = design.worst.met and not weighed.worst.met  # a small difference matters to rotors at their limits
+        if consistent and not lost:
             return weighed
-        origin = with_some(weighed.point, design.corners)
-        design = take_in_corners(weighed.point.task, design.start, origin, constraints)
+        origin = with_some_corners(weighed.point, design.corners)
+        design = solve_with_corners(weighed.point.task, design.start, origin, constraints)
     return _weigh(design, constraints, connector)
 
 
 def _weigh(design: StartResult, constraints: UserConstraints, connector: Connector | None = None) -> StartResult:
-    """Return a design of the same angles with the mass that its rod has there, and inputs for it."""
+    """Return the design with the same angles, the mass of its rod, and corrected inputs."""
     point = correct_point(weigh_rod(design.point, connector or rod_of(design.point)), constraints)
-    return StartResult.at(design.start, point, design.result, design.corners, constraints)
+    return StartResult.from_point(design.start, point, design.result, design.corners, constraints)
 
 
 def shorten_rod(design: StartResult, constraints: UserConstraints) -> tuple[StartResult, ShorterRod | None]:
-    """Return a design of the same effort with the shortest rod, to a tenth, and what a shorter one costs.
+    """Return a design of equal effort with the shortest rod, to a tenth, and the cost of a shorter one.
 
-    Rods up to the length of an arm are short enough: for them, nothing is said of shorter ones.
+    Rods up to the length of an arm are not shortened, and no cost is returned for them.
     """
     shortest, step = design, SEARCH.step
     while (length := rod_length(shortest.point)) > design.point.task.module.arm_length:
         shorter = _solve_within(shortest, step * length, constraints)
-        least = min(design.objective, shortest.objective)  # a shorter rod that counts is a lighter one
-        cost = shorter.objective / least - 1 if shorter.worst.met else None
+        effort = min(design.objective, shortest.objective)  # a shorter rod may weigh less
+        cost = shorter.objective / effort - 1 if shorter.worst.met else None
         if cost is not None and cost <= SEARCH.same_effort:
             shortest, step = shorter, step**2
         elif step < SEARCH.step:
@@ -114,13 +113,13 @@ def shorten_rod(design: StartResult, constraints: UserConstraints) -> tuple[Star
 
 
 def rod_length(point: Point) -> float:
-    """Return the length of a design's rod [m]; zero where no rod meets its limits."""
+    """Return the length of a design's rod [m]; zero if no rod meets its limits."""
     rod = rod_of(point)
     return 0.0 if rod is None else float(np.linalg.norm(rod_path(point, rod)))
 
 
 def _solve_within(design: StartResult, reach: float, constraints: UserConstraints) -> StartResult:
-    """Return where a design leads with less reach, judged by its own task; it need not become a design again."""
+    """Return the result of a solve from a design with less reach, judged by its own task; it may be infeasible."""
     task = design.point.task
     shorter = {"end_effector": task.end_effector.model_copy(update={"largest_reach": reach})}
     narrower = task.declared.model_copy(update=shorter)
@@ -128,9 +127,9 @@ def _solve_within(design: StartResult, reach: float, constraints: UserConstraint
         mass = task.end_effector.rod_linear_density * reach
         narrower = narrower.with_rod(rod.model_copy(update={"mass": mass}))
     narrow = to_corners(narrower)
-    origin = with_some(replace(design.point, task=narrow), design.corners)
-    solved = take_in_corners(narrow, design.start, origin, constraints)
-    judged = StartResult.at(
+    origin = with_some_corners(replace(design.point, task=narrow), design.corners)
+    solved = solve_with_corners(narrow, design.start, origin, constraints)
+    judged = StartResult.from_point(
         design.start, replace(solved.point, task=task), solved.result, solved.corners, constraints
     )
     return judged if rod is None else _weigh(judged, constraints)

@@ -1,4 +1,4 @@
-"""One topology solved from many starts: a design, or the reason why there is none."""
+"""Solving one topology from many starts: a design, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from importlib.metadata import version
 import numpy as np
 
 from nlp.bounds import bound_of, prove_impossible
-from nlp.corners import judge, take_in_corners, without_corners
+from nlp.corners import judge, solve_with_corners, without_corners
 from nlp.evaluation import correct
 from nlp.joints import rod_of
 from nlp.numbers.point import Point, weigh_rod
@@ -28,9 +28,9 @@ from topo_search.protocols import OwnConstraint
 UNTANGLED_STARTS = 24
 """Default number of starts per topology for the full Ipopt solver."""
 REDUCED_STARTS = {5: 8, 9: 20, 12: 40, REDUCED_UP_TO: 48}
-"""Default number of starts of the reduced search by most modules; `tests/benchmarks/reduced.py` compares them."""
+"""Default number of starts of the reduced search, by upper limit of modules; see `tests/benchmarks/reduced.py`."""
 SAME_EFFORT = 1e-4
-"""Relative difference of the efforts of local optima that count as one."""
+"""Relative difference in effort below which two local optima count as one."""
 
 
 def default_starts(task: Task) -> int:
@@ -38,22 +38,22 @@ def default_starts(task: Task) -> int:
     largest = max(task.sizes)
     if reason_against(task.resolve(largest)):
         return UNTANGLED_STARTS
-    return next(starts for most, starts in REDUCED_STARTS.items() if largest <= most)
+    return next(starts for up_to, starts in REDUCED_STARTS.items() if largest <= up_to)
 
 
 def prepare(task: Task, tell: Callable[[str], None]) -> None:
-    """Compile what solving a task takes, so that no worker has to.
+    """Compile the solver for a task, so that no worker has to.
 
-    `tell` is told if that takes a while, and why a task is solved without the reduced search. Where compiled code
-    cannot be kept every process compiles for itself.
+    `tell` is called with a message if compiling takes long, and with the reason if the reduced search does not
+    apply. If compiled code cannot be cached, every process compiles its own.
     """
     if reason := reason_against(task.resolve(max(task.sizes))):
         tell(f"without the reduced search: {reason}")
-    least = task.resolve(min(task.sizes))
-    if reason_against(least) is None:
+    smallest = task.resolve(min(task.sizes))
+    if reason_against(smallest) is None:
         from nlp.multistart import compile_reduced
 
-        compile_reduced(least, tell)
+        compile_reduced(smallest, tell)
 
 
 def solve(
@@ -67,23 +67,23 @@ def solve(
 ) -> Design | Infeasible:
     """Return the best design of a topology over some starts, or the start that came closest to one.
 
-    Each start is drawn from its index, whatever ran before it. What is proven to be impossible is not tried. Tasks
-    that the reduced search expresses take it, where the best draws of all starts of a call go on; for others Ipopt
-    solves the whole problem from every start. Where hinge angles come from a set, both do so with any angles, and
-    combinations of the set are sought from where they end.
+    Each start depends on its index alone, not on what ran before it. A topology that is proven impossible is not
+    tried. The reduced search is used if it can express the task; it compares the random points of all starts of a
+    call and continues from the best. Otherwise Ipopt solves the full problem from every start. If hinge angles come
+    from a set, both first solve with free angles, then combinations of the set near their results are tried.
 
     Args:
         task: the task, resolved for `topology.n` modules.
         topology: the tree of modules.
         starts: indices of the starts to try; at least one, unless there is a design to carry over.
-        seed: draws the starts, together with the task, the topology and the index.
-        near: designs of other topologies, or of this one for another task, each carried over as one more start
-            before the others. They count as the starts -1, -2, ...
-        constraints: what a user states beyond the task; proofs of impossibility ignore it.
+        seed: seeds the random starts, together with the task, the topology and the index.
+        near: designs of other topologies, or of this one for another task. Each is carried over as one more start,
+            before the others: the starts -1, -2, ...
+        constraints: the user's constraints beyond the task; proofs of impossibility ignore them.
 
     Raises:
-        ValueError: no starts, or a task of another size.
-        BoundBroken: a design undercuts the lower bound: a fault of the program, not of the task.
+        ValueError: no starts, or the task has another number of modules.
+        BoundBroken: a design undercuts the lower bound: a bug of the program, not a fault of the task.
     """
     if task.n != topology.n:
         raise ValueError(f"`task.n == topology.n` must hold, but got {task.n} != {topology.n}")
@@ -91,21 +91,21 @@ def solve(
         raise ValueError(f"`starts` must have at least one index, but got {starts}")
     if proof := prove_impossible(task, topology):
         return proof
-    again = partial(solve, topology=topology, starts=starts, seed=seed, near=near, constraints=constraints)
+    solve_variant = partial(solve, topology=topology, starts=starts, seed=seed, near=near, constraints=constraints)
     request = _Request(task, topology, starts, seed, near, constraints)
     results = request.solve_starts()
     for k, source in enumerate(near):
         results[k] = _best([results[k], *request.carry_over(source, results[k].start)])
-    light, results = _best(results), request.count_rods(results)
+    unweighed, results = _best(results), request.count_rods(results)
     best = _best(results)
-    if light.worst.met and not best.worst.met and task.end_effector.counted_rod is None:
-        # designs of a platform without the rod's mass have no room for it: search with it from the start
-        return again(weigh_rod(light.point, rod_of(light.point)).task.declared)
-    if not best.worst.met and (narrower := _within_usual_reach(task, best.point)):
-        nearer = again(narrower)
-        if isinstance(nearer, Design):
-            best = _best([best, *request.count_rods(request.carry_over(nearer, best.start))])
-            results = [best if one.start == best.start else one for one in results]
+    if unweighed.worst.met and not best.worst.met and task.end_effector.counted_rod is None:
+        # designs found without the rod's mass cannot lift it: search with its mass from the start
+        return solve_variant(weigh_rod(unweighed.point, rod_of(unweighed.point)).task.declared)
+    if not best.worst.met and (narrower := _with_default_reach(task, best.point)):
+        within_reach = solve_variant(narrower)
+        if isinstance(within_reach, Design):
+            best = _best([best, *request.count_rods(request.carry_over(within_reach, best.start))])
+            results = [best if result.start == best.start else result for result in results]
     return request.outcome(best, results)
 
 
@@ -119,62 +119,63 @@ def local_optima(
     constraints: Sequence[OwnConstraint] = (),
     most_effort: float,
 ) -> list[Design]:
-    """Return every local optimum of a topology that starts reach and that costs little enough, the best first.
+    """Return the local optima of a topology that the starts reach, up to an effort, the best first.
 
-    Optima whose efforts agree are one: so are symmetric copies.
+    Optima of equal effort count as one, which also merges symmetric copies.
 
     Args:
-        task: as of `solve`, and so is what follows.
+        task: same as in `solve`, like all arguments but the last.
         topology: the tree of modules.
         starts: indices of the starts to try.
-        seed: draws the starts.
-        near: designs that are carried over.
-        constraints: what a user states beyond the task.
-        most_effort: largest effort of a design [rad^4/s^4].
+        seed: seeds the random starts.
+        near: designs to carry over.
+        constraints: the user's constraints beyond the task.
+        most_effort: largest effort of a returned design [rad^4/s^4].
     """
     request = _Request(task, topology, starts, seed, near, constraints, most_effort)
     results = request.solve_starts()
     for k, source in enumerate(near):
         results += request.carry_over(source, -1 - k)
     results = request.count_rods(results)
-    alike = list[list[StartResult]]()
-    for one in sorted(results, key=lambda one: one.rank):
-        if not one.worst.met or one.objective > most_effort:
+    groups = list[list[StartResult]]()
+    for result in sorted(results, key=lambda result: result.rank):
+        if not result.worst.met or result.objective > most_effort:
             continue
-        if alike and one.objective - alike[-1][0].objective <= SAME_EFFORT * one.objective:
-            alike[-1].append(one)
+        if groups and result.objective - groups[-1][0].objective <= SAME_EFFORT * result.objective:
+            groups[-1].append(result)
         else:
-            alike.append([one])
-    outcomes = [request.outcome(same[0], same) for same in alike]
+            groups.append([result])
+    outcomes = [request.outcome(group[0], group) for group in groups]
     return [outcome for outcome in outcomes if isinstance(outcome, Design)]
 
 
 @dataclass(frozen=True)
 class _Request:
-    """Arguments of `solve` and `local_optima`, and the steps that both take."""
+    """Arguments of `solve` and `local_optima`, and the steps they share."""
 
     task: ResolvedTask
     topology: Topology
     starts: range
     seed: int
     near: Sequence[Design]
-    given: Sequence[OwnConstraint]
+    user_constraints: Sequence[OwnConstraint]
     most_effort: float | None = None
     began: float = field(default_factory=time.perf_counter)
 
     @cached_property
     def constraints(self) -> UserConstraints:
-        """Constraints of the user, and of the task's allocator."""
-        return (*self.given, *pseudo_inverse_constraints(self.task.declared))
+        """Constraints of the user and of the task's control allocator."""
+        return (*self.user_constraints, *pseudo_inverse_constraints(self.task.declared))
 
     def outcome(self, best: StartResult, results: Sequence[StartResult]) -> Design | Infeasible:
-        """Return what the best of some results stands for: a design with the shortest rod, or a shortfall."""
-        task, shorter = best.point.task, None
+        """Return the best result as a design with the shortest rod, or as an infeasible topology."""
+        task, shorter_rod = best.point.task, None
         if best.worst.met and task.end_effector.rod == "straight" and task.end_effector.fixed_position is None:
             from nlp.shortest_rod import shorten_rod  # compiled code, which other commands need not load
 
-            best, shorter = shorten_rod(best, self.constraints)
+            best, shorter_rod = shorten_rod(best, self.constraints)
         corners = len(task.load_cases) - len(task.declared.load_cases)
+        active = frozenset[str]().union(*(result.corners for result in results))
         record = SolverRecord(
             status=best.result.status,
             iterations=best.result.iterations,
@@ -182,17 +183,19 @@ class _Request:
             seed=self.seed,
             start=best.start,
             starts=len(results),
-            starts_feasible=sum(one.worst.met for one in results),
-            objectives=tuple(one.objective for one in results if one.worst.met),
+            starts_feasible=sum(result.worst.met for result in results),
+            objectives=tuple(result.objective for result in results if result.worst.met),
             corners=corners or None,
-            corners_active=len(frozenset[str]().union(*(one.corners for one in results))) if corners else None,
-            shorter_rod=shorter,
+            corners_active=len(active) if corners else None,
+            shorter_rod=shorter_rod,
             versions=_versions(),
         )
-        return _design(best, record, self.given) if best.worst.met else _infeasible(results, best, record)
+        if best.worst.met:
+            return _design(best, record, self.user_constraints)
+        return _infeasible(results, best, record)
 
     def count_rods(self, results: list[StartResult]) -> list[StartResult]:
-        """Return results with the mass of their rods, where the task counts it."""
+        """Return the results with the mass of their rods, if the task counts it."""
         if self.task.end_effector.rod_mass == "ignored":
             return results
         from nlp.shortest_rod import count_rods  # compiled code, which other commands need not load
@@ -200,9 +203,9 @@ class _Request:
         return count_rods(results, self.constraints, self.most_effort)
 
     def carry_over(self, source: Design, start: int) -> list[StartResult]:
-        """Return a design of the same tree that is one of this task too, and where it leads; else nothing.
+        """Return a design of the same tree, as it is and polished; nothing if it violates this task.
 
-        A descent at low prices may lose what it begins with; Ipopt begins with the design itself.
+        A descent at low prices may leave the design it starts from, so Ipopt starts from the design itself.
         """
         task, topology, constraints = to_corners(self.task), self.topology, self.constraints
         if len(common_subtrees(topology, source.topology)[0]) < max(topology.n, source.topology.n):
@@ -210,23 +213,23 @@ class _Request:
         plain = without_corners(task)
         point = warm_start(plain, topology, source=source, rng=generator(plain, topology, start, self.seed))
         point = correct(point, refit=True)
-        kept = judge(task, start, point, "carried over", constraints)
-        if not kept.worst.met:
+        unchanged = judge(task, start, point, "carried over", constraints)
+        if not unchanged.worst.met:
             return []
-        polished = take_in_corners(task, start, point, constraints)
-        # a design of a task with a smaller margin is not as good as it looks: designs are judged without one
+        polished = solve_with_corners(task, start, point, constraints)
+        # designs are judged without a margin, so one of a task with a smaller margin looks better than it is
         comparable = source.task.search.margin >= task.search.margin or not polished.worst.met
-        return [kept, polished] if comparable else [polished]
+        return [unchanged, polished] if comparable else [polished]
 
     def solve_starts(self) -> list[StartResult]:
-        """Return the outcome of each start and each design carried over, judged by the task with its corners.
+        """Return the result of each start and each design carried over, judged by the task with its corners.
 
-        With an effort it is all local optima that cost no more, if the reduced search expresses the task. Where
-        hinge angles come from a set, starts end with any angles first.
+        With `most_effort` the results are all local optima up to it, if the reduced search expresses the task. If
+        hinge angles come from a set, the starts are solved with free angles first.
         """
         free = to_corners(self.task.model_copy(update={"search": self.task.search.any_angle}))
         if reason_against(self.task):
-            results = self._solve_whole_problem(free)
+            results = self._solve_full_problem(free)
         else:
             from nlp.multistart import solve_starts  # compiled code, which other commands need not load
 
@@ -245,39 +248,39 @@ class _Request:
 
         return solve_on_set(to_corners(self.task), self.topology, results, self.constraints, self.most_effort)
 
-    def _solve_whole_problem(self, task: ResolvedTask) -> list[StartResult]:
-        """Return the results of Ipopt on the whole problem, from untangled starts."""
+    def _solve_full_problem(self, task: ResolvedTask) -> list[StartResult]:
+        """Return the results of Ipopt on the full problem, from untangled starts."""
         plain, results = without_corners(task), []
-        draws: list[tuple[int, Callable[..., Point]]]
-        draws = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(self.near)]
-        draws += [(s, draw) for s in self.starts]
-        for s, start in draws:
-            origin = start(plain, self.topology, rng=generator(plain, self.topology, s, self.seed))
-            results.append(take_in_corners(task, s, origin, self.constraints, rounds=True))
+        origins: list[tuple[int, Callable[..., Point]]]
+        origins = [(-1 - k, partial(warm_start, source=source)) for k, source in enumerate(self.near)]
+        origins += [(s, draw) for s in self.starts]
+        for s, sample in origins:
+            origin = sample(plain, self.topology, rng=generator(plain, self.topology, s, self.seed))
+            results.append(solve_with_corners(task, s, origin, self.constraints, rounds=True))
         return results
 
 
 def _best(results: Iterable[StartResult]) -> StartResult:
-    return min(results, key=lambda one: one.rank)
+    return min(results, key=lambda result: result.rank)
 
 
-def hold_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] = ()) -> Design:
-    """Solve again with the rod at another connector; return the design itself where that fails."""
+def move_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] = ()) -> Design:
+    """Return a design solved again with its rod at another connector, or the design itself if that fails."""
     from nlp.shortest_rod import count_rod  # compiled code, which other commands need not load
 
-    numbers = design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m, design.inputs
-    point = Point(design.task, design.topology, *map(np.array, numbers))
+    arrays = design.root_orientation_rad, design.hinge_angles_rad, design.end_effector_m, design.inputs
+    point = Point(design.task, design.topology, *map(np.array, arrays))
     user_constraints = (*constraints, *pseudo_inverse_constraints(design.task))
-    kept = judge(to_corners(design.task), 0, point, "held", user_constraints)
-    held = count_rod(kept, user_constraints, (mount.module, mount.port))
+    unmoved = judge(to_corners(design.task), 0, point, "moved", user_constraints)
+    moved = count_rod(unmoved, user_constraints, (mount.module, mount.port))
     record = SolverRecord.model_validate(design.solver)
-    return _design(held, record, constraints) if held.worst.met else design
+    return _design(moved, record, constraints) if moved.worst.met else design
 
 
-def _within_usual_reach(task: ResolvedTask, closest: Point) -> ResolvedTask | None:
-    """Return the task with its default reach if all descents left that, as they may where reach costs nothing."""
-    usual = task.declared.end_effector.model_copy(update={"largest_reach": None})
-    narrower = task.declared.model_copy(update={"end_effector": usual})
+def _with_default_reach(task: ResolvedTask, closest: Point) -> ResolvedTask | None:
+    """Return the task with the default reach if the closest point exceeds it, as it may if reach costs nothing."""
+    default_reach = task.declared.end_effector.model_copy(update={"largest_reach": None})
+    narrower = task.declared.model_copy(update={"end_effector": default_reach})
     reach, allowed = narrower.largest_reach(task.n), task.largest_reach(task.n)
     distance = np.linalg.norm(closest.p_E - closest.poses[1], axis=1).min() - task.module.connector_distance
     return narrower if reach is not None and reach < min(distance, allowed or np.inf) else None
@@ -288,7 +291,7 @@ def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnCo
     bound = bound_of(point.task, J)
     task = point.task.declared
     rod = task.end_effector.counted_rod
-    inputs = point.u[: len(task.load_cases)].reshape(len(task.load_cases), -1)  # corners have none of their own
+    inputs = point.u[: len(task.load_cases)].reshape(len(task.load_cases), -1)  # without those of corners
     return Design(
         task=task,
         topology=point.topology,
@@ -301,7 +304,7 @@ def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnCo
         objective=J,
         lower_bound=bound,
         gap=Design.gap_of(J, bound),
-        stated=tuple(one.stated for one in constraints),
+        stated=tuple(constraint.stated for constraint in constraints),
         solver=record.model_dump(mode="json"),
     )
 
@@ -316,7 +319,7 @@ def _infeasible(results: Sequence[StartResult], best: StartResult, record: Solve
         unit=best.worst.unit,
         message="",
     )
-    violations = (one.worst for one in results)
+    violations = (result.worst for result in results)
     shortfalls = (Shortfall(constraint=w.name, starts=1, violation=w.amount, unit=w.unit) for w in violations)
     return closest.with_starts(shortfalls, record)
 

@@ -1,4 +1,4 @@
-"""End of one start of a solve, judged."""
+"""Result of one start of a solve, with its worst violation."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from nlp.user_constraints import UserConstraints, violations_of
 
 @dataclass(frozen=True)
 class StartResult:
-    """One start's outcome."""
+    """Result of one start."""
 
     start: int
-    """Its index; -1, -2, ... for the first, second, ... design carried over."""
+    """Index of the start; -1, -2, ... for the first, second, ... design carried over."""
     result: IpoptResult
     """Result of Ipopt."""
     point: Point
-    """Point that was reached, as a file can hold it."""
+    """The corrected result."""
     worst: Violation
     corners: frozenset[str] = frozenset()
-    """Names of the corners in its last program."""
+    """Labels of the corners in the last program."""
 
     @classmethod
-    def at(
+    def from_point(
         cls,
         start: int,
         point: Point,
@@ -33,7 +33,7 @@ class StartResult:
         corners: frozenset[str] = frozenset(),
         constraints: UserConstraints = (),
     ) -> StartResult:
-        """Return the outcome of a start that reached a point, whose program had some corners."""
+        """Return the result of a start at a point, with the corners of its last program."""
         return cls(start, result, point, worst(violations_of(point, constraints)), corners)
 
     @property
@@ -43,6 +43,6 @@ class StartResult:
 
     @property
     def rank(self) -> tuple[bool, float, int]:
-        """Feasible first, then the least objective or the least violation; the earlier start breaks ties."""
+        """Sort key: feasible first, then by objective or violation; ties by index of the start."""
         met = self.worst.met
         return not met, self.objective if met else self.worst.rank, self.start

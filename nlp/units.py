@@ -1,6 +1,6 @@
 """The dimensionless problem: lengths in l_arm, forces in m g, rotor inputs in the hover input of one module.
 
-A rotor at the input 1 pulls a quarter of its module's weight: k_f u_hover = m g / 4.
+A rotor at input 1 produces a quarter of its module's weight: k_f u_hover = m g / 4.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from topo_search.model import ResolvedTask
 
 @dataclass(frozen=True)
 class Units:
-    """One unit of every dimensionless quantity of a task, in SI."""
+    """SI values of the dimensionless units of a task."""
 
     length: float
     """l_arm [m]."""

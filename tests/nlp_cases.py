@@ -271,5 +271,7 @@ def placed(task: ResolvedTask, topology: Topology, starts: int) -> StartResult:
     ready = AssembledProgram(task, topology)
     origins = [draw(task, topology, generator(task, topology, s, 0)) for s in range(starts)]
     ends = [ready.solve(origin) for origin in origins]
-    found = [StartResult.at(s, correct_point(end.point, ()), end) for s, end in enumerate(ends) if end.finite]
+    found = [
+        StartResult.from_point(s, correct_point(end.point, ()), end) for s, end in enumerate(ends) if end.finite
+    ]
     return min(found, key=lambda outcome: outcome.rank)

@@ -153,7 +153,7 @@ def test_json_holds_the_resolved_task_its_sizes_and_the_warnings() -> None:
     assert [one["path"] for one in told["warnings"]] == odd
 
 
-NO_TOLERANCES = "must be false where all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
+NO_TOLERANCES = "must be false if all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from wording import says
 
 from topo_search.model import Allowed, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
 from topo_search.model.files import read_task, task_template
+from topo_search.model.module import CountedRod
 
 EXPOSURES = 4
 """Examples of regions, each under its own heading in comments."""
@@ -82,7 +83,7 @@ def test_every_field_is_explained() -> None:
         return found
 
     missing = {name for name, _ in fields(Task) if not re.search(rf"^#? ?\[*{name}\b", text, re.MULTILINE)}
-    explained = fields(LoadCase).union(*map(fields, (Local, Directional, Exterior, Allowed)))
+    explained = fields(LoadCase).union(*map(fields, (Local, Directional, Exterior, Allowed, CountedRod)))
     untold = {name for name, meaning in fields(ResolvedTask) - explained if meaning not in words}
     assert untold - missing == {"name", "exposure"}  # they have words of their own
     assert missing == {

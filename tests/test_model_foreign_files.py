@@ -311,7 +311,7 @@ def test_a_frame_has_few_triangles_and_pieces(tmp_path: Path) -> None:
 
 def test_a_device_is_not_replaced_by_a_file(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(OSError, match="something else than a regular file"):
+    with pytest.raises(OSError, match="exists, but is not a regular file"):
         write_atomically(tmp_path / "pipe", "text")
     for words in (
         ["init", str(tmp_path / "pipe"), "--force"],

@@ -98,7 +98,7 @@ def test_levels_of_hinge_errors_are_survived():
     )
     assert (none.flight.tolerances, some.flight.tolerances) == (None, True)
     assert task(**none.model_dump(exclude={"name", "modules", "load_cases"})) == none  # a plain task of its own
-    with pytest.raises(BadInput, match=r"tolerances.hinge_angle_deg: must be left out where goals"):
+    with pytest.raises(BadInput, match=r"tolerances.hinge_angle_deg: must be left out if goals"):
         task(goals={"hinge_angle_deg": [0.2]}, tolerances={"hinge_angle_deg": 0.1})
     with pytest.raises(BadInput, match=r"goals.hinge_angle_deg\[0\]: must be at most 90"):
         task(goals={"hinge_angle_deg": [91.0]})

@@ -10,7 +10,7 @@ from suites import few
 
 from nlp import default_starts, hinge_sets, proof_root, prove_chunk, solve
 from nlp.bounds.branch.search import halves
-from nlp.numbers.geometry import fold_excess, nearest_angles, ranges, turns
+from nlp.numbers.geometry import allowed_folds, fold_excess, nearest_angles, ranges
 from topo_search.model import BadInput, Design, Infeasible, Topology
 from topo_search.model.files import read_task, to_toml
 from topo_search.model.proof import chunk_count
@@ -59,14 +59,14 @@ def test_a_set_that_no_drawer_holds_is_refused(setting, words):
 
 
 def test_a_set_beside_a_step_or_outside_what_rotors_leave_is_refused():
-    with pytest.raises(BadInput, match="must be left out where hinge_angles_deg is given, but got 15"):
+    with pytest.raises(BadInput, match="must be left out if hinge_angles_deg is given, but got 15"):
         of("hinge_step_deg=15", "hinge_angles_deg=[0]")
     tall = "module.body.rotor_radius=0.075"
     assert math.degrees(read_task("push", (tall,)).folds(1e-4)[0][1]) < 85
     with pytest.raises(BadInput, match="must have an angle that keeps rotors clear of a neighbour, at most"):
         read_task("push", (tall, "search.hinge_angles_deg=[85, 90]"))
     task = read_task("push", (tall, "search.hinge_angles_deg=[20, 90]")).resolve(3)
-    assert turns(task, 1e-4) == ((-math.radians(20),) * 2, (math.radians(20),) * 2)
+    assert allowed_folds(task, 1e-4) == ((-math.radians(20),) * 2, (math.radians(20),) * 2)
     warned = {
         each.path: each.words for each in task_warnings(read_task("push", (tall, "search.hinge_step_deg=15")))
     }

@@ -136,7 +136,7 @@ def test_scale_and_offset_move_a_frame(tmp_path: Path) -> None:
     assert np.ptp(piece.vertices, axis=0) == pytest.approx([0.2, 0.2, 0.02])
     assert np.mean(piece.vertices, axis=0) == pytest.approx([0.0, 0.0, 0.01], abs=1e-9)
     path.write_text(TASK.format(frame="scale = 1e-3", region=""))
-    with pytest.raises(BadInput, match=r"module\.body\.scale: must be left out where there is no `mesh`"):
+    with pytest.raises(BadInput, match=r"module\.body\.scale: must be left out without a `mesh`"):
         read_task(path)
 
 

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from topo_search.model import BadInput, ResolvedTask, Task
-from topo_search.model.corners import UNSEEN, reserve_corners, to_corners
+from topo_search.model.corners import AUDIT_TOLERANCE, reserve_corners, to_corners
 from topo_search.model.files import to_toml, validate
 from topo_search.model.load_case import centres
 
@@ -41,7 +41,7 @@ def test_corners_are_around_the_ball_and_points_for_proofs_within_it(inner: bool
     assert len(torque) == 14
     for points, r in ((force, 0.3), (torque, 0.2)):
         if inner:
-            assert np.linalg.norm(points, axis=1) == pytest.approx(np.full(14, r - UNSEEN), rel=1e-12)
+            assert np.linalg.norm(points, axis=1) == pytest.approx(np.full(14, r - AUDIT_TOLERANCE), rel=1e-12)
         else:
             assert inradius(points) == pytest.approx(r, rel=1e-9)
             assert np.linalg.norm(points, axis=1).max() == pytest.approx(1.291 * r, rel=1e-4)
@@ -87,7 +87,7 @@ def test_the_corners_of_a_tilt_hold_its_cap_and_lift_no_more_than_the_weight() -
     ((*points,),) = reserve_corners(resolved, inner=True)
     inner = np.array([corner.case.at_com.force for corner in points]) / resolved.force_unit(4)
     assert np.linalg.norm(inner, axis=1) == pytest.approx(np.ones(8), rel=1e-12)
-    assert np.arccos(inner[:, 2]) == pytest.approx(np.full(8, math.radians(25.0) - UNSEEN), rel=1e-12)
+    assert np.arccos(inner[:, 2]) == pytest.approx(np.full(8, math.radians(25.0) - AUDIT_TOLERANCE), rel=1e-12)
     assert '"tilt_deg":25.0' in resolved.model_dump_json()
     assert "tilt_deg" not in task({"torque_reserve": 0.1}).resolve(4).model_dump_json()
 
@@ -96,7 +96,7 @@ def test_the_corners_of_a_tilt_hold_its_cap_and_lift_no_more_than_the_weight() -
 def test_errors_of_the_centre_of_mass_are_as_few_corners_as_hold_all_of_their_torques(inner: bool) -> None:
     stated = {"force_reserve": 0.2, "at": "com", "tilt_deg": 20.0, "com_error": 0.01}
     resolved = task(stated).resolve(4)
-    half = 0.01 - UNSEEN * resolved.module.arm_length * inner
+    half = 0.01 - AUDIT_TOLERANCE * resolved.module.arm_length * inner
     box = np.array(list(product((half, -half), repeat=3)))
     counts = set[int]()
     for corners in reserve_corners(resolved, inner=inner):

@@ -145,8 +145,8 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ),
         (
             "[search]\ninterference = 'parts'\n[tolerances]\nposition = 1e-3",
-            'search.interference: must be "airflow" where clearances must survive [tolerances], which nothing '
-            'proves of parts, but got "parts"',
+            'search.interference: must be "airflow" if clearances must survive [tolerances], which is not '
+            'proven for parts, but got "parts"',
         ),
         (
             "[search]\ninterference = 'separation'\nbody_clearance = 0.3",
@@ -229,7 +229,7 @@ FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
         ),
         (
             {"flight": {"force_reserve": 0.2}, "goals": {"force_reserve": [0.1, 0.3]}},
-            "flight.force_reserve: must be left out where goals.force_reserve has levels of it, but got 0.2",
+            "flight.force_reserve: must be left out if goals.force_reserve has levels of it, but got 0.2",
         ),
         ({"goals": {"rotor_out": ["one"]}}, 'goals.rotor_out[0]: must be "none", "hover" or "all", but got "one"'),
         ({"goals": {"speed": [1.0]}}, "goals.speed: needs an exposure"),

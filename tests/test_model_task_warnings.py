@@ -151,7 +151,11 @@ def test_a_task_in_which_nothing_hovers() -> None:
         ({"load_cases": [HOVER, PUSH_WHILE_HOVERING, HOVER]}, "load_cases[2]", "is the same as load_cases[0]"),
         ({"load_cases": [HOVER, {**PUSH_WHILE_HOVERING, "weight": 1e4}]}, "load_cases", "by a factor of 1e+04"),
         ({"module": {"arm_length": 0.135}}, "module.body", "hinges turn by at most 47.4 deg"),
-        ({"module": {"body": {"rotor_radius": 0.09}}}, "module.body", "no hinge angle is known to keep rotors off"),
+        (
+            {"module": {"body": {"rotor_radius": 0.09}}},
+            "module.body",
+            "no hinge angle is known to keep rotors clear",
+        ),
         ({"search": {"margin": 0.0}}, "search.margin", "too close to zero"),
         ({"search": {"margin": 0.1}}, "search.margin", "0.1 m beyond every clearance"),
     ],

@@ -78,7 +78,7 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(tmp_pa
         ('mesh = "cube.obj"\nscale = -1e-3', "exposure[0].scale: must be greater than 0"),
         ('mesh = "cube.obj"\noffset = [1.0, 2.0]', "exposure[0].offset: must be a list of three numbers"),
         ('mesh = "cube.obj"\noffset = [1e300, 0.0, 0.0]', "exposure[0].mesh: must be the mesh of a body"),
-        ("radius = 0.1\nscale = 1e-3", "exposure[0].scale: must be left out where there is no `mesh`"),
+        ("radius = 0.1\nscale = 1e-3", "exposure[0].scale: must be left out without a `mesh`"),
         ("pieces = []", "exposure[0].pieces: must have at least one entry"),
         ("pieces = [[[0.0, 0.0, 0.0]]]", "exposure[0].pieces[0]: must span a volume"),
         ('mesh = "cube.obj"\npieces = [[[0.0, 0.0, 0.0]]]', "exposure[0]: must have one of"),

@@ -9,12 +9,12 @@ from nlp_cases import HOVER, as_design, push, random_point, random_tree
 from suites import few
 
 from nlp import prove_impossible, solve
-from nlp.airspeed import AIMED_AT, SpeedPoint, fastest
+from nlp.airspeed import TARGET_SHARE, SpeedPoint, fastest
 from nlp.assembled.air import SpeedRows
 from nlp.assembled.problem import AssembledProblem
 from nlp.ipopt import BETA
 from nlp.reduced.arrays import to_arrays
-from nlp.reduced.descent import Evaluated, evaluate
+from nlp.reduced.descent import Evaluation, evaluate
 from nlp.reduced.search import LocalMinimum, point_of
 from topo_search.model import Design, ResolvedTask, Status, Topology
 from verify import audit
@@ -63,7 +63,7 @@ def test_rows_are_the_speeds_at_their_points() -> None:
     air = [blown for _, blown in case_jets(scene)]
     for row, at in zip(stated, points, strict=True):
         exact = speeds(air[at.case], (scene.p_E + at.from_tip)[None]).sum()
-        assert 2.0 * (AIMED_AT - row) == pytest.approx(exact, rel=0.06, abs=0.1)  # bends are rounded
+        assert 2.0 * (TARGET_SHARE - row) == pytest.approx(exact, rel=0.06, abs=0.1)  # bends are rounded
 
 
 @pytest.mark.parametrize("tip", ["free", [0.0, 0.0, -0.6]])
@@ -110,13 +110,13 @@ def test_derivatives_of_rows_of_the_reduced_search_are_differences(
     reduced = to_arrays(task, point.topology)
     x, air = point.pack()[: len(reduced.lower)], len(reduced.speeds.case)
 
-    def rows(x: np.ndarray) -> Evaluated:
+    def rows(x: np.ndarray) -> Evaluation:
         return evaluate(reduced, x, np.zeros((len(task.load_cases), 6)), np.ones(len(task.load_cases), bool), 300.0)
 
     at = rows(x)
-    assert at.near[-air:].any()
+    assert at.is_near[-air:].any()
     by_differences = np.array([(rows(x + s).g - rows(x - s).g) / (2 * step) for s in step * np.eye(len(x))]).T
-    near = np.flatnonzero(at.near[-air:]) + len(at.g) - air
+    near = np.flatnonzero(at.is_near[-air:]) + len(at.g) - air
     assert at.J[near] == pytest.approx(by_differences[near], rel=1e-4, abs=1e-5)
 
 

@@ -108,10 +108,10 @@ def solve_printed(start):
 @pytest.mark.parametrize("name", few(["60 degree cone", "push", "two paths", "paper root", "no body clearance"], 1))
 def test_ipopt_reaches_what_it_reaches_on_the_printed_problem(name, monkeypatch):
     """With every row, one round without move limits and the same options, it takes the same steps on both."""
-    for room, value in {"NEAR_ENVELOPE": np.inf, "BESIDE": np.inf}.items():
+    for room, value in {"NEAR_ENVELOPE": np.inf, "NEAR_PARTS": np.inf}.items():
         monkeypatch.setattr(f"nlp.requirements.modules.{room}", value)
     limits = program.LIMITS._replace(bold=np.inf, rounds=1)
-    options = program.ROUND_OPTIONS._replace(stay={})
+    options = program.ROUND_OPTIONS._replace(near_start={})
     for name_, value in {"LIMITS": limits, "ROUND_OPTIONS": options}.items():
         monkeypatch.setattr(f"nlp.assembled.program.{name_}", value)
     topology = Topology.from_key("a11210")

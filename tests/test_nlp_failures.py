@@ -13,7 +13,7 @@ from verify_cases import changed
 
 from nlp import lower_bound, prove_impossible, solve
 from nlp.assembled import AssembledProgram
-from nlp.corners import take_in_corners, with_all, without_corners
+from nlp.corners import solve_with_corners, with_all_corners, without_corners
 from nlp.evaluation import correct
 from nlp.ipopt import IpoptResult
 from nlp.numbers.point import Point
@@ -71,7 +71,7 @@ def test_the_torque_that_is_left_has_units_and_a_default() -> None:
 
 def test_contradictory_and_excessive_requests_are_refused_by_name() -> None:
     fields = {"name": "t", "modules": 3, "load_cases": [HOVER]}
-    with pytest.raises(BadInput, match=r'flight.rotor_out_torque: must be left out where rotor_out = "none"'):
+    with pytest.raises(BadInput, match=r'flight.rotor_out_torque: must be left out if rotor_out = "none"'):
         validate(Task, {**fields, "flight": {"rotor_out_torque": 0.1}}, "t")
     with pytest.raises(BadInput, match=r'flight.rotor_out: must be "none", "hover" or "all", but got "any"'):
         validate(Task, {**fields, "flight": {"rotor_out": "any"}}, "t")
@@ -88,7 +88,7 @@ def test_judged_corners_are_those_that_linear_programs_can_produce() -> None:
         root, alpha = np.array(design.root_orientation_rad), np.array(design.hinge_angles_rad)
         plain = without_corners(task)
         point = correct(Point(plain, TREE, root, alpha, np.array(design.end_effector_m), design.inputs))
-        every = with_all(point, task)
+        every = with_all_corners(point, task)
         units = np.repeat([task.force_unit(3), task.torque_unit(3)], 3)
         A, b = wrench_matrix(every) * task.max_input / units[:, None], asked_wrenches(every) / units
         possible = [
@@ -195,7 +195,7 @@ def test_a_program_that_takes_in_corners_ends_where_one_with_all_of_them_does() 
         best = []
         for s in range(6):
             origin = draw(begun, TREE, generator(begun, TREE, s, 0))
-            best.append(take_in_corners(task, s, origin, rounds=True))
+            best.append(solve_with_corners(task, s, origin, rounds=True))
         found.append(min(best, key=lambda outcome: outcome.rank))
     assert found[0].worst.met
     assert found[1].worst.met

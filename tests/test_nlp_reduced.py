@@ -177,8 +177,8 @@ def assert_derivatives(task, topology=None):
             step = h * np.eye(len(x))[l]
             up, down = evaluated(task, tree, x + step), evaluated(task, tree, x - step)
             assert here.dV[l] == pytest.approx((up.V - down.V) / (2 * h), rel=1e-5, abs=1e-5)
-            slopes = (up.g[here.near] - down.g[here.near]) / (2 * h)
-            np.testing.assert_allclose(here.J[here.near, l], slopes, atol=2e-5)
+            slopes = (up.g[here.is_near] - down.g[here.is_near]) / (2 * h)
+            np.testing.assert_allclose(here.J[here.is_near, l], slopes, atol=2e-5)
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.5, 1.0, 5.0, 100.0])

@@ -16,7 +16,7 @@ from nlp.reduced.arrays import to_arrays
 from nlp.reduced.search import local_minima, point_of
 from nlp.requirements.balances import asked_wrenches, wrench_matrix
 from nlp.start_result import StartResult
-from nlp.starts.reduced_starts import draws
+from nlp.starts.reduced_starts import draw_starts
 from topo_search.model import Design, ResolvedTask, Topology
 from topo_search.study import progress
 from verify import audit
@@ -41,12 +41,12 @@ def best(found: list[StartResult]) -> StartResult:
 def test_ends_are_next_to_designs() -> None:
     task = push(4, load_cases=GENTLE_PUSH)
     stated = to_arrays(task, TREE)
-    first, _ = local_minima(stated, draws(task, TREE, stated, range(40), "0"))
-    near = [end for end in first if end.missing < 1e-2]
+    first, _ = local_minima(stated, draw_starts(task, TREE, stated, range(40), "0"))
+    near = [end for end in first if end.violation < 1e-2]
     assert near
     for end in near:
         checks = [check for check in violations(point_of(task, TREE, stated, end)) if check.unit != "rad"]
-        assert worst(checks).scaled <= 2 * end.missing + 1e-6
+        assert worst(checks).scaled <= 2 * end.violation + 1e-6
 
 
 @pytest.mark.parametrize(
@@ -88,11 +88,11 @@ def test_a_deep_search_is_made_once_and_counts_as_its_start(monkeypatch) -> None
     """Nothing that the first starts end at is a design; the deep search's starts are other ones."""
     drawn: list[tuple[str, bool]] = []
 
-    def watched(task, topology, stated, starts, seed, *, anyhow=False):
-        drawn.append((seed, anyhow))
-        return draws(task, topology, stated, starts, seed, anyhow=anyhow)
+    def watched(task, topology, stated, starts, seed, *, random_signs=False):
+        drawn.append((seed, random_signs))
+        return draw_starts(task, topology, stated, starts, seed, random_signs=random_signs)
 
-    monkeypatch.setattr(multistart, "draws", watched)
+    monkeypatch.setattr(multistart, "draw_starts", watched)
     task, tree = push(2), Topology.from_key("a10")
     assert len(searched(task, range(3), tree=tree)) == 3
     assert drawn == [("0", False)]
@@ -100,7 +100,7 @@ def test_a_deep_search_is_made_once_and_counts_as_its_start(monkeypatch) -> None
     assert [outcome.start for outcome in found] == [3, 4]
     assert drawn[1] == ("0", False)
     assert set(drawn[2:]) == {("0 deep", True)}
-    assert 1 < len(drawn[2:]) <= DEEP.most_starts / DEEP.batch
+    assert 1 < len(drawn[2:]) <= DEEP.max_starts / DEEP.batch
 
 
 def test_a_plan_expects_the_reduced_search_of_the_sizes_that_take_it() -> None:

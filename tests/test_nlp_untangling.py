@@ -105,14 +105,14 @@ def test_the_compiled_clearance_is_the_vectorised_one(axes, growth):
     if axes != "any":
         z_j = z_i if axes == "parallel" else -z_i
     rules = Rules(
-        enough=1e3,
+        required=1e3,
         airflow=True,
         balls=np.empty((0, 4)),
         length=12.0,
         start_radius=1.0,
         growth=growth,
-        apart=-np.inf,
-        of_all=False,
+        min_distance=-np.inf,
+        bolted_pairs=False,
         turn=1.0,
         folds=np.array([[-1.0, 1.0]]),
     )

@@ -18,7 +18,7 @@ from suites import few
 from topo_search.model import BadInput, Design, LoadCase, Topology, Wrench
 from topo_search.model.files import to_json
 from topo_search.model.load_case import AskedFlight, ForceCone
-from topo_search.simulation.campaign import CORNERS, fly_all, load_factor, plan, tell_losses, wake_losses
+from topo_search.simulation.campaign import CORNERS, describe_losses, fly_all, load_factor, plan, wake_losses
 from topo_search.simulation.fly import Options, fly
 from topo_search.simulation.plant import Errors, Plant, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult
@@ -148,8 +148,8 @@ def test_wakes_take_thrust_unless_they_are_switched_off(wall_press: Design) -> N
     assert (len(losses), max(losses)) == (20, pytest.approx(0.0179, abs=1e-3))
     plain, blown = (Plant(wall_press, Errors(losses=losses)) for losses in ((), losses))
     np.testing.assert_allclose(blown.gain, plain.gain * (1 - np.array(losses)))
-    assert tell_losses(known, losses).endswith("less than the rotors can add.")
-    assert tell_losses(known, (0.9,) * 20).endswith("more than the rotors can add.")
+    assert describe_losses(known, losses).endswith("less than the rotors can add.")
+    assert describe_losses(known, (0.9,) * 20).endswith("more than the rotors can add.")
     off = fly_all(wall_press, Options(wake=False), only=("load case 1",)).result
     assert (off.options["wake_loss_share"], off.notes) == (0.0, (NO_DOWNWASH,))
 

@@ -12,7 +12,7 @@ from topo_search.cli.tables import answer_lines
 from topo_search.model import BadInput, Design, Task, Tolerances
 from topo_search.model.files import read_json
 from topo_search.model.load_case import AskedFlight
-from topo_search.model.task import before_requirement
+from topo_search.model.task import with_older_defaults
 from topo_search.study import LARGER_MARGINS, Silent
 from topo_search.study.folder import RunFolder
 from topo_search.study.request import margins
@@ -159,7 +159,7 @@ def test_tolerances_of_a_new_task_are_required_however_it_is_made():
 def test_a_folder_keeps_whether_its_task_requires_tolerances(tmp_path):
     """Those of before they were required by default say nothing, and stay what they were."""
     data = {**toy_task(3).model_dump(), "tolerances": {"hinge_angle_deg": 0.2}}
-    older = Task.model_validate(before_requirement(data))
+    older = Task.model_validate(with_older_defaults(data))
     for name, task, stated in (
         ("older", older, None),
         ("new", tolerant(), True),

@@ -256,7 +256,7 @@ def test_a_tighter_reach_is_named_before_what_takes_from_the_task(monkeypatch):
         Task.model_validate(user_task(**fields)), "a300", backends=replace(toy_problem.BACKENDS, solve=solve)
     )
     first, second = found.sentences
-    assert says(first, "try first", "15 % less reach", "1 -> 0.85 m", "the design is one of the task as it is")
+    assert says(first, "try first", "15 % less reach", "1 -> 0.85 m", "the design also satisfies the original task")
     assert says(second, "or rotor limits", "1 % more thrust")
 
 

@@ -97,7 +97,7 @@ def test_large_sizes_begin_at_once_and_keep_the_keys_short() -> None:
         ({"symmetry": "d3"}, "symmetry must be one of task, none, c2, d2, c4, d4, but got 'd3'"),
         ({"connectors": "some"}, "connectors must be one of aligned, any, but got 'some'"),
         ({"root": "tree"}, "root must be one of free, paper, but got 'tree'"),
-        ({"symmetry": "task"}, 'symmetry "task" is found from a task, but none was given'),
+        ({"symmetry": "task"}, 'symmetry "task" requires a task, but none was given'),
     ],
 )
 def test_wrong_arguments_are_refused_before_the_first_tree(wrong: dict[str, object], words: str) -> None:

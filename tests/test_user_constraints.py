@@ -160,7 +160,7 @@ def test_a_wrong_claim_of_invariance_is_found(task, tmp_path, expression, invari
 @pytest.mark.parametrize(
     ("stated", "words"),
     [
-        ([OwnConstraint("far", nonsense, upper=1.0)], "far: cannot be stated for a110: IndexError"),
+        ([OwnConstraint("far", nonsense, upper=1.0)], "far: cannot be evaluated for a110: IndexError"),
         ([OwnConstraint("text", words, upper=1.0)], "text: must return a casadi.SX, or a list of them"),
         (
             [OwnConstraint("locked", partial(lambda lock, p: p.axes[0][2], threading.Lock()), upper=1.0)],
@@ -170,7 +170,7 @@ def test_a_wrong_claim_of_invariance_is_found(task, tmp_path, expression, invari
         ([3], r"\[0\]: must be an OwnConstraint, but got int"),
         (UPRIGHT, "constraints: must be a list of OwnConstraint, but got one OwnConstraint"),
         (own_code.uprightness, "constraints: must be a list of OwnConstraint, but got function"),
-        ([OwnConstraint("c", own_code.no_number, upper=1.0)], "c: cannot be stated for a110: must have a"),
+        ([OwnConstraint("c", own_code.no_number, upper=1.0)], "c: cannot be evaluated for a110: must have a"),
         ([OwnConstraint("c", own_code.infinite, lower=1.0)], "must have a finite value"),
         ([OwnConstraint("c", own_code.strange, upper=1.0)], "may use only the platform's symbols, but has"),
     ],

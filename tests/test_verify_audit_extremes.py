@@ -100,5 +100,5 @@ def test_rows_of_every_kind_count_towards_the_most(monkeypatch):
     assert audit(given).pairs == rows
     for most in range(len(rows)):  # each kind is the one too many for some
         monkeypatch.setattr("verify.design_audit.MOST_CLEARANCES", most)
-        with pytest.raises(ValueError, match=f"at most {most} clearances, but got one with more"):
+        with pytest.raises(ValueError, match=f"at most {most} clearances, but this one has more"):
             audit(given)

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull
 
 import verify.flight.programs
 from verify.flight.balls import largest_balls
-from verify.flight.programs import GAP, Box, Ends, find_solutions, greatest, least_inputs, solve
+from verify.flight.programs import GAP, Box, SimplexResult, find_solutions, greatest, least_inputs, solve
 from verify.meshes import Indices
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ def test_wrong_points_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     c, m = rng.normal(size=(5, 12)), rng.uniform(box.low, box.high, size=(5, 12)) @ M.T
     right = greatest(c, M, m, box)
 
-    def wrong(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None) -> Ends:
+    def wrong(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None) -> SimplexResult:
         drawn = rng.integers(0, M.shape[1], m.shape)
         return (rng.uniform(low, high), rng.normal(size=m.shape), rng.normal(size=m.shape), drawn)
 

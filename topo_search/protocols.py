@@ -1,9 +1,9 @@
-"""Interfaces for a user's own code: constraints and formats, and what they are called with.
+"""Interfaces for a user's own code: constraints and file formats.
 
-A function, or an object with the right method, is enough: nothing has to be subclassed. Code that changes the
-result of a run has a name and, if the run is to be resumed, a version.
+A function, or an object with the right method, is enough; no base class is needed. Code that affects the result of
+a run has a name and, for the run to be resumable, a version.
 
-| interface | passed to | is |
+| interface | passed to | consists of |
 |---|---|---|
 | `OwnConstraint` | `solve`, `search`, `audit`: `constraints=` | a `ConstraintExpression` with name and bounds |
 | `OwnFormat` | `register_format`, or an entry point `topo_search.formats` | a `DesignWriter` with a name |
@@ -25,14 +25,14 @@ from topo_search.model.room import FOLD
 from topo_search.model.value import faults_of
 
 Expression = Any
-"""`casadi.SX`: a symbol, or what is made of symbols."""
+"""`casadi.SX`: symbolic expression."""
 
 Invariance = Literal["none", "numbering", "mirror"]
 
 
 @dataclass(frozen=True)
 class SymbolicPlatform:
-    """A platform as your constraint receives it: CasADi expressions in SI, about the centre of mass, in task axes.
+    """Argument of your constraint: a platform as CasADi expressions, in SI, about the centre of mass, in task axes.
 
     Modules are numbered as in the topology's key: in preorder, children in the order of the ports.
     """
@@ -40,19 +40,19 @@ class SymbolicPlatform:
     task: ResolvedTask
     topology: Topology
     centres: tuple[Expression, ...]
-    """o_i: centre of every module from the centre of mass, (3, 1) each [m]."""
+    """o_i: module centres from the centre of mass, (3, 1) each [m]."""
     orientations: tuple[Expression, ...]
-    """R_i of every module, (3, 3) each: its columns are the module's axes."""
+    """R_i: module orientations, (3, 3) each; the columns are the module's axes."""
     end_effector: Expression
     """p_E: end-effector from the centre of mass, (3, 1) [m]."""
     hinge_angles: Expression
-    """alpha_i of the modules 1 to n - 1, (n - 1, 1) [rad]."""
+    """alpha_i: hinge angles of modules 1 to n - 1, (n - 1, 1) [rad]."""
     inputs: tuple[Expression, ...]
     """u_k: squared rotor speeds of every load case, module-major, (4 n, 1) each [rad^2/s^2]."""
 
     @property
     def n(self) -> int:
-        """The number of modules."""
+        """Number of modules."""
         return self.topology.n
 
     @property
@@ -62,7 +62,7 @@ class SymbolicPlatform:
 
     @property
     def folds(self) -> tuple[Expression, ...]:
-        """Fold of every joint [rad]: the hinge angle, positive if it turns the airflows of both modules apart.
+        """Fold of every joint: the hinge angle, positive if it turns the airflows of both modules apart [rad].
 
         Unlike the hinge angle, its sign does not depend on which of the two modules is the parent.
         """
@@ -70,14 +70,14 @@ class SymbolicPlatform:
 
 
 class ConstraintExpression(Protocol):
-    """The function of a constraint: pure and picklable, such as a function at the top level of a module."""
+    """Function of a constraint: pure and picklable, such as a function at the top level of a module."""
 
     def __call__(self, platform: SymbolicPlatform, /) -> Expression:
-        """Return one expression, or a column of them; twice differentiable wherever designs may be."""
+        """Return an expression or a column of them, twice differentiable wherever designs may be."""
 
 
 def require_stated(extension: Any) -> None:
-    """Raise a ValueError that names the texts of what is `stated` that files could not store, with their rules."""
+    """Check that files can store the record of an extension; ValueError names the fields and rules otherwise."""
     try:
         _ = extension.stated
     except ValidationError as error:
@@ -86,31 +86,33 @@ def require_stated(extension: Any) -> None:
 
 @dataclass(frozen=True)
 class OwnConstraint:
-    """A constraint of your own: `lower <= expression(platform) <= upper`, enforced by Ipopt.
+    """Your own constraint: `lower <= expression(platform) <= upper`, enforced by Ipopt.
 
     The audit evaluates it but does not certify it. Lower bounds and proofs of impossibility ignore it and remain
     valid, because a constraint never lowers the effort.
     """
 
     name: str
-    """Its name in answers and audits."""
+    """Name in results and audits."""
     expression: ConstraintExpression
+    """Function of the platform."""
     lower: float = -math.inf
     """Lower bound, in `unit`."""
     upper: float = math.inf
     """Upper bound, in `unit`."""
     unit: str = ""
+    """Unit of the expression and its bounds."""
     version: str | None = None
-    """Change it when the expression changes. A run with an unversioned constraint is not resumed."""
+    """Version; change it when the expression changes. A run with an unversioned constraint cannot be resumed."""
     scale: float | None = None
-    """A typical value, in `unit`: the constraint is met to within 1e-6 of it. Default: the arm length for m, the
+    """Typical value, in `unit`; the constraint is met to within 1e-6 of it. Default: the arm length for m, the
     weight for N, arm length times weight for N m, the largest input for rad^2/s^2, otherwise 1."""
     invariant: Invariance = "none"
-    """Changes that leave its largest violation the same, so that the search may merge trees into one candidate.
+    """Changes that do not affect its largest violation, so that the search may merge trees into one candidate.
 
     `none`: it may depend on module numbers. `numbering`: it does not depend on the module from which the tree is
     numbered, nor on half turns of modules. `mirror`: nor on mirroring the platform. The claim is tested on random
-    platforms before a search starts; this finds many mistakes but is not a proof.
+    platforms before a search starts, which finds many mistakes but is not a proof.
     """
 
     def __post_init__(self) -> None:
@@ -125,40 +127,36 @@ class OwnConstraint:
         if not (math.isfinite(self.lower) or math.isfinite(self.upper)):
             raise ValueError(f"lower or upper must be a number, but got {self.lower} and {self.upper}")
         if self.lower == math.inf or self.upper == -math.inf:
-            raise ValueError(f"lower or upper leaves nothing, but got lower={self.lower}, upper={self.upper}")
+            raise ValueError(f"the bounds must allow some value, but got lower={self.lower}, upper={self.upper}")
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise ValueError(f"`0 < scale < inf` must hold, but got {self.scale}")
         require_stated(self)
 
     @property
     def stated(self) -> Stated:
-        """Record of it in a design file."""
+        """Record of the constraint in a design file."""
         lower, upper = (None if math.isinf(side) else float(side) for side in (self.lower, self.upper))
         return Stated(
-            name=self.name,
-            version=self.version,
-            lower=lower,
-            upper=upper,
-            unit=self.unit,
-            invariant=self.invariant,
+            name=self.name, version=self.version, lower=lower, upper=upper, unit=self.unit, invariant=self.invariant
         )
 
 
 DesignWriter = Callable[[Design], str | bytes]
-"""Returns the content of a file for a design; the message of a ValueError is shown to the user."""
+"""Function that returns the file content for a design; the message of a ValueError is shown to the user."""
 
 
 @dataclass(frozen=True)
 class OwnFormat:
-    """A file format for designs."""
+    """File format for designs."""
 
     name: str
-    """The value of `--format`: small letters, digits and dashes."""
+    """Value of `--format`: small letters, digits and dashes."""
     write: DesignWriter
+    """Function that writes a design."""
     suffixes: tuple[str, ...] = ()
     """File name suffixes of this format, such as `.step`."""
     says: str = ""
-    """A few words for `export --help`."""
+    """Short description for `export --help`."""
 
     def __post_init__(self) -> None:
         """Check the types of the fields; ValueError names the rule and the value."""
@@ -167,5 +165,5 @@ class OwnFormat:
         for name, value in (("name", self.name), ("says", self.says)):
             if not isinstance(value, str):
                 raise ValueError(f"{name} must be a text, but got {value!r}")
-        if not isinstance(self.suffixes, tuple) or not all(isinstance(one, str) for one in self.suffixes):
+        if not isinstance(self.suffixes, tuple) or not all(isinstance(suffix, str) for suffix in self.suffixes):
             raise ValueError(f"suffixes must be a tuple of texts, but got {self.suffixes!r}")

@@ -1,9 +1,9 @@
 """The exact audit of a design; shares no code with the solver.
 
-`audit(design)` derives everything again from a design alone; `choose_mount(design)` finds the connector from which
-a straight rod reaches the end-effector; `complete(geometry)` gives a geometry its inputs; `poses` is the audit's
-own forward kinematics; `check_chunk` checks a part of a proof by branch and bound. All load on first use, so that
-importing this package costs nothing.
+`audit(design)` derives everything again from the design alone. `choose_mount(design)` finds the connector from
+which a straight rod reaches the end-effector. `complete(geometry)` adds the best inputs to a geometry. `poses` is
+the audit's own forward kinematics. `check_chunk` checks one part of a branch-and-bound proof. Each name loads on
+first use, so importing this package is cheap.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Poses", "audit", "check_chunk", "choose_mount", "complete", "poses", "prepare_check"]
 
 
-_HOMES = {
+_MODULES = {
     "Poses": "kinematics", "audit": "design_audit", "check_chunk": "proof.check", "choose_mount": "assembly",
     "complete": "bare", "poses": "kinematics", "prepare_check": "proof.check",
 }  # fmt: skip
@@ -29,6 +29,6 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:
     """Load a public name on its first use (PEP 562)."""
-    if name not in _HOMES:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"verify.{_HOMES[name]}"), name)
+    return getattr(import_module(f"verify.{_MODULES[name]}"), name)

@@ -1,4 +1,4 @@
-"""The assembly sheet: which connector to which, at which angle, and the rod from its mount to the end-effector."""
+"""The assembly sheet: joints with their ports and angles, and the rod from its mount to the end-effector."""
 
 from __future__ import annotations
 
@@ -20,10 +20,9 @@ from topo_search.model import (
     Status,
 )
 from topo_search.model.arrays import PORT_DIRECTIONS
-from topo_search.model.proven import TOLERANCE
 from topo_search.model.room import LARGE, packed_width
 from topo_search.model.value import Vector
-from verify.bodies import Array, Rows, clearances_of
+from verify.bodies import Array, ConeSpheres, rowwise_clearances
 from verify.certificate import FLOOR
 from verify.compounds import proximities
 from verify.contacts import rod_keeps_out
@@ -33,7 +32,7 @@ from verify.residuals import clamp, residual
 
 
 def assembly(scene: Scene) -> Assembly:
-    """Return the sheet; a design's own mount stands, otherwise it is the best available connector."""
+    """Return the assembly sheet, with the design's own mount or else the best available connector."""
     design = scene.design
     joints = tuple(
         BoltedJoint(module=h, port=a, child=i, child_port=b, angle_deg=clamp(math.degrees(alpha)))
@@ -42,8 +41,8 @@ def assembly(scene: Scene) -> Assembly:
     connectors = free_connectors(scene)
     mount = design.mount or best_available(connectors, scene)
     rod = _rod(scene, mount) if mount is not None and scene.in_range else None
-    of_rod = () if rod is None else (_remark_length(design, rod), _remark_mass(scene, rod))
-    notes = (_note(scene, mount, connectors), *of_rod)
+    rod_notes = () if rod is None else (_length_note(design, rod), _mass_note(scene, rod))
+    notes = (_mount_note(scene, mount, connectors), *rod_notes)
     sheet = EndEffectorSheet(
         position_m=design.end_effector_m,
         from_com_m=_vector(scene.platform.p_e),
@@ -56,10 +55,10 @@ def assembly(scene: Scene) -> Assembly:
 
 
 def best_available(connectors: tuple[FreeConnector, ...], scene: Scene) -> Mount | None:
-    """Return the connector of the shortest rod that is clear of parts, airflow and solid regions.
+    """Return the connector with the shortest rod that is clear of parts, airflow and solid regions.
 
-    If there is none, the shortest that is clear of parts and airflow, else of parts alone, if any. Connectors come
-    shortest rod first.
+    Failing that, the shortest rod that is clear of parts and airflow, then of parts only. `connectors` are sorted
+    by rod length.
     """
     unblocked = [connector for connector in connectors if not connector.blocked_by]
     clear = [connector for connector in unblocked if not connector.in_airflow_of] or unblocked
@@ -69,55 +68,52 @@ def best_available(connectors: tuple[FreeConnector, ...], scene: Scene) -> Mount
 
 
 def choose_mount(design: Design) -> Mount | None:
-    """Return the connector from which a straight rod to the end-effector is best, as `best_available` says.
+    """Return the best connector for a straight rod to the end-effector, as `best_available` defines it.
 
-    Of connectors that differ in the rod's length alone, the one whose rod the design counts stays.
+    Among connectors with the same clearance the design's own mount wins, whatever its rod's length.
     """
-    scene, kept = Scene(design), design.mount and (design.mount.module, design.mount.port)
-    connectors = sorted(free_connectors(scene), key=lambda one: (one.module, one.port) != kept)
+    scene, own_mount = Scene(design), design.mount and (design.mount.module, design.mount.port)
+    connectors = sorted(free_connectors(scene), key=lambda c: (c.module, c.port) != own_mount)
     return best_available(tuple(connectors), scene)
 
 
 def rod_residuals(scene: Scene, sheet: Assembly) -> Iterator[Residual]:
-    """Yield whether a straight rod reaches the end-effector, and from near enough, where the task asks for it."""
+    """Yield the residuals of the rod that the task requires: its existence, its length and its mass."""
     design = scene.design
     if design.task.end_effector.rod == "straight":
         missing = 0.0 if sheet.mount is not None and scene.in_range else 1.0
-        lost = None if scene.in_range else Status.UNDECIDED
+        status = None if scene.in_range else Status.UNDECIDED
         name = "straight rod to the end-effector"
-        yield residual(name, missing, "rods missing", 1.0, tolerance=0.0, status=lost)
+        yield residual(name, missing, "rods missing", 1.0, tolerance=0.0, status=status)
 
     reach = design.task.largest_reach(design.topology.n)
     if reach is not None:
-        yield _reach(scene, sheet, reach)
+        yield _reach_residual(scene, sheet, reach)
     if design.task.end_effector.rod_mass == "included" and sheet.end_effector is not None:
-        yield _rod_mass(design, sheet.end_effector.rod)
+        yield _mass_residual(design, sheet.end_effector.rod)
 
 
-def _rod_mass(design: Design, rod: Rod | None) -> Residual:
-    """Return by how much the rod weighs more or less than the design counts with."""
+def _mass_residual(design: Design, rod: Rod | None) -> Residual:
+    """Return the difference between the rod's mass and the mass that the task counts."""
     counted = design.task.end_effector.counted_rod
-    given, weighs = 0.0 if counted is None else counted.mass, 0.0 if rod is None else rod.mass_kg
+    claim, mass = 0.0 if counted is None else counted.mass, 0.0 if rod is None else rod.mass_kg
     name, total = "mass of the end-effector's rod", design.task.total_mass(design.topology.n)
-    return residual(name, abs(weighs - given), "kg", total, claim=given, derived=weighs)
+    return residual(name, abs(mass - claim), "kg", total, claim=claim, derived=mass)
 
 
-def _reach(scene: Scene, sheet: Assembly, reach: float) -> Residual:
-    """Return by how much the end-effector is too far from the connector that holds its rod.
-
-    Without a rod that is the nearest free one; a platform without free connectors holds none.
-    """
+def _reach_residual(scene: Scene, sheet: Assembly, reach: float) -> Residual:
+    """Return the excess of the rod's length over the reach; without a rod, from the nearest free connector."""
     l_arm, free = scene.l_arm, scene.design.topology.free_connectors
     mounts = [sheet.mount] if sheet.mount is not None else [Mount(module=i, port=port) for i, port in free]
     lengths = [scene.straight_rod(mount).length * l_arm for mount in mounts] if scene.in_range else []
     excess = max(0.0, min(lengths) - reach) if lengths else 0.0
     name, length = "reach of the end-effector's rod", min(lengths, default=None)
-    unknown = None if lengths else Status.UNDECIDED
-    return residual(name, excess, "m", l_arm, tolerance=TOLERANCE, claim=reach, derived=length, status=unknown)
+    status = None if lengths else Status.UNDECIDED
+    return residual(name, excess, "m", l_arm, claim=reach, derived=length, status=status)
 
 
 def _rod(scene: Scene, mount: Mount) -> Rod:
-    """Return the rod from a mount; of no length, it points as the connector does."""
+    """Return the rod from a mount; a rod of length zero points along the connector."""
     end_effector, rod, R = scene.design.task.end_effector, scene.straight_rod(mount), scene.R[mount.module]
     in_module = R.T @ rod.path / rod.length if rod.length > 0 else PORT_DIRECTIONS[mount.port]
     length = rod.length * scene.l_arm
@@ -130,7 +126,7 @@ def _rod(scene: Scene, mount: Mount) -> Rod:
     )
 
 
-def _note(scene: Scene, mount: Mount | None, connectors: tuple[FreeConnector, ...]) -> str | None:
+def _mount_note(scene: Scene, mount: Mount | None, connectors: tuple[FreeConnector, ...]) -> str | None:
     if not scene.in_range:
         return "positions are too large, or parts too thin, to tell which connectors a straight rod reaches from"
     if mount is None:
@@ -147,8 +143,8 @@ def _note(scene: Scene, mount: Mount | None, connectors: tuple[FreeConnector, ..
     return through if clear else f"{through}: no straight rod that reaches the end-effector is clear of all airflow"
 
 
-def _remark_length(design: Design, rod: Rod) -> str | None:
-    """Say so if a rod is far longer than the platform that carries it is wide."""
+def _length_note(design: Design, rod: Rod) -> str | None:
+    """Return a note if a rod is far longer than its platform is wide."""
     n = design.topology.n
     width = packed_width(design.task.module, n)
     if rod.length_m <= LARGE * width:
@@ -157,17 +153,17 @@ def _remark_length(design: Design, rod: Rod) -> str | None:
     return f"the rod is {rod.length_m:.3g} m long, {times}"
 
 
-def _remark_mass(scene: Scene, rod: Rod) -> str | None:
-    """Say what a heavy rod changes that the model ignores."""
+def _mass_note(scene: Scene, rod: Rod) -> str | None:
+    """Return a note on the weight and torque of a heavy rod whose mass the model ignores."""
     task = scene.design.task
     share = rod.mass_kg / task.total_mass(task.n)
-    if share < 0.05 or task.end_effector.rod_mass == "included":  # less is as good as nothing
+    if share < 0.05 or task.end_effector.rod_mass == "included":  # smaller shares are negligible
         return None
     middle = scene.platform.p_e - rod.length_m / 2 * np.array(rod.direction)
     weight = rod.mass_kg * task.gravity
     torque = weight * float(np.hypot(middle[0], middle[1]))
-    left_out = f"the rod, {100 * share:.3g} % of the platform's mass, is left out of the model"
-    return f"{left_out}: {weight:.3g} N, and {torque:.3g} N m about the centre of mass"
+    omission = f"the rod, {100 * share:.3g} % of the platform's mass, is left out of the model"
+    return f"{omission}: {weight:.3g} N, and {torque:.3g} N m about the centre of mass"
 
 
 def _vector(v: Array) -> Vector:
@@ -176,21 +172,24 @@ def _vector(v: Array) -> Vector:
 
 
 def free_connectors(scene: Scene) -> tuple[FreeConnector, ...]:
-    """Return every free connector with what blocks a straight rod from it, shortest rod first.
+    """Return every free connector with the obstacles of a straight rod from it, sorted by rod length.
 
-    A rod that is too near to a part to tell counts as blocked; where coordinates have lost their digits nothing is
-    known of any connector.
+    A rod too close to a part to decide counts as blocked. The result is empty if coordinates are too large.
     """
     if not scene.in_range:
         return ()
     mounts = [Mount(module=i, port=port) for i, port in scene.design.topology.free_connectors]
     rods = sorted(map(scene.straight_rod, mounts), key=lambda rod: round(rod.length, FIT.digits))
-    near = [
-        (rod, i, beside) for rod in rods for i in _near(rod, scene) if (beside := rod.body_beside(i)) is not None
+    candidates = [
+        (rod, i, body)
+        for rod in rods
+        for i in _nearby_modules(rod, scene)
+        if (body := rod.body_beside(i)) is not None
     ]
-    pairs = [(scene.modules[i], beside) for _, i, beside in near]
+    pairs = [(scene.modules[i], body) for _, i, body in candidates]
+    results = proximities(pairs, [False] * len(pairs), measured=False)
     blocked: dict[Mount, list[Obstacle]] = {}
-    for (rod, i, _), proximity in zip(near, proximities(pairs, [False] * len(pairs), measured=False), strict=True):
+    for (rod, i, _), proximity in zip(candidates, results, strict=True):
         if proximity.d <= FLOOR:
             obstacle = Obstacle(module=i, part=scene.modules[i].parts[proximity.a].name)
             blocked.setdefault(rod.mount, []).append(obstacle)
@@ -200,25 +199,26 @@ def free_connectors(scene: Scene) -> tuple[FreeConnector, ...]:
             port=rod.mount.port,
             length_m=rod.length * scene.l_arm,
             blocked_by=tuple(blocked.get(rod.mount, ())),
-            in_airflow_of=tuple(through),
+            in_airflow_of=tuple(sources),
         )
-        for rod, through in zip(rods, _in_airflow(scene, rods), strict=True)
+        for rod, sources in zip(rods, _airflow_sources(scene, rods), strict=True)
     )
 
 
-def _in_airflow(scene: Scene, rods: list[StraightRod]) -> list[list[int]]:
-    """Return the modules whose airflow each rod passes through, or is too near to to tell; its own one's too."""
+def _airflow_sources(scene: Scene, rods: list[StraightRod]) -> list[list[int]]:
+    """Return the modules, its own included, whose airflow each rod passes through or comes too close to."""
     if not rods:
         return []
-    each, passed = np.indices((len(rods), len(scene.envelopes))).reshape(2, -1)
-    airflow, straight = (Rows.of([one.body for one in some]) for some in (scene.envelopes, [r.solid for r in rods]))
-    d = clearances_of(airflow.take(passed), straight.take(each)).d.reshape(len(rods), -1)
+    rod_index, module = np.indices((len(rods), len(scene.envelopes))).reshape(2, -1)
+    airflow = ConeSpheres.of([envelope.body for envelope in scene.envelopes]).take(module)
+    bodies = ConeSpheres.of([rod.solid.body for rod in rods]).take(rod_index)
+    d = rowwise_clearances(airflow, bodies).d.reshape(len(rods), -1)
     return [np.flatnonzero(~(row > FLOOR)).tolist() for row in d]
 
 
-def _near(rod: StraightRod, scene: Scene) -> list[int]:
-    """Return the modules whose bounding ball comes near a rod; the others cannot block it."""
+def _nearby_modules(rod: StraightRod, scene: Scene) -> list[int]:
+    """Return the modules whose bounding ball meets a rod; the others cannot block it."""
     from_start = scene.centres - rod.start
     t = np.clip(from_start @ rod.path / (rod.length**2 or 1.0), 0.0, 1.0)
-    apart = np.linalg.norm(from_start - t[:, None] * rod.path, axis=1)
-    return np.flatnonzero(apart <= scene.body.reach + rod.radius + FLOOR).tolist()
+    distance = np.linalg.norm(from_start - t[:, None] * rod.path, axis=1)
+    return np.flatnonzero(distance <= scene.body.reach + rod.radius + FLOOR).tolist()

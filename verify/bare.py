@@ -1,25 +1,24 @@
-"""The rotor inputs of a design: the best for a platform without any, those of corners, and the power they take.
+"""Rotor inputs of a bare geometry, feasibility of the vertices of wrench sets, and power.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| v | inputs over the largest input of a rotor, between the least and the largest that a design may use | (4n,) | |
+| v | inputs over the largest input of a rotor, between the limits for a design | (4n,) | |
 | A | wrench map about the COM, W = A v | (6, 4n) | m_t g, l_arm m_t g |
-| b | required wrench of each load case, or of each corner of a set | (K, 6) | the same |
+| b | required wrench of each load case, or of each vertex of a set | (K, 6) | the same |
 
-The best inputs come from one convex program a load case. The wrenches of all v are a convex set, so the corners of
-a set decide. A design has no inputs for them: each is a linear
-program of the audit's own, with inputs that produce the corner, or multipliers that show that none do, in hand.
-What neither shows is undecided.
+The best inputs come from one convex program per load case. The wrenches of all v are a convex set, so a wrench set
+is feasible if its vertices are. A design holds no inputs for vertices: for each, the audit solves a linear program
+that yields inputs that produce the vertex, or multipliers that prove that none do. Otherwise it is undecided.
 
-The power:
+Power:
 
 | symbol | meaning | unit |
 |---|---|---|
-| u | squared speeds of all rotors; in hover those of least effort | rad^2/s^2 |
+| u | squared speeds of all rotors; in hover, those of least effort | rad^2/s^2 |
 | P_0, P | ideal power, sum_j (k_f u_j)^1.5 / sqrt(2 rho pi R^2); shaft power, sum_j k_tau u_j^1.5 | W |
 | FM | figure of merit, P_0 / P | |
 
-Motors, controllers and wires take more than P, so that a battery lasts no longer than it says here.
+Motors, controllers and wires draw more than P, so the endurance is an upper bound.
 """
 
 from __future__ import annotations
@@ -41,22 +40,22 @@ from verify.residuals import clamp, residual
 
 
 def complete(geometry: Geometry) -> Design:
-    """Return the design of a geometry: with the rod that its task counts, and with the best inputs found.
+    """Return a geometry as a design, with the rod whose mass its task includes and the best inputs.
 
-    Of a load case that no inputs produce, it has inputs that miss it least.
+    For a load case that no inputs produce, the inputs are those with the smallest residual.
     """
     if isinstance(geometry, Design):
         return geometry
     fields = {name: getattr(geometry, name) for name in Geometry.model_fields}
     idle = ((0.0,) * (4 * geometry.topology.n),) * len(geometry.task.load_cases)
     design = _count_rod(Design(**fields, rotor_speeds_squared=idle, objective=0.0, inputs_computed=True))
-    u = _least(design.task, platform(design))
+    u = _best_inputs(design.task, platform(design))
     design = design.model_copy(update={"rotor_speeds_squared": tuple(map(tuple, u.tolist()))})
     return design.model_copy(update={"objective": objective(design)})
 
 
 def _count_rod(design: Design) -> Design:
-    """Return a design with the rod of its mount, else of the best, if its task counts one and does not name it."""
+    """Return a design with its rod counted, from its own or the best mount, if its task includes an unnamed rod."""
     end_effector, l_arm = design.task.end_effector, design.task.module.arm_length
     if end_effector.rod_mass == "ignored" or end_effector.counted_rod is not None:
         return design
@@ -68,28 +67,28 @@ def _count_rod(design: Design) -> Design:
     return design.model_copy(update={"mount": mount, "task": design.task.with_rod(rod)})
 
 
-def _least(task: ResolvedTask, at: Platform) -> Array:
-    """Return the inputs of every load case, shape (K, 4n) [rad^2/s^2]; zeros where numbers are too large."""
+def _best_inputs(task: ResolvedTask, platform: Platform) -> Array:
+    """Return the inputs of every load case, shape (K, 4n) [rad^2/s^2]; zeros if numbers are too large."""
     unit = np.repeat([task.force_unit(task.n), task.torque_unit(task.n)], 3)
-    A = wrench_map(at, task.module) * task.max_input / unit[:, None]
-    b = np.array([required_wrench(case, at.p_e) for case in task.load_cases]) / unit
+    A = wrench_map(platform, task.module) * task.max_input / unit[:, None]
+    b = np.array([required_wrench(case, platform.p_e) for case in task.load_cases]) / unit
     N = A.shape[1]
     if not (np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST):
         return np.zeros((len(b), N))
     box = Box(np.full(N, task.min_input / task.max_input), np.ones(N))
-    reached = find_solutions(A, b, box)
-    v = reached.v.copy()
+    solvable = find_solutions(A, b, box)
+    v = solvable.v.copy()
     for k, b_k in enumerate(b):
-        if reached.yes[k]:
-            least = least_inputs(A, A @ v[k], box)
-            v[k] = v[k] if least is None else least
+        if solvable.yes[k]:
+            best = least_inputs(A, A @ v[k], box)
+            v[k] = v[k] if best is None else best
         else:
             v[k], _ = nearest(A, b_k, box.low, box.high)
     return np.asarray(v * task.max_input)
 
 
 def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
-    """Yield by how much the best inputs miss each corner: the largest of its equations."""
+    """Yield the residual of each vertex of the wrench sets: the largest error of its equations."""
     task, n = design.task, design.topology.n
     corners = corners_of(task)
     if not corners:
@@ -102,37 +101,37 @@ def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
         solvable = find_solutions(A, b, box)
         error = solvable.v @ A.T - b
         about_tip = error[:, 3:] - np.cross(platform.p_e / task.module.arm_length, error[:, :3])
-        parts = np.linalg.norm([error[:, :3], error[:, 3:], about_tip], axis=2)
-        yes, no = solvable.yes & np.all(parts <= TOLERANCE, axis=0), solvable.no
-        missed = np.abs(error).max(axis=1)
-    else:  # the digits that programs need are lost
-        yes, no, missed = np.zeros(len(b), dtype=bool), np.zeros(len(b), dtype=bool), np.zeros(len(b))
+        errors = np.linalg.norm([error[:, :3], error[:, 3:], about_tip], axis=2)
+        yes, no = solvable.yes & np.all(errors <= TOLERANCE, axis=0), solvable.no
+        largest = np.abs(error).max(axis=1)
+    else:  # too large for the programs' precision
+        yes, no, largest = np.zeros(len(b), dtype=bool), np.zeros(len(b), dtype=bool), np.zeros(len(b))
     for k, (label, _) in enumerate(corners):
         status = Status.CLEAR if yes[k] else Status.VIOLATED if no[k] else Status.UNDECIDED
-        yield residual(label, float(missed[k]), "m_t g, l_arm m_t g", 1.0, status=status)
+        yield residual(label, float(largest[k]), "m_t g, l_arm m_t g", 1.0, status=status)
 
 
-def power(design: Design, measured: Flight | None) -> tuple[CasePower, ...]:
-    """Return the power in hover, where the platform can hover, and in every load case."""
-    return tuple(_powers(design, measured))
+def power(design: Design, capability: Flight | None) -> tuple[CasePower, ...]:
+    """Return the power in hover, if the platform can hover, and in every load case."""
+    return tuple(_powers(design, capability))
 
 
-def _powers(design: Design, measured: Flight | None) -> Iterator[CasePower]:
+def _powers(design: Design, capability: Flight | None) -> Iterator[CasePower]:
     task, module, rotors = design.task, design.task.module, 4 * design.topology.n
     battery_Ws = 3600 * design.topology.n * module.battery_Wh if module.battery_Wh else None
     sums = [
         (label, float(np.sum(np.maximum(u, 0.0) ** 1.5)))
         for label, u in zip(task.case_labels, design.inputs, strict=True)
     ]
-    if measured is not None and measured.hover_power_ratio is not None:
+    if capability is not None and capability.hover_power_ratio is not None:
         straight_up = task.force_unit(task.n) / (rotors * module.thrust_coefficient)
-        sums.insert(0, (measured.hover.name, rotors * straight_up**1.5 * measured.hover_power_ratio))
+        sums.insert(0, (capability.hover.name, rotors * straight_up**1.5 * capability.hover_power_ratio))
     for name, cubes in sums:
-        shaft = clamp(module.torque_coefficient * cubes)
+        shaft_W = clamp(module.torque_coefficient * cubes)
         yield CasePower(
             name=name,
             ideal_W=clamp(module.ideal_power(1.0, task.air_density) * cubes),
-            shaft_W=shaft,
+            shaft_W=shaft_W,
             figure_of_merit=clamp(module.figure_of_merit(task.air_density)),
-            endurance_min=clamp(battery_Ws / shaft / 60) if battery_Ws and shaft > 0 else None,
+            endurance_min=clamp(battery_Ws / shaft_W / 60) if battery_Ws and shaft_W > 0 else None,
         )

@@ -1,23 +1,23 @@
 r"""Proven verdicts on rotors, hubs and arms beside the airflow of other modules.
 
-All is seen from the module whose parts they are, where every module's parts stand alike: then one part and many
-envelopes are one question. Lengths are in l_arm.
+Computations are in the frame of the module that owns the parts, where all modules look alike, so each part is
+compared with all envelopes in one batch. Lengths are in l_arm.
 
 | symbol | meaning | shape |
 |---|---|---|
 | A | a convex part in its module's frame | |
 | K | envelope of the other module: balls B(P(eta), r(eta)), eta in [0, 1] | |
 | x(eta) | the point of A nearest to P(eta) | (3,) |
-| d | clearance, the least \|P - x\| - r | scalar |
-| n | unit vector from K to A where they are nearest | (3,) |
-| lower | gap of a plane across n: least n.y over A, minus K's support, so d >= lower | scalar |
-| upper | distance of x, proven in A, from a point proven in K; or minus the depth of x in K | scalar |
+| d | clearance, min over eta of \|P - x\| - r | scalar |
+| n | unit vector from K to A at their nearest points | (3,) |
+| lower | gap between planes normal to n: min of n.y over A, minus K's support; d >= lower | scalar |
+| upper | distance of x, proven in A, from a point proven in K; or minus the depth of x in K; d <= upper | scalar |
 
-\|P - x\| - r is convex in eta, and its slope is the change of P along -n, less that of r: bisection finds where it
-vanishes. Hub and arms count as one. Parts whose ball is farther away than the middle of another one are bounded by
-that ball. `clear` when NumPy finds the planes and FCL finds a box around the module, or else polytopes around its
-parts, apart from one around K; `violated` when NumPy finds the point and FCL polytopes inside both overlapping. So
-neither bisection nor FCL can make a verdict by itself.
+\|P - x\| - r is convex in eta; bisection finds the zero of its slope, the change of P along -n minus that of r. Hub
+and arms count as one body. If the bounding ball of a part is farther away than the centre of another part, that
+ball bounds its clearance. `clear` if NumPy finds the planes and FCL finds a box around the module, or else
+polytopes around its parts, apart from one around K. `violated` if NumPy finds the common point and FCL finds
+polytopes inside both overlapping. So neither bisection nor FCL decides a verdict alone.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Status
-from verify.bodies import Array, Rows, nearest_on_axis
-from verify.certificate import BOUND_ROUNDING, TURNED_LEVELS, Certificate, ClearanceRow, Solid, facing_mesh, judge
+from verify.bodies import Array, ConeSpheres, nearest_on_axis
+from verify.certificate import BOUND_ROUNDING, TURNED_LEVELS, Certificate, ClearanceCheck, Solid, facing_mesh, judge
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
 from verify.gjk import Cores, cores, nearest
@@ -39,40 +39,40 @@ from verify.meshes import ConvexMesh, Indices, Shape
 ROTORS = 4
 
 
-BesideAirflow = ClearanceRow[Compound, Solid]
-"""Parts of one module that must keep out of the airflow of another: its rotor `segment`, else hub and arms."""
+BesideAirflow = ClearanceCheck[Compound, Solid]
+"""Check of one module's rotor `segment`, or hub and arms if None, against the airflow of another module."""
 
 
-def parts_of(row: BesideAirflow) -> tuple[Convex, ...]:
-    """Return these parts."""
-    frame = row.body.frame
-    return row.body.parts[:frame] if row.segment is None else (row.body.parts[frame + row.segment],)
+def parts_of(check: BesideAirflow) -> tuple[Convex, ...]:
+    """Return the parts that a check is about."""
+    frame = check.body.frame
+    return check.body.parts[:frame] if check.segment is None else (check.body.parts[frame + check.segment],)
 
 
-class _Found(NamedTuple):
-    """Clearances of module parts from envelopes, in the frames of the modules; N rows."""
+class _Clearances(NamedTuple):
+    """Clearances of module parts from N envelopes, in the modules' frames."""
 
     d: Array
     lower: Array
     upper: Array
-    """NaN where it is not proven."""
+    """NaN where unproven."""
     x: Array
     """Shape (N, 3)."""
     n: Array
     """Shape (N, 3)."""
     part: Indices
-    """The part that is nearest."""
+    """Index of the nearest part."""
 
     @property
     def closest(self) -> Array:
-        """Closest points, shape (N, 2, 3): of a gap, of part and envelope; of an overlap, one in both, twice."""
+        """Nearest points of part and envelope, or one common point twice, shape (N, 2, 3)."""
         return np.stack([self.x, self.x - np.maximum(self.d, 0.0)[..., None] * self.n], axis=-2)
 
 
 def beside_airflow(
     modules: Sequence[Compound], envelopes: Sequence[Solid], *, counts: bool
 ) -> Iterator[BesideAirflow]:
-    """Yield every rotor, then hub and arms, of every module against the airflow of every other one."""
+    """Yield every rotor, then hub and arms, of every module against the airflow of every other module."""
     return (
         BesideAirflow("rotor-airflow", a, b, module, envelope, segment, counts)
         for a, module in enumerate(modules)
@@ -82,172 +82,170 @@ def beside_airflow(
     )
 
 
-def certify_beside(requirements: Sequence[BesideAirflow]) -> list[Certificate]:
-    """Return the certificates of what `beside_airflow` yields, for copies of one module."""
-    if not requirements:
+def certify_beside(checks: Sequence[BesideAirflow]) -> list[Certificate]:
+    """Certify the checks that `beside_airflow` yields, for copies of one module."""
+    if not checks:
         return []
-    pairs = requirements[:: ROTORS + 1]
-    R, p = (np.array(column) for column in zip(*(_place(pair.body) for pair in pairs), strict=True))
-    distances = _find(pairs, R, p)
+    pairs = checks[:: ROTORS + 1]
+    R, p = (np.array(column) for column in zip(*(_pose(pair.body) for pair in pairs), strict=True))
+    clearances = _clearances(pairs, R, p)
     proven = [
-        (row.lower > BOUND_ROUNDING)
-        & (row.d > 0)
-        & (row.lower - BOUND_ROUNDING <= row.d)
-        & (row.d <= row.upper + BOUND_ROUNDING)
-        for row in distances
+        (part.lower > BOUND_ROUNDING)
+        & (part.d > 0)
+        & (part.lower - BOUND_ROUNDING <= part.d)
+        & (part.d <= part.upper + BOUND_ROUNDING)
+        for part in clearances
     ]
     certificates = []
-    closest = [np.einsum("nij,nkj->nki", R, row.closest) + p[:, None] for row in distances]
+    closest = [np.einsum("nij,nkj->nki", R, part.closest) + p[:, None] for part in clearances]
     columns = [
-        (row.d.tolist(), row.lower.tolist(), row.upper.tolist(), ok.tolist())
-        for row, ok in zip(distances, proven, strict=True)
+        (part.d.tolist(), part.lower.tolist(), part.upper.tolist(), ok.tolist())
+        for part, ok in zip(clearances, proven, strict=True)
     ]
     for k, pair in enumerate(pairs):
         in_range = pair.body.in_range and pair.against.in_range
         outer = pair.against.outer if in_range else None
-        apart = outer is not None and not pair.body.bounds.shape.overlaps(outer[1])
+        boxes_apart = outer is not None and not pair.body.bounds.shape.overlaps(outer[1])
         for side, (d, lower, upper, ok) in enumerate(columns):
             if not in_range:
                 certificates.append(Certificate(Status.UNDECIDED, None, None, d[k], 0))
-            elif apart and ok[k]:
+            elif boxes_apart and ok[k]:
                 certificates.append(Certificate(Status.CLEAR, lower[k], upper[k], d[k], 0, closest[side][k]))
             else:
-                at = _Found(*(column[k] for column in distances[side]))
-                proof = functools.partial(_proof, requirements[k * (ROTORS + 1) + side], at)
-                proven_upper = None if np.isnan(at.upper) else float(at.upper)
+                witness = _Clearances(*(column[k] for column in clearances[side]))
+                proof = functools.partial(_proof, checks[k * (ROTORS + 1) + side], witness)
+                proven_upper = None if np.isnan(witness.upper) else float(witness.upper)
                 # a box, the parts' common meshes, then meshes turned towards the witness
                 levels = 2 + len(TURNED_LEVELS)
-                certificates.append(judge(float(at.d), proven_upper, closest[side][k], proof, levels))
+                certificates.append(judge(float(witness.d), proven_upper, closest[side][k], proof, levels))
     return certificates
 
 
-def _place(body: Compound) -> tuple[Array, Array]:
-    assert body.copied is not None
-    return body.copied[1:]
+def _pose(body: Compound) -> tuple[Array, Array]:
+    assert body.source is not None
+    return body.source[1:]
 
 
-def _proof(pair: BesideAirflow, at: _Found, level: int) -> tuple[float, bool]:
-    """Return the gap across the plane, and whether FCL agrees with its sign at this level."""
-    R, p = _place(pair.body)
-    n, x = R @ at.n, R @ at.x + p
-    if at.d > 0:
-        return float(at.lower), _fcl_apart(pair, n, x, level)
-    return float(at.lower), level >= 2 and _fcl_overlap(pair, at, n, x, level)
+def _proof(check: BesideAirflow, witness: _Clearances, level: int) -> tuple[float, bool]:
+    """Return the gap along the witness normal, and whether FCL agrees with its sign at this level."""
+    R, p = _pose(check.body)
+    n, x = R @ witness.n, R @ witness.x + p
+    if witness.d > 0:
+        return float(witness.lower), _fcl_apart(check, n, x, level)
+    part = check.body.parts[int(witness.part)]
+    return float(witness.lower), level >= 2 and _fcl_overlap(check, part, n, x, level)
 
 
-def _fcl_apart(pair: BesideAirflow, n: Array, x: Array, level: int) -> bool:
-    outer = pair.against.outer
+def _fcl_apart(check: BesideAirflow, n: Array, x: Array, level: int) -> bool:
+    outer = check.against.outer
     if level == 0:
-        return outer is not None and not pair.body.bounds.shape.overlaps(outer[1])
-    near = [part for part in parts_of(pair) if outer is None or part.shape.overlaps(outer[1])]
-    if level == 1 or not near:
-        return not near
-    mesh = facing_mesh(pair.against.body, x, n, TURNED_LEVELS[level - 2], inside=False)
+        return outer is not None and not check.body.bounds.shape.overlaps(outer[1])
+    overlapping = [part for part in parts_of(check) if outer is None or part.shape.overlaps(outer[1])]
+    if level == 1 or not overlapping:
+        return not overlapping
+    mesh = facing_mesh(check.against.body, x, n, TURNED_LEVELS[level - 2], inside=False)
     if mesh is None:
         return False
     shape = Shape(mesh)
-    return not any(shape.overlaps(Shape(_move(part.outer(-n), -x))) for part in near)
+    return not any(shape.overlaps(Shape(_translate(part.outer(-n), -x))) for part in overlapping)
 
 
-def _fcl_overlap(pair: BesideAirflow, at: _Found, n: Array, x: Array, level: int) -> bool:
-    mesh, part = (
-        facing_mesh(pair.against.body, x, n, TURNED_LEVELS[level - 2], inside=True),
-        pair.body.parts[int(at.part)],
-    )
-    return mesh is not None and Shape(mesh).overlaps(Shape(_move(part.inner(x), -x)))
+def _fcl_overlap(check: BesideAirflow, part: Convex, n: Array, x: Array, level: int) -> bool:
+    mesh = facing_mesh(check.against.body, x, n, TURNED_LEVELS[level - 2], inside=True)
+    return mesh is not None and Shape(mesh).overlaps(Shape(_translate(part.inner(x), -x)))
 
 
-def _move(mesh: ConvexMesh, shift: Array) -> ConvexMesh:
+def _translate(mesh: ConvexMesh, shift: Array) -> ConvexMesh:
     return ConvexMesh(mesh.vertices + shift, mesh.triangles)
 
 
-def _find(pairs: Sequence[BesideAirflow], R: Array, p: Array) -> list[_Found]:
-    """Return how near rotors 0 to 3 and the frame are, for pairs whose modules are at R (N, 3, 3) and p (N, 3)."""
-    assert pairs[0].body.copied is not None
-    module = pairs[0].body.copied[0]
-    K = Rows.of([pair.against.body for pair in pairs])
+def _clearances(pairs: Sequence[BesideAirflow], R: Array, p: Array) -> list[_Clearances]:
+    """Return the clearances of rotors 0 to 3 and the frame, for modules at poses R (N, 3, 3) and p (N, 3)."""
+    assert pairs[0].body.source is not None
+    module = pairs[0].body.source[0]
+    K = ConeSpheres.of([pair.against.body for pair in pairs])
     to_frame = R.transpose(0, 2, 1)
     o = np.einsum("nij,nj->ni", to_frame, K.o - p)
-    K = Rows(o, np.einsum("nij,nj->ni", to_frame, K.d), K.r, K.dr)
+    K = ConeSpheres(o, np.einsum("nij,nj->ni", to_frame, K.d), K.r, K.dr)
     module_parts, frame = module.parts, module.frame
-    rotors = [_nearest(part, K, np.full(len(R), frame + k)) for k, part in enumerate(module_parts[frame:])]
-    return [*rotors, _of_frame(module_parts[:frame], K)]
+    rotors = [_part_clearances(part, K, np.full(len(R), frame + k)) for k, part in enumerate(module_parts[frame:])]
+    return [*rotors, _frame_clearances(module_parts[:frame], K)]
 
 
-def _of_frame(frame: Sequence[Convex], K: Rows) -> _Found:
-    """Return how near the nearest of some parts is."""
+def _frame_clearances(frame: Sequence[Convex], K: ConeSpheres) -> _Clearances:
+    """Return the clearances of the frame's nearest part."""
     N = len(K.r)
     bounds = [_ball_bounds(part, K) for part in frame]
-    farthest = np.min([upper for _, upper in bounds], axis=0)
-    least = np.full(N, np.inf)
-    best = _Found(least.copy(), least, least.copy(), np.zeros((N, 3)), np.zeros((N, 3)), np.zeros(N, dtype=np.intp))
-    for k, (part, (lower, _)) in enumerate(zip(frame, bounds, strict=True)):
-        far = lower > farthest
-        least[far] = np.minimum(least[far], lower[far])
+    upper = np.min([part_upper for _, part_upper in bounds], axis=0)
+    lower, x = np.full(N, np.inf), np.zeros((N, 3))
+    best = _Clearances(lower.copy(), lower, lower.copy(), x, x.copy(), np.zeros(N, dtype=np.intp))
+    for k, (part, (part_lower, _)) in enumerate(zip(frame, bounds, strict=True)):
+        far = part_lower > upper
+        lower[far] = np.minimum(lower[far], part_lower[far])
         rows = np.flatnonzero(~far)
-        candidate = _nearest(part, K.take(rows), np.full(len(rows), k))
-        least[rows] = np.minimum(least[rows], candidate.lower)
-        nearer = ~(candidate.d >= best.d[rows])  # also what is not a number
+        candidate = _part_clearances(part, K.take(rows), np.full(len(rows), k))
+        lower[rows] = np.minimum(lower[rows], candidate.lower)
+        nearer = ~(candidate.d >= best.d[rows])  # includes NaN
         for name in ("d", "upper", "x", "n", "part"):
             getattr(best, name)[rows[nearer]] = getattr(candidate, name)[nearer]
     return best
 
 
-def _ball_bounds(part: Convex, K: Rows) -> tuple[Array, Array]:
-    """Return bounds of the clearance: by a plane before a ball around the part, and by the part's middle."""
+def _ball_bounds(part: Convex, K: ConeSpheres) -> tuple[Array, Array]:
+    """Return bounds on the clearance: below by the part's bounding ball, above by the part's centre."""
     w = K.o - part.centre
     eta = nearest_on_axis(w, K.d, K.dr)
     v = w + eta[:, None] * K.d
-    apart = np.linalg.norm(v, axis=1)
-    n = -v / np.where(apart > 0, apart, 1.0)[:, None]
-    return n @ part.centre - part.radius - K.extents(n, 1).max(axis=1), apart - K.radius(eta)
+    distance = np.linalg.norm(v, axis=1)
+    n = -v / np.where(distance > 0, distance, 1.0)[:, None]
+    return n @ part.centre - part.radius - K.extents(n, 1).max(axis=1), distance - K.radius(eta)
 
 
-def _nearest(part: Convex, K: Rows, number: Indices) -> _Found:
-    """Return how near a part is to every envelope."""
-    eta = _where_least(part, K)
+def _part_clearances(part: Convex, K: ConeSpheres, number: Indices) -> _Clearances:
+    """Return the clearances of a part, of the given number, from every envelope."""
+    eta = _nearest_eta(part, K)
     P = K.centre(eta)
     x = _nearest_points(part, P)
     v = x - P
-    apart = np.linalg.norm(v, axis=1)
-    n = np.where(apart[:, None] > 0, v / np.where(apart > 0, apart, 1.0)[:, None], np.array([0.0, 0.0, 1.0]))
-    d = apart - K.radius(eta)
-    lower = np.minimum(
-        d, -_support(part, -n) - K.extents(n, 1).max(axis=1)
-    )  # equal up to rounding where n is right
+    distance = np.linalg.norm(v, axis=1)
+    unit_v = v / np.where(distance > 0, distance, 1.0)[:, None]
+    n = np.where(distance[:, None] > 0, unit_v, np.array([0.0, 0.0, 1.0]))
+    d = distance - K.radius(eta)
+    plane_gap = -_support(part, -n) - K.extents(n, 1).max(axis=1)
+    lower = np.minimum(d, plane_gap)  # equal up to rounding if n is exact
     x_K = P + K.radius(eta)[:, None] * n
-    within = _depth(part, x) > -BOUND_ROUNDING
-    deep = K.depth(x)
-    gap = np.where(within & (K.depth(x_K) > -BOUND_ROUNDING), np.linalg.norm(x - x_K, axis=1), np.nan)
-    upper = np.where(d > 0, gap, np.where(within & (deep > 2 * BOUND_ROUNDING), -deep, np.nan))
-    return _Found(d, lower, upper, x, n, number)
+    x_inside = _depth(part, x) > -BOUND_ROUNDING
+    depth_K = K.depth(x)
+    gap = np.where(x_inside & (K.depth(x_K) > -BOUND_ROUNDING), np.linalg.norm(x - x_K, axis=1), np.nan)
+    upper = np.where(d > 0, gap, np.where(x_inside & (depth_K > 2 * BOUND_ROUNDING), -depth_K, np.nan))
+    return _Clearances(d, lower, upper, x, n, number)
 
 
-def _where_least(part: Convex, K: Rows) -> Array:
-    """Return eta where the clearance is attained."""
+def _nearest_eta(part: Convex, K: ConeSpheres) -> Array:
+    """Return the eta at which each clearance is attained."""
 
-    def rises(eta: Array, rows: Indices) -> Array:
+    def increases(eta: Array, rows: Indices) -> Array:
         P = K.o[rows] + eta[:, None] * K.d[rows]
         v = P - _nearest_points(part, P)
-        apart = np.linalg.norm(v, axis=1)
-        return np.asarray(np.sum(v * K.d[rows], axis=1) > K.dr[rows] * apart)
+        distance = np.linalg.norm(v, axis=1)
+        return np.asarray(np.sum(v * K.d[rows], axis=1) > K.dr[rows] * distance)
 
-    everyone = np.arange(len(K.r))
-    eta = np.where(rises(np.zeros(len(everyone)), everyone), 0.0, 1.0)
-    rows = np.flatnonzero((eta == 1.0) & rises(np.ones(len(everyone)), everyone))
+    all_rows = np.arange(len(K.r))
+    eta = np.where(increases(np.zeros(len(all_rows)), all_rows), 0.0, 1.0)
+    rows = np.flatnonzero((eta == 1.0) & increases(np.ones(len(all_rows)), all_rows))
     low, high = np.zeros(len(rows)), np.ones(len(rows))
     for _ in range(52 if len(rows) else 0):  # bisections of the axis, down to rounding
         middle = (low + high) / 2
-        up = rises(middle, rows)
-        low, high = np.where(up, low, middle), np.where(up, middle, high)
+        rising = increases(middle, rows)
+        low, high = np.where(rising, low, middle), np.where(rising, middle, high)
     eta[rows] = (low + high) / 2
     return eta
 
 
 def _nearest_points(part: Convex, points: Array) -> Array:
-    """Return the points of a part nearest to some points, shape (N, 3).
+    """Return the points of a part nearest to given points, shape (N, 3).
 
-    Those inside stand for themselves to the last digit: rounding would be taken for a way out.
+    Points inside are returned unchanged to the last bit, so that rounding does not look like a distance.
     """
     if isinstance(part, Cylinder):
         q = points - part.centre
@@ -265,20 +263,20 @@ def _nearest_points(part: Convex, points: Array) -> Array:
         q = (points - part.centre) @ axes.T
         inside = np.all(np.abs(q) <= size, axis=1)
         return np.where(inside[:, None], points, part.centre + np.clip(q, -size, size) @ axes)
-    many = Cores(*(np.repeat(column, len(points), axis=0) for column in cores([part])))
-    alone = Cores(points[:, None], np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros(len(points)))
-    result = nearest(many, alone, points - part.centre)
+    parts = Cores(*(np.repeat(column, len(points), axis=0) for column in cores([part])))
+    point_cores = Cores(points[:, None], np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros(len(points)))
+    result = nearest(parts, point_cores, points - part.centre)
     return np.where(result.overlap[:, None], points, result.x_A)
 
 
 def _support(part: Convex, u: Array) -> Array:
-    """Return the support of a part along unit vectors, shape (N, 3) to (N,)."""
+    """Return the support function of a part for unit vectors, shape (N, 3) to (N,)."""
     across = np.linalg.norm(u - (u @ part.axis)[:, None] * part.axis, axis=1)
     return np.asarray((u @ part.vertices.T).max(axis=1) + part.disc * across + part.ball)
 
 
 def _depth(part: Convex, x: Array) -> Array:
-    """Return how deep points are in a part, shape (N, 3) to (N,); negative outside."""
+    """Return the depth of points in a part, shape (N, 3) to (N,); negative outside."""
     if isinstance(part, Cylinder):
         q = x - part.centre
         along = q @ part.axis
@@ -286,6 +284,6 @@ def _depth(part: Convex, x: Array) -> Array:
         return np.asarray(np.minimum(part.disc - rho, part.half - np.abs(along)))
     assert isinstance(part, Polyhedron)
     normals, offsets = part.faces
-    if not len(offsets):  # slivers alone: nothing is proven to lie inside
+    if not len(offsets):  # all faces are slivers, so no point is proven to lie inside
         return np.full(len(x), -np.inf)
     return np.asarray((offsets - x @ normals.T).min(axis=1))

@@ -1,14 +1,14 @@
-r"""The volumes that must keep clear of one another, and their exact clearances in closed form.
+r"""Cone-spheres and cones, and their exact clearances in closed form.
 
 | symbol | meaning | shape |
 |---|---|---|
 | K | cone-sphere: union of the balls B(P(eta), r(eta)), eta in [0, 1] | |
 | P(eta) = o + eta d, r(eta) = r + eta dr | centre and radius of a ball | (3,), scalar |
-| h_K(u) | support, the largest u.x over K, for any vector u | |
+| h_K(u) | support function, the largest u.x over K, for any vector u | |
 | apex, d, theta | infinite cone: apex, unit axis into the cone, half-angle in (0, pi/2] | (3,), (3,), scalar |
-| s(x) | (d.q) sin(theta) - |q - (d.q) d| cos(theta), q = x - apex: distance from inside to the cone's surface | |
+| s(x) | (d.q) sin(theta) - |q - (d.q) d| cos(theta), q = x - apex: distance to the cone's surface, > 0 inside | |
 
-A capsule has dr = 0, a ball also d = 0. Lengths are in l_arm in whatever frame the caller keeps.
+A capsule has dr = 0, a ball also d = 0. Lengths are in l_arm, in any one frame.
 
 | symbol | meaning | shape |
 |---|---|---|
@@ -18,10 +18,10 @@ A capsule has dr = 0, a ball also d = 0. Lengths are in l_arm in whatever frame 
 | c | (dr_A, dr_B) | (N, 2) |
 | d | min over the unit square of |w + M x| - c.x - r_A - r_B | (N,) |
 
-The function is convex in x (a norm of an affine map, minus an affine map). Its minimum over the square is
-stationary inside, or the minimum over one of the four edges; when the axes are parallel or the function has no
-stationary point, it is on an edge. With M = Q U (Q orthonormal, U upper triangular), y = U^-T c and h the part
-of w outside the span of Q, the stationary point exists for |y| < 1:
+The function is convex in x (a norm of an affine map minus an affine map). Its minimum over the square is either a
+stationary point inside or the minimum over one of the four edges; if the axes are parallel or there is no
+stationary point, it is on an edge. With M = Q U (Q orthonormal, U upper triangular), y = U^-T c and h the length of
+the part of w orthogonal to Q, the stationary point exists for |y| < 1:
 
 .. math:: x = U^{-1} (\rho y - Q^T w), \qquad \rho = h / \sqrt{1 - |y|^2}
 """
@@ -40,18 +40,15 @@ Array = NDArray[np.float64]
 
 
 def nearest_on_axis(w: Array, d: Array, dr: Array | float) -> Array:
-    """Return the eta in [0, 1] that minimises |w + eta d| - eta dr, in closed form.
+    """Return the eta in [0, 1] that minimises |w + eta d| - eta dr, in closed form, shape (...).
 
-    The function is convex. With foot t and distance h of the line from the origin, and L = |d| > dr, its
-    stationary point is t + h dr / (L sqrt(L^2 - dr^2)); with L <= dr it never increases.
+    The function is convex. If L = |d| > dr, its stationary point is t + h dr / (L sqrt(L^2 - dr^2)), where the line
+    passes the origin at eta = t and distance h. If L <= dr, the function never increases.
 
     Args:
         w: start of the axis, shape (..., 3).
-        d: the axis, shape (..., 3).
-        dr: growth of the radius, shape (...), not negative.
-
-    Returns:
-        eta, shape (...).
+        d: axis vector, shape (..., 3).
+        dr: growth of the radius, >= 0, shape (...).
     """
     L2 = np.sum(d * d, axis=-1)
     L = np.sqrt(L2)
@@ -69,7 +66,7 @@ class ConeSphere:
     o: Array
     """Centre of the first ball, shape (3,)."""
     d: Array
-    """From the first ball's centre to the last one's, shape (3,)."""
+    """Vector from the first to the last ball's centre, shape (3,)."""
     r: Any
     """Radius of the first ball, > 0."""
     dr: Any
@@ -77,7 +74,7 @@ class ConeSphere:
 
     @property
     def extent(self) -> float:
-        """No two of its points are farther apart than twice this."""
+        """Upper bound on half the diameter."""
         return float(np.linalg.norm(self.d) + self.r + self.dr)
 
     def centre(self, eta: Any) -> Array:
@@ -89,7 +86,7 @@ class ConeSphere:
         return self.r + eta * self.dr
 
     def move(self, shift: Array) -> ConeSphere:
-        """Return the same body elsewhere."""
+        """Return a copy translated by `shift`, shape (3,)."""
         return replace(self, o=self.o + shift)
 
     def support(self, u: Array) -> Array:
@@ -99,28 +96,28 @@ class ConeSphere:
         return np.asarray(np.maximum(first, first + u @ self.d + self.dr * length))
 
     def depth(self, x: Array) -> Array:
-        """Return how deep points lie inside one of the balls, shape (..., 3) to (...); positive is inside."""
+        """Return the largest depth of points inside any of the balls, shape (..., 3) to (...); negative outside."""
         w = self.o - x
         eta = nearest_on_axis(w, np.broadcast_to(self.d, w.shape), self.dr)
         return np.asarray(self.radius(eta) - np.linalg.norm(w + eta[..., None] * self.d, axis=-1))
 
 
-class Rows(ConeSphere):
-    """N cone-spheres as arrays, one a row: for questions to many at once, each about a point of its own."""
+class ConeSpheres(ConeSphere):
+    """A batch of N cone-spheres, one per row; its methods take one point or parameter per row."""
 
     @classmethod
     def of(cls, bodies: Sequence[ConeSphere]) -> Self:
-        """Return bodies as rows."""
+        """Stack cone-spheres into a batch."""
         o, d = (np.array([getattr(body, name) for body in bodies]).reshape(-1, 3) for name in ("o", "d"))
         r, dr = (np.array([getattr(body, name) for body in bodies]) for name in ("r", "dr"))
         return cls(o, d, r, dr)
 
-    def take(self, index: NDArray[np.intp]) -> Rows:
-        """Return some of them."""
-        return Rows(self.o[index], self.d[index], self.r[index], self.dr[index])
+    def take(self, index: NDArray[np.intp]) -> ConeSpheres:
+        """Return the rows `index`."""
+        return ConeSpheres(self.o[index], self.d[index], self.r[index], self.dr[index])
 
     def extents(self, u: Array, side: int) -> Array:
-        """Return how far both end balls reach along unit vectors, or where they begin (side -1), shape (N, 2)."""
+        """Return the largest (side 1) or smallest (side -1) u.x of both end balls, unit u (N, 3), shape (N, 2)."""
         first = np.einsum("nx,nx->n", self.o, u)
         last = first + np.einsum("nx,nx->n", self.d, u)
         return np.stack([first + side * self.r, last + side * (self.r + self.dr)], axis=1)
@@ -133,13 +130,13 @@ def ball(centre: Array, radius: float) -> ConeSphere:
 
 @dataclass(frozen=True, eq=False)
 class Cone:
-    """The infinite cone that airflow may fill; at 90 degrees a half-space."""
+    """The infinite cone that airflow may fill; a half-space if theta is 90 degrees."""
 
     apex: Array
     axis: Array
     """Unit vector from the apex into the cone, shape (3,)."""
     half_angle_deg: float
-    """theta [deg], as the task gives it: at 90 the sine and cosine are exact."""
+    """theta in the task's unit [deg], so that sine and cosine are exact at 90."""
 
     @property
     def sin_cos(self) -> tuple[float, float]:
@@ -150,7 +147,7 @@ class Cone:
         return math.sin(theta), math.cos(theta)
 
     def s(self, x: Array) -> Array:
-        """Return s of points, shape (..., 3) to (...): positive inside."""
+        """Return s of points, shape (..., 3) to (...); positive inside."""
         sin, cos = self.sin_cos
         q = x - self.apex
         along = q @ self.axis
@@ -158,30 +155,30 @@ class Cone:
         return np.asarray(along * sin - np.linalg.norm(across, axis=-1) * cos)
 
     def direction_across(self, x: Array) -> Array:
-        """Return the unit vectors from the axis towards points, (..., 3), at right angles to the axis."""
+        """Return the unit vectors from the axis towards points, perpendicular to the axis, shape (..., 3)."""
         q = x - self.apex
         across = q - (q @ self.axis)[..., None] * self.axis
         rho = np.linalg.norm(across, axis=-1, keepdims=True)
-        on_axis = rho <= 1e-12 * np.linalg.norm(q, axis=-1, keepdims=True)  # where any direction is as near
+        on_axis = rho <= 1e-12 * np.linalg.norm(q, axis=-1, keepdims=True)  # any direction will do
         across = across - (across @ self.axis)[..., None] * self.axis
         length = np.linalg.norm(across, axis=-1, keepdims=True)
         return np.where(on_axis, basis_across(self.axis)[0], across / np.where(on_axis, 1.0, length))
 
     def inward_normal(self, x: Array) -> Array:
-        """Return the unit normals m of the supporting half-spaces m.(y - apex) >= 0 nearest to points, (..., 3)."""
+        """Return unit normals m of the supporting half-spaces m.(y - apex) >= 0 nearest to points, (..., 3)."""
         sin, cos = self.sin_cos
         return self.axis * sin - self.direction_across(x) * cos
 
 
 def basis_across(axis: Array) -> tuple[Array, Array]:
-    """Return two unit vectors at right angles to a unit vector and to each other, right-handed with it."""
+    """Return two unit vectors that complete a unit vector to a right-handed orthonormal basis."""
     e_1 = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     e_1 /= np.linalg.norm(e_1)
     return e_1, np.cross(axis, e_1)
 
 
 class Nearest(NamedTuple):
-    """The clearances of N pairs of cone-spheres, and where they are attained."""
+    """Clearances of N pairs of cone-spheres and the axis parameters that attain them."""
 
     d: Array
     """Signed clearance, positive when clear, shape (N,)."""
@@ -192,13 +189,13 @@ class Nearest(NamedTuple):
 
 
 def clearances(pairs: Sequence[tuple[ConeSphere, ConeSphere]]) -> Nearest:
-    """Return the exact signed clearance of every pair: the least distance of two balls' surfaces."""
-    A, B = (Rows.of([pair[side] for pair in pairs]) for side in (0, 1))
-    return clearances_of(A, B)
+    """Return the exact signed clearance of every pair."""
+    A, B = (ConeSpheres.of([pair[side] for pair in pairs]) for side in (0, 1))
+    return rowwise_clearances(A, B)
 
 
-def clearances_of(A: Rows, B: Rows) -> Nearest:
-    """Return the exact signed clearance of every row of the one from that of the other."""
+def rowwise_clearances(A: ConeSpheres, B: ConeSpheres) -> Nearest:
+    """Return the exact signed clearance between corresponding rows of two batches."""
     w = A.o - B.o
     candidates = [
         *((nearest_on_axis(w - gamma * B.d, A.d, A.dr), np.full_like(A.r, gamma)) for gamma in (0.0, 1.0)),
@@ -207,19 +204,19 @@ def clearances_of(A: Rows, B: Rows) -> Nearest:
     ]
     eta = np.stack([candidate[0] for candidate in candidates])
     gamma = np.stack([candidate[1] for candidate in candidates])
-    apart = np.linalg.norm(w + eta[..., None] * A.d - gamma[..., None] * B.d, axis=-1)
-    d = apart - A.radius(eta) - B.radius(gamma)
+    distance = np.linalg.norm(w + eta[..., None] * A.d - gamma[..., None] * B.d, axis=-1)
+    d = distance - A.radius(eta) - B.radius(gamma)
     best = np.argmin(d, axis=0), np.arange(len(A.r))
     return Nearest(d[best], eta[best], gamma[best])
 
 
 def _stationary(w: Array, d_A: Array, d_B: Array, dr_A: Array, dr_B: Array) -> tuple[Array, Array]:
-    """Return the stationary point inside the square; where there is none, some point of the square."""
+    """Return the stationary point clipped to the square, or the origin if there is none."""
     L = np.linalg.norm(d_A, axis=-1)
     q_1 = d_A / np.where(L > 0, L, 1.0)[:, None]
     m = -np.sum(q_1 * d_B, axis=-1)
     v = -d_B - m[:, None] * q_1
-    v -= np.sum(q_1 * v, axis=-1)[:, None] * q_1  # once more: nearly parallel axes lose all digits otherwise
+    v -= np.sum(q_1 * v, axis=-1)[:, None] * q_1  # orthogonalise twice: nearly parallel axes lose all digits
     n = np.linalg.norm(v, axis=-1)
     spans = (L > 0) & (n > 0)
     L, n = np.where(spans, L, 1.0), np.where(spans, n, 1.0)
@@ -237,12 +234,10 @@ def _stationary(w: Array, d_A: Array, d_B: Array, dr_A: Array, dr_B: Array) -> t
 
 
 def cone_clearance(body: ConeSphere, cone: Cone) -> tuple[float, float]:
-    """Return the exact clearance of a cone-sphere from a cone's surface, and the end ball that attains it.
+    """Return the exact clearance of a cone-sphere from a cone's surface, and the eta of the ball that attains it.
 
-    s is concave along the axis and the radius linear, so the least s - r is at an end (paper, Sec. III-D).
-
-    Returns:
-        The least s - r over both end balls, and its eta, 0 or 1.
+    s is concave along the axis and the radius linear, so the minimum of s - r is at an end ball (paper, Sec.
+    III-D).
     """
     gaps = cone.s(np.stack([body.centre(0.0), body.centre(1.0)])) - np.array([body.radius(0.0), body.radius(1.0)])
     worst = int(np.argmin(gaps))

@@ -1,21 +1,21 @@
-"""Convex solids that the rigid parts are made of: boxes and other polyhedra, cylinders, capsules.
+"""Convex solids of rigid parts: boxes and other polyhedra, cylinders, capsules.
 
 | symbol | meaning | shape |
 |---|---|---|
-| C | conv(V) + a disc of radius R across the unit vector a + a ball of radius r | |
-| V | vertices: of a polyhedron; the ends of the axis of a cylinder or capsule | (k, 3) |
+| C | conv(V) + a disc of radius R perpendicular to the unit vector a + a ball of radius r | |
+| V | vertices of a polyhedron, or the ends of the axis of a cylinder or capsule | (k, 3) |
 | a, R | axis and radius of a cylinder; R = 0 for the others | (3,), scalar |
 | r | radius of a capsule; 0 for the others | scalar |
-| h_C(u) | support for a unit vector u: max u.V + R |u - (u.a) a| + r | |
+| h_C(u) | support function for a unit vector u: max u.V + R |u - (u.a) a| + r | |
 
-One formula for all of them lets many pairs be treated at once. Lengths are in l_arm.
+One formula covers all solids, so pairs of them are evaluated in batches. Lengths are in l_arm.
 
 A plane cuts a polyhedron:
 
 | symbol | meaning | unit |
 |---|---|---|
-| n, b | unit normal and offset of the plane; what is kept has n.x <= b | -, l_arm |
-| h | n.x - b of a vertex | l_arm |
+| n, b | unit normal and offset of the plane; the part with n.x <= b is kept | -, l_arm |
+| h | height n.x - b of a vertex | l_arm |
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from verify.meshes import MESH_ROUNDING, ConvexMesh, Indices, Shape, box_corners
 
 
 class SolidMeshes(NamedTuple):
-    """How solids become polytopes."""
+    """Resolution of the polytopes inside and around solids."""
 
     sides: int = 16
-    """Sides of the prisms inside and around a cylinder: turned towards what matters, they lose nothing there."""
+    """Sides of the prisms inside and around a cylinder; a prism is exact in the direction it is turned towards."""
     sliver: float = 1e-9
-    """Area over size squared under which a triangle's direction is lost; its neighbours are faces enough."""
+    """Area over radius squared below which a triangle has no reliable normal and is skipped."""
     capsule_level: int = 2
     """Icosphere level of the meshes of a capsule."""
 
@@ -48,10 +48,10 @@ MESHES = SolidMeshes()
 
 @dataclass(frozen=True, eq=False)
 class Convex(ABC):
-    """A convex solid with a name."""
+    """A named convex solid."""
 
     name: str
-    """Its name, in the user's words."""
+    """Name for messages."""
     vertices: Array
     """V, shape (k, 3)."""
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]), kw_only=True)
@@ -60,23 +60,23 @@ class Convex(ABC):
     """R."""
     ball: float = field(default=0.0, kw_only=True)
     """r."""
-    copied: tuple[Convex, Array, Array] | None = field(default=None, kw_only=True, repr=False)
-    """The solid that this one is, turned by R, then moved by p; None if it stands for itself."""
+    source: tuple[Convex, Array, Array] | None = field(default=None, kw_only=True, repr=False)
+    """Original solid of which this is a copy, with its rotation R and translation p; None if it is no copy."""
 
     @functools.cached_property
     def centre(self) -> Array:
-        """A point inside, shape (3,)."""
+        """An interior point, the mean of the vertices, shape (3,)."""
         return np.asarray(self.vertices.mean(axis=0))
 
     @functools.cached_property
     def radius(self) -> float:
-        """The solid lies in the ball of this radius around its centre."""
+        """Radius of a bounding ball around the centre."""
         across = np.linalg.norm(self.vertices - self.centre, axis=1).max()
         return float(np.hypot(across, self.disc)) + self.ball
 
     @property
     def reach(self) -> float:
-        """Distance of its farthest point from the origin."""
+        """Upper bound on the distance of its points from the origin."""
         along = self.vertices @ self.axis
         across = np.linalg.norm(self.vertices - along[:, None] * self.axis, axis=1)
         return float(np.hypot(across + self.disc, along).max()) + self.ball
@@ -88,44 +88,44 @@ class Convex(ABC):
 
     @functools.cached_property
     def shape(self) -> Shape:
-        """A polytope around the solid as FCL holds it, made once for all copies and all that they are shown to."""
-        if self.copied is None:
+        """FCL shape of a polytope around the solid, built once for all copies."""
+        if self.source is None:
             return Shape(self.outer(self.axis))
-        solid, R, p = self.copied
+        solid, R, p = self.source
         return solid.shape.place(R, p)
 
     @property
     def thick(self) -> bool:
-        """True if the directions of its surface have the digits that a proof needs."""
+        """True if the normals of its faces are precise enough for a proof."""
         return True
 
     @abstractmethod
     def depth(self, x: Array) -> float:
-        """Return the radius of a ball around x, shape (3,), that the solid holds; negative outside."""
+        """Return the radius of a ball around x, shape (3,), that lies in the solid; negative outside."""
 
     @abstractmethod
     def outer(self, n: Array) -> ConvexMesh:
-        """Return a polytope around the solid that has its support along n."""
+        """Return a polytope around the solid with the same support along n."""
 
     @abstractmethod
     def inner(self, x: Array) -> ConvexMesh:
-        """Return a polytope inside the solid that holds its point x."""
+        """Return a polytope inside the solid that contains its point x."""
 
     def place(self, R: Array, p: Array) -> Self:
-        """Return the solid turned by R, shape (3, 3), then moved by p, shape (3,)."""
-        return replace(self, vertices=self.vertices @ R.T + p, axis=R @ self.axis, copied=(self, R, p))
+        """Return a copy rotated by R, shape (3, 3), then translated by p, shape (3,)."""
+        return replace(self, vertices=self.vertices @ R.T + p, axis=R @ self.axis, source=(self, R, p))
 
 
 @dataclass(frozen=True, eq=False)
 class Polyhedron(Convex):
-    """The hull of its vertices."""
+    """Convex hull of its vertices."""
 
     triangles: Indices
-    """Its surface, counter-clockwise seen from outside, shape (f, 3)."""
+    """Surface triangles, counter-clockwise seen from outside, shape (f, 3)."""
 
     @functools.cached_property
     def faces(self) -> tuple[Array, Array]:
-        """Outward unit normals, shape (f, 3), and offsets of the faces' planes, shape (f,)."""
+        """Outward unit normals, shape (f, 3), and plane offsets, shape (f,), of all faces but slivers."""
         corners = self.vertices[self.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         length = np.linalg.norm(normals, axis=1)
@@ -135,8 +135,8 @@ class Polyhedron(Convex):
 
     @property
     def thick(self) -> bool:
-        """True if any face is not a sliver."""
-        return len(self.faces[0]) > 0 if self.copied is None else self.copied[0].thick
+        """True unless all faces are slivers."""
+        return len(self.faces[0]) > 0 if self.source is None else self.source[0].thick
 
     def depth(self, x: Array) -> float:
         """Return the distance to the nearest face's plane; minus infinity if all faces are slivers."""
@@ -144,7 +144,7 @@ class Polyhedron(Convex):
         return float((offsets - normals @ x).min()) if len(offsets) else -math.inf
 
     def outer(self, n: Array) -> ConvexMesh:
-        """Return the polyhedron itself, larger by the allowance for rounding."""
+        """Return the polyhedron itself, enlarged by the allowance for rounding."""
         return ConvexMesh(self.centre + (1 + MESH_ROUNDING) * (self.vertices - self.centre), self.triangles)
 
     def inner(self, x: Array) -> ConvexMesh:
@@ -157,30 +157,30 @@ class Box(Polyhedron):
     """A box."""
 
     half: Array
-    """Rows: half its edges, right-handed and at right angles, shape (3, 3)."""
+    """Half-edge vectors as rows, right-handed and orthogonal, shape (3, 3)."""
 
     def place(self, R: Array, p: Array) -> Self:
-        """Return the box turned by R, then moved by p."""
+        """Return a copy rotated by R, then translated by p."""
         return replace(super().place(R, p), half=self.half @ R.T)
 
 
 def box(name: str, centre: Array, half: Array) -> Box:
-    """Return a box whose rows of half edges are `half`, right-handed and at right angles, shape (3, 3)."""
+    """Return a box with the half-edge vectors `half` as rows, right-handed and orthogonal, shape (3, 3)."""
     signs, triangles = box_corners()
     return Box(name, centre + signs @ half, triangles, half)
 
 
 @dataclass(frozen=True, eq=False)
 class Cylinder(Convex):
-    """A cylinder with flat ends; its vertices are the centres of the lower and of the upper end."""
+    """A cylinder with flat ends; its vertices are the centres of the lower and the upper end."""
 
     @functools.cached_property
     def half(self) -> float:
-        """Half its height."""
+        """Half-height."""
         return math.dist(*self.vertices) / 2
 
     def depth(self, x: Array) -> float:
-        """Return the distance to the nearest of the two ends and the side."""
+        """Return the distance to the nearer of the ends and the side; negative outside."""
         q = x - self.centre
         along = float(q @ self.axis)
         return min(self.disc - math.hypot(*(q - along * self.axis)), self.half - abs(along))
@@ -202,11 +202,11 @@ class Cylinder(Convex):
         ring = np.outer(np.cos(angles), e_1) + np.outer(np.sin(angles), np.cross(self.axis, e_1))
         low, high = self.centre + stretch * (self.vertices - self.centre)
         k = np.arange(MESHES.sides)
-        after = (k + 1) % MESHES.sides
+        following = (k + 1) % MESHES.sides
         fan = np.stack([np.zeros(MESHES.sides - 2, dtype=np.intp), k[1:-1], k[2:]], axis=1)
         triangles = [
-            np.stack([k, after, after + MESHES.sides], axis=1),
-            np.stack([k, after + MESHES.sides, k + MESHES.sides], axis=1),
+            np.stack([k, following, following + MESHES.sides], axis=1),
+            np.stack([k, following + MESHES.sides, k + MESHES.sides], axis=1),
             fan[:, ::-1],
             fan + MESHES.sides,
         ]
@@ -214,7 +214,7 @@ class Cylinder(Convex):
 
 
 def cylinder(name: str, centre: Array, axis: Array, radius: float, height: float) -> Cylinder:
-    """Return a cylinder around a unit axis."""
+    """Return a cylinder with a centre and a unit axis."""
     return Cylinder(name, centre + np.outer([-height / 2, height / 2], axis), axis=axis, disc=radius)
 
 
@@ -228,7 +228,7 @@ class Capsule(Convex):
         return ConeSphere(self.vertices[0], self.vertices[1] - self.vertices[0], self.ball, 0.0)
 
     def depth(self, x: Array) -> float:
-        """Return how far inside the nearest ball x lies."""
+        """Return the depth of x in the ball that contains it most deeply; negative outside."""
         return float(self.body.depth(x))
 
     def outer(self, n: Array) -> ConvexMesh:
@@ -236,32 +236,32 @@ class Capsule(Convex):
         return outer_mesh(self.body, MESHES.capsule_level, n)
 
     def inner(self, x: Array) -> ConvexMesh:
-        """Return a polytope inside the capsule, with vertices from its axis towards x."""
+        """Return a polytope inside the capsule, with vertices in the direction from its axis to x."""
         body = self.body
-        away = x - body.centre(float(nearest_on_axis(body.o - x, body.d, body.dr)))
-        distance = np.linalg.norm(away)
-        return inner_mesh(body, MESHES.capsule_level, away / distance if distance > 0 else self.axis)
+        offset = x - body.centre(float(nearest_on_axis(body.o - x, body.d, body.dr)))
+        distance = np.linalg.norm(offset)
+        return inner_mesh(body, MESHES.capsule_level, offset / distance if distance > 0 else self.axis)
 
 
 def capsule(name: str, start: Array, end: Array, radius: float) -> Capsule:
-    """Return the balls around a segment."""
+    """Return a capsule around a segment."""
     return Capsule(name, np.stack([start, end]), ball=radius)
 
 
 class Clipping(NamedTuple):
-    """How solids are cut by planes."""
+    """Tolerances for cutting solids by planes."""
 
-    on: float = 1e-9
-    """Vertices as near to the plane lie on it [l_arm]."""
+    on_plane: float = 1e-9
+    """Largest distance from the plane of a vertex that counts as on it [l_arm]."""
     thinnest: float = 1e-6
-    """Thinner slices are not told [l_arm]: far thinner than anybody places a plane."""
+    """Thinner slices are ignored [l_arm]; nobody places a plane that precisely."""
 
 
 CLIPPING = Clipping()
 
 
 def clip(solid: Polyhedron, n: Array, b: float) -> Polyhedron | None:
-    """Return the part of a solid with n.x <= b, under its name; None where that is no more than a slice."""
+    """Return the part of a solid with n.x <= b, under the same name; None if it is empty or a thin slice."""
     h = solid.vertices @ n - b
     if h.min() >= -CLIPPING.thinnest:
         return None
@@ -271,7 +271,7 @@ def clip(solid: Polyhedron, n: Array, b: float) -> Polyhedron | None:
     cuts: dict[tuple[int, int], int] = {}
 
     def cut(i: int, j: int) -> int:
-        """Return the number of the point where the edge from i to j meets the plane."""
+        """Return the index of the point where the edge from i to j meets the plane."""
         key = (min(i, j), max(i, j))
         if key not in cuts:
             low, high = key
@@ -280,19 +280,19 @@ def clip(solid: Polyhedron, n: Array, b: float) -> Polyhedron | None:
             vertices.append(vertices[low] + t * (vertices[high] - vertices[low]))
         return cuts[key]
 
-    kept = (h <= CLIPPING.on)[solid.triangles]
-    triangles = solid.triangles[kept.all(axis=1)].tolist()
-    for corners in solid.triangles[kept.any(axis=1) & ~kept.all(axis=1)].tolist():
+    below = (h <= CLIPPING.on_plane)[solid.triangles]
+    triangles = solid.triangles[below.all(axis=1)].tolist()
+    for corners in solid.triangles[below.any(axis=1) & ~below.all(axis=1)].tolist():
         face = []
         for i, j in zip(corners, [*corners[1:], corners[0]], strict=True):
-            if h[i] <= CLIPPING.on:
+            if h[i] <= CLIPPING.on_plane:
                 face.append(i)
-            if min(h[i], h[j]) < -CLIPPING.on and max(h[i], h[j]) > CLIPPING.on:
+            if min(h[i], h[j]) < -CLIPPING.on_plane and max(h[i], h[j]) > CLIPPING.on_plane:
                 face.append(cut(i, j))
         triangles += [(face[0], *face[k : k + 2]) for k in range(1, len(face) - 1)]
     sides = {(t[k], t[(k + 1) % 3]) for t in triangles for k in range(3)}
-    rim = sorted((i, j) for i, j in sides if (j, i) not in sides)  # no triangle runs along them the other way
+    rim = sorted((i, j) for i, j in sides if (j, i) not in sides)  # edges of the hole, with a triangle on one side
     vertices.append(np.mean([vertices[i] for i, _ in rim], axis=0))
     triangles += [(j, i, len(vertices) - 1) for i, j in rim]
-    used, numbers = np.unique(np.array(triangles, dtype=np.intp), return_inverse=True)
-    return Polyhedron(solid.name, np.array(vertices)[used], numbers.reshape(-1, 3).astype(np.intp))
+    used_vertices, renumbered = np.unique(np.array(triangles, dtype=np.intp), return_inverse=True)
+    return Polyhedron(solid.name, np.array(vertices)[used_vertices], renumbered.reshape(-1, 3).astype(np.intp))

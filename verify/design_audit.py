@@ -1,11 +1,11 @@
-"""The audit of a whole design: everything derived again from topology, angles, p'_E and u alone.
+"""The audit of a whole design, derived again from its topology, angles, p'_E and u alone.
 
-The verdict is the gravest status among the residuals and the requirements that count. Searching asks the solver for
-a margin; the audit's own threshold is zero.
+The verdict is the worst status among the residuals and the clearances that count. The solver keeps a margin; the
+audit's own threshold is zero.
 
-How severely envelopes overlap is measured by the three metrics of the paper's ablation (Sec. IV): two can overlap
-by 2 (r_air + dr_air) at most, the sum of their largest radii; depths are in percent of that. Envelopes that
-overlap, directly or through others, form a cluster.
+Overlap of envelopes is measured by the three metrics of the paper's ablation (Sec. IV). Depths are in percent of
+the deepest possible overlap, 2 (r_air + dr_air), the sum of two envelopes' largest radii. Envelopes that overlap,
+directly or through others, form a cluster.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from verify.beside_airflow import beside_airflow
 from verify.bodies import Array
 from verify.certificate import Certificate, Solid
 from verify.contacts import (
-    AnyClearanceRow,
+    AnyCheck,
     allowed_contacts,
     beside_brackets,
     bracket_hulls,
@@ -41,7 +41,7 @@ from verify.contacts import (
     rod_beside_regions,
     rotors_beside_brackets,
 )
-from verify.flight.measured import flight
+from verify.flight.analysis import flight
 from verify.flight.residuals import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
 from verify.requirements import Requirement, Scene
 from verify.residuals import clamp, residuals
@@ -49,16 +49,16 @@ from verify.sensitivity import sensitivity
 
 
 def percent_of_deepest(clearance: float, module: Module) -> float:
-    """Return the clearance of two envelopes [m] in percent of the deepest overlap that they can have."""
+    """Return the clearance of two envelopes [m] in percent of their deepest possible overlap."""
     return 100.0 * clearance / (2.0 * module.envelope.end_radius)
 
 
 def interference(pairs: Sequence[Clearance]) -> Interference:
-    """Return the metrics of the airflow rows of an audit; an overlap is one that is proven."""
+    """Return the overlap metrics of an audit's airflow pairs; only proven overlaps count."""
     colliding = [pair for pair in pairs if pair.kind == "airflow" and pair.status == Status.VIOLATED]
     if not colliding:
         return Interference(colliding_pairs=0, deepest_percent=0.0, clusters=())
-    import networkx as nx  # slow to load, and few designs need it
+    import networkx as nx  # slow to load, and few designs have overlaps
 
     clusters = nx.connected_components(nx.Graph([(pair.a, pair.b) for pair in colliding]))
     return Interference(
@@ -69,28 +69,32 @@ def interference(pairs: Sequence[Clearance]) -> Interference:
 
 
 MOST_CLEARANCES = 1_000_000
-"""Rows of an audit, of every kind: those of 380 modules and 50 paths; more would need gigabytes."""
+"""Largest number of clearances in an audit, as many as 380 modules and 50 paths have; more would need gigabytes."""
 
 
 def audit(design: Geometry) -> Audit:
-    """Return the audit of a design, or of a geometry with its best inputs; pure, but for `seconds`.
+    """Return the audit of a design, or of a geometry with its best inputs; pure except for `seconds`.
 
-    python-fcl is native code that can crash: callers that must survive run this in a child process.
+    python-fcl is native code that can crash: a caller that must survive runs this in a child process.
 
     Raises:
         ValueError: the design has more than MOST_CLEARANCES clearances.
     """
     started = time.perf_counter()
-    with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers overflow, and then nothing is proven
+    with np.errstate(over="ignore", invalid="ignore"):  # absurd inputs overflow; the audit then proves nothing
         return _audit(complete(design), started)
 
 
 def _audit(design: Design, started: float) -> Audit:
     scene = Scene(design)
-    placed, sheet = scene.platform, assembly(scene)
-    rows = (*residuals(design, placed), *corner_residuals(design, placed), *rod_residuals(scene, sheet))
+    platform, sheet = scene.platform, assembly(scene)
+    residual_rows = (
+        *residuals(design, platform),
+        *corner_residuals(design, platform),
+        *rod_residuals(scene, sheet),
+    )
     brackets, counts = bracket_hulls(scene), design.task.parts_off_airflow
-    rows_of_all_kinds: Iterable[AnyClearanceRow] = itertools.chain(
+    all_checks: Iterable[AnyCheck] = itertools.chain(
         scene.requirements(),
         keep_apart(scene, sheet.mount),
         beside_airflow(scene.modules, scene.envelopes, counts=counts),
@@ -100,34 +104,34 @@ def _audit(design: Design, started: float) -> Audit:
         parts_beside_regions(scene),
         rod_beside_regions(scene, sheet.mount),
     )
-    checks = list(itertools.islice(rows_of_all_kinds, MOST_CLEARANCES + 1))
+    checks = list(itertools.islice(all_checks, MOST_CLEARANCES + 1))
     if len(checks) > MOST_CLEARANCES:
-        raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but got one with more")
+        raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but this one has more")
     certificates = certify(checks)
-    statuses = [c.status for requirement, c in zip(checks, certificates, strict=True) if requirement.counts]
+    statuses = [c.status for check, c in zip(checks, certificates, strict=True) if check.counts]
     mount, module = sheet.mount, design.task.module
     holder = 0 if mount is None else mount.module
-    middle = placed.p_com + placed.o.mean(axis=0)  # of the scene, in W
+    middle = platform.p_com + platform.o.mean(axis=0)  # the scene's origin in W
     closest = _closest_points(checks, certificates, module.arm_length, middle)
     pairs = tuple(_clearance(*row, module) for row in zip(checks, certificates, closest, strict=True))
-    requirements = [row for row in checks if isinstance(row, Requirement)]
+    requirements = [check for check in checks if isinstance(check, Requirement)]
     errors = sensitivity(scene, requirements, holder)
-    measured = flight(design, placed, sheet, errors)
+    capability = flight(design, platform, sheet, errors)
     judged = (reserve_residuals, failure_residuals, load_residuals)
-    rows = (*rows, *(row for residuals_of in judged for row in residuals_of(design, measured)))
-    blown = air(scene)
-    rows = (*rows, *tolerance_residuals(design, errors), *speed_residuals(design, blown))
+    residual_rows = (*residual_rows, *(row for residuals_of in judged for row in residuals_of(design, capability)))
+    air_speeds = air(scene)
+    residual_rows = (*residual_rows, *tolerance_residuals(design, errors), *speed_residuals(design, air_speeds))
     return Audit(
         inputs_computed=design.inputs_computed,
-        verdict=Status.worst([*(row.status for row in rows), *statuses]),
+        verdict=Status.worst([*(row.status for row in residual_rows), *statuses]),
         pairs=pairs,
-        residuals=rows,
+        residuals=residual_rows,
         interference=None if design.task.search.interference == "parts" else interference(pairs),
         sensitivity=errors,
-        flight=measured,
-        power=power(design, measured),
-        air=blown,
-        stated=tuple(StatedCheck(**one.model_dump(), status="not checked") for one in design.stated),
+        flight=capability,
+        power=power(design, capability),
+        air=air_speeds,
+        stated=tuple(StatedCheck(**claim.model_dump(), status="not checked") for claim in design.stated),
         mesh_excess=_mesh_excess(design),
         assembly=sheet,
         allowed_contacts=allowed_contacts(design, sheet.mount),
@@ -137,28 +141,24 @@ def _audit(design: Design, started: float) -> Audit:
 
 
 def _closest_points(
-    checks: list[AnyClearanceRow], certificates: list[Certificate], l_arm: float, middle: Array
+    checks: list[AnyCheck], certificates: list[Certificate], l_arm: float, middle: Array
 ) -> list[tuple[Vector, Vector] | None]:
-    """Return where both sides of every row come closest, in W [m]; of a least distance the places themselves."""
-    nowhere = np.full((2, 3), np.nan)
+    """Return the closest points of each check's sides in W [m]; for a minimum distance, the ball centres."""
 
-    def points(row: AnyClearanceRow, certificate: Certificate) -> Array:
-        if (
-            row.kind in ("separation", "exclusion")
-            and isinstance(row.body, Solid)
-            and isinstance(row.against, Solid)
-        ):
-            return np.stack([row.body.body.o, row.against.body.o])
-        return nowhere if certificate.closest is None else certificate.closest
+    def points(check: AnyCheck, certificate: Certificate) -> Array:
+        body, against = check.body, check.against
+        if check.kind in ("separation", "exclusion") and isinstance(body, Solid) and isinstance(against, Solid):
+            return np.stack([body.body.o, against.body.o])
+        return np.full((2, 3), np.nan) if certificate.closest is None else certificate.closest
 
-    rows = [points(row, certificate) for row, certificate in zip(checks, certificates, strict=True)]
-    closest = l_arm * np.array(rows).reshape(-1, 2, 3) + middle
-    known = np.asarray(np.isfinite(closest).all(axis=(1, 2)))
-    return [(one, other) if sure else None for (one, other), sure in zip(closest.tolist(), known, strict=True)]
+    pairs = [points(check, certificate) for check, certificate in zip(checks, certificates, strict=True)]
+    closest = l_arm * np.array(pairs).reshape(-1, 2, 3) + middle
+    finite = np.asarray(np.isfinite(closest).all(axis=(1, 2)))
+    return [(a, b) if is_known else None for (a, b), is_known in zip(closest.tolist(), finite, strict=True)]
 
 
 def _clearance(
-    requirement: AnyClearanceRow,
+    check: AnyCheck,
     certificate: Certificate,
     closest: tuple[Vector, Vector] | None,
     module: Module,
@@ -166,24 +166,24 @@ def _clearance(
     l_arm, d = module.arm_length, clamp(certificate.analytic * module.arm_length)
     lower, upper = (None if bound is None else bound * l_arm for bound in (certificate.lower, certificate.upper))
     return Clearance(
-        kind=requirement.kind,
-        a=requirement.a,
-        b=requirement.b,
-        segment=requirement.segment,
+        kind=check.kind,
+        a=check.a,
+        b=check.b,
+        segment=check.segment,
         status=certificate.status,
         lower_m=lower,
         upper_m=upper,
         analytic_m=d,
         level=certificate.level,
-        percent=clamp(percent_of_deepest(d, module)) if requirement.kind == "airflow" else None,
-        evidence=(*_describe(requirement), *certificate.evidence) if certificate.evidence else (),
+        percent=clamp(percent_of_deepest(d, module)) if check.kind == "airflow" else None,
+        evidence=(*_describe(check), *certificate.evidence) if certificate.evidence else (),
         closest_m=closest,
     )
 
 
-def _describe(row: AnyClearanceRow) -> tuple[str, str]:
-    """Return both sides of a row with all their digits, in l_arm from the mean of the module centres."""
-    sides = (side.body if isinstance(side, Solid) else side for side in (row.body, row.against))
+def _describe(check: AnyCheck) -> tuple[str, str]:
+    """Return both sides of a check with all digits, in l_arm from the mean of the module centres."""
+    sides = (side.body if isinstance(side, Solid) else side for side in (check.body, check.against))
     with np.printoptions(floatmode="unique", threshold=sys.maxsize):
         body, against = (" ".join(repr(side).split()) for side in sides)
     return f"body: {body}", f"against: {against}"

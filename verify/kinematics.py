@@ -1,4 +1,4 @@
-"""Forward kinematics and the wrenches of rotors in plain numbers (paper, Sec. II).
+"""Forward kinematics and rotor wrenches in plain numbers (paper, Sec. II).
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -12,8 +12,8 @@
 | p_COM, o_i, p_E | platform COM in W; module centre and end-effector from the COM | (3,) | m |
 | delta_q, o_iq | rotor q = 1..4 in the module frame; from the COM, o_i + R_i delta_q | (3,) | m |
 
-A joint turns about an axis that lies in the plane of the parent's arms, across the arm: from the x ports about
-y, from the y ports about x. Half of the step to the child, l_c e_a, lies before the hinge and half behind it.
+The axis of a joint lies in the plane of the parent's arms, perpendicular to the arm: y at the x ports, x at the y
+ports. The hinge is halfway between the two centres: l_c e_a before it and l_c e_a, turned by the hinge, behind it.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -66,9 +66,9 @@ class Platform(NamedTuple):
     rotors: Array
     """o_iq, rotor positions from the COM, shape (n, 4, 3) [m]."""
     joints: Array
-    """Connectors of the modules 1..n-1 and their parents from the COM, shape (n - 1, 3) [m]."""
+    """Joints of modules 1..n-1 with their parents, from the COM, shape (n - 1, 3) [m]."""
     rod: Array = np.zeros((0, 2, 3))
-    """Middle of the rod that counts from the COM, and from there to the end-effector, shape (1, 2, 3) [m]."""
+    """Midpoint of the rod from the COM, vector from there to p_E, shape (1, 2, 3) [m]; empty if mass is ignored."""
 
     @property
     def R(self) -> Array:
@@ -96,7 +96,7 @@ def rotation(axis: int, angle: float) -> Array:
 
 
 def quarter_turns(kappa: int) -> Array:
-    """Return Rz(kappa pi/2) with exact zeros and ones, shape (3, 3)."""
+    """Return Rz(kappa pi/2) with entries of exactly 0 and +-1, shape (3, 3)."""
     x, y = PORT_DIRECTIONS[kappa % 4], PORT_DIRECTIONS[(kappa + 1) % 4]
     return np.stack([x, y, np.array([0.0, 0.0, 1.0])], axis=1)
 
@@ -110,16 +110,16 @@ def poses(
         topology: the tree.
         root_orientation: psi, alpha_0, alpha_1 [rad].
         hinge_angles: alpha_i of the modules 1..n-1 [rad].
-        l_c: module centre to connector; its unit is the unit of the positions.
+        l_c: distance from module centre to connector; positions are in its unit.
     """
     psi, alpha_0, alpha_1 = root_orientation
     R = np.empty((topology.n, 3, 3))
     p = np.zeros((topology.n, 3))
     R[0] = rotation(2, psi) @ rotation(0, alpha_0) @ rotation(1, alpha_1)
     for h, i, a, b in topology.edges():
-        behind_hinge = R[h] @ rotation(1 if a % 2 == 0 else 0, hinge_angles[i - 1])
-        R[i] = behind_hinge @ quarter_turns(a + 2 - b)
-        p[i] = p[h] + l_c * (R[h] + behind_hinge) @ PORT_DIRECTIONS[a]
+        R_hinge = R[h] @ rotation(1 if a % 2 == 0 else 0, hinge_angles[i - 1])
+        R[i] = R_hinge @ quarter_turns(a + 2 - b)
+        p[i] = p[h] + l_c * (R[h] + R_hinge) @ PORT_DIRECTIONS[a]
     return Poses(R, p)
 
 
@@ -129,16 +129,16 @@ def poses_of(design: Design) -> Poses:
     return poses(design.topology, design.root_orientation_rad, design.hinge_angles_rad, l_c)
 
 
-def platform(design: Design, built: Poses | None = None) -> Platform:
+def platform(design: Design, actual_poses: Poses | None = None) -> Platform:
     """Return a design's poses, COM, end-effector and rotor positions.
 
     Args:
         design: the design.
-        built: where its modules are if not where its angles put them [m].
+        actual_poses: poses of a platform built with errors [m]; None: the design's own.
     """
     task, module = design.task, design.task.module
     n = design.topology.n
-    poses = poses_of(design) if built is None else built
+    poses = poses_of(design) if actual_poses is None else actual_poses
     p_E_in_W = np.array(design.end_effector_m)
     connectors = [
         poses.p[h] + module.connector_distance * poses.R[h] @ PORT_DIRECTIONS[a]
@@ -147,12 +147,12 @@ def platform(design: Design, built: Poses | None = None) -> Platform:
     joints = np.array(connectors).reshape(n - 1, 3)
     moment = module.mass * poses.p.sum(axis=0) + module.joint_mass * joints.sum(axis=0)
     moment += task.end_effector.mass * p_E_in_W
-    rod, held = np.zeros((0, 2, 3)), task.end_effector.counted_rod
-    if held is not None:
-        i = held.module
-        half = (p_E_in_W - poses.p[i] - module.connector_distance * poses.R[i] @ PORT_DIRECTIONS[held.port]) / 2
+    rod, counted = np.zeros((0, 2, 3)), task.end_effector.counted_rod
+    if counted is not None:
+        i = counted.module
+        half = (p_E_in_W - poses.p[i] - module.connector_distance * poses.R[i] @ PORT_DIRECTIONS[counted.port]) / 2
         rod = np.array([[p_E_in_W - half, half]])
-        moment += held.mass * rod[0, 0]
+        moment += counted.mass * rod[0, 0]
     p_com = moment / task.total_mass(n)
     rod -= [p_com, np.zeros(3)]
     o = poses.p - p_com
@@ -162,7 +162,7 @@ def platform(design: Design, built: Poses | None = None) -> Platform:
 
 
 def wrench_map(platform: Platform, module: Module) -> Array:
-    """Return A, shape (6, 4n), rotors module by module."""
+    """Return A, shape (6, 4n), columns module by module."""
     n = len(platform.o)
     z = np.broadcast_to(platform.poses.z[:, None, :], (n, 4, 3))
     force = module.thrust_coefficient * z
@@ -179,7 +179,7 @@ def required_wrench(case: LoadCase, p_E: Array) -> Array:
 
 
 def wrench_errors(design: Design, platform: Platform) -> Array:
-    """Return what each load case's inputs produce beyond what it asks for, shape (K, 6) [N, N m]."""
+    """Return the produced minus the required wrench of each load case, shape (K, 6) [N, N m]."""
     u = design.inputs.reshape(len(design.task.load_cases), -1)
     required = [required_wrench(case, platform.p_e) for case in design.task.load_cases]
     return np.asarray(u @ wrench_map(platform, design.task.module).T - np.array(required))

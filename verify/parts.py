@@ -1,8 +1,8 @@
 """The rigid parts of a platform, in the audit's coordinates: hub, arms, rotor discs, and the rod.
 
-Module frame: the hub a box about the centre; four arms, boxes from the centre to the rotors (X layout); four rotor
-discs, cylinders about the rotors, at the height of the centre. Sizes are those of `[module.body]`; convex pieces of
-the user may stand in place of hub and arms.
+In the module frame, the hub is a box about the centre, the four arms are boxes from the centre to the rotors
+(X layout), and the four rotor discs are cylinders about the rotors, at the height of the centre. Sizes are those of
+`[module.body]`; the user's convex pieces may replace hub and arms.
 
 A straight rod from a free connector carries the end-effector.
 
@@ -12,7 +12,7 @@ A straight rod from a free connector carries the end-effector.
 | p_E | the end-effector | (3,) |
 | r | radius of the rod, a capsule from c to p_E | |
 
-A rod is bolted on by its first two radii, which may touch the module that carries it; the rest may touch nothing.
+The fitting, the first two radii of the rod, may touch the module that carries it; the rest may touch nothing.
 Lengths are in l_arm and positions relative to the mean of the module centres.
 """
 
@@ -34,7 +34,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def module_body(module: Module) -> Compound:
-    """Return a module in its own frame: hub and arms, which are its frame, then rotors [l_arm]."""
+    """Return a module's rigid body in its own frame: hub and arms, which form the frame, then rotors [l_arm]."""
     frame, rotors = module_parts(module)
     return Compound(frame + rotors, bounding_box(frame + rotors), len(frame))
 
@@ -56,7 +56,7 @@ def module_parts(module: Module) -> tuple[tuple[Convex, ...], tuple[Convex, ...]
 
 
 def bounding_box(parts: tuple[Convex, ...]) -> Convex:
-    """Return the box along the axes of the frame that encloses some parts."""
+    """Return the axis-aligned bounding box of parts."""
     high, low = np.zeros(3), np.zeros(3)
     for k, axis in enumerate(np.eye(3)):
         high[k] = max(part.support(axis) for part in parts)
@@ -65,12 +65,12 @@ def bounding_box(parts: tuple[Convex, ...]) -> Convex:
 
 
 class RodFit(NamedTuple):
-    """Where rods of connectors fit."""
+    """Fit of a rod in its connector."""
 
     digits: int = 9
-    """Lengths equal to as many decimals are equal: the first connector in order stands before its mirror images."""
+    """Decimals to which rod lengths are compared, so that mirror-image connectors tie and keep their order."""
     socket: float = 2.0
-    """Length over which a rod is fixed to its mount, in radii of the rod."""
+    """Length of the fitting, in radii of the rod."""
 
 
 FIT = RodFit()
@@ -84,22 +84,22 @@ class StraightRod:
     start: Array
     """c, shape (3,)."""
     path: Array
-    """From the connector to the end-effector, shape (3,)."""
+    """Vector from the connector to the end-effector, shape (3,)."""
     radius: float
     """r."""
 
     @property
     def length(self) -> float:
-        """Length of its axis."""
+        """Length of the axis."""
         return float(np.linalg.norm(self.path))
 
     @property
     def solid(self) -> Solid:
-        """The rod as airflow meets it."""
+        """The whole rod, for clearance from airflow."""
         return Solid(ConeSphere(self.start, self.path, self.radius, 0.0))
 
     def body_beside(self, module: int) -> Compound | None:
-        """Return what must not touch a module: all of it, or what is beyond the fitting; None if nothing is."""
+        """Return what must not touch a module: the rod, on its own module without the fitting; None if empty."""
         fitting = FIT.socket * self.radius if module == self.mount.module else 0.0
         if self.length < fitting or fitting == self.length > 0:
             return None

@@ -1,8 +1,8 @@
 """Every geometric requirement of a design, as pairs of bodies.
 
-Lengths are in l_arm and positions relative to the mean of the module centres, so that scenes are centred and
-tolerances mean the same on every scale. A least distance d of two points is the requirement that balls of radius
-d / 2 around them keep apart; so is the end-effector's from every module's centre.
+Lengths are in l_arm and positions relative to the mean of the module centres, so scenes are centred and tolerances
+mean the same at every scale. A minimum distance d of two points, such as module centres or the end-effector, is the
+requirement that balls of radius d / 2 around them keep apart.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.exposure import Exposure
 from topo_search.model.module import AirflowEnvelope
 from verify.bodies import Array, Cone, ConeSphere, ball
-from verify.certificate import ClearanceRow, Solid
+from verify.certificate import ClearanceCheck, Solid
 from verify.compounds import Compound
 from verify.hulls import Hull, hull
 from verify.kinematics import Platform, platform
@@ -26,12 +26,12 @@ from verify.meshes import LARGEST_COORDINATE
 from verify.parts import StraightRod, module_body
 
 
-class Requirement(ClearanceRow[Solid, Solid | Cone | Hull]):
-    """An airflow envelope, a ball, a bracket or a rod beside a volume, or in a cone."""
+class Requirement(ClearanceCheck[Solid, Solid | Cone | Hull]):
+    """A cone-sphere (airflow envelope, ball or rod) that must keep clear of a volume or stay inside a cone."""
 
 
 class Scene:
-    """A design with its volumes: airflow, rigid parts, rods, target regions."""
+    """The volumes of a design: airflow, rigid parts, rods, target regions."""
 
     def __init__(self, design: Design, placed: Platform | None = None) -> None:
         self.design = design
@@ -42,36 +42,36 @@ class Scene:
         self.centres: Array = (self.platform.o - middle) / self.l_arm
         self.p_E: Array = (self.platform.p_e - middle) / self.l_arm
         self.offset: Array = self.platform.p_e / self.l_arm
-        """p_E from the COM, where some requirements take their direction from."""
+        """End-effector from the COM; some requirements take their direction from it."""
 
     @cached_property
     def envelopes(self) -> list[Solid]:
-        """The airflow of all modules."""
+        """Airflow envelopes of all modules."""
         return self._place(self.design.task.module.envelope)
 
     @cached_property
     def region_envelopes(self) -> list[Solid]:
-        """Those that keep out of target regions."""
+        """Airflow envelopes used against target regions."""
         return self._place(self.design.task.module.region_envelope)
 
     def _place(self, envelope: AirflowEnvelope) -> list[Solid]:
         length, r, dr = (x / self.l_arm for x in (envelope.length, envelope.start_radius, envelope.growth))
-        still = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -length]), r, dr))
-        return [still.place(R, o) for R, o in zip(self.R, self.centres, strict=True)]
+        solid = Solid(ConeSphere(np.zeros(3), np.array([0.0, 0.0, -length]), r, dr))
+        return [solid.place(R, o) for R, o in zip(self.R, self.centres, strict=True)]
 
     @cached_property
     def body(self) -> Compound:
-        """The rigid parts of a module in its own frame."""
+        """Rigid parts of a module in its own frame."""
         return module_body(self.design.task.module)
 
     @cached_property
     def modules(self) -> tuple[Compound, ...]:
-        """The rigid parts of all modules."""
+        """Rigid parts of each module."""
         return tuple(self.body.place(R, o) for R, o in zip(self.R, self.centres, strict=True))
 
     @property
     def in_range(self) -> bool:
-        """True if all coordinates keep the digits that a proof needs."""
+        """True if all coordinates are precise enough for a proof."""
         return all(module.in_range for module in self.modules) and bool(
             np.all(np.abs(self.p_E) < LARGEST_COORDINATE / 16)
         )
@@ -94,8 +94,8 @@ class Scene:
                 for a, envelope in enumerate(self.region_envelopes):
                     yield Requirement(exposure.kind, a, number, envelope, region, segment)
         if (distance := task.exclusion_radius) is not None:
-            *around, tip = _balls([*self.centres, self.p_E], distance / self.l_arm / 2)
-            for a, ball in enumerate(around):
+            *balls, tip = _balls([*self.centres, self.p_E], distance / self.l_arm / 2)
+            for a, ball in enumerate(balls):
                 yield Requirement("exclusion", a, -1, ball, tip)
         ablation = kind == "separation"
         distance = task.separation if ablation else task.body_clearance
@@ -107,14 +107,14 @@ class Scene:
                     yield Requirement("separation", a, b, balls[a], balls[b])
 
     def counterpart(self, other: Requirement) -> Requirement:
-        """Return the same requirement as one of another platform of the same task and tree."""
-        if other.kind == "airflow":  # of a hundred modules there are thousands
+        """Return this scene's requirement that corresponds to one of another platform of the same task and tree."""
+        if other.kind == "airflow":  # thousands for a hundred modules, too many to search
             return Requirement("airflow", other.a, other.b, self.envelopes[other.a], self.envelopes[other.b])
         key = other.kind, other.a, other.b, other.segment
         return next(r for r in self.requirements() if (r.kind, r.a, r.b, r.segment) == key)
 
     def regions(self, exposure: Exposure) -> Iterator[tuple[int | None, Solid | Cone | Hull]]:
-        """Yield the volumes of a requirement, with the numbers of its paths or planes; of cones what is allowed."""
+        """Yield the volumes of a requirement with their path or plane numbers; a cone is the allowed side."""
         if isinstance(exposure, Exterior):
             yield from ((None, cone) for cone in self._cones(exposure))
         elif isinstance(exposure, Directional):
@@ -125,30 +125,30 @@ class Scene:
             yield None, Solid(ball(self.p_E, exposure.radius / self.l_arm))
         else:
             for piece, points in enumerate(exposure.polytopes):
-                region = hull(points / self.l_arm).move(self.p_E)  # far away corners lose their digits
+                region = hull(points / self.l_arm).move(self.p_E)  # hull first: coordinates far away lose digits
                 yield None if exposure.pieces is None else piece, region
 
     def _capsules(self, exposure: Directional) -> list[Solid]:
         r = exposure.radius / self.l_arm
-        here, paths = np.zeros(3), list[tuple[Array, Array]]()
+        origin, paths = np.zeros(3), list[tuple[Array, Array]]()
         if exposure.segments is not None:
-            paths = [(here, np.array(segment) / self.l_arm) for segment in exposure.segments]
+            paths = [(origin, np.array(segment) / self.l_arm) for segment in exposure.segments]
         elif exposure.polylines is not None:
-            for points in exposure.polylines:
-                at = np.array(points) / self.l_arm
-                paths += [(at[k], at[k + 1] - at[k]) for k in range(len(at) - 1)]
+            for polyline in exposure.polylines:
+                points = np.array(polyline) / self.l_arm
+                paths += [(points[k], points[k + 1] - points[k]) for k in range(len(points) - 1)]
         elif exposure.length is not None and (outwards := self._outward_direction()) is not None:
-            paths = [(here, exposure.length / self.l_arm * outwards)]
+            paths = [(origin, exposure.length / self.l_arm * outwards)]
         return [Solid(ConeSphere(self.p_E + start, path, r, 0.0)) for start, path in paths]
 
     def _half_spaces(self, exposure: Allowed) -> Iterator[Cone]:
-        """Yield every half-space that is allowed: a cone of 90 degrees with its apex on the plane."""
+        """Yield every allowed half-space, as a cone of 90 degrees with its apex on the plane."""
         for plane in exposure.planes:
-            out = _unit(np.array(plane.normal))
-            yield Cone(self.p_E + plane.offset / self.l_arm * out, -out, 90.0)
+            normal = _unit(np.array(plane.normal))
+            yield Cone(self.p_E + plane.offset / self.l_arm * normal, -normal, 90.0)
 
     def _cones(self, exposure: Exterior) -> list[Cone]:
-        """Return the cone, unless it has no axis."""
+        """Return the allowed cone; empty if its axis is undefined."""
         if exposure.axis == "com":
             outwards = self._outward_direction()
             axis = None if outwards is None else -outwards
@@ -157,7 +157,7 @@ class Scene:
         return [] if axis is None else [Cone(self.p_E, axis, exposure.half_angle_deg)]
 
     def rod(self, mount: Mount | None) -> Iterator[Requirement]:
-        """Yield the rod from a mount against every airflow, if there is a rod; counted if the task asks for one."""
+        """Yield the rod from a mount against every airflow envelope; counts if the task requires a straight rod."""
         if mount is None or not self.in_range:
             return
         body = self.straight_rod(mount).solid
@@ -166,16 +166,15 @@ class Scene:
             yield Requirement("rod-airflow", mount.module, b, body, envelope, counts=counts)
 
     def _outward_direction(self) -> Array | None:
-        """Return p_E / ||p_E||; None where it has no direction, which the residuals report as a violation."""
+        """Return p_E / ||p_E||; None if p_E is almost zero, which the residuals report as a violation."""
         return _unit(self.offset) if np.abs(self.offset).max() > 1e-12 else None
 
 
 def _balls(centres: Sequence[Array] | Array, radius: float) -> list[Solid]:
-    """Return equal balls: copies of one."""
-    still, R = Solid(ball(np.zeros(3), radius)), np.eye(3)
-    return [still.place(R, centre) for centre in centres]
+    solid, R = Solid(ball(np.zeros(3), radius)), np.eye(3)
+    return [solid.place(R, centre) for centre in centres]
 
 
 def _unit(v: Array) -> Array:
-    v = v / np.abs(v).max()  # first, so that squares neither overflow nor vanish
+    v = v / np.abs(v).max()  # squares then neither overflow nor underflow
     return np.asarray(v / np.linalg.norm(v))

@@ -1,9 +1,9 @@
-"""Every number of a design that must meet a limit, beside the clearances.
+"""Residuals: every limit on a design's numbers other than clearances.
 
-Deviations are compared in units of their scale: forces in m_t g, torques in l_arm m_t g, inputs in their largest
-allowed one, lengths in l_arm, the objective relative to itself, angles in rad. More than TOLERANCE of that is a
-violation. Wrenches are judged about the COM and about the end-effector: by a long lever, a force within the
-tolerance is a torque beyond it.
+Deviations are scaled: forces by m_t g, torques by l_arm m_t g, inputs by their upper limit, lengths by l_arm, the
+objective by its value; angles are in rad. A scaled deviation above TOLERANCE is a violation. Wrenches are checked
+about the COM and about the end-effector, because with a long lever arm a force within the tolerance can be a torque
+beyond it.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from verify.kinematics import Platform, objective, wrench_errors
 def residuals(design: Design, platform: Platform) -> tuple[Residual, ...]:
     """Return all residuals of a design, in the order of the task's fields."""
     connectors, J = design.task.search.connectors, objective(design)
-    # a quarter turn breaks `connectors = "aligned"`, a half turn changes nothing
-    turned = sum(kappa % 2 for kappa in design.topology.kappas) if connectors == "aligned" else 0
-    off, scale = abs(design.objective - J), max(J, sys.float_info.min)
+    # a quarter turn violates `connectors = "aligned"`; half turns are equivalent
+    misaligned = sum(kappa % 2 for kappa in design.topology.kappas) if connectors == "aligned" else 0
+    error, scale = abs(design.objective - J), max(J, sys.float_info.min)
     return (
         *_wrenches(design, platform),
         *_inputs(design),
         *_angles(design),
         *_end_effector(design, platform),
-        residual(f'joints against connectors = "{connectors}"', turned, "joints", 1.0, tolerance=0.0),
-        residual("objective", off, "rad^4/s^4", scale, claim=design.objective, derived=J),
+        residual(f'joints against connectors = "{connectors}"', misaligned, "joints", 1.0, tolerance=0.0),
+        residual("objective", error, "rad^4/s^4", scale, claim=design.objective, derived=J),
     )
 
 
@@ -46,7 +46,7 @@ def residual(
     derived: float | None = None,
     status: Status | None = None,
 ) -> Residual:
-    """Return a number with its verdict, which its tolerance decides unless a status is given."""
+    """Return a residual; its tolerance decides the status unless one is given."""
     scaled = value / scale if scale > 0 else math.inf
     return Residual(
         name=name,
@@ -61,7 +61,7 @@ def residual(
 
 
 def clamp(value: float) -> float:
-    """Return the value, or the largest float for what overflowed: JSON has no infinity."""
+    """Return the value, or the largest float if it is not finite, because JSON has no infinity."""
     return value if math.isfinite(value) else sys.float_info.max
 
 
@@ -78,23 +78,11 @@ def _wrenches(design: Design, platform: Platform) -> Iterator[Residual]:
 def _inputs(design: Design) -> Iterator[Residual]:
     limit, lowest = design.task.max_input, design.task.min_input
     for case, u in zip(design.task.case_labels, design.inputs, strict=True):
-        most, least = float(u.max()), float(u.min())
-        yield residual(
-            f"{case}, largest rotor input",
-            max(0.0, most - limit),
-            "rad^2/s^2",
-            limit,
-            claim=most,
-            derived=limit,
-        )
-        yield residual(
-            f"{case}, smallest rotor input",
-            max(0.0, lowest - least),
-            "rad^2/s^2",
-            limit,
-            claim=least,
-            derived=lowest or None,
-        )
+        largest, smallest = float(u.max()), float(u.min())
+        name, excess = f"{case}, largest rotor input", max(0.0, largest - limit)
+        yield residual(name, excess, "rad^2/s^2", limit, claim=largest, derived=limit)
+        name, deficit = f"{case}, smallest rotor input", max(0.0, lowest - smallest)
+        yield residual(name, deficit, "rad^2/s^2", limit, claim=smallest, derived=lowest or None)
 
 
 def _angles(design: Design) -> Iterator[Residual]:
@@ -123,5 +111,5 @@ def _end_effector(design: Design, platform: Platform) -> Iterator[Residual]:
     reach, farthest = float(np.linalg.norm(platform.p_e)), design.task.farthest_end_effector(design.topology.n)
     yield residual("end-effector's reach", max(0.0, reach - farthest), "m", l_arm, derived=reach)
     if any(needs_offset(exposure) for exposure in design.task.exposure):
-        offset, least = float(np.linalg.norm(platform.p_e)), LEAST_OFFSET * l_arm
-        yield residual("end-effector's distance from the COM", max(0.0, least - offset), "m", l_arm, derived=offset)
+        deficit = max(0.0, LEAST_OFFSET * l_arm - reach)
+        yield residual("end-effector's distance from the COM", deficit, "m", l_arm, derived=reach)

@@ -1,18 +1,18 @@
-r"""Errors that the clearances of a design tolerate before the first violation.
+r"""Build errors that a design's clearances tolerate before the first violation.
 
 | symbol | meaning |
 |---|---|
-| lambda | factor by which some errors grow together |
-| bound(lambda) | proven lower bound of all clearances, `verify.tolerance` |
+| lambda | common factor on the errors |
+| bound(lambda) | proven lower bound on all clearances, `verify.tolerance` |
 | attained(lambda) | exact clearance of one pair with one example of such errors |
 
-Errors up to the lambda at which the bound vanishes violate nothing: proven. Pairs are tried out: hinges are turned
-and modules are shifted the worst way for a pair to first order, and kinematics and closed-form clearance are
-evaluated again. The pair whose bound vanishes first is tried first, then every pair whose bound is gone by the
-least lambda that violates any so far. That least lambda is `violated_at`, and its pair is named: the truth lies
-between.
+Errors up to the lambda at which the bound vanishes provably violate nothing. For an upper bound, examples are
+evaluated: hinges are turned and modules shifted in the worst way for a pair to first order, and kinematics and
+closed-form clearance are computed again. The pair whose bound vanishes first is evaluated first, then every pair
+whose bound vanishes below the smallest violating lambda so far. That lambda is `violated_at`, and its pair is
+reported; the true limit lies between the two.
 
-Masses are taken as stated. Rotor inputs are left out, for a controller adjusts them, and so are real parts.
+Masses are nominal. Rotor inputs are left out because a controller adjusts them; rigid parts are left out too.
 """
 
 from __future__ import annotations
@@ -32,42 +32,42 @@ from verify.tolerance import KINDS, Errors, Tolerance, Weakest
 
 
 class SearchSettings(NamedTuple):
-    """How far and how closely errors are looked for."""
+    """Range and accuracy of the search for the largest errors."""
 
     largest_turn: float = math.pi
-    """Larger errors of angles are not looked for [rad]."""
+    """Largest angle error that is searched [rad]."""
     largest_shift: float = 1e6
-    """Larger errors of positions and envelopes are not looked for [l_arm]."""
+    """Largest error of positions and envelopes that is searched [l_arm]."""
     largest_factor: float = 1e6
-    """Larger factors of the tolerances are not looked for."""
+    """Largest factor on the task's tolerances that is searched."""
     accuracy: float = 1e-6
-    """A largest error is found to this part of itself."""
+    """Relative accuracy of a tolerated error."""
     trials: int = 10
-    """Largest number of error sizes that are tried for one that violates a pair."""
+    """Largest number of factors tried to violate a pair."""
     overshoot: float = 1.05
-    """Factor on the expected step to the next size."""
+    """Multiplier on the secant step to the next factor."""
     crossing: float = 1e-3
-    """The factor at which an example begins to violate is found to this part of itself."""
+    """Relative accuracy of the factor at which an example starts to violate."""
     leap: float = 1.5
-    """Largest ratio of one size to the one before: far beyond the first violation a pair may be clear again."""
+    """Largest ratio of successive factors; far beyond its first violation a pair may be clear again."""
 
 
 SEARCH = SearchSettings()
 
 
 def sensitivity(scene: Scene, requirements: Sequence[Requirement], holder: int) -> Sensitivity | None:
-    """Return how much error a design tolerates; None if there is no clearance to lose, or parts decide.
+    """Return the build errors that a design tolerates; None without clearances, or if parts decide interference.
 
     Args:
-        scene: the design with its volumes.
-        requirements: what is asked of them; those that do not count are left out.
+        scene: the volumes of the design.
+        requirements: its requirements; those that do not count are ignored.
         holder: the module that carries the end-effector.
     """
     bounded = [r for r in requirements if r.counts and r.kind in KINDS]
-    if not bounded or scene.design.task.search.interference == "parts":  # of parts beside airflow there is no bound
+    if not bounded or scene.design.task.search.interference == "parts":  # parts beside airflow have no bound
         return None
-    tolerance, l_arm, stated = Tolerance(scene, bounded, holder), scene.l_arm, scene.design.task.tolerances
-    errors = Errors(math.radians(stated.hinge_angle_deg), stated.position / l_arm, stated.envelope / l_arm)
+    tolerance, l_arm, specified = Tolerance(scene, bounded, holder), scene.l_arm, scene.design.task.tolerances
+    errors = Errors(math.radians(specified.hinge_angle_deg), specified.position / l_arm, specified.envelope / l_arm)
     return Sensitivity(
         hinge_angle_deg=_limit(tolerance, Errors(delta=1.0), SEARCH.largest_turn, math.degrees(1.0)),
         position_m=_limit(tolerance, Errors(delta_p=1.0), SEARCH.largest_shift, l_arm),
@@ -77,29 +77,26 @@ def sensitivity(scene: Scene, requirements: Sequence[Requirement], holder: int) 
 
 
 def _limit(tolerance: Tolerance, errors: Errors, largest: float, unit: float) -> Limit | None:
-    """Return the largest factor of some errors that is proven to violate nothing, times a unit.
-
-    None if the largest that is looked for violates nothing either.
-    """
-    if tolerance.keeps(errors.times(largest)):
+    """Return the largest factor on errors proven to violate nothing, times a unit; None if it exceeds `largest`."""
+    if tolerance.is_clear(errors.times(largest)):
         return None
     nominal = tolerance.weakest(Errors())
     if nominal.bound <= BOUND_ROUNDING:
         return Limit(**_pair(nominal.requirement), tolerated=0.0, violated_at=0.0 if nominal.bound < 0 else None)
     low, high = 0.0, largest
     while high - low > SEARCH.accuracy * high and high > 1e-12:
-        # quarter the range of sizes first, then halve what is left
+        # divide by four until a lower bound is known, then bisect
         middle = 0.25 * high if low == 0.0 else (low + high) / 2
-        low, high = (middle, high) if tolerance.keeps(errors.times(middle)) else (low, middle)
-    first, violating = _first_to_break(tolerance, errors, high, largest)
-    at = None if violating is None else violating * unit
-    return Limit(**_pair(first.requirement), tolerated=low * unit, violated_at=at)
+        low, high = (middle, high) if tolerance.is_clear(errors.times(middle)) else (low, middle)
+    first, factor = _first_violation(tolerance, errors, high, largest)
+    violated_at = None if factor is None else factor * unit
+    return Limit(**_pair(first.requirement), tolerated=low * unit, violated_at=violated_at)
 
 
 def _worst_case(tolerance: Tolerance, errors: Errors) -> WorstCase:
-    """Return what errors of some size do."""
+    """Return the bound on all clearances within errors of a given size, and an example."""
     weakest = tolerance.weakest(errors)
-    attained = _least_clearance(tolerance, weakest, errors)
+    attained = _example_clearance(tolerance, weakest, errors)
     status = Status.CLEAR if weakest.bound > BOUND_ROUNDING else Status.UNDECIDED
     return WorstCase(
         **_pair(weakest.requirement),
@@ -110,36 +107,36 @@ def _worst_case(tolerance: Tolerance, errors: Errors) -> WorstCase:
     )
 
 
-def _first_to_break(
+def _first_violation(
     tolerance: Tolerance, errors: Errors, proven: float, largest: float
 ) -> tuple[Weakest, float | None]:
-    """Return the pair with the least factor at which an example violates it, and that factor.
+    """Return the pair with the smallest factor at which an example violates it, and that factor.
 
-    None, and the pair whose bound vanishes first, if no example violates any.
+    If no example violates any pair, return the pair whose bound vanishes first, and None.
     """
     first = tolerance.weakest(errors.times(proven))
-    least = _violating_factor(tolerance, first, errors, proven, largest)
-    reach = min(SEARCH.leap * SEARCH.leap * proven, largest) if least is None else least
-    nearest = first.requirement
-    for other in tolerance.pairs_up_to(errors.times(reach), 0.0):
-        if other.requirement is nearest:
+    smallest = _violating_factor(tolerance, first, errors, proven, largest)
+    reach = min(SEARCH.leap * SEARCH.leap * proven, largest) if smallest is None else smallest
+    weakest = first.requirement
+    for candidate in tolerance.pairs_up_to(errors.times(reach), 0.0):
+        if candidate.requirement is weakest:
             continue
-        if least is None:
-            factor = _violating_factor(tolerance, other, errors, proven, largest)
-        elif _least_clearance(tolerance, other, errors.times(least)) < 0:
-            factor = _crossing(tolerance, other, errors, proven, least)
+        if smallest is None:
+            factor = _violating_factor(tolerance, candidate, errors, proven, largest)
+        elif _example_clearance(tolerance, candidate, errors.times(smallest)) < 0:
+            factor = _crossing(tolerance, candidate, errors, proven, smallest)
         else:
             continue
         if factor is not None:
-            first, least = other, factor
-    return first, least
+            first, smallest = candidate, factor
+    return first, smallest
 
 
 def _crossing(tolerance: Tolerance, weakest: Weakest, errors: Errors, low: float, high: float) -> float:
-    """Return a factor at which an example violates the pair, and just below which none does."""
+    """Bisect for the factor at which an example starts to violate the pair; it does at the result."""
     while high - low > SEARCH.crossing * high:
         middle = (low + high) / 2
-        violated = _least_clearance(tolerance, weakest, errors.times(middle)) < 0
+        violated = _example_clearance(tolerance, weakest, errors.times(middle)) < 0
         low, high = (low, middle) if violated else (middle, high)
     return high
 
@@ -147,24 +144,24 @@ def _crossing(tolerance: Tolerance, weakest: Weakest, errors: Errors, low: float
 def _violating_factor(
     tolerance: Tolerance, weakest: Weakest, errors: Errors, factor: float, largest: float
 ) -> float | None:
-    """Return a factor near the least at which an example violates the pair; None if none is found."""
-    before, left_before = 0.0, _least_clearance(tolerance, weakest, Errors())
+    """Return a factor near the smallest that violates the pair, found by secant steps; None if none is found."""
+    previous, previous_clearance = 0.0, _example_clearance(tolerance, weakest, Errors())
     for _ in range(SEARCH.trials):
-        left = _least_clearance(tolerance, weakest, errors.times(factor))
-        if left < 0:
-            return _crossing(tolerance, weakest, errors, before, factor)
-        slope = (left_before - left) / (factor - before)
-        step = left / slope if slope > 0 else factor
-        before, left_before = factor, left
-        beyond = factor + SEARCH.overshoot * max(step, SEARCH.accuracy * factor)
-        factor = min(beyond, SEARCH.leap * factor, largest)
-        if factor == before:
+        clearance = _example_clearance(tolerance, weakest, errors.times(factor))
+        if clearance < 0:
+            return _crossing(tolerance, weakest, errors, previous, factor)
+        slope = (previous_clearance - clearance) / (factor - previous)
+        step = clearance / slope if slope > 0 else factor
+        previous, previous_clearance = factor, clearance
+        target = factor + SEARCH.overshoot * max(step, SEARCH.accuracy * factor)
+        factor = min(target, SEARCH.leap * factor, largest)
+        if factor == previous:
             break
     return None
 
 
-def _least_clearance(tolerance: Tolerance, weakest: Weakest, errors: Errors) -> float:
-    """Return the least exact clearance that an example leaves its pair [l_arm]."""
+def _example_clearance(tolerance: Tolerance, weakest: Weakest, errors: Errors) -> float:
+    """Return the smallest exact clearance of a pair over its examples, scaled to the errors [l_arm]."""
     l_arm = tolerance.scene.l_arm
     scenes = (
         deviate(
@@ -181,23 +178,25 @@ def _least_clearance(tolerance: Tolerance, weakest: Weakest, errors: Errors) -> 
 
 
 def deviate(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope: float, holder: int) -> Scene:
-    """Return the volumes of a design that is built with errors, seen from the module that carries the end-effector.
+    """Return the scene of a design built with errors, in the frame of the module that carries the end-effector.
 
     Args:
         design: the design.
         turns: errors of the hinge angles, shape (n-1,) [rad].
         shifts: errors of the modules' centres, shape (n, 3) [m].
         tip: error of p'_E, shape (3,) [m].
-        envelope: how far the airflow reaches beyond its envelope [m].
-        holder: that module; no hinge moves it.
+        envelope: growth of the airflow beyond its envelope [m].
+        holder: the module that carries the end-effector; no hinge moves it.
     """
     module = design.task.module
-    wider = {"start_radius": module.start_radius + envelope, "reach": module.reach + envelope}
-    airflow = module.airflow.model_copy(update=wider)
+    larger = {"start_radius": module.start_radius + envelope, "reach": module.reach + envelope}
+    airflow = module.airflow.model_copy(update=larger)
     if (regions := module.region_airflow) is not None:
         start, spread, reach = regions
-        wide = RegionAirflow(start_radius=start + envelope, spread_angle_deg=spread, reach=reach + envelope)
-        airflow = airflow.model_copy(update={"regions": wide})
+        larger_regions = RegionAirflow(
+            start_radius=start + envelope, spread_angle_deg=spread, reach=reach + envelope
+        )
+        airflow = airflow.model_copy(update={"regions": larger_regions})
     task = design.task.model_copy(update={"module": module.model_copy(update={"airflow": airflow})})
     angles = [alpha + turn for alpha, turn in zip(design.hinge_angles_rad, turns.tolist(), strict=True)]
     p_E = tuple(x + error for x, error in zip(design.end_effector_m, tip.tolist(), strict=True))
@@ -209,7 +208,7 @@ def deviate(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope
 
 
 def clearance_of(requirement: Requirement) -> float:
-    """Return the exact clearance of a requirement from its closed form [l_arm]."""
+    """Return the exact closed-form clearance of a requirement [l_arm]."""
     if isinstance(requirement.against, Cone):
         return cone_clearance(requirement.body.body, requirement.against)[0]
     if isinstance(requirement.against, Hull):

@@ -1,9 +1,9 @@
-"""The problem of `nlp.problem` as a program for Ipopt, evaluated without one large graph.
+"""The problem of `nlp.problem` as a program for Ipopt, evaluated without one large expression graph.
 
-Nothing is built but index arrays: poses, and wrenches with their derivatives, follow the kinematic chain
-(`platform`), every clearance is a function of a few local vectors (`terms`, `kkt_candidates`) whose derivatives the
-chain rule takes to the unknowns (`chain_rule`), and all is put together where it is not zero (`problem`).
-`tests/test_nlp_assembled.py` holds values, Jacobian and Hessian to those that CasADi derives from the printed
+Only index arrays are built. Poses, and wrenches with their derivatives, follow the kinematic chain (`platform`).
+Every clearance is a function of a few local vectors (`terms`, `kkt_candidates`), whose derivatives the chain rule
+converts to those by the unknowns (`chain_rule`). `problem` assembles the nonzero entries.
+`tests/test_nlp_assembled.py` compares values, Jacobian and Hessian with those that CasADi derives from the printed
 problem.
 """
 

@@ -2,12 +2,12 @@
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| y | local vectors: p_i - p'_E, x_i, y_i, z_i, and of the ball's module j p_j - p'_E, z_j | (6, 3) | l_arm, - |
+| y | local vectors: p_i - p'_E, x_i, y_i, z_i; p_j - p'_E and z_j of the ball's module j | (6, 3) | l_arm, - |
 | u | inputs of module i in the point's load case | (4,) | u_hover |
 | q | the point from module i in its frame (`nlp.numbers.jets`) | (3,) | l_arm |
 
-A row is the sum of the modules' speeds at its point. The speed of one is a function of (y, u), the same in all
-topologies; the chain rule takes its derivatives to the unknowns.
+A row is the sum of the modules' speeds at its point. A module's speed is a function of (y, u), the same in all
+topologies; the chain rule gives its derivatives by the unknowns.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import math
 import casadi as ca
 import numpy as np
 
-from nlp.airspeed import AIMED_AT, SpeedPoint
+from nlp.airspeed import TARGET_SHARE, SpeedPoint
 from nlp.assembled.platform import Indices
 from nlp.assembled.problem import AssembledProblem
-from nlp.numbers.jets import JETS, ROUNDED, Jet, by_inputs, curvature, jet_of, point_of_ball, speed
+from nlp.numbers.jets import JETS, ROUNDED, Jet, curvature, induced_speeds, jet_of, point_of_ball, speed
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
@@ -31,10 +31,10 @@ VECTORS = (FROM_TIP, X_I, Y_I, Z_I, LocalVector(PlatformVector("p", 1), TIP), Z_
 
 
 class SpeedRows:
-    """The air at some points of regions as rows below those of an assembled program."""
+    """Air speeds at points of regions, as rows appended to an assembled program."""
 
     def __init__(self, program: AssembledProblem, task: ResolvedTask, points: tuple[SpeedPoint, ...]) -> None:
-        """Find where their derivatives are not zero; a row has the inputs of its own load case alone."""
+        """Find the patterns of the derivatives; a row depends on the inputs of its own load case only."""
         n, g, m, size = program.n, program.g, len(points), program.size
         self._program, self._jet = program, jet_of(task.module, task.air_density, task.gravity)
         i, j = np.tile(np.arange(n), m), np.repeat([max(0, point.module) for point in points], n)
@@ -55,32 +55,32 @@ class SpeedRows:
         self.lower, self.upper = np.zeros(m), np.full(m, math.inf)
 
     def values(self, variables: Array) -> Array:
-        """Return the rows, each to be at least zero."""
-        return np.asarray(AIMED_AT - np.bincount(self._rows, self._derive(0, variables)[0]))
+        """Return the rows, each of which must be at least zero."""
+        return np.asarray(TARGET_SHARE - np.bincount(self._rows, self._derive(0, variables)[0]))
 
     def jacobian(self, variables: Array) -> Array:
-        """Return the entries of their Jacobian."""
+        """Return the entries of the Jacobian of the rows."""
         _, gradient, _ = self._derive(1, variables)
         slopes = np.einsum("rxy,ry->rx", self._chain(), gradient)
         return np.asarray(-np.bincount(self._in_jacobian, slopes.ravel()))
 
     def hessian(self, variables: Array, multipliers: Array) -> Array:
-        """Return the entries of the Hessian of their sum, times multipliers."""
+        """Return the entries of the Hessian of the sum of rows times multipliers."""
         _, gradient, hessian = self._derive(2, variables)
-        at, dy, weights = self._program.platform, self._chain(), -multipliers[self._rows]
+        platform, dy, weights = self._program.platform, self._chain(), -multipliers[self._rows]
         first, second = self._upper
-        each = weights[:, None] * (dy @ hessian @ dy.transpose(0, 2, 1))[:, first, second]
-        by_V, by_vectors = np.zeros_like(at.V), weights[:, None, None] * gradient[:, :18].reshape(-1, 6, 3)
+        entries = weights[:, None] * (dy @ hessian @ dy.transpose(0, 2, 1))[:, first, second]
+        by_V, by_vectors = np.zeros_like(platform.V), weights[:, None, None] * gradient[:, :18].reshape(-1, 6, 3)
         np.add.at(by_V, self._plus, by_vectors)
         np.subtract.at(by_V, self._minus, by_vectors)
-        H = at.bend(by_V)
-        each[0, self._bends] += H[first[self._bends], second[self._bends]]
-        return np.asarray(np.bincount(self._in_hessian, each.ravel()), dtype=float)
+        H = platform.curvature(by_V)
+        entries[0, self._bends] += H[first[self._bends], second[self._bends]]
+        return np.asarray(np.bincount(self._in_hessian, entries.ravel()), dtype=float)
 
     def _derive(self, order: int, variables: Array) -> tuple[Array, Array, Array]:
         """Return every module's speed over the limit at each point, with derivatives by (y, u)."""
-        at, u = self._program.at(variables)
-        y = at.V[self._plus] - at.V[self._minus]
+        platform, u = self._program.platform_at(variables)
+        y = platform.V[self._plus] - platform.V[self._minus]
         return derive_speeds(order, self._jet, y, u.ravel()[self._inputs], self._numbers)
 
     def _chain(self) -> Array:
@@ -94,19 +94,19 @@ class SpeedRows:
 
 @njit(cache=True)
 def derive_speeds(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> tuple[Array, Array, Array]:
-    """Return speeds over limits, with gradients and Hessians by (y, u) up to an order.
+    """Return speeds over limits, with derivatives by (y, u) up to an order.
 
     Args:
         order: 0, 1 or 2.
-        jet: of the modules.
-        y: shape (m, 6, 3).
-        u: shape (m, 4).
-        numbers: `from_tip`, `direction`, `radius` and 1 over the limit of each point, shape (m, 8).
+        jet: jet of the modules.
+        y: local vectors, shape (m, 6, 3).
+        u: inputs, shape (m, 4).
+        numbers: `from_tip`, `direction`, `radius` and reciprocal limit of each point, shape (m, 8).
     """
     m = len(y)
     values, gradients = np.empty(m), np.zeros((m if order else 0, 22))
     hessians = np.zeros((m if order > 1 else 0, 22, 22))
-    x, q, v, slopes, bent = np.empty(3), np.empty(3), np.empty(4), np.empty(7), np.empty((7, 7))
+    x, q, v, slopes, second = np.empty(3), np.empty(3), np.empty(4), np.empty(7), np.empty((7, 7))
     by_ball, by_y, d = np.empty((3, 6)), np.zeros((7, 22)), np.empty(3)
     for r in range(m):
         point_of_ball(numbers[r, :3], numbers[r, 6], numbers[r, 3:6], y[r, 4], y[r, 5], x, by_ball)
@@ -114,9 +114,9 @@ def derive_speeds(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> t
             d[a] = x[a] - y[r, 0, a]
         for a in range(3):
             q[a] = y[r, 1 + a, 0] * d[0] + y[r, 1 + a, 1] * d[1] + y[r, 1 + a, 2] * d[2]
-        by_inputs(jet, u[r], v)
-        over = numbers[r, 7]
-        values[r] = over * speed(jet, q, v, ROUNDED, slopes)
+        induced_speeds(jet, u[r], v)
+        inverse_limit = numbers[r, 7]
+        values[r] = inverse_limit * speed(jet, q, v, ROUNDED, slopes)
         if order == 0:
             continue
         for a in range(3):
@@ -129,12 +129,12 @@ def derive_speeds(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> t
                     by_y[a, 12 + c] += y[r, 1 + a, b] * by_ball[b, c]
         for k in range(4):
             by_y[3 + k, 18 + k] = jet.induced**2 / (2 * v[k])
-        gradients[r] = over * (slopes @ by_y)
+        gradients[r] = inverse_limit * (slopes @ by_y)
         if order == 1:
             continue
-        curvature(jet, q, v, bent)
+        curvature(jet, q, v, second)
         H = hessians[r]
-        H[:] = by_y.T @ bent @ by_y
+        H[:] = by_y.T @ second @ by_y
         for k in range(4):
             H[18 + k, 18 + k] -= slopes[3 + k] * jet.induced**4 / (4 * v[k] ** 3)
         for a in range(3):
@@ -148,30 +148,30 @@ def derive_speeds(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> t
             _add_curvature_of_point(numbers[r], y[r], slopes, H)
         for a in range(22):
             for b in range(22):
-                H[a, b] *= over
+                H[a, b] *= inverse_limit
     return values, gradients, hessians
 
 
 @njit(cache=True)
 def _add_curvature_of_point(numbers: Array, y: Array, slopes: Array, H: Array) -> None:
-    """Add what a speed bends by as its point moves along a ball, by differences as in `nlp.numbers.jets`."""
+    """Add the curvature of a speed due to the motion of its point, by differences as in `nlp.numbers.jets`."""
     x, above, below = np.empty(3), np.empty((3, 6)), np.empty((3, 6))
     for c in range(6):
-        of, axis = 4 + c // 3, c % 3
-        middle = y[of, axis]
-        y[of, axis] = middle + JETS.difference
+        vector, axis = 4 + c // 3, c % 3
+        middle = y[vector, axis]
+        y[vector, axis] = middle + JETS.difference
         point_of_ball(numbers[:3], numbers[6], numbers[3:6], y[4], y[5], x, above)
-        y[of, axis] = middle - JETS.difference
+        y[vector, axis] = middle - JETS.difference
         point_of_ball(numbers[:3], numbers[6], numbers[3:6], y[4], y[5], x, below)
-        y[of, axis] = middle
+        y[vector, axis] = middle
         for a in range(3):
             for b in range(3):
-                for other in range(6):
-                    bend = (above[b, other] - below[b, other]) / (2 * JETS.difference)
-                    H[12 + c, 12 + other] += slopes[a] * y[1 + a, b] * bend
+                for column in range(6):
+                    bend = (above[b, column] - below[b, column]) / (2 * JETS.difference)
+                    H[12 + c, 12 + column] += slopes[a] * y[1 + a, b] * bend
 
 
 def _pattern(rows: int, columns: int, i: Indices, j: Indices) -> tuple[ca.Sparsity, Indices]:
-    """Return CasADi's pattern of entries (i, j), which may come again, and where each is in it."""
-    entries, places = np.unique((i + rows * j).ravel(), return_inverse=True)
-    return ca.Sparsity.triplet(rows, columns, entries % rows, entries // rows), places
+    """Return CasADi's pattern of entries (i, j), which may repeat, and the position of each in it."""
+    entries, positions = np.unique((i + rows * j).ravel(), return_inverse=True)
+    return ca.Sparsity.triplet(rows, columns, entries % rows, entries // rows), positions

@@ -1,15 +1,14 @@
-r"""The least of f over the KKT candidates of two envelopes, smoothed, with its derivatives: compiled, by hand.
+r"""The smoothed minimum of f over the KKT candidates of two envelopes, with hand-written derivatives, compiled.
 
-The formulas are those of `nlp.symbols.clearance.quadratic_candidates`, with A = B and without F, and of
-`nlp.symbols.clearance`. Candidates with a negligible share in the log-sum-exp, the majority, cost no derivatives
-here.
+The formulas are those of `nlp.symbols.clearance`, with `quadratic_candidates` for A = B and without F. Most
+candidates have a negligible share in the log-sum-exp, and are not differentiated.
 
 | symbol | meaning | shape |
 |---|---|---|
 | c = (C, D, E) | coefficients of f = A (eta^2 + gamma^2) + C eta gamma + D eta + E gamma | (3,) |
-| eta, gamma | place of a candidate, a function of c | |
-| d, d2 | derivatives by c, of eta, gamma and f | (3,), (3, 3) |
-| w | share of a candidate in the sum | |
+| eta, gamma | position of a candidate, a function of c | |
+| d, d2 | derivatives by c of eta, gamma and f | (3,), (3, 3) |
+| w | share of a candidate in the log-sum-exp | |
 
 .. math::
 
@@ -31,42 +30,42 @@ from topo_search.model.compiled_code import njit
 CANDIDATES = 9
 """The stationary point, two on the edges eta = 0, 1, two on the edges gamma = 0, 1, and the corners."""
 NEGLIGIBLE = 1e-40
-"""Share of a candidate that changes no derivative: where envelopes are nearly parallel its own reach 1e20."""
+"""Share below which a candidate is neglected, as derivatives reach 1e20 for nearly parallel envelopes."""
 ETA, GAMMA = 0, 1
 
 
 @njit(cache=True)
-def smooth_least(c: Array, A: float, beta: float, derive: bool) -> tuple[Array, Array, Array]:
-    """Return psi, shape (m,), its gradients (m, 3) and its Hessians (m, 3, 3), the last two zero unless wanted.
+def smooth_minimum(c: Array, A: float, beta: float, derive: bool) -> tuple[Array, Array, Array]:
+    """Return psi (m,), its gradients (m, 3) and its Hessians (m, 3, 3); the last two are zero without `derive`.
 
     Args:
-        c: C, D, E and maybe more of each, shape (m, 3 or more).
+        c: C, D, E in the first columns, shape (m, 3 or more).
         A: coefficient of the squares [l_arm^2].
         beta: sharpness of the log-sum-exp.
-        derive: whether derivatives are wanted.
+        derive: whether to compute derivatives.
     """
     value, gradient, hessian = np.empty(len(c)), np.zeros((len(c), 3)), np.zeros((len(c), 3, 3))
-    places, f = np.empty((CANDIDATES, 2)), np.empty(CANDIDATES)
+    candidates, f = np.empty((CANDIDATES, 2)), np.empty(CANDIDATES)
     df, d2f, d, d2 = np.empty(3), np.empty((3, 3)), np.empty((2, 3)), np.empty((2, 3, 3))
     for r in range(len(c)):
         C, D, E = c[r, :3]
-        _find(C, D, E, A, places)
+        _find_candidates(C, D, E, A, candidates)
         for k in range(CANDIDATES):
-            eta, gamma = places[k]
+            eta, gamma = candidates[k]
             f[k] = A * (eta * eta + gamma * gamma) + C * eta * gamma + D * eta + E * gamma
-        least = f.min()
+        f_min = f.min()
         total = 0.0
         for k in range(CANDIDATES):
-            total += math.exp(-beta * (f[k] - least))
-        value[r] = least - math.log(total) / beta
+            total += math.exp(-beta * (f[k] - f_min))
+        value[r] = f_min - math.log(total) / beta
         if not derive:
             continue
         for k in range(CANDIDATES):
-            w = math.exp(-beta * (f[k] - least)) / total
+            w = math.exp(-beta * (f[k] - f_min)) / total
             if w < NEGLIGIBLE:
                 continue
             _differentiate(k, C, D, E, A, d, d2)
-            _chain(places[k], C, D, E, A, d, d2, df, d2f)
+            _chain(candidates[k], C, D, E, A, d, d2, df, d2f)
             for a in range(3):
                 gradient[r, a] += w * df[a]
                 for b in range(3):
@@ -78,15 +77,15 @@ def smooth_least(c: Array, A: float, beta: float, derive: bool) -> tuple[Array, 
 
 
 @njit(cache=True)
-def _find(C: float, D: float, E: float, A: float, places: Array) -> None:
+def _find_candidates(C: float, D: float, E: float, A: float, candidates: Array) -> None:
     """Write eta and gamma of all candidates."""
     inverse = _inverse(C, A)[0]
-    places[0] = _clamp((C * E - 2 * A * D) * inverse)[0], _clamp((C * D - 2 * A * E) * inverse)[0]
+    candidates[0] = _clamp((C * E - 2 * A * D) * inverse)[0], _clamp((C * D - 2 * A * E) * inverse)[0]
     for k, end in enumerate((0.0, 1.0)):
-        places[1 + k] = end, _clamp(_on_edge(C * end + E, A))[0]
-        places[3 + k] = _clamp(_on_edge(C * end + D, A))[0], end
-        places[5 + k] = end, 0.0
-        places[7 + k] = end, 1.0
+        candidates[1 + k] = end, _clamp(_on_edge(C * end + E, A))[0]
+        candidates[3 + k] = _clamp(_on_edge(C * end + D, A))[0], end
+        candidates[5 + k] = end, 0.0
+        candidates[7 + k] = end, 1.0
 
 
 @njit(cache=True)
@@ -98,21 +97,21 @@ def _differentiate(k: int, C: float, D: float, E: float, A: float, d: Array, d2:
         _stationary(C, D, E, A, 1, 2, d[ETA], d2[ETA])
         _stationary(C, E, D, A, 2, 1, d[GAMMA], d2[GAMMA])
     elif k < 5:
-        side = GAMMA if k < 3 else ETA  # the one that varies along the edge; its linear coefficient is E or D
-        end, linear, at = (k - 1, E, 2) if k < 3 else (k - 3, D, 1)
+        side = GAMMA if k < 3 else ETA  # the variable along the edge; its linear coefficient is E or D
+        end, linear, column = (k - 1, E, 2) if k < 3 else (k - 3, D, 1)
         _, slope, bend = _clamp(_on_edge(C * end + linear, A))
-        by_linear = _on_edge(1.0, A)
-        by_C = end * by_linear
-        d[side, 0], d[side, at] = slope * by_C, slope * by_linear
-        d2[side, 0, 0], d2[side, at, at] = bend * by_C**2, bend * by_linear**2
-        d2[side, 0, at] = d2[side, at, 0] = bend * by_C * by_linear
+        t_linear = _on_edge(1.0, A)
+        t_C = end * t_linear
+        d[side, 0], d[side, column] = slope * t_C, slope * t_linear
+        d2[side, 0, 0], d2[side, column, column] = bend * t_C**2, bend * t_linear**2
+        d2[side, 0, column] = d2[side, column, 0] = bend * t_C * t_linear
 
 
 @njit(cache=True)
 def _stationary(C: float, linear: float, other: float, A: float, i: int, j: int, d: Array, d2: Array) -> None:
-    """Write the derivatives of the stationary point's eta; `linear` and `other` are D and E, at i and j in c.
+    """Write the derivatives of the stationary point's eta, with `linear` and `other` D and E, at i and j in c.
 
-    With `linear` E, and so on, they are gamma's.
+    With D and E swapped they are gamma's.
     """
     k, k_C, k_CC = _inverse(C, A)
     minor = C * other - 2 * A * linear
@@ -122,9 +121,9 @@ def _stationary(C: float, linear: float, other: float, A: float, i: int, j: int,
         for b in range(3):
             d2[a, b] = bend * d[a] * d[b]
     d2[0, 0] += slope * (2 * other * k_C + minor * k_CC)
-    mixed_own, mixed_other = slope * -2 * A * k_C, slope * (k + C * k_C)
-    d2[0, i] += mixed_own
-    d2[i, 0] += mixed_own
+    mixed_linear, mixed_other = slope * -2 * A * k_C, slope * (k + C * k_C)
+    d2[0, i] += mixed_linear
+    d2[i, 0] += mixed_linear
     d2[0, j] += mixed_other
     d2[j, 0] += mixed_other
     for a in range(3):
@@ -135,7 +134,7 @@ def _stationary(C: float, linear: float, other: float, A: float, i: int, j: int,
 def _chain(
     candidate: Array, C: float, D: float, E: float, A: float, d: Array, d2: Array, df: Array, d2f: Array
 ) -> None:
-    """Write the derivatives of f at a candidate, whose place and its derivatives are given."""
+    """Write the derivatives of f at a candidate from those of its position."""
     eta, gamma = candidate
     de, dg = d
     by_eta, by_gamma = 2 * A * eta + C * gamma + D, 2 * A * gamma + C * eta + E
@@ -158,15 +157,15 @@ def _chain(
 def _inverse(C: float, A: float) -> tuple[float, float, float]:
     """Return det / (det^2 + epsilon) of f's Hessian, det = 4 A^2 - C^2, with two derivatives by C."""
     det = 4 * A * A - C * C
-    below = det * det + EPSILON
-    first = (EPSILON - det * det) / below**2
-    second = 2 * det * (det * det - 3 * EPSILON) / below**3
-    return det / below, -2 * C * first, 4 * C * C * second - 2 * first
+    denominator = det * det + EPSILON
+    first = (EPSILON - det * det) / denominator**2
+    second = 2 * det * (det * det - 3 * EPSILON) / denominator**3
+    return det / denominator, -2 * C * first, 4 * C * C * second - 2 * first
 
 
 @njit(cache=True)
 def _on_edge(linear: float, A: float) -> float:
-    """Return where A t^2 + linear t is least."""
+    """Return the minimiser of A t^2 + linear t."""
     return -linear * A / (2 * A * A + EPSILON)
 
 

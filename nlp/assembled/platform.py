@@ -1,26 +1,26 @@
-r"""The platform as numbers: its vectors and its rotors' wrenches, with derivatives along the kinematic chain.
+r"""The numeric platform: its vectors and its rotors' wrenches, with derivatives along the kinematic chain.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | theta | psi, alpha_0, alpha_1 of the root, then the hinge angles | (n+2,) | rad |
 | x | geometric unknowns: theta, then p'_E unless the task fixes it from the COM | (g,) | rad, l_arm |
 | V | p, axes x, y and z of all modules, then p'_E, p_COM and zero | (4n+3, 3) | l_arm, - |
-| dV | their derivatives by x | (4n+3, g, 3) | |
+| dV | derivatives of V by x | (4n+3, g, 3) | |
 | y | local vectors of a clearance, V[plus] - V[minus] each; s of them | (s, 3) | |
 | A | wrench of every rotor at unit input about W's origin, over n | (4n, 6) | m g, l_arm m g |
-| dA | its derivatives by theta | (6, 4n, n+2) | |
-| omega_j, c_j | axis that theta_j turns about, and a point on it | (3,) | -, l_arm |
-| v_j = c_j x omega_j | velocity of W's origin under the unit turn | (3,) | l_arm |
+| dA | derivatives of A by theta | (6, 4n, n+2) | |
+| omega_j, c_j | axis of theta_j, and a point on it | (3,) | -, l_arm |
+| v_j = c_j x omega_j | velocity of W's origin at unit angular velocity | (3,) | l_arm |
 
-Every angle turns all that lies outward of it as one rigid body, places p, axes z and wrenches a = (f, m) alike:
+Every angle turns everything outward of it as one rigid body: positions p, axes z and wrenches a = (f, m):
 
 .. math::
 
     \partial_j p = \omega_j \times p + v_j, \quad \partial_j z = \omega_j \times z, \quad
     \partial_j a = X_j a = (\omega_j \times f,\; v_j \times f + \omega_j \times m)
 
-and, with j inward of k or the same, the second derivative is that of the inner angle of the derivative by the outer
-one: \partial_j \partial_k a = X_j \partial_k a, and so on.
+With j inward of or equal to k, the second derivative is the inner angle's derivative of the first by the outer
+angle: \partial_j \partial_k a = X_j \partial_k a, and so on.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ from topo_search.model.arrays import Array
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 CROSS = np.cross(np.eye(3), np.eye(3)[:, None]).transpose(0, 2, 1)
-"""From a, at the last index, to the matrix of a x b, whose first index is that of b."""
+"""Maps a, at the last index, to the matrix of a x b; the first index is that of b."""
 
 
 class Layout:
-    """One task and topology: where vectors stand in V, which unknowns move them, and what is at x."""
+    """Layout of V for one task and topology, and which unknowns move its vectors."""
 
     def __init__(self, task: ResolvedTask, topology: Topology) -> None:
         n, module = topology.n, task.module
@@ -56,44 +56,44 @@ class Layout:
         fixed = task.end_effector.fixed_position
         self.g = n + 2 + (3 if fixed is None else 0)
         share, moments = carried.tip / carried.total, carried.modules[:, None] * carried.centres
-        of_B = np.concatenate([carried.modules, *moments.T, np.zeros(n)]) / carried.bodies
-        self.carried = np.outer((0.0, 1.0 - share) if fixed is None else (1.0, 1.0), of_B)
-        """Contributions of the modules' vectors to p'_E and p_COM, shape (2, 4n)."""
-        self.of_tip = np.array([[1.0], [share]])
-        """Contributions to both of p'_E, or of its offset from B (`nlp.numbers.masses`) where B carries it."""
+        B_weights = np.concatenate([carried.modules, *moments.T, np.zeros(n)]) / carried.bodies
+        self.module_weights = np.outer((0.0, 1.0 - share) if fixed is None else (1.0, 1.0), B_weights)
+        """Coefficients of the modules' vectors in p'_E and p_COM, shape (2, 4n)."""
+        self.tip_weights = np.array([[1.0], [share]])
+        """Coefficients in both of p'_E, or of its fixed offset from B (`nlp.numbers.masses`)."""
         self.fixed = None if fixed is None else carried.lever * np.array(fixed) / Units.of(task).length
         self.moves = np.tile(self.tree.moves.T, (4, 1)).astype(float)
-        """1 where an angle moves a vector of a module, shape (4n, n+2)."""
+        """1 if an angle moves a vector of a module, shape (4n, n+2)."""
         self.rotor_moves = np.repeat(self.moves[:n], 4, axis=0)
-        """1 where it moves a rotor, shape (4n, n+2)."""
+        """1 if an angle moves a rotor, shape (4n, n+2)."""
         self.inward = np.zeros((n + 2, n + 2))
-        """1 where angle j is inward of k, or the same."""
+        """1 if angle j is inward of or equal to k."""
         self.inward[:, 3:], self.inward[:3, :3] = self.tree.moves[:, 1:], np.triu(np.ones((3, 3)))
         self.moved = np.zeros((4 * n + 3, self.g), dtype=bool)
-        """Which unknowns move each vector, shape (4n+3, g)."""
+        """Mask of unknowns that move each vector, shape (4n+3, g)."""
         self.moved[: 4 * n, : n + 2] = self.moves > 0
         self.turned = self.moved.copy()
-        """Which of them turn it with all that they move: no angle does that to p_COM, nor to a p'_E from there."""
+        """Mask of angles that turn it rigidly: none for p_COM, nor for a p'_E fixed from it."""
         self.turned[-1] = True
         self.moved[4 * n, (n + 2 if fixed is None else 0) :] = True
         self.moved[4 * n + 1] = True
 
     def endpoints(self, vectors: Iterable[LocalVector], subjects: Indices) -> tuple[Indices, Indices]:
-        """Return where both ends of s local vectors of m subjects (i, j) stand, V[plus] - V[minus]: (m, s) each."""
+        """Return the indices of local vectors V[plus] - V[minus] of m subjects (i, j), shape (m, s) each."""
         sides = [self._index(side, subjects) for vector in vectors for side in vector]
         indices = np.stack([column.ravel() for column in np.broadcast_arrays(*sides)], axis=-1)
         return np.ascontiguousarray(indices[:, ::2]), np.ascontiguousarray(indices[:, 1::2])
 
     def _index(self, vector: PlatformVector | None, subjects: Indices) -> Indices | int:
         names = ("p", "x", "y", "z")
-        if vector is None or vector.of is None:
+        if vector is None or vector.module is None:
             return 4 * self.n + (2 if vector is None else ("p'_E", "p_COM").index(vector.name))
-        index: Indices = names.index(vector.name) * self.n + subjects[vector.of]
+        index: Indices = names.index(vector.name) * self.n + subjects[vector.module]
         return index
 
 
 class Platform:
-    """V and A at some geometric unknowns."""
+    """V and A at geometric unknowns x."""
 
     def __init__(self, layout: Layout, x: Array) -> None:
         self._layout, n, tree = layout, layout.n, layout.tree
@@ -101,7 +101,7 @@ class Platform:
         self.V = np.zeros((4 * n + 3, 3))
         self.V[:n], self.V[n : 4 * n] = p, R.transpose(2, 0, 1).reshape(-1, 3)
         tip = x[n + 2 :] if layout.fixed is None else layout.fixed
-        self.V[4 * n : -1] = layout.carried @ self.V[: 4 * n] + layout.of_tip * tip
+        self.V[4 * n : -1] = layout.module_weights @ self.V[: 4 * n] + layout.tip_weights * tip
         force, torques = self.V[3 * n : 4 * n] / (4 * n), R @ layout.torque_map / n
         wrenches = np.empty((n, 4, 6))
         wrenches[:, :, :3] = force[:, None]
@@ -114,7 +114,7 @@ class Platform:
 
     @cached_property
     def _X(self) -> Array:
-        """X_j, shape (6, 6, n+2); the first index is that of what it is applied to."""
+        """X_j, shape (6, 6, n+2); the first index is that of its argument."""
         X = np.zeros((6, 6, len(self._omega)))
         X[:3, :3] = X[3:, 3:] = CROSS @ self._omega.T
         X[:3, 3:] = CROSS @ self._v.T
@@ -129,9 +129,9 @@ class Platform:
         modules[:n] += self._v
         modules *= layout.moves[:, :, None]
         result[: 4 * n, :angles] = modules
-        result[4 * n : -1, :angles] = (layout.carried @ modules.reshape(4 * n, -1)).reshape(2, angles, 3)
+        result[4 * n : -1, :angles] = (layout.module_weights @ modules.reshape(4 * n, -1)).reshape(2, angles, 3)
         if layout.fixed is None:
-            result[4 * n : -1, angles:] = layout.of_tip[:, :, None] * np.eye(3)
+            result[4 * n : -1, angles:] = layout.tip_weights[:, :, None] * np.eye(3)
         return result
 
     @cached_property
@@ -141,24 +141,24 @@ class Platform:
         slopes *= self._layout.rotor_moves
         return slopes
 
-    def bend(self, by_V: Array, by_A: Array | None = None) -> Array:
-        """Return the second derivatives by x of a function of V and A, as far as these bend: upper triangle.
+    def curvature(self, by_V: Array, by_A: Array | None = None) -> Array:
+        """Return the part of the second derivatives by x from the curvature of V and A: upper triangle.
 
         Args:
-            by_V: its gradient by V.
-            by_A: its gradient by A, if it depends on that.
+            by_V: gradient of the function by V.
+            by_A: gradient of the function by A; None: it does not depend on A.
         """
         layout, n, angles = self._layout, self._layout.n, len(self._omega)
-        by_modules = by_V[: 4 * n] + layout.carried.T @ by_V[4 * n : -1]
-        moved = (by_modules.T @ self.dV[: 4 * n].reshape(4 * n, -1)).reshape(3, -1, 3)
-        pushed = np.zeros((6, 6, angles)) if by_A is None else by_A.T @ self.dA  # by what is moved, then by A
-        pushed[:3, :3] += moved.transpose(2, 0, 1)[:, :, :angles]
+        by_modules = by_V[: 4 * n] + layout.module_weights.T @ by_V[4 * n : -1]
+        by_moved = (by_modules.T @ self.dV[: 4 * n].reshape(4 * n, -1)).reshape(3, -1, 3)
+        pushed = np.zeros((6, 6, angles)) if by_A is None else by_A.T @ self.dA  # moved wrench, then gradient by A
+        pushed[:3, :3] += by_moved.transpose(2, 0, 1)[:, :, :angles]
         H = np.zeros((layout.g, layout.g))
         H[:angles, :angles] = (self._X.reshape(36, angles).T @ pushed.reshape(36, angles)) * layout.inward
         return H
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return a x b of many vectors, several times faster than NumPy."""
+    """Return a x b for many vectors, several times faster than NumPy."""
     product: Array = a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
     return product

@@ -1,14 +1,14 @@
-"""Objective, constraints and derivatives of `nlp.problem`, put together where they are not zero.
+"""Objective, constraints and derivatives of `nlp.problem`, assembled from their nonzero entries.
 
 | symbol | meaning | shape |
 |---|---|---|
 | x | geometric unknowns: theta, then p'_E unless the task fixes it | (g,) |
 | u | inputs of every load case | (K, 4n) |
 | mu | multipliers of the balances | (K, 6) |
-| V, A | vectors of the platform, wrenches of its rotors; see `nlp.assembled.platform` | |
+| V, A | vectors of the platform and wrenches of its rotors (`nlp.assembled.platform`) | |
 
-All dimensionless, variables in the order of `nlp.problem.Variables`. The rows are the balances, then the
-clearances, term by term.
+All quantities are dimensionless, and variables are in the order of `nlp.problem.Variables`. The rows are the
+balances, then the clearances, term by term.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 
 from nlp.assembled.chain_rule import add_curvature, slopes
 from nlp.assembled.platform import CROSS, Indices, Layout, Platform
-from nlp.assembled.terms import Jet, Term, derived_rows, turning_terms
+from nlp.assembled.terms import Jet, Term, derived_rows, inertia_terms
 from nlp.requirements import Requirement
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 
 
 class AssembledProblem:
-    """The program of one task and topology with some of its clearances, as numbers."""
+    """The numeric program of one task and topology, with some of its clearances."""
 
     def __init__(
         self, task: ResolvedTask, topology: Topology, requirements: Iterable[Requirement], beta: float
     ) -> None:
-        """Index the program; no symbol of the topology is built.
+        """Build the index arrays of the program.
 
         Args:
             task: the task.
             topology: the tree.
-            requirements: the clearances (4) to (9), or as many of them as are near.
+            requirements: the clearances (4) to (9), or those that are near.
             beta: sharpness of the log-sum-exp.
         """
         unit = Units.of(task)
@@ -52,77 +52,77 @@ class AssembledProblem:
         self.layout = layout = Layout(task, topology)
         self.g = layout.g
         self.size = self.g + 4 * self.n * self.K
-        tip, com = [c.at_end_effector for c in task.load_cases], [c.at_com for c in task.load_cases]
-        f_E, f_C = (np.array([w.force for w in side]) / (self.n * unit.force) for side in (tip, com))
-        tau = (np.array([w.torque for w in tip]) + np.array([w.torque for w in com])) / (self.n * unit.torque)
+        at_tip, at_com = [c.at_end_effector for c in task.load_cases], [c.at_com for c in task.load_cases]
+        f_E, f_C = (np.array([w.force for w in wrenches]) / (self.n * unit.force) for wrenches in (at_tip, at_com))
+        tau = (np.array([w.torque for w in at_tip]) + np.array([w.torque for w in at_com])) / (self.n * unit.torque)
         self._wrenches = np.hstack([f_E + f_C, tau]).ravel()
         levers = np.tensordot(np.stack([f_E, f_C], axis=1), CROSS, 1).transpose(0, 2, 1, 3)
         self._levers = np.concatenate([np.zeros_like(levers), levers], axis=1).reshape(6 * self.K, 6)
-        """From p'_E and p_COM to the wrenches of the forces that are asked for there."""
+        """Matrix from p'_E and p_COM to the torques of the required forces there."""
         weights = np.array([case.weight for case in task.load_cases])
         self._weights = weights / (4 * self.n * weights.sum())
         self._terms = [
-            Term(derived, formula.local_vectors, asked.subjects.T, layout, asked.margin)
-            for asked in requirements
-            for formula in (asked.formulas if asked.subjects.size else ())
+            Term(derived, formula.local_vectors, requirement.subjects.T, layout, requirement.margin)
+            for requirement in requirements
+            for formula in (requirement.formulas if requirement.subjects.size else ())
             for derived in derived_rows(formula, beta)
         ]
         margins = [np.full(term.m, term.margin) for term in self._terms]
-        self._index(list(turning_terms(task, layout)))
+        self._index(list(inertia_terms(task, layout)))
         self.lower = np.concatenate([np.zeros(6 * self.K), *margins])
         self.upper = np.concatenate([np.zeros(6 * self.K), np.full(self.rows - 6 * self.K, math.inf)])
         self._x = np.full(self.g, math.nan)
         self._jets: list[Jet] | None = None
-        self._further: list[tuple[DerivedRows | SpeedRows, slice, Indices, Indices]] = []
+        self._appended: list[tuple[DerivedRows | SpeedRows, slice, Indices, Indices]] = []
 
-    def _index(self, turning: list[tuple[int, Term]]) -> None:
-        """Find where derivatives are not zero; `turning` terms are taken off rows of the balances."""
+    def _index(self, inertial: list[tuple[int, Term]]) -> None:
+        """Find the patterns of the derivatives; `inertial` terms are subtracted from rows of the balances."""
         n, K, g = self.n, self.K, self.g
         changing = np.concatenate([np.ones((6 * K, g), dtype=bool), *(term.changing for term in self._terms)])
         self.rows = len(changing)
-        self._turned = np.array([row for row, term in turning for _ in range(term.m)], dtype=np.intp)
-        self._terms += (term for _, term in turning)
+        self._inertial_rows = np.array([row for row, term in inertial for _ in range(term.m)], dtype=np.intp)
+        self._terms += (term for _, term in inertial)
         self._changing = changing.T
-        moved = self.layout.rotor_moves > 0
-        self._mixed = np.flatnonzero(moved)
-        self._by_angles = np.nonzero(np.hstack([moved, np.ones((4 * n, 1), dtype=bool)]))[1] < n + 2
-        """True for the entries of a load case's inputs by the angles; the others are on the diagonal."""
+        moves = self.layout.rotor_moves > 0
+        self._mixed = np.flatnonzero(moves)
+        self._by_angles = np.nonzero(np.hstack([moves, np.ones((4 * n, 1), dtype=bool)]))[1] < n + 2
+        """True for entries of a load case's inputs with angles; the others are on the diagonal."""
         balances_by_inputs = ca.diagcat(*[ca.Sparsity.dense(6, 4 * n)] * K)
         clearances_by_inputs = ca.Sparsity(self.rows - 6 * K, 4 * n * K)
         by_inputs = ca.vertcat(balances_by_inputs, clearances_by_inputs)
         self.jacobian_pattern = ca.horzcat(_pattern(self._changing), by_inputs)
         mixed = np.zeros((4 * n, g), dtype=bool)
-        mixed[:, : n + 2] = moved
+        mixed[:, : n + 2] = moves
         inputs = ca.vertcat(ca.horzcat(*[_pattern(mixed)] * K), ca.Sparsity.diag(4 * n * K))
         geometry = ca.vertcat(ca.Sparsity.upper(g), ca.Sparsity(4 * n * K, g))
         self.hessian_pattern = ca.horzcat(geometry, inputs)
-        self._triangle = np.tril_indices(g)  # transposed: of the upper triangle, column by column
+        self._triangle = np.tril_indices(g)  # transposed: the upper triangle, column by column
 
     def append(self, rows: DerivedRows | SpeedRows) -> None:
-        """Append rows below those of the program, and find where their entries go among those so far."""
-        above, below, before = self.jacobian_pattern, rows.jacobian_pattern, self.hessian_pattern
+        """Append rows to the program, and find the positions of their entries among the existing ones."""
+        above, below, own_pattern = self.jacobian_pattern, rows.jacobian_pattern, self.hessian_pattern
         self.jacobian_pattern = ca.vertcat(above, below)
-        self.hessian_pattern = before.unite(rows.hessian_pattern)
+        self.hessian_pattern = own_pattern.unite(rows.hessian_pattern)
         first = ca.DM(above, list(range(above.nnz())))
         second = ca.DM(below, list(range(above.nnz(), self.jacobian_pattern.nnz())))
         order = np.array(ca.vertcat(first, second).nonzeros(), dtype=np.intp)
-        entries = [self.hessian_pattern.get_nz(part.find()) for part in (before, rows.hessian_pattern)]
-        mine = slice(self.rows, self.rows + len(rows.lower))
-        self._further.append((rows, mine, order, np.concatenate(entries).astype(np.intp)))
-        self.rows = mine.stop
+        entries = [self.hessian_pattern.get_nz(part.find()) for part in (own_pattern, rows.hessian_pattern)]
+        indices = slice(self.rows, self.rows + len(rows.lower))
+        self._appended.append((rows, indices, order, np.concatenate(entries).astype(np.intp)))
+        self.rows = indices.stop
         self.lower, self.upper = np.append(self.lower, rows.lower), np.append(self.upper, rows.upper)
 
-    def at(self, variables: Array) -> tuple[Platform, Array]:
-        """Return the platform and the inputs; the platform is kept until the geometry changes."""
+    def platform_at(self, variables: Array) -> tuple[Platform, Array]:
+        """Return the platform and the inputs; the platform is cached until the geometry changes."""
         x = variables[: self.g]
         if not np.array_equal(x, self._x):
             self._x = x.copy()
             self.platform, self._jets = Platform(self.layout, self._x), None
         return self.platform, variables[self.g :].reshape(self.K, -1)
 
-    def _derive(self, at: Platform) -> list[Jet]:
-        """Return all terms with their derivatives; Ipopt takes Jacobian and Hessian at the same points."""
-        self._jets = self._jets or [term.at(at, derive=True) for term in self._terms]
+    def _derive(self, platform: Platform) -> list[Jet]:
+        """Return all terms with their derivatives, cached: Ipopt takes Jacobian and Hessian at the same points."""
+        self._jets = self._jets or [term.evaluate(platform, derive=True) for term in self._terms]
         return self._jets
 
     def objective(self, variables: Array) -> float:
@@ -137,55 +137,55 @@ class AssembledProblem:
 
     def constraints(self, variables: Array) -> Array:
         """Return (2) to (9)."""
-        at, u = self.at(variables)
-        asked = self._wrenches + self._levers @ at.V[-3:-1].ravel()
-        values = [(u @ at.A).ravel() - asked, *(term.at(at, derive=False)[0] for term in self._terms)]
-        further = [np.asarray(rows.values(variables), dtype=float).ravel() for rows, _, _, _ in self._further]
-        return np.concatenate([self._take_off_turning(np.concatenate(values)), *further])
+        platform, u = self.platform_at(variables)
+        balances = (u @ platform.A).ravel() - (self._wrenches + self._levers @ platform.V[-3:-1].ravel())
+        values = [balances, *(term.evaluate(platform, derive=False)[0] for term in self._terms)]
+        appended = [np.asarray(rows.values(variables), dtype=float).ravel() for rows, _, _, _ in self._appended]
+        return np.concatenate([self._subtract_inertial(np.concatenate(values)), *appended])
 
-    def _take_off_turning(self, rows: Array) -> Array:
-        own = len(rows) - len(self._turned)
-        np.subtract.at(rows, self._turned, rows[own:])
-        return rows[:own]
+    def _subtract_inertial(self, rows: Array) -> Array:
+        count = len(rows) - len(self._inertial_rows)
+        np.subtract.at(rows, self._inertial_rows, rows[count:])
+        return rows[:count]
 
     def jacobian(self, variables: Array) -> Array:
-        """Return the Jacobian of (2) to (9), its entries in the order of `jacobian_pattern`."""
-        at, u = self.at(variables)
-        balances = -self._levers @ at.dV[-3:-1].transpose(0, 2, 1).reshape(6, -1)
-        balances[:, : self.n + 2] += (u @ at.dA).transpose(1, 0, 2).reshape(6 * self.K, -1)
+        """Return the entries of the Jacobian of (2) to (9), in the order of `jacobian_pattern`."""
+        platform, u = self.platform_at(variables)
+        balances = -self._levers @ platform.dV[-3:-1].transpose(0, 2, 1).reshape(6, -1)
+        balances[:, : self.n + 2] += (u @ platform.dA).transpose(1, 0, 2).reshape(6 * self.K, -1)
         rows = [balances]
-        for term, (_, gradient, _) in zip(self._terms, self._derive(at), strict=True):
-            rows.append(slopes(gradient, term.plus, term.minus, at.dV, term.changing))
-        by_geometry = self._take_off_turning(np.concatenate(rows))
-        result = np.concatenate([by_geometry.T[self._changing], *[at.A.ravel()] * self.K])
-        for further, _, order, _ in self._further:
-            result = np.concatenate([result, further.jacobian(variables)])[order]
+        for term, (_, gradient, _) in zip(self._terms, self._derive(platform), strict=True):
+            rows.append(slopes(gradient, term.plus, term.minus, platform.dV, term.changing))
+        by_geometry = self._subtract_inertial(np.concatenate(rows))
+        result = np.concatenate([by_geometry.T[self._changing], *[platform.A.ravel()] * self.K])
+        for appended, _, order, _ in self._appended:
+            result = np.concatenate([result, appended.jacobian(variables)])[order]
         return result
 
-    def hessian(self, variables: Array, of_objective: float, multipliers: Array) -> Array:
-        """Return the Hessian of the Lagrangian, its entries in the order of `hessian_pattern` (upper triangle)."""
-        at, u = self.at(variables)
-        K, own = self.K, self.rows - sum(len(rows.lower) for rows, _, _, _ in self._further)
+    def hessian(self, variables: Array, objective_factor: float, multipliers: Array) -> Array:
+        """Return the entries of the Lagrangian's Hessian, in the order of `hessian_pattern` (upper triangle)."""
+        platform, u = self.platform_at(variables)
+        K, count = self.K, self.rows - sum(len(rows.lower) for rows, _, _, _ in self._appended)
         mu = multipliers[: 6 * K].reshape(K, 6)
-        weights = np.concatenate([multipliers[6 * K : own], -multipliers[self._turned]])
-        by_V, curved, row = np.zeros_like(at.V), np.zeros((self.g, self.g)), 0
+        weights = np.concatenate([multipliers[6 * K : count], -multipliers[self._inertial_rows]])
+        by_V, curved, row = np.zeros_like(platform.V), np.zeros((self.g, self.g)), 0
         by_V[-3:-1] -= (mu.ravel() @ self._levers).reshape(2, 3)
-        for term, (_, gradient, hessian) in zip(self._terms, self._derive(at), strict=True):
-            of_term = weights[row : row + term.m]
-            add_curvature(of_term, gradient, hessian, term.plus, term.minus, at.dV, term.moving, by_V, curved)
+        for term, (_, gradient, hessian) in zip(self._terms, self._derive(platform), strict=True):
+            w = weights[row : row + term.m]
+            add_curvature(w, gradient, hessian, term.plus, term.minus, platform.dV, term.moving, by_V, curved)
             row += term.m
-        H = curved + at.bend(by_V, u.T @ mu)
-        by_inputs = np.repeat(2 * of_objective * self._weights[:, None], len(self._by_angles), axis=1)
-        by_inputs[:, self._by_angles] = mu @ at.dA.reshape(6, -1).take(self._mixed, 1)
+        H = curved + platform.curvature(by_V, u.T @ mu)
+        by_inputs = np.repeat(2 * objective_factor * self._weights[:, None], len(self._by_angles), axis=1)
+        by_inputs[:, self._by_angles] = mu @ platform.dA.reshape(6, -1).take(self._mixed, 1)
         result = np.concatenate([H.T[self._triangle], by_inputs.ravel()])
-        for rows, mine, _, entries in self._further:
-            added = rows.hessian(variables, multipliers[mine])
+        for rows, indices, _, entries in self._appended:
+            added = rows.hessian(variables, multipliers[indices])
             result = np.bincount(entries, np.concatenate([result, added])).astype(float)
         return result
 
 
-def _pattern(filled: Array) -> ca.Sparsity:
-    """Return CasADi's pattern of a matrix that is not zero where its transpose is True."""
-    columns, rows = np.nonzero(filled)
-    starts = np.searchsorted(columns, np.arange(len(filled) + 1))
-    return ca.Sparsity(filled.shape[1], len(filled), starts.tolist(), rows.tolist())
+def _pattern(transposed: Array) -> ca.Sparsity:
+    """Return CasADi's pattern of the nonzero entries of a matrix, given its transposed mask."""
+    columns, rows = np.nonzero(transposed)
+    starts = np.searchsorted(columns, np.arange(len(transposed) + 1))
+    return ca.Sparsity(transposed.shape[1], len(transposed), starts.tolist(), rows.tolist())

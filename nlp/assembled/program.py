@@ -1,4 +1,4 @@
-"""The assembled program in Ipopt's hands: rounds with move limits, and the pairs of envelopes that are near.
+"""The assembled program and its solves by Ipopt: rounds with move limits, each with the clearances that are near.
 
 CasADi calls functions of NumPy arrays without copying.
 """
@@ -27,11 +27,11 @@ from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
 Function = Callable[..., Array | float]
-"""Takes all inputs, returns one output."""
+"""Function of all inputs that returns one output."""
 
 
-class Evaluated(ca.Callback):
-    """A CasADi function that a Python function evaluates: the nonzero entries in, the nonzero entries out."""
+class PythonFunction(ca.Callback):
+    """A CasADi function evaluated by Python functions, with nonzero entries as inputs and outputs."""
 
     def __init__(
         self,
@@ -40,11 +40,11 @@ class Evaluated(ca.Callback):
         outputs: dict[str, ca.Sparsity],
         functions: Sequence[Function],
     ) -> None:
-        """Name the inputs and outputs as CasADi's solvers expect them; a function for each output."""
+        """Create the function; inputs and outputs have the names that CasADi's solvers expect."""
         super().__init__()
         self._inputs, self._outputs, self._functions = inputs, outputs, functions
         self.error: Exception | None = None
-        """Exception of the Python function, for the caller of the solver to re-raise."""
+        """Exception of a Python function, re-raised after the solve."""
         self.construct(name, {})
 
     def get_n_in(self) -> int:
@@ -72,18 +72,18 @@ class Evaluated(ca.Callback):
         return list(self._outputs.values())[index]
 
     def has_eval_buffer(self) -> bool:
-        """Tell CasADi to pass its memory instead of matrices."""
+        """Return True, so that CasADi passes its memory instead of matrices."""
         return True
 
     def eval_buffer(self, inputs: Sequence[Any], outputs: Sequence[Any]) -> int:
-        """Evaluate; CasADi owns the memory, and what is empty or not wanted is None."""
-        given = [None if memory is None else np.frombuffer(memory) for memory in inputs]
+        """Evaluate; CasADi owns the memory, and passes None for empty or unused arrays."""
+        arrays = [None if memory is None else np.frombuffer(memory) for memory in inputs]
         try:
             for memory, function in zip(outputs, self._functions, strict=True):
                 if memory is not None:
-                    np.frombuffer(memory)[:] = function(*given)
+                    np.frombuffer(memory)[:] = function(*arrays)
         except Exception as error:
-            self.error = error  # Ipopt takes an exception for a point that cannot be evaluated, and goes on
+            self.error = error  # Ipopt treats an exception as a failed evaluation, and continues
             raise
         return 0
 
@@ -92,49 +92,49 @@ Options = Mapping[str, int | float | str]
 
 
 class MoveLimits(NamedTuple):
-    """The rounds of a solve and how far hinges turn in each."""
+    """Settings of the rounds of a solve and their move limits."""
 
     first: float = 0.5
     """Largest turn of a hinge in the first round [rad]."""
     bold: float = 1.0
-    """That of a round before it, on small platforms, which is taken back unless it ends in a design [rad].
+    """Largest turn in a round before it, on small platforms, which is discarded unless it ends in a design [rad].
 
-    With 10 and 15 modules as many starts then end in designs, in a tenth less time; with 20 no time is won.
+    With 10 and 15 modules it yields as many designs in a tenth less time; with 20 it saves no time.
     """
     bold_up_to: int = 15
-    """Modules of the largest platform with such a round."""
+    """Largest number of modules for such a round."""
     polish: float = 1.0
     """Largest turn of a hinge in a polish [rad]."""
     growth: float = 2.0
-    """Growth of the move limit after a round that ended in a design; one that lost it divides it by the square."""
-    least: float = 0.04
-    """Move limit below which a lost design is not sought any more [rad]."""
+    """Factor of the move limit after a round with a design; after a lost design, the divisor is its square."""
+    minimum: float = 0.04
+    """Move limit below which a round that lost the design is not repeated [rad]."""
     rounds: int = 14
-    """Largest number of rounds; the evaluation judges what is reached by then."""
-    least_gain: float = 1e-4
-    """Relative decrease of the effort without which there is no further round."""
-    least_decrease: float = 0.1
-    """Relative decrease of the worst violation without which a start is given up."""
+    """Largest number of rounds."""
+    min_gain: float = 1e-4
+    """Smallest relative decrease of the effort that leads to a further round."""
+    min_decrease: float = 0.1
+    """Smallest relative decrease of the worst violation that leads to a further round, one exception aside."""
 
 
 LIMITS = MoveLimits()
 
 
 class RoundOptions(NamedTuple):
-    """Options of Ipopt."""
+    """Options of Ipopt for rounds."""
 
     mumps: Options = MappingProxyType({"ipopt.mumps_permuting_scaling": 0, "ipopt.mumps_pivot_order": 0})
-    """Approximate minimum degree without prior permutation: half the time of MUMPS's own choice at 40 modules."""
-    stay: Options = MappingProxyType(
+    """Approximate minimum degree ordering without permutation: half the time of MUMPS's default at 40 modules."""
+    near_start: Options = MappingProxyType(
         {"ipopt.bound_push": 1e-6, "ipopt.bound_frac": 1e-6, "ipopt.max_iter": 100, "ipopt.tol": 1e-6}
     )
-    """Rounds are short and begin where the last one ended."""
+    """For all rounds, which are short and start from the previous one."""
     warm: Options = MappingProxyType({"ipopt.mu_strategy": "monotone", "ipopt.mu_init": 1e-5})
-    """From a design on."""
+    """For rounds that start from a design."""
     next_to_minimum: Options = MappingProxyType({"ipopt.mu_init": 1e-6})
-    """From a minimum of the search, which lacks only what that did not know of."""
+    """For a polish of a minimum of the search with additional rows."""
     exact: Options = MappingProxyType({"ipopt.tol": 1e-8})
-    """Options of a polish, whose result is final."""
+    """For a polish, whose result is final."""
 
 
 ROUND_OPTIONS = RoundOptions()
@@ -150,35 +150,34 @@ class AssembledProgram:
         constraints: UserConstraints = (),
         limits: Limits | None = None,
     ) -> None:
-        """Keep what a solve needs; nothing expensive is built. `limits`: the loads in joints that are stated."""
+        """Store the arguments; `limits` are the joint loads and air speeds that have rows."""
         self._task, self._topology, self._constraints, self._limits = task, topology, constraints, limits
-        fixed = task.search.hinge_set_deg is not None  # then no step changes what modules keep from each other
+        fixed = task.search.hinge_set_deg is not None  # then clearances between modules are constant
         requirements = clearances(task, topology)
-        self._clearances = tuple(each for each in requirements if not (fixed and each.equation in BETWEEN_MODULES))
+        self._clearances = tuple(r for r in requirements if not (fixed and r.equation in BETWEEN_MODULES))
 
     def solve(self, start: Point) -> IpoptResult:
         """Return the best point of all rounds, with the iterations of all rounds.
 
-        Ipopt's steps are long, and on a large platform a hinge's small turn sweeps an envelope through others, to
-        where no step leads back from. So a round turns no hinge by more than a limit, and the next one goes on
-        from its end with the pairs that are near then. As in a trust region, the limit grows as long as rounds end
-        in designs, and a round that loses the design is taken back and repeated with a smaller one. So is a bold
-        first one that finds none. Pairs that are not in the last round are judged with all others when the result
-        is.
+        Ipopt takes long steps, and on a large platform a small turn of a hinge sweeps an envelope through others,
+        from where no step leads back. So a round turns no hinge by more than a limit, and the next one starts from
+        its result with the pairs that are near there. As in a trust region, the limit grows as long as rounds end
+        in designs; a round that loses the design is discarded and repeated with a smaller limit, and so is a bold
+        first one that finds none. Pairs that are not in the last round are checked with all others afterwards.
         """
         limit = LIMITS.bold if self._topology.n <= LIMITS.bold_up_to else LIMITS.first
         point, merit, iterations, patience = start, self._merit(start), 0, 1
         status = "no round ended"
         for _ in range(LIMITS.rounds):
-            options = {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm} if merit.met else ROUND_OPTIONS.stay
+            options = {**ROUND_OPTIONS.near_start, **ROUND_OPTIONS.warm} if merit.met else ROUND_OPTIONS.near_start
             result = self._round(point, limit, options)
             status, iterations = result.status, iterations + result.iterations
-            if not result.finite:  # what was reached before stands
+            if not result.finite:  # keep the previous result
                 break
             reached = self._merit(result.point)
             if not reached.met and (merit.met or limit > LIMITS.first):
                 limit = limit / LIMITS.growth**2 if merit.met else LIMITS.first
-                if limit < LIMITS.least:
+                if limit < LIMITS.minimum:
                     break
                 continue
             turned = np.max(np.abs(result.point.alpha - point.alpha), initial=0.0)
@@ -187,24 +186,24 @@ class AssembledProgram:
             if became_feasible or gain > 0.0:
                 point, merit = result.point, reached
             if merit.met:
-                if turned < 0.98 * limit or (not became_feasible and gain < LIMITS.least_gain):
-                    break  # a minimum inside the limit, or next to none
+                if turned < 0.98 * limit or (not became_feasible and gain < LIMITS.min_gain):
+                    break  # a minimum inside the limit, or almost no gain
                 limit *= LIMITS.growth
-            elif not gain >= LIMITS.least_decrease:  # also where an own constraint has no finite value
+            elif not gain >= LIMITS.min_decrease:  # also if a user constraint is NaN
                 if not patience:
                     break
                 patience, limit = patience - 1, limit / LIMITS.growth
         return IpoptResult(point, status, iterations)
 
     def polish(self, start: Point) -> IpoptResult:
-        """Return where a point next to a minimum of the search leads."""
-        limits, options = self._limits, {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.exact}
+        """Solve from a point close to a minimum of the search."""
+        limits, options = self._limits, {**ROUND_OPTIONS.near_start, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.exact}
         if limits is not None and limits.air and not (self._constraints or limits.loads):
-            # no rounds: they take back what is faster between points than at them, and more points come anyway
-            options = {**ROUND_OPTIONS.stay, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.next_to_minimum}
+            # no rounds: they discard results with faster air between points, but more points are added anyway
+            options = {**ROUND_OPTIONS.near_start, **ROUND_OPTIONS.warm, **ROUND_OPTIONS.next_to_minimum}
             return self._round(start, LIMITS.bold, options)
         if self._constraints or limits is not None:
-            # the search did not know of them: they may pull far from the point
+            # the search did not see these rows, so the solution may be far from the point
             return self.solve(start)
         return self._round(start, LIMITS.polish, options)
 
@@ -247,21 +246,21 @@ class _Merit:
     met: bool
     """True if it is a design."""
     amount: float
-    """The effort of a design, else the worst violation."""
+    """Effort of a design, else the worst violation."""
 
 
-def _ipopt(assembled: AssembledProblem, options: Options) -> tuple[ca.Function, tuple[Evaluated, ...]]:
-    """Return Ipopt and an assembled problem's functions that it calls, named as CasADi names them."""
+def _ipopt(assembled: AssembledProblem, options: Options) -> tuple[ca.Function, tuple[PythonFunction, ...]]:
+    """Return Ipopt and the functions of an assembled problem that it calls, with CasADi's names."""
     x, rows, scalar = ca.Sparsity.dense(assembled.size), ca.Sparsity.dense(assembled.rows), ca.Sparsity.dense(1)
-    given = {"x": x, "p": ca.Sparsity.dense(0)}
+    inputs = {"x": x, "p": ca.Sparsity.dense(0)}
     f: tuple[Function, ...] = (lambda x, _: assembled.objective(x), lambda x, _: assembled.gradient(x))
     g: tuple[Function, ...] = (lambda x, _: assembled.constraints(x), lambda x, _: assembled.jacobian(x))
-    nlp = Evaluated("nlp", given, {"f": scalar, "g": rows}, (f[0], g[0]))
-    grad_f = Evaluated("nlp_grad_f", given, {"f": scalar, "grad_f_x": x}, f)
-    jac_g = Evaluated("nlp_jac_g", given, {"g": rows, "jac_g_x": assembled.jacobian_pattern}, g)
-    hess_lag = Evaluated(
+    nlp = PythonFunction("nlp", inputs, {"f": scalar, "g": rows}, (f[0], g[0]))
+    grad_f = PythonFunction("nlp_grad_f", inputs, {"f": scalar, "grad_f_x": x}, f)
+    jac_g = PythonFunction("nlp_jac_g", inputs, {"g": rows, "jac_g_x": assembled.jacobian_pattern}, g)
+    hess_lag = PythonFunction(
         "nlp_hess_l",
-        {**given, "lam_f": scalar, "lam_g": rows},
+        {**inputs, "lam_f": scalar, "lam_g": rows},
         {"triu_hess_gamma_x_x": assembled.hessian_pattern},
         [lambda x, _, lam_f, lam_g: assembled.hessian(x, lam_f[0], lam_g)],
     )

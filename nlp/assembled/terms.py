@@ -1,18 +1,18 @@
 """The formulas of `nlp.requirements` with gradients and Hessians by their local vectors.
 
-CasADi derives them, once a process and not once a topology; by hand are pairs of envelopes, of which there are most
-(`nlp.assembled.kkt_candidates`): CasADi takes nine times as long, a fifth of a solve of 40 modules.
+CasADi differentiates them, once per process rather than per topology. Pairs of envelopes, the most frequent, are
+differentiated by hand (`nlp.assembled.kkt_candidates`): CasADi would take nine times as long for them, a fifth of a
+solve of 40 modules.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | y | the s local vectors of each of m clearances | (m, s, 3) | l_arm, - |
-| w = p_i - p_j, z_i, z_j | those of a pair of envelopes | (m, 3) each | l_arm, - |
-| C, D, E, F | coefficients of f_air that vary; A = B = l_air^2 - dr_air^2 | (m,) each | l_arm^2 |
+| w = p_i - p_j, z_i, z_j | local vectors of a pair of envelopes | (m, 3) each | l_arm, - |
+| C, D, E, F | variable coefficients of f_air; A = B = l_air^2 - dr_air^2 | (m,) each | l_arm^2 |
 
-Torques that angular accelerations take, as terms of the balances.
-
-J a, of the inertia J about the COM and an acceleration a, is a sum over the modules with their joints, of functions
-of o_i and their axes, of one of p_E, and of one of the rod that counts (`nlp.symbols.platform`).
+Torques of angular accelerations are terms of the balances. J a, with the inertia J about the COM and an
+acceleration a, is a sum of functions: of o_i and the axes of each module with its joints, of p_E, and of a rod with
+mass (`nlp.symbols.platform`).
 """
 
 from __future__ import annotations
@@ -24,43 +24,33 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
-from nlp.assembled.kkt_candidates import smooth_least
+from nlp.assembled.kkt_candidates import smooth_minimum
 from nlp.assembled.platform import Indices, Layout, Platform
 from nlp.numbers.masses import Body, RodMass
-from nlp.requirements.balances import turns
+from nlp.requirements.balances import angular_accelerations
 from nlp.requirements.bodies import Air
-from nlp.requirements.modules import BesideAirflow
-from nlp.requirements.statement import (
-    COM,
-    FROM_COM,
-    FROM_TIP,
-    X_I,
-    Y_I,
-    Z_I,
-    Formula,
-    LocalVector,
-    PlatformVector,
-)
-from nlp.symbols.platform import beside_halves, of_body, spread
+from nlp.requirements.modules import AirflowClearance
+from nlp.requirements.statement import COM, FROM_COM, FROM_TIP, X_I, Y_I, Z_I, Formula, LocalVector, PlatformVector
+from nlp.symbols.platform import body_inertia, point_inertia, rod_inertia_beyond_ends
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.value import Vector
 
 Jet = tuple[Array, ...]
-"""Values (m,), then, if they are derived, gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
-KEPT = 30
-"""Largest number of buffers of one expression, one for each number of columns in use, with derivatives or not."""
+"""Values (m,), then optionally gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
+MAX_BUFFERS = 30
+"""Largest number of cached buffers per expression: one per number of columns, with and without derivatives."""
 
 
 class Derived(Protocol):
-    """A function of local vectors."""
+    """A function of local vectors with its derivatives."""
 
     def __call__(self, y: Array, *, derive: bool) -> Jet:
-        """Return it at m of them each, shape (m, s, 3)."""
+        """Return values and derivatives at local vectors of shape (m, s, 3)."""
 
 
 class Term:
-    """m clearances of one kind, with the places of their derivatives."""
+    """m clearances of one kind, with the indices of their derivatives."""
 
     def __init__(
         self,
@@ -70,45 +60,45 @@ class Term:
         layout: Layout,
         margin: float = 0.0,
     ) -> None:
-        """Find the places.
+        """Index the derivatives.
 
         Args:
             derived: values and derivatives by the local vectors.
-            vectors: those local vectors.
+            vectors: the local vectors.
             subjects: modules i and j of each clearance, shape (2, m).
-            layout: where vectors stand.
+            layout: layout of V.
             margin: required clearance beyond zero [l_arm].
         """
         self._derived, self.margin = derived, margin
         self.plus, self.minus = layout.endpoints(vectors, subjects)
         self.m, involved = len(self.plus), np.concatenate([self.plus, self.minus], axis=1)
         self.moving = layout.moved[involved].any(axis=1)
-        """Which unknowns move a vector of each clearance, shape (m, g)."""
-        self.changing = self.moving & ~layout.turned[involved].all(axis=1)  # what turns as one stays as it is
-        """Which change it."""
+        """Mask of unknowns that move a vector of each clearance, shape (m, g)."""
+        self.changing = self.moving & ~layout.turned[involved].all(axis=1)  # rigid turns change nothing
+        """Mask of unknowns that change each clearance, shape (m, g)."""
 
-    def at(self, platform: Platform, *, derive: bool) -> Jet:
-        """Return values, and derivatives by the local vectors if wanted."""
+    def evaluate(self, platform: Platform, *, derive: bool) -> Jet:
+        """Return values, and with `derive` derivatives by the local vectors."""
         V = platform.V
         return self._derived(V.take(self.plus, 0) - V.take(self.minus, 0), derive=derive)
 
 
 class Mapped:
-    """A scalar CasADi expression of local vectors, evaluated with its derivatives for many at once."""
+    """A scalar CasADi expression of local vectors, evaluated with derivatives for many subjects at once."""
 
     def __init__(self, y: Sequence[ca.SX], expression: ca.SX) -> None:
         variables = ca.vertcat(*y)
         hessian, gradient = ca.hessian(expression, variables)
         results = [expression, ca.densify(gradient), ca.densify(hessian)]
         self._size = variables.numel()
-        self._functions = [ca.Function("term", [variables], some) for some in (results[:1], results)]
+        self._functions = [ca.Function("term", [variables], outputs) for outputs in (results[:1], results)]
         self._buffers: dict[tuple[bool, int], tuple[Any, Any, Array, Jet]] = {}
 
     def __call__(self, y: Array, *, derive: bool) -> Jet:
-        """Return values, and gradients and Hessians if wanted."""
+        """Return values, and with `derive` gradients and Hessians."""
         m = len(y)
         if (derive, m) not in self._buffers:
-            while len(self._buffers) >= KEPT:  # the oldest goes first
+            while len(self._buffers) >= MAX_BUFFERS:  # evict the oldest
                 del self._buffers[next(iter(self._buffers))]
             self._buffers[derive, m] = self._buffer(m, derive=derive)
         _, trigger, inputs, outputs = self._buffers[derive, m]
@@ -118,7 +108,7 @@ class Mapped:
         return tuple(output.copy().reshape(shape) for output, shape in zip(outputs, shapes, strict=False))
 
     def _buffer(self, m: int, *, derive: bool) -> tuple[Any, Any, Array, Jet]:
-        """Return CasADi's buffer of the mapped function with the arrays that it reads and writes."""
+        """Return CasADi's buffer of the mapped function with its input and output arrays."""
         function: Any = self._functions[derive].map(m)
         buffer, trigger = function.buffer()
         inputs = np.zeros((m, self._size))
@@ -126,64 +116,64 @@ class Mapped:
         buffer.set_arg(0, inputs.data)
         for number, output in enumerate(outputs):
             buffer.set_res(number, output.data)
-        return (function, buffer), trigger, inputs, outputs  # the trigger keeps neither alive
+        return (function, buffer), trigger, inputs, outputs  # the trigger does not keep them alive
 
 
 @cache
 def derived_rows(formula: Formula, beta: float) -> tuple[Derived, ...]:
     """Return every row of a formula's smooth form with its derivatives."""
-    if isinstance(formula, BesideAirflow) and isinstance(formula.body, Air):
+    if isinstance(formula, AirflowClearance) and isinstance(formula.body, Air):
         return (_envelope_pair(formula.air, beta),)
     y = [ca.SX.sym("y", 3) for _ in formula.local_vectors]
     return tuple(Mapped(y, row) for row in ca.vertsplit(formula.smooth(y, ca.SX(beta))))
 
 
 def _envelope_pair(air: Air, beta: float) -> Derived:
-    """Return the smooth clearance of two airflow envelopes, of w, z_i, z_j, as a function of C, D, E and F.
+    """Return the smooth clearance of two airflow envelopes, with y = (w, z_i, z_j), as a function of C, D, E and F.
 
-    Each of those is a constant and a multiple of the product of two of y; Q has its derivatives by their axes.
+    Each of these is a constant plus a multiple of the dot product of two vectors of y; Q has the multiples.
     """
     l, r_0, dr = air.length, 2 * air.start_radius, air.growth
     A, scale = l**2 - dr**2, 2 * (r_0 + 2 * dr)
     constants = np.array([-2 * dr**2, -2 * r_0 * dr, -2 * r_0 * dr, -(r_0**2)])
-    one, other = (1, 0, 0, 0), (2, 1, 2, 0)
+    first, second = (1, 0, 0, 0), (2, 1, 2, 0)
     numbers, multiples = np.array([-2 * l**2, -2 * l, 2 * l, 1.0]), np.zeros((4, 3, 3))
-    np.add.at(multiples, ([*range(4)] * 2, one + other, other + one), np.tile(numbers, 2))
+    np.add.at(multiples, ([*range(4)] * 2, first + second, second + first), np.tile(numbers, 2))
     Q, same_axis = multiples.reshape(4, 9), np.eye(3)[:, None, :]
 
     def differentiate(y: Array, *, derive: bool) -> Jet:
         m = len(y)
-        dots = np.einsum("rka,rka->rk", y.take(one, 1), y.take(other, 1))
+        dots = np.einsum("rka,rka->rk", y.take(first, 1), y.take(second, 1))
         coefficients = numbers * dots + constants
-        psi, by_CDE, curved = smooth_least(coefficients, A, beta, derive)
-        values = (psi + coefficients[:, 3]) / scale  # F, which all candidates have, is added to the least
+        psi, by_CDE, curved = smooth_minimum(coefficients, A, beta, derive)
+        values = (psi + coefficients[:, 3]) / scale  # F is the same for all candidates
         if not derive:
             return (values,)
         weighted = ((by_CDE @ Q[:3] + Q[3]) / scale).reshape(m, 3, 3)
         by_y = (Q[:3].reshape(9, 3) @ y).reshape(m, 3, 9)
-        bent = (weighted[:, :, None, :, None] * same_axis).reshape(m, 9, 9)
-        return values, weighted @ y, by_y.transpose(0, 2, 1) @ (curved / scale) @ by_y + bent
+        direct = (weighted[:, :, None, :, None] * same_axis).reshape(m, 9, 9)
+        return values, weighted @ y, by_y.transpose(0, 2, 1) @ (curved / scale) @ by_y + direct
 
     return differentiate
 
 
-PLACE = LocalVector(PlatformVector("p", 0), COM)
+O_I = LocalVector(PlatformVector("p", 0), COM)
 """o_i."""
 
 
-def turning_terms(task: ResolvedTask, layout: Layout) -> Iterator[tuple[int, Term]]:
-    """Yield the rows of the balances that an acceleration changes, and the terms whose sums are taken off them."""
+def inertia_terms(task: ResolvedTask, layout: Layout) -> Iterator[tuple[int, Term]]:
+    """Yield the terms of angular accelerations, each with the row of the balances that it is subtracted from."""
     n, m_E, rod = task.n, layout.masses.tip, layout.masses.rod
-    alike = dict[Body, list[int]]()
+    modules_by_body = dict[Body, list[int]]()
     for i in range(n):
-        alike.setdefault(layout.masses.body(i), []).append(i)
+        modules_by_body.setdefault(layout.masses.body(i), []).append(i)
     holder = np.full((2, 1), rod.module)
-    for k, (x, y, z) in enumerate(turns(task).tolist()):
+    for k, (x, y, z) in enumerate(angular_accelerations(task).tolist()):
         for axis in range(3) if any((x, y, z)) else ():
             row, a = 6 * k + 3 + axis, (x / n, y / n, z / n)
-            for body, same in alike.items():
-                subjects = np.tile(same, (2, 1))
-                yield row, Term(_of_body(body, a, axis), (PLACE, X_I, Y_I, Z_I), subjects, layout)
+            for body, modules in modules_by_body.items():
+                subjects = np.tile(modules, (2, 1))
+                yield row, Term(_of_body(body, a, axis), (O_I, X_I, Y_I, Z_I), subjects, layout)
             of_tip = _of_tip((m_E * x / n, m_E * y / n, m_E * z / n), axis)
             yield row, Term(of_tip, (FROM_COM,), holder, layout)
             if rod.mass:
@@ -192,21 +182,21 @@ def turning_terms(task: ResolvedTask, layout: Layout) -> Iterator[tuple[int, Ter
 
 @cache
 def _of_body(body: Body, a: Vector, axis: int) -> Derived:
-    """Return a component of a module's part of J a, of o_i and its axes."""
+    """Return a component of a module's part of J a, as a function of o_i and its axes."""
     y = [ca.SX.sym("y", 3) for _ in range(4)]
-    return Mapped(y, (of_body(y[0], ca.horzcat(*y[1:]), body) @ ca.DM(a))[axis])
+    return Mapped(y, (body_inertia(y[0], ca.horzcat(*y[1:]), body) @ ca.DM(a))[axis])
 
 
 @cache
 def _of_rod(rod: RodMass, a: Vector, axis: int) -> Derived:
-    """Return a component of what a rod adds to its halves, of p_i - p'_E and the axes x and y of its module."""
+    """Return a component of a rod's part of J a beyond its end masses, as a function of p_i - p'_E, x_i and y_i."""
     y = [ca.SX.sym("y", 3) for _ in range(3)]
     d = -y[0] - rod.foot[0] * y[1] - rod.foot[1] * y[2]
-    return Mapped(y, (beside_halves(d, rod) @ ca.DM(a))[axis])
+    return Mapped(y, (rod_inertia_beyond_ends(d, rod) @ ca.DM(a))[axis])
 
 
 @cache
 def _of_tip(a: Vector, axis: int) -> Derived:
-    """Return a component of the part of a point of unit mass, of its place."""
+    """Return a component of a unit point mass's part of J a, as a function of its position."""
     y = ca.SX.sym("y", 3)
-    return Mapped([y], (spread(y) @ ca.DM(a))[axis])
+    return Mapped([y], (point_inertia(y) @ ca.DM(a))[axis])

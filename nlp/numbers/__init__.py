@@ -1,1 +1,1 @@
-"""The same as numbers, exactly: poses, clearances, points of the problem and what they violate."""
+"""Exact numeric formulas: poses, clearances, masses, air, and points of the problem."""

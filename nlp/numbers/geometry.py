@@ -1,22 +1,20 @@
-"""Poses and exact clearances as numbers: what starts are drawn with and designs are checked with.
-
-Lengths in metres.
+"""Numeric poses and exact clearances, for random starts and for checking designs; lengths in metres.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | R, p | orientations and positions of all modules in W | (n,3,3), (n,3) | -, m |
 | P(eta) = o + eta d, r_0 + eta dr | axis and radius of a swept ball | (...,3), scalars | m |
 
-Hinge ranges are the clear folds of a task. A fold has the sign that its hinge's angle has at the parent's port
+Hinge ranges are the clear folds of a task. A fold is a hinge angle with a sign that depends on the parent's port
 (`topo_search.model.room`).
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | alpha | hinge angles of the modules 1..n-1 | (n-1,) | rad |
-| phi | their folds, SPLAY alpha | (n-1,) | rad |
+| phi | folds, SPLAY alpha | (n-1,) | rad |
 
-Where a task has a set of angles, each that is in a clear fold counts as a fold of its own, of no width. A set has
-both signs of each angle, so it is the same for hinges and folds.
+If a task has a set of angles, each one in a clear fold is a fold of zero width. A set has both signs of each angle,
+so it is the same for hinges and folds.
 
 Torque of a module's rotors:
 
@@ -62,7 +60,7 @@ def root_rotation(root: ArrayLike) -> Array:
 
 
 def root_angles(R: Array) -> Array:
-    """Return psi in +-pi, alpha_0 in +-pi/2, alpha_1 in +-pi of a rotation."""
+    """Return psi in +-pi, alpha_0 in +-pi/2 and alpha_1 in +-pi of a rotation."""
     psi = np.arctan2(-R[0, 1], R[1, 1])
     alpha_0 = np.arctan2(R[2, 1], np.hypot(R[0, 1], R[1, 1]))
     x, _, z = np.array([np.cos(psi), np.sin(psi)]) @ R[:2]  # first row of Rx(alpha_0) Ry(alpha_1)
@@ -74,11 +72,11 @@ def poses(topology: Topology, R_root: Array, alpha: Array, l_c: float) -> tuple[
     n, edges = topology.n, list(topology.edges())
     ports = np.array([a for _, _, a, _ in edges], dtype=int)
     hinges = _hinge_rotations(ports, np.asarray(alpha, dtype=float))
-    turned = hinges @ QUARTER_TURNS[np.array(topology.kappas[1:], dtype=int)]
+    rotations = hinges @ QUARTER_TURNS[np.array(topology.kappas[1:], dtype=int)]
     arms = l_c * (PORT_DIRECTIONS[ports] + np.einsum("iab,ib->ia", hinges, PORT_DIRECTIONS[ports]))
     R, p = np.empty((n, 3, 3)), np.zeros((n, 3))
     R[0] = R_root
-    for (h, i, _, _), turn, arm in zip(edges, turned, arms, strict=True):
+    for (h, i, _, _), turn, arm in zip(edges, rotations, arms, strict=True):
         p[i] = p[h] + R[h] @ arm
         R[i] = R[h] @ turn
     return R, p
@@ -96,7 +94,7 @@ def _hinge_rotations(ports: NDArray[np.intp], alpha: Array) -> Array:
 
 @dataclass(frozen=True)
 class Swept:
-    """Balls swept along segments with linearly growing radius: symbols, or arrays whose shapes broadcast."""
+    """Balls swept along segments with linearly growing radius: symbolic, or arrays whose shapes broadcast."""
 
     o: Any
     d: Any
@@ -121,38 +119,38 @@ def envelopes(air: AirflowEnvelope, R: Array, p: Array) -> Swept:
     return Swept(p, -air.length * R[:, :, 2], air.start_radius, air.growth)
 
 
-def clearance(one: Swept, other: Swept) -> Array:
+def clearance(first: Swept, second: Swept) -> Array:
     """Return a clearance with the exact sign of min ||P_i - P_j|| - r_i - r_j [m].
 
-    It is the gap at the minimiser of f = ||P_i - P_j||^2 - (r_i + r_j)^2 over [0, 1]^2, which lies among f's
-    stationary point, the stationary points of its edges and its corners. f and the gap have one sign
-    everywhere, so the gap at that point is negative exactly if some gap is; it is never under the least gap.
+    It is the gap at the minimiser of f = ||P_i - P_j||^2 - (r_i + r_j)^2 over [0, 1]^2, which is among f's
+    stationary point, the stationary points of its edges, and its corners. f and the gap have the same sign
+    everywhere, so the gap there is negative exactly if the smallest gap is, and it is never below the smallest gap.
     """
-    w = one.o - other.o
-    r = one.r_0 + other.r_0
-    A = _dot(one.d, one.d) - one.dr**2
-    B = _dot(other.d, other.d) - other.dr**2
-    C = -2 * (_dot(one.d, other.d) + one.dr * other.dr)
-    D = 2 * _dot(one.d, w) - 2 * r * one.dr
-    E = -2 * _dot(other.d, w) - 2 * r * other.dr
+    w = first.o - second.o
+    r = first.r_0 + second.r_0
+    A = _dot(first.d, first.d) - first.dr**2
+    B = _dot(second.d, second.d) - second.dr**2
+    C = -2 * (_dot(first.d, second.d) + first.dr * second.dr)
+    D = 2 * _dot(first.d, w) - 2 * r * first.dr
+    E = -2 * _dot(second.d, w) - 2 * r * second.dr
     det = 4 * A * B - C**2
-    places: list[tuple[Array | float, Array | float]]
-    places = [(_ratio(C * E - 2 * B * D, det), _ratio(C * D - 2 * A * E, det))]
-    places += [(_ratio(-(C * gamma + D), 2 * A), gamma) for gamma in (0.0, 1.0)]
-    places += [(eta, _ratio(-(C * eta + E), 2 * B)) for eta in (0.0, 1.0)]
-    places += [(eta, gamma) for eta in (0.0, 1.0) for gamma in (0.0, 1.0)]
-    least, reach = np.full(w.shape[:-1], np.inf), np.zeros(w.shape[:-1])
-    for eta, gamma in places:
+    candidates: list[tuple[Array | float, Array | float]]
+    candidates = [(_ratio(C * E - 2 * B * D, det), _ratio(C * D - 2 * A * E, det))]
+    candidates += [(_ratio(-(C * gamma + D), 2 * A), gamma) for gamma in (0.0, 1.0)]
+    candidates += [(eta, _ratio(-(C * eta + E), 2 * B)) for eta in (0.0, 1.0)]
+    candidates += [(eta, gamma) for eta in (0.0, 1.0) for gamma in (0.0, 1.0)]
+    f_min, reach = np.full(w.shape[:-1], np.inf), np.zeros(w.shape[:-1])
+    for eta, gamma in candidates:
         f = (A * eta + C * gamma + D) * eta + (B * gamma + E) * gamma
-        less = f < least
-        least = np.where(less, f, least)
-        reach = np.where(less, r + eta * one.dr + gamma * other.dr, reach)
-    distance_squared = np.maximum(0.0, least + _dot(w, w) - r**2 + reach**2)
+        smaller = f < f_min
+        f_min = np.where(smaller, f, f_min)
+        reach = np.where(smaller, r + eta * first.dr + gamma * second.dr, reach)
+    distance_squared = np.maximum(0.0, f_min + _dot(w, w) - r**2 + reach**2)
     return np.asarray(np.sqrt(distance_squared) - reach)
 
 
 def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float) -> Array:
-    """Return min over both end balls of s - r: positive inside the cone, a signed violation outside [m]."""
+    """Return the smaller s - r of both end balls: positive inside the cone, a negative violation outside [m]."""
     gaps = []
     for eta in (0.0, 1.0):
         q = envelope.o + eta * envelope.d - apex
@@ -163,10 +161,10 @@ def cone_clearance(envelope: Swept, apex: Array, axis: Array, half_angle: float)
 
 
 def cone_reach(envelopes: Swept, centre: Array, upstream: Array, half_angle: float) -> float:
-    """Return how far upstream of a centre an apex must be for its cone, open downstream, to hold all envelopes.
+    """Return the distance upstream of a centre at which an apex's cone just contains all envelopes [m].
 
-    In metres. There `cone_clearance` vanishes: (reach - h) sin(theta) - rho cos(theta) = r for the end ball that
-    asks for most, with h its height upstream of the centre and rho its distance from the axis.
+    There `cone_clearance` vanishes: (reach - h) sin(theta) - rho cos(theta) = r for the critical end ball, with h
+    its height upstream of the centre and rho its distance from the axis.
     """
     reaches = []
     for eta in (0.0, 1.0):
@@ -179,34 +177,34 @@ def cone_reach(envelopes: Swept, centre: Array, upstream: Array, half_angle: flo
 
 
 def hull_clearance(envelope: Swept, corner: Array, hull: Hull) -> Array:
-    """Return the clearance of n envelopes from a hull that stands at a place, with its exact sign [m].
+    """Return the clearance of n envelopes from a hull, with its exact sign [m].
 
-    Outside the hull the nearest point is on an edge, or inside a face and then nearest to an end of the axis: the
-    distance from a plane is linear. Where the axis enters the hull the largest radius in there counts too; balls
-    that have left it may reach deeper into it.
+    Outside the hull the nearest point is on an edge, or inside a face and then nearest to an end of the axis, since
+    the distance from a plane is linear. If the axis enters the hull, the largest radius inside counts, too; balls
+    further along may reach deeper into the hull.
 
     Args:
         envelope: the envelopes, `o` and `d` of shape (n, 3).
-        corner: where the hull's origin is, shape (3,).
+        corner: position of the hull's origin, shape (3,).
         hull: the hull.
     """
     a, b = hull.corners[hull.edges].transpose(1, 0, 2)
-    one = Swept((envelope.o - corner)[:, None], envelope.d[:, None], envelope.r_0, envelope.dr)
-    least = clearance(one, Swept(a, b - a, 0.0)).min(axis=1)
-    heights = [(one.o[:, 0] + eta * envelope.d) @ hull.normals.T - hull.offsets for eta in (0.0, 1.0)]  # (n, f)
+    local = Swept((envelope.o - corner)[:, None], envelope.d[:, None], envelope.r_0, envelope.dr)
+    smallest = clearance(local, Swept(a, b - a, 0.0)).min(axis=1)
+    heights = [(local.o[:, 0] + eta * envelope.d) @ hull.normals.T - hull.offsets for eta in (0.0, 1.0)]  # (n, f)
     for eta, height in enumerate(heights):
         face = height.argmax(axis=1)
         gap = height.max(axis=1)
-        foot = one.o[:, 0] + eta * envelope.d - gap[:, None] * hull.normals[face]
+        foot = local.o[:, 0] + eta * envelope.d - gap[:, None] * hull.normals[face]
         on_face = (gap > 0) & np.all(foot @ hull.normals.T <= hull.offsets + 1e-12, axis=1)
-        least = np.where(on_face, np.minimum(least, gap - envelope.r_0 - eta * envelope.dr), least)
+        smallest = np.where(on_face, np.minimum(smallest, gap - envelope.r_0 - eta * envelope.dr), smallest)
     slope = heights[1] - heights[0]
     crossing = -heights[0] / np.where(slope == 0, 1.0, slope)
     enters = np.max(np.where(slope < 0, crossing, 0.0), axis=1, initial=0.0)
     leaves = np.min(np.where(slope > 0, crossing, 1.0), axis=1, initial=1.0)
     pierced = (enters <= leaves) & ~np.any((slope == 0) & (heights[0] > 0), axis=1)
     deepest = np.where(pierced, -envelope.r_0 - leaves * envelope.dr, np.inf)
-    return np.asarray(np.minimum(least, deepest))
+    return np.asarray(np.minimum(smallest, deepest))
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -214,7 +212,7 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _ratio(numerator: Array, denominator: Array) -> Array:
-    """Return numerator / denominator bounded to [0, 1]; 0 where the denominator vanishes."""
+    """Return numerator / denominator clipped to [0, 1]; 0 if the denominator is 0."""
     safe = np.where(denominator == 0, 1.0, denominator)
     return np.asarray(np.clip(np.where(denominator == 0, 0.0, numerator / safe), 0.0, 1.0))
 
@@ -228,12 +226,12 @@ def signs(topology: Topology) -> Array:
     return np.asarray(SPLAY[[a for _, _, a, _ in topology.edges()]])
 
 
-def turns(task: ResolvedTask, margin: float = 0.0) -> Folds:
-    """Return the folds that a task lets hinges turn to: the clear ones, or the angles of its set in them [rad].
+def allowed_folds(task: ResolvedTask, margin: float = 0.0) -> Folds:
+    """Return the allowed folds of hinges: the clear ones, or the angles of the task's set in them [rad].
 
     Args:
         task: the task.
-        margin: what rotors keep clear of a neighbour's parts and airflow by at least [m].
+        margin: smallest clearance of rotors from a neighbour's parts and airflow [m].
     """
     clear, angles = task.folds(margin), task.search.hinge_set_deg
     if angles is None:
@@ -243,34 +241,34 @@ def turns(task: ResolvedTask, margin: float = 0.0) -> Folds:
 
 
 def nearest_angles(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
-    """Return the nearest allowed angle of each hinge; 0 where none is allowed."""
+    """Return the nearest allowed angle of each hinge; 0 if none is allowed."""
     sign = signs(topology)
-    return sign * nearest_fold(turns(task, task.search.margin), sign * alpha)
+    return sign * nearest_fold(allowed_folds(task, task.search.margin), sign * alpha)
 
 
 def ranges(task: ResolvedTask, topology: Topology, alpha: Array | None = None) -> tuple[list[float], list[float]]:
-    """Return the least and the largest angle of every hinge, of the clear folds nearest to alpha or of all [rad].
+    """Return the range of every hinge angle, for the allowed fold nearest to alpha or over all folds [rad].
 
-    Where there is no clear fold both are 0; the check of the result then finds that.
+    Without an allowed fold both limits are 0, and the check of the result reports a violation.
     """
-    sign, folds = signs(topology), turns(task, task.search.margin) or ((0.0, 0.0),)
+    sign, folds = signs(topology), allowed_folds(task, task.search.margin) or ((0.0, 0.0),)
     low, high = np.full_like(sign, folds[0][0]), np.full_like(sign, folds[-1][1])
     if alpha is not None:
         phi = sign * nearest_angles(task, topology, alpha)
-        for least, largest in folds:
-            inside = (least <= phi) & (phi <= largest)
-            low[inside], high[inside] = least, largest
+        for fold_low, fold_high in folds:
+            inside = (fold_low <= phi) & (phi <= fold_high)
+            low[inside], high[inside] = fold_low, fold_high
     return np.minimum(sign * low, sign * high).tolist(), np.maximum(sign * low, sign * high).tolist()
 
 
 def largest_turn(task: ResolvedTask) -> float:
-    """Return the largest allowed hinge angle of either sign [rad]; 0 where none is allowed."""
-    return max((max(-low, high) for low, high in turns(task, task.search.margin)), default=0.0)
+    """Return the largest allowed hinge angle of either sign [rad]; 0 if none is allowed."""
+    return max((max(-low, high) for low, high in allowed_folds(task, task.search.margin)), default=0.0)
 
 
 def fold_excess(task: ResolvedTask, topology: Topology, alpha: Array) -> Array:
-    """Return how far every hinge is beyond its folds, without any margin: negative inside, 0 in a set [rad]."""
-    phi, folds = signs(topology) * alpha, turns(task)
+    """Return the excess of every hinge angle over its allowed folds, without margin: negative inside [rad]."""
+    phi, folds = signs(topology) * alpha, allowed_folds(task)
     if not folds:
         return np.full_like(phi, np.pi)
     low, high = np.array(folds).T[:, :, None]

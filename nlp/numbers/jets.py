@@ -1,21 +1,21 @@
-r"""Air of one module, compiled: its speed at a point, with derivatives; the fastest air of all over a region.
+r"""Air speed of a module at a point, with derivatives, and the fastest air of all modules over a region; compiled.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | q | the point from the module, in its frame | (3,) | l_arm |
-| v | speed that each disc induces, sqrt(k_f u_q / (2 rho pi R^2)) | (4,) | m/s |
+| v | induced speed of each disc, sqrt(k_f u_q / (2 rho pi R^2)) | (4,) | m/s |
 | U | speed of the air | | m/s |
-| epsilon | width over which bends are rounded | | - |
+| epsilon | width over which kinks are rounded | | - |
 
-The formulas are those of `nlp.airspeed`. Where they have bends, min and max are rounded there:
+The formulas are those of `nlp.airspeed`, with min and max rounded:
 
 .. math::
 
     \max(a, b) = \tfrac12 \big(a + b + \sqrt{(a - b)^2 + \epsilon^2}\big), \qquad
     \min(1, \max(0, t)) = c(t) / c(1), \quad c(t) = \sqrt{t^2 + \epsilon^2} - \sqrt{(t - 1)^2 + \epsilon^2} + 1
 
-Rounded, the largest of a module's parts is their 8-norm, which is no less. Gradients are exact; second derivatives
-are their central differences, which are more accurate than a step of Newton's method needs.
+The largest of a module's three parts is rounded to their 8-norm, which is no smaller. Gradients are exact; second
+derivatives are central differences, accurate enough for Newton's method.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from topo_search.model.compiled_code import njit
 
 
 class JetRounding(NamedTuple):
-    """Where the three parts of the air of a module give way to each other."""
+    """Constants of the jet model and its differences."""
 
     merged_at: float = 2.5
     """Depth at which the jets of a module have merged [2 l_arm]."""
     idle: float = 1e-6
-    """Input added to all before they are derived, for the root of an input has no slope at 0 [u_hover]."""
+    """Input added to all inputs, so that their roots have a slope at 0 [u_hover]."""
     difference: float = 1e-5
     """Step of differences [l_arm, m/s]."""
 
@@ -45,39 +45,39 @@ JETS = JetRounding()
 
 
 class Climb(NamedTuple):
-    """Searches for the fastest air over a region."""
+    """Settings of the searches for the fastest air over a region."""
 
     step: float = 0.5
-    """First step, which is halved again and again [l_arm]."""
-    least_step: float = 1e-4
-    """Step below which they end [l_arm]."""
+    """First step size, which is halved repeatedly [l_arm]."""
+    min_step: float = 1e-4
+    """Step size below which the searches end [l_arm]."""
     moves: int = 8
-    """Largest number of steps of a size."""
+    """Largest number of steps of one size."""
     gain: float = 1e-7
-    """Least relative gain of a step."""
+    """Smallest relative gain of a step."""
     coarse: float = 0.1
-    """Step up to which also slow searches go on [l_arm]."""
-    slow_at_first: float = 0.2
-    """Share of the fastest air's speed below which a search does not go on with such steps."""
+    """Smallest step size that counts as coarse [l_arm]."""
+    slow_coarse: float = 0.2
+    """Share of the fastest air's speed below which a search pauses at coarse steps."""
     slow: float = 0.9
-    """The same with smaller ones."""
+    """The same at smaller steps."""
     same: float = 0.1
-    """Distance between two searches that are one [steps]."""
-    turns: float = 30.0
-    """Largest slope of the point nearest to a place inside a cone, which turns about the axis next to it."""
-    pulls: int = 30
-    """Number of projections, in turns, that bring a point into a region and a ball."""
+    """Distance below which two searches are merged [steps]."""
+    max_slope: float = 30.0
+    """Largest slope of the projection out of a cone by rotation about its axis, which is singular on the axis."""
+    projections: int = 30
+    """Number of alternating projections onto a region and a ball."""
 
 
 CLIMB = Climb()
 SHARP, ROUNDED = 1e-12, 0.02
-"""epsilon of speeds that count, and of those that are derived."""
+"""epsilon of exact speeds, and of speeds with derivatives."""
 DISCS = np.ascontiguousarray(ROTOR_DIRECTIONS[:, :2])
-"""Places of the discs in the module's plane, shape (4, 2) [l_arm]."""
+"""Positions of the discs in the module's plane, shape (4, 2) [l_arm]."""
 
 
 class Jet(NamedTuple):
-    """Air of a kind of module."""
+    """Jet model of a module type."""
 
     decay: float
     """D."""
@@ -88,11 +88,11 @@ class Jet(NamedTuple):
     radius: float
     """R [l_arm]."""
     induced: float
-    """Speed that a disc induces at u_hover [m/s]."""
+    """Induced speed of a disc at u_hover [m/s]."""
 
 
 def jet_of(module: Module, density: float, gravity: float) -> Jet:
-    """Return a module's jet in air of a density [kg/m^3]."""
+    """Return a module's jet in air of some density [kg/m^3]."""
     jet, disc = module.airflow.jet, math.pi * module.body.rotor_radius**2
     induced = math.sqrt(module.thrust_coefficient * module.hover_input(gravity) / (2 * density * disc))
     return Jet(jet.decay, jet.origin, jet.half_width, module.body.rotor_radius / module.arm_length, induced)
@@ -100,14 +100,14 @@ def jet_of(module: Module, density: float, gravity: float) -> Jet:
 
 @njit(cache=True)
 def larger(a: float, b: float, epsilon: float) -> tuple[float, float]:
-    """Return the rounded larger of two numbers, and its slope by the first."""
+    """Return the rounded maximum of two numbers, and its slope by the first."""
     root = math.sqrt((a - b) ** 2 + epsilon**2)
     return (a + b + root) / 2, (1 + (a - b) / root) / 2
 
 
 @njit(cache=True)
 def clip(t: float, epsilon: float) -> tuple[float, float]:
-    """Return a number within [0, 1], rounded, and its slope."""
+    """Return a number clipped to [0, 1], rounded, and its slope."""
     low, high = math.sqrt(t * t + epsilon**2), math.sqrt((t - 1) ** 2 + epsilon**2)
     scale = math.sqrt(1 + epsilon**2) - epsilon + 1
     return (low - high + 1) / scale, (t / low - (t - 1) / high) / scale
@@ -115,7 +115,7 @@ def clip(t: float, epsilon: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def speed(jet: Jet, q: Array, v: Array, epsilon: float, slopes: Array) -> float:
-    """Return U, and find its gradient by q and v, shape (7,), or empty where only U counts."""
+    """Return U, and write its gradient by q and v to `slopes`, shape (7,); no gradient if that is empty."""
     C, dC = np.empty(9), np.empty((9 if len(slopes) else 0, 3))
     find_parts(jet, q, epsilon, C, dC)
     return join_parts(C, dC, v, epsilon, slopes)
@@ -123,7 +123,7 @@ def speed(jet: Jet, q: Array, v: Array, epsilon: float, slopes: Array) -> float:
 
 @njit(cache=True)
 def merged_jets(jet: Jet, q: Array, S: float) -> tuple[float, float, float]:
-    """Return the speed of merged jets over U_H, the curve of their profile, and that; S is s' + s_0."""
+    """Return the speed of merged jets over U_H, and the curvature and value of their profile; S is s' + s_0."""
     curve = (math.sqrt(2) - 1) / (2 * jet.half_width * S) ** 2
     profile = 1 + curve * (q[0] * q[0] + q[1] * q[1])
     return jet.decay / S / profile**2, curve, profile
@@ -131,32 +131,32 @@ def merged_jets(jet: Jet, q: Array, S: float) -> tuple[float, float, float]:
 
 @njit(cache=True)
 def find_parts(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
-    """Find merged jets over U_H; slipstreams and flow towards the discs, four each, over their v.
+    """Compute the speed of merged jets over U_H, and those of slipstreams and inflow, four each, over v.
 
     Args:
-        jet: of the module.
-        q: shape (3,).
-        epsilon: see the module.
-        C: shape (9,).
-        dC: its derivatives by q, shape (9, 3), or empty where they do not count.
+        jet: jet of the module.
+        q: the point from the module, shape (3,).
+        epsilon: width of rounding.
+        C: output: the nine coefficients, shape (9,).
+        dC: output: derivatives of C by q, shape (9, 3); empty: none are computed.
     """
     R, z, s = jet.radius, -q[2], -q[2] / 2
-    begins, begins_t = clip(s / JETS.merged_at, epsilon)
-    S, deeper = larger(s, JETS.merged_at, epsilon)
+    onset, onset_t = clip(s / JETS.merged_at, epsilon)
+    S, S_s = larger(s, JETS.merged_at, epsilon)
     S += jet.origin
     merged, curve, profile = merged_jets(jet, q, S)
-    C[0] = begins * merged
+    C[0] = onset * merged
     if len(dC):
         dC[0, 0], dC[0, 1] = -4 * C[0] * curve / profile * q[0], -4 * C[0] * curve / profile * q[1]
-        by_s = begins_t / JETS.merged_at * merged + C[0] * deeper / S * (4 * (profile - 1) / profile - 1)
+        by_s = onset_t / JETS.merged_at * merged + C[0] * S_s / S * (4 * (profile - 1) / profile - 1)
         dC[0, 2] = -by_s / 2
 
-    below = 2 * JETS.merged_at * begins
+    below = 2 * JETS.merged_at * onset
     root = math.sqrt(R * R + below * below)
-    g, g_z = 1 + below / root, R * R / root**3 * begins_t
+    g, g_z = 1 + below / root, R * R / root**3 * onset_t
     unmerged, unmerged_s = clip((JETS.merged_at - s) / 1.5, epsilon)
-    starts, starts_z = clip(1 + z / epsilon, epsilon)
-    fade, fade_z = unmerged * starts, unmerged * starts_z / epsilon - unmerged_s / 3 * starts
+    below_disc, below_disc_z = clip(1 + z / epsilon, epsilon)
+    fade, fade_z = unmerged * below_disc, unmerged * below_disc_z / epsilon - unmerged_s / 3 * below_disc
     width, edge = 0.2 * (below + R), R / math.sqrt(g)
     for k in range(4):
         x, y = q[0] - DISCS[k, 0], q[1] - DISCS[k, 1]
@@ -168,7 +168,7 @@ def find_parts(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
         d = math.sqrt(beyond * beyond + z * z + 1e-12)
         C[5 + k] = 1 / (1 + math.sqrt(2) * d / R) ** 2
         if len(dC):
-            t_z = -edge * g_z / (2 * g * width) - (t - 0.5) * begins_t / (below + R)
+            t_z = -edge * g_z / (2 * g * width) - (t - 0.5) * onset_t / (below + R)
             by_r = -g * fade * by_t / width
             dC[1 + k, 0], dC[1 + k, 1] = by_r * x / r, by_r * y / r
             dC[1 + k, 2] = -(g_z * fade * inside + g * fade_z * inside + g * fade * by_t * t_z)
@@ -179,14 +179,14 @@ def find_parts(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
 
 @njit(cache=True)
 def join_parts(C: Array, dC: Array, v: Array, epsilon: float, slopes: Array) -> float:
-    """Return U, and find its gradient unless it is SHARP.
+    """Return U, and compute its gradient unless epsilon is SHARP.
 
     Args:
-        C: as of `find_parts`.
-        dC: the same.
-        v: shape (4,).
-        epsilon: see the module.
-        slopes: the gradient by q and v, shape (7,), or empty where only U counts.
+        C: same as in `find_parts`.
+        dC: same as in `find_parts`.
+        v: induced speeds, shape (4,).
+        epsilon: width of rounding.
+        slopes: output: the gradient by q and v, shape (7,); empty: none is computed.
     """
     squares = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3]
     mean = math.sqrt(squares / 4)
@@ -212,34 +212,34 @@ def join_parts(C: Array, dC: Array, v: Array, epsilon: float, slopes: Array) -> 
 
 
 @njit(cache=True)
-def by_inputs(jet: Jet, u: Array, v: Array) -> None:
-    """Find v of a module's inputs."""
+def induced_speeds(jet: Jet, u: Array, v: Array) -> None:
+    """Compute v from the inputs of a module."""
     for k in range(4):
         v[k] = jet.induced * math.sqrt(u[k] + JETS.idle)
 
 
 class Region(NamedTuple):
-    """A region of the air, from p'_E [l_arm]; one of its sizes is not zero."""
+    """A region with a speed limit, from p'_E [l_arm]: of radius, half_angle and planes only one is nonzero."""
 
     start: Array
     """Start of a path, a point inside a hull, or the apex of a cone, shape (3,)."""
     axis: Array
-    """From there to the path's end, or the cone's axis, shape (3,)."""
+    """Vector to the path's end, or the cone's axis, shape (3,)."""
     radius: float
-    """Radius about a path."""
+    """Radius around a path."""
     half_angle: float
-    """That of a cone whose outside it is [rad]."""
+    """Half-angle of a cone whose outside is the region [rad]."""
     planes: Array
-    """Normals of a hull's faces over their distances from the point inside, shape (f, 3)."""
+    """Normals of a hull's faces, divided by their distances from the point inside, shape (f, 3)."""
     within: float
-    """Largest distance of its points from p'_E."""
+    """Largest distance of a point from p'_E."""
 
 
 @njit(cache=True)
-def pull_inside(region: Region, x: Array, slopes: Array) -> bool:
-    """Move x to a point of the region that is near, its derivatives with it, and return whether there is one."""
+def project_inside(region: Region, x: Array, slopes: Array) -> bool:
+    """Project x and its derivatives into the region; return whether that succeeded."""
     to_shape(region, x, slopes)
-    for _ in range(CLIMB.pulls):
+    for _ in range(CLIMB.projections):
         if math.sqrt(_dot(x, x)) <= region.within * (1 + 1e-6):
             return True
         to_ball(region.within, x, slopes)
@@ -255,7 +255,7 @@ def _dot(a: Array, b: Array) -> float:
 
 @njit(cache=True)
 def to_ball(radius: float, x: Array, slopes: Array) -> None:
-    """Move x into a ball about p'_E, and its derivatives with it; see `to_shape`."""
+    """Project x and its derivatives into a ball about p'_E; arguments as in `to_shape`."""
     length = math.sqrt(_dot(x, x))
     if length <= radius:
         return
@@ -268,14 +268,14 @@ def to_ball(radius: float, x: Array, slopes: Array) -> None:
 
 @njit(cache=True)
 def to_shape(region: Region, x: Array, slopes: Array) -> None:
-    """Move x to a point of the region that is near, however far that is from p'_E, and its derivatives with it.
+    """Project x and its derivatives into the region, regardless of the distance from p'_E.
 
-    Of a path, a cone and a box it is the nearest.
+    The result is the nearest point for paths, cones and boxes, and a near point for other hulls.
 
     Args:
         region: the region.
-        x: shape (3,).
-        slopes: derivatives of x beside cones and hulls, a column each, shape (3, k), or empty where only x counts.
+        x: the point, shape (3,); updated in place.
+        slopes: derivatives of x, shape (3, k), updated in place for cones and hulls; empty: none are computed.
     """
     o0, o1, o2 = region.start
     a0, a1, a2 = region.axis
@@ -283,13 +283,13 @@ def to_shape(region: Region, x: Array, slopes: Array) -> None:
     planes = region.planes
     if len(planes):
         beyond = 1.0
-        for pull in range(CLIMB.pulls):
+        for k in range(CLIMB.projections):
             face, beyond = 0, 1.0
             for f in range(len(planes)):
                 height = planes[f, 0] * d0 + planes[f, 1] * d1 + planes[f, 2] * d2
                 if height > beyond:
                     face, beyond = f, height
-            if beyond <= 1.0 + 1e-12 or pull == CLIMB.pulls - 1:
+            if beyond <= 1.0 + 1e-12 or k == CLIMB.projections - 1:
                 break
             square = _dot(planes[face], planes[face])
             step = (beyond - 1.0) / square
@@ -301,8 +301,8 @@ def to_shape(region: Region, x: Array, slopes: Array) -> None:
     if region.half_angle == 0.0:
         along = min(max(along / max(a0 * a0 + a1 * a1 + a2 * a2, 1e-300), 0.0), 1.0)
         d0, d1, d2 = d0 - along * a0, d1 - along * a1, d2 - along * a2
-        back = min(1.0, region.radius / max(math.sqrt(d0 * d0 + d1 * d1 + d2 * d2), 1e-300)) - 1.0
-        x[0], x[1], x[2] = x[0] + back * d0, x[1] + back * d1, x[2] + back * d2
+        shift = min(1.0, region.radius / max(math.sqrt(d0 * d0 + d1 * d1 + d2 * d2), 1e-300)) - 1.0
+        x[0], x[1], x[2] = x[0] + shift * d0, x[1] + shift * d1, x[2] + shift * d2
         return
     d0, d1, d2 = d0 - along * a0, d1 - along * a1, d2 - along * a2
     r, sine, cosine = (
@@ -313,7 +313,7 @@ def to_shape(region: Region, x: Array, slopes: Array) -> None:
     depth = along * sine - r * cosine
     if depth <= 0.0:
         return
-    if r < 1e-9:  # on the axis, any way out is as short
+    if r < 1e-9:  # on the axis every direction is equally short
         if abs(a0) < 0.6:
             d0, d1, d2 = 0.0, -a2, a1
         else:
@@ -324,20 +324,20 @@ def to_shape(region: Region, x: Array, slopes: Array) -> None:
     for a in range(3):
         x[a] -= depth * out[a]
     if len(slopes):
-        around = (a1 * d2 - a2 * d1, a2 * d0 - a0 * d2, a0 * d1 - a1 * d0)
-        turns = min(depth * cosine / r, CLIMB.turns)
+        tangent = (a1 * d2 - a2 * d1, a2 * d0 - a0 * d2, a0 * d1 - a1 * d0)
+        slope = min(depth * cosine / r, CLIMB.max_slope)
         for column in range(slopes.shape[1]):
-            turned = 0.0
+            change = 0.0
             for a in range(3):
-                turned += turns * around[a] * slopes[a, column]
+                change += slope * tangent[a] * slopes[a, column]
             for a in range(3):
-                slopes[a, column] += turned * around[a]
+                slopes[a, column] += change * tangent[a]
         _project(np.array(out), slopes)
 
 
 @njit(cache=True)
 def _project(normal: Array, slopes: Array) -> None:
-    """Take the part along a unit vector out of derivatives, shape (3, k) or empty."""
+    """Remove the component along a unit vector from derivatives, shape (3, k) or empty."""
     for column in range(slopes.shape[1] if len(slopes) else 0):
         along = _dot(normal, slopes[:, column])
         for a in range(3):
@@ -349,10 +349,10 @@ def total_speed(jet: Jet, R: Array, p: Array, v: Array, x: Array) -> float:
     """Return the sum of all modules' speeds at a point.
 
     Args:
-        jet: of the modules.
-        R: their orientations, shape (n, 3, 3).
-        p: their places, shape (n, 3) [l_arm].
-        v: shape (n, 4).
+        jet: jet of the modules.
+        R: orientations of the modules, shape (n, 3, 3).
+        p: positions of the modules, shape (n, 3) [l_arm].
+        v: induced speeds, shape (n, 4).
         x: the point, shape (3,) [l_arm].
     """
     q, C, no_dC, no_slopes, total = np.empty(3), np.empty(9), np.empty((0, 3)), np.empty(0), 0.0
@@ -365,95 +365,96 @@ def total_speed(jet: Jet, R: Array, p: Array, v: Array, x: Array) -> float:
 
 
 @njit(cache=True)
-def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array, around: Array) -> Array:
-    """Return where searches for faster air among neighbours stop, one for each module, shape (n, 4).
+def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array, directions: Array) -> Array:
+    """Search for the fastest air over a region by pattern search, one search for each module.
 
-    A search begins below its module or one of its discs. One that meets another goes on as that.
+    A search starts below its module or one of its discs. Searches that meet are merged.
 
     Args:
-        jet: as of `total_speed`.
-        R: the same.
-        p: the same.
-        v: the same.
-        region: where to search.
-        depths: where a search may begin, shape (d,) [l_arm].
-        around: the neighbours, shape (k, 3).
+        jet: same as in `total_speed`.
+        R: same as in `total_speed`.
+        p: same as in `total_speed`.
+        v: same as in `total_speed`.
+        region: the region.
+        depths: depths where a search may start, shape (d,) [l_arm].
+        directions: directions of steps, shape (k, 3).
 
     Returns:
-        Points and speeds; -1 where a search could not begin in the region.
+        Points and speeds, shape (n, 4); the speed is -1 if a search found no start in the region.
     """
     n = len(p)
-    tops, x, best, no_slopes = np.full((n, 4), -1.0), np.empty(3), np.empty(3), np.empty((0, 3))
+    maxima, x, best, no_slopes = np.full((n, 4), -1.0), np.empty(3), np.empty(3), np.empty((0, 3))
     for i in range(n):
         for disc in range(5):
-            alone = 0.0
+            best_own = 0.0
             for depth in depths:
                 for a in range(3):
                     x[a] = p[i, a] - depth * R[i, a, 2]
                     if disc < 4:
                         x[a] += DISCS[disc, 0] * R[i, a, 0] + DISCS[disc, 1] * R[i, a, 1]
-                if pull_inside(region, x, no_slopes):
-                    blown = total_speed(jet, R[i : i + 1], p[i : i + 1], v[i : i + 1], x)
-                    if blown > alone:
-                        alone, best[:] = blown, x
-            if alone > 0.0:
+                if project_inside(region, x, no_slopes):
+                    own_speed = total_speed(jet, R[i : i + 1], p[i : i + 1], v[i : i + 1], x)
+                    if own_speed > best_own:
+                        best_own, best[:] = own_speed, x
+            if best_own > 0.0:
                 total = total_speed(jet, R, p, v, best)
-                if total > tops[i, 3]:
-                    tops[i, :3], tops[i, 3] = best, total
-    goes_as, last, step = np.arange(n), np.zeros(n, np.int64), CLIMB.step
-    while step > CLIMB.least_step:
-        slow = tops[:, 3].max() * (CLIMB.slow if step < CLIMB.coarse else CLIMB.slow_at_first)
+                if total > maxima[i, 3]:
+                    maxima[i, :3], maxima[i, 3] = best, total
+    merged_into, last_direction, step = np.arange(n), np.zeros(n, np.int64), CLIMB.step
+    while step > CLIMB.min_step:
+        slow = maxima[:, 3].max() * (CLIMB.slow if step < CLIMB.coarse else CLIMB.slow_coarse)
         for i in range(n):
-            for _ in range(CLIMB.moves if goes_as[i] == i and tops[i, 3] >= slow else 0):
+            for _ in range(CLIMB.moves if merged_into[i] == i and maxima[i, 3] >= slow else 0):
                 moved = False
-                for tried in range(len(around)):
-                    k = (last[i] + tried) % len(around)
+                for shift in range(len(directions)):
+                    k = (last_direction[i] + shift) % len(directions)
                     for a in range(3):
-                        x[a] = tops[i, a]
+                        x[a] = maxima[i, a]
                         for b in range(3):
-                            x[a] += step * R[i, a, b] * around[k, b]
-                    if not pull_inside(region, x, no_slopes):
+                            x[a] += step * R[i, a, b] * directions[k, b]
+                    if not project_inside(region, x, no_slopes):
                         continue
                     total = total_speed(jet, R, p, v, x)
-                    if total > tops[i, 3] * (1 + CLIMB.gain):
-                        tops[i, :3], tops[i, 3], last[i], moved = x, total, k, True
+                    if total > maxima[i, 3] * (1 + CLIMB.gain):
+                        maxima[i, :3], maxima[i, 3], last_direction[i], moved = x, total, k, True
                         break
                 if not moved:
                     break
         for i in range(n):
             for j in range(i):
-                apart = np.abs(tops[i, :3] - tops[j, :3]).max()
-                if goes_as[i] == i and goes_as[j] == j and apart < CLIMB.same * step:
-                    goes_as[i] = j
+                distance = np.abs(maxima[i, :3] - maxima[j, :3]).max()
+                if merged_into[i] == i and merged_into[j] == j and distance < CLIMB.same * step:
+                    merged_into[i] = j
         step /= 2
     for i in range(n):
-        tops[i] = tops[goes_as[i]]
-    return tops
+        maxima[i] = maxima[merged_into[i]]
+    return maxima
 
 
 @njit(cache=True)
 def point_of_ball(
     from_tip: Array, radius: float, direction: Array, p: Array, z: Array, x: Array, slopes: Array
 ) -> None:
-    """Find a point x of a ball that moves with a module, and its derivatives by p and z, shape (3, 6).
+    """Compute a point x of a ball that moves with a module, and its derivatives.
 
-    With w from the ball's centre to the module's axis, the direction is in the frame w / |w|, z x w / |w|, z.
-    Without one, x is towards the point of the axis that is nearest to the module within a radius of w's end.
+    With w from the ball's centre to the module's axis, the direction is given in the frame w / |w|, z x w / |w|, z.
+    Without a direction, x is towards the point of the axis, within a radius of w's end, that is nearest to the
+    module.
 
     Args:
         from_tip: centre of the ball from p'_E.
-        radius: of the ball; 0: the point is its centre.
-        direction: shape (3,); zeros: none.
-        p: place of the module from p'_E.
-        z: its axis.
-        x: from p'_E, shape (3,).
-        slopes: see above.
+        radius: radius of the ball; 0: the point is its centre.
+        direction: direction of x from the centre, shape (3,); zeros: none.
+        p: position of the module from p'_E.
+        z: axis of the module.
+        x: output: the point from p'_E, shape (3,).
+        slopes: output: derivatives of x by p and z, shape (3, 6).
     """
     x[:] = from_tip
     slopes[:] = 0.0
     if radius == 0.0:
         return
-    along, w, to, dw, dto, dz = 0.0, np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
+    along, w, offset, dw, d_offset, dz = 0.0, np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.zeros(3)
     for a in range(3):
         along += z[a] * (from_tip[a] - p[a])
     for a in range(3):
@@ -466,12 +467,12 @@ def point_of_ball(
         by_along = -radius / reach * (1 - abs(along) * by_reach / reach)
     for a in range(3):
         b, c = (a + 1) % 3, (a + 2) % 3
-        to[a] = by_w * w[a] + direction[1] * (z[b] * w[c] - z[c] * w[b]) + (direction[2] * length + up) * z[a]
-    size = math.sqrt(_dot(to, to) + 1e-12)
+        offset[a] = by_w * w[a] + direction[1] * (z[b] * w[c] - z[c] * w[b]) + (direction[2] * length + up) * z[a]
+    size = math.sqrt(_dot(offset, offset) + 1e-12)
     reach, by_size = larger(size, radius, ROUNDED)
     share = radius / reach
     for a in range(3):
-        x[a] += share * to[a]
+        x[a] += share * offset[a]
     for column in range(6):
         k = column % 3
         dz[k] = 0.0 if column < 3 else 1.0
@@ -483,25 +484,25 @@ def point_of_ball(
         d_up = direction[2] * _dot(w, dw) / length + by_along * d_along
         for a in range(3):
             b, c = (a + 1) % 3, (a + 2) % 3
-            turned = dz[b] * w[c] - dz[c] * w[b] + z[b] * dw[c] - z[c] * dw[b]
-            dto[a] = by_w * dw[a] + direction[1] * turned + d_up * z[a] + (direction[2] * length + up) * dz[a]
-        d_size = _dot(to, dto) / size
+            d_cross = dz[b] * w[c] - dz[c] * w[b] + z[b] * dw[c] - z[c] * dw[b]
+            d_offset[a] = by_w * dw[a] + direction[1] * d_cross + d_up * z[a] + (direction[2] * length + up) * dz[a]
+        d_size = _dot(offset, d_offset) / size
         for a in range(3):
-            slopes[a, column] = share * dto[a] - share / reach * by_size * d_size * to[a]
+            slopes[a, column] = share * d_offset[a] - share / reach * by_size * d_size * offset[a]
         dz[k] = 0.0
 
 
 @njit(cache=True)
 def curvature(jet: Jet, q: Array, v: Array, hessian: Array) -> None:
-    """Find the Hessian of a rounded speed by q and v, shape (7, 7)."""
+    """Compute the Hessian of a rounded speed by q and v, shape (7, 7)."""
     above, below = np.empty(7), np.empty(7)
     for k in range(7):
-        at, index = (q, k) if k < 3 else (v, k - 3)
-        middle = at[index]
-        at[index] = middle + JETS.difference
+        array, index = (q, k) if k < 3 else (v, k - 3)
+        middle = array[index]
+        array[index] = middle + JETS.difference
         speed(jet, q, v, ROUNDED, above)
-        at[index] = middle - JETS.difference
+        array[index] = middle - JETS.difference
         speed(jet, q, v, ROUNDED, below)
-        at[index] = middle
-        for other in range(7):
-            hessian[k, other] = (above[other] - below[other]) / (2 * JETS.difference)
+        array[index] = middle
+        for column in range(7):
+            hessian[k, column] = (above[column] - below[column]) / (2 * JETS.difference)

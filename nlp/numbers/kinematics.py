@@ -1,15 +1,15 @@
-r"""Poses and the axes of all angles, compiled: for what follows a platform through many angles.
+r"""Compiled kinematic chain: poses of the modules, and the axes of all angles.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | theta | psi, alpha_0, alpha_1 of the root, then the hinge angles | (n+2,) | rad |
 | R_i, p_i | pose of module i in W | (n,3,3), (n,3) | -, that of l_c |
-| omega_j, c_j | axis that theta_j turns about, and a point on it | (n+2,3) each | -, that of l_c |
+| omega_j, c_j | axis of theta_j, and a point on it | (n+2,3) each | -, that of l_c |
 
-It is what searches and programs take. Others are there for a reason. `nlp.numbers.geometry.poses` draws starts and
-checks where a search ended: the check shares no code with what it checks, and commands that solve nothing load no
-compiler (rounded angles, claims of invariance). `nlp.bounds.branch.frames` and `nlp.bounds.reach` have the poses of
-many angles at once: of all corners of a box, and of modules in a row.
+Searches and programs use it. Other functions for poses exist for a reason. `nlp.numbers.geometry.poses` serves
+random starts and the check of results, which shares no code with the search, and commands that solve nothing and
+load no compiler (rounded angles, claims of invariance). `nlp.bounds.branch.frames` and `nlp.bounds.reach` compute
+poses for many angles at once: for all corners of a box, and for modules in a row.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ Indices = NDArray[np.int64]
 
 
 class Tree(NamedTuple):
-    """Who hangs on whom, and how."""
+    """Parents of the modules and their joints."""
 
     parent: Indices
-    """-1 for the root; parents come first."""
+    """Parent of each module, -1 for the root; parents come first."""
     port: Indices
-    """The parent's port a."""
+    """Port a of the parent."""
     kappa: Indices
-    """Quarter turns of the child."""
+    """Quarter turns of each module."""
     moves: NDArray[np.bool_]
-    """[l, i]: angle l moves module i; angles are psi, alpha_0, alpha_1, then the hinges: shape (n+2, n)."""
+    """True if angle l (psi, alpha_0, alpha_1, then hinges) moves module i, shape (n+2, n)."""
 
 
 def tree_of(topology: Topology) -> Tree:
-    """Return a topology as the numbers that compiled code works on."""
+    """Return a topology as arrays for compiled code."""
     n = topology.n
     port, moves = np.zeros(n, dtype=np.int64), np.zeros((n + 2, n), dtype=bool)
     moves[:3] = True
@@ -54,14 +54,14 @@ def tree_of(topology: Topology) -> Tree:
 
 @njit(cache=True)
 def chain(theta: Array, parent: Indices, port: Indices, kappa: Indices, l_c: float) -> tuple[Array, ...]:
-    """Return R, p, omega and c, module after module.
+    """Return R, p, omega and c.
 
     Args:
         theta: the angles [rad].
-        parent: of the modules, the root first, parents before children.
-        port: the parents' ports, shape (n,).
+        parent: parents of the modules, the root first, parents before children, shape (n,).
+        port: ports of the parents, shape (n,).
         kappa: quarter turns of the modules, shape (n,).
-        l_c: module centre to connector.
+        l_c: distance from a module's centre to its connectors.
     """
     n = len(parent)
     R, p = np.empty((n, 3, 3)), np.zeros((n, 3))

@@ -1,17 +1,17 @@
-"""Masses of a platform as the few rigid bodies that its centre of mass follows from.
+"""Masses of a platform, as a few rigid bodies with the platform's centre of mass.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| M_i | mass of module i with half of each of its joints and of the rod, if it holds one that counts | (n,) | m |
+| M_i | mass of module i with half of each of its joints, and of a rod with mass that it carries | (n,) | m |
 | d_i | centre of that mass from the module's centre, x and y in the module's frame | (n, 2) | l_arm |
 | I_i | inertia of that mass about its centre, in the module's frame | (n, 3, 3) | m l_arm^2 |
-| M_E | mass of the end-effector with the other half of that rod | | m |
+| M_E | mass of the end-effector with the other half of the rod | | m |
 | B | sum_i M_i (p_i + R_i d_i) / sum_i M_i | (3,) | l_arm |
 
-A joint's mass is at its connector, where both halves meet, a rod's in the middle between its connector and the tip.
-p_COM = (sum_i M_i B + M_E p'_E) / (sum_i M_i + M_E), so that an end-effector fixed at p_E from the COM is at
-p'_E = B + p_E (sum_i M_i + M_E) / sum_i M_i. Halves of a rod at its ends have its centre of mass, but m_R / 4 times
-the inertia of a unit mass at d from a point in place of its own about its middle, where d is the way along it.
+A joint's mass is at its connector, where both halves meet; a rod's centre of mass is in the middle between its
+connector and the tip. p_COM = (sum_i M_i B + M_E p'_E) / (sum_i M_i + M_E), so an end-effector fixed at p_E from
+the COM is at p'_E = B + p_E (sum_i M_i + M_E) / sum_i M_i. Half the rod's mass at each end has the rod's centre of
+mass, but its inertia about the middle is m_R / 4 times that of a unit mass at d, the vector along the rod.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from topo_search.model import EndEffector, Module, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array, read_only
 
 TINY = 1e-12
-"""Square of a rod's length below which its turn about itself no longer matters [l_arm^2]."""
+"""Square of a rod's length below which its inertia about its axis is neglected [l_arm^2]."""
 
 
 class RodMass(NamedTuple):
-    """The rod that counts, of no mass if none does."""
+    """Rod with mass; of zero mass if the task counts none."""
 
     mass: float
     """m_R [m]."""
     module: int
-    """Module that holds it."""
+    """Module that carries the rod."""
     foot: tuple[float, float, float]
-    """Where it starts, from that module's centre and in its frame [l_arm]."""
+    """Start of the rod, from that module's centre and in its frame [l_arm]."""
     radius: float
-    """Its radius, a thin tube's [l_arm]."""
+    """Radius of the rod, a thin tube [l_arm]."""
 
 
 class Body(NamedTuple):
-    """M_i with where it is."""
+    """A module with its joints, as a rigid body."""
 
     mass: float
     """M_i."""
@@ -52,7 +52,7 @@ class Body(NamedTuple):
 
 
 class Masses(NamedTuple):
-    """Masses in those of a module, lengths in l_arm."""
+    """Masses in units of a module's mass, lengths in l_arm."""
 
     module: float
     """m [kg]."""
@@ -67,7 +67,7 @@ class Masses(NamedTuple):
     """M_E [kg]."""
 
     def body(self, i: int) -> Body:
-        """Return M_i with where it is."""
+        """Return module i with its joints."""
         return Body(
             float(self.modules[i]), tuple(self.centres[i].tolist()), tuple(map(tuple, self.inertias[i].tolist()))
         )
@@ -89,7 +89,7 @@ class Masses(NamedTuple):
 
     @property
     def lever(self) -> float:
-        """p'_E - B over p_E."""
+        """Ratio of p'_E - B to p_E, for a fixed end-effector."""
         return self.total / self.bodies
 
 
@@ -98,7 +98,7 @@ def masses(module: Module, end_effector: EndEffector, topology: Topology) -> Mas
     modules, moments, unit = np.ones(topology.n), np.zeros((topology.n, 2)), module.arm_length
     half, l_c = module.joint_mass / module.mass / 2, module.connector_distance / unit
     inertias = np.tile(np.diag(module.inertia) / (module.mass * unit**2), (topology.n, 1, 1))
-    at_ports = [(one, port, half) for h, i, a, b in topology.edges() for one, port in ((h, a), (i, b))]
+    at_ports = [(module_i, port, half) for h, i, a, b in topology.edges() for module_i, port in ((h, a), (i, b))]
     tip_kg, rod, counted = end_effector.mass, RodMass(0.0, 0, (0.0, 0.0, 0.0), 0.0), end_effector.counted_rod
     if counted is not None:
         x, y, z = (l_c * PORT_DIRECTIONS[counted.port]).tolist()
@@ -108,13 +108,13 @@ def masses(module: Module, end_effector: EndEffector, topology: Topology) -> Mas
     for i, port, mass in at_ports:
         modules[i] += mass
         moments[i] += mass * l_c * PORT_DIRECTIONS[port][:2]
-        inertias[i] += mass * spread(l_c * PORT_DIRECTIONS[port])
+        inertias[i] += mass * point_inertia(l_c * PORT_DIRECTIONS[port])
     centres = moments / modules[:, None]
     for i, (x, y) in enumerate(centres):
-        inertias[i] -= modules[i] * spread(np.array([x, y, 0.0]))
+        inertias[i] -= modules[i] * point_inertia(np.array([x, y, 0.0]))
     return Masses(module.mass, read_only(modules), read_only(centres), read_only(inertias), rod, tip_kg)
 
 
-def spread(at: Array) -> Array:
-    """Return the inertia of a unit mass somewhere about the origin."""
-    return np.asarray(at @ at * np.eye(3) - np.outer(at, at))
+def point_inertia(o: Array) -> Array:
+    """Return the inertia about the origin of a unit mass at o."""
+    return np.asarray(o @ o * np.eye(3) - np.outer(o, o))

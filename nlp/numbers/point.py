@@ -1,4 +1,4 @@
-"""A point of the problem as numbers in SI, where Ipopt starts and ends, and the rod that a design counts."""
+"""A point of the problem in SI units, from which Ipopt starts or which it returns, and the mass of its rod."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from topo_search.model.module import CountedRod
 
 @dataclass(frozen=True)
 class Point:
-    """Values of all variables of one topology, and what follows from them."""
+    """Values of all variables of one topology, and quantities that follow from them."""
 
     task: ResolvedTask
     topology: Topology
@@ -55,9 +55,9 @@ class Point:
 
     @cached_property
     def vectors(self) -> dict[str, Array]:
-        """Vectors of the platform (`nlp.requirements.statement`): p [l_arm] and axes of all modules, (n,3) each.
+        """Vectors of the platform (`nlp.requirements.statement`), with positions in l_arm.
 
-        Besides p'_E and p_COM, (1,3) each [l_arm].
+        p, x, y and z of all modules, (n,3) each; p'_E and p_COM, (1,3) each.
         """
         unit, (R, p) = self.task.module.arm_length, self.poses
         axes = {axis: R[:, :, column] for column, axis in enumerate("xyz")}
@@ -105,25 +105,25 @@ Connector = tuple[int, int]
 
 
 class RodWeighing(NamedTuple):
-    """The search for the length of a rod whose mass moves the end-effector."""
+    """Settings of the fixed-point iteration for a rod whose mass moves the end-effector."""
 
-    settled: float = 1e-12
-    """Shift of the end-effector by a change of the rod's mass that no longer matters [l_arm]."""
+    tolerance: float = 1e-12
+    """Shift of the end-effector at which the iteration ends [l_arm]."""
     passes: int = 50
-    """Largest number of changes; each is less than the last by the rod's share of the mass."""
+    """Largest number of iterations; shifts shrink by the rod's share of the mass."""
 
 
 WEIGHING = RodWeighing()
 
 
 def weigh_rod(point: Point, connector: Connector | None = None) -> Point:
-    """Return the point of the same angles whose task counts the rod as long as it is there.
+    """Return the point with the same angles and inputs, whose task has the mass of the rod at its actual length.
 
-    An end-effector that the task fixes from the COM stays there. Inputs are left as they are.
+    A fixed end-effector keeps its position from the COM.
 
     Args:
         point: a point of a task with some corners, or none.
-        connector: where the rod starts; None: where the task's does, without one nothing changes.
+        connector: connector of the rod; None: that of the task's rod with mass, or no rod.
     """
     rod = point.task.end_effector.counted_rod
     if connector is None and rod is not None:
@@ -137,26 +137,26 @@ def weigh_rod(point: Point, connector: Connector | None = None) -> Point:
         if point.task.end_effector.fixed_position is None:
             break
         p_E = fixed_end_effector(point.task, point.topology, point.root, point.alpha)
-        moved, point = float(np.linalg.norm(p_E - point.p_E)), replace(point, p_E=p_E)
-        if moved <= WEIGHING.settled * point.task.module.arm_length:
+        shift, point = float(np.linalg.norm(p_E - point.p_E)), replace(point, p_E=p_E)
+        if shift <= WEIGHING.tolerance * point.task.module.arm_length:
             break
     return point
 
 
 def connectors(task: ResolvedTask, topology: Topology) -> tuple[Connector, ...]:
-    """Return where a rod may start: one that counts where it does, any other at every free connector."""
+    """Return the connectors where the rod may start: that of a rod with mass, otherwise every free connector."""
     rod = task.end_effector.counted_rod
     return topology.free_connectors if rod is None else ((rod.module, rod.port),)
 
 
 def rod_path(point: Point, connector: Connector) -> Array:
-    """Return the way of a rod from its connector to the end-effector, shape (3,) [m]."""
+    """Return the vector of a rod from its connector to the end-effector, shape (3,) [m]."""
     (R, p), (i, port) = point.poses, connector
     return np.asarray(point.p_E - p[i] - point.task.module.connector_distance * R[i] @ PORT_DIRECTIONS[port])
 
 
 def with_rod(task: ResolvedTask, rod: CountedRod | None) -> ResolvedTask:
-    """Return a task with a rod that counts, or None, and with the same corners."""
+    """Return a task with a rod with mass, or without one if None, and with the same corners."""
     weighed = task.declared.with_rod(rod)
     if not isinstance(task, CorneredTask):
         return weighed

@@ -1,11 +1,11 @@
-"""A task and a topology as the numbers that the compiled search works on.
+"""A task and a topology as arrays for the compiled search.
 
-Dimensionless as `nlp.problem`: lengths in l_arm, forces in m g, inputs in u_hover. The rows' names stay outside.
+Dimensionless as in `nlp.problem`: lengths in l_arm, forces in m g, inputs in u_hover.
 
 | symbol | meaning | shape |
 |---|---|---|
-| N | unknowns: psi, alpha_0, alpha_1, hinges 1..n-1, then p'_E unless the task fixes it from the COM | |
-| c_k | what the squared inputs of load case k weigh in the objective, twice lambda_k / (4 n sum lambda) | (K,) |
+| N | number of unknowns: psi, alpha_0, alpha_1, hinges 1..n-1, p'_E unless the task fixes it from the COM | |
+| c_k | weight of the squared inputs of load case k in the objective, twice lambda_k / (4 n sum lambda) | (K,) |
 | f_k, t_k, f_E | force f_E + f_C, torque tau_E + tau_C, force at the end-effector | (K, 3) each |
 """
 
@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.airspeed import AIMED_AT, region_of
+from nlp.airspeed import TARGET_SHARE, region_of
 from nlp.numbers.geometry import torque_map
 from nlp.numbers.jets import Jet, Region, jet_of
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, variable_bounds
-from nlp.requirements.balances import turns
+from nlp.requirements.balances import angular_accelerations
 from nlp.requirements.statement import COLUMNS, Kernel
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -46,7 +46,7 @@ class Rotors(NamedTuple):
     modules: Array
     """Mass of each module with its joints, shape (n,)."""
     centres: Array
-    """Centre of that from the module's own, x and y in its frame, shape (n, 2)."""
+    """Centre of that mass from the module's centre, x and y in the module's frame, shape (n, 2)."""
     inertias: Array
     """Inertia about that centre in the module's frame, shape (n, 3, 3) [m l_arm^2]."""
     rod: RodMass
@@ -70,39 +70,40 @@ class Cases(NamedTuple):
     turn: Array
     """Angular acceleration of the platform, shape (K, 3) [g / l_arm]."""
     dead: Indices
-    """The rotor that does not run, -1 where all do."""
+    """Index of the dead rotor, -1 if all run."""
     group: Indices
-    """Group of each corner; -1 for what always counts. Others count from when they are found missed."""
+    """Set of each corner; -1 for load cases that are always active. A corner becomes active once it is violated."""
 
 
 class Rows(NamedTuple):
-    """The clearances; each is to be `least` at least."""
+    """The clearances, each with a lower bound."""
 
     kind: Indices
     i: Indices
     j: Indices
-    """The other module; unused where there is none."""
+    """The other module; unused if there is none."""
     data: Array
     """Numbers of each row in the columns `COLUMNS`, shape (m, width)."""
-    least: Array
+    lower: Array
     """Smallest allowed value of every row, shape (m,)."""
     rods: int
-    """Number of rods with rows; only those of one count: the shortest that lacks nothing, else what lacks least."""
+    """Number of rods with rows. Only the rows of the best rod apply: the shortest feasible one, else the one with
+    the smallest violation."""
 
 
 class Hulls(NamedTuple):
-    """The faces and edges of all regions that are hulls; a row has its first and past its last of both."""
+    """The faces and edges of all hulls; each row has the index of its first one and one past its last."""
 
     planes: Array
     """Outward unit normal and offset, shape (p, 4)."""
     edges: Array
-    """Start, and from there to the end, shape (e, 6)."""
+    """Start point and vector to the end point, shape (e, 6)."""
 
 
 class Speeds(NamedTuple):
-    """The rows of air speeds, for each load case of the task, region and module; they come after the clearances.
+    """The rows of air speeds, one per load case of the task, region and module; they follow the clearances.
 
-    Each region is a `nlp.numbers.jets.Region`, with its axis along p_E where it turns with that.
+    Each region is a `nlp.numbers.jets.Region`, whose axis may follow p_E.
     """
 
     jet: Jet
@@ -114,20 +115,20 @@ class Speeds(NamedTuple):
     axis: Array
     """Shape (r, 3)."""
     along: Array
-    """Length of a path along p_E, -1 of a cone's axis to the COM, else 0; shape (r,)."""
+    """Length of a path along p_E, -1 for a cone with its axis to the COM, else 0; shape (r,)."""
     radius: Array
     half_angle: Array
     within: Array
     over: Array
-    """1 over the limit, shape (r,) [s/m]."""
+    """Reciprocal of the limit, shape (r,) [s/m]."""
     planes: Array
-    """Those of all regions, shape (f, 3)."""
+    """Planes of all regions, shape (f, 3)."""
     first: Indices
-    """First plane of each region, and one past the last, shape (r + 1,)."""
+    """First plane of each region, then the number of planes, shape (r + 1,)."""
 
 
 class ReducedProblem(NamedTuple):
-    """Everything that the search needs to know of a task and a topology."""
+    """A task and a topology for the compiled search."""
 
     tree: Tree
     rotors: Rotors
@@ -136,28 +137,28 @@ class ReducedProblem(NamedTuple):
     hulls: Hulls
     speeds: Speeds
     air: tuple[float, float, float]
-    """Length of an envelope's axis, its start radius and growth."""
+    """Length, start radius and growth of an envelope."""
     parts: Array
     """Balls around the parts of a module (`Task.part_cover`): x, y, z, radius; shape (b, 4)."""
     lower: Array
     """Bounds on the unknowns, shape (N,)."""
     upper: Array
     fixed: Array
-    """p'_E from the centre of mass of the modules and joints where the task fixes it, else empty."""
+    """p'_E from the centre of mass of the modules and joints if the task fixes it, else empty."""
 
 
-class Row(NamedTuple):
-    """One clearance with its constraint's name."""
+class NamedRow(NamedTuple):
+    """One clearance with the name of its constraint."""
 
     name: str
     i: int
     j: int
-    least: float
+    lower: float
     kernel: Kernel
 
 
 def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
-    """Return the numbers of a task and a topology."""
+    """Return a task and a topology as arrays."""
     n, unit, module = topology.n, Units.of(task), task.module
     carried, fixed = masses(module, task.end_effector, topology), task.end_effector.fixed_position
     rotors = Rotors(
@@ -191,53 +192,53 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
 
 def _cases(task: ResolvedTask, n: int, unit: Units) -> Cases:
     cases = task.load_cases
-    tip, com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
-    f_E, tau_E = (np.array([getattr(w, name) for w in tip]) for name in ("force", "torque"))
-    f_C, tau_C = (np.array([getattr(w, name) for w in com]) for name in ("force", "torque"))
+    at_tip, at_com = [case.at_end_effector for case in cases], [case.at_com for case in cases]
+    f_E, tau_E = (np.array([getattr(w, name) for w in at_tip]) for name in ("force", "torque"))
+    f_C, tau_C = (np.array([getattr(w, name) for w in at_com]) for name in ("force", "torque"))
     weights = np.array([case.weight for case in cases])
     weights = weights / weights.max()
-    # load cases that weigh less count with a share of the largest weight together, so that inputs are unique; of
-    # them at most 20 are taken to be active at a time
+    # cases of smaller weight get a share of the largest weight together, so that their inputs are unique; at most
+    # 20 of them are assumed to be active at a time
     share = 1e-4
-    least = share / min(20, max(1, int(np.count_nonzero(weights < share))))
-    effort = 2 * np.maximum(weights, least) / (4 * n * weights.sum())
+    min_weight = share / min(20, max(1, int(np.count_nonzero(weights < share))))
+    effort = 2 * np.maximum(weights, min_weight) / (4 * n * weights.sum())
     dead = np.array([-1 if rotor is None else rotor for rotor in task.dead_rotors], dtype=np.int64)
     group = np.full(len(cases), -1, dtype=np.int64)
     if isinstance(task, CorneredTask):
         group[len(cases) - len(task.groups) :] = task.groups
     f, tau = (f_E + f_C) / unit.force, (tau_E + tau_C) / unit.torque
-    return Cases(effort, f, tau, f_E / unit.force, turns(task), dead, group)
+    return Cases(effort, f, tau, f_E / unit.force, angular_accelerations(task), dead, group)
 
 
-def rows(task: ResolvedTask, topology: Topology) -> Iterator[Row]:
+def rows(task: ResolvedTask, topology: Topology) -> Iterator[NamedRow]:
     """Yield (4) to (9) of the printed problem, in its order."""
     for requirement in clearances(task, topology):
         for name, subject, formula in requirement.rows():
             for kernel in formula.kernels():
-                yield Row(name, subject[kernel.of], subject[1], requirement.margin, kernel)
+                yield NamedRow(name, subject[kernel.subject], subject[1], requirement.margin, kernel)
 
 
-def _columns(listed: list[Row], speeds: int) -> tuple[Rows, Hulls]:
-    kind = np.array([row.kernel.kind for row in listed], dtype=np.int64)
-    i, j = (np.array([row[k] for row in listed], dtype=np.int64) for k in (1, 2))
-    data = np.array([row.kernel.numbers() for row in listed]).reshape(-1, COLUMNS.width)
-    planes, edges, places = [np.empty((0, 4))], [np.empty((0, 6))], dict[int, list[int]]()
-    faced = edged = 0
-    for row, numbers in zip(listed, data, strict=True):
+def _columns(named_rows: list[NamedRow], speeds: int) -> tuple[Rows, Hulls]:
+    kind = np.array([row.kernel.kind for row in named_rows], dtype=np.int64)
+    i, j = (np.array([row[k] for row in named_rows], dtype=np.int64) for k in (1, 2))
+    data = np.array([row.kernel.numbers() for row in named_rows]).reshape(-1, COLUMNS.width)
+    planes, edges, ranges = [np.empty((0, 4))], [np.empty((0, 6))], dict[int, list[int]]()
+    face_count = edge_count = 0
+    for row, numbers in zip(named_rows, data, strict=True):
         hull = row.kernel.hull
         if hull is None:
             continue
-        if id(hull) not in places:  # the modules share it
+        if id(hull) not in ranges:  # modules share a hull
             a, b = hull.corners[hull.edges].transpose(1, 0, 2)
             planes.append(hull.planes)
             edges.append(np.column_stack([a, b - a]))
-            places[id(hull)] = [faced, faced + len(planes[-1]), edged, edged + len(edges[-1])]
-            _, faced, _, edged = places[id(hull)]
-        numbers[COLUMNS.planes : COLUMNS.planes + 4] = places[id(hull)]
+            ranges[id(hull)] = [face_count, face_count + len(planes[-1]), edge_count, edge_count + len(edges[-1])]
+            _, face_count, _, edge_count = ranges[id(hull)]
+        numbers[COLUMNS.planes : COLUMNS.planes + 4] = ranges[id(hull)]
     tables = Hulls(np.concatenate(planes), np.concatenate(edges))
-    rods = max((row.kernel.rod.number for row in listed), default=-1) + 1
-    least = np.array([row.least for row in listed] + [-math.log(AIMED_AT)] * speeds)
-    return Rows(kind, i, j, data, least, rods), tables
+    rods = max((row.kernel.rod.number for row in named_rows), default=-1) + 1
+    lower = np.array([row.lower for row in named_rows] + [-math.log(TARGET_SHARE)] * speeds)
+    return Rows(kind, i, j, data, lower, rods), tables
 
 
 def _speeds(task: ResolvedTask) -> Speeds:
@@ -247,25 +248,25 @@ def _speeds(task: ResolvedTask) -> Speeds:
             continue
         for shape in exposure.shapes:
             length = shape.length / l_arm if isinstance(shape, Capsule) and shape.length else -1.0
-            along.append(length if shape.takes_direction_from_com else 0.0)  # the axis is found with the platform
+            along.append(length if shape.takes_direction_from_com else 0.0)  # the axis follows the platform
             regions.append(region_of(shape.at(np.zeros(3)), l_arm, exposure.speed_reach))
             over.append(1 / exposure.speed)
     case, region, module = (
         index.ravel() for index in np.indices((len(task.declared.load_cases), len(regions), task.n))
     )
-    axes = np.array([each.axis for each in regions]).reshape(-1, 3) * (np.array(along) == 0.0)[:, None]
+    axes = np.array([r.axis for r in regions]).reshape(-1, 3) * (np.array(along) == 0.0)[:, None]
     return Speeds(
         jet_of(task.module, task.air_density, task.gravity),
         case,
         module,
         region,
-        np.array([each.start for each in regions]).reshape(-1, 3),
+        np.array([r.start for r in regions]).reshape(-1, 3),
         axes,
         np.array(along),
-        np.array([each.radius for each in regions]),
-        np.array([each.half_angle for each in regions]),
-        np.array([each.within for each in regions]),
+        np.array([r.radius for r in regions]),
+        np.array([r.half_angle for r in regions]),
+        np.array([r.within for r in regions]),
         np.array(over),
-        np.concatenate([np.empty((0, 3)), *(each.planes for each in regions)]),
-        np.cumsum([0, *(len(each.planes) for each in regions)]),
+        np.concatenate([np.empty((0, 3)), *(r.planes for r in regions)]),
+        np.cumsum([0, *(len(r.planes) for r in regions)]),
     )

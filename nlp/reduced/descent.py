@@ -1,4 +1,16 @@
-r"""Descent on the augmented Lagrangian.
+r"""The reduced problem at a point, and descent on its augmented Lagrangian M.
+
+.. math::
+
+    V(x) = \sum_k \phi_k(x), \qquad
+    M(x) = V(x) + \frac{1}{2 \sigma} \sum_r \max(0, \lambda_r + \sigma (m_r - g_r(x)))^2 - \lambda_r^2
+
+| symbol | meaning | shape |
+|---|---|---|
+| x | unknowns | (N,) |
+| V, dV | effort plus the priced residuals of the wrenches; its gradient | (N,) |
+| g, J | clearances and their Jacobian; it is zero for rows that are not near | (m,), (m, N) |
+| m_r, lambda_r, sigma | smallest allowed clearance of row r, its multiplier, the penalty parameter | |
 
 A step d minimises a model of M, piecewise quadratic in d:
 
@@ -10,25 +22,11 @@ A step d minimises a model of M, piecewise quadratic in d:
 
 | symbol | meaning | shape |
 |---|---|---|
-| B | curvature of the Lagrangian V - sum of lambda g alone, learnt by damped BFGS updates | (N, N) |
-| l, h | bounds on the step: those on the unknowns, and what a step may turn and move | (N,) each |
+| B | quasi-Newton Hessian of the Lagrangian V - sum of lambda g, by damped BFGS updates | (N, N) |
+| l, h | bounds on the step, from the bounds on the unknowns and the trust region | (N,) each |
 
-The penalty's own curvature, sigma J^T J, is explicit in it: learning would have to follow every row that begins or
-ends to count.
-
-The reduced problem at a point: value, rows and derivatives, and the augmented Lagrangian made of them.
-
-.. math::
-
-    V(x) = \sum_k \phi_k(x), \qquad
-    M(x) = V(x) + \frac{1}{2 \sigma} \sum_r \max(0, \lambda_r + \sigma (m_r - g_r(x)))^2 - \lambda_r^2
-
-| symbol | meaning | shape |
-|---|---|---|
-| x | unknowns | (N,) |
-| V, dV | effort and price of the wrenches' residuals; its gradient | (N,) |
-| g, J | clearances and their Jacobian; rows that are not near have none | (m,), (m, N) |
-| m_r, lambda_r, sigma | least clearance of row r, its multiplier, the penalty | |
+The penalty's curvature, sigma J^T J, is explicit in the model: BFGS would have to relearn it for every row that
+becomes active or inactive.
 """
 
 from __future__ import annotations
@@ -49,28 +47,28 @@ from topo_search.model.compiled_code import njit
 
 
 class Descent(NamedTuple):
-    """The steps of a descent."""
+    """Settings of a descent."""
 
     near: float = 4.0
-    """Rows with less clearance have a gradient [l_arm]: a step moves no module that far into another's way."""
+    """Clearance below which a row has a gradient [l_arm]: no step closes a larger gap."""
     largest_turn: float = 0.7
     """Largest change of an angle in a step [rad]."""
     largest_move: float = 4.0
-    """Largest shift of the end-effector along an axis [l_arm]."""
+    """Largest shift of the end-effector along an axis in a step [l_arm]."""
     newton_steps: int = 30
     """Largest number of Newton steps on a model."""
     armijo: float = 1e-4
-    """Share of the model's slope that a step must bring."""
+    """Smallest decrease of M in a step, as a share of the model's prediction."""
     halvings: int = 12
     """Largest number of halvings of a step."""
     curvature: float = 0.2
-    """Least share of the model's curvature that an update may learn (Powell's damping)."""
+    """Smallest curvature along a step in an update, as a share of the model's (Powell's damping)."""
 
 
 DESCENT = Descent()
 
 
-class Evaluated(NamedTuple):
+class Evaluation(NamedTuple):
     """The reduced problem at a point."""
 
     x: Array
@@ -78,54 +76,56 @@ class Evaluated(NamedTuple):
     dV: Array
     g: Array
     J: Array
-    near: Mask
+    is_near: Mask
+    """Rows that have a gradient, shape (m,)."""
     mu: Array
-    """Dual unknowns of the load cases, shape (K, 6): where the next search begins."""
-    counting: Mask
-    """The load cases that count, shape (K,)."""
+    """Dual unknowns of the load cases, shape (K, 6): the warm start of the next point."""
+    active: Mask
+    """The active load cases, shape (K,)."""
 
 
 @njit(cache=True)
-def evaluate(problem: ReducedProblem, x: Array, mu: Array, counting: Mask, rho: float) -> Evaluated:
-    """Return the reduced problem at x with the load cases that count; the search for the inputs begins at mu."""
-    N, m, K, n = len(x), len(problem.rows.least), len(problem.cases.effort), len(problem.tree.parent)
-    at, dV, duals, u = platform(problem, x), np.zeros(N), mu.copy(), np.empty((K, 4 * n))
-    V = effort(problem, at, counting, rho, duals, u, dV)
-    g, J, near, by = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 9))
-    clearances(problem, at, g, by)
-    _slopes(problem, at, g, by, J, near)
+def evaluate(problem: ReducedProblem, x: Array, mu: Array, active: Mask, rho: float) -> Evaluation:
+    """Return the reduced problem at x with its active load cases; mu warm-starts the search for the inputs."""
+    N, m, K, n = len(x), len(problem.rows.lower), len(problem.cases.effort), len(problem.tree.parent)
+    pose, dV, duals, u = platform(problem, x), np.zeros(N), mu.copy(), np.empty((K, 4 * n))
+    V = effort(problem, pose, active, rho, duals, u, dV)
+    g, J, is_near, gradients = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 9))
+    clearances(problem, pose, g, gradients)
+    _slopes(problem, pose, g, gradients, J, is_near)
     if len(problem.speeds.case):
-        speed_rows(problem, at, rho, duals, u, g, J, near)
-    return Evaluated(x, V, dV, g, J, near, duals, counting)
+        speed_rows(problem, pose, rho, duals, u, g, J, is_near)
+    return Evaluation(x, V, dV, g, J, is_near, duals, active)
 
 
 @njit(cache=True)
-def _slopes(problem: ReducedProblem, at: Platform, g: Array, by: Array, J: Array, near: Mask) -> None:
+def _slopes(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array, J: Array, is_near: Mask) -> None:
     """Find which rows are near, and their derivatives by the unknowns.
 
-    What lies between two modules depends on the hinges between them alone.
+    A clearance between two modules depends only on the hinges between them.
     """
-    rows, moves, omega, v = problem.rows, problem.tree.moves, at.omega, at.v
-    kinds, one, other = rows.kind, rows.i, rows.j
+    rows, moves, omega, v = problem.rows, problem.tree.moves, pose.omega, pose.v
+    kinds, module_i, module_j = rows.kind, rows.i, rows.j
     for r in range(len(kinds)):
         if g[r] >= DESCENT.near:
             continue
-        near[r] = True
-        i, j, F, T, between = one[r], other[r], row(by, r), row(by, r, 3), kinds[r] in (AIR, APART, PARTS)
-        for l in range(3 if between else 0, len(omega)):
-            if moves[l, i] != (between and moves[l, j]):
+        is_near[r] = True
+        i, j, is_pair = module_i[r], module_j[r], kinds[r] in (AIR, APART, PARTS)
+        F, T = row(gradients, r), row(gradients, r, 3)
+        for l in range(3 if is_pair else 0, len(omega)):
+            if moves[l, i] != (is_pair and moves[l, j]):
                 slope = dot(row(omega, l), T) + dot(row(v, l), F)
                 J[r, l] = slope if moves[l, i] else -slope
-        if not between:
-            add_reaction(problem, at, F, row(by, r, 6), J[r])
+        if not is_pair:
+            add_reaction(problem, pose, F, row(gradients, r, 6), J[r])
 
 
 @njit(cache=True)
-def merit(problem: ReducedProblem, at: Evaluated, multipliers: Array, sigma: float) -> float:
+def merit(problem: ReducedProblem, point: Evaluation, multipliers: Array, sigma: float) -> float:
     """Return M."""
-    total = at.V
-    for r in range(len(at.g)):
-        s = multipliers[r] + sigma * (problem.rows.least[r] - at.g[r])
+    total = point.V
+    for r in range(len(point.g)):
+        s = multipliers[r] + sigma * (problem.rows.lower[r] - point.g[r])
         if s > 0.0:
             total += s * s / (2 * sigma)
         total -= multipliers[r] ** 2 / (2 * sigma)
@@ -133,117 +133,117 @@ def merit(problem: ReducedProblem, at: Evaluated, multipliers: Array, sigma: flo
 
 
 @njit(cache=True)
-def estimates(problem: ReducedProblem, at: Evaluated, multipliers: Array, sigma: float) -> Array:
-    """Return max(0, lambda + sigma (m - g)): the multipliers that M's gradient stands for."""
-    estimate = np.zeros(len(at.g))
+def estimates(problem: ReducedProblem, point: Evaluation, multipliers: Array, sigma: float) -> Array:
+    """Return the first-order multiplier estimates max(0, lambda + sigma (m - g))."""
+    estimate = np.zeros(len(point.g))
     for r in range(len(estimate)):
-        estimate[r] = max(0.0, multipliers[r] + sigma * (problem.rows.least[r] - at.g[r]))
+        estimate[r] = max(0.0, multipliers[r] + sigma * (problem.rows.lower[r] - point.g[r]))
     return estimate
 
 
 @njit(cache=True)
 def descend(
     problem: ReducedProblem,
-    start: Evaluated,
+    start: Evaluation,
     multipliers: Array,
     B: Array,
     rho: float,
     sigma: float,
     steps: int,
-    enough: float,
-) -> Evaluated:
-    """Return where M is small.
+    tolerance: float,
+) -> Evaluation:
+    """Return the last point of a descent on M.
 
     Args:
         problem: the task and topology.
-        start: where it begins.
-        multipliers: of the rows, shape (m,).
-        B: curvature, shape (N, N), which is brought up to date.
+        start: initial point.
+        multipliers: multipliers of the rows, shape (m,).
+        B: curvature, shape (N, N); updated in place.
         rho: price of residuals.
         sigma: price of missing clearance.
-        steps: most steps.
-        enough: decrease of M, over 1 + M, of a step that is the last one.
+        steps: largest number of steps.
+        tolerance: decrease of M in a step, relative to 1 + M, at which the descent ends.
     """
-    at, N = start, len(start.x)
-    value = merit(problem, at, multipliers, sigma)
+    point, N = start, len(start.x)
+    value = merit(problem, point, multipliers, sigma)
     n = len(problem.tree.parent)
     low, high = np.empty(N), np.empty(N)
     for _ in range(steps):
         for l in range(N):
-            most = DESCENT.largest_turn if l < n + 2 else DESCENT.largest_move
-            low[l] = max(-most, problem.lower[l] - at.x[l])
-            high[l] = min(most, problem.upper[l] - at.x[l])
-        d, predicted = _model_step(problem, at, multipliers, B, sigma, low, high)
-        if predicted <= 1e-2 * enough * (1.0 + abs(value)):
-            return at
+            limit = DESCENT.largest_turn if l < n + 2 else DESCENT.largest_move
+            low[l] = max(-limit, problem.lower[l] - point.x[l])
+            high[l] = min(limit, problem.upper[l] - point.x[l])
+        d, predicted = _model_step(problem, point, multipliers, B, sigma, low, high)
+        if predicted <= 1e-2 * tolerance * (1.0 + abs(value)):
+            return point
         t, decreased = 1.0, False
         for _ in range(DESCENT.halvings):
-            x = np.minimum(np.maximum(at.x + t * d, problem.lower), problem.upper)
-            there = evaluate(problem, x, at.mu, at.counting, rho)
-            reached = merit(problem, there, multipliers, sigma)
-            if reached <= value - DESCENT.armijo * t * predicted:
+            x = np.minimum(np.maximum(point.x + t * d, problem.lower), problem.upper)
+            trial = evaluate(problem, x, point.mu, point.active, rho)
+            trial_value = merit(problem, trial, multipliers, sigma)
+            if trial_value <= value - DESCENT.armijo * t * predicted:
                 decreased = True
                 break
             t *= 0.5 if t > 0.3 else 0.25
         if not decreased:
-            return at
-        _learn(B, at, there, estimates(problem, there, multipliers, sigma))
-        gain, at, value = value - reached, there, reached
-        if gain <= enough * (1.0 + abs(value)):
-            return at
-    return at
+            return point
+        _update_curvature(B, point, trial, estimates(problem, trial, multipliers, sigma))
+        gain, point, value = value - trial_value, trial, trial_value
+        if gain <= tolerance * (1.0 + abs(value)):
+            return point
+    return point
 
 
 @njit(cache=True)
 def _model_step(
-    problem: ReducedProblem, at: Evaluated, multipliers: Array, B: Array, sigma: float, low: Array, high: Array
+    problem: ReducedProblem, point: Evaluation, multipliers: Array, B: Array, sigma: float, low: Array, high: Array
 ) -> tuple[Array, float]:
-    """Return the step that minimises q, and by how much that falls."""
-    N, m = len(at.x), len(at.g)
+    """Return the step that minimises q, and the decrease of q."""
+    N, m = len(point.x), len(point.g)
     s = np.empty(m)
-    listed = np.empty(m, np.int64)
-    rows, J, near, g, least = 0, at.J, at.near, at.g, problem.rows.least
+    relevant = np.empty(m, np.int64)
+    rows, J, is_near, g, lower = 0, point.J, point.is_near, point.g, problem.rows.lower
     for r in range(m):
-        if near[r]:
-            s[rows] = multipliers[r] + sigma * (least[r] - g[r])
+        if is_near[r]:
+            s[rows] = multipliers[r] + sigma * (lower[r] - g[r])
             reach = 0.0
             for l in range(N):
                 reach += abs(J[r, l]) * (high[l] - low[l])
             if s[rows] + sigma * reach > 0.0:
-                listed[rows] = r
+                relevant[rows] = r
                 rows += 1
     d, trial = np.zeros(N), np.empty(N)
     gradient, H = np.empty(N), np.empty((N, N))
     free, index = np.empty(N, np.bool_), np.empty(N, np.int64)
-    first = _model(at, B, sigma, s, listed, rows, d, gradient, H)
+    first = _model(point, B, sigma, s, relevant, rows, d, gradient, H)
     value = first
     y = np.empty(N)
     for _ in range(DESCENT.newton_steps):
         for l in range(N):
             free[l] = not ((d[l] <= low[l] and gradient[l] >= 0.0) or (d[l] >= high[l] and gradient[l] <= 0.0))
         _newton(gradient, H, d, low, high, free, index, y)
-        t, falls = 1.0, 0.0  # no farther than to the first bound
+        t, slope = 1.0, 0.0  # step to the first bound at most
         for l in range(N):
-            falls -= y[l] * gradient[l]
+            slope -= y[l] * gradient[l]
             if y[l] > 0.0:
                 t = min(t, (high[l] - d[l]) / y[l])
             elif y[l] < 0.0:
                 t = min(t, (low[l] - d[l]) / y[l])
-        if falls <= 1e-12 * (1.0 + abs(first)):
+        if slope <= 1e-12 * (1.0 + abs(first)):
             break
-        better = False
+        decreased = False
         for _ in range(20):
             for l in range(N):
                 trial[l] = min(max(d[l] + t * y[l], low[l]), high[l])
-            reached = _model(at, B, sigma, s, listed, rows, trial, gradient, H)
-            if reached < value:
-                better = True
+            trial_value = _model(point, B, sigma, s, relevant, rows, trial, gradient, H)
+            if trial_value < value:
+                decreased = True
                 break
             t /= 2
-        if not better:
+        if not decreased:
             break
         d[:] = trial
-        value = reached
+        value = trial_value
     return d, first - value
 
 
@@ -251,11 +251,11 @@ def _model_step(
 def _newton(
     gradient: Array, H: Array, d: Array, low: Array, high: Array, free: Mask, index: Indices, y: Array
 ) -> None:
-    """Find the Newton step y over the unknowns that are free; one that it leads out of a bound at once is not."""
+    """Find the Newton step y over the free unknowns; an unknown at a bound is fixed if y points outside."""
     N = len(d)
-    again = True
-    while again:
-        size, again = 0, False
+    repeat = True
+    while repeat:
+        size, repeat = 0, False
         y[:] = 0.0
         for l in range(N):
             if free[l]:
@@ -271,15 +271,23 @@ def _newton(
             l = index[a]
             y[l] = z[a]
             if (y[l] < 0.0 and d[l] <= low[l]) or (y[l] > 0.0 and d[l] >= high[l]):
-                free[l], again = False, True
+                free[l], repeat = False, True
 
 
 @njit(cache=True)
 def _model(
-    at: Evaluated, B: Array, sigma: float, s: Array, listed: Indices, rows: int, d: Array, gradient: Array, H: Array
+    point: Evaluation,
+    B: Array,
+    sigma: float,
+    s: Array,
+    relevant: Indices,
+    rows: int,
+    d: Array,
+    gradient: Array,
+    H: Array,
 ) -> float:
     """Return q(d), with its gradient and the lower half of its Hessian."""
-    N, J, dV = len(d), at.J, at.dV
+    N, J, dV = len(d), point.J, point.dV
     value = 0.0
     for a in range(N):
         Bd = 0.0
@@ -290,31 +298,31 @@ def _model(
         for b in range(a + 1):
             H[a, b] = B[a, b]
     for k in range(rows):
-        r = listed[k]
-        left = s[k]
+        r = relevant[k]
+        multiplier = s[k]
         for a in range(N):
-            left -= sigma * J[r, a] * d[a]
-        if left <= 0.0:
+            multiplier -= sigma * J[r, a] * d[a]
+        if multiplier <= 0.0:
             continue
-        value += left * left / (2 * sigma)
+        value += multiplier * multiplier / (2 * sigma)
         for a in range(N):
             if J[r, a] != 0.0:
-                gradient[a] -= left * J[r, a]
+                gradient[a] -= multiplier * J[r, a]
                 for b in range(a + 1):
                     H[a, b] += sigma * J[r, a] * J[r, b]
     return value
 
 
 @njit(cache=True)
-def _learn(B: Array, before: Evaluated, after: Evaluated, multipliers: Array) -> None:
-    """Bring B up to date with the gradients of the Lagrangian before and after a step (Powell's damped BFGS)."""
+def _update_curvature(B: Array, before: Evaluation, after: Evaluation, multipliers: Array) -> None:
+    """Update B with the gradients of the Lagrangian before and after a step (Powell's damped BFGS)."""
     N = len(after.x)
     s, y, Bs = np.empty(N), np.empty(N), np.zeros(N)
     for l in range(N):
         s[l] = after.x[l] - before.x[l]
         y[l] = after.dV[l] - before.dV[l]
     for r in range(len(multipliers)):
-        if multipliers[r] > 0.0 and before.near[r] and after.near[r]:
+        if multipliers[r] > 0.0 and before.is_near[r] and after.is_near[r]:
             for l in range(N):
                 y[l] -= multipliers[r] * (after.J[r, l] - before.J[r, l])
     sBs = sy = 0.0

@@ -1,4 +1,4 @@
-r"""Rotor inputs by their dual: for a fixed platform each load case is a small convex problem.
+r"""Rotor inputs by duality: with the platform fixed, each load case is a small convex problem.
 
 .. math::
 
@@ -8,15 +8,15 @@ r"""Rotor inputs by their dual: for a fixed platform each load case is a small c
 
 | symbol | meaning | shape |
 |---|---|---|
-| A; a_j | wrench of the rotors about the COM over the platform's weight; its column of rotor j | (6, 4n); (6,) |
-| w | the asked wrench over the platform's weight | (6,) |
+| A; a_j | wrench of the rotors about the COM over the platform's weight; its column for rotor j | (6, 4n); (6,) |
+| w | required wrench over the platform's weight | (6,) |
 | mu | dual unknowns, rho' (w - A u) at the maximum | (6,) |
 | rho | price of a squared residual | |
 | J | inertia about the COM; a corner that is an angular acceleration adds J times it to the torque | (3, 3) |
 
-phi is once differentiable in A and w, and by the envelope theorem d phi = c mu . (dw - dA u), without any
-derivative of u. Wrenches out of reach leave a residual and a finite phi. The concave dual is piecewise quadratic:
-Newton's method with an exact line search ends in finitely many steps.
+phi is once differentiable in A and w. By the envelope theorem d phi = c mu . (dw - dA u), without derivatives of u.
+Infeasible wrenches leave a residual and a finite phi. The concave dual is piecewise quadratic, so Newton's method
+with an exact line search terminates after finitely many steps.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class DualAscent(NamedTuple):
     steps: int = 60
     """Largest number of Newton steps; a warm start takes one to four."""
     accuracy: float = 1e-11
-    """Largest gradient of the dual at its maximum, relative to 1 + |w|."""
+    """Largest gradient of the dual that counts as zero, relative to 1 + |w|."""
 
 
 ASCENT = DualAscent()
@@ -48,38 +48,38 @@ ASCENT = DualAscent()
 
 @njit(cache=True)
 def effort(
-    problem: ReducedProblem, at: Platform, counting: Mask, rho: float, mu: Array, u: Array, gradient: Array
+    problem: ReducedProblem, pose: Platform, active: Mask, rho: float, mu: Array, u: Array, gradient: Array
 ) -> float:
-    """Return the sum of phi over the load cases; its gradient by x is added to `gradient`, and mu and u are found.
+    """Return the sum of phi over the active load cases, add its gradient by x to `gradient`, and set mu and u.
 
     Args:
         problem: the task and topology.
-        at: the platform.
-        counting: which load cases count, shape (K,).
+        pose: the platform.
+        active: mask of active load cases, shape (K,).
         rho: price of a squared residual.
-        mu: where each case's search begins; then where it ended, shape (K, 6).
-        u: the inputs that are found, shape (K, 4n).
-        gradient: is added to, shape (N,).
+        mu: dual unknowns, shape (K, 6): the warm start, then the maximum.
+        u: output: the inputs, shape (K, 4n).
+        gradient: increased by the gradient, shape (N,).
     """
-    A, w, total, turning = columns(problem, at), np.empty(6), 0.0, problem.cases.turn.any()
-    forces, E, by_J = np.zeros((len(at.p), 6)), np.zeros(3), np.zeros((3, 3))
-    J = inertia(problem.rotors, at) if turning else by_J
-    for k in range(len(counting)):
-        if counting[k]:
+    A, w, total, any_turn = columns(problem, pose), np.empty(6), 0.0, problem.cases.turn.any()
+    forces, E, by_J = np.zeros((len(pose.p), 6)), np.zeros(3), np.zeros((3, 3))
+    J = inertia(problem.rotors, pose) if any_turn else by_J
+    for k in range(len(active)):
+        if active[k]:
             c = problem.cases.effort[k]
-            find_wrench(problem, at, J, k, w)
+            find_wrench(problem, pose, J, k, w)
             total += c * inputs(problem, A, k, w, rho, mu[k], u[k])
             add_wrench_gradient(problem, k, c, mu[k], E, by_J)
             add_gradient(A, c, mu[k], u[k], forces)
-    if turning:
-        add_inertia_gradient(problem.rotors, at, by_J, forces, E)
-    add_slopes(problem, at, forces, E, gradient)
+    if any_turn:
+        add_inertia_gradient(problem.rotors, pose, by_J, forces, E)
+    add_slopes(problem, pose, forces, E, gradient)
     return total
 
 
 @njit(cache=True)
 def add_wrench_gradient(problem: ReducedProblem, k: int, scale: float, mu: Array, E: Array, by_J: Array) -> None:
-    """Add what scale mu . dw of load case k is by E (`nlp.reduced.platform`) and by J, shape (3, 3)."""
+    """Add the gradient of scale mu . w of load case k by the end-effector to E, and by J (3, 3) to by_J."""
     scale /= problem.rotors.bodies + problem.rotors.m_E
     x, y, z = cross(row(problem.cases.f_E, k), (mu[3], mu[4], mu[5]))
     E[0] += scale * x
@@ -93,7 +93,7 @@ def add_wrench_gradient(problem: ReducedProblem, k: int, scale: float, mu: Array
 
 @njit(cache=True)
 def add_gradient(A: Array, scale: float, mu: Array, u: Array, forces: Array) -> None:
-    """Subtract what scale mu . dA u is by F and T."""
+    """Subtract the gradient of scale mu . A u by the modules' poses from F and T."""
     by_force, by_torque = (mu[0], mu[1], mu[2]), (mu[3], mu[4], mu[5])
     for i in range(len(forces)):
         f = t = (0.0, 0.0, 0.0)
@@ -105,13 +105,13 @@ def add_gradient(A: Array, scale: float, mu: Array, u: Array, forces: Array) -> 
 
 
 @njit(cache=True)
-def add_inertia_gradient(rotors: Rotors, at: Platform, by_J: Array, forces: Array, E: Array) -> None:
-    """Add what a gradient by J is by F and T, and E."""
+def add_inertia_gradient(rotors: Rotors, pose: Platform, by_J: Array, forces: Array, E: Array) -> None:
+    """Convert a gradient by J to one by F, T and E, and add it."""
     S = (by_J + by_J.T) / 2
-    trace, rod, tip, x = S[0, 0] + S[1, 1] + S[2, 2], rotors.rod, (at.p_E[0], at.p_E[1], at.p_E[2]), row(S, 0)
+    trace, rod, tip, x = S[0, 0] + S[1, 1] + S[2, 2], rotors.rod, (pose.p_E[0], pose.p_E[1], pose.p_E[2]), row(S, 0)
     y, z = row(S, 1), row(S, 2)
     for i in range(len(forces)):
-        o, I = _centre(rotors, at, i), _rotate_inertia(rotors, at, i)
+        o, I = _centre(rotors, pose, i), _rotate_inertia(rotors, pose, i)
         F = add(
             multiply(2 * rotors.modules[i] * trace, o), -2 * rotors.modules[i], (dot(x, o), dot(y, o), dot(z, o))
         )
@@ -121,11 +121,11 @@ def add_inertia_gradient(rotors: Rotors, at: Platform, by_J: Array, forces: Arra
         forces[i, 3], forces[i, 4], forces[i, 5] = add(row(forces, i, 3), 1.0, T)
     F = add(multiply(2 * rotors.m_E * trace, tip), -2 * rotors.m_E, (dot(x, tip), dot(y, tip), dot(z, tip)))
     if rod.mass > 0.0:
-        d = _rod_path(rotors, at)
+        d = _rod_path(rotors, pose)
         square, by_d = max(dot(d, d), TINY), (dot(x, d), dot(y, d), dot(z, d))
-        around, i = rod.mass * rod.radius**2 / square, rod.module
-        along = 2 * around / square * dot(d, by_d) + rod.mass / 3 * trace
-        by_d = add(multiply(2 * around + rod.mass / 3, by_d), -along, d)
+        roll, i = rod.mass * rod.radius**2 / square, rod.module
+        along = 2 * roll / square * dot(d, by_d) + rod.mass / 3 * trace
+        by_d = add(multiply(2 * roll + rod.mass / 3, by_d), -along, d)
         forces[i, 0], forces[i, 1], forces[i, 2] = add(row(forces, i), -1.0, by_d)
         forces[i, 3], forces[i, 4], forces[i, 5] = add(row(forces, i, 3), -1.0, cross(add(tip, -1.0, d), by_d))
         F = add(F, 1.0, by_d)
@@ -135,35 +135,35 @@ def add_inertia_gradient(rotors: Rotors, at: Platform, by_J: Array, forces: Arra
 
 
 @njit(cache=True)
-def find_wrench(problem: ReducedProblem, at: Platform, J: Array, k: int, w: Array) -> None:
-    """Find w of load case k."""
+def find_wrench(problem: ReducedProblem, pose: Platform, J: Array, k: int, w: Array) -> None:
+    """Compute w of load case k."""
     turn, f = row(problem.cases.turn, k), row(problem.cases.f, k)
-    turned = (dot(row(J, 0), turn), dot(row(J, 1), turn), dot(row(J, 2), turn))
-    lever = cross((at.p_E[0], at.p_E[1], at.p_E[2]), row(problem.cases.f_E, k))
-    t, m = add(add(row(problem.cases.t, k), 1.0, lever), 1.0, turned), problem.rotors.bodies + problem.rotors.m_E
+    inertial = (dot(row(J, 0), turn), dot(row(J, 1), turn), dot(row(J, 2), turn))
+    lever = cross((pose.p_E[0], pose.p_E[1], pose.p_E[2]), row(problem.cases.f_E, k))
+    t, m = add(add(row(problem.cases.t, k), 1.0, lever), 1.0, inertial), problem.rotors.bodies + problem.rotors.m_E
     w[0], w[1], w[2], w[3], w[4], w[5] = f[0] / m, f[1] / m, f[2] / m, t[0] / m, t[1] / m, t[2] / m
 
 
 @njit(cache=True)
-def inertia(rotors: Rotors, at: Platform) -> Array:
+def inertia(rotors: Rotors, pose: Platform) -> Array:
     """Return J, the inertia about the COM, shape (3, 3) [m l_arm^2]."""
-    J, rod, tip = np.zeros((3, 3)), rotors.rod, (at.p_E[0], at.p_E[1], at.p_E[2])
-    _add_spread(J, rotors.m_E, tip)
-    for i in range(len(at.p)):
-        J += _rotate_inertia(rotors, at, i)
-        _add_spread(J, rotors.modules[i], _centre(rotors, at, i))
-    if rod.mass > 0.0:  # what it is beside its halves at its ends
-        d = _rod_path(rotors, at)
-        around = rod.mass * rod.radius**2 / max(dot(d, d), TINY)
-        _add_spread(J, -around - rod.mass / 6, d)
+    J, rod, tip = np.zeros((3, 3)), rotors.rod, (pose.p_E[0], pose.p_E[1], pose.p_E[2])
+    _add_point_inertia(J, rotors.m_E, tip)
+    for i in range(len(pose.p)):
+        J += _rotate_inertia(rotors, pose, i)
+        _add_point_inertia(J, rotors.modules[i], _centre(rotors, pose, i))
+    if rod.mass > 0.0:  # beyond half its mass at each end
+        d = _rod_path(rotors, pose)
+        roll = rod.mass * rod.radius**2 / max(dot(d, d), TINY)
+        _add_point_inertia(J, -roll - rod.mass / 6, d)
         for a in range(3):
-            J[a, a] += around * dot(d, d)
+            J[a, a] += roll * dot(d, d)
     return J
 
 
 @njit(cache=True)
-def _add_spread(J: Array, mass: float, o: Vector) -> None:
-    """Add the inertia of a mass somewhere from the COM."""
+def _add_point_inertia(J: Array, mass: float, o: Vector) -> None:
+    """Add the inertia of a point mass at o from the COM."""
     for a in range(3):
         for b in range(3):
             J[a, b] -= mass * o[a] * o[b]
@@ -171,9 +171,9 @@ def _add_spread(J: Array, mass: float, o: Vector) -> None:
 
 
 @njit(cache=True)
-def _rotate_inertia(rotors: Rotors, at: Platform, i: int) -> Array:
-    """Return the inertia of M_i about its centre, along the axes of W."""
-    J, R, I = np.zeros((3, 3)), at.R, rotors.inertias
+def _rotate_inertia(rotors: Rotors, pose: Platform, i: int) -> Array:
+    """Return the inertia of module i with its joints about its centre of mass, along the axes of W."""
+    J, R, I = np.zeros((3, 3)), pose.R, rotors.inertias
     for a in range(3):
         for b in range(3):
             for c in range(3):
@@ -183,44 +183,44 @@ def _rotate_inertia(rotors: Rotors, at: Platform, i: int) -> Array:
 
 
 @njit(cache=True)
-def _centre(rotors: Rotors, at: Platform, i: int) -> Vector:
-    """Return the centre of M_i from the COM."""
-    return add(row(at.o, i), 1.0, rotate(at.R, i, (rotors.centres[i, 0], rotors.centres[i, 1], 0.0)))
+def _centre(rotors: Rotors, pose: Platform, i: int) -> Vector:
+    """Return the centre of mass of module i with its joints, from the COM."""
+    return add(row(pose.o, i), 1.0, rotate(pose.R, i, (rotors.centres[i, 0], rotors.centres[i, 1], 0.0)))
 
 
 @njit(cache=True)
-def _rod_path(rotors: Rotors, at: Platform) -> Vector:
-    """Return the way from a rod's connector to the end-effector."""
+def _rod_path(rotors: Rotors, pose: Platform) -> Vector:
+    """Return the vector from the rod's connector to the end-effector."""
     i = rotors.rod.module
-    start = add(row(at.o, i), 1.0, rotate(at.R, i, rotors.rod.foot))
-    return add((at.p_E[0], at.p_E[1], at.p_E[2]), -1.0, start)
+    start = add(row(pose.o, i), 1.0, rotate(pose.R, i, rotors.rod.foot))
+    return add((pose.p_E[0], pose.p_E[1], pose.p_E[2]), -1.0, start)
 
 
 @njit(cache=True)
 def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: Array, u: Array) -> float:
-    """Return phi / c of load case k, with mu and u moved to its dual's maximum; a dead rotor's input is 0."""
+    """Return phi / c of load case k, and set mu and u to the maximum of the dual; a dead rotor's input is 0."""
     price, dead = 2 * rho / problem.cases.effort[k], problem.cases.dead[k]
     u_min, u_max = problem.rotors.u_min, problem.rotors.u_max
     if dead < 0:
         return dual(A, w, price, u_min, u_max, mu, u)
     column = A[dead].copy()
     A[dead] = 0.0
-    value = dual(A, w, price, u_min, u_max, mu, u) - u_min * u_min / 2  # what a rotor that does nothing costs
+    value = dual(A, w, price, u_min, u_max, mu, u) - u_min * u_min / 2  # without the cost of the dead rotor
     A[dead] = column
     u[dead] = 0.0
     return value
 
 
 @njit(cache=True)
-def columns(problem: ReducedProblem, at: Platform) -> Array:
+def columns(problem: ReducedProblem, pose: Platform) -> Array:
     """Return A transposed, shape (4n, 6)."""
-    R, axes, places, torques = at.R, at.z, at.o, problem.rotors.torques
+    R, axes, centres, torques = pose.R, pose.z, pose.o, problem.rotors.torques
     m = problem.rotors.bodies + problem.rotors.m_E
     A = np.empty((4 * len(R), 6))
     for i in range(len(R)):
         z = row(axes, i)
         f = z[0] / 4 / m, z[1] / 4 / m, z[2] / 4 / m
-        lever = cross(row(places, i), f)
+        lever = cross(row(centres, i), f)
         for j in range(4 * i, 4 * i + 4):
             A[j, 0], A[j, 1], A[j, 2] = f
             A[j, 3], A[j, 4], A[j, 5] = add(lever, 1 / m, rotate(R, i, row(torques, j - 4 * i)))
@@ -229,7 +229,7 @@ def columns(problem: ReducedProblem, at: Platform) -> Array:
 
 @njit(cache=True)
 def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, u: Array) -> float:
-    """Return phi / c, with rho' for rho; mu is moved to the maximum of the dual, and u are the inputs there."""
+    """Return phi / c, with rho' as `rho`; set mu to the maximum of the dual and u to the inputs there."""
     rotors = len(A)
     v, slope = np.empty(rotors), np.empty(rotors)
     H, g, d = np.empty((6, 6)), np.empty(6), np.empty(6)
@@ -255,15 +255,15 @@ def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, 
                 for a in range(6):
                     for b in range(a + 1):
                         H[a, b] += A[r, a] * A[r, b]
-        worst = 0.0
+        largest = 0.0
         for a in range(6):
-            worst = max(worst, abs(g[a]))
-        if worst <= ASCENT.accuracy * scale:
+            largest = max(largest, abs(g[a]))
+        if largest <= ASCENT.accuracy * scale:
             break
         for a in range(6):
             d[a] = g[a]
         solve_in_place(H, d)
-        t = _longest(A, w, rho, u_min, u_max, mu, d, v, slope)
+        t = _line_search(A, w, rho, u_min, u_max, mu, d, v, slope)
         for a in range(6):
             mu[a] += t * d[a]
     value = 0.0
@@ -275,12 +275,12 @@ def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, 
 
 
 @njit(cache=True)
-def _longest(
+def _line_search(
     A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, d: Array, v: Array, slope: Array
 ) -> float:
-    """Return the step along d at which the concave dual is largest: where its piecewise linear slope is zero.
+    """Return the step size along d that maximises the concave dual: the root of its piecewise linear slope.
 
-    Newton's method between the ends of what is known to hold the root; it ends when a piece holds its own root.
+    Newton's method in a bracket of the root; exact once a step stays within one linear piece.
     """
     first = second = 0.0
     for a in range(6):
@@ -295,11 +295,11 @@ def _longest(
     for _ in range(100):
         value, change = first - t * second, second
         for r in range(len(A)):
-            at = v[r] + t * slope[r]
-            if at >= u_max:
+            value_at = v[r] + t * slope[r]
+            if value_at >= u_max:
                 value -= slope[r] * u_max
-            elif at > u_min:
-                value -= slope[r] * at
+            elif value_at > u_min:
+                value -= slope[r] * value_at
                 change += slope[r] * slope[r]
             else:
                 value -= slope[r] * u_min

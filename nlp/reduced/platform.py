@@ -1,4 +1,4 @@
-r"""The platform of a point of the reduced space, and how its unknowns move it.
+r"""The platform at a point of the reduced search, and its motion with the unknowns.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -6,14 +6,13 @@ r"""The platform of a point of the reduced space, and how its unknowns move it.
 | R_i, p_i, z_i | pose and axis of module i in W | (n,3,3), (n,3), (n,3) | -, l_arm, - |
 | o_i, p_E | module i and end-effector from the COM | (n,3), (3,) | l_arm |
 | p_COM, B | centre of mass in W; that of the modules and joints (`nlp.numbers.masses`) | (3,) each | l_arm |
-| omega_l, v_l | turn of all that angle l moves, and its velocity at the COM | (n+2,3) each | -, l_arm |
+| omega_l, v_l | angular velocity of the modules that angle l moves; velocity at the COM | (n+2,3) each | -, l_arm |
 | dC_l | derivative of p_COM by angle l | (n+2,3) | l_arm |
-| F_i, T_i | gradient by the place of module i: a force, and its torque about the COM | (n,3) each | |
-| E | gradient by the place of the end-effector | (3,) | |
+| F_i, T_i | gradient by the pose of module i: a force, and its torque about the COM | (n,3) each | |
+| E | gradient by the position of the end-effector | (3,) | |
 
-All that the search derives is a function of the places from the COM and of the modules' orientations. Each angle
-moves all that lies outward of it as one rigid body, and the COM by dC_l; with the share s of the end-effector
-in the mass
+All derived quantities are functions of positions from the COM and of the modules' orientations. Each angle moves
+everything outward of it as one rigid body, and the COM by dC_l. With s, the end-effector's share of the mass,
 
 .. math::
 
@@ -21,7 +20,7 @@ in the mass
         - dC_l \cdot (E + \sum_i F_i), \qquad
     \partial f / \partial p'_E = E - s\, (E + \sum_i F_i)
 
-An end-effector that the task fixes from the COM moves with that, so that E does not count.
+If the task fixes the end-effector from the COM, it moves with the COM, and E does not contribute.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ Vector = tuple[float, float, float]
 
 
 class Platform(NamedTuple):
-    """Positions and axes of the platform, and how angles move it."""
+    """Positions and axes of the platform, and its motion with the angles; see the module's table."""
 
     R: Array
     p: Array
@@ -56,7 +55,7 @@ class Platform(NamedTuple):
 
 @njit(cache=True, forceinline=True)
 def row(A: Array, i: int, first: int = 0) -> Vector:
-    """Return three numbers of row i: an array that a slice hands on costs more than a clearance."""
+    """Return three numbers of row i; a slice would cost more than a whole clearance."""
     return A[i, first], A[i, first + 1], A[i, first + 2]
 
 
@@ -86,7 +85,7 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 @njit(cache=True, forceinline=True)
 def rotate(R: Array, i: int, a: Vector) -> Vector:
-    """Return a vector of module i's frame in W."""
+    """Return a vector from module i's frame in W."""
     return (
         R[i, 0, 0] * a[0] + R[i, 0, 1] * a[1] + R[i, 0, 2] * a[2],
         R[i, 1, 0] * a[0] + R[i, 1, 1] * a[1] + R[i, 1, 2] * a[2],
@@ -96,13 +95,13 @@ def rotate(R: Array, i: int, a: Vector) -> Vector:
 
 @njit(cache=True)
 def platform(problem: ReducedProblem, x: Array) -> Platform:
-    """Return where everything is at x."""
+    """Return the platform at x."""
     tree, rotors = problem.tree, problem.rotors
     R, p, omega, c = chain(x, tree.parent, tree.port, tree.kappa, rotors.l_c)
     parent, masses, centres = tree.parent, rotors.modules, rotors.centres
     n, z, free = len(p), R[:, :, 2].copy(), len(problem.fixed) == 0
     p_E, p_COM, o, v, dC = np.empty(3), np.empty(3), np.empty((n, 3)), np.empty((n + 2, 3)), np.empty((n + 2, 3))
-    outward = np.zeros((n, 4))  # first moment about the COM and mass of what lies outward of each module, and of it
+    outward = np.zeros((n, 4))  # first moment about the COM and mass, of each module and all outward of it
     for k in range(3):
         B = 0.0
         for i in range(n):
@@ -124,40 +123,40 @@ def platform(problem: ReducedProblem, x: Array) -> Platform:
     for l in range(n + 2):
         i, turn = max(0, l - 2), row(omega, l)
         v[l, 0], v[l, 1], v[l, 2] = velocity = cross(turn, add(com, -1.0, row(c, l)))
-        moved = add(cross(turn, row(outward, i)), outward[i, 3], velocity)
-        dC[l, 0], dC[l, 1], dC[l, 2] = multiply(1 / mass, moved)
+        moment = add(cross(turn, row(outward, i)), outward[i, 3], velocity)
+        dC[l, 0], dC[l, 1], dC[l, 2] = multiply(1 / mass, moment)
     return Platform(R, p, z, o, p_E, p_COM, omega, v, dC)
 
 
-# nothing compiled is without this module
+# every compiled function of the search depends on this module
 refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesky.__file__), Path(jets.__file__))
 
 
 @njit(cache=True)
-def add_slopes(problem: ReducedProblem, at: Platform, forces: Array, E: Array, slopes: Array) -> None:
-    """Add derivatives by x.
+def add_slopes(problem: ReducedProblem, pose: Platform, forces: Array, E: Array, slopes: Array) -> None:
+    """Convert a gradient by poses to one by x, and add it.
 
     Args:
         problem: the task and topology.
-        at: the platform.
-        forces: F and T of all modules, shape (n, 6); those of what lies outward are added to each.
-        E: see the module.
-        slopes: is added to, shape (N,).
+        pose: the platform.
+        forces: F and T of all modules, shape (n, 6); each module's are increased by those of all outward of it.
+        E: gradient by the position of the end-effector, shape (3,).
+        slopes: increased by the gradient, shape (N,).
     """
-    parent, omega, v = problem.tree.parent, at.omega, at.v
+    parent, omega, v = problem.tree.parent, pose.omega, pose.v
     for i in range(len(forces) - 1, 0, -1):
         for a in range(6):
             forces[parent[i], a] += forces[i, a]
     for l in range(len(omega)):
         i = max(0, l - 2)
         slopes[l] += dot(row(omega, l), row(forces, i, 3)) + dot(row(v, l), row(forces, i))
-    add_reaction(problem, at, row(forces, 0), (E[0], E[1], E[2]), slopes)
+    add_reaction(problem, pose, row(forces, 0), (E[0], E[1], E[2]), slopes)
 
 
 @njit(cache=True, forceinline=True)
-def add_reaction(problem: ReducedProblem, at: Platform, F: Vector, E: Vector, slopes: Array) -> None:
-    """Add what is by the places of COM and end-effector, of the sum of all F."""
-    free, dC = len(problem.fixed) == 0, at.dC
+def add_reaction(problem: ReducedProblem, pose: Platform, F: Vector, E: Vector, slopes: Array) -> None:
+    """Add the part of a gradient by x that comes from the motion of COM and end-effector; F is the sum of all."""
+    free, dC = len(problem.fixed) == 0, pose.dC
     F = add(F, 1.0 if free else 0.0, E)
     for l in range(len(dC)):
         slopes[l] -= dot(row(dC, l), F)

@@ -1,13 +1,12 @@
-"""Many cheap starts of one topology, and where they end.
+"""Descents of one topology from many starts, and their local minima.
 
-All starts descend at low prices of residuals and of missing clearance; after a few steps the worse half is given up
-(a rung of successive halving: Jamieson and Talwalkar, AISTATS 2016). Minima of one merit are one; only the best of
-them descend on at high prices, with multipliers: what they reach is next to a minimum of the printed problem.
+All starts descend at low prices of residuals and of missing clearance. After a few steps the worse half is stopped
+(a rung of successive halving: Jamieson and Talwalkar, AISTATS 2016). Minima of equal merit are merged, and only the
+best continue at high prices, with multipliers: they end close to minima of the printed problem.
 
-Selection of corners: few of them bind, so a descent takes in only those that it finds missed.
-
-A corner is a load case that must be possible and costs nothing. With a rotor dead, or around a reserve, there are
-hundreds; those that inputs within their limits produce have next to no gradient.
+A corner is a load case that must be possible and costs nothing. With a dead rotor, or around a reserve, there are
+hundreds. Few of them are active, so a descent adds only those that its point violates; those that inputs within
+their limits produce have next to no gradient.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import numpy as np
 
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
-from nlp.reduced.descent import Evaluated, descend, estimates, evaluate, merit
+from nlp.reduced.descent import Evaluation, descend, estimates, evaluate, merit
 from nlp.reduced.inputs import columns, effort, find_wrench, inertia, inputs
 from nlp.reduced.platform import platform
 from nlp.units import Units
@@ -29,71 +28,61 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 
-class CornerRounds(NamedTuple):
-    """How corners are taken in, and where a descent begins."""
+class CornerSettings(NamedTuple):
+    """Settings of adding corners to a descent, and of its initial curvature."""
 
-    missed: float = 1e-6
-    """Residual from which a corner counts [m_t g, l_arm m_t g]."""
+    tolerance: float = 1e-6
+    """Residual above which a corner is violated [m_t g, l_arm m_t g]."""
     at_once: int = 8
-    """Largest number of corners taken in at once, no two of one set."""
+    """Largest number of corners added at once, no two of one set."""
     rounds: int = 3
-    """Continuations of a round with corners that were missed at its end."""
-    most_missed: float = 0.2
-    """Largest violation, without corners, of a minimum that is evaluated with them [l_arm, m_t g, l_arm m_t g]."""
-    least_curvature: float = 0.1
-    """Initial curvature of the Lagrangian; more where the first slope is steep, so that a step is a radian."""
+    """Largest number of times that a round continues with corners violated at its end."""
+    max_violation: float = 0.2
+    """Largest violation, without corners, of a minimum whose corners are checked [l_arm, m_t g, l_arm m_t g]."""
+    min_curvature: float = 0.1
+    """Initial curvature of the Lagrangian; larger where the first slope is steep, for steps of about a radian."""
 
 
-CORNERS = CornerRounds()
-
-
-@njit(cache=True)
-def initial_cases(problem: ReducedProblem) -> Mask:
-    """Return which load cases count from the start, shape (K,)."""
-    counting: Mask = problem.cases.group < 0
-    return counting
+CORNERS = CornerSettings()
 
 
 @njit(cache=True)
-def take_in(problem: ReducedProblem, at: Evaluated, rho: float) -> tuple[Mask, float]:
-    """Return the load cases that count with the corners that are missed most, and by how much those are at most.
+def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple[Mask, float]:
+    """Return the active load cases plus the most violated corners, and the largest residual of a corner.
 
     Args:
         problem: the task and topology.
-        at: where to look.
+        point: the point that is checked.
         rho: price of residuals.
     """
-    if at.counting.all():
-        return at.counting, 0.0
-    cases, there = problem.cases, platform(problem, at.x)
-    K, A = len(cases.effort), columns(problem, there)
-    counting, residuals = at.counting.copy(), np.zeros(K)
-    J = inertia(problem.rotors, there)
-    w, mu, u, last = np.empty(6), np.zeros(6), np.empty(len(A)), -1
+    if point.active.all():
+        return point.active, 0.0
+    cases, pose = problem.cases, platform(problem, point.x)
+    K, A = len(cases.effort), columns(problem, pose)
+    active, residuals = point.active.copy(), np.zeros(K)
+    J = inertia(problem.rotors, pose)
+    w, mu, u, set_of_mu = np.empty(6), np.zeros(6), np.empty(len(A)), -1
     for k in range(K):
-        if counting[k]:
+        if active[k]:
             continue
-        if cases.group[k] != last:  # corners of one set have much the same inputs
+        if cases.group[k] != set_of_mu:  # a warm start: corners of one set have similar inputs
             mu[:] = 0.0
-            last = cases.group[k]
-        find_wrench(problem, there, J, k, w)
+            set_of_mu = cases.group[k]
+        find_wrench(problem, pose, J, k, w)
         inputs(problem, A, k, w, rho, mu, u)
         for a in range(6):
             residuals[k] = max(residuals[k], abs(mu[a]) * cases.effort[k] / (2 * rho))
     worst, full = residuals.max(), np.zeros(cases.group.max() + 2, np.bool_)
     for _ in range(CORNERS.at_once):
-        best = -1
+        largest = -1
         for k in range(K):
-            if (
-                residuals[k] > CORNERS.missed
-                and not full[cases.group[k]]
-                and (best < 0 or residuals[k] > residuals[best])
-            ):
-                best = k
-        if best < 0:
+            is_candidate = residuals[k] > CORNERS.tolerance and not full[cases.group[k]]
+            if is_candidate and (largest < 0 or residuals[k] > residuals[largest]):
+                largest = k
+        if largest < 0:
             break
-        counting[best] = full[cases.group[best]] = True
-    return counting, worst
+        active[largest] = full[cases.group[largest]] = True
+    return active, worst
 
 
 class Phase(NamedTuple):
@@ -104,48 +93,48 @@ class Phase(NamedTuple):
     sigma: float
     """Price of missing clearance."""
     rounds: int
-    """Number of rounds, each with new multipliers."""
+    """Number of rounds; the multipliers are updated between them."""
     steps: int
     """Largest number of steps per round."""
-    enough: float
-    """Decrease of the merit, over one more than it, of a step that is the last one of its round."""
+    tolerance: float
+    """Decrease of the merit M in a step, relative to 1 + M, at which a round ends."""
 
 
-FIRST = Phase(rho=300.0, sigma=30.0, rounds=1, steps=40, enough=1e-5)
-SECOND = Phase(rho=1e4, sigma=100.0, rounds=4, steps=15, enough=1e-7)
+FIRST = Phase(rho=300.0, sigma=30.0, rounds=1, steps=40, tolerance=1e-5)
+SECOND = Phase(rho=1e4, sigma=100.0, rounds=4, steps=15, tolerance=1e-7)
 STIFF = FIRST._replace(sigma=3000.0), SECOND._replace(sigma=3000.0)
-"""Both phases where clearance counts for more than any effort: low prices lead to where some cheap platform misses
-little, and may pull those back that miss nothing."""
+"""Both phases with clearance priced above any effort: low prices lead to cheap platforms with small violations, and
+may pull a feasible platform back there."""
 
 
 class Selection(NamedTuple):
-    """Which starts and minima go on."""
+    """Which starts and minima continue."""
 
-    same: float = 1e-5
-    """Local minima of the first phase whose merits agree so far, relatively, are one."""
-    same_after: float = 1e-4
-    """Those of the second."""
-    kept: float = 0.1
-    """Share of the starts whose minima go on, the best ones first.
+    same_merit: float = 1e-5
+    """Relative difference in merit below which two local minima of the first phase are merged."""
+    same_merit_after: float = 1e-4
+    """The same after the second phase."""
+    share: float = 0.1
+    """Number of minima that continue, the best first, as a share of the starts.
 
     Of 24 trees of eight modules on push all 22 designs are within 0.1 % of the best known effort, of 40 of seven 36
     of 37, with 0.1 as with 0.2; with 0.06 one more of seven modules is not, by 2.7 %.
     """
-    least_kept: int = 3
-    """Fewest distinct minima that go on."""
-    halved_after: int = 8
-    """Steps after which the worse half of the starts is given up."""
-    least_halved: int = 64
-    """Fewest starts that are left; so many or fewer all go on.
+    min_minima: int = 3
+    """Smallest number of distinct minima that continue."""
+    halving_step: int = 8
+    """Step after which the worse half of the starts is stopped."""
+    min_starts: int = 64
+    """Smallest number of starts that continue; this many or fewer are not halved.
 
-    On push with seven and eight modules 160 draws, halved, reach about as many of the best known efforts as 128
-    that all go on, in 0.9 of the CPU time.
+    On push with seven and eight modules 160 starts, halved, reach about as many of the best known efforts as 128
+    that are not, in 0.9 of the CPU time.
     """
-    least_halved_in_air: int = 48
-    """The same where air is limited, whose rows cost more.
+    min_starts_in_air: int = 48
+    """The same with limits on air speed, whose rows cost more.
 
     Over a box below three hovering modules at 2 m/s the mean effort of 15 searches (five seeds of three trees) is
-    1.43 of the bound as with 64, with 32 it is 1.59.
+    1.43 of the bound with 48 as with 64; with 32 it is 1.59.
     """
 
 
@@ -153,41 +142,41 @@ SELECTION = Selection()
 
 
 class Descents(NamedTuple):
-    """State of the starts."""
+    """State of the descents from several starts."""
 
     x: Array
     """Unknowns, shape (s, N)."""
-    counting: Mask
-    """The load cases that count, shape (s, K)."""
+    active: Mask
+    """The active load cases, shape (s, K)."""
     mu: Array
     """Their dual unknowns, shape (s, K, 6)."""
     B: Array
     """Curvature of the Lagrangians, shape (s, N, N); zero before the first step."""
     merit: Array
     """Shape (s,)."""
-    missing: Array
-    """As of an end, shape (s,)."""
+    violation: Array
+    """Same as in `LocalMinimum`, shape (s,)."""
 
-    def of(self, places: Indices) -> Descents:
-        """Return those at some places."""
-        x, counting, mu, B, merit, missing = self
-        return Descents(x[places], counting[places], mu[places], B[places], merit[places], missing[places])
+    def select(self, indices: Indices) -> Descents:
+        """Return the descents with some indices."""
+        x, active, mu, B, merit, violation = self
+        return Descents(x[indices], active[indices], mu[indices], B[indices], merit[indices], violation[indices])
 
 
 @dataclass(frozen=True)
 class LocalMinimum:
-    """Point where some starts ended."""
+    """Local minimum that some starts reached."""
 
     x: Array
     """The unknowns."""
     merit: float
-    """Effort, as in the printed problem's objective, and the prices of what is missing."""
-    missing: float
+    """Effort, as in the printed problem's objective, plus the priced violations."""
+    violation: float
     """Largest missing clearance [l_arm] or residual of a wrench [m_t g, l_arm m_t g]."""
     starts: tuple[int, ...]
-    """Places of the starts that ended here, the best one first."""
-    counting: Mask
-    """The load cases that counted, shape (K,)."""
+    """Indices of the starts that reached it, the best one first."""
+    active: Mask
+    """The active load cases, shape (K,)."""
 
 
 def local_minima(
@@ -195,134 +184,136 @@ def local_minima(
     starts: Array,
     phases: tuple[Phase, Phase] = (FIRST, SECOND),
     *,
-    least: int = SELECTION.least_kept,
-    least_halved: int = SELECTION.least_halved,
+    min_minima: int = SELECTION.min_minima,
+    min_starts: int = SELECTION.min_starts,
 ) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
-    """Return the best distinct local minima of starts, by merit, and those of the first phase that did not go on.
+    """Return the best distinct local minima of the starts, by merit, and those that did not continue to phase two.
 
     Args:
         problem: the task and topology.
         starts: unknowns, shape (starts, N).
-        phases: how they descend.
-        least: fewest distinct minima that go on, if there are as many.
-        least_halved: fewest starts that are left when the worse half is given up.
+        phases: settings of the first and the second descent.
+        min_minima: smallest number of distinct minima that continue, if there are that many.
+        min_starts: smallest number of starts that remain when the worse half is stopped.
     """
-    begun = begin(starts, np.repeat(initial_cases(problem)[None], len(starts), axis=0))
-    first, given_up = _halve(problem, begun, phases[0], least_halved)
-    count = max(least, math.ceil(SELECTION.kept * len(starts)))
-    kept = first[:count]
-    again = begin(np.array([end.x for end in kept]), np.array([end.counting for end in kept]))
-    second = descend_all(problem, again, phases[1])
-    return _one_of_each(second, [end.starts for end in kept], SELECTION.same_after), first[count:] + given_up
+    descents = new_descents(starts, np.tile(problem.cases.group < 0, (len(starts), 1)))
+    minima, stopped = _halve(problem, descents, phases[0], min_starts)
+    count = max(min_minima, math.ceil(SELECTION.share * len(starts)))
+    best = minima[:count]
+    descents = new_descents(
+        np.array([minimum.x for minimum in best]), np.array([minimum.active for minimum in best])
+    )
+    descents = descend_all(problem, descents, phases[1])
+    merged = _merge(descents, [minimum.starts for minimum in best], SELECTION.same_merit_after)
+    return merged, minima[count:] + stopped
 
 
 def _halve(
-    problem: ReducedProblem, begun: Descents, phase: Phase, least: int
+    problem: ReducedProblem, descents: Descents, phase: Phase, min_starts: int
 ) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
-    """Return the distinct minima of the better starts, and where the others were given up."""
-    left, given_up = np.arange(len(begun.x)), list[LocalMinimum]()
-    if len(left) > least:
-        begun = descend_all(problem, begun, phase._replace(steps=SELECTION.halved_after))
-        order, half = np.argsort(begun.merit, kind="stable"), max(least, len(left) // 2)
-        given_up = _one_of_each(begun.of(order[half:]), [(s,) for s in left[order[half:]].tolist()], SELECTION.same)
-        begun, left = begun.of(order[:half]), left[order[:half]]
-        phase = phase._replace(steps=phase.steps - SELECTION.halved_after)
-    begun = descend_all(problem, begun, phase)
-    return _one_of_each(begun, [(s,) for s in left.tolist()], SELECTION.same), given_up
+    """Return the distinct minima of the better starts, and where the other starts were stopped."""
+    remaining, stopped = np.arange(len(descents.x)), list[LocalMinimum]()
+    if len(remaining) > min_starts:
+        descents = descend_all(problem, descents, phase._replace(steps=SELECTION.halving_step))
+        order, half = np.argsort(descents.merit, kind="stable"), max(min_starts, len(remaining) // 2)
+        worse: list[tuple[int, ...]] = [(s,) for s in remaining[order[half:]].tolist()]
+        stopped = _merge(descents.select(order[half:]), worse, SELECTION.same_merit)
+        descents, remaining = descents.select(order[:half]), remaining[order[:half]]
+        phase = phase._replace(steps=phase.steps - SELECTION.halving_step)
+    descents = descend_all(problem, descents, phase)
+    return _merge(descents, [(s,) for s in remaining.tolist()], SELECTION.same_merit), stopped
 
 
-def _one_of_each(descents: Descents, starts: list[tuple[int, ...]], same: float) -> list[LocalMinimum]:
-    """Return minima by merit, one for all whose merits agree."""
-    result: list[LocalMinimum] = []
-    merits = descents.merit
+def _merge(descents: Descents, starts: list[tuple[int, ...]], same_merit: float) -> list[LocalMinimum]:
+    """Return the minima by merit, with those of equal merit merged."""
+    minima: list[LocalMinimum] = []
+    x, active, _, _, merits, violations = descents
     for s in np.argsort(merits, kind="stable").tolist():
-        if result and merits[s] - result[-1].merit <= same * abs(merits[s]):
-            end = result.pop()
-            result.append(replace(end, starts=end.starts + starts[s]))
+        if minima and merits[s] - minima[-1].merit <= same_merit * abs(merits[s]):
+            minima[-1] = replace(minima[-1], starts=minima[-1].starts + starts[s])
         else:
-            result.append(
-                LocalMinimum(
-                    descents.x[s], float(merits[s]), float(descents.missing[s]), starts[s], descents.counting[s]
-                )
-            )
-    return result
+            minima.append(LocalMinimum(x[s], float(merits[s]), float(violations[s]), starts[s], active[s]))
+    return minima
 
 
-def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, end: LocalMinimum) -> Point:
-    """Return the point of an end, with the inputs of the second phase.
+def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, minimum: LocalMinimum) -> Point:
+    """Return a local minimum as a point, with the inputs of the second phase.
 
     Args:
-        task: that of the end, with those of its corners that count alone.
+        task: the task with the active corners of the minimum, and no others.
         topology: the tree.
-        problem: both, with all corners.
-        end: where some starts ended.
+        problem: the task and topology with all corners.
+        minimum: the local minimum.
     """
-    n, K, x = topology.n, len(end.counting), end.x
-    at, mu, u = platform(problem, x), np.zeros((K, 6)), np.empty((K, 4 * n))
-    effort(problem, at, end.counting, SECOND.rho, mu, u, np.zeros(len(x)))
+    n, K, x = topology.n, len(minimum.active), minimum.x
+    pose, mu, u = platform(problem, x), np.zeros((K, 6)), np.empty((K, 4 * n))
+    effort(problem, pose, minimum.active, SECOND.rho, mu, u, np.zeros(len(x)))
     root, alpha, unit = x[:3].copy(), x[3 : n + 2].copy(), Units.of(task)
     free = task.end_effector.fixed_position is None
     p_E = x[n + 2 :] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
-    return Point(task, topology, root, alpha, p_E, u[end.counting].reshape(-1, n, 4) * unit.input)
+    return Point(task, topology, root, alpha, p_E, u[minimum.active].reshape(-1, n, 4) * unit.input)
 
 
-def begin(starts: Array, counting: Mask) -> Descents:
-    """Return descents that have yet to begin.
+def new_descents(starts: Array, active: Mask) -> Descents:
+    """Return descents before their first step.
 
     Args:
         starts: unknowns, shape (s, N).
-        counting: the load cases that count from the start of each, shape (s, K).
+        active: the active load cases of each start, shape (s, K).
     """
-    (s, N), K = starts.shape, counting.shape[1]
-    return Descents(starts, counting, np.zeros((s, K, 6)), np.zeros((s, N, N)), np.zeros(s), np.zeros(s))
+    (s, N), K = starts.shape, active.shape[1]
+    return Descents(starts, active, np.zeros((s, K, 6)), np.zeros((s, N, N)), np.zeros(s), np.zeros(s))
 
 
 @njit(cache=True)
-def descend_all(problem: ReducedProblem, begun: Descents, phase: Phase) -> Descents:
-    """Return where descents are after a phase.
+def descend_all(problem: ReducedProblem, descents: Descents, phase: Phase) -> Descents:
+    """Run one phase of all descents.
 
     Args:
         problem: the task and topology.
-        begun: where they are before; what they have learnt of the curvature is kept.
-        phase: how they descend.
+        descents: the descents before the phase; they keep their curvature.
+        phase: settings of the phase.
     """
-    count, N = begun.x.shape
-    m, K = len(problem.rows.least), len(problem.cases.effort)
-    x, mu, curvature = np.empty((count, N)), np.empty((count, K, 6)), begun.B.copy()
-    merits, missing = np.empty(count), np.zeros(count)
-    counting = np.empty((count, K), np.bool_)
+    count, N = descents.x.shape
+    m, K = len(problem.rows.lower), len(problem.cases.effort)
+    x, mu, curvature = np.empty((count, N)), np.empty((count, K, 6)), descents.B.copy()
+    merits, violations = np.empty(count), np.zeros(count)
+    active = np.empty((count, K), np.bool_)
     for s in range(count):
-        at, B = evaluate(problem, begun.x[s].copy(), begun.mu[s], begun.counting[s], phase.rho), curvature[s]
+        point = evaluate(problem, descents.x[s].copy(), descents.mu[s], descents.active[s], phase.rho)
+        B = curvature[s]
         multipliers = np.zeros(m)
         if B[0, 0] == 0.0:
-            B[:] = max(CORNERS.least_curvature, np.max(np.abs(at.dV))) * np.eye(N)
+            B[:] = max(CORNERS.min_curvature, np.max(np.abs(point.dV))) * np.eye(N)
         for k in range(phase.rounds):
             if k:
-                multipliers = estimates(problem, at, multipliers, phase.sigma)
-            at = descend(problem, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
+                multipliers = estimates(problem, point, multipliers, phase.sigma)
+            point = descend(problem, point, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.tolerance)
             for _ in range(CORNERS.rounds):
-                if violation(problem, at, phase.rho) > CORNERS.most_missed:
+                if violation(problem, point, phase.rho) > CORNERS.max_violation:
                     break
-                wanted, missing[s] = take_in(problem, at, phase.rho)
-                if missing[s] <= CORNERS.missed:
+                more, violations[s] = add_corners(problem, point, phase.rho)
+                if violations[s] <= CORNERS.tolerance:
                     break
-                at = evaluate(problem, at.x, at.mu, wanted, phase.rho)
-                at = descend(problem, at, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.enough)
-        if missing[s] > CORNERS.missed:
-            _, missing[s] = take_in(problem, at, phase.rho)
-        x[s], counting[s], mu[s] = at.x, at.counting, at.mu
-        merits[s] = merit(problem, at, multipliers, phase.sigma)
-        missing[s] = max(missing[s], violation(problem, at, phase.rho))
-    return Descents(x, counting, mu, curvature, merits, missing)
+                point = evaluate(problem, point.x, point.mu, more, phase.rho)
+                point = descend(
+                    problem, point, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.tolerance
+                )
+        if violations[s] > CORNERS.tolerance:
+            _, violations[s] = add_corners(problem, point, phase.rho)
+        x[s], active[s], mu[s] = point.x, point.active, point.mu
+        merits[s] = merit(problem, point, multipliers, phase.sigma)
+        violations[s] = max(violations[s], violation(problem, point, phase.rho))
+    return Descents(x, active, mu, curvature, merits, violations)
 
 
 @njit(cache=True)
-def violation(problem: ReducedProblem, at: Evaluated, rho: float) -> float:
-    """Return the largest missing clearance, or residual of a load case that counts."""
-    most = 0.0
-    for r in range(len(at.g)):
-        most = max(most, problem.rows.least[r] - at.g[r])
-    for k in range(len(at.mu)):  # the residual is mu / rho'
-        for a in range(6 if at.counting[k] else 0):
-            most = max(most, abs(at.mu[k, a]) * problem.cases.effort[k] / (2 * rho))
-    return most
+def violation(problem: ReducedProblem, point: Evaluation, rho: float) -> float:
+    """Return the largest missing clearance or residual of an active load case."""
+    largest = 0.0
+    for r in range(len(point.g)):
+        largest = max(largest, problem.rows.lower[r] - point.g[r])
+    for k in range(len(point.mu)):  # the residual is mu / rho'
+        for a in range(6 if point.active[k] else 0):
+            largest = max(largest, abs(point.mu[k, a]) * problem.cases.effort[k] / (2 * rho))
+    return largest

@@ -1,15 +1,16 @@
 r"""Air speeds over regions as rows of the reduced problem.
 
-For each module, region and load case a row has the sum of all speeds at one point of the region. In balls and along
-paths it is near the module's axis and, of those, near the module; beyond cones and in hulls it is, of points next
-to the axis at some depths, the one where the module's own air would be fastest with all its rotors alike:
+For each module, region and load case, a row is the sum of all speeds at one point of the region. In balls and along
+paths it is the point nearest to the module's axis and, among those, nearest to the module. Outside cones and in
+hulls it is chosen from points next to the axis at some depths: where the module's own air is fastest at equal rotor
+inputs.
 
 .. math::
 
     g = -\ln \Big(\frac{1}{U_{max}} \sum_i U_i(x, u(x))\Big)
 
-The inputs are those of the least effort, u = clip(A^T mu). Those in U_i have their bend at u_min rounded, with the
-slopes b_j, for the speed of a disc is steepest where its input begins; mu follows the free inputs f within bounds:
+The inputs are those of minimum effort, u = clip(A^T mu). In U_i their kink at u_min is rounded, with slopes b_j,
+since the speed of a disc is steepest near zero input. mu changes with the free inputs f, those within their bounds:
 
 .. math::
 
@@ -18,7 +19,7 @@ slopes b_j, for the speed of a disc is steepest where its input begins; mu follo
 
 | symbol | meaning | shape |
 |---|---|---|
-| U_max | the limit | |
+| U_max | limit of the air speed | |
 | A, mu, rho' | see `nlp.reduced.inputs` | |
 """
 
@@ -36,13 +37,13 @@ from nlp.numbers.jets import (
     SHARP,
     Jet,
     Region,
-    by_inputs,
     find_parts,
+    induced_speeds,
     join_parts,
     larger,
     merged_jets,
     point_of_ball,
-    pull_inside,
+    project_inside,
 )
 from nlp.reduced.arrays import Mask, ReducedProblem, Speeds
 from nlp.reduced.clearance import GAPS, swept_gap
@@ -53,16 +54,16 @@ from topo_search.model.compiled_code import njit
 
 
 class RowLimits(NamedTuple):
-    """Rows of air speeds."""
+    """Settings of the rows of air speeds."""
 
     far_down: float = 60.0
-    """Length of a module's axis along which its nearest point to a path is sought [l_arm]."""
+    """Length of the part of a module's axis that is searched for the point nearest to a path [l_arm]."""
     depths: tuple[float, ...] = (0.0, *np.geomspace(0.5, 60.0, 14).tolist())
-    """Depths whose points are compared beside cones and hulls [l_arm]."""
+    """Depths of the points that are compared for cones and hulls [l_arm]."""
     slow: float = 0.2
-    """Larger rows have no gradient."""
+    """Value of a row above which it has no gradient."""
     bend: float = 0.2
-    """Width over which speeds round the bend of an input at its least: there its root is steep [u_hover]."""
+    """Width of the rounding of an input's kink at u_min, where its root is steep [u_hover]."""
 
 
 ROWS = RowLimits()
@@ -70,33 +71,33 @@ ROWS = RowLimits()
 
 @njit(cache=True)
 def speed_rows(
-    problem: ReducedProblem, at: Platform, rho: float, mu: Array, u: Array, g: Array, J: Array, near: Mask
+    problem: ReducedProblem, pose: Platform, rho: float, mu: Array, u: Array, g: Array, J: Array, is_near: Mask
 ) -> None:
-    """Find the rows of air speeds, the last ones of g, with their Jacobian.
+    """Compute the rows of air speeds, the last ones of g, and their Jacobian.
 
     Args:
         problem: the task and topology.
-        at: the platform.
+        pose: the platform.
         rho: price of a squared residual.
         mu: dual unknowns of the load cases, shape (K, 6).
-        u: their inputs, shape (K, 4n).
-        g: is written to, shape (m,).
-        J: is added to, shape (m, N).
-        near: which rows have a gradient, shape (m,).
+        u: inputs of the load cases, shape (K, 4n).
+        g: output: the rows, shape (m,).
+        J: increased by the Jacobian, shape (m, N).
+        is_near: output: mask of rows that have a gradient, shape (m,).
     """
-    air, rotors, n = problem.speeds, problem.rotors, len(at.p)
+    air, rotors, n = problem.speeds, problem.rotors, len(pose.p)
     cases, first = air.case[-1] + 1, len(g) - len(air.case)
-    points, jet, A = len(air.case) // cases, air.jet, columns(problem, at)
+    points, jet, A = len(air.case) // cases, air.jet, columns(problem, pose)
     p, z, no_direction = np.empty(3), np.empty(3), np.zeros(3)
     x, by_point, share = np.empty((points, 3)), np.zeros((points, 3, 9)), np.zeros(points)
     q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, 9)), np.empty((0, 3))
-    p_E = at.p_E
-    offset = max(GAPS.least_distance, math.sqrt(p_E @ p_E))
-    for point in range(points):  # of a region and module, the same in all load cases
+    p_E = pose.p_E
+    offset = max(GAPS.min_distance, math.sqrt(p_E @ p_E))
+    for point in range(points):  # one per region and module, the same in all load cases
         i, region = air.module[point], _region(air, air.region[point], p_E / offset)
-        p[:], z[:] = at.o[i] - p_E, at.z[i]
+        p[:], z[:] = pose.o[i] - p_E, pose.z[i]
         if len(region.planes) or region.half_angle > 0.0:
-            _find_fastest_alone(jet, region, at.R[i], p, x[point], by_point[point])
+            _find_fastest_point(jet, region, pose.R[i], p, x[point], by_point[point])
         else:
             if region.axis.any():
                 w = (p[0] - region.start[0], p[1] - region.start[1], p[2] - region.start[2])
@@ -109,9 +110,9 @@ def speed_rows(
             for a in range(3):
                 q[point, j, a] = 0.0
                 for b in range(3):
-                    q[point, j, a] += at.R[j, b, a] * (x[point, b] + p_E[b] - at.o[j, b])
+                    q[point, j, a] += pose.R[j, b, a] * (x[point, b] + p_E[b] - pose.o[j, b])
             find_parts(jet, q[point, j], ROUNDED, C[point, j], no_dC)
-    dC, derived = np.empty((points, n, 9, 3)), np.zeros(points, np.bool_)
+    dC, has_slopes = np.empty((points, n, 9, 3)), np.zeros(points, np.bool_)
     v, rounded, by_dual, weights = np.empty((n, 4)), np.empty(4 * n), np.empty(4 * n), np.empty(4 * n)
     free, slopes, no_slopes = np.empty(4 * n, np.bool_), np.empty(7), np.empty(0)
     H, nu, forces, E, by_J = np.empty((6, 6)), np.empty(6), np.empty((n, 6)), np.empty(3), np.empty((3, 3))
@@ -125,7 +126,7 @@ def speed_rows(
             if rounded[j] >= rotors.u_max or j == problem.cases.dead[k]:
                 rounded[j], by_dual[j] = 0.0 if j == problem.cases.dead[k] else rotors.u_max, 0.0
         for j in range(n):
-            by_inputs(jet, rounded[4 * j : 4 * j + 4], v[j])
+            induced_speeds(jet, rounded[4 * j : 4 * j + 4], v[j])
             for c in range(4):
                 by_dual[4 * j + c] *= jet.induced**2 / (2 * v[j, c])
         factored = False
@@ -134,8 +135,8 @@ def speed_rows(
             for j in range(n):
                 total += join_parts(C[point, j], no_dC, v[j], ROUNDED, no_slopes)
             g[r], by_total = -math.log(air.over[region] * total), 1 / total
-            near[r] = g[r] < ROWS.slow
-            if not near[r]:
+            is_near[r] = g[r] < ROWS.slow
+            if not is_near[r]:
                 continue
             if not factored:
                 H[:] = problem.cases.effort[k] / (2 * rho) * np.eye(6)
@@ -144,16 +145,16 @@ def speed_rows(
                         for b in range(a + 1):
                             H[a, b] += A[j, a] * A[j, b]
                 factor(H, 6)
-            for j in range(0 if derived[point] else n):
+            for j in range(0 if has_slopes[point] else n):
                 find_parts(jet, q[point, j], ROUNDED, C[point, j], dC[point, j])
-            factored = derived[point] = True
-            nu[:], X, at_point = 0.0, (0.0, 0.0, 0.0), add(row(x, point), 1.0, (p_E[0], p_E[1], p_E[2]))
+            factored = has_slopes[point] = True
+            nu[:], X, from_com = 0.0, (0.0, 0.0, 0.0), add(row(x, point), 1.0, (p_E[0], p_E[1], p_E[2]))
             for j in range(n):
                 join_parts(C[point, j], dC[point, j], v[j], ROUNDED, slopes)
-                F = rotate(at.R, j, (by_total * slopes[0], by_total * slopes[1], by_total * slopes[2]))
+                F = rotate(pose.R, j, (by_total * slopes[0], by_total * slopes[1], by_total * slopes[2]))
                 X = add(X, -1.0, F)
                 forces[j, 0], forces[j, 1], forces[j, 2] = F
-                forces[j, 3], forces[j, 4], forces[j, 5] = cross(at_point, F)
+                forces[j, 3], forces[j, 4], forces[j, 5] = cross(from_com, F)
                 for c in range(4):
                     weights[4 * j + c] = by_total * slopes[3 + c] * by_dual[4 * j + c]
                     for a in range(6):
@@ -162,66 +163,66 @@ def speed_rows(
             for j in range(4 * n):
                 for a in range(6 if free[j] else 0):
                     weights[j] += nu[a] * A[j, a]
-            by = np.array(X) @ by_point[point]
-            forces[i, :3] += by[:3]
-            forces[i, 3:] += np.cross(at.o[i], by[:3]) + np.cross(at.z[i], by[3:6])
-            E[:] = np.array(X) - by[:3]
+            by_x = np.array(X) @ by_point[point]
+            forces[i, :3] += by_x[:3]
+            forces[i, 3:] += np.cross(pose.o[i], by_x[:3]) + np.cross(pose.z[i], by_x[3:6])
+            E[:] = np.array(X) - by_x[:3]
             if air.along[region] != 0.0:
-                turned = air.along[region] / offset * (share[point] * E + by[6:])
-                E += turned - (turned @ p_E) / offset**2 * p_E
+                by_axis = air.along[region] / offset * (share[point] * E + by_x[6:])
+                E += by_axis - (by_axis @ p_E) / offset**2 * p_E
             by_J[:] = 0.0
             add_wrench_gradient(problem, k, 1.0, nu, E, by_J)
             if by_J.any():
-                add_inertia_gradient(rotors, at, by_J, forces, E)
+                add_inertia_gradient(rotors, pose, by_J, forces, E)
             add_gradient(A, 1.0, nu, u[k], forces)
             add_gradient(A, 1.0, mu[k], weights, forces)
-            add_slopes(problem, at, forces, E, J[r])
+            add_slopes(problem, pose, forces, E, J[r])
 
 
 @njit(cache=True)
 def _region(air: Speeds, k: int, to_tip: Array) -> Region:
-    """Return region k, where the tip is in a direction from the COM."""
+    """Return region k for a direction from the COM to the tip."""
     axis = air.axis[k] + air.along[k] * to_tip
     planes = air.planes[air.first[k] : air.first[k + 1]]
     return Region(air.start[k], axis, air.radius[k], air.half_angle[k], planes, air.within[k])
 
 
 @njit(cache=True)
-def _find_fastest_alone(jet: Jet, region: Region, R: Array, p: Array, x: Array, slopes: Array) -> None:
-    """Find the point of a region next to a module's axis where its own air is fastest.
+def _find_fastest_point(jet: Jet, region: Region, R: Array, p: Array, x: Array, slopes: Array) -> None:
+    """Find the point of a region next to a module's axis where the module's own air is fastest.
 
     Args:
-        jet: of the module.
+        jet: jet of the module.
         region: the outside of a cone, or a hull.
         R: orientation of the module.
-        p: its place from p'_E.
-        x: the point from p'_E, shape (3,).
-        slopes: its derivatives by p, by the module's axis and by that of the region, shape (3, 9).
+        p: position of the module from p'_E.
+        x: output: the point from p'_E, shape (3,).
+        slopes: output: derivatives of x by p, by the module's axis and by the region's axis, shape (3, 9).
     """
-    q, C, v, best, deepest = np.empty(3), np.empty(9), np.ones(4), -1.0, 0.0
-    no_slopes, no_dC, none = np.empty((0, 9)), np.empty((0, 3)), np.empty(0)
+    q, C, v, best_speed, best_depth = np.empty(3), np.empty(9), np.ones(4), -1.0, 0.0
+    no_slopes, no_dC, no_input_slopes = np.empty((0, 9)), np.empty((0, 3)), np.empty(0)
     for depth in ROWS.depths:
         for a in range(3):
             x[a] = p[a] - depth * R[a, 2]
-        if not pull_inside(region, x, no_slopes):
+        if not project_inside(region, x, no_slopes):
             continue
         for a in range(3):
             q[a] = R[0, a] * (x[0] - p[0]) + R[1, a] * (x[1] - p[1]) + R[2, a] * (x[2] - p[2])
-        if q[2] < -2 * JETS.merged_at:  # all but the merged jets is slow there
+        if q[2] < -2 * JETS.merged_at:  # only the merged jets matter there
             speed, _, _ = merged_jets(jet, q, jet.origin - q[2] / 2)
         else:
             find_parts(jet, q, SHARP, C, no_dC)
-            speed = join_parts(C, no_dC, v, SHARP, none)
-        if speed > best:
-            best, deepest = speed, depth
-    x[:] = p - deepest * R[:, 2]
-    turns = np.zeros((3, 3))  # turn of the axis by each of its components: x turns with it and what is next to x
+            speed = join_parts(C, no_dC, v, SHARP, no_input_slopes)
+        if speed > best_speed:
+            best_speed, best_depth = speed, depth
+    x[:] = p - best_depth * R[:, 2]
+    rotations = np.zeros((3, 3))  # rotation of the axis by each of its components; x rotates with it
     slopes[:] = 0.0
     for a in range(3):
-        slopes[a, a], slopes[a, 3 + a] = 1.0, -deepest
-        turns[a, a] = 1.0
-        turns[a] = np.cross(region.axis, turns[a])
-        slopes[:, 6 + a] = -np.cross(turns[a], x - region.start)
-    pull_inside(region, x, slopes)
+        slopes[a, a], slopes[a, 3 + a] = 1.0, -best_depth
+        rotations[a, a] = 1.0
+        rotations[a] = np.cross(region.axis, rotations[a])
+        slopes[:, 6 + a] = -np.cross(rotations[a], x - region.start)
+    project_inside(region, x, slopes)
     for a in range(3):
-        slopes[:, 6 + a] += np.cross(turns[a], x - region.start)
+        slopes[:, 6 + a] += np.cross(rotations[a], x - region.start)

@@ -1,21 +1,20 @@
-"""Every requirement of the inner problem, stated once.
+"""Every requirement of the inner problem, defined once.
 
 | room | requirements | of the printed problem |
 |---|---|---|
 | `balances` | force and torque of every load case; limits of inputs, hinges and root | (2), (3), (10) |
-| `modules` | airflow pairs, bodies, parts beside airflow | (4), (5), (6) |
-| `rod` | reach and course of the end-effector's rod | (7) |
-| `exposure` | exclusion, the end-effector beside airflow, every kind of exposure | (7) to (9) |
+| `modules` | airflow pairs, bodies, parts near airflow | (4), (5), (6) |
+| `rod` | reach and path of the end-effector's rod | (7) |
+| `exposure` | exclusion, the end-effector near airflow, every kind of exposure | (7) to (9) |
 
-A statement has the constraint's name, the bodies, a smooth form for Ipopt, the exact value, margin and unit. The
-printed problem (`nlp.problem`), its exact evaluation (`nlp.evaluation`), the assembled terms, the
-untangling of starts, and the rows of the reduced search with the choice of what it expresses all go through these
-statements; none of them has cases of its own.
+A requirement has the constraint's name, the modules, a smooth form for Ipopt, an exact value and a margin. The
+printed problem (`nlp.problem`), its exact evaluation (`nlp.evaluation`), the assembled terms, the untangling of
+starts and the rows of the reduced search are all built from these definitions, without special cases.
 
 To add a clearance, write a `Formula` (`statement`): its `local_vectors`, its smooth and exact forms, and its rows
-of the compiled search. Then yield a `Requirement` with it. What keeps out of a
-region at the end-effector is an `AtRegion` (`exposure`) of one of the `bodies` and one region.
-`tests/test_nlp_requirements.py` holds its forms together.
+of the compiled search. Then yield a `Requirement` with it. A body that keeps out of a region at the end-effector is
+an `AtRegion` (`exposure`) of one of the `bodies` and one region. `tests/test_nlp_requirements.py` compares the
+forms.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""The wrench balance of every load case, and bounds on the unknowns; (2), (3), (10) of the printed problem.
+"""Wrench balance of every load case, and bounds on the unknowns; (2), (3), (10) of the printed problem.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | A | wrench of every rotor at unit input, about W's origin | (6, 4n) | N, N m |
 | u | inputs of every load case | (K, n, 4) | rad^2/s^2 |
-| J | inertia about the COM, which takes torque where a corner is an angular acceleration | (3, 3) | kg m^2 |
+| J | inertia about the COM, for corners that are angular accelerations | (3, 3) | kg m^2 |
 
-What a task asks to be possible besides (reserves, cones and sets of wrenches) are load cases by now
-(`topo_search.model.corners`).
+Reserves, cones and sets of wrenches have become load cases before (`topo_search.model.corners`).
 """
 
 from __future__ import annotations
@@ -17,41 +16,41 @@ import math
 import numpy as np
 
 from nlp.numbers.geometry import ranges
-from nlp.numbers.masses import TINY, masses, spread
+from nlp.numbers.masses import TINY, masses, point_inertia
 from nlp.numbers.point import Point
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import ROTOR_DIRECTIONS, ROTOR_SPINS, Array
 
 WRENCH_TOLERANCE = 1e-8
-"""Largest wrench residual of a design [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
+"""Largest allowed wrench residual of a design [m_t g, l_arm m_t g]; the audit allows TOLERANCE."""
 PAPER_ROOT = {"psi": 0.0, "alpha_0": math.pi / 2, "alpha_1": math.pi / 2}
-"""Largest root angles of the paper, either way [rad]; otherwise they are free."""
+"""Limits of the root angles in the paper, of either sign [rad]; otherwise they are free."""
 
 
-def turns(task: ResolvedTask) -> Array:
+def angular_accelerations(task: ResolvedTask) -> Array:
     """Return the angular acceleration of every load case, shape (K, 3) [g / l_arm]."""
     return np.array(task.accelerations) * (task.module.arm_length / task.gravity)
 
 
 def missed_wrenches(point: Point) -> Array:
-    """Return by how much every load case's force and torque are missed, shape (K, 2) [m_t g, l_arm m_t g].
+    """Return the residuals of force and torque of every load case, shape (K, 2) [m_t g, l_arm m_t g].
 
-    Of a torque, it is the larger one of those about the COM and about p_E.
+    The torque residual is the larger of those about the COM and about p_E.
     """
     task, n = point.task, point.topology.n
     K = len(task.load_cases)
     residual = point.u.reshape(K, -1) @ wrench_matrix(point).T - asked_wrenches(point)
-    # the residual is about W's origin; a force that is missing makes a torque there, so move it to the COM
+    # from W's origin to the COM: a force residual has a torque about the origin
     residual[:, 3:] -= np.cross(point.p_COM, residual[:, :3])
-    amounts = np.linalg.norm(residual.reshape(K, 2, 3), axis=2)
-    # about p_E too, where a missing force has another lever: whichever is more
+    norms = np.linalg.norm(residual.reshape(K, 2, 3), axis=2)
+    # a force residual has another lever about p_E
     at_tip = np.linalg.norm(residual[:, 3:] - np.cross(point.p_E - point.p_COM, residual[:, :3]), axis=1)
-    amounts[:, 1] = np.maximum(amounts[:, 1], at_tip)
-    return np.asarray(amounts / (task.force_unit(n), task.torque_unit(n)))
+    norms[:, 1] = np.maximum(norms[:, 1], at_tip)
+    return np.asarray(norms / (task.force_unit(n), task.torque_unit(n)))
 
 
 def wrench_matrix(point: Point) -> Array:
-    """Return A about W's origin, shape (6, 4n): force [N] and torque [N m] of every rotor at unit input."""
+    """Return A: force [N] and torque about W's origin [N m] of every rotor at unit input, shape (6, 4n)."""
     module, (R, p) = point.task.module, point.poses
     z = R[:, :, 2]
     rotors = p[:, None] + np.einsum("iab,qb->iqa", R, module.arm_length * ROTOR_DIRECTIONS)
@@ -67,23 +66,23 @@ def inertia(point: Point) -> Array:
     module, (R, p) = point.task.module, point.poses
     carried = masses(module, point.task.end_effector, point.topology)
     centres = p + module.arm_length * np.einsum("iab,ib->ia", R[:, :, :2], carried.centres)
-    at, unit = np.vstack([centres, point.p_E]) - point.p_COM, module.mass * module.arm_length**2
+    arms, unit = np.vstack([centres, point.p_E]) - point.p_COM, module.mass * module.arm_length**2
     kg = np.append(module.mass * carried.modules, carried.tip_kg)
-    J = kg @ np.sum(at**2, axis=1) * np.eye(3) - (kg * at.T) @ at
+    J = kg @ np.sum(arms**2, axis=1) * np.eye(3) - (kg * arms.T) @ arms
     J += unit * np.einsum("iab,ibd,icd->ac", R, carried.inertias, R)
     if (rod := carried.rod).mass:
         d = (point.p_E - p[rod.module]) / module.arm_length - R[rod.module] @ rod.foot
-        around = rod.radius**2 / max(float(d @ d), TINY)
-        J += unit * rod.mass * (around * np.outer(d, d) - spread(d) / 6)
+        roll = rod.radius**2 / max(float(d @ d), TINY)
+        J += unit * rod.mass * (roll * np.outer(d, d) - point_inertia(d) / 6)
     return np.asarray(J)
 
 
 def asked_wrenches(point: Point) -> Array:
-    """Return the wrench of every load case about W's origin, shape (K, 6) [N, N m]."""
-    tip = [case.at_end_effector for case in point.task.load_cases]
-    com = [case.at_com for case in point.task.load_cases]
-    f_E, tau_E = np.array([wrench.force for wrench in tip]), np.array([wrench.torque for wrench in tip])
-    f_C, tau_C = np.array([wrench.force for wrench in com]), np.array([wrench.torque for wrench in com])
+    """Return the required wrench of every load case about W's origin, shape (K, 6) [N, N m]."""
+    at_tip = [case.at_end_effector for case in point.task.load_cases]
+    at_com = [case.at_com for case in point.task.load_cases]
+    f_E, tau_E = np.array([wrench.force for wrench in at_tip]), np.array([wrench.torque for wrench in at_tip])
+    f_C, tau_C = np.array([wrench.force for wrench in at_com]), np.array([wrench.torque for wrench in at_com])
     torque = tau_E + tau_C + np.cross(point.p_E, f_E) + np.cross(point.p_COM, f_C)
     if any(map(any, point.task.accelerations)):
         torque += np.array(point.task.accelerations) @ inertia(point)
@@ -95,7 +94,7 @@ def variable_bounds(
 ) -> tuple[list[float], list[float]]:
     """Return lower and upper bounds on the unknowns, dimensionless, in the order of `Variables.vector()`.
 
-    Hinges keep to the ranges nearest to alpha (n-1,) [rad]; without, to what holds all of their ranges.
+    Each hinge has the range nearest to its angle in alpha (n-1,) [rad], or without alpha the hull of its ranges.
     """
     free, paper = (-math.inf, math.inf), task.search.root == "paper"
     bounds = [(-limit, limit) for limit in PAPER_ROOT.values()] if paper else [free] * 3
@@ -108,9 +107,9 @@ def variable_bounds(
 
 
 def running_rotors(task: ResolvedTask) -> Array:
-    """Return 1 for each rotor that runs in a load case and 0 for one that is dead, shape (K, 4n).
+    """Return 1 for each rotor that runs in a load case and 0 for a dead one, shape (K, 4n).
 
-    Limits of inputs times it are those of each rotor: a dead one is exempt from the least input.
+    The input limits of a rotor are multiplied by it, so a dead rotor is exempt from the minimum input.
     """
     alive = np.ones((len(task.load_cases), 4 * task.n))
     for k, dead in enumerate(task.dead_rotors):

@@ -1,6 +1,6 @@
 """Bodies that keep out of regions at the end-effector: an airflow envelope, a rod, balls around rigid parts.
 
-Each is a function of local vectors, of symbols or of numbers, and knows its rows of the compiled search.
+Each is a function of local vectors, symbolic or numeric, and provides its rows of the compiled search.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from topo_search.model import ResolvedTask
 from topo_search.model.module import AirflowEnvelope
 from topo_search.model.value import Vector
 
-SHORT = 1e-9
-"""A rod that is shorter has no direction [l_arm]."""
+MIN_ROD_LENGTH = 1e-9
+"""Length of a rod below which it has no direction [l_arm]."""
 
 
 class Air(NamedTuple):
-    """The sizes of all envelopes [l_arm]."""
+    """Airflow envelope of a module [l_arm]."""
 
     length: float
     start_radius: float
@@ -33,12 +33,12 @@ class Air(NamedTuple):
 
     @classmethod
     def of(cls, task: ResolvedTask) -> Air:
-        """Return those between the modules of a task."""
+        """Return the envelope that other modules keep out of."""
         return cls._in_units(task, task.module.envelope)
 
     @classmethod
     def at_regions(cls, task: ResolvedTask) -> Air:
-        """Return those against the regions of a task."""
+        """Return the envelope that keeps out of regions."""
         return cls._in_units(task, task.module.region_envelope)
 
     @classmethod
@@ -52,17 +52,17 @@ class Air(NamedTuple):
         return FROM_TIP, Z_I
 
     def solids(self, y: Sequence[Any]) -> list[Swept]:
-        """Return the envelopes of modules at o with the axes z: symbols, or arrays of shape (m, 3)."""
+        """Return the envelopes of modules at o with axes z, symbols or arrays of shape (m, 3)."""
         o, z = y
         return [Swept(o, -self.length * z, self.start_radius, self.growth)]
 
     def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
-        """Return rows with these sizes."""
+        """Return the rows with the sizes of this body."""
         return tuple(row._replace(envelope=(self.length, self.start_radius, self.growth)) for row in kernels)
 
 
 class Rod(NamedTuple):
-    """The sizes of a rod from a connector to the end-effector, which lacks its tip [l_arm]."""
+    """Rod from a connector to the end-effector, without its tip [l_arm]."""
 
     l_c: float
     radius: float
@@ -70,35 +70,35 @@ class Rod(NamedTuple):
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
-        """The module's centre, and the connector's direction in the place of its axis."""
+        """The module's centre, and the connector's direction instead of the module's axis."""
         return FROM_TIP, Z_I
 
     def solids(self, y: Sequence[Any]) -> list[Swept]:
-        """Return the rods of modules at q from the end-effector, from the connectors in a direction.
+        """Return the rods of modules at q from the end-effector, from connectors in direction `outward`.
 
-        As numbers, one that is all tip has no length.
+        A numeric rod that is nothing but tip has zero length.
         """
         q, outward = y
         start = q + self.l_c * outward
-        skipped: Any = 0.0
+        tip_share: Any = 0.0
         if self.tip and isinstance(start, ca.SX):
-            skipped = self.tip / ca.norm_2(start)
+            tip_share = self.tip / ca.norm_2(start)
         elif self.tip:
-            length = np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), SHORT)
-            skipped = np.minimum(self.tip / length, 1.0)
-        return [Swept(start, (skipped - 1) * start, self.radius)]
+            length = np.maximum(np.linalg.norm(start, axis=-1, keepdims=True), MIN_ROD_LENGTH)
+            tip_share = np.minimum(self.tip / length, 1.0)
+        return [Swept(start, (tip_share - 1) * start, self.radius)]
 
     def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
-        """Return rows with these sizes."""
+        """Return the rows with the sizes of this body."""
         return tuple(row._replace(rod=RodRow(radius=self.radius, tip=self.tip)) for row in kernels)
 
 
 @dataclass(frozen=True)
 class PartBalls:
-    """The balls around a module's parts, seen from the end-effector or another module.
+    """Balls around a module's parts, from the end-effector or from another module.
 
-    Solid regions keep out of all airflow besides, so that the balls around what reaches out of a module's own
-    airflow (`topo_search.model.room`) are all that is to be asked.
+    Solid regions keep out of all airflow, too, so balls around the parts that reach out of a module's own airflow
+    (`topo_search.model.room`) are enough.
     """
 
     balls: tuple[tuple[Vector, float], ...]
@@ -107,25 +107,25 @@ class PartBalls:
 
     @classmethod
     def of(cls, task: ResolvedTask) -> PartBalls:
-        """Return those of a task's module."""
+        """Return the balls of a task's module."""
         cover, unit = task.part_cover, Units.of(task).length
         return cls(tuple((divide(o, unit), r / unit) for o, r in zip(cover.centres, cover.radii, strict=True)))
 
     def solids(self, y: Sequence[Any]) -> list[Swept]:
-        """Return them, as symbols or of m modules each."""
+        """Return the balls, symbolic or for m modules each."""
         q, X, Y, Z = y
         return [Ball(q + (a * X + b * Y + c * Z), radius) for (a, b, c), radius in self.balls]
 
     def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
-        """Return one row of all balls, not one for each end of an envelope."""
+        """Return one row for all balls, in place of one for each end of an envelope."""
         return (kernels[0]._replace(kind=OF_PARTS[kernels[0].kind]),)
 
 
 Body = Air | Rod | PartBalls
-"""Body that a region keeps away, seen from the end-effector; hashable."""
+"""Body that keeps out of a region at the end-effector; hashable."""
 
 
 def divide(vector: ArrayLike, unit: float) -> Vector:
-    """Return a vector in other units, as numbers that hash."""
+    """Return a vector divided by a unit, as a hashable tuple."""
     x, y, z = (np.array(vector) / unit).tolist()
     return x, y, z

@@ -1,20 +1,19 @@
-r"""Clearances at the end-effector: its exclusion, airflow beside it, exposure; (7) to (9) of the printed problem.
+r"""Clearances at the end-effector: exclusion, nearby airflow, exposure; (7) to (9) of the printed problem.
 
-Those of its rod are in `nlp.requirements.rod`.
-
-Regions at the end-effector that a body keeps out of, or in (paper, Sec. III-B to III-D).
+Bodies keep out of regions at the end-effector, or inside them (paper, Sec. III-B to III-D). The clearances of the
+rod are in `nlp.requirements.rod`.
 
 | symbol | meaning | unit |
 |---|---|---|
 | q | p_i - p'_E, the module's centre from the end-effector | l_arm |
 | p_E | end-effector from the COM | l_arm |
 | r_sph | radius of a ball or capsule | l_arm |
-| d_con, theta | unit axis of an allowed cone, from p_E into it; half-angle | -, rad |
+| d_con, theta | unit axis of an allowed cone, from p_E to its inside; half-angle | -, rad |
 | P, rho | P(eta) from the apex of the cone, and its part across that axis | l_arm |
 
-The paper asks two things of the cone: d_con . P >= r and s - r >= 0, s = d_con . P sin(theta) - ||rho|| cos(theta).
-The second implies the first for theta up to 90 deg (d_con . P >= r / sin(theta) >= r), so it stands alone here.
-It is concave along the axis, so that the two end balls are enough.
+The paper has two constraints for the cone: d_con . P >= r and s - r >= 0, s = d_con . P sin(theta) - ||rho||
+cos(theta). For theta up to 90 deg the second implies the first (d_con . P >= r / sin(theta) >= r), so only the
+second is used. It is concave along the axis, so the two end balls are enough.
 """
 
 from __future__ import annotations
@@ -59,49 +58,48 @@ from topo_search.model.shape import Capsule, Cone, Hull, Polytope, Shape, convex
 from topo_search.model.value import Vector
 
 ROOT_SMOOTHING = 1e-8
-"""Added to ||rho||^2 so that its root is smooth on the axis [l_arm^2]; asks for more clearance, never for less."""
+"""Added to ||rho||^2 so that its root is smooth on the axis [l_arm^2]; only increases the required clearance."""
 
 
 @lru_cache(maxsize=64)
 def hull_of(corners: tuple[Vector, ...]) -> Hull:
-    """Return the hull of points; rows of the compiled search that share it have it once."""
+    """Return the convex hull of points, one object for equal points: the compiled search stores it once."""
     return convex_hull(np.array(corners))
 
 
 @dataclass(frozen=True)
 class CapsuleRegion:
-    """A capsule along a path near the end-effector, or from there away from the COM; without a path a ball."""
+    """A capsule along a path near the end-effector, or along p_E beyond it; without a path a ball."""
 
     radius: float
     start: Vector = ORIGIN
     path: Vector = ORIGIN
-    """From there to the end."""
+    """Vector from start to end."""
     length: float | None = None
-    """Length of a path along p_E."""
+    """Length of a path along p_E; None: `path` is used."""
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
-        """p_E where the path is along it."""
+        """p_E if the path is along it."""
         return () if self.length is None else (FROM_COM,)
 
     def smooth(self, body: Sequence[Swept], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the paper's log-sum-exp over nine KKT candidates; of a ball over three, or distances of balls."""
+        """Return the paper's log-sum-exp over nine KKT candidates; over three for a ball; for balls, distances."""
         start, path = ca.SX(ca.DM(self.start)), ca.SX(ca.DM(self.path))
         if self.length is not None:
             path = self.length * towards[0] / ca.norm_2(towards[0])
         elif not any(self.path):
             if not isinstance(body[0], Ball):
                 return clearance(body[0], Ball(start, self.radius), beta)
-            apart = [Distance(FROM_TIP, self.radius + ball.end_radius, BALL) for ball in body]
-            gaps = [one.smooth([ball.o - start], beta) for one, ball in zip(apart, body, strict=True)]
-            return ca.vertcat(*gaps)
+            distances = [Distance(FROM_TIP, self.radius + ball.end_radius, BALL) for ball in body]
+            return ca.vertcat(*(d.smooth([ball.o - start], beta) for d, ball in zip(distances, body, strict=True)))
         capsule = Swept(start, path, self.radius)
         if isinstance(body[0], Ball):
             return clearance_of_all(capsule, body, beta)
         return clearance(body[0], capsule, beta)
 
     def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
-        """Return the gap where f is least."""
+        """Return the gap where f is smallest."""
         path = np.array(self.path)
         if self.length is not None:
             path = self.length * towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
@@ -123,11 +121,11 @@ class HullRegion:
     local_vectors = ()
 
     def smooth(self, body: Sequence[Swept], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return two rows: the log-sum-exp, and how far the centre is outside (`nlp.symbols.clearance`)."""
+        """Return two rows: the log-sum-exp, and the centre's distance outside (`nlp.symbols.clearance`)."""
         return hull_clearances(body[0], hull_of(self.corners), beta)
 
     def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
-        """Return the gap where f is least."""
+        """Return the gap where f is smallest."""
         return hull_clearance(swept, np.zeros(3), hull_of(self.corners))
 
     def kernels(self) -> tuple[Kernel, ...]:
@@ -136,7 +134,7 @@ class HullRegion:
 
 
 class HullFaces(HullRegion):
-    """The convex hull of points, beyond one face of which all balls keep: at edges that asks for a little more."""
+    """The convex hull of points, with each ball beyond a face: near edges a little stricter than the distance."""
 
     def smooth(self, body: Sequence[Swept], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return the log-sum-exp of the heights over all faces, for every ball."""
@@ -155,7 +153,7 @@ class HullFaces(HullRegion):
 
 @dataclass(frozen=True)
 class InfiniteCone:
-    """An infinite cone that must hold a body; at a right angle a half-space."""
+    """An infinite cone that contains a body; a half-space if its half-angle is a right angle."""
 
     half_angle: float
     axis: Vector | None
@@ -164,11 +162,11 @@ class InfiniteCone:
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
-        """The COM where the axis points there."""
+        """p_E if the axis points to the COM."""
         return () if self.axis is not None else (FROM_COM,)
 
     def smooth(self, body: Sequence[Swept], towards: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return s - r of every ball, of what is swept the end balls."""
+        """Return s - r of every ball, or of both end balls of a swept body."""
         d_con = ca.SX(ca.DM(self.axis)) if self.axis is not None else -towards[0] / ca.norm_2(towards[0])
         if not isinstance(body[0], Ball):
             (swept,) = body
@@ -184,7 +182,7 @@ class InfiniteCone:
         return ca.vertcat(*gaps)
 
     def exact(self, swept: Swept, towards: Sequence[Array]) -> Array:
-        """Return the lesser s - r of both ends."""
+        """Return the smaller s - r of both ends."""
         axis = np.array(self.axis)
         if self.axis is None:
             axis = -towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
@@ -198,12 +196,12 @@ class InfiniteCone:
 
 
 Region = CapsuleRegion | HullRegion | InfiniteCone
-"""A region, its numbers in l_arm from p_E; hashable. Its local vectors are p_E, if it takes a direction from it."""
+"""A region, in l_arm from p'_E; hashable. Its local vectors are p_E if its direction follows p_E, else none."""
 
 
 @dataclass(frozen=True)
 class AtRegion:
-    """A body keeps out of a region, or in it."""
+    """A body keeps out of a region, or inside a cone."""
 
     body: Body
     region: Region
@@ -211,7 +209,7 @@ class AtRegion:
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
-        """Those of the body and of the region."""
+        """Local vectors of the body, then of the region."""
         return (*self.body.local_vectors, *self.region.local_vectors)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
@@ -220,7 +218,7 @@ class AtRegion:
         return self.region.smooth(self.body.solids(y[:count]), y[count:], beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
-        """Return the least gap of all that the body is made of."""
+        """Return the smallest gap of the body's solids."""
         count = len(self.body.local_vectors)
         gaps = [self.region.exact(swept, y[count:]) for swept in self.body.solids(y[:count])]
         return np.asarray(np.min(gaps, axis=0))
@@ -231,7 +229,7 @@ class AtRegion:
 
 
 def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> AtRegion:
-    """Return the clearance of a body from one shape of a requirement; `unit`: l_arm [m]."""
+    """Return the clearance of a body from one shape of a requirement; `unit` is l_arm [m]."""
     region: Region
     match shape:
         case Capsule(radius=radius, length=float(length)):
@@ -251,20 +249,22 @@ def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     unit, subjects = Units.of(task).length, _all_modules(task.n)
     margin = task.search.margin / unit
     if task.exclusion_radius is not None:
-        off = Distance(FROM_TIP, task.exclusion_radius / unit, EXCLUSION)
-        yield Requirement(7, lambda i, *_: names.exclusion(i), subjects, (off,), margin)
+        exclusion = Distance(FROM_TIP, task.exclusion_radius / unit, EXCLUSION)
+        yield Requirement(7, lambda i, *_: names.exclusion(i), subjects, (exclusion,), margin)
     if task.tip_radius is not None:
         tip = AtRegion(Air.of(task), CapsuleRegion(task.tip_radius / unit))
         yield Requirement(8, lambda i, *_: names.tip_airflow(i), subjects, (tip,), margin)
 
 
 def exposure(task: ResolvedTask) -> Iterator[Requirement]:
-    """Yield (9), and the least length of p_E where some direction is that of p_E."""
+    """Yield (9), and the smallest length of p_E if some direction follows p_E."""
     unit, subjects = Units.of(task).length, _all_modules(task.n)
     margin = task.search.margin / unit
 
     def formulas(exposure: AnyExposure, body: Body) -> tuple[AtRegion, ...]:
-        return tuple(to_formula(one, body, unit, segment_of(exposure, k)) for k, one in enumerate(exposure.shapes))
+        return tuple(
+            to_formula(shape, body, unit, segment_of(exposure, k)) for k, shape in enumerate(exposure.shapes)
+        )
 
     for number, exposure in enumerate(task.exposure):
         if exposure.geometry:
@@ -279,7 +279,7 @@ def exposure(task: ResolvedTask) -> Iterator[Requirement]:
 
 
 def _all_modules(n: int) -> Subjects:
-    """Return all modules, each by itself."""
+    """Return each module as a subject of its own."""
     return np.repeat(np.arange(n)[:, None], 2, axis=1)
 
 

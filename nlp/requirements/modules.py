@@ -30,20 +30,20 @@ from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 
 BETWEEN_MODULES = (4, 5, 6)
-"""Their numbers: clearances that hinges alone decide."""
+"""Equation numbers of the clearances between modules, which depend on hinges only."""
 NEAR_ENVELOPE = 6.0
-"""Pairs of envelopes closer than this are kept apart in a round [l_arm]."""
-BESIDE = 0.3
-"""Parts nearer than this to the airflow of a module that is not bolted to theirs are kept out in a round [l_arm].
+"""Clearance of envelopes below which a round of Ipopt has a row for them [l_arm]."""
+NEAR_PARTS = 0.3
+"""Clearance of parts and the airflow of an unbolted module below which a round has a row for them [l_arm].
 
-Where envelopes keep apart, few designs that meet all else have any in there, so that most rounds do well without
-the others; where they may merge, it is NEAR_ENVELOPE.
+If envelopes must not merge, few parts of an otherwise feasible design are in there, so most rounds need no other
+rows. If they may merge, NEAR_ENVELOPE is used instead.
 """
 
 
 @dataclass(frozen=True)
-class BesideAirflow:
-    """The airflow envelope, or the balls around parts, of module i keep out of the airflow of module j."""
+class AirflowClearance:
+    """The airflow envelope of module i, or the balls around its parts, keeps out of the airflow of module j."""
 
     body: Air | PartBalls
     air: Air
@@ -51,21 +51,21 @@ class BesideAirflow:
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
-        """Those of the body, seen from module j, and the axis of that."""
+        """Local vectors of the body from module j, and the axis of module j."""
         return (FROM_J, *self.body.local_vectors[1:], Z_J)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the paper's log-sum-exp over nine KKT candidates (Sec. III-A); of balls over those of all."""
-        *seen, z_j = y
-        solids, (airflow,) = self.body.solids(seen), self.air.solids([ca.SX.zeros(3), z_j])
-        both = isinstance(self.body, Air)
-        return clearance(solids[0], airflow, beta) if both else clearance_of_all(airflow, solids, beta)
+        """Return the paper's log-sum-exp over nine KKT candidates (Sec. III-A), or over those of all balls."""
+        *vectors, z_j = y
+        solids, (airflow,) = self.body.solids(vectors), self.air.solids([ca.SX.zeros(3), z_j])
+        is_pair = isinstance(self.body, Air)
+        return clearance(solids[0], airflow, beta) if is_pair else clearance_of_all(airflow, solids, beta)
 
     def exact(self, y: Sequence[Array]) -> Array:
-        """Return the least gap, where f_air is least."""
-        *seen, z_j = y
+        """Return the smallest gap, where f_air is smallest."""
+        *vectors, z_j = y
         (airflow,) = self.air.solids([np.zeros(3), z_j])
-        return np.asarray(np.min([exact_clearance(solid, airflow) for solid in self.body.solids(seen)], axis=0))
+        return np.asarray(np.min([exact_clearance(solid, airflow) for solid in self.body.solids(vectors)], axis=0))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
@@ -73,12 +73,12 @@ class BesideAirflow:
 
 
 def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
-    """Yield (4), (5) and (6): without (4) where envelopes may merge; in the ablation (5) alone, of all pairs."""
+    """Yield (4), (5) and (6): without (4) if envelopes may merge; in the ablation only (5), for all pairs."""
     unit, air = Units.of(task).length, Air.of(task)
     margin, pairs = task.search.margin / unit, list(combinations(range(topology.n), 2))
-    airflow, ablation = (task.search.interference == one for one in ("airflow", "separation"))
+    airflow, ablation = (task.search.interference == rule for rule in ("airflow", "separation"))
     if airflow:
-        formulas = (BesideAirflow(air, air),)
+        formulas = (AirflowClearance(air, air),)
         yield Requirement(
             4,
             lambda i, j, _: f"airflow of modules {i} and {j}",
@@ -89,21 +89,16 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
         )
     distance = task.separation if ablation else task.centre_distance
     if distance is not None:
-        apart = [pair for pair in pairs if ablation or pair not in topology.bolted]
+        separated = [pair for pair in pairs if ablation or pair not in topology.bolted]
         formula = Distance(FROM_J, distance / unit, APART)
         yield Requirement(
-            5, lambda i, j, _: f"separation of modules {i} and {j}", _pairs(apart), (formula,), margin
+            5, lambda i, j, _: f"separation of modules {i} and {j}", _pairs(separated), (formula,), margin
         )
     if task.parts_off_airflow:
-        yield Requirement(
-            6,
-            lambda i, j, _: names.rotor_airflow(i, j),
-            _pairs(list(topology.unbolted)),
-            (BesideAirflow(PartBalls.of(task), air),),
-            margin,
-            near=BESIDE if airflow else NEAR_ENVELOPE,
-        )
+        parts, pairs = (AirflowClearance(PartBalls.of(task), air),), list(topology.unbolted)
+        near = NEAR_PARTS if airflow else NEAR_ENVELOPE
+        yield Requirement(6, lambda i, j, _: names.rotor_airflow(i, j), _pairs(pairs), parts, margin, near=near)
 
 
-def _pairs(listed: list[tuple[int, int]]) -> Subjects:
-    return np.array(listed, dtype=np.intp).reshape(-1, 2)
+def _pairs(pairs: list[tuple[int, int]]) -> Subjects:
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2)

@@ -1,8 +1,8 @@
-"""The rod that carries the end-effector: from a connector that is near enough, and beside all that is solid.
+"""The rod that carries the end-effector: from a connector within reach, and clear of solid regions.
 
-One free connector whose rod meets every limit is enough. As in the audit it is the nearest such connector; where no
-rod meets all limits, that of the rod which lacks least. A rod that counts starts where it does. Airflow and
-parts in the way of rods are for the audit to find, which measures the rod from each connector.
+One free connector whose rod meets every limit is enough. As in the audit it is the nearest such connector, or if no
+rod meets all limits, the one with the smallest violation. A rod with mass starts at its given connector. Airflow
+and parts in the way of rods are left to the audit, which measures the rod from each connector.
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -11,9 +11,9 @@ parts in the way of rods are for the audit to find, which measures the rod from 
 | L | largest reach | l_arm |
 | r | radius of the rod | l_arm |
 
-Regions are stated from p'_E, so what of the rod has to keep out of one is the same for all platforms. Where the
-surface of the region is within r of p'_E, the rod's last `TIP` radii may touch it. Where p'_E is deeper inside, the
-rod has to reach in.
+Regions are fixed relative to p'_E, so the part of the rod that keeps out of one is the same for all platforms. If
+p'_E is within r of the region's surface, the rod's last `TIP` radii may touch the region. If p'_E is deeper inside,
+the rod must reach in, and the region does not limit it.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ from topo_search.model.module import TIP
 from topo_search.model.shape import Shape
 
 NEAR_LIMIT = 6.0
-"""A limit that the rod meets by at least so much is not stated in a round [l_arm]."""
+"""Clearance of the rod above which a round of Ipopt leaves out a limit [l_arm]."""
 TOUCHING = 1e-7
 """Largest difference of a distance between solver and audit [l_arm]."""
 
 
 @dataclass(frozen=True)
 class WithinReach:
-    """A connector is no farther from the end-effector than the largest reach."""
+    """A connector is within the largest reach of the end-effector."""
 
     l_c: float
     """[l_arm]"""
@@ -79,11 +79,11 @@ class WithinReach:
         return (Kernel(REACH, self.largest),)
 
 
-class RodBeside(AtRegion):
+class RodClearance(AtRegion):
     """A rod, except its tip, keeps out of a solid region."""
 
     def exact(self, y: Sequence[Array]) -> Array:
-        """Return the gap; infinite for a rod that is nothing but tip."""
+        """Return the gap; infinite if the rod is nothing but tip."""
         assert isinstance(self.body, Rod)
         length = np.linalg.norm(y[0] + self.body.l_c * y[1], axis=-1)
         return np.where((self.body.tip > 0) & (length <= self.body.tip), math.inf, super().exact(y))
@@ -96,28 +96,28 @@ class LimitOfBestRod:
     l_c: float
     """[l_arm]"""
     free: tuple[tuple[int, int], ...]
-    """Free connectors: the module's number in the subject, and the port."""
+    """Free connectors: index of the module in the subject, and port."""
     limits: tuple[Formula, ...]
-    """Limits of a rod as functions of q, e and, if at all, p_E."""
+    """Limits of a rod as functions of q, e and, for some, p_E."""
     segment: int
     """Index of the limit."""
 
     @cached_property
     def local_vectors(self) -> tuple[LocalVector, ...]:
-        """Return q and e of every free connector, then what limits need besides."""
+        """Return q and e of every free connector, then p_E if a limit depends on it."""
         rods = [vector for i, port in self.free for vector in _from_connector(i, port)]
         return (*rods, *([FROM_COM] if any(len(limit.local_vectors) > 2 for limit in self.limits) else []))
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return the mean over all connectors; those whose rods keep farthest from any limit weigh most."""
-        rest = y[2 * len(self.free) :]
-        rods = [[*y[2 * k : 2 * k + 2], *rest] for k in range(len(self.free))]
+        """Return the mean over all connectors, weighted towards those whose rods clear all limits the most."""
+        p_E = y[2 * len(self.free) :]
+        rods = [[*y[2 * k : 2 * k + 2], *p_E] for k in range(len(self.free))]
         gaps = [self.limits[self.segment].smooth(rod, beta) for rod in rods]
         if len(rods) == 1:
             return gaps[0]
-        least = [ca.mmin(ca.vertcat(*(limit.smooth(rod, beta) for limit in self.limits))) for rod in rods]
-        best = ca.mmax(ca.vertcat(*least))
-        weights = [ca.exp(beta * (one - best)) for one in least]
+        smallest = [ca.mmin(ca.vertcat(*(limit.smooth(rod, beta) for limit in self.limits))) for rod in rods]
+        best = ca.mmax(ca.vertcat(*smallest))
+        weights = [ca.exp(beta * (gap - best)) for gap in smallest]
         total = ca.sum1(ca.vertcat(*weights))
         return sum((weight / total * gap for weight, gap in zip(weights, gaps, strict=True)), ca.SX(0))
 
@@ -127,23 +127,23 @@ class LimitOfBestRod:
         return gaps[best, [self.segment]]
 
     def best(self, y: Sequence[Array], margin: float = 0.0) -> tuple[int, Array]:
-        """Return which connector is best on one platform, and the exact gaps of all, shape (connectors, limits).
+        """Return the index of the best connector of a platform, and the exact gaps, shape (connectors, limits).
 
-        `margin`: by how much a rod has to meet a limit.
+        `margin` is the gap required of a rod.
         """
         split = 2 * len(self.free)
         q, e = np.concatenate(y[0:split:2]), np.concatenate(y[1:split:2])
         gaps = np.stack([limit.exact([q, e, *y[split:]]) for limit in self.limits], axis=1)
-        lacking = np.maximum(0.0, margin - gaps.min(axis=1))
+        violations = np.maximum(0.0, margin - gaps.min(axis=1))
         lengths = np.linalg.norm(q + self.l_c * e, axis=1)
-        # equal to as many digits as in the audit, so that of mirror images both choose the same one
-        return int(np.lexsort((np.round(lengths, 9), np.round(lacking, 9)))[0]), gaps
+        # rounded as in the audit, so that a design and its mirror image choose the same connector
+        return int(np.lexsort((np.round(lengths, 9), np.round(violations, 9)))[0]), gaps
 
     def kernels(self) -> tuple[Kernel, ...]:
-        """Return the rows of each connector, of which those of the best one count."""
+        """Return the rows of every connector; only those of the best one apply."""
         return tuple(
             kernel._replace(
-                of=i,
+                subject=i,
                 rod=kernel.rod._replace(number=number, connector=divide(self.l_c * PORT_DIRECTIONS[port], 1.0)),
             )
             for number, (i, port) in enumerate(self.free)
@@ -153,76 +153,75 @@ class LimitOfBestRod:
 
 @dataclass(frozen=True, eq=False)
 class BestRod(Requirement):
-    """Limits of the rod from some free connector: a round of Ipopt states those of the best one."""
+    """Limits of the rod from any free connector; a round of Ipopt has those of the best one."""
 
     def best(self, vectors: VectorsByName, margin: float = 0.0) -> tuple[LimitOfBestRod, int, Array]:
-        """Return a formula, which of its connectors is best, and the gaps of all; see `LimitOfBestRod.best`."""
+        """Return the first formula, its best connector, and the gaps of all; see `LimitOfBestRod.best`."""
         first = self.formulas[0]
         assert isinstance(first, LimitOfBestRod)
         columns = self.subjects.T
         return first, *first.best([vector.at(vectors, columns) for vector in first.local_vectors], margin)
 
     def gaps(self, vectors: VectorsByName) -> Array:
-        """Return those of the best connector, shape (1, limits)."""
+        """Return the gaps of the best connector, shape (1, limits)."""
         _, best, gaps = self.best(vectors)
         return gaps[[best]]
 
     def restrict(self, vectors: VectorsByName) -> Requirement:
-        """Return the reach of the best connector, and the regions that its rod is near.
+        """Return the reach limit of the best connector, and the limits by regions near its rod.
 
-        The reach is never left out: where the effort is flat in the rod's length, nothing else keeps the
-        end-effector near.
+        The reach is never left out: if the effort is flat in the rod's length, nothing else bounds it.
         """
         first, best, gaps = self.best(vectors, self.margin)
         i, port = first.free[best]
-        near = [
+        near_limits = [
             limit
             for limit, gap in zip(first.limits, gaps[best], strict=True)
             if gap < self.near or isinstance(limit, WithinReach)
         ]
-        alone = tuple(replace(first, free=((0, port),), limits=(limit,), segment=0) for limit in near)
-        return Requirement(self.equation, self.name, np.array([[i, i]]), alone, self.margin)
+        formulas = tuple(replace(first, free=((0, port),), limits=(limit,), segment=0) for limit in near_limits)
+        return Requirement(self.equation, self.name, np.array([[i, i]]), formulas, self.margin)
 
 
 def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
-    """Yield the limits of the rod, if there are any."""
+    """Yield the limits of the rod, if it has any."""
     unit, n = Units.of(task).length, topology.n
     l_c, margin = task.module.connector_distance / unit, task.search.margin / unit
-    largest, listed, limits = task.largest_reach(n), list[str](), list[Formula]()
+    largest, limit_names, limits = task.largest_reach(n), list[str](), list[Formula]()
     if largest is not None:
-        listed.append(names.ROD)
+        limit_names.append(names.ROD)
         limits.append(WithinReach(l_c, largest / unit))
     if task.end_effector.rod == "straight":
         r = task.end_effector.rod_radius / unit
         for number, exposure in enumerate(task.exposure):
             for part, shape in enumerate(exposure.shapes if exposure.solid else ()):
-                apart = _distance(shape, unit)
-                if apart <= TOUCHING - r:
+                distance = _distance(shape, unit)
+                if distance <= TOUCHING - r:
                     continue
-                rod = Rod(l_c, r, TIP * r if apart <= r + TOUCHING else 0.0)
+                rod = Rod(l_c, r, TIP * r if distance <= r + TOUCHING else 0.0)
                 segment = segment_of(exposure, part)
-                which = "" if segment is None else f", segment {segment}"
-                listed.append(f"the end-effector's rod and solid exposure {number}{which}")
-                limits.append(RodBeside(rod, to_formula(shape, rod, unit, segment).region, segment))
-                margin = min(margin, (apart + rod.tip - r) / 2)  # no rod is farther than twice that from the region
+                suffix = "" if segment is None else f", segment {segment}"
+                limit_names.append(f"the end-effector's rod and solid exposure {number}{suffix}")
+                limits.append(RodClearance(rod, to_formula(shape, rod, unit, segment).region, segment))
+                margin = min(margin, (distance + rod.tip - r) / 2)  # the gap of any rod is at most twice that
     if limits:
         formulas = tuple(
             LimitOfBestRod(l_c, connectors(task, topology), tuple(limits), k) for k in range(len(limits))
         )
-        subjects = np.arange(max(n, 2))[None]  # never fewer than i and j
-        yield BestRod(7, lambda _, __, k: listed[k or 0], subjects, formulas, margin, near=NEAR_LIMIT)
+        subjects = np.arange(max(n, 2))[None]  # at least i and j
+        yield BestRod(7, lambda _, __, k: limit_names[k or 0], subjects, formulas, margin, near=NEAR_LIMIT)
 
 
 def _distance(shape: Shape, unit: float) -> float:
-    """Return how far p'_E is outside a shape, negative inside [l_arm]."""
+    """Return the distance of p'_E outside a shape, negative inside [l_arm]."""
     point = to_formula(shape, Rod(0.0, 0.0, 0.0), unit, None)
     if isinstance(point.region, HullRegion) and (inside := hull_of(point.region.corners).offsets.min()) >= 0:
         return -float(inside)
-    here, anywhere = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])  # no shape at p'_E has its distance from p_E
-    return float(point.exact([here, here, anywhere][: len(point.local_vectors)])[0])
+    tip, any_p_E = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])  # the distance from p'_E does not depend on p_E
+    return float(point.exact([tip, tip, any_p_E][: len(point.local_vectors)])[0])
 
 
 def _from_connector(i: int, port: int) -> tuple[LocalVector, LocalVector]:
-    """Return q and e."""
+    """Return the local vectors q and e of a connector."""
     q, axis = LocalVector(PlatformVector("p", i), FROM_TIP.minus), PlatformVector("xy"[port % 2], i)
     return q, LocalVector(axis) if port < 2 else LocalVector(None, axis)

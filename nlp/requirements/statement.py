@@ -1,16 +1,14 @@
-"""Requirements as the solver sees them: clearances of some modules, each stated once.
+"""Requirements of the solver: clearances of some modules, each defined once.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| p_i, x_i, y_i, z_i | place and axes of module i in W | (3,) each | l_arm, - |
+| p_i, x_i, y_i, z_i | position and axes of module i in W | (3,) each | l_arm, - |
 | p'_E, p_COM, p_E | end-effector and centre of mass in W; p'_E - p_COM | (3,) each | l_arm |
-| y | the s local vectors that a clearance is a function of: differences of those above | (s, 3) | l_arm, - |
-| g | clearance, positive when clear | | l_arm |
+| y | the s local vectors of a clearance: differences of the vectors above | (s, 3) | l_arm, - |
+| g | clearance, positive if clear | | l_arm |
 
-A clearance has a smooth form, which Ipopt gets, an exact value, which judges what Ipopt found, and rows of the
-compiled search. All three are functions of the same local vectors.
-
-The kinds of rows that the compiled search knows, and what a row of each is made of.
+A clearance has a smooth form for Ipopt, an exact value for judging Ipopt's result, and rows of the compiled search.
+All three are functions of the same local vectors.
 """
 
 from __future__ import annotations
@@ -29,46 +27,47 @@ from topo_search.model.shape import Hull
 from topo_search.model.value import Vector
 
 AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, HULL, CONE, CONE_COM, OFFSET, PARTS = range(11)
-"""Kinds of rows: two envelopes; two centres; p'_E and a centre; an envelope and a ball about p'_E, a capsule from
-near there, one along p_E, the hull of points near there; an end ball of an envelope in a cone, its axis fixed or to
-the COM; the length of p_E; the parts of one module and the envelope of another."""
+"""Kinds of rows of the compiled search: two envelopes; two centres; p'_E and a centre; an envelope and a ball, a
+capsule near p'_E, a capsule along p_E, or a hull near p'_E; an end ball of an envelope in a cone with its axis
+fixed or to the COM; the length of p_E; the parts of one module and the envelope of another."""
 PARTS_CONE, PARTS_CONE_COM, PARTS_CAPSULE, PARTS_ALONG, PARTS_HULL, REACH = range(11, 17)
-"""The parts of a module in a cone, its axis fixed or to the COM; off a capsule near p'_E, one along p_E, a hull;
-p'_E and a free connector. This and the rows of regions may be about rods: those of the best rod alone count."""
+"""The parts of a module in a cone with its axis fixed or to the COM; outside a capsule near p'_E, a capsule along
+p_E or a hull; p'_E and a free connector. REACH and the rows of regions may be about rods: only the rows of the best
+rod apply."""
 
 OF_PARTS = {
     BALL: PARTS_CAPSULE, CAPSULE: PARTS_CAPSULE, ALONG: PARTS_ALONG,
     HULL: PARTS_HULL, CONE: PARTS_CONE, CONE_COM: PARTS_CONE_COM,
 }  # fmt: skip
-"""From the kind of a row of an envelope and a region to that of a module's parts and the region."""
+"""Kind of a row for a module's parts and a region, by its kind for an envelope and the region."""
 
 ORIGIN: Vector = (0.0, 0.0, 0.0)
 
 
 class PathRow(NamedTuple):
-    """All that is near a path [l_arm]; a ball is near a path without length."""
+    """All points near a path [l_arm]; a ball if the path has no length."""
 
     radius: float = 0.0
     along: Vector = ORIGIN
-    """From start to end."""
+    """Vector from start to end."""
     length: float = 0.0
-    """Length of a path that has the direction of p_E instead."""
+    """Length of a path along p_E; it replaces `along`."""
 
 
 class ConeRow(NamedTuple):
-    """Infinite cone around an end ball of an envelope, or around all balls of a module's parts."""
+    """Infinite cone that contains an end ball of an envelope, or all balls around a module's parts."""
 
     sine: float = 0.0
     """Sine of the half-angle."""
     cosine: float = 0.0
     axis: Vector = ORIGIN
-    """Unit vector; unused where the axis points to the COM."""
+    """Unit vector; unused if the axis points to the COM."""
     end: float = 0.0
-    """Which end ball: eta, 0 or 1."""
+    """eta of the end ball, 0 or 1."""
 
 
 class RodRow(NamedTuple):
-    """Rod from a free connector that may carry the end-effector [l_arm]."""
+    """Candidate rod from a free connector to the end-effector [l_arm]."""
 
     number: int = -1
     """Index among the free connectors; -1: no rod."""
@@ -76,37 +75,37 @@ class RodRow(NamedTuple):
     """Start of the rod, in its module's frame."""
     radius: float = 0.0
     tip: float = 0.0
-    """Length at its end that does not count."""
+    """Length of its tip, which may touch regions."""
 
 
 class Kernel(NamedTuple):
-    """A row of the compiled search; its kind says which of its parts it has."""
+    """A row of the compiled search; its kind determines which fields it uses."""
 
     kind: int
     distance: float = 0.0
-    """Distance that two points keep, or may have at most [l_arm]."""
+    """Smallest distance of two points, or the largest reach [l_arm]."""
     origin: Vector = ORIGIN
     """Start of a path or apex of a cone, from p'_E [l_arm]."""
     path: PathRow = PathRow()
     cone: ConeRow = ConeRow()
     hull: Hull | None = None
-    """Its corners from p'_E; a row has its place in the tables of planes and edges (`Hulls`)."""
+    """Hull with its corners from p'_E; a row of arrays has its ranges of planes and edges (`Hulls`)."""
     envelope: Vector = ORIGIN
-    """Length, start radius and growth of an envelope beside a region [l_arm]."""
+    """Length, start radius and growth of an envelope that keeps out of a region [l_arm]."""
     rod: RodRow = RodRow()
-    of: int = 0
-    """Index in the subject of the module it is about."""
+    subject: int = 0
+    """Index of its module in the requirement's subject."""
 
     def numbers(self) -> list[float]:
-        """Return its numbers in the order of `COLUMNS`; the columns of a hull are 0."""
+        """Return the row as numbers in the order of `COLUMNS`; the columns of a hull are 0."""
         path, cone, rod = self.path, self.cone, self.rod
         region = self.distance, *self.origin, path.radius, *path.along, path.length
-        held = cone.sine, cone.cosine, *cone.axis, cone.end, 0.0, 0.0, 0.0, 0.0
-        return [*region, *held, *self.envelope, rod.number, *rod.connector, rod.radius, rod.tip]
+        inside = cone.sine, cone.cosine, *cone.axis, cone.end, 0.0, 0.0, 0.0, 0.0
+        return [*region, *inside, *self.envelope, rod.number, *rod.connector, rod.radius, rod.tip]
 
 
 class Columns(NamedTuple):
-    """First column of each number, pair or vector of a row; see `Kernel`."""
+    """First column of each number, pair or vector of a `Kernel`."""
 
     distance: int = 0
     origin: int = 1
@@ -120,7 +119,7 @@ class Columns(NamedTuple):
     planes: int = 15
     """Index of a hull's first plane, and one past its last."""
     edges: int = 17
-    """Index of its first edge, and one past its last."""
+    """Index of a hull's first edge, and one past its last."""
     envelope: int = 19
     rod: int = 22
     """Number of the rod."""
@@ -135,34 +134,34 @@ COLUMNS = Columns()
 
 
 Subjects = NDArray[np.intp]
-"""Modules i and j of some clearances, shape (m, 2); where a clearance concerns one module, or none, j is i.
+"""Modules i and j of some clearances, shape (m, 2); j is i if a clearance concerns one module or none.
 
-One that may concern any module has all of them, in order."""
+A clearance that may concern any module has all of them, in order."""
 VectorsByName = Mapping[str, Any]
-"""From `PlatformVector.name` to those vectors: of every module, or the one of the platform alone."""
+"""Vectors by `PlatformVector.name`: one per module, or one of the platform."""
 
 
 class PlatformVector(NamedTuple):
-    """A place or an axis that moves with the platform."""
+    """A point or an axis that moves with the platform."""
 
     name: str
     """`p`, `x`, `y`, `z`, `p'_E` or `p_COM`."""
-    of: int | None = None
-    """Module that it belongs to: 0 for i, 1 for j, its index among more; None for what the platform has one of."""
+    module: int | None = None
+    """Index of its module in the subject: 0 for i, 1 for j, ...; None for vectors of the platform."""
 
     def at(self, vectors: VectorsByName, subject: Any) -> Any:
-        """Return it, of a subject (i, j, ...) or, where the vectors are arrays, of columns of subjects."""
-        return vectors[self.name][0 if self.of is None else subject[self.of]]
+        """Return the vector for a subject (i, j, ...), or for columns of subjects if the vectors are arrays."""
+        return vectors[self.name][0 if self.module is None else subject[self.module]]
 
 
 class LocalVector(NamedTuple):
-    """A local vector: the difference of two vectors of the platform, or one of them with either sign."""
+    """A local vector: the difference of two vectors of the platform, or plus or minus one of them."""
 
     plus: PlatformVector | None
     minus: PlatformVector | None = None
 
     def at(self, vectors: VectorsByName, subject: Any) -> Any:
-        """Return it; see `PlatformVector.at`."""
+        """Return the local vector; arguments as in `PlatformVector.at`."""
         plus = 0.0 if self.plus is None else self.plus.at(vectors, subject)
         return plus if self.minus is None else plus - self.minus.at(vectors, subject)
 
@@ -179,18 +178,18 @@ Z_J = LocalVector(PlatformVector("z", 1))
 
 
 class Formula(Hashable, Protocol):
-    """One clearance as a function of local vectors, its own numbers in l_arm; hashable."""
+    """One clearance as a function of local vectors, in l_arm; hashable."""
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
-        """Local vectors that it is a function of."""
+        """Local vectors that the clearance depends on."""
 
     @property
     def segment(self) -> int | None:
-        """Index of the part of its requirement it is about, if that has several."""
+        """Index of its part, if the requirement has several."""
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
-        """Return its rows for Ipopt, each positive when clear and g to first order at contact.
+        """Return the rows for Ipopt, each positive if clear and equal to g to first order at contact.
 
         Args:
             y: the local vectors.
@@ -198,63 +197,63 @@ class Formula(Hashable, Protocol):
         """
 
     def exact(self, y: Sequence[Array]) -> Array:
-        """Return g with its exact sign, shape (m,), of m local vectors each, (m, 3)."""
+        """Return g with its exact sign, shape (m,), for local vectors of shape (m, 3) each."""
 
     def kernels(self) -> tuple[Kernel, ...]:
-        """Return its rows of the compiled search."""
+        """Return the rows of the compiled search."""
 
 
 @dataclass(frozen=True)
 class Distance:
-    """Two points keep a distance."""
+    """Two points keep a minimum distance."""
 
     between: LocalVector
-    """From one to the other."""
-    least: float
-    """[l_arm]"""
+    """Vector between the points."""
+    minimum: float
+    """d [l_arm]."""
     kind: int
     """Kind of its row in the compiled search."""
     segment = None
 
     @property
     def local_vectors(self) -> tuple[LocalVector, ...]:
-        """The vector between them."""
+        """The vector between the points."""
         return (self.between,)
 
     def smooth(self, y: Sequence[ca.SX], beta: ca.SX) -> ca.SX:
         """Return (||y||^2 - d^2) / (2 d), smooth everywhere and exact to first order at contact.
 
-        A margin m is kept to first order too: the distance is short of it by m^2 / (2 d).
+        A margin m holds to first order, too: the distance may fall short of it by m^2 / (2 d).
         """
         (w,) = y
-        return (ca.dot(w, w) - self.least**2) / (2 * self.least)
+        return (ca.dot(w, w) - self.minimum**2) / (2 * self.minimum)
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return ||y|| - d."""
-        return np.asarray(np.linalg.norm(y[0], axis=-1) - self.least)
+        return np.asarray(np.linalg.norm(y[0], axis=-1) - self.minimum)
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""
-        return (Kernel(self.kind, self.least),)
+        return (Kernel(self.kind, self.minimum),)
 
 
 @dataclass(frozen=True, eq=False)
 class Requirement:
-    """Clearances of one kind, asked for of some modules."""
+    """Clearances of one kind for some modules."""
 
     equation: int
-    """Its number on the printed problem (`nlp.problem`)."""
+    """Number of its equation in the printed problem (`nlp.problem`)."""
     name: Callable[[int, int, int | None], str]
-    """From (i, j, segment) to the constraint's name."""
+    """Returns the constraint's name for (i, j, segment)."""
     subjects: Subjects
     formulas: tuple[Formula, ...]
     margin: float
     """Required clearance beyond zero [l_arm]."""
     near: float = math.inf
-    """Clearance from which on a round of Ipopt does without a row [l_arm]."""
+    """Clearance above which a round of Ipopt leaves out a row [l_arm]."""
 
     def rows(self) -> Iterator[tuple[str, tuple[int, ...], Formula]]:
-        """Yield name, modules and formula of every clearance."""
+        """Yield name, subject and formula of every clearance."""
         for subject in map(tuple, self.subjects.tolist()):
             for formula in self.formulas:
                 yield self.name(subject[0], subject[1], formula.segment), subject, formula
@@ -262,12 +261,12 @@ class Requirement:
     def gaps(self, vectors: VectorsByName) -> Array:
         """Return the exact clearances of all subjects and formulas, shape (m, len(formulas)) [l_arm]."""
         m, columns = len(self.subjects), self.subjects.T
-        y = {one: one.at(vectors, columns) for formula in self.formulas for one in formula.local_vectors}
-        exact = (formula.exact([y[one] for one in formula.local_vectors]) for formula in self.formulas)
+        y = {vector: vector.at(vectors, columns) for formula in self.formulas for vector in formula.local_vectors}
+        exact = (formula.exact([y[vector] for vector in formula.local_vectors]) for formula in self.formulas)
         return np.stack([np.broadcast_to(gaps, m) for gaps in exact], axis=-1)
 
     def restrict(self, vectors: VectorsByName) -> Requirement:
-        """Return what a round of Ipopt from there states of it: the subjects that are near, all as a rule."""
+        """Return the requirement for a round of Ipopt from a platform: by default, all subjects that are near."""
         if self.near == math.inf:
             return self
         return replace(self, subjects=self.subjects[(self.gaps(vectors) < self.near).any(axis=1)])

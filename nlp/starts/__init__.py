@@ -1,1 +1,1 @@
-"""Points to start from: at random, untangled first where modules are many, or from another design."""
+"""Starts: random ones, untangled if there are many modules, and ones from other designs."""

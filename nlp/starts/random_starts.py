@@ -1,12 +1,11 @@
-"""Random points to start from: splayed modules, thrust along the mean force, the end-effector outside.
+"""Random starts: splayed modules, thrust along the mean force, the end-effector outside.
 
-A start is a function of (task, topology, start index, seed) alone, whatever ran before it or beside it.
+A start is a function of (task, topology, start index, seed) alone, independent of other starts.
 
 Parallel neighbours blow into each other, so hinges start splayed: a child's airflow leans away from its parent's.
-`tests/benchmarks/starts.py` measures how many more solves that alone makes end feasible. Large platforms need more:
-their hinges are untangled (`nlp.starts.untangling`) until no envelopes overlap, and where a cone must hold all
-airflow so that its apex can be near; the end-effector is then put there, and the platform turned to where the
-wrenches cost least.
+`tests/benchmarks/starts.py` measures the gain in feasible solves. Large platforms need more: their hinges are
+untangled (`nlp.starts.untangling`) until no envelopes overlap. If a cone must contain all airflow, they are also
+turned so that its apex can be close; the end-effector is placed there, and the platform is yawed to minimum effort.
 """
 
 from __future__ import annotations
@@ -35,46 +34,46 @@ from topo_search.model.arrays import Array
 from topo_search.model.shape import Cone
 
 
-class Drawing(NamedTuple):
-    """How a start is drawn."""
+class StartSettings(NamedTuple):
+    """Settings of random starts."""
 
     largest_splay: float = 0.8
     """Largest hinge angle of a start [rad]."""
     untangled_from: int = 8
-    """Fewest modules that are untangled first; with fewer, Ipopt sorts them out as well."""
+    """Smallest number of modules that are untangled; Ipopt untangles fewer as well."""
     lifted_from: int = 30
-    """Fewest modules for which they are also turned so that thrusts do not point apart."""
-    level: float = 1e-9
-    """Planes whose normals add up to less leave no direction that leads out of them all."""
+    """Smallest number of modules whose hinges are also turned to align thrusts."""
+    min_normal: float = 1e-9
+    """Length of the sum of several planes' normals below which no direction leads out of all."""
     cone_spread: float = 0.3
     """Scatter of the end-effector's direction about the axis of an allowed cone."""
     turns: int = 24
-    """Ways round the mean force of which a start with such a cone takes the one that costs the least effort."""
+    """Number of yaw angles about the mean force from which a start with such a cone takes the cheapest."""
     tie: float = 1e-6
-    """Efforts so close together are the same: of turns that symmetry makes alike rounding must not choose."""
+    """Relative difference of efforts that is a tie, so that rounding does not choose between symmetric angles."""
 
 
-DRAWING = Drawing()
+DRAWING = StartSettings()
 
 
 LEAST_INPUT, LARGEST_INPUT = 0.05, 0.95
-"""Range of the inputs of a start, in that of their bounds: strictly inside, as an interior-point method wants."""
+"""Range of the inputs of a start, relative to their bounds: strictly inside, for the interior-point method."""
 
 
 def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> np.random.Generator:
-    """Return the random numbers of one start."""
+    """Return the random generator of one start."""
     return np.random.default_rng(entropy(task, topology, f"{start}\n{seed}"))
 
 
 def entropy(task: ResolvedTask, topology: Topology, seed: str) -> int:
-    """Return the number that seeds the draws of a task and topology.
+    """Return the seed of a task and topology.
 
-    A point without a rod, and how far a rod reaches, draw nothing: what does not bind leaves the result as it is.
+    It ignores limits of the rod, and a rod of type "none": limits that are not active do not change the result.
     """
-    nothing = {"largest_reach", "rod_modulus", "rod_deflection"}
+    ignored = {"largest_reach", "rod_modulus", "rod_deflection"}
     if task.end_effector.rod == "none":
-        nothing.add("rod")
-    content = task.declared.model_dump_json(exclude={"end_effector": nothing})
+        ignored.add("rod")
+    content = task.declared.model_dump_json(exclude={"end_effector": ignored})
     text = f"{content}\n{topology.key}\n{seed}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
 
@@ -89,44 +88,44 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
         )
 
         alpha, cone = untangle(task, topology, alpha, rng), _narrowest_cone(task)
-        along = cone is not None and cone.axis is None  # else the apex is not where the thrusts pull
-        if along or topology.n >= DRAWING.lifted_from:
-            half_angle = math.radians(cone.half_angle_deg) if cone is not None and along else None
+        to_com = cone is not None and cone.axis is None  # else the apex is not in the direction of thrust
+        if to_com or topology.n >= DRAWING.lifted_from:
+            half_angle = math.radians(cone.half_angle_deg) if cone is not None and to_com else None
             alpha = shorten_lever(task, topology, alpha, half_angle, rng)
 
     R, _ = poses(topology, np.eye(3), alpha, task.module.connector_distance)
-    upright, turn = _rotation_between(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0
+    upright, yaw = _rotation_between(R[:, :, 2].sum(axis=0), mean_force(task)), 0.0
     if task.search.root == "free":
-        turn = rng.uniform(-np.pi, np.pi)
-    nowhere, nothing = np.zeros(3), np.empty((len(task.load_cases), topology.n, 4))
+        yaw = rng.uniform(-np.pi, np.pi)
+    origin, no_inputs = np.zeros(3), np.empty((len(task.load_cases), topology.n, 4))
 
     def start_at(angle: float) -> Point:
         root = root_of(task, rotation(_unit(mean_force(task)), angle) @ upright)
-        return Point(task, topology, root, alpha, nowhere, nothing)
+        return Point(task, topology, root, alpha, origin, no_inputs)
 
     if cone is None:
-        start = start_at(turn)
+        start = start_at(yaw)
         return with_inputs(replace(start, p_E=_end_effector(start, rng)))
-    turns = turn + 2 * np.pi / DRAWING.turns * np.arange(DRAWING.turns if task.search.root == "free" else 1)
-    starts = [_with_least_norm(replace(start, p_E=_apex(start, cone))) for start in map(start_at, turns)]
+    yaws = yaw + 2 * np.pi / DRAWING.turns * np.arange(DRAWING.turns if task.search.root == "free" else 1)
+    starts = [_with_least_norm(replace(start, p_E=_apex(start, cone))) for start in map(start_at, yaws)]
     cheap = min(start.objective for start in starts) * (1.0 + DRAWING.tie)
     return _clip_inputs(next(start for start in starts if start.objective <= cheap))
 
 
 def splay(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Array:
-    """Return random hinge angles at which airflows of neighbours lean away from each other, shape (n-1,)."""
+    """Return random hinge angles with airflows of neighbours leaning apart, shape (n-1,)."""
     phi = rng.uniform(0.0, min(DRAWING.largest_splay, largest_turn(task)), topology.n - 1)
     return nearest_angles(task, topology, signs(topology) * phi)
 
 
 def root_of(task: ResolvedTask, R: Array) -> Array:
-    """Return the root angles of an orientation, brought inside their bounds if they have any."""
+    """Return the root angles of an orientation, clipped to their bounds if there are any."""
     root = root_angles(R)
     return root if task.search.root == "free" else np.array([0.0, *np.clip(root[1:], -np.pi / 2, np.pi / 2)])
 
 
 def _end_effector(start: Point, rng: np.random.Generator) -> Array:
-    """Return p'_E: anywhere around the platform; upstream of the rotors if the target must not be blown at."""
+    """Return p'_E: anywhere around the platform, or with exposure requirements upstream of the rotors."""
     task = start.task
     direction, distance = rng.normal(size=3), rng.uniform(1.0, 10.0) * task.module.arm_length
     distance += task.end_effector.stand_off
@@ -141,66 +140,66 @@ def _end_effector(start: Point, rng: np.random.Generator) -> Array:
 
 
 def _apex(start: Point, cone: Cone) -> Array:
-    """Return p'_E: upstream of the rotors, just so far that the cone from there holds all airflow."""
+    """Return p'_E: upstream of the rotors, just far enough for its cone to contain all airflow."""
     task, p, half_angle = start.task, start.poses[1], math.radians(cone.half_angle_deg)
     centroid, upstream, margin = p.mean(axis=0), _upstream(task, cone), task.search.margin
-    blown = envelopes(task.module.region_envelope, *start.poses)
-    reach = cone_reach(blown, centroid, upstream, half_angle) + margin / math.sin(half_angle)
+    airflow = envelopes(task.module.region_envelope, *start.poses)
+    reach = cone_reach(airflow, centroid, upstream, half_angle) + margin / math.sin(half_angle)
     reach -= float(np.array(cone.apex) @ upstream)
-    off = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin
-    return np.asarray(centroid + max(reach, off) * upstream)
+    clear = float(np.max((p - centroid) @ upstream)) + (task.exclusion_radius or 0.0) + margin
+    return np.asarray(centroid + max(reach, clear) * upstream)
 
 
 def cones(task: ResolvedTask) -> list[Cone]:
-    """Return the cones and half-spaces that must hold all airflow."""
+    """Return the cones and half-spaces that must contain all airflow."""
     regions = (exposure for exposure in task.exposure if exposure.geometry)
     return [shape for exposure in regions for shape in exposure.shapes if isinstance(shape, Cone)]
 
 
 def _narrowest_cone(task: ResolvedTask) -> Cone | None:
-    """Return the narrowest cone that must hold all airflow, if its apex may be chosen."""
+    """Return the narrowest cone that must contain all airflow, if its apex is free."""
     if task.end_effector.fixed_position is not None:
         return None
     return min(cones(task), key=lambda cone: cone.half_angle_deg, default=None)
 
 
 def upstream_of(task: ResolvedTask) -> Array:
-    """Return where no airflow goes: out of the last region whose direction is fixed, else along the mean force."""
+    """Return the upstream direction: out of the last region with a fixed direction, else along the mean force."""
     for exposure in reversed(task.exposure):
         axes = [shape.axis for shape in exposure.shapes if isinstance(shape, Cone) and shape.axis is not None]
-        if axes and np.linalg.norm(inwards := np.sum(axes, axis=0)) > DRAWING.level:
+        if axes and np.linalg.norm(inwards := np.sum(axes, axis=0)) > DRAWING.min_normal:
             return -_unit(inwards)
     return _upstream(task, None)
 
 
 def _upstream(task: ResolvedTask, cone: Cone | None) -> Array:
-    """Return where no airflow goes: out of a cone whose axis is fixed, else along the mean force."""
+    """Return the upstream direction: out of a cone with a fixed axis, else along the mean force."""
     if cone is None or cone.axis is None:
         return _unit(mean_force(task))
     return -_unit(np.asarray(cone.axis))
 
 
 def with_inputs(point: Point) -> Point:
-    """Return the point with the least-norm inputs of every load case, brought inside their bounds."""
+    """Return the point with the least-norm inputs of every load case, clipped to their bounds."""
     return _clip_inputs(_with_least_norm(point))
 
 
 def _with_least_norm(point: Point) -> Point:
-    """Return the point with the least-norm inputs of every load case, whatever their bounds."""
+    """Return the point with the least-norm inputs of every load case, without bounds."""
     u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=1e-6)[0]
     return replace(point, u=np.asarray(u.T, dtype=float).reshape(point.u.shape))
 
 
 def _clip_inputs(point: Point) -> Point:
-    """Return the point with its inputs brought inside their bounds."""
+    """Return the point with its inputs clipped to LEAST_INPUT..LARGEST_INPUT of their bounds."""
     alive = running_rotors(point.task).reshape(point.u.shape)
     low, high = point.task.min_input * alive, point.task.max_input * alive
-    least, largest = (low + share * (high - low) for share in (LEAST_INPUT, LARGEST_INPUT))
-    return replace(point, u=np.clip(point.u, least, largest))
+    smallest, largest = (low + share * (high - low) for share in (LEAST_INPUT, LARGEST_INPUT))
+    return replace(point, u=np.clip(point.u, smallest, largest))
 
 
 def mean_force(task: ResolvedTask) -> Array:
-    """Return the weighted sum of the load cases' forces; upwards if they cancel."""
+    """Return the weighted sum of the load cases' forces; straight up if they cancel."""
     force = sum(
         (case.weight * np.add(case.at_end_effector.force, case.at_com.force) for case in task.load_cases),
         start=np.zeros(3),
@@ -210,7 +209,7 @@ def mean_force(task: ResolvedTask) -> Array:
 
 
 def _rotation_between(a: Array, b: Array) -> Array:
-    """Return the least rotation that turns the direction of a into that of b."""
+    """Return the smallest rotation from the direction of a to that of b."""
     a, b = _unit(a), _unit(b)
     axis = np.cross(a, b)
     sine = np.linalg.norm(axis)

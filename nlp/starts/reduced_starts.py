@@ -1,6 +1,6 @@
 """Random starts of the reduced search: hinges splayed, thrust along the mean force, the end-effector outside.
 
-As `nlp.starts.random_starts` draws small platforms, without inputs, and compiled. A start is a function of
+Same as `nlp.starts.random_starts` for small platforms, but compiled and without inputs. A start is a function of
 (task, topology, start index, seed) alone.
 """
 
@@ -26,29 +26,30 @@ from topo_search.model.compiled_code import njit, refresh
 LEAST_OFFSET, LARGEST_OFFSET = 1.0, 10.0
 """Range of the end-effector's distance from the modules' centroid, beyond its stand-off [l_arm]."""
 ANYWHERE, UPSTREAM, CONE = range(3)
-"""Initial directions of the end-effector: any, any not downstream, or upstream with some scatter."""
+"""Initial directions of the end-effector: any, any but downstream, or upstream with some scatter."""
 
 
-class Drawing(NamedTuple):
-    """Data for drawing starts of a task and a topology."""
+class StartData(NamedTuple):
+    """Data of a task and a topology for random starts."""
 
     splay: Array
-    """Hinge angles at most, with sign, shape (n-1,) [rad]."""
+    """Largest hinge angles, with sign, shape (n-1,) [rad]."""
     force: Array
     """Direction of the mean force."""
     upstream: Array
     """Direction in which no airflow goes."""
-    where: int
+    side: int
+    """ANYWHERE, UPSTREAM or CONE."""
     stand_off: float
     """[l_arm]."""
     paper: bool
-    """True if psi is zero and both root angles are within their bounds."""
+    """True if psi is zero and both root angles are bounded, as in the paper."""
 
 
-def drawing(task: ResolvedTask, topology: Topology) -> Drawing:
-    """Return what starts are drawn with."""
+def start_data(task: ResolvedTask, topology: Topology) -> StartData:
+    """Return the data for random starts."""
     force = mean_force(task)
-    return Drawing(
+    return StartData(
         signs(topology) * min(DRAWING.largest_splay, largest_turn(task)),
         force / np.linalg.norm(force),
         upstream_of(task),
@@ -58,48 +59,52 @@ def drawing(task: ResolvedTask, topology: Topology) -> Drawing:
     )
 
 
-def draws(
+def draw_starts(
     task: ResolvedTask,
     topology: Topology,
     problem: ReducedProblem,
     starts: Iterable[int],
     seed: str,
     *,
-    anyhow: bool = False,
+    random_signs: bool = False,
 ) -> Array:
-    """Return unknowns of starts, shape (starts, N); `anyhow`: hinges turn either way, up to their limits."""
+    """Return the unknowns of random starts, shape (starts, N).
+
+    With `random_signs` hinges turn either way, up to their limits.
+    """
     key = entropy(task, topology, seed)
-    drawn = drawing(task, topology)
-    if anyhow:
-        drawn = drawn._replace(splay=np.full(topology.n - 1, largest_turn(task)))
-    least = -1.0 if anyhow else 0.0
+    data = start_data(task, topology)
+    if random_signs:
+        data = data._replace(splay=np.full(topology.n - 1, largest_turn(task)))
+    lower = -1.0 if random_signs else 0.0
     random = [
-        (*rng.uniform(least, 1.0, topology.n), *rng.normal(size=3), rng.uniform(LEAST_OFFSET, LARGEST_OFFSET))
+        (*rng.uniform(lower, 1.0, topology.n), *rng.normal(size=3), rng.uniform(LEAST_OFFSET, LARGEST_OFFSET))
         for rng in (np.random.default_rng((key, start)) for start in starts)
     ]
-    return place_starts(problem, drawn, np.array(random).reshape(-1, topology.n + 4))
+    return place_starts(problem, data, np.array(random).reshape(-1, topology.n + 4))
 
 
 @njit(cache=True)
-def place_starts(problem: ReducedProblem, drawn: Drawing, random: Array) -> Array:
-    """Return the unknowns of a start for each row of random numbers: to pass a problem takes as long as to draw."""
+def place_starts(problem: ReducedProblem, data: StartData, random: Array) -> Array:
+    """Return the unknowns of a start for each row of random numbers, in one call: passing a problem is slow."""
     n, x = len(problem.tree.parent), np.empty((len(random), len(problem.lower)))
     for k in range(len(random)):
-        x[k] = _start(problem, drawn, random[k, :n], random[k, n : n + 3], random[k, n + 3])
+        x[k] = _start(problem, data, random[k, :n], random[k, n : n + 3], random[k, n + 3])
     return x
 
 
 @njit(cache=True)
-def _start(problem: ReducedProblem, drawn: Drawing, uniform: Array, direction: Array, distance: float) -> Array:
-    """Return the unknowns of a start, of random numbers for turn and hinges, and for the end-effector."""
+def _start(problem: ReducedProblem, data: StartData, uniform: Array, direction: Array, distance: float) -> Array:
+    """Return the unknowns of a start from random numbers: for yaw and hinges, and for the end-effector."""
     n, x = len(problem.tree.parent), np.zeros(len(problem.lower))
     for i in range(1, n):
-        x[i + 2] = min(max(drawn.splay[i - 1] * uniform[i], problem.lower[i + 2]), problem.upper[i + 2])
-    at = platform(problem, x)
-    lift, force = np.zeros(3), drawn.force
+        x[i + 2] = min(max(data.splay[i - 1] * uniform[i], problem.lower[i + 2]), problem.upper[i + 2])
+    pose = platform(problem, x)
+    lift, force = np.zeros(3), data.force
     for i in range(n):
-        lift += at.z[i]
-    R = _turn(force, 0.0 if drawn.paper else 2 * math.pi * uniform[0] - math.pi) @ _rotation_between(lift, force)
+        lift += pose.z[i]
+    yaw = 0.0 if data.paper else 2 * math.pi * uniform[0] - math.pi
+    R = _rotation_about(force, yaw) @ _rotation_between(lift, force)
     x[0] = math.atan2(-R[0, 1], R[1, 1])
     x[1] = math.atan2(R[2, 1], math.hypot(R[0, 1], R[1, 1]))
     c, s = math.cos(x[0]), math.sin(x[0])
@@ -108,19 +113,19 @@ def _start(problem: ReducedProblem, drawn: Drawing, uniform: Array, direction: A
         x[l] = min(max(x[l], problem.lower[l]), problem.upper[l])
     if len(problem.fixed):
         return x
-    at, d = platform(problem, x), direction.copy()
-    if drawn.where == CONE:
-        d = drawn.upstream + DRAWING.cone_spread * direction
-    elif drawn.where == UPSTREAM and np.sum(direction * drawn.upstream) < 0:
+    pose, d = platform(problem, x), direction.copy()
+    if data.side == CONE:
+        d = data.upstream + DRAWING.cone_spread * direction
+    elif data.side == UPSTREAM and np.sum(direction * data.upstream) < 0:
         d = -direction
-    d *= (distance + drawn.stand_off) / math.sqrt(np.sum(d * d))
+    d *= (distance + data.stand_off) / math.sqrt(np.sum(d * d))
     for k in range(3):
-        x[n + 2 + k] = np.mean(at.p[:, k]) + d[k]
+        x[n + 2 + k] = np.mean(pose.p[:, k]) + d[k]
     return x
 
 
 @njit(cache=True)
-def _turn(axis: Array, angle: float) -> Array:
+def _rotation_about(axis: Array, angle: float) -> Array:
     """Return the rotation about a unit axis."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -130,7 +135,7 @@ def _turn(axis: Array, angle: float) -> Array:
 
 @njit(cache=True)
 def _rotation_between(a: Array, b: Array) -> Array:
-    """Return the least rotation that turns the direction of a into that of the unit vector b."""
+    """Return the smallest rotation from the direction of a to the unit vector b."""
     length = math.sqrt(np.sum(a * a))
     if length < 1e-9:
         return np.eye(3)
@@ -140,8 +145,8 @@ def _rotation_between(a: Array, b: Array) -> Array:
         if cosine > 0.0:
             return np.eye(3)
         across = np.cross(b, np.eye(3)[np.argmin(np.abs(b))])
-        return _turn(across / math.sqrt(np.sum(across * across)), math.pi)
-    return _turn(axis / sine, math.atan2(sine, cosine))
+        return _rotation_about(across / math.sqrt(np.sum(across * across)), math.pi)
+    return _rotation_about(axis / sine, math.atan2(sine, cosine))
 
 
 refresh(place_starts, Path(__file__).parent, Path(arrays.__file__).parent, Path(kinematics.__file__).parent)

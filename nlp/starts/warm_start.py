@@ -1,15 +1,14 @@
-r"""A start from a design of another topology: what both trees have in common stands as it stood there.
+r"""A start from a design of another topology: the subtrees that both trees share keep their poses.
 
-A half turn of a module changes nothing, and a quarter turn nothing but its rotors' spins, so a module of the one
-tree can stand for one of the other in four ways. The pairs of modules that follow from such a choice along equal
-ports are a common subtree. Every choice belongs to exactly one of them, so the largest is found by going through
-all 4 n^2 choices once.
+A half turn of a module changes nothing, and a quarter turn only its rotors' spins, so two modules can match in four
+ways. Following equal ports from such a match gives a common subtree. Every match belongs to exactly one of them, so
+the largest is found by going through all 4 n^2 matches once.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| i, j, t | module, the source design's module in its place, quarter turns from the one's ports to the other's | | |
+| i, j, t | module, matched module of the source design, quarter turns from the ports of i to those of j | | |
 | R_i, p_i | pose of module i in W | (3,3), (3,) | -, m |
-| Q_i, q_i | pose that the source design's module gives to module i, in the source design's W | (3,3), (3,) | -, m |
+| Q_i, q_i | pose of module i as matched, in the source design's W | (3,3), (3,) | -, m |
 
 .. math::
 
@@ -33,25 +32,25 @@ from nlp.starts.random_starts import DRAWING, root_of, splay, with_inputs
 from topo_search.model import Design, ResolvedTask, Topology
 
 
-class Place(NamedTuple):
-    """Place of one of the source design's modules, which a module takes over."""
+class ModuleMatch(NamedTuple):
+    """Module of the source design that matches a module."""
 
     module: int
     turns: int
-    """Quarter turns t: port a is where the source design's module has port a + t."""
+    """Quarter turns t: port a matches port a + t of the source design's module."""
 
 
-Common = dict[int, Place]
-"""A common subtree: the places of its modules."""
+CommonSubtree = dict[int, ModuleMatch]
+"""A common subtree: the matches of its modules."""
 
 
 def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.random.Generator) -> Point:
     """Return a start from a design of another topology, or of the same one for another task.
 
-    Hinges within common subtrees keep their angles; those between them are splayed at random, and with many modules
-    turned, with their neighbours if need be, until nothing overlaps. The largest common subtree keeps its
-    orientation in the world. The end-effector keeps its place beside it or, where that violates less, from the
-    modules' centroid: the lever of the load cases' forces, which a large subtree takes with it when it moves.
+    Hinges within common subtrees keep their angles. Hinges between them are splayed at random, and with many
+    modules untangled. The largest common subtree keeps its orientation in the world. The end-effector keeps its
+    position from that subtree or from the modules' centroid, whichever has the smaller violation; the latter keeps
+    the lever of the load cases' forces.
     """
     l_c = task.module.connector_distance
     R_source, p_source = poses(
@@ -82,34 +81,34 @@ def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.r
     nearest = min(parts[0], key=lambda i: float(np.linalg.norm(p_source[match_of[i].module] - p_E_source)))
     root = root_of(task, Q[nearest] @ R[nearest].T)
     _, p = poses(topology, root_rotation(root), alpha, l_c)
-    beside = p[nearest] + p_E_source - p_source[match_of[nearest].module]
-    places = [beside, p.mean(axis=0) + p_E_source - p_source.mean(axis=0)]
+    from_subtree = p[nearest] + p_E_source - p_source[match_of[nearest].module]
+    positions = [from_subtree, p.mean(axis=0) + p_E_source - p_source.mean(axis=0)]
     if task.end_effector.fixed_position is not None:
-        places = [fixed_end_effector(task, topology, root, alpha)]
+        positions = [fixed_end_effector(task, topology, root, alpha)]
     no_inputs = np.empty((len(task.load_cases), topology.n, 4))
-    points = [with_inputs(Point(task, topology, root, alpha, p_E, no_inputs)) for p_E in places]
+    points = [with_inputs(Point(task, topology, root, alpha, p_E, no_inputs)) for p_E in positions]
     return min(points, key=lambda point: worst(violations(point)).rank)
 
 
-def common_subtrees(topology: Topology, source: Topology) -> list[Common]:
-    """Return disjoint common subtrees of two trees: always the largest of those that are left, down to pairs.
+def common_subtrees(topology: Topology, source: Topology) -> list[CommonSubtree]:
+    """Return disjoint common subtrees of two trees, each the largest of the remaining modules, down to pairs.
 
-    The first is there in any case, if only as a single module. Of subtrees of one size half turns come first: they
-    keep the spins of all rotors.
+    There is at least one, even if it is a single module. Among subtrees of equal size, half turns come first since
+    they keep the spins of all rotors.
     """
-    joints, others = _neighbours(topology), _neighbours(source)
-    subtrees: list[Common] = []
+    joints, source_joints = _neighbours(topology), _neighbours(source)
+    subtrees: list[CommonSubtree] = []
     while True:
         used = {i for part in subtrees for i in part}
-        used_there = {match.module for part in subtrees for match in part.values()}
-        part = _largest(joints, others, used, used_there)
+        used_source = {match.module for part in subtrees for match in part.values()}
+        part = _largest(joints, source_joints, used, used_source)
         if subtrees and len(part) < 2:
             return subtrees
         subtrees.append(part)
 
 
 _Neighbours = list[dict[int, tuple[int, int]]]
-"""Neighbour at every occupied port of every module: a module, and its own port."""
+"""Neighbour at every occupied port of every module: the other module and its port."""
 
 
 def _neighbours(topology: Topology) -> _Neighbours:
@@ -119,24 +118,25 @@ def _neighbours(topology: Topology) -> _Neighbours:
     return joints
 
 
-def _largest(joints: _Neighbours, others: _Neighbours, used: Set[int], used_there: Set[int]) -> Common:
-    """Return the largest common subtree of modules that are not used yet; empty if all are."""
-    best: Common = {}
-    seen: set[tuple[int, Place]] = set()
-    for t, i, j in product((0, 2, 1, 3), range(len(joints)), range(len(others))):
-        if i in used or j in used_there or (i, Place(j, t)) in seen:
+def _largest(joints: _Neighbours, source: _Neighbours, used: Set[int], used_source: Set[int]) -> CommonSubtree:
+    """Return the largest common subtree of unused modules; empty if all are used."""
+    best: CommonSubtree = {}
+    visited: set[tuple[int, ModuleMatch]] = set()
+    for t, i, j in product((0, 2, 1, 3), range(len(joints)), range(len(source))):
+        if i in used or j in used_source or (i, ModuleMatch(j, t)) in visited:
             continue
-        part = {i: Place(j, t)}
+        part = {i: ModuleMatch(j, t)}
         stack = [i]
         while stack:
             h = stack.pop()
             module, turns = part[h]
             for a, (child, b) in joints[h].items():
-                there, b_there = others[module].get((a + turns) % 4, (-1, -1))
-                if child not in part and child not in used and there >= 0 and there not in used_there:
-                    part[child] = Place(there, (b_there - b) % 4)
+                source_child, b_source = source[module].get((a + turns) % 4, (-1, -1))
+                free = source_child >= 0 and source_child not in used_source
+                if free and child not in part and child not in used:
+                    part[child] = ModuleMatch(source_child, (b_source - b) % 4)
                     stack.append(child)
-        seen.update(part.items())
+        visited.update(part.items())
         if len(part) > len(best):
             best = part
     return best

@@ -1,4 +1,4 @@
-r"""Poses, wrenches, masses and inertia of a platform as symbols (paper, Sec. II).
+r"""Symbolic poses, wrenches, masses and inertia of a platform (paper, Sec. II).
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -15,7 +15,7 @@ r"""Poses, wrenches, masses and inertia of a platform as symbols (paper, Sec. II
 
 with H_a = Ry for ports on the x axis and Rx for ports on the y axis, kappa = (a + 2 - b) mod 4.
 
-Wrenches: what the rotors produce, and what a load case requires.
+Wrenches of the rotors and of load cases:
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -24,7 +24,7 @@ Wrenches: what the rotors produce, and what a load case requires.
 | m_i | torque of module i about its centre, in its own frame | (3,) | l_arm m g |
 | delta_q | rotor position in the module frame | (3,) | l_arm |
 
-F = sum_i s_i z_i and, about the origin of W, tau_W = sum_i p_i x s_i z_i + R_i m_i with
+The force is F = sum_i s_i z_i and the torque about the origin of W is tau_W = sum_i p_i x s_i z_i + R_i m_i with
 m_i = sum_q (u_iq / 4) (delta_q x e_z + (-1)^q k_tau / (k_f l_arm) e_z).
 
 Centre of mass, end-effector and inertia, dimensionless, in the notation of `nlp.numbers.masses`:
@@ -33,7 +33,7 @@ Centre of mass, end-effector and inertia, dimensionless, in the notation of `nlp
 |---|---|---|---|
 | o_i, R_i | centre of module i from the COM, its orientation | (3,), (3, 3) | l_arm, - |
 | q | end-effector from the COM, a point of mass M_E | (3,) | l_arm |
-| d | from the foot of the rod that counts to the end-effector | (3,) | l_arm |
+| d | vector from the foot of a rod with mass to the end-effector | (3,) | l_arm |
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def poses(topology: Topology, root: ca.SX, alpha: ca.SX, l_c: float) -> list[Pos
 
 
 def wrench_map(orientations: Sequence[ca.SX], positions: Sequence[ca.SX], module: Module) -> ca.SX:
-    """Return the wrench of every rotor at unit input about where positions [l_arm] are from, shape (6, 4n)."""
+    """Return the wrench of every rotor at unit input, shape (6, 4n), about the origin of positions [l_arm]."""
     columns, torques = [], ca.DM(torque_map(module))
     for R, p in zip(orientations, positions, strict=True):
         z = R[:, 2] / 4
@@ -111,24 +111,24 @@ def wrench_map(orientations: Sequence[ca.SX], positions: Sequence[ca.SX], module
     return ca.horzcat(*columns)
 
 
-def asked_wrench(case: LoadCase, unit: Units, *, p_E: ca.SX, p_COM: ca.SX) -> ca.SX:
-    """Return the wrench of a load case about W's origin, shape (6,) [m g, l_arm m g]."""
+def required_wrench(case: LoadCase, unit: Units, *, p_E: ca.SX, p_COM: ca.SX) -> ca.SX:
+    """Return the required wrench of a load case about W's origin, shape (6,) [m g, l_arm m g]."""
     (f_E, f_C), (tau_E, tau_C) = (
-        [scale(getattr(at, kind), one) for at in (case.at_end_effector, case.at_com)]
-        for kind, one in (("force", unit.force), ("torque", unit.torque))
+        [scale(getattr(wrench, kind), size) for wrench in (case.at_end_effector, case.at_com)]
+        for kind, size in (("force", unit.force), ("torque", unit.torque))
     )
     return ca.vertcat(f_E + f_C, tau_E + ca.cross(p_E, f_E) + tau_C + ca.cross(p_COM, f_C))
 
 
 def scale(vector: Vector, unit: float) -> ca.SX:
-    """Return an SI vector in a dimensionless unit."""
+    """Return an SI vector divided by a unit."""
     return ca.SX(ca.DM(vector)) / unit
 
 
 def tip_and_com(
     module: Module, end_effector: EndEffector, topology: Topology, modules: list[Pose], tip: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """Return p'_E and p_COM [l_arm]; `tip` is p'_E where the task leaves it free."""
+    """Return p'_E and p_COM [l_arm]; `tip` is p'_E if the task leaves it free."""
     carried, position = masses(module, end_effector, topology), end_effector.fixed_position
     B = ca.SX.zeros(3)
     for pose, M, d in zip(modules, carried.modules, carried.centres, strict=True):
@@ -138,42 +138,43 @@ def tip_and_com(
     return p_E, (carried.tip * p_E + carried.bodies * B) / carried.total
 
 
-def spread(at: ca.SX) -> ca.SX:
-    """Return the inertia of a unit mass somewhere about the COM."""
-    return ca.dot(at, at) * ca.DM.eye(3) - at @ at.T
+def point_inertia(o: ca.SX) -> ca.SX:
+    """Return the inertia about the COM of a unit mass at o."""
+    return ca.dot(o, o) * ca.DM.eye(3) - o @ o.T
 
 
-def of_module(R: ca.SX, module: Module) -> ca.SX:
-    """Return the inertia of a module alone about its centre."""
+def module_inertia(R: ca.SX, module: Module) -> ca.SX:
+    """Return the inertia of a module without joints about its centre."""
     return R @ (ca.diag(ca.DM(module.inertia)) / (module.mass * module.arm_length**2)) @ R.T
 
 
-def of_body(o: ca.SX, R: ca.SX, body: Body) -> ca.SX:
-    """Return the inertia of M_i about the COM."""
-    at = o + R[:, :2] @ ca.DM(body.centre)
-    return body.mass * spread(at) + R @ ca.DM(body.inertia) @ R.T
+def body_inertia(o: ca.SX, R: ca.SX, body: Body) -> ca.SX:
+    """Return the inertia of module i with its joints about the COM."""
+    centre = o + R[:, :2] @ ca.DM(body.centre)
+    return body.mass * point_inertia(centre) + R @ ca.DM(body.inertia) @ R.T
 
 
-def of_rod(d: ca.SX, rod: RodMass) -> ca.SX:
-    """Return the inertia of the rod that counts about its middle."""
-    around = rod.radius**2 / ca.fmax(ca.dot(d, d), TINY)
-    return rod.mass * (spread(d) / 12 + around * d @ d.T)
+def rod_inertia(d: ca.SX, rod: RodMass) -> ca.SX:
+    """Return the inertia of a rod about its middle."""
+    roll = rod.radius**2 / ca.fmax(ca.dot(d, d), TINY)
+    return rod.mass * (point_inertia(d) / 12 + roll * d @ d.T)
 
 
-def beside_halves(d: ca.SX, rod: RodMass) -> ca.SX:
-    """Return what the rod's inertia is beside that of its halves at its ends."""
-    return of_rod(d, rod) - rod.mass / 4 * spread(d)
+def rod_inertia_beyond_ends(d: ca.SX, rod: RodMass) -> ca.SX:
+    """Return a rod's inertia beyond that of half its mass at each end."""
+    return rod_inertia(d, rod) - rod.mass / 4 * point_inertia(d)
 
 
 def rod_vector(centres: Sequence[ca.SX], orientations: Sequence[ca.SX], q: ca.SX, rod: RodMass) -> ca.SX:
-    """Return d."""
+    """Return d, the vector along the rod."""
     return q - centres[rod.module] - orientations[rod.module] @ ca.DM(rod.foot)
 
 
-def of_platform(centres: Sequence[ca.SX], orientations: Sequence[ca.SX], q: ca.SX, carried: Masses) -> ca.SX:
-    """Return the inertia about the COM."""
-    bodies = [of_body(o, R, carried.body(i)) for i, (o, R) in enumerate(zip(centres, orientations, strict=True))]
-    J = sum(bodies, start=carried.tip * spread(q))
+def platform_inertia(centres: Sequence[ca.SX], orientations: Sequence[ca.SX], q: ca.SX, carried: Masses) -> ca.SX:
+    """Return the inertia of the platform about the COM."""
+    poses = zip(centres, orientations, strict=True)
+    bodies = [body_inertia(o, R, carried.body(i)) for i, (o, R) in enumerate(poses)]
+    J = sum(bodies, start=carried.tip * point_inertia(q))
     if carried.rod.mass:
-        J += beside_halves(rod_vector(centres, orientations, q, carried.rod), carried.rod)
+        J += rod_inertia_beyond_ends(rod_vector(centres, orientations, q, carried.rod), carried.rod)
     return J

@@ -1,14 +1,14 @@
-r"""Users' constraints checked: on a final design, and before a search on platforms listed in several ways.
+r"""Checks of user constraints: on a final design, and before a search, of their invariance on random platforms.
 
-A constraint may claim not to tell these listings apart. A platform is drawn at random, then listed from another
-module, with modules turned by half, or mirrored. What is found equal here need not be equal everywhere: this
-refuses claims, and proves none.
+A constraint may claim that it does not change with the numbering of modules or with mirroring. A random platform is
+numbered from another module, with modules turned by half a turn, or mirrored. Equal values do not prove a claim;
+different ones refute it.
 
 | symbol | meaning | shape |
 |---|---|---|
-| R_i, o_i, p_E, u_i | poses, end-effector and inputs of one listing | (3,3), (3,), (3,), (4,) |
-| t_i | quarter turns from a module's own axes to those that it has in another listing | |
-| O, M | the mirror in the world; in a module: the ports +y and -y change places | (3, 3) |
+| R_i, o_i, p_E, u_i | poses, end-effector and inputs in one numbering | (3,3), (3,), (3,), (4,) |
+| t_i | quarter turns from a module's axes to its axes in another numbering | |
+| O, M | mirror of the world; mirror of a module, which swaps the ports +y and -y | (3, 3) |
 
 .. math:: R'_i = R_i R_z(t_i \pi/2), \qquad R'_i = O R_i M
 """
@@ -29,10 +29,10 @@ from topo_search.model.design import StatedCheck
 from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
 DRAWS = 256
-"""Random platforms; each value of an own constraint must be finite on one of them."""
+"""Number of random platforms; each value of a user constraint must be finite on one of them."""
 
 
-def check_stated(
+def check_user_constraints(
     constraints: Sequence[OwnConstraint],
     design: Design,
     *,
@@ -40,11 +40,11 @@ def check_stated(
     centres: Array,
     end_effector: Array,
 ) -> tuple[StatedCheck, ...]:
-    """Return what own constraints come to on a design, by their own expressions at poses that others computed.
+    """Evaluate user constraints on a design, at independently computed poses.
 
     Args:
-        constraints: what is checked.
-        design: its angles and inputs.
+        constraints: the constraints to check.
+        design: the design, for its angles and inputs.
         orientations: R_i, shape (n, 3, 3).
         centres: o_i from the centre of mass, shape (n, 3) [m].
         end_effector: p_E from the centre of mass, shape (3,) [m].
@@ -58,12 +58,12 @@ def check_stated(
         hinge_angles=design.hinge_angles_rad,
         inputs=design.rotor_speeds_squared,
     )
-    return tuple(_check(one, platform) for one in constraints)
+    return tuple(_check(constraint, platform) for constraint in constraints)
 
 
 def _check(constraint: OwnConstraint, platform: SymbolicPlatform) -> StatedCheck:
     values = np.asarray(ca.evalf(rows(constraint, platform)), dtype=float).ravel()
-    if not np.all(np.isfinite(values)):  # a constraint that has no value is not met
+    if not np.all(np.isfinite(values)):  # without a value it is not met
         return StatedCheck(**constraint.stated.model_dump(), status="missed")
     beyond = np.maximum(constraint.lower - values, values - constraint.upper)
     worst = int(np.argmax(beyond))
@@ -77,17 +77,17 @@ def _check(constraint: OwnConstraint, platform: SymbolicPlatform) -> StatedCheck
 
 
 def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, topology: Topology) -> None:
-    """Try own constraints on the symbols of one topology, and on random values of them, before workers do.
+    """Evaluate user constraints symbolically for one topology, and on random values, before any worker does.
 
     Raises:
-        BadInput: names the constraint, and what its expression raises or returns in place of expressions.
+        BadInput: names the constraint, and the exception or the wrong return value of its expression.
     """
     rng = np.random.default_rng(0)
     for constraint in constraints:
         try:
             user_rows = UserRows([constraint], task, topology)
-            known = {symbol.element_hash() for symbol in ca.symvar(user_rows.x)}
-            foreign = [symbol.name() for symbol in ca.symvar(user_rows.g) if symbol.element_hash() not in known]
+            unknowns = {symbol.element_hash() for symbol in ca.symvar(user_rows.x)}
+            foreign = [symbol.name() for symbol in ca.symvar(user_rows.g) if symbol.element_hash() not in unknowns]
             if foreign:
                 raise ValueError(f"may use only the platform's symbols, but has {', '.join(foreign)}")
             _ = user_rows.bounds
@@ -100,17 +100,17 @@ def refuse_unusable(constraints: Sequence[OwnConstraint], task: ResolvedTask, to
                 raise ValueError(f"must have a finite value, but has none on {DRAWS} random platforms")
         except Exception as error:
             reason = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-            rule = f"cannot be stated for {topology.key}: {' '.join(reason.split())}"
+            rule = f"cannot be evaluated for {topology.key}: {' '.join(reason.split())}"
             raise BadInput("constraints", [Fault(constraint.name, rule)]) from error
 
 
 class InvarianceTest(NamedTuple):
-    """The test of claims of invariance."""
+    """Settings of the test of claimed invariance."""
 
     draws: int = 8
-    """Platforms that each claim is tried on."""
+    """Number of platforms on which each claim is tested."""
     agreement: float = 1e-7
-    """Largest relative difference by rounding between the violations of a constraint in two listings."""
+    """Largest relative difference, due to rounding, of a constraint's violations in two numberings."""
 
 
 INVARIANCE = InvarianceTest()
@@ -123,61 +123,61 @@ MIRROR = np.diag([1.0, -1.0, 1.0])
 def refuse_wrong_claims(
     constraints: Sequence[OwnConstraint], task: ResolvedTask, topology: Topology, *, mirror: Array | None
 ) -> None:
-    """Try what own constraints say of their invariance.
+    """Test the claimed invariance of user constraints on random platforms.
 
     Args:
-        constraints: what is tried.
+        constraints: the constraints to test.
         task: the task.
-        topology: a tree of it.
+        topology: a tree of modules.
         mirror: an improper isometry that maps the task onto itself, shape (3, 3); None: it has none.
 
     Raises:
-        BadInput: names the constraint, the claim, and what it comes to in two listings of one platform.
+        BadInput: names the constraint, the claim, and its violations in two numberings of one platform.
     """
     rng = np.random.default_rng(0)
-    claims = [one for one in constraints if one.invariant != "none"]
+    claims = [constraint for constraint in constraints if constraint.invariant != "none"]
     for _ in range(INVARIANCE.draws if claims else 0):
-        listing = _Listing.draw(task, topology, rng)
-        other = listing.relist(int(rng.integers(topology.n)), int(2 * rng.integers(2)))
-        for one in claims:
-            _compare(one, listing, other, "numbering")
-            if one.invariant == "mirror" and mirror is not None:
-                _compare(one, listing, listing.mirror(mirror), "mirror")
+        listing = _Numbering.draw(task, topology, rng)
+        renumbered = listing.renumber(int(rng.integers(topology.n)), int(2 * rng.integers(2)))
+        for constraint in claims:
+            _compare(constraint, listing, renumbered, "numbering")
+            if constraint.invariant == "mirror" and mirror is not None:
+                _compare(constraint, listing, listing.mirror(mirror), "mirror")
 
 
-def _compare(constraint: OwnConstraint, listing: _Listing, other: _Listing, claim: str) -> None:
-    missed, there = (_violation(constraint, each.platform()) for each in (listing, other))
-    if not abs(missed - there) <= INVARIANCE.agreement * max(1.0, abs(missed), abs(there)):
+def _compare(constraint: OwnConstraint, listing: _Numbering, changed: _Numbering, claim: str) -> None:
+    first, second = (_violation(constraint, numbering.platform()) for numbering in (listing, changed))
+    if not abs(first - second) <= INVARIANCE.agreement * max(1.0, abs(first), abs(second)):
         rule = (
-            f"says that it is invariant to {claim}, but one platform is {missed:.6g} {constraint.unit} beyond its "
-            f"bounds as {listing.topology.key} and {there:.6g} as {other.topology.key}"
+            f"says that it is invariant to {claim}, but one platform is {first:.6g} {constraint.unit} beyond its "
+            f"bounds as {listing.topology.key} and {second:.6g} as {changed.topology.key}"
         )
         raise BadInput("constraints", [Fault(constraint.name, rule)])
 
 
 def _violation(constraint: OwnConstraint, platform: SymbolicPlatform) -> float:
-    """Return by how much the values of an expression are beyond their bounds at most."""
+    """Return the largest violation of a constraint's bounds."""
     values = np.asarray(ca.evalf(rows(constraint, platform)), dtype=float).ravel()
     return float(np.max(np.maximum(constraint.lower - values, values - constraint.upper)))
 
 
-class _Listing:
-    """A platform in numbers, listed from one of its modules."""
+class _Numbering:
+    """A numeric platform with one of its numberings of modules."""
 
     def __init__(self, task: ResolvedTask, topology: Topology, R: Array, o: Array, p_E: Array, u: Array) -> None:
         self.task, self.topology = task, topology
         self.R, self.o, self.p_E, self.u = R, o, p_E, u
 
     @classmethod
-    def draw(cls, task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> _Listing:
-        """Return a random platform; all load cases have the same inputs, since a mirror may exchange them."""
+    def draw(cls, task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> _Numbering:
+        """Return a random platform; all load cases have the same inputs, since a mirror may swap cases."""
         n, l_c = topology.n, task.module.connector_distance
         R, p = poses(topology, root_rotation(rng.uniform(-1.5, 1.5, 3)), rng.uniform(-1.0, 1.0, n - 1), l_c)
         u = rng.uniform(0.0, task.module.max_input(task.gravity), (n, 4))
         return cls(task, topology, R, p - p.mean(axis=0), rng.normal(size=3), u)
 
-    def relist(self, root: int, turns: int) -> _Listing:
-        """Return the platform listed from another module, with that module's axes turned by quarter turns."""
+    def renumber(self, root: int, turns: int) -> _Numbering:
+        """Return the platform numbered from module `root`, with the axes of that module turned by quarter turns."""
         import networkx as nx
 
         graph, order, joints = self.topology.graph(), [root], [(-1, -1, -1)]
@@ -186,32 +186,32 @@ class _Listing:
             a = (ports[h] - turns) % 4 if h == root else ports[h]
             joints.append((order.index(h), a, ports[i]))
             order.append(i)
-        rough = Topology(tuple(joints))
-        topology = Topology.from_key(rough.key)
-        # the key lists modules in preorder, every one entered through the port opposite to its parent's
-        places, t = {0: 0}, {0: turns}
-        children = {(h, a): (i, b) for h, i, a, b in rough.edges()}
+        unsorted = Topology(tuple(joints))
+        topology = Topology.from_key(unsorted.key)
+        # the key has modules in preorder, each attached by the port opposite to its parent's
+        source_index, t = {0: 0}, {0: turns}
+        children = {(h, a): (i, b) for h, i, a, b in unsorted.edges()}
         shift = {0: 0}
         for h, i, a, b in topology.edges():
-            old, b_old = children[places[h], (a + shift[h]) % 4]
-            places[i], shift[i] = old, (b_old - b) % 4
+            source, b_source = children[source_index[h], (a + shift[h]) % 4]
+            source_index[i], shift[i] = source, (b_source - b) % 4
             t[i] = shift[i]
-        modules = [order[places[i]] for i in range(topology.n)]
+        modules = [order[source_index[i]] for i in range(topology.n)]
         R = np.array([self.R[m] @ rotation([0, 0, 1], t[i] * np.pi / 2) for i, m in enumerate(modules)])
         u = np.array([np.roll(self.u[m], t[i]) for i, m in enumerate(modules)])
-        return _Listing(self.task, topology, R, self.o[modules], self.p_E, u)
+        return _Numbering(self.task, topology, R, self.o[modules], self.p_E, u)
 
-    def mirror(self, O: Array) -> _Listing:
-        """Return the mirror image: the ports +y and -y of every module change places, and so do its rotors."""
+    def mirror(self, O: Array) -> _Numbering:
+        """Return the mirror image: the ports +y and -y of every module are swapped, and its rotors accordingly."""
         swap = (0, 3, 2, 1)
         joints = [(h, swap[a] if h >= 0 else a, swap[b] if h >= 0 else b) for h, a, b in self.topology.joints]
-        rough = Topology(tuple(joints))
+        unsorted = Topology(tuple(joints))
         R = np.einsum("ab,ibc,cd->iad", O, self.R, MIRROR)
-        image = _Listing(self.task, rough, R, self.o @ O.T, O @ self.p_E, self.u[:, [3, 2, 1, 0]])
-        return image.relist(0, 0)
+        image = _Numbering(self.task, unsorted, R, self.o @ O.T, O @ self.p_E, self.u[:, [3, 2, 1, 0]])
+        return image.renumber(0, 0)
 
     def platform(self) -> SymbolicPlatform:
-        """Return what a constraint is called with."""
+        """Return the argument of a constraint's expression."""
         alpha = []
         for (h, i, a, _), kappa in zip(self.topology.edges(), self.topology.kappas[1:], strict=True):
             H = self.R[h].T @ self.R[i] @ rotation([0, 0, 1], -kappa * np.pi / 2)

@@ -1,11 +1,11 @@
-"""Own constraints as rows of the problem, and as numbers at a point.
+"""User constraints as rows of the problem, and their values at a point.
 
 | symbol | meaning | shape |
 |---|---|---|
 | x | unknowns in the order of `nlp.problem.Variables` | (N,) |
-| g | own expressions over their scales | (m,) |
+| g | the constraints' expressions over their scales | (m,) |
 
-The platform that a constraint gets consists of symbols or of numbers.
+A constraint is called with a symbolic or a numeric platform.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
 
 def scale_of(constraint: OwnConstraint, task: ResolvedTask) -> float:
-    """Return what counts as much of an own constraint, in its unit."""
+    """Return a typical magnitude of a constraint, in its unit."""
     scales = {
         "m": task.module.arm_length,
         "N": task.force_unit(task.n),
@@ -42,7 +42,7 @@ def rows(constraint: OwnConstraint, platform: SymbolicPlatform) -> ca.SX:
     """Return the values of a constraint's expression as a column.
 
     Raises:
-        ValueError: it is no expression, or none of the platform alone.
+        ValueError: the return value is not a CasADi expression.
     """
     value = constraint.expression(platform)
     try:
@@ -56,7 +56,7 @@ def rows(constraint: OwnConstraint, platform: SymbolicPlatform) -> ca.SX:
 
 
 def symbolic_platform(task: ResolvedTask, topology: Topology, variables: Variables) -> SymbolicPlatform:
-    """Return the platform that the unknowns describe."""
+    """Return the platform as a function of the unknowns."""
     unit, (modules, p_E, p_COM) = Units.of(task), variables.platform(task, topology)
     return SymbolicPlatform(
         task=task.declared,
@@ -79,7 +79,7 @@ def platform_of(
     hinge_angles: Sequence[float],
     inputs: Sequence[Any],
 ) -> SymbolicPlatform:
-    """Return a platform of numbers in the form that an own constraint takes; shapes as of `check_stated`."""
+    """Return a numerical platform as user constraints take it; shapes as in `check_user_constraints`."""
     return SymbolicPlatform(
         task=task,
         topology=topology,
@@ -94,48 +94,48 @@ def platform_of(
 TOLERANCE = 1e-6
 """Tolerance of a user constraint, as a share of its scale: the audit's own tolerance for residuals."""
 IMPOSED = 0.1
-"""Share of that which Ipopt leaves of a bound, so that what it reaches to its tolerance is within it."""
+"""Distance that Ipopt keeps from a bound, in TOLERANCE, so that its result is within the bound."""
 UserConstraints = tuple[OwnConstraint, ...]
-"""Constraints that a user states; usually none."""
+"""Constraints of the user; usually none."""
 
 
 def violations_of(point: Point, constraints: UserConstraints) -> list[Violation]:
-    """Return how far a point is from meeting everything: the printed problem, and own constraints."""
-    own = rows_of(constraints, point.task, point.topology).violations(point) if constraints else ()
-    return [*violations(point), *own]
+    """Return the violations of the printed problem and of user constraints at a point."""
+    user_violations = rows_of(constraints, point.task, point.topology).violations(point) if constraints else ()
+    return [*violations(point), *user_violations]
 
 
 def correct_point(point: Point, constraints: UserConstraints) -> Point:
-    """Return a point as a file can hold it; own constraints may bound inputs that cost nothing."""
+    """Return a corrected point; with user constraints, which may bound inputs, declared load cases keep theirs."""
     return correct(point, settled=len(point.task.declared.load_cases) if constraints else 0)
 
 
 @lru_cache(maxsize=32)
 def rows_of(constraints: UserConstraints, task: ResolvedTask, topology: Topology) -> UserRows:
-    """Return own constraints as rows; those of the last few programs are kept."""
+    """Return user constraints as rows; cached for the last few programs."""
     return UserRows(constraints, task, topology)
 
 
 class UserRows:
-    """The own constraints of one task and topology."""
+    """User constraints for one task and topology."""
 
     def __init__(self, constraints: Sequence[OwnConstraint], task: ResolvedTask, topology: Topology) -> None:
-        """Build their expressions."""
+        """Build the expressions."""
         self.constraints, self.task, self.topology = constraints, task, topology
         self._scales = [scale_of(constraint, task) for constraint in constraints]
         variables = Variables.of(task, topology)
         platform, self.x = symbolic_platform(task, topology, variables), variables.vector()
-        columns = [rows(one, platform) / scale for one, scale in zip(constraints, self._scales, strict=True)]
+        columns = [rows(item, platform) / scale for item, scale in zip(constraints, self._scales, strict=True)]
         self.counts = [column.numel() for column in columns]
-        """The number of rows of each constraint."""
+        """Number of rows of each constraint."""
         self.g = ca.cse(ca.vertcat(*columns))
-        """The rows of all constraints over their scales, as expressions of the unknowns x."""
+        """Rows of all constraints over their scales, as expressions of the unknowns x."""
 
     def draw(self, rng: np.random.Generator) -> Array:
-        """Return random unknowns, small or large: angles to a right angle, p'_E as far as modules reach, inputs."""
+        """Return random unknowns of any magnitude: angles, p'_E within the reach of all modules, and inputs."""
         n, unit = self.topology.n, Units.of(self.task)
         first = self.x.numel() - 4 * n * len(self.task.load_cases)
-        largest = np.full(self.x.numel(), 2.0)  # inputs: twice what hovers
+        largest = np.full(self.x.numel(), 2.0)  # inputs: twice the hover input
         largest[: n + 2] = math.pi / 2
         largest[n + 2 : first] = 2 * n * self.task.module.connector_distance / unit.length
         kinds = [n + 2, first - n - 2, len(largest) - first]
@@ -145,10 +145,10 @@ class UserRows:
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Bounds on g; those of inequalities a little closer, so that they are met where Ipopt ends."""
-        sides = np.array([(one.lower, one.upper) for one in self.constraints], dtype=float).T / self._scales
-        closer = IMPOSED * TOLERANCE * (sides[1] - sides[0] > 4 * TOLERANCE)
-        lower, upper = np.repeat([sides[0] + closer, sides[1] - closer], self.counts, axis=1)
+        """Bounds on g; slightly tighter for inequalities, so that Ipopt's result is within the user's bounds."""
+        sides = np.array([(item.lower, item.upper) for item in self.constraints], dtype=float).T / self._scales
+        inset = IMPOSED * TOLERANCE * (sides[1] - sides[0] > 4 * TOLERANCE)
+        lower, upper = np.repeat([sides[0] + inset, sides[1] - inset], self.counts, axis=1)
         return lower, upper
 
     @cached_property
@@ -158,32 +158,32 @@ class UserRows:
 
     @cached_property
     def derived(self) -> DerivedRows:
-        """The rows of a program."""
+        """The rows with their derivatives, for a program."""
         return DerivedRows(self.x, self.g, *self.bounds)
 
     def violations(self, point: Point) -> list[Violation]:
-        """Return how far a point is from meeting each constraint."""
+        """Return the violation of each constraint at a point."""
         values = np.asarray(self.values(point.pack()), dtype=float).ravel()
         parts = np.split(values, np.cumsum(self.counts)[:-1])
         return [
-            _violation(one, scale, part)
-            for one, scale, part in zip(self.constraints, self._scales, parts, strict=True)
+            _violation(constraint, scale, part)
+            for constraint, scale, part in zip(self.constraints, self._scales, parts, strict=True)
         ]
 
 
 def _violation(constraint: OwnConstraint, scale: float, values: Array) -> Violation:
-    """Return how far values over their scale are from meeting a constraint; what is no number is farthest."""
+    """Return the largest violation of scaled values; infinite or NaN values are the worst."""
     if not np.all(np.isfinite(values)):
         return Violation(f"{constraint.name} (no finite value)", scale, constraint.unit, math.nan, TOLERANCE)
-    off = float(max(np.max(constraint.lower / scale - values), np.max(values - constraint.upper / scale)))
-    return Violation(constraint.name, off * scale, constraint.unit, off, TOLERANCE)
+    excess = float(max(np.max(constraint.lower / scale - values), np.max(values - constraint.upper / scale)))
+    return Violation(constraint.name, excess * scale, constraint.unit, excess, TOLERANCE)
 
 
 class DerivedRows:
-    """Expressions as rows of a program, whose derivatives are CasADi's."""
+    """Expressions as rows of a program, with derivatives by CasADi."""
 
     def __init__(self, x: ca.SX, g: ca.SX, lower: Array, upper: Array) -> None:
-        """Derive the rows g of the unknowns x."""
+        """Differentiate the rows g by the unknowns x."""
         multipliers = ca.SX.sym("multipliers", g.numel())
         self.values = ca.Function("g", [x], [g])
         self.lower, self.upper = lower, upper
@@ -194,9 +194,9 @@ class DerivedRows:
         self.hessian_pattern = self._hessian.sparsity_out(0)
 
     def jacobian(self, variables: Array) -> Array:
-        """Return the entries of their Jacobian."""
+        """Return the entries of the Jacobian of the rows."""
         return np.array(self._jacobian(variables).nonzeros())
 
     def hessian(self, variables: Array, multipliers: Array) -> Array:
-        """Return the entries of the Hessian of their sum, times multipliers."""
+        """Return the entries of the Hessian of the sum of rows times multipliers."""
         return np.array(self._hessian(variables, multipliers).nonzeros())

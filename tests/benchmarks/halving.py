@@ -45,7 +45,7 @@ def main() -> None:
         "--schedules",
         nargs="+",
         type=_schedule,
-        default=[Schedule(16), Schedule(20, search.SELECTION.halved_after, search.SELECTION.least_halved)],
+        default=[Schedule(16), Schedule(20, search.SELECTION.halving_step, search.SELECTION.min_starts)],
     )
     arguments = parser.parse_args()
     schedules: list[Schedule] = arguments.schedules
@@ -62,7 +62,7 @@ def main() -> None:
                 with patch.object(
                     search,
                     "SELECTION",
-                    search.SELECTION._replace(halved_after=schedule.steps, least_halved=schedule.least),
+                    search.SELECTION._replace(halving_step=schedule.steps, min_starts=schedule.least),
                 ):
                     outcome = nlp.solve(resolved, tree, starts=range(schedule.starts), seed=seed)
                 seconds[schedule] += time.process_time() - started

@@ -50,10 +50,10 @@ def main() -> None:
                 line = f"{example:18}{n:>8}{step:>7g}{increase(least, free):>10}{f'{feasible} of {len(trees)}':>10}"
                 line += f"{step_seconds / seconds:>10.2f}"
                 if arguments.all:
-                    limits = hinge_sets.SEARCH, hinge_sets.MOST_REDUCED
-                    hinge_sets.SEARCH, hinge_sets.MOST_REDUCED = limits[0]._replace(complete_up_to=10**9), 10**9
+                    limits = hinge_sets.SEARCH, hinge_sets.MAX_REDUCED
+                    hinge_sets.SEARCH, hinge_sets.MAX_REDUCED = limits[0]._replace(complete_up_to=10**9), 10**9
                     exhaustive, _, _ = search(example, n, stepped, trees)
-                    hinge_sets.SEARCH, hinge_sets.MOST_REDUCED = limits
+                    hinge_sets.SEARCH, hinge_sets.MAX_REDUCED = limits
                     line += f"{increase(least, exhaustive):>10}"
                 print(line, flush=True)
 

@@ -78,7 +78,7 @@ class SolverAndAudit:
         design = verify.complete(geometry)
         audited, platform = verify.audit(design), kinematics.platform(design)
         poses = {"orientations": platform.poses.R, "centres": platform.o, "end_effector": platform.p_e}
-        checks = nlp.check_stated(self.constraints, design, **poses)
+        checks = nlp.check_user_constraints(self.constraints, design, **poses)
         names = {check.name for check in checks}
         missed = any(check.status == "missed" for check in checks)
         return audited.model_copy(
@@ -95,7 +95,7 @@ class SolverAndAudit:
             return design.model_copy(update={"mount": mount})
         if mount not in (None, design.mount):
             # the solver assumes a rod within its limits; if parts or airflow block that, another one is mounted
-            design = nlp.hold_rod(design, mount, self.constraints)
+            design = nlp.move_rod(design, mount, self.constraints)
         # the given task to the last digit, with that rod, whatever rods the solver tried
         return design.model_copy(update={"task": task.with_rod(design.task.end_effector.counted_rod)})
 

@@ -17,16 +17,7 @@ from topo_search.model.audit import (
     Status,
     WorstCase,
 )
-from topo_search.model.design import (
-    Design,
-    Geometry,
-    Infeasible,
-    Mount,
-    Relaxed,
-    ShorterRod,
-    Shortfall,
-    SolverRecord,
-)
+from topo_search.model.design import Design, Geometry, Infeasible, Relaxed, ShorterRod, Shortfall, SolverRecord
 from topo_search.model.exposure import (
     LEAST_OFFSET,
     Allowed,
@@ -40,7 +31,7 @@ from topo_search.model.exposure import (
 )
 from topo_search.model.flight import CaseFlight, CasePower, Flight, JointLoad, RotorsOut
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
-from topo_search.model.module import AirflowEnvelope, EndEffector, Module
+from topo_search.model.module import AirflowEnvelope, EndEffector, Module, Mount
 from topo_search.model.proof import CheckedChunk, Chunk, Proof
 from topo_search.model.search import Search
 from topo_search.model.task import ResolvedTask, Task, Tolerances

@@ -1,39 +1,40 @@
-"""The audit of a design, as `audit.json` holds it, and the assembly sheet. Positive numbers are clear.
+"""Audit of a design, as in `audit.json`, and assembly sheet. Positive clearances are clear.
 
-The air of a design, `air` of `audit.json`, is that of the jet model. Speeds are time averages in free air: no wall,
-ground, ceiling or wind. The speed at a point is the sum of the modules' speeds there, which no sum of their
-velocities exceeds; the estimate is Reichardt's sum of their momenta, the root of the sum of squares.
+Air speeds, `air` of `audit.json`, are those of the jet model: time averages in free air, without walls, ground,
+ceiling or wind. The speed at a point is the sum of the modules' speeds there, an upper bound for the sum of their
+velocities; the estimate is Reichardt's superposition of momenta, the root of the sum of squares.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from topo_search.model.design import NOT_CERTIFIED, Mount, StatedCheck
+from topo_search.model.design import NOT_CERTIFIED, StatedCheck
 from topo_search.model.exposure import EXPOSURE_KINDS, PART_NAMES, ExposureKind
-from topo_search.model.flight import CasePower, Flight
+from topo_search.model.flight import CasePower, Flight, Size
+from topo_search.model.module import Mount
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.text import csv_text, heading, paragraph, table
 from topo_search.model.value import OMIT_EMPTY, Flag, Index, NonNegative, Number, Omitted, Value, Vector
 
 
 class BoltedJoint(Value):
-    """One joint between two modules."""
+    """Joint between two modules."""
 
     module: Index
-    """The module that is already there."""
+    """Module that is already in place."""
     port: Index
     """Its port: 0..3 for +x, +y, -x, -y."""
     child: Index
-    """The module that is bolted to it."""
+    """Module that is bolted to it."""
     child_port: Index
     """The child's port."""
     angle_deg: Number
-    """The hinge angle [deg]."""
+    """Hinge angle [deg]."""
 
 
 class Obstacle(Value):
@@ -44,11 +45,9 @@ class Obstacle(Value):
     """`hub`, `arm 0`, ..., `rotor 3`."""
 
 
-class FreeConnector(Value):
-    """A connector without a joint, as a mount for the end-effector's rod."""
+class FreeConnector(Mount):
+    """Connector without a joint, a possible mount for the end-effector's rod."""
 
-    module: Index
-    port: Index
     length_m: Number
     """From the connector to the end-effector [m]."""
     blocked_by: tuple[Obstacle, ...]
@@ -58,27 +57,27 @@ class FreeConnector(Value):
 
 
 class Rod(Value):
-    """A straight rod from its mount to the end-effector."""
+    """Straight rod from its mount to the end-effector."""
 
     length_m: Number
     radius_m: Number
     mass_kg: Number
-    """At `end_effector.rod_linear_density`; part of the model's mass with `rod_mass = "included"`."""
+    """Mass by `end_effector.rod_linear_density` [kg]; part of the platform's mass with `rod_mass = "included"`."""
     direction: Vector
     """Unit vector from the connector to the end-effector, in W."""
     direction_in_module: Vector
-    """The same in the frame of the module that carries it."""
+    """The same direction in the frame of the module that carries the rod."""
 
 
 class EndEffectorSheet(Value):
-    """Position of the end-effector, and what holds it there."""
+    """Position of the end-effector, and its mount."""
 
     position_m: Vector
     """p'_E in W [m]."""
     from_com_m: Vector
     """p_E [m]."""
     mount: Mount | None = None
-    """The connector that carries the rod; None if no straight rod reaches the end-effector."""
+    """Connector that carries the rod; None if no straight rod reaches the end-effector."""
     rod: Rod | None = None
     note: str | None = None
     """Remark on the mount."""
@@ -89,26 +88,26 @@ class EndEffectorSheet(Value):
     def clear_rod(self) -> bool:
         """True if the mount's straight rod is clear of all parts and of all airflow."""
         return any(
-            (one.module, one.port) == (self.mount.module, self.mount.port)
-            for one in self.connectors
-            if self.mount is not None and not one.blocked_by and not one.in_airflow_of
+            (connector.module, connector.port) == (self.mount.module, self.mount.port)
+            for connector in self.connectors
+            if self.mount is not None and not connector.blocked_by and not connector.in_airflow_of
         )
 
 
 class Assembly(Value):
-    """The joints in bolting order, every first module being there already, and the end-effector."""
+    """Joints in bolting order, so that `module` is always in place already, and the end-effector."""
 
     joints: tuple[BoltedJoint, ...] = ()
     end_effector: EndEffectorSheet | None = None
 
     @property
     def mount(self) -> Mount | None:
-        """The connector that carries the end-effector, if any does."""
+        """Connector that carries the end-effector, if any."""
         return None if self.end_effector is None else self.end_effector.mount
 
     def csv(self) -> str:
-        """Return the sheet as a table: one row per joint, then one for the rod; its child is the end-effector."""
-        of_joint = ("step", "module", "port", "child", "child_port", "angle_deg")
+        """Return the sheet as CSV: one row per joint, then one for the rod, whose child is the end-effector."""
+        joint_columns = ("step", "module", "port", "child", "child_port", "angle_deg")
         rows: list[tuple[object, ...]] = [
             (step, joint.module, joint.port, joint.child, joint.child_port, joint.angle_deg, "", "", "", "")
             for step, joint in enumerate(self.joints, start=1)
@@ -117,15 +116,15 @@ class Assembly(Value):
         if tip is not None and tip.mount is not None and tip.rod is not None:
             mount = (len(self.joints) + 1, tip.mount.module, tip.mount.port, "end-effector", "", "")
             rows.append((*mount, tip.rod.length_m, *tip.rod.direction_in_module))
-        return csv_text((*of_joint, "rod_length_m", "rod_x", "rod_y", "rod_z"), rows)
+        return csv_text((*joint_columns, "rod_length_m", "rod_x", "rod_y", "rod_z"), rows)
 
 
 WITHIN_TOLERANCES = "least clearance within the tolerances"
-"""The residual of a task that requires its tolerances."""
+"""Name of the residual of a task that requires its tolerances."""
 
 
 class Status(StrEnum):
-    """The verdict on one clearance, or on a whole design; from mildest to gravest."""
+    """Verdict on a clearance or a design, from best to worst."""
 
     CLEAR = "clear"
     UNDECIDED = "undecided"
@@ -134,12 +133,11 @@ class Status(StrEnum):
 
     @classmethod
     def worst(cls, statuses: Iterable[Status]) -> Status:
-        """Return the gravest of some statuses, in the order of this class; clear if there are none.
+        """Return the worst of some statuses, in the order of this class; clear if there are none.
 
-        A proven violation stands whatever else is undecided; a fault of the audit itself stands above all.
+        A proven violation outranks undecided clearances; a fault of the audit itself outranks everything.
         """
-        order = list(cls)
-        return max(statuses, key=order.index, default=cls.CLEAR)
+        return max(statuses, key=list(cls).index, default=cls.CLEAR)
 
 
 Kind = Literal[
@@ -159,21 +157,21 @@ Kind = Literal[
 
 
 class Pair(Value):
-    """Two volumes that must keep clear of each other."""
+    """Two volumes that must stay clear of each other."""
 
     kind: Kind
     a: Index
-    """A module; of a bracket the child of its joint."""
+    """Module; for a bracket, the child of its joint."""
     b: Annotated[int, Field(strict=True, ge=-1)]
-    """The other module, or whose airflow or rotors they are, or the number of the requirement; -1 for p_E, or for
-    its rod."""
+    """The other module, the module with the airflow or rotors, or the number of the requirement; -1 for p_E or its
+    rod."""
     segment: Index | None = None
-    """Index of the straight piece in a directional requirement, or of the plane in an allowed one; of a
-    `rotor-airflow` the rotor, None for hub and arms."""
+    """Index of the straight piece of a directional requirement, or the plane of an allowed one; for
+    `rotor-airflow` the rotor, or None for hub and arms."""
 
     @property
     def name(self) -> str:
-        """Both sides in the user's words, as the solver names its constraints."""
+        """Name of the pair, the same as the solver's name of the constraint."""
         a, b, segment, rod = f"module {self.a}", f"module {self.b}", self.segment, "the end-effector's rod"
         if self.kind in EXPOSURE_KINDS:
             part = "" if segment is None else f", {PART_NAMES[self.kind]} {segment}"
@@ -194,95 +192,96 @@ class Pair(Value):
 
 
 class Clearance(Pair):
-    """The certified clearance of one pair of volumes."""
+    """Certified clearance of a pair of volumes."""
 
     status: Status
     lower_m: Number | None
     """Proven lower bound of the clearance [m]; None when violated."""
     upper_m: Number | None
-    """Proven upper bound [m]; for a violation minus the proven depth."""
+    """Proven upper bound [m]; for a violation, minus the proven depth."""
     analytic_m: Number
     """Exact value from the closed form [m]."""
     level: Index
-    """Mesh refinement that decided it."""
+    """Level of mesh refinement that decided the status."""
     percent: Number | None = None
-    """`analytic_m` in percent of the deepest overlap of two envelopes, 2 (r_air + dr_air); only for `airflow`."""
+    """`analytic_m` as a percentage of the deepest possible overlap, 2 (r_air + dr_air); only for `airflow`."""
     evidence: tuple[str, ...] = ()
-    """Findings of closed form, meshes and FCL where they disagree; empty unless `inconsistent`."""
+    """Results of closed form, meshes and FCL if they disagree; empty unless `inconsistent`."""
     closest_m: tuple[Vector, Vector] | None = None
-    """Closest points: of a gap, the nearest point of either side; of an overlap, a point in both, twice; of a
-    `separation` or `exclusion` the two centres. From the root's centre in the axes of the task [m]; None where
-    digits are lost, and in files of programs that do not tell."""
+    """Closest points: for a gap, the nearest point of each volume; for an overlap, one common point, twice; for
+    `separation` and `exclusion`, the two centres. From the root's centre, in task axes [m]; None if lost to
+    rounding, or if the file does not say."""
 
 
 class Interference(Value):
-    """Severity of airflow envelope overlaps: the metrics of the paper's ablation (Sec. IV)."""
+    """Severity of overlaps of airflow envelopes: the metrics of the paper's ablation (Sec. IV)."""
 
     colliding_pairs: Index
-    """Number of pairs of envelopes that are proven to overlap."""
+    """Number of pairs of envelopes proven to overlap."""
     deepest_percent: NonNegative
-    """Depth of the deepest overlap in percent of 2 (r_air + dr_air); 0 without any."""
+    """Depth of the deepest overlap as a percentage of 2 (r_air + dr_air); 0 without overlaps."""
     clusters: tuple[tuple[Index, ...], ...]
-    """Modules whose envelopes overlap, directly or through others; the largest cluster first."""
+    """Groups of modules whose envelopes overlap directly or through others, the largest first."""
 
 
 class Residual(Value):
-    """One checked number of a design: how far it is off, against what is allowed."""
+    """Checked number of a design: its deviation and the allowed one."""
 
     name: str
-    """Name of the check, in the user's words, e.g. `load case 2, torque`."""
+    """Name of the check, e.g. `load case 2, torque`."""
     value: Number
-    """Largest deviation, in `unit`; zero when met."""
+    """Largest deviation, in `unit`; zero if the check passes."""
     unit: str
+    """Unit of `value`."""
     scaled: Number
-    """The deviation in units of its tolerance's scale (m_t g, l_arm m_t g, u_max, relative, rad)."""
+    """The deviation in units of the scale of its tolerance (m_t g, l_arm m_t g, u_max, relative, rad)."""
     tolerance: NonNegative
     """Largest `scaled` that passes."""
     status: Status
     stated: Number | None = None
-    """The number that the design states, where it states one."""
+    """The number in the design, if it has one."""
     derived: Number | None = None
-    """The same number or its limit, as the audit derives it."""
+    """The same number, or its limit, as computed by the audit."""
 
     @property
     def words(self) -> str:
-        """Name of the check where a person reads it."""
+        """Name of the check for a reader."""
         return "control effort J" if self.name == "objective" else self.name
 
 
 class Limit(Pair):
-    """Largest error of one kind that is tolerated, and the pair that a larger one violates first."""
+    """Largest tolerated error of one kind, and the pair that larger errors violate first."""
 
     tolerated: NonNegative
-    """Proven: no error up to this violates any pair."""
+    """Proven: no error up to this size violates any pair."""
     violated_at: NonNegative | None
-    """Shown by an example: some error of this size does; None if none was found."""
+    """Shown by an example: some error of this size violates a pair; None if none was found."""
 
 
 class WorstCase(Pair):
-    """Effect of errors as large as the task's tolerances, all at once, on the pair that is nearest to violation."""
+    """Effect of all errors within the task's tolerances, combined, on the most critical pair."""
 
     status: Status
-    """Clear if no such error violates any pair, violated if one is known that does, else undecided."""
+    """Clear if no such error violates any pair, violated if a known one does, otherwise undecided."""
     lower_m: Number
     """Proven lower bound of the clearance [m]."""
     attained_m: Number
-    """Clearance that some such errors leave: the bound is too low by no more than the difference [m]."""
+    """Clearance in an example of such errors [m]; the bound is too low by at most the difference."""
     factor: Limit | None
-    """By what factor all tolerances may grow together; None if no factor is too large."""
+    """Factor by which all tolerances may grow together; None if no factor is too large."""
 
 
 class Sensitivity(Value):
-    """Errors that the clearances of a design tolerate, one kind at a time; None where no size violates anything."""
+    """Errors that the clearances of a design tolerate, one kind at a time; None if no size violates any."""
 
     hinge_angle_deg: Limit | None
-    """Every hinge angle off by as much [deg]."""
+    """Error of every hinge angle [deg]."""
     position_m: Limit | None
-    """Every module's centre and the end-effector off by as much [m]."""
+    """Error of the position of every module's centre and the end-effector [m]."""
     envelope_m: Limit | None
-    """The airflow reaching beyond its envelope by as much [m]."""
+    """Reach of airflow beyond its envelope [m]."""
     tolerances: WorstCase | None = None
-    """The tolerances of the task, if it has any."""
+    """Effect of the task's tolerances, if it has any."""
 
 
 class AllowedContact(Value):
@@ -290,32 +289,32 @@ class AllowedContact(Value):
 
     kind: Literal["body", "rod"]
     a: Index
-    """A module."""
+    """Module."""
     b: Annotated[int, Field(strict=True, ge=-1)]
-    """The module that is bolted to it; -1 for the end-effector's rod."""
+    """Module that is bolted to it; -1 for the end-effector's rod."""
     parts: str
     """Parts of a and b that may touch."""
 
 
 class MeshExcess(Value):
-    """Excess of a region over the mesh from which it was read."""
+    """Excess of a region over its source mesh."""
 
     exposure: Index
     """Number of the requirement."""
     segment: Index | None
-    """Index of the convex piece; None where there is one alone."""
+    """Index of the convex piece; None for a single one."""
     at_most_m: NonNegative
-    """No point of the piece's surface is farther from that of the mesh [m]."""
+    """Upper bound for the distance of the piece's surface from that of the mesh [m]."""
 
     @property
     def words(self) -> str:
-        """Region that is larger than its mesh, and by how much."""
+        """Region and excess, in words."""
         piece = "" if self.segment is None else f", piece {self.segment},"
         return f"exposure {self.exposure}{piece} reaches up to {upper_text(self.at_most_m, 3)} m beyond its mesh"
 
 
 class Audit(Value):
-    """Everything recomputed from a design alone, and the verdict."""
+    """Verdict on a design, with all numbers recomputed from the design alone."""
 
     model_config = ConfigDict(extra="ignore")
 
@@ -323,36 +322,38 @@ class Audit(Value):
     version: Literal[1] = 1
     verdict: Status
     inputs_computed: Annotated[Flag, OMIT_EMPTY] = False
-    """True if the design came without inputs, and the best that the audit finds are judged."""
+    """True if the design has no inputs, so that the best inputs that the audit finds are judged."""
     pairs: tuple[Clearance, ...]
     residuals: tuple[Residual, ...]
     interference: Interference | None = None
-    """None where envelopes may merge, and in files of programs that do not compute it."""
+    """None where envelopes may merge, or if the file does not say."""
     sensitivity: Sensitivity | None = None
-    """None if there is no clearance to lose, and where airflow envelopes may merge."""
+    """None without clearances, and where airflow envelopes may merge."""
     flight: Flight | None = None
-    """Capabilities of the design beyond its task; None if its numbers are too large to compute with, and in files
-    of programs that do not compute it."""
+    """Capabilities of the design beyond its task; None if its numbers are too large to compute with, or if the file
+    does not say."""
     power: Annotated[tuple[CasePower, ...], OMIT_EMPTY] = ()
-    """Power of the rotors in hover, where that is possible, and in every load case; empty in older files."""
+    """Power of the rotors in hover, if possible, and in every load case; empty in older files."""
     air: Omitted[AirSpeeds] = None
-    """Air speeds by the jet model; None if numbers are too large to compute with, and in older files."""
+    """Air speeds by the jet model; None if numbers are too large to compute with, or in older files."""
     stated: Annotated[tuple[StatedCheck, ...], OMIT_EMPTY] = ()
-    """The user's own constraints: evaluated by their functions, not certified.
+    """Results of the user's own constraints: evaluated, not certified.
 
-    A violated one makes the verdict `violated`; a met one is not a proof."""
+    A violated one makes the verdict `violated`; a met one proves nothing."""
     mesh_excess: Annotated[tuple[MeshExcess, ...], OMIT_EMPTY] = ()
-    """Regions larger than the mesh that they were read from, as the design's file says."""
+    """Regions that are larger than their source mesh, according to the design file."""
     assembly: Assembly
-    """Assembly sheet: what to bolt to what."""
+    """Assembly sheet."""
     allowed_contacts: tuple[AllowedContact, ...]
     """Parts that may touch by construction; any other contact is a violation."""
     versions: dict[str, str]
+    """Versions of the libraries."""
     seconds: NonNegative
+    """Wall-clock time of the audit [s]."""
 
     @property
     def inputs_words(self) -> str | None:
-        """Origin of the inputs and their effort, in words; None if the design gives them."""
+        """Note on computed inputs and their effort; None if the design has inputs."""
         if not self.inputs_computed:
             return None
         J = next(row.derived for row in self.residuals if row.name == "objective")
@@ -360,7 +361,7 @@ class Audit(Value):
 
     @property
     def tolerances_words(self) -> str | None:
-        """Clearances that the task's tolerances, all at once, leave, in words; None if it has none."""
+        """Least clearance within the task's tolerances, in words; None without tolerances."""
         worst = None if self.sensitivity is None else self.sensitivity.tolerances
         if worst is None:
             return None
@@ -372,103 +373,99 @@ class Audit(Value):
         )
 
     def _repr_html_(self) -> str:
-        """Show a notebook the verdict, the least clearances, and all that is not clear."""
+        """Show the verdict, the smallest clearances and all failures in a notebook."""
         nearest = sorted(self.pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
-        odd = sum(pair.status is not Status.CLEAR for pair in self.pairs)
+        not_clear = sum(pair.status is not Status.CLEAR for pair in self.pairs)
+
+        def bound(value: float | None, text: Callable[[float], str]) -> str | None:
+            return None if value is None else text(value)
+
         pairs = [
-            (
-                *(pair.name, pair.status, None if pair.lower_m is None else lower_text(pair.lower_m)),
-                *(None if pair.upper_m is None else upper_text(pair.upper_m), lower_text(pair.analytic_m)),
-            )
-            for pair in nearest[: max(odd, 10)]  # the nearest ten at least
+            (p.name, p.status, bound(p.lower_m, lower_text), bound(p.upper_m, upper_text), lower_text(p.analytic_m))
+            for p in nearest[: max(not_clear, 10)]  # at least ten
         ]
         html = heading(f"audit: {self.verdict}, {len(self.pairs)} clearances, the least of them:")
         html += paragraph(self.inputs_words) if self.inputs_words is not None else ""
         head = ("clearance of", "audit", "proven at least [m]", "proven at most [m]", "closed form [m]")
         html += table(head, pairs)
-        if broken := [residual for residual in self.residuals if residual.status is not Status.CLEAR]:
+        if failures := [residual for residual in self.residuals if residual.status is not Status.CLEAR]:
             rows = [
-                (
-                    *(one.name, upper_text(one.value), one.unit, upper_text(one.scaled)),
-                    *(lower_text(one.tolerance), one.status),
-                )
-                for one in broken
+                (r.name, upper_text(r.value), r.unit, upper_text(r.scaled), lower_text(r.tolerance), r.status)
+                for r in failures
             ]
             html += heading("not met:") + table(("name", "value", "unit", "scaled", "tolerance", "status"), rows)
         if self.stated:
-            checks = [(one.name, one.bounds, one.words) for one in self.stated]
-            html += heading(f"{NOT_CERTIFIED}:") + table(("constraint", "bounds", "it came to"), checks)
+            checks = [(row.name, row.bounds, row.words) for row in self.stated]
+            html += heading(f"{NOT_CERTIFIED}:") + table(("constraint", "bounds", "result"), checks)
         return html
 
 
-Speed = Annotated[float, Field(strict=True, ge=0)]
-"""[m/s]"""
-
-
 class RegionAir(Value):
-    """The air over the region of one exposure requirement in one load case."""
+    """Air speeds in the region of an exposure requirement in one load case."""
 
     name: str
-    speed_m_s: Speed
-    """Speed at a point of the region, the largest that was found."""
-    speed_at_most_m_s: Speed
-    """Proven of the model: no point of the region has more."""
-    estimate_m_s: Speed
-    """Reichardt's estimate at the point of `speed_m_s`."""
-    limit_m_s: Speed | None = None
-    """The requirement's `speed`."""
+    """Name of the requirement."""
+    speed_m_s: Size
+    """Largest speed found at a point of the region [m/s]."""
+    speed_at_most_m_s: Size
+    """Proven upper bound of the speed in the region, by the model [m/s]."""
+    estimate_m_s: Size
+    """Reichardt's estimate at the point of `speed_m_s` [m/s]."""
+    limit_m_s: Size | None = None
+    """Limit, the requirement's `speed` [m/s]; None without one."""
     status: Literal["clear", "undecided", "violated"] | None = None
-    """Verdict on the limit; None without one."""
+    """Verdict on the limit; None without a limit."""
 
 
 class RotorAir(Value):
-    """Wakes of other modules through a rotor's disc, on average."""
+    """Average wake of other modules through a rotor's disc."""
 
     module: Index
     rotor: Index
-    ingested_m_s: Speed
-    """Sum of the speeds of their jets."""
+    ingested_m_s: Size
+    """Sum of the speeds of their jets [m/s]."""
     thrust_loss: Annotated[float, Field(strict=True, ge=0, le=1)]
     """Share of the rotor's thrust lost."""
 
 
 class CaseAir(Value):
-    """The air in one load case."""
+    """Air speeds in one load case."""
 
     name: str
-    tip_m_s: Speed
-    """Speed at the end-effector."""
-    tip_estimate_m_s: Speed
-    """Reichardt's estimate there."""
+    """Name of the load case."""
+    tip_m_s: Size
+    """Size at the end-effector [m/s]."""
+    tip_estimate_m_s: Size
+    """Reichardt's estimate at the end-effector [m/s]."""
     regions: tuple[RegionAir, ...] = ()
-    """One an exposure requirement."""
+    """One entry per exposure requirement."""
     rotors: tuple[RotorAir, ...] = ()
 
 
 class AirSpeeds(Value):
-    """The air in every load case, in the order of the task's."""
+    """Air speeds in every load case, in the order of the task."""
 
     cases: tuple[CaseAir, ...]
 
     @property
     def tip_m_s(self) -> float:
-        """Largest speed at the end-effector."""
+        """Largest speed at the end-effector [m/s]."""
         return max(case.tip_m_s for case in self.cases)
 
     @property
     def region_m_s(self) -> float | None:
-        """Proven bound of the speed over all regions; None without regions."""
+        """Proven upper bound of the speed in all regions [m/s]; None without regions."""
         return max((region.speed_at_most_m_s for case in self.cases for region in case.regions), default=None)
 
     @property
     def worst_rotor(self) -> tuple[CaseAir, RotorAir] | None:
-        """The rotor that loses the largest share of its thrust to wakes; None if none does."""
+        """Rotor that loses the largest share of its thrust to wakes, with its load case; None without losses."""
         rotors = ((case, rotor) for case in self.cases for rotor in case.rotors)
         worst = max(rotors, key=lambda pair: pair[1].thrust_loss, default=None)
         return worst if worst is not None and worst[1].thrust_loss > 0 else None
 
     def sentences(self) -> Iterator[str]:
-        """Yield the largest speeds: at the end-effector, over each region, through a rotor."""
+        """Yield sentences about the largest speeds: at the end-effector, in each region, through a rotor."""
         tip = max(self.cases, key=lambda case: case.tip_m_s)
         yield f"air at the tip: {upper_text(tip.tip_m_s, 3)} m/s by the jet model, in {tip.name}"
         for number, region in enumerate(tip.regions):
@@ -489,24 +486,24 @@ class AirSpeeds(Value):
 
 
 class EnvelopeAir(Value):
-    """The largest speeds on a module's airflow envelope, alone in free air, proven of the model, to 0.1 %."""
+    """Largest speeds on the airflow envelope of a single module in free air, proven to 0.1 % for the model."""
 
-    side_m_s: Speed
-    """On the side of the cone."""
-    side_merged_m_s: Speed | None
-    """The same, from where the jets of the rotors have merged; None if the side ends above."""
-    end_m_s: Speed
-    """On the far ball."""
-    rotor_plane_m_s: Speed
-    """In the plane of the rotors, outside the envelope."""
+    side_m_s: Size
+    """On the side of the cone [m/s]."""
+    side_merged_m_s: Size | None
+    """The same below the point where the rotors' jets merge [m/s]; None if the side ends above it."""
+    end_m_s: Size
+    """On the far ball [m/s]."""
+    rotor_plane_m_s: Size
+    """In the plane of the rotors, outside the envelope [m/s]."""
 
 
 class SpeedEnvelope(Value):
-    """The smallest cone-sphere, to a percent, around all air of a module that is at least as fast as a speed."""
+    """Cone-sphere around all air of a module above a speed; the smallest one, to a percent."""
 
-    start_radius_m: Speed
-    spread_angle_deg: Speed
-    reach_m: Speed
-    volume_m3: Speed
-    least_volume_m3: Speed
-    """No cone-sphere around that air is smaller, if it starts at the module's centre and widens downwards."""
+    start_radius_m: Size
+    spread_angle_deg: Size
+    reach_m: Size
+    volume_m3: Size
+    least_volume_m3: Size
+    """Lower bound for the volume of such a cone-sphere that starts at the module's centre and widens downwards."""

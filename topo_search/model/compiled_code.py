@@ -1,13 +1,13 @@
-"""Compiled functions that numba keeps on disk, and what makes them new.
+"""numba's on-disk cache of compiled functions: invalidation, checksums and location.
 
-numba keeps a compiled function with the date of its own file, not of the files that it calls into or takes
-constants from: after a change in one of them what is kept would be used on. So it is marked with a digest of all.
+numba invalidates a cached function by the date of its source file only, not of the files that it calls or takes
+constants from. So the cache is marked with a digest of all of these sources.
 
-numba takes what it reads back on trust: a damaged file would fail every solve, or be machine code that computes
-something else. So each file carries a digest, and one that is damaged is compiled anew.
+numba trusts cached files: a damaged one would fail every solve, or run wrong machine code. So each file ends with a
+digest, and a damaged one is compiled again.
 
-numba refuses to compile where neither NUMBA_CACHE_DIR, the installation nor the user's cache can be written to,
-as in a container without a home. A temporary folder serves there.
+numba refuses to compile if neither NUMBA_CACHE_DIR, the installation nor the user's cache is writable, as in a
+container without a home directory. Then a temporary folder is used.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ from topo_search.supervisor import tell
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 CACHE_DIR = "NUMBA_CACHE_DIR"
-"""Environment variable of numba: the folder to keep compiled functions in."""
+"""numba's environment variable for the cache folder."""
 
 
 def njit(
     *, cache: bool, literals: bool = True, allocates: bool = True, **options: Any
 ) -> Callable[[Function], Function]:
-    """Return a decorator like `numba.njit`, whose files are checked when they are read and always have a folder.
+    """Return a decorator like `numba.njit` whose cache is checksummed and always has a folder.
 
     Args:
-        cache: whether it is kept.
-        literals: whether compiled callers that pass different numbers or flags as literals get a copy each.
-        allocates: whether it makes arrays; one that does not need not count references, two for every array of
-            every tuple it touches. It must return none either, for the caller drops a reference that was not taken.
-        options: those of numba.
+        cache: True to cache the function on disk.
+        literals: True to compile a version for each literal number or flag that compiled callers pass.
+        allocates: False for a function that neither creates nor returns arrays; this saves reference counting. If
+            it returned an array, the caller would release a reference that was never taken.
+        options: options of numba.
 
     Raises:
-        OSError: no folder can be written to.
+        OSError: no folder is writable.
     """
 
     def compile_lazily(function: Function) -> Function:
@@ -64,18 +64,18 @@ def njit(
 
 
 def _call_without_literals(call: Callable[..., Any], types: tuple[Any, ...], named: dict[str, Any]) -> Any:
-    return call(tuple(map(unliteral, types)), {name: unliteral(one) for name, one in named.items()})
+    return call(tuple(map(unliteral, types)), {name: unliteral(type_) for name, type_ in named.items()})
 
 
 class _CheckedFiles(IndexDataCacheFile):
-    """The files of one function, each with the digest of its contents behind them, which pickle does not read."""
+    """Cache files of a function, each followed by the digest of its content, which pickle ignores."""
 
     def _load_index(self) -> Any:
         return super()._load_index() if _is_whole(self._index_path) else {}  # type: ignore[no-untyped-call]
 
     def _load_data(self, name: str) -> Any:
         if not _is_whole(os.path.join(self._cache_path, name)):
-            raise FileNotFoundError(name)  # numba then compiles anew, and writes over it
+            raise FileNotFoundError(name)  # numba then compiles again and overwrites it
         return super()._load_data(name)  # type: ignore[no-untyped-call]
 
     @contextmanager
@@ -87,7 +87,7 @@ class _CheckedFiles(IndexDataCacheFile):
 
 
 def _is_whole(path: str) -> bool:
-    """True if a file can be read and ends with the digest of what comes before."""
+    """True if a file is readable and ends with the digest of its content."""
     size = hashlib.sha256().digest_size
     try:
         contents = Path(path).read_bytes()
@@ -97,11 +97,11 @@ def _is_whole(path: str) -> bool:
 
 
 def _cache_of(function: Callable[..., Any]) -> FunctionCache:
-    """Return where a function is kept."""
+    """Return the cache of a function."""
     try:
         cache = FunctionCache(function)
     except RuntimeError:  # numba has no folder
-        os.environ[CACHE_DIR] = _temporary_folder()  # for processes that this one starts, too
+        os.environ[CACHE_DIR] = _temporary_folder()  # inherited by child processes
         numba.config.reload_config()
         cache = FunctionCache(function)
     cache._cache_file.__class__ = _CheckedFiles
@@ -109,14 +109,14 @@ def _cache_of(function: Callable[..., Any]) -> FunctionCache:
 
 
 def choose_folder() -> None:
-    """Choose the folder that numba keeps compiled functions in, for processes that this one starts, too."""
+    """Choose numba's cache folder, for this process and its children."""
     _cache_of(choose_folder)
 
 
 def _temporary_folder() -> str:
-    """Return the user's temporary folder for compiled functions, which other commands use again, and say so.
+    """Return the user's temporary cache folder, which later commands reuse, and print its path.
 
-    What is in it is run, so one that others can write to is not used.
+    Its content is executed, so a folder that others can write to is not used.
     """
     user = os.getuid()
     try:
@@ -136,43 +136,39 @@ def _temporary_folder() -> str:
 
 
 def is_kept(dispatcher: Any) -> bool:
-    """True if a function was compiled before for this machine, and nothing that is kept of it is damaged."""
+    """True if a function is cached for this machine, without damaged files."""
     files, machine = dispatcher._cache._cache_file, dispatcher.targetctx.codegen().magic_tuple()
-    kept = [files._data_path(name) for (_, of, _), name in files._load_index().items() if of == machine]
-    return bool(kept) and all(map(_is_whole, kept))
+    paths = [files._data_path(name) for (_, target, _), name in files._load_index().items() if target == machine]
+    return bool(paths) and all(map(_is_whole, paths))
 
 
 def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:
-    """Drop what is kept of the functions of a folder, unless it was made from the sources as they are.
+    """Delete the cached functions of a source folder unless they are up to date.
 
-    Call this before the first of them is called. Processes that do so at once drop each other's new files at worst,
+    Must be called before the first of the functions. At worst, concurrent processes delete each other's new files
     and compile once more.
 
     Args:
-        dispatcher: one of the functions, which knows where numba keeps them.
-        room: the folder of their sources.
-        others: more files or folders that they call into or take constants from.
+        dispatcher: one of the functions; it knows the cache folder.
+        room: folder of the sources.
+        others: further files or folders that the functions call or take constants from.
 
     Returns:
-        Whether what is kept was up to date.
+        True if the cache was up to date.
     """
     sources = sorted(room.glob("*.py"))
-    contents = b"".join(source.read_bytes() for source in (*sources, *_files(others)))
+    called = [path for other in others for path in (sorted(other.glob("*.py")) if other.is_dir() else [other])]
+    contents = b"".join(source.read_bytes() for source in (*sources, *called))
     digest = hashlib.sha256(contents).hexdigest().encode()
     folder = Path(dispatcher.stats.cache_path)
     mark = folder / f"{room.name}.sha256"
     if mark.exists() and mark.read_bytes() == digest:
         return True
     for source in sources:
-        for kept in folder.glob(f"{source.stem}.*.nb[ci]"):
-            kept.unlink(missing_ok=True)
+        for cached in folder.glob(f"{source.stem}.*.nb[ci]"):
+            cached.unlink(missing_ok=True)
     folder.mkdir(parents=True, exist_ok=True)
-    written = folder / f"{room.name}.{os.getpid()}.partial"
-    written.write_bytes(digest)
-    written.replace(mark)
+    partial = folder / f"{room.name}.{os.getpid()}.partial"
+    partial.write_bytes(digest)
+    partial.replace(mark)
     return False
-
-
-def _files(places: tuple[Path, ...]) -> Iterator[Path]:
-    for path in places:
-        yield from sorted(path.glob("*.py")) if path.is_dir() else (path,)

@@ -1,8 +1,8 @@
-"""The answer of the solver for one topology: a design, as `design.json` holds it, or why there is none.
+"""Result of solving one topology: a design, as in `design.json`, or the reason why there is none.
 
-A design has the topology's angles, end-effector position and rotor inputs. Without a design the answer is why, by
-how much, whether that is proven, and which limits of the task can be relaxed. Constraints of a user's own function
-are evaluated, never certified: a file holds their name, bounds and values; the function itself stays with its user.
+A design has the topology's angles, end-effector position and rotor inputs. Otherwise the result says which
+constraint failed, by how much, whether that is proven, and which limits of the task can be relaxed. A user's own
+constraints are evaluated, never certified: files hold their names, bounds and values, but not their functions.
 """
 
 from __future__ import annotations
@@ -26,71 +26,71 @@ from pydantic import (
 
 from topo_search.limits import quantity
 from topo_search.model.arrays import Array, read_only
+from topo_search.model.module import Mount
 from topo_search.model.proven import at_least, gap_percent, lower_text, upper_text
-from topo_search.model.task import ResolvedTask, Task, before_requirement
+from topo_search.model.task import ResolvedTask, Task, with_older_defaults
 from topo_search.model.text import heading, paragraph, table
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
 from topo_search.model.value import OMIT_EMPTY, Broken, Flag, Index, Location, Number, Omitted, Value, Vector, show
 
 NOT_CERTIFIED = "stated by the user, not certified"
-"""Wording for a claim that nothing proves."""
+"""Words for a claim without proof."""
 
 Line = Annotated[str, Field(max_length=100, pattern=r"^[^\x00-\x1f\x7f]*$")]
 """One line of text."""
 Named = Annotated[Line, Field(min_length=1)]
-"""One that says something."""
+"""Nonempty line of text."""
 
 
 class Versioned(Value):
-    """Identity of a user's function: its name and, where the user gives one, its version."""
+    """Identity of a user's function: its name and its version, if it has one."""
 
     name: Named
     version: Named | None = None
-    """None: it may have changed."""
+    """None: the function may have changed."""
 
 
 class Stated(Versioned):
-    """A constraint of a user's own, without its expression: `lower <= expression <= upper`."""
+    """A user's own constraint without its expression: `lower <= expression <= upper`."""
 
     lower: Number | None = None
-    """In `unit`; None: none."""
+    """Lower bound, in `unit`; None: unbounded."""
     upper: Number | None = None
+    """Upper bound, in `unit`; None: unbounded."""
     unit: Line = ""
     invariant: Literal["none", "numbering", "mirror"] = "none"
-    """Changes that do not affect its result, as the user states (`topo_search.protocols.OwnConstraint`)."""
+    """Changes that do not affect its result, as claimed by the user (`topo_search.protocols.OwnConstraint`)."""
 
     @property
     def bounds(self) -> str:
-        """Its bounds in words."""
-        sides = (
-            None if self.lower is None else f"at least {self.lower:g}",
-            None if self.upper is None else f"at most {self.upper:g}",
-        )
+        """Bounds in words."""
+        sides = [("at least", self.lower), ("at most", self.upper)]
         if self.lower == self.upper:
-            return f"equal to {self.lower:g} {self.unit}".rstrip()
-        return f"{' and '.join(side for side in sides if side is not None)} {self.unit}".rstrip()
+            sides = [("equal to", self.lower)]
+        text = " and ".join(f"{words} {side:g}" for words, side in sides if side is not None)
+        return f"{text} {self.unit}".rstrip()
 
 
 class StatedCheck(Stated):
     """Result of a user's own constraint on a design."""
 
     status: Literal["met", "missed", "not checked"]
-    """`not checked`: whoever audited the design had its name, but not its expression."""
+    """`not checked`: the audit had its name, but not its expression."""
     value: Number | None = None
-    """The value that is farthest from its bounds, or the nearest to them if all are met, in `unit`."""
+    """Value with the largest violation, or closest to a bound if all are met, in `unit`."""
     off_by: Number | None = None
-    """Distance of that value from its bounds; zero or negative when met, in `unit`."""
+    """Violation of that value, in `unit`; zero or negative when met."""
 
     @property
     def words(self) -> str:
-        """Its result, for a reader."""
+        """Result in words."""
         if self.value is None:
             return self.status if self.status == "missed" else "not checked: the design does not hold its function"
         return f"{self.status}: {self.value:.6g} {self.unit}".rstrip()
 
 
 def _topology(value: Any) -> Any:
-    """Read the file's list of [parent, parent_port, child_port]."""
+    """Return the topology of a file's list of [parent, parent_port, child_port]."""
     if isinstance(value, Topology):
         return value
     rule = "must be a list of [parent, parent_port, child_port] in whole numbers"
@@ -109,20 +109,20 @@ TopologyRows = Annotated[
     BeforeValidator(_topology),
     PlainSerializer(lambda topology: [list(joint) for joint in topology.joints], return_type=list[list[int]]),
 ]
-"""A topology that a file writes as rows [parent, parent_port, child_port]."""
+"""Topology; files store it as rows [parent, parent_port, child_port]."""
 
 
 class ShorterRod(Value):
-    """Cost of a rod shorter than a design's."""
+    """Cost of a rod shorter than that of the design."""
 
     length_m: Number
-    """[m]"""
+    """Length of the shorter rod [m]."""
     cost: Number | None
-    """Effort over that of the design, less one; None where no such design was found from there."""
+    """Relative increase of the effort; None if no design with that rod was found from this one."""
 
     @property
     def words(self) -> str:
-        """Say it in a sentence's part."""
+        """Cost in words."""
         if self.cost is None:
             return f"no design with a rod of at most {lower_text(self.length_m, 3)} m was reached from this one"
         cost = f"{100 * self.cost:.2g} % control effort"
@@ -130,7 +130,7 @@ class ShorterRod(Value):
 
 
 class SolverRecord(Value):
-    """Record of how a result came about; informative."""
+    """Record of the solver; informative only."""
 
     status: str
     """Ipopt's status word for the best start."""
@@ -139,22 +139,23 @@ class SolverRecord(Value):
     seconds: Number
     """Wall-clock time over all starts [s]."""
     seed: int
+    """Seed of the random starts."""
     start: int
-    """Index of the best start; -1, -2, ... for the first, second, ... design that was carried over."""
+    """Index of the best start; -1, -2, ... are warm starts from the first, second, ... given design."""
     starts: Index
     """Number of starts tried."""
     starts_feasible: Index
     """Number of starts that reached a feasible point."""
     objectives: tuple[Number, ...] = ()
-    """J of every feasible start [rad^4/s^4]; empty in files of programs that do not tell."""
+    """J of every feasible start [rad^4/s^4]; empty if the file does not say."""
     corners: Omitted[Index] = None
-    """Number of corners of sets of wrenches, reserves and failures that must be possible besides the load cases."""
+    """Number of corners of sets of wrenches, reserves and failures required besides the load cases."""
     corners_active: Omitted[Index] = None
-    """Number of corners that were ever stated in a program; all others were met without."""
+    """Number of corners that were constraints of the program; all others were met without."""
     shorter_rod: Omitted[ShorterRod] = None
-    """Cost of a shorter rod, where one was tried: the design's is the shortest at its effort, to a tenth."""
+    """Cost of a shorter rod, if one was tried; the design's own rod is the shortest at its effort, to a tenth."""
     versions: dict[str, str]
-    """Versions of the libraries that fix the result."""
+    """Versions of the libraries that determine the result."""
 
     @property
     def starts_at_best(self) -> int:
@@ -163,16 +164,8 @@ class SolverRecord(Value):
         return sum(J - min(self.objectives) <= same * J for J in self.objectives)
 
 
-class Mount(Value):
-    """The free connector from which a straight rod carries the end-effector."""
-
-    module: Index
-    port: Annotated[int, Field(strict=True, ge=0, le=3)]
-    """0..3 for +x, +y, -x, -y."""
-
-
 class Geometry(Value):
-    """A platform for a task without rotor inputs: a design's file that leaves them out.
+    """Platform for a task without rotor inputs, as in a design file that omits them.
 
     Unknown fields of a file are ignored, so that other programs can add their own.
     """
@@ -193,43 +186,41 @@ class Geometry(Value):
     end_effector_m: Vector
     """p'_E in W [m]."""
     mount: Mount | None = None
-    """Connector to which the end-effector's rod is bolted; None: not chosen yet, or no straight rod reaches."""
+    """Connector to which the end-effector's rod is bolted; None: not chosen, or no straight rod reaches it."""
 
     @field_validator("task", mode="before")
     @classmethod
     def _resolve_task(cls, value: Any) -> Any:
-        """Accept a task with derived defaults left out or load cases in weights: both are unambiguous here.
+        """Resolve the task: derived defaults may be omitted and load cases given in weights.
 
-        A file that says nothing of the rod did not ask for one, nor for tolerances to be kept.
+        Without `rod` and `largest_reach`, a file requires neither; without `flight.tolerances` it requires none.
         """
         if isinstance(value, ResolvedTask):
             return value
-        if isinstance(value, dict) and isinstance(given := value.get("end_effector", {}), dict):
-            value = {**value, "end_effector": {"rod": "none", "largest_reach": False, **given}}
-        task = Task.model_validate(before_requirement(value))
+        if isinstance(value, dict) and isinstance(end_effector := value.get("end_effector", {}), dict):
+            value = {**value, "end_effector": {"rod": "none", "largest_reach": False, **end_effector}}
+        task = Task.model_validate(with_older_defaults(value))
         return task.resolve(task.n)
 
-    def _miscounts(self) -> Iterator[tuple[Location, str, int, int]]:
-        """Yield how many values fields must have: the field, the rule, the number due and the number given."""
+    def _value_counts(self) -> Iterator[tuple[Location, str, int, int]]:
+        """Yield (field, rule, required number, actual number) of each field with a fixed number of values."""
         n = self.topology.n
         yield ("task", "modules"), "must be the number of rows of `topology`", n, self.task.n
         yield "hinge_angles_rad", "must have one angle per non-root module", n - 1, len(self.hinge_angles_rad)
 
     def _broken_rules(self) -> Broken:
-        wrong = (count for count in self._miscounts() if count[2] != count[3])
-        yield from ((field, f"{rule}, {due}, but got {got}") for field, rule, due, got in wrong)
-        counted = self.task.end_effector.counted_rod
-        if counted is not None and self.mount != Mount(module=counted.module, port=counted.port):
-            given = "none" if self.mount is None else f"port {self.mount.port} of module {self.mount.module}"
-            due = f"port {counted.port} of module {counted.module}"
-            yield "mount", f"must be that of `task.end_effector.counted_rod`, {due}, but got {given}"
-        if self.mount is not None and (self.mount.module, self.mount.port) not in self.topology.free_connectors:
-            given = f"port {self.mount.port} of module {self.mount.module}"
+        mismatches = (row for row in self._value_counts() if row[2] != row[3])
+        yield from ((field, f"{rule}, {due}, but got {count}") for field, rule, due, count in mismatches)
+        mount, rod = self.mount, self.task.end_effector.counted_rod
+        given = "none" if mount is None else mount.words
+        if rod is not None and mount != Mount(module=rod.module, port=rod.port):
+            yield "mount", f"must be that of `task.end_effector.counted_rod`, {rod.words}, but got {given}"
+        if mount is not None and (mount.module, mount.port) not in self.topology.free_connectors:
             yield "mount", f"must be a connector without a joint, but got {given}"
 
 
 class Design(Geometry):
-    """A complete platform for a task. The audit recomputes everything that it states.
+    """Complete platform for a task; the audit recomputes all of its numbers.
 
     Unknown fields of a file are ignored, so that other programs can add their own.
     """
@@ -237,20 +228,20 @@ class Design(Geometry):
     rotor_speeds_squared: tuple[tuple[Number, ...], ...]
     """u_k: 4 n values per load case, module-major [rad^2/s^2]."""
     inputs_computed: Annotated[Flag, OMIT_EMPTY] = False
-    """True if the audit found the inputs, for a geometry that came without."""
+    """True if the audit computed the inputs, for a geometry without any."""
     objective: Number
     """J = sum_k lambda_k ||u_k||^2 [rad^4/s^4]."""
     lower_bound: Number | None = None
-    """Lower bound of the objective for every topology of this size, if each wrench is met exactly [rad^4/s^4]."""
+    """Lower bound of the objective over all topologies of this size, for wrenches met exactly [rad^4/s^4]."""
     gap: Number | None = None
     """1 - lower_bound / objective."""
     stated: Annotated[tuple[Stated, ...], OMIT_EMPTY] = ()
-    """The user's own constraints when it was solved, without their functions: evaluated, not certified."""
+    """The user's own constraints of the solve, without their functions: evaluated, not certified."""
     solver: dict[str, Any] | None = None
 
     @property
     def shorter_rod(self) -> str | None:
-        """Cost of a shorter rod, if the solver's record has it."""
+        """Cost of a shorter rod in words, if the solver's record has it."""
         try:
             return ShorterRod.model_validate((self.solver or {}).get("shorter_rod")).words
         except ValidationError:
@@ -259,15 +250,15 @@ class Design(Geometry):
     @field_validator("topology_key", "lower_bound", "gap", "solver", mode="wrap")
     @classmethod
     def _drop_unreadable(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
-        """Drop what cannot be read or written again: a file is never refused for a field that only informs."""
+        """Drop an invalid value: no file is refused for a field that is only informative."""
         try:
             json.dumps(value, allow_nan=False, ensure_ascii=False).encode()
             return handler(value)
         except (TypeError, ValueError, RecursionError):
             return None
 
-    def _miscounts(self) -> Iterator[tuple[Location, str, int, int]]:
-        yield from super()._miscounts()
+    def _value_counts(self) -> Iterator[tuple[Location, str, int, int]]:
+        yield from super()._value_counts()
         cases = len(self.task.load_cases)
         yield "rotor_speeds_squared", "must have one list per load case", cases, len(self.rotor_speeds_squared)
         for k, u_k in enumerate(self.rotor_speeds_squared):
@@ -280,7 +271,7 @@ class Design(Geometry):
         return read_only(np.asarray(self.rotor_speeds_squared).reshape(-1, self.topology.n, 4))
 
     def _repr_html_(self) -> str:
-        """Show a notebook what to bolt to what, and what it costs."""
+        """Show joints, angles and effort in a notebook."""
         gap = "" if self.gap is None else f", gap to the lower bound {gap_percent(self.gap)}"
         title = heading(f"{self.task.name}: {quantity(self.topology.n, 'module')}, {self.topology.key}")
         effort = paragraph(f"J = {self.objective:.6g} rad^4/s^4{gap}")
@@ -303,14 +294,14 @@ class Design(Geometry):
 
 
 STARTS = 4
-"""Largest number of starts of each solve with a relaxed limit."""
+"""Largest number of starts per solve with a relaxed limit."""
 
 
 class Relaxation(Value):
-    """One limit, relaxed by the least share that gave a design with a clear audit; no proof that less would not."""
+    """Smallest tried relaxation of one limit that gave a design with a clear audit; a smaller one may be enough."""
 
     topology_key: str
-    """Key of the tree that then has a design."""
+    """Key of the tree that becomes feasible."""
     limit: str
     """Binding limit, in the user's words."""
     change: str
@@ -318,30 +309,30 @@ class Relaxation(Value):
     field: str
     """Field of the task."""
     share: Number
-    """The change over the limit as it is."""
+    """Change over the current limit."""
     given: Number | None = None
-    """The limit as it is, in the field's unit; None where it is no single number."""
+    """Current limit, in the field's unit; None if it is not a single number."""
     enough: Number | None = None
-    """Relaxed limit that is enough, in the field's unit."""
+    """Sufficient limit, in the field's unit."""
     unit: str = ""
+    """Unit of the field."""
     not_enough: Number | None = None
-    """The largest share that was tried in vain; None if the least that is tried was enough."""
-
+    """Largest share that was tried without success; None if the smallest one was enough."""
     tightens: Annotated[bool, OMIT_EMPTY] = False
-    """True if the limit is tightened, so that the design is one of the task as it is."""
+    """True if the limit is tightened, so that the design also satisfies the original task."""
 
     @property
     def setting(self) -> str:
-        """The field, with its values where it is a single number."""
+        """The field, with current and sufficient value if it is a single number."""
         unit = f" {self.unit}" if self.unit else ""
         if self.given is None or self.enough is None:
             return self.field
-        enough = upper_text(self.enough) if self.enough > self.given else lower_text(self.enough)  # no less is
+        enough = upper_text(self.enough) if self.enough > self.given else lower_text(self.enough)  # still enough
         return f"{self.field}: {self.given:.6g} -> {enough}{unit}"
 
     @property
     def words(self) -> str:
-        """The change and its setting in a line."""
+        """Change and setting in one line."""
         return f"{self.limit}: {self.topology_key} becomes feasible with {self.change} ({self.setting})"
 
 
@@ -351,33 +342,34 @@ class Relaxed(Value):
     format: Literal["topo-search/relaxed"] = "topo-search/relaxed"
     version: Literal[1] = 1
     modules: int
+    """Number of modules."""
     starts: int
-    """Starts of each candidate of the run when it was tried."""
+    """Number of starts per candidate in the run at that time."""
     relaxations: tuple[Relaxation, ...]
-    """Relaxations that helped, the least change first."""
+    """Successful relaxations, smallest change first."""
     in_vain: tuple[str, ...]
-    """Limits none of whose relaxations helped, each with the most that was tried."""
+    """Limits whose relaxation did not help, each with the largest change tried."""
     untried: Annotated[tuple[str, ...], OMIT_EMPTY] = ()
-    """Limits of which nothing is known, as the solver or the audit failed, each with the reason."""
+    """Limits for which solver or audit failed, each with the reason."""
     topologies: Annotated[tuple[str, ...], OMIT_EMPTY] = ()
-    """Keys of the trees; none in an older file."""
+    """Keys of the trees; empty in older files."""
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Advice, one sentence each: what to relax first, what else helps or does not, what could not be tried."""
+        """Sentences of advice: what to relax first, what else helps or does not, what could not be tried."""
         solved = f"from {quantity(min(self.starts, STARTS), 'start')}"
         sentences = []
         if self.relaxations:
             first, *others = self.relaxations
-            verb, end = "relax", "a smaller change may be enough"
+            verb, remark = "relax", "a smaller change may be enough"
             if first.tightens:
-                verb, end = "try", "the design is one of the task as it is"
-            sentences.append(f"{verb} first: {first.words}; solved again {solved}, its audit is clear; {end}")
-            sentences += [f"or {other.words}; solved and audited alike" for other in others]
+                verb, remark = "try", "the design also satisfies the original task"
+            sentences.append(f"{verb} first: {first.words}; solved again {solved}, its audit is clear; {remark}")
+            sentences += [f"or {other.words}; solved and audited in the same way" for other in others]
         elif self.in_vain:
-            of = f" of {' or '.join(self.topologies)}" if self.topologies else ""
+            trees = f" of {' or '.join(self.topologies)}" if self.topologies else ""
             tried = "; ".join(self.in_vain)
-            none = f"no single limit, relaxed on its own, led to a design{of} with a clear audit"
+            none = f"no single limit, relaxed on its own, led to a design{trees} with a clear audit"
             sentences.append(f"{none} {solved} ({tried})")
         if self.untried:
             sentences.append(f"could not be tried, so nothing is known: {'; '.join(self.untried)}")
@@ -385,19 +377,20 @@ class Relaxed(Value):
 
 
 class Shortfall(Value):
-    """A constraint that some starts missed by more than any other."""
+    """Constraint that some starts violate more than any other."""
 
     constraint: str
-    """In the user's words, with the modules or the load case."""
+    """Name of the constraint, with the modules or the load case."""
     starts: int
-    """Number of starts that missed it by more than any other."""
+    """Number of starts that violate it more than any other."""
     violation: Number
-    """The least that one of them missed it by, positive, in `unit`."""
+    """Smallest violation among those starts, positive, in `unit`."""
     unit: str
+    """Unit of `violation`."""
 
     @staticmethod
     def gather(shortfalls: Iterable[Shortfall]) -> tuple[Shortfall, ...]:
-        """Return one for each constraint, the most frequent first."""
+        """Return one shortfall per constraint, the most frequent first."""
         least: dict[str, Shortfall] = {}
         starts: Counter[str] = Counter()
         for shortfall in shortfalls:
@@ -410,42 +403,43 @@ class Shortfall(Value):
 
 
 class Infeasible(Value):
-    """No feasible point of one topology was found, or none can exist."""
+    """Topology without a feasible point: none was found, or none exists."""
 
     format: Literal["topo-search/infeasible"] = "topo-search/infeasible"
     version: Literal[1] = 1
     topology: TopologyRows | None
-    """None: proven for every topology of this size."""
+    """None: holds for every topology of this size."""
     topology_key: str | None
     status: Literal["infeasible", "impossible"]
     """`infeasible`: no start reached a feasible point; `impossible`: proven, whatever the start."""
     worst_constraint: str
-    """The most violated constraint of the start that came closest, in the user's words."""
+    """Most violated constraint of the closest start."""
     violation: Number
-    """Shortfall, positive, in `unit`."""
+    """Its violation, positive, in `unit`."""
     unit: str
+    """Unit of `violation`."""
     message: str
-    """The whole reason in one sentence."""
+    """Reason in one sentence."""
     shortfalls: tuple[Shortfall, ...] = ()
-    """Constraints that all starts ended short of, the most frequent first; none for a proof."""
+    """Largest violations of all starts by constraint, the most frequent first; empty for a proof."""
     solver: SolverRecord | None = None
     """Solver record of the closest start; None for a proof."""
     relaxed: Omitted[Relaxed] = None
-    """Limits that, each relaxed on its own, give the tree a design; None where it was not asked."""
+    """Limits that make the tree feasible if relaxed one at a time; None if that was not requested."""
 
     def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
-        """Return the same closest start among these starts."""
+        """Return a copy for a closest start that is one of several, with the shortfalls of all."""
         gathered, shown = Shortfall.gather(shortfalls), 3
-        missed = f"misses `{self.worst_constraint}` by {_amount(self.violation, 3, self.unit)}"
-        named = [
+        closest = f"misses `{self.worst_constraint}` by {_amount(self.violation, 3, self.unit)}"
+        parts = [
             f"{s.starts} `{s.constraint}` (by {_amount(at_least(s.violation, 2), 2, s.unit)} or more)"
             for s in gathered[:shown]
         ]
-        if others := sum(s.starts for s in gathered[shown:]):
-            named.append(f"{others} another constraint")
-        message = f"the closest of {solver.starts} starts {missed}; what they miss most: {', '.join(named)}"
+        if rest := sum(s.starts for s in gathered[shown:]):
+            parts.append(f"{rest} another constraint")
+        message = f"the closest of {solver.starts} starts {closest}; what they miss most: {', '.join(parts)}"
         if solver.starts == 1:
-            message = f"the only start {missed}"
+            message = f"the only start {closest}"
         return self.model_copy(update={"shortfalls": gathered, "solver": solver, "message": message})
 
 

@@ -1,4 +1,4 @@
-"""Values in and out of files: TOML for tasks, JSON for results. Writing and reading again changes nothing."""
+"""Reading and writing of files: TOML for tasks, JSON for results. A round trip changes nothing."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from topo_search.model.value import BadInput, Fault, faults_of, naming, nearest
 Model = TypeVar("Model", bound=BaseModel)
 
 DESCRIPTORS = Path("/proc/self/fd")
-"""Open files of this process, on Linux."""
+"""Open file descriptors of this process, on Linux."""
 
 
 def validate(model: type[Model], data: Any, source: str, folder: Folder | None = None) -> Model:
     """Return `data` as a model; BadInput names every fault, `source` first.
 
     Args:
-        model: the model.
-        data: what a file holds.
-        source: the file, in the reader's words.
-        folder: where files that the data may name are looked for; None: it may name none.
+        model: class of the value.
+        data: content of a file.
+        source: name of the file in messages.
+        folder: folder of the files that the data may name; None: it may not name any.
     """
     try:
         return model.model_validate(data, context=folder)
@@ -43,14 +43,14 @@ def validate(model: type[Model], data: Any, source: str, folder: Folder | None =
 def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     """Return the task of a TOML file or of a shipped example, with `FIELD=VALUE` settings applied.
 
-    Meshes that it names are looked for in the file's folder; of a shipped example, in the current one.
+    Paths of meshes are relative to the file's folder; in a shipped example, to the current one.
 
     Args:
-        path: the file, or the name of the example.
-        settings: override the file's fields, in order.
+        path: file, or name of a shipped example.
+        settings: changes to the file's fields, applied in order.
 
     Raises:
-        BadInput: one fault for each thing that is wrong, or the figure of merit of the rotors is above 1.
+        BadInput: one fault per broken rule, or the figure of merit of the rotors is above 1.
 
     >>> read_task("push", ("modules=[3, 4]",)).modules
     (3, 4)
@@ -86,13 +86,13 @@ def examples() -> list[str]:
 
 
 def task_template(name: str) -> str:
-    """Return the text of a commented task file to start from: every field, its default and what it means."""
+    """Return a commented task file to start from: every field with its default and meaning."""
     text = (resources.files("topo_search.model") / "template.toml").read_text(encoding="utf-8")
     return text.replace('name = "task"', f'name = "{name}"', 1)
 
 
 def read_json(model: type[Model], path: str | Path) -> Model:
-    """Return the value that a JSON file holds; BadInput names every fault.
+    """Read a value from a JSON file; BadInput names every fault.
 
     Example:
         >>> from topo_search import Audit, read_json
@@ -104,26 +104,26 @@ def read_json(model: type[Model], path: str | Path) -> Model:
 
 
 def to_geometry(data: Any, source: str) -> Geometry:
-    """Return the design that a file's data hold, or its geometry if they hold no inputs; BadInput as `validate`."""
-    bare = isinstance(data, dict) and "rotor_speeds_squared" not in data
-    return validate(Geometry if bare else Design, data, source)
+    """Return the design in a file's data, or its geometry if there are no inputs; raises like `validate`."""
+    no_inputs = isinstance(data, dict) and "rotor_speeds_squared" not in data
+    return validate(Geometry if no_inputs else Design, data, source)
 
 
 def stated_format(data: Any) -> str | None:
-    """Return what the data of a JSON file say that they are."""
-    name = data.get("format") if isinstance(data, dict) else None
-    return name if isinstance(name, str) else None
+    """Return the `format` field of a JSON file's data, if it has one."""
+    format_ = data.get("format") if isinstance(data, dict) else None
+    return format_ if isinstance(format_, str) else None
 
 
 def load_json(path: str | Path, *, most_bytes: int = LIMITS.result_bytes) -> Any:
-    """Return the data of a JSON file, in which no name is given twice.
+    """Return the data of a JSON file.
 
     Args:
-        path: the file.
-        most_bytes: size from which it is refused.
+        path: file to read.
+        most_bytes: largest size that is read.
 
     Raises:
-        BadInput: it cannot be read, is too large, no regular file or no JSON.
+        BadInput: unreadable, too large, not a regular file, invalid JSON, or a name twice in an object.
     """
     text = load_text(path, most_bytes=most_bytes)
     with naming(str(path)):
@@ -131,7 +131,7 @@ def load_json(path: str | Path, *, most_bytes: int = LIMITS.result_bytes) -> Any
 
 
 def to_toml(task: Task) -> str:
-    """Return a task as the text of a TOML file, with every default but those that derive from other fields.
+    """Return a task as TOML text, with all defaults except those that derive from other fields.
 
     >>> print(to_toml(read_task("push")).splitlines()[0])
     name = "push"
@@ -140,25 +140,25 @@ def to_toml(task: Task) -> str:
 
 
 def to_json(value: BaseModel) -> str:
-    """Return a value as the text of a JSON file."""
+    """Return a value as JSON text."""
     return value.model_dump_json(indent=1, ensure_ascii=True) + "\n"
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
-    """Write a file so that a reader sees the old one or the whole new one, whatever happens in between.
+    """Write a file so that readers see either the old or the complete new content, even after a crash.
 
-    It is on the disk when this returns.
+    The content is on disk on return.
 
     Args:
-        path: the file.
-        content: of the file; text as UTF-8.
+        path: file to write.
+        content: new content; text is encoded as UTF-8.
 
     Raises:
-        OSError: it cannot be written; names `path`. What is there and no regular file is not replaced.
+        OSError: names `path`, which cannot be written or is not a regular file.
     """
     try:
         if path.exists() and not path.is_file():
-            raise OSError(errno.EEXIST, "there is something else than a regular file")
+            raise OSError(errno.EEXIST, "exists, but is not a regular file")
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
         try:
@@ -169,7 +169,7 @@ def write_atomically(path: Path, content: str | bytes) -> None:
                 stream.write(content if isinstance(content, bytes) else content.encode("utf-8"))
                 stream.flush()
                 os.fsync(stream.fileno())
-                if not partial.exists():  # with a folder's descriptor, links are followed: the file gets its name
+                if not partial.exists():  # unnamed; with src_dir_fd, link() follows symlinks
                     os.link(DESCRIPTORS / str(stream.fileno()), partial, src_dir_fd=stream.fileno())
             partial.replace(path)
         except BaseException:
@@ -180,19 +180,15 @@ def write_atomically(path: Path, content: str | bytes) -> None:
 
 
 def _open_unnamed(folder: Path) -> int | None:
-    """Open a file without a name, which vanishes with a killed process; None where the system has none."""
+    """Open an unnamed file, which vanishes if the process is killed; None where that is not supported."""
     try:
         return os.open(folder, os.O_WRONLY | os.O_TMPFILE, 0o666) if DESCRIPTORS.exists() else None
-    except OSError:  # the file system cannot, or the folder is not writable, which the other way reports
+    except OSError:  # no support by the file system, or no permission, which the caller's attempt reports
         return None
 
 
 def load_text(path: str | Path, *, most_bytes: int, if_missing: str = "no such file") -> str:
-    """Return the text of a file that anybody may have made.
-
-    Raises:
-        BadInput: it cannot be read, is too large, no regular file or no text.
-    """
+    """Return the text of an untrusted file; BadInput if it is unreadable, too large, not regular or not UTF-8."""
     try:
         return read_text(path, most_bytes=most_bytes)
     except FileNotFoundError:

@@ -1,9 +1,9 @@
 """Capabilities of a design beyond its task, as in `flight` of `audit.json`, and of any vehicle with fixed rotors.
 
-Numbers are proven: a reserve is at least what it says, and at most `..._at_most`. None: there is none, or no proof.
-Rotors run from their least input up to their largest; `search.peak_input` is asked of the load cases alone.
+All numbers are proven: a reserve is a lower bound, `..._at_most` an upper bound. None: no reserve, or no proof.
+Rotors may use their full range of inputs; `search.peak_input` limits the load cases only.
 
-A vehicle is described by its table of rotors:
+A vehicle is a table of rotors:
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -46,26 +46,26 @@ from topo_search.model.value import (
 )
 
 Size = Annotated[float, Field(strict=True, ge=0)]
-"""A measured quantity, however large."""
+"""Measured quantity of any size."""
 
 
 class CaseFlight(Value):
-    """Reserves of a load case, or of hover: around its wrench, with the torque or the force as asked.
+    """Reserves around the wrench of a load case, or of hover; the other part of the wrench stays unchanged.
 
-    Reserves, tilt and accelerations are those left with the centre of mass anywhere within `flight.com_error`.
+    Reserves, tilt and accelerations hold with the centre of mass anywhere within `flight.com_error`.
     """
 
     name: str
-    """`hover` (the weight carried at the COM) or the load case's."""
+    """`hover` (the weight, carried at the COM) or the name of the load case."""
     possible: bool | None
     """True if the rotors can produce it; None: undecided."""
     force_reserve_N: Size | None = None
     """Any force of this size can be added at the end-effector [N]."""
     force_reserve_at_most_N: Size | None = None
     force_weakest: Vector | None = None
-    """No more than that force can be added this way."""
+    """Direction in which the force reserve is exhausted first."""
     horizontal_reserve_N: Size | None = None
-    """The same of horizontal forces alone [N]."""
+    """The same for horizontal forces [N]."""
     horizontal_reserve_at_most_N: Size | None = None
     horizontal_weakest: Vector | None = None
     force_reserve_com_N: Omitted[Size] = None
@@ -73,7 +73,7 @@ class CaseFlight(Value):
     force_reserve_com_at_most_N: Omitted[Size] = None
     force_weakest_com: Omitted[Vector] = None
     horizontal_reserve_com_N: Omitted[Size] = None
-    """The same of horizontal forces alone [N]."""
+    """The same for horizontal forces [N]."""
     horizontal_reserve_com_at_most_N: Omitted[Size] = None
     horizontal_weakest_com: Omitted[Vector] = None
     torque_reserve_Nm: Size | None = None
@@ -81,20 +81,20 @@ class CaseFlight(Value):
     torque_reserve_at_most_Nm: Size | None = None
     torque_weakest: Vector | None = None
     com_error_m: Omitted[Size] = None
-    """Largest offset of the centre of mass along each axis at once [m]; None where no force acts there."""
+    """Largest tolerated offset of the centre of mass along all axes at once [m]; None if no force acts there."""
     com_error_at_most_m: Omitted[Size] = None
     tilt_deg: Omitted[Size] = None
-    """Hover can be held at any tilt up to this, to every side, without torque [deg]; None of load cases."""
+    """Hover is possible at any tilt up to this, in every direction, without torque [deg]; None for load cases."""
     tilt_at_most_deg: Omitted[Size] = None
     tilt_weakest: Omitted[Vector] = None
-    """Rotors lack force towards it, in the axes of the body, where more is asked for."""
+    """Direction in which rotors lack force at a larger tilt, in the axes of the body."""
     angular_acceleration_rad_s2: Omitted[tuple[Size, Size, Size]] = None
-    """About x, y and z of the body at the centre of mass, one at a time and either way: torque J e a can be added,
-    with the platform's inertia J [rad/s^2]."""
+    """Angular acceleration a about x, y and z of the body, one at a time, in both senses: the torque J e a can be
+    added, with the platform's inertia J about its centre of mass [rad/s^2]."""
     angular_acceleration_at_most_rad_s2: Omitted[tuple[Size, Size, Size]] = None
     force_reserve_N_pseudo_inverse: Omitted[Size] = None
-    """The same by an allocator that only multiplies wrenches, the case's own included, by the pseudo-inverse of the
-    map from inputs, and does not desaturate; likewise below."""
+    """The same for an allocator that multiplies the whole wrench by the pseudo-inverse of the allocation matrix,
+    without desaturation; likewise the fields below."""
     horizontal_reserve_N_pseudo_inverse: Omitted[Size] = None
     force_reserve_com_N_pseudo_inverse: Omitted[Size] = None
     horizontal_reserve_com_N_pseudo_inverse: Omitted[Size] = None
@@ -103,65 +103,71 @@ class CaseFlight(Value):
     tilt_deg_pseudo_inverse: Omitted[Size] = None
     angular_acceleration_rad_s2_pseudo_inverse: Omitted[tuple[Size, Size, Size]] = None
     load_factor: Size | None = None
-    """The load times this can be produced: what is left until a rotor saturates. The load is the whole wrench, or
-    what is asked for besides where the weight is carried at the COM."""
+    """Factor by which the load can grow until a rotor saturates. The load is the wrench, without the weight if the
+    case carries that at the COM."""
     load_factor_at_most: Size | None = None
     largest_input: Number | None = None
-    """Largest input, of the design's cases and of the least-effort hover, over the largest input of a rotor."""
+    """Largest input over u_max, from the design or for the hover of least effort."""
     least_input: Number | None = None
+    """Smallest input over u_max, likewise."""
     inputs_at_limit: Index | None = None
     """Number of inputs within a thousandth of their range from a limit."""
 
 
 class RotorsOut(Value):
-    """Single rotors that may fail."""
+    """Single rotor failures."""
 
     survive: Index
-    """Number of single rotor failures proven to be survivable."""
+    """Number of failures proven survivable."""
     of: Index
+    """Number of rotors."""
     lost: tuple[tuple[Index, Index], ...] = ()
-    """Module and rotor (0..3) of each whose failure is proven to make a wrench impossible."""
+    """Module and rotor (0..3) of each failure proven to make a wrench impossible."""
     undecided: tuple[tuple[Index, Index], ...] = ()
+    """Module and rotor of each undecided failure."""
     torque_reserve_Nm: Omitted[Size] = None
-    """Any torque of this size can be added with any one of the rotors dead [N m]; None if not asked for."""
+    """Any torque of this size can be added after any single rotor failure [N m]; None if not required."""
     torque_reserve_at_most_Nm: Omitted[Size] = None
     weakest: Omitted[tuple[Index, Index]] = None
-    """Module and rotor whose failure leaves least."""
+    """Module and rotor whose failure leaves the smallest torque reserve."""
 
 
 class JointLoad(Value):
     """Loads of a joint in a load case, or in hover.
 
-    Each figure is the larger of both sides, if either may carry the end-effector.
+    Each is the larger of both sides, if the end-effector may be on either.
     """
 
     case: str
+    """`hover` or the name of the load case."""
     module: Index
-    """The module that is nearer to the root."""
+    """Module nearer to the root."""
     port: Index
     """Its port."""
     child: Index
+    """Module farther from the root."""
     force_N: Size
     moment_Nm: Size
-    """About the connector."""
+    """Moment about the connector [N m]."""
     about_hinge_Nm: Size
-    """The part of it about the hinge's axis."""
+    """Its component about the hinge axis [N m]."""
     across_hinge_Nm: Size
+    """Its component across the hinge axis [N m]."""
 
 
 class CasePower(Value):
     """Power of all rotors in hover, or in a load case."""
 
     name: str
-    """`hover` or the load case's."""
+    """`hover` or the name of the load case."""
     ideal_W: Size
-    """That of ideal rotors with the same thrusts and discs [W]."""
+    """Power of ideal rotors with the same thrusts and discs [W]."""
     shaft_W: Size
-    """Drag torque times speed, summed over all rotors [W]; motors and wires take more."""
+    """Drag torque times speed, summed over all rotors [W]; without losses of motors and wires."""
     figure_of_merit: Size
-    """Ideal over shaft power."""
+    """Ratio of ideal to shaft power."""
     endurance_min: Omitted[Size] = None
-    """Longest time that the batteries of all modules can last, where `module.battery_Wh` is given [min]."""
+    """Upper bound for the time that all batteries last [min]; None without `module.battery_Wh`."""
 
 
 class Flight(Value):
@@ -170,29 +176,29 @@ class Flight(Value):
     cases: tuple[CaseFlight, ...]
     """Hover, then every load case."""
     rotors_out_hover: RotorsOut
-    """With any one of these rotors dead the platform can still hover."""
+    """Rotor failures after which the platform can still hover."""
     rotors_out_all: RotorsOut
-    """And exert every load case."""
+    """Rotor failures after which it can also exert every load case."""
     rotors_out_asked: Omitted[RotorsOut] = None
-    """In the cases for which the task asks for that; None where it does not."""
+    """Rotor failures by the cases of `flight.rotor_out`; None if not required."""
     joints: tuple[JointLoad, ...]
-    """Joint by joint for hover, then for every load case."""
+    """Loads of all joints in hover, then in every load case."""
     hinge_tolerance_deg: Size | None
-    """Proven: hinge angles off by as much lose no clearance [deg]; None where there is none to lose."""
+    """Proven: hinge errors of this size violate no clearance [deg]; None without clearances."""
     hover_input: Size | None
-    """Mean input in hover over the largest input of a rotor."""
+    """Mean input in hover over u_max."""
     hover_power_ratio: Size | None
-    """Sum of u^1.5 in hover over that of rotors which all pull straight up."""
+    """Sum of u^1.5 in hover over that of rotors that all point straight up."""
     rod_length_m: Size | None
-    """None: no straight rod carries the end-effector."""
+    """Length of the rod [m]; None without a straight rod."""
     rod_mass_share: Size | None
-    """Mass of the rod over that of the platform, which includes it with `rod_mass = "included"`."""
+    """Mass of the rod over that of the platform (with the rod if `rod_mass = "included"`)."""
     span_m: Size
-    """Largest distance between the centres of two rotors, and the width of one [m]."""
+    """Largest distance of two rotor centres plus a rotor diameter [m]."""
 
     @property
     def hover_power_excess(self) -> float | None:
-        """Percentage of power over that of rotors which all pull straight up, without rounding; None: no hover."""
+        """Excess of the hover power over that of rotors that all point straight up [%]; None without hover."""
         return None if self.hover_power_ratio is None else round(100.0 * self.hover_power_ratio - 100.0, 9) + 0.0
 
     @property
@@ -202,18 +208,18 @@ class Flight(Value):
 
     @property
     def load_factor(self) -> float | None:
-        """The least of hover and all load cases."""
+        """Smallest load factor of hover and all load cases."""
         return min((case.load_factor for case in self.cases if case.load_factor is not None), default=None)
 
     @property
     def joint_moment_Nm(self) -> float | None:
-        """The largest of all load cases that the task has [N m]; None without joints."""
+        """Largest joint moment of all load cases [N m]; None without joints."""
         moments = (load.moment_Nm for load in self.joints if load.case != self.hover.name)
         return max(moments, default=None)
 
     @property
     def weakest_point(self) -> str:
-        """Most important fact for a pilot, in one line."""
+        """Most important facts for a pilot, in one line."""
         hover, out = self.hover, self.rotors_out_hover
         if not hover.possible:
             return "cannot hover" if hover.possible is False else "leaves undecided whether it can hover"
@@ -221,14 +227,14 @@ class Flight(Value):
         if hover.horizontal_reserve_N is not None:
             towards = "" if hover.horizontal_weakest is None else f" towards {direction(hover.horizontal_weakest)}"
             facts.append(f"weakest side force at the tip {lower_text(hover.horizontal_reserve_N, 3)} N{towards}")
-        open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
-        facts.append(f"survives {out.survive} of {out.of} single rotor failures, once known{open_}")
+        undecided = f" ({len(out.undecided)} undecided)" if out.undecided else ""
+        facts.append(f"survives {out.survive} of {out.of} single rotor failures, once known{undecided}")
         return "; ".join(facts)
 
 
 def direction(v: Vector) -> str:
     """Return a direction in words: an axis, or the components of a unit vector."""
-    length, straight = math.hypot(*v), math.cos(math.radians(1.0))  # so near to an axis it is named after that
+    length, straight = math.hypot(*v), math.cos(math.radians(1.0))  # within 1 deg of an axis
     for name, component in zip("xyz", v, strict=True):
         if abs(component) >= straight * length:
             return f"{'-' if component < 0 else '+'}{name}"
@@ -236,7 +242,7 @@ def direction(v: Vector) -> str:
 
 
 class VehicleRotor(Value):
-    """One rotor: a row of `rotors.csv`."""
+    """Rotor: a row of `rotors.csv`."""
 
     x_m: Number
     """r, in the axes of the vehicle, z up [m]."""
@@ -247,7 +253,7 @@ class VehicleRotor(Value):
     ay: Number
     az: Number
     spin: Literal[-1, 1]
-    """s."""
+    """s: spin."""
     k_f: Positive
     """Thrust coefficient [N s^2]."""
     k_tau: NonNegative
@@ -255,7 +261,7 @@ class VehicleRotor(Value):
     u_max: Positive
     """Largest squared speed [rad^2/s^2]."""
     u_min: Number = 0.0
-    """Least squared speed; below zero the rotor is reversible [rad^2/s^2]."""
+    """Smallest squared speed [rad^2/s^2]; negative for a reversible rotor."""
 
     def _broken_rules(self) -> Broken:
         if not math.hypot(self.ax, self.ay, self.az) > 1e-12:
@@ -265,44 +271,41 @@ class VehicleRotor(Value):
 
 
 class Vehicle(Value):
-    """A vehicle: the tables of `VEHICLE.toml`, its rotors read."""
+    """Vehicle, as in `VEHICLE.toml` with its table of rotors."""
 
     mass: Positive = 1.0
-    """[kg]"""
+    """Mass [kg]."""
     inertia: tuple[Vector, Vector, Vector] | Vector | None = None
-    """Tensor about the centre of mass, or its diagonal [kg m^2]; None: unknown."""
+    """Inertia tensor about the centre of mass, or its diagonal [kg m^2]; None: unknown."""
     com: Vector = (0.0, 0.0, 0.0)
-    """Centre of mass, in the axes and from the origin of the rotors' positions [m]."""
+    """Centre of mass in the frame of the rotor positions [m]."""
     end_effector: Vector | None = None
-    """Point where loads of a task act, likewise [m]; default: where the task fixes it, or the centre of mass."""
+    """Point of action of a task's loads, in the same frame [m]; default: the task's fixed position, or the COM."""
     gravity: Positive = 9.81
-    """[m/s^2]"""
+    """g [m/s^2]."""
     rotors: Annotated[tuple[VehicleRotor, ...], at_most(400, "rotors"), NonEmpty]
+    """Rotors."""
 
 
 class Capability(Value):
-    """Capability of a vehicle, as `topo-search capability --json` prints it."""
+    """Capability of a vehicle, the output of `topo-search capability --json`."""
 
     format: Literal["topo-search/capability"] = "topo-search/capability"
     version: Literal[1] = 1
     rank: Index
     """Rank of the map from inputs to wrenches: 6 if the vehicle is fully actuated."""
     zero_torque_volume_N3: Size
-    """Volume of the forces that it can exert without torque about its centre of mass [N^3]."""
+    """Volume of the set of forces without torque about the centre of mass [N^3]."""
     zero_torque_ball_N: Size
-    """It can exert any force of this size without torque [N]."""
+    """Any force of this size can be exerted without torque [N]."""
     flight: Flight
-    """As in `audit.json`; single rotors are numbered from 0, all of module 0."""
+    """As in `audit.json`; all rotors belong to module 0 and are numbered from 0."""
     met: Omitted[bool] = None
     """True if every wrench of the task is proven possible; None without a task."""
 
 
 def read_vehicle(path: str | Path) -> Vehicle:
-    """Return the vehicle that a `.toml` file or a table of rotors (`.csv`) describes.
-
-    Raises:
-        BadInput: one fault for each thing that is wrong.
-    """
+    """Read a vehicle from a `.toml` file, or from a `.csv` table of rotors; BadInput names every fault."""
     path = Path(path)
     if path.suffix.lower() != ".toml":
         return validate(Vehicle, {"rotors": _rows(path)}, str(path))

@@ -1,27 +1,26 @@
-"""Load cases, wrenches that the rotors must produce at the end-effector, at the COM, or both; reserves around them.
+"""Load cases: wrenches that rotors must produce at the end-effector, at the COM, or both; and reserves around them.
 
-Gravity is added only where a load case says that it `carries_weight`. `f_E` is the force that the platform exerts
-at the end-effector; carrying the weight is a load case (or a part of one) like any other, with the COM force
-[0, 0, m_t g].
+Gravity is included only in load cases with `carries_weight`. `f_E` is the force that the platform exerts at the
+end-effector. To carry the weight is a load case like any other, or a part of one: the COM force [0, 0, m_t g].
 
-A load case may be a cone of forces, which corners cover:
+A load case may be a cone of forces, covered by corners:
 
 | symbol | meaning | shape |
 |---|---|---|
 | a, theta | the cone's axis, a unit vector, and its half-angle | (3,), rad |
-| F | the largest force | |
-| m | sides of the polygon that is put around the cone | |
+| F | largest force | |
+| m | sides of the polygon around the cone | |
 
-Forces f with a . f <= F within a pyramid of m sides around the cone hold all of the cone's forces up to the size F:
-their corners are zero and F (a + tan(theta) / cos(pi / m) e_j), with e_j at even angles across the axis. If all
-corners can be produced, so can all between them: the wrenches of fixed angles are a convex set. So the cone is
-covered with something to spare, a corner being sqrt(1 + tan(theta)^2 / cos(pi / m)^2) times F.
+The forces f with a . f <= F in a pyramid of m sides around the cone contain all forces of the cone up to the size
+F. Their corners are zero and F (a + tan(theta) / cos(pi / m) e_j), with e_j at equal angles across the axis. If all
+corners can be produced, so can all forces between them, because the wrenches of fixed angles are a convex set. The
+cover is conservative: a corner is sqrt(1 + tan(theta)^2 / cos(pi / m)^2) times as large as F.
 
-Beyond the load cases a task may require reserves around some of them, and flight with a rotor dead.
+A task may also require reserves around some load cases, and flight with a dead rotor.
 
 | symbol | meaning | unit |
 |---|---|---|
-| r | radius of the ball, or of the horizontal disc, of what can be added | N, N m |
+| r | radius of the ball, or horizontal disc, of forces or torques that can be added | N, N m |
 """
 
 from __future__ import annotations
@@ -66,13 +65,13 @@ class ForceCone(Value):
     axis: Direction
     """Axis of the cone, in the task frame."""
     half_angle_deg: Annotated[float, Field(strict=True, gt=0, le=60.0)]
-    """theta [deg]; beyond, corners would be more than twice as far out as the cone's own forces."""
+    """theta: half-angle [deg]; above 60, corners would be more than twice as large as the cone's forces."""
     force: Positive
-    """F, the largest force, in the units of the load case."""
+    """F: largest force, in the units of the load case."""
 
     @property
     def corners(self) -> tuple[Vector, ...]:
-        """The corners that cover the cone, zero first, in the units of F."""
+        """Corners that cover the cone, zero first, in the units of F."""
         m = 8  # the pyramid is then 8 % wider than the cone at its edges
         a = np.array(self.axis) / math.hypot(*self.axis)
         across = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
@@ -84,12 +83,12 @@ class ForceCone(Value):
         return ((0.0, 0.0, 0.0), *((float(x), float(y), float(z)) for x, y, z in rim))
 
     def scale(self, force_unit: float) -> ForceCone:
-        """Return the cone with its force in another unit."""
+        """Return the cone with its force scaled."""
         return self.model_copy(update={"force": self.force * force_unit})
 
 
-MOST = 1e15
-"""Largest component of a load case [N], [N m]: what derives from it stays finite."""
+MAX_LOAD = 1e15
+"""Largest component of a load case [N, N m]; derived numbers stay finite."""
 
 
 def _name(name: str) -> str:
@@ -99,38 +98,37 @@ def _name(name: str) -> str:
 
 
 class Wrench(Value):
-    """A force and a torque in the task frame, in the units of its load case."""
+    """Force and torque in the task frame, in the units of the load case."""
 
     force: Vector = (0.0, 0.0, 0.0)
     torque: Vector = (0.0, 0.0, 0.0)
 
     def scale(self, force_unit: float, torque_unit: float) -> Wrench:
-        """Return the wrench with its force and torque in other units."""
+        """Return the wrench with force and torque scaled."""
         force, torque = (x * force_unit for x in self.force), (x * torque_unit for x in self.torque)
         return Wrench.model_validate({"force": tuple(force), "torque": tuple(torque)})
 
 
 class LoadCase(Value):
-    """A wrench that the platform must be able to exert, and the weight of its effort."""
+    """Wrench that the platform must be able to exert, and the weight of its effort."""
 
     name: Omitted[Annotated[str, AfterValidator(_name)]] = None
     """Name that appears wherever the load case is mentioned."""
     units: Literal["weight", "SI"] = "weight"
     """`weight`: forces in m_t g, torques in l_arm m_t g; `SI`: N and N m."""
     end_effector: Wrench | None = None
-    """f_E, tau_E: exerted at the end-effector."""
+    """f_E, tau_E: wrench exerted at the end-effector."""
     com: Wrench | None = None
-    """f_C, tau_C: exerted at the platform's centre of mass."""
+    """f_C, tau_C: wrench exerted at the platform's centre of mass."""
     carries_weight: Annotated[Flag, OMIT_EMPTY] = False
     """True if the platform's weight [0, 0, m_t g] is added to f_C, for any number of modules."""
     grows: Omitted[Literal["weight", "all"]] = None
-    """Part that grows with the weight of a counted rod: `weight`, the share of f_C that carries it, or `all` of a
-    case in units of weight. Set in designs, not in tasks."""
+    """Part that scales with the platform's weight if a rod counts: `weight`, the part of f_C that carries it, or
+    `all` for a case in units of weight. Set in designs, not in tasks."""
     weight: PositiveOrZero = 1.0
     """lambda_k: weight of this case's effort in the objective; 0: it must be possible but adds no effort."""
-
     cone: Omitted[ForceCone] = None
-    """Also required: every force in this cone instead of the force at the end-effector."""
+    """Also required: every force in this cone, in place of the force at the end-effector."""
     vertices: Annotated[tuple[Wrench, ...], at_most(LIMITS.load_cases, "vertices"), OMIT_EMPTY] = ()
     """Also required: every wrench in the convex hull of these and the one at the end-effector."""
 
@@ -140,23 +138,23 @@ class LoadCase(Value):
 
     @property
     def at_end_effector(self) -> Wrench:
-        """The wrench at the end-effector; zero if none is asked for."""
+        """Wrench at the end-effector; zero by default."""
         return self.end_effector or Wrench()
 
     @property
     def at_com(self) -> Wrench:
-        """The wrench at the COM; zero if none is asked for."""
+        """Wrench at the COM; zero by default."""
         return self.com or Wrench()
 
     @property
     def largest(self) -> float:
-        """The largest component of force or torque, without sign; the weight that it carries does not count."""
+        """Largest absolute component of force or torque, without the carried weight."""
         wrenches = [self.at_end_effector, self.at_com, *(corner.at_end_effector for corner in self.corners)]
         return max(abs(x) for wrench in wrenches for x in (*wrench.force, *wrench.torque))
 
     @property
     def corners(self) -> tuple[LoadCase, ...]:
-        """The corners of the set of wrenches that it stands for, but its own: load cases without weight."""
+        """Corners of the set of wrenches other than the case's own wrench, as load cases without weight."""
         tool = self.at_end_effector
         cone = [tool.model_copy(update={"force": force}) for force in (self.cone.corners if self.cone else ())]
         others = dict.fromkeys(wrench for wrench in (*cone, *self.vertices) if wrench != tool)
@@ -164,9 +162,9 @@ class LoadCase(Value):
         return tuple(self.model_copy(update={**plain, "end_effector": wrench}) for wrench in others)
 
     def to_si(self, force_unit: float, torque_unit: float, *, grows: bool = False) -> LoadCase:
-        """Return the same in N and N m, the weight written out, given m_t g [N] and l_arm m_t g [N m].
+        """Return the load case in N and N m, with the weight as a force, given m_t g [N] and l_arm m_t g [N m].
 
-        `grows`: whether a design adds to m_t.
+        `grows`: True if m_t depends on the design.
         """
         case = self
         if self.units == "weight":
@@ -178,13 +176,13 @@ class LoadCase(Value):
         return case
 
     def regrow(self, before: float, after: float) -> LoadCase:
-        """Return the same for another weight of the platform [N]."""
+        """Return the load case after a change of the platform's weight [N]."""
         if self.grows == "all":
             return self.scale(after / before, after / before)
         return self._carry(after - before) if self.grows == "weight" else self
 
     def scale(self, force_unit: float, torque_unit: float) -> LoadCase:
-        """Return the same with its forces and torques in other units."""
+        """Return the load case with forces and torques scaled."""
         units = force_unit, torque_unit
         scaled = {
             "end_effector": self.end_effector and self.end_effector.scale(*units),
@@ -201,22 +199,21 @@ class LoadCase(Value):
 
 
 def labels(cases: Sequence[LoadCase]) -> tuple[str, ...]:
-    """Return what load cases are called: their numbers, and the names that they have."""
+    """Return the labels of load cases: their numbers, and names if they have any."""
     return tuple(f"load case {k}" + (f" ({case.name})" if case.name else "") for k, case in enumerate(cases))
 
 
 def broken_rules(cases: Sequence[LoadCase], force_unit: float, torque_unit: float) -> Broken:
-    """Yield what is wrong with load cases, each or together, for m_t g [N] and l_arm m_t g [N m]."""
+    """Yield the rules that load cases break, given m_t g [N] and l_arm m_t g [N m]."""
     for k, case in enumerate(cases):
-        factor, of = (max(force_unit, torque_unit), " weights") if case.units == "weight" else (1.0, "")
-        carried, also = (force_unit, f" and the weight, {force_unit:.4g} N") if case.carries_weight else (0.0, "")
-        if not case.largest * factor + carried <= MOST:
-            yield ("load_cases", k), f"must be at most {MOST:g} N and N m, but got {show(case.largest)}{of}{also}"
+        factor, units = (max(force_unit, torque_unit), " weights") if case.units == "weight" else (1.0, "")
+        carried, weight = (force_unit, f" and the weight, {force_unit:.4g} N") if case.carries_weight else (0.0, "")
+        if not case.largest * factor + carried <= MAX_LOAD:
+            text = f"must be at most {MAX_LOAD:g} N and N m, but got {show(case.largest)}{units}{weight}"
+            yield ("load_cases", k), text
     if (number := len(cases) + sum(len(case.corners) for case in cases)) > LIMITS.load_cases:
-        yield (
-            "load_cases",
-            f"must have at most {LIMITS.load_cases} entries, corners of sets included, but got {number:,}",
-        )
+        rule = f"must have at most {LIMITS.load_cases} entries, corners of sets included"
+        yield "load_cases", f"{rule}, but got {number:,}"
     names = [case.name for case in cases]
     for k, name in enumerate(names):
         if name is not None and (first := names.index(name)) < k:
@@ -237,31 +234,29 @@ def ten_wrenches(task_seed: int) -> tuple[LoadCase, ...]:
     return (*drawn, LoadCase(com=Wrench(force=(0.0, 0.0, 1.0))))
 
 
-AXES, DIAGONALS = math.sqrt(5) / 2, math.sqrt(5 / 3)
-"""Radii of the corners of a tetrakis hexahedron around the unit ball, 12 and 29 % over 1; it is the polar dual of a
-truncated octahedron, with a circumradius of sqrt(5/2) and faces at sqrt(2) and sqrt(3/2) from its centre."""
-
-
+AXIS_DISTANCE, DIAGONAL_DISTANCE = math.sqrt(5) / 2, math.sqrt(5 / 3)
+"""Distances of the corners of a tetrakis hexahedron around the unit ball: the polar dual of a truncated octahedron,
+whose circumradius is sqrt(5/2) and whose faces are sqrt(2) and sqrt(3/2) from the centre."""
 LargestLoad = Annotated[Positive | Literal["rated"], OneOf('must be a number or "rated"')]
 Failing = Literal["none", "hover", "all"]
-Place = Literal["", "_com"]
-PLACES: dict[str, tuple[Place, ...]] = {"tip": ("",), "com": ("_com",), "both": ("", "_com")}
+PointSuffix = Literal["", "_com"]
+PLACES: dict[str, tuple[PointSuffix, ...]] = {"tip": ("",), "com": ("_com",), "both": ("", "_com")}
 """Suffixes of a force reserve's name in an audit, by `flight.at`: at the end-effector, at the centre of mass."""
-AT: dict[Place, str] = {"": "", "_com": " at the centre of mass"}
-"""Words for a place, after those for the reserve."""
-Centre = tuple[int, str, LoadCase]
-"""Centre of a required reserve: number (0: hover, k + 1: load case k), name, wrench."""
+AT: dict[PointSuffix, str] = {"": "", "_com": " at the centre of mass"}
+"""Words for the point of action, after those for the reserve."""
+ReserveCentre = tuple[int, str, LoadCase]
+"""Centre of a reserve: number (0: hover, k + 1: load case k), label, load case."""
 
 
 class AskedFlight(Value):
-    """Capabilities required of a design beyond its load cases; what is left out is measured, but not required."""
+    """Capabilities required of a design beyond its load cases; all others are measured, but not required."""
 
     units: Literal["weight", "SI"] = "weight"
     """Units of the reserves: `weight`: m_t g and l_arm m_t g; `SI`: N and N m."""
     around: Literal["hover", "all"] = "hover"
     """Cases with required reserves: `hover`, or `all`: hover and every load case that carries the weight."""
     force_reserve: NonNegative = 0.0
-    """Any force of this size can be added, with unchanged torque about where it acts."""
+    """Any force of this size can be added, with unchanged torque about its point of action."""
     at: Annotated[Literal["tip", "com", "both"], omit_if("tip")] = "tip"
     """Point of action of the force reserve: the end-effector (`tip`), the centre of mass, where gusts and position
     control act (`com`), or either (`both`)."""
@@ -273,43 +268,43 @@ class AskedFlight(Value):
     """Largest offset of the centre of mass along each axis of the body: hover, and the reserves, tilt and
     accelerations required here with all rotors alive, remain possible [m]."""
     tilt_deg: Annotated[Angle, omit_if(0.0)] = 0.0
-    """Hover can be held at any tilt up to this, to every side [deg]."""
+    """Hover is possible at any tilt up to this, in every direction [deg]."""
     angular_acceleration: Annotated[tuple[NonNegative, NonNegative, NonNegative], omit_if(NOWHERE)] = NOWHERE
-    """About x, y and z of the body, one at a time and either way, with unchanged force [rad/s^2]."""
+    """Angular acceleration about x, y and z of the body, one at a time, in both senses, with unchanged force
+    [rad/s^2]."""
     allocator: Annotated[Literal["optimal", "pseudo-inverse"], omit_if("optimal")] = "optimal"
-    """Inputs for the reserves, tilt and accelerations above: `optimal`: the best; `pseudo-inverse`: those of
-    autopilots before they desaturate. Both are measured."""
+    """Inputs for the reserves, tilt and accelerations above: `optimal`: any feasible ones; `pseudo-inverse`: those
+    of autopilots before they desaturate. Both are measured."""
     rotor_out: Annotated[Failing, omit_if("none")] = "none"
     """Required after any single rotor failure: `hover`, or `all`: also every load case that carries the weight."""
     rotor_out_torque: Omitted[NonNegative] = None
-    """Any torque of this size can be added then, for attitude control; default: 0.01 l_arm m_t g."""
+    """Any torque of this size can then be added, for attitude control; default: 0.01 l_arm m_t g."""
     joint_moment: Omitted[LargestLoad] = None
     """Largest moment in a joint, about its connector, in any load case [N m]; `rated`: module.joint_moment."""
     joint_force: Omitted[LargestLoad] = None
     """Largest force in a joint [N]; `rated`: module.joint_force."""
-
     grows: Annotated[Flag, OMIT_EMPTY] = False
-    """True if reserves grow with the weight of the rod that a design counts. Designs have it, tasks do not."""
+    """True if reserves scale with the platform's weight if a rod counts. Set in designs, not in tasks."""
     tolerances: Omitted[Flag] = None
     """True if clearances must provably survive all errors within [tolerances], which costs effort like a margin;
-    false: they are only measured; default: required where a new task has tolerances, measured in older files."""
+    false: they are only measured; default: true for a new task with tolerances, false for older files."""
 
     @property
     def keeps_reserves(self) -> bool:
-        """True if reserves are asked for with all rotors alive."""
+        """True if reserves are required with all rotors alive."""
         sizes = self.force_reserve, self.torque_reserve, self.com_error, *self.angular_acceleration
         return any(size > 0 for size in sizes)
 
     @property
     def asks(self) -> bool:
-        """True if anything is asked for."""
-        how = {"units", "around", "at", "directions", "allocator", "grows"}
-        return self != AskedFlight(**{name: getattr(self, name) for name in how})
+        """True if any capability is required."""
+        options = {"units", "around", "at", "directions", "allocator", "grows"}
+        return self != AskedFlight(**{name: getattr(self, name) for name in options})
 
     def to_si(self, force_unit: float, torque_unit: float, *, grows: bool = False) -> AskedFlight:
-        """Return the same in N and N m, given m_t g [N] and l_arm m_t g [N m]; where nothing is asked, nothing.
+        """Return the requirements in N and N m, given m_t g [N] and l_arm m_t g [N m]; the default without any.
 
-        `grows`: whether a design adds to m_t.
+        `grows`: True if m_t depends on the design.
         """
         if not self.asks:
             return AskedFlight()
@@ -321,26 +316,26 @@ class AskedFlight(Value):
             "grows": self.grows or (grows and self.units == "weight"),
         }
         if self.rotor_out != "none":
-            left = self.rotor_out_torque
-            changed["rotor_out_torque"] = 0.01 * torque_unit if left is None else left * t
+            torque = self.rotor_out_torque
+            changed["rotor_out_torque"] = 0.01 * torque_unit if torque is None else torque * t
         return self.model_copy(update=changed)
 
     def regrow(self, ratio: float) -> AskedFlight:
-        """Return the same for a platform whose weight is scaled by a factor."""
+        """Return the requirements for a platform whose weight is scaled by `ratio`."""
         if not self.grows:
             return self
         names = ("force_reserve", "torque_reserve", "rotor_out_torque")
-        given = {name: getattr(self, name) for name in names}
-        return self.model_copy(update={name: r * ratio for name, r in given.items() if r is not None})
+        radii = {name: getattr(self, name) for name in names}
+        return self.model_copy(update={name: r * ratio for name, r in radii.items() if r is not None})
 
 
-def centres(task: ResolvedTask) -> list[Centre]:
-    """Return where reserves are asked for."""
+def centres(task: ResolvedTask) -> list[ReserveCentre]:
+    """Return the centres of the required reserves; none if no reserves are required."""
     return centres_of(task, task.flight.around) if task.flight.keeps_reserves else []
 
 
-def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[Centre]:
-    """Return hover, or hover and every load case that carries the weight, none of which weighs anything."""
+def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[ReserveCentre]:
+    """Return hover, or hover and every load case that carries the weight, all without effort."""
     weight = task.force_unit(task.n)
     hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, weight)), weight=0.0)
     centres = [(0, "hover", hover)]
@@ -353,22 +348,22 @@ def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[Centr
 
 
 def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, torque_unit: float) -> Broken:
-    """Yield the faults of reserves, given how many load cases and corners of sets the task has, and n modules."""
+    """Yield the rules that reserves break, given the number of load cases and corners, and n modules."""
     for field, r, unit in (
         ("force_reserve", flight.force_reserve, force_unit),
         ("torque_reserve", flight.torque_reserve, torque_unit),
         ("rotor_out_torque", flight.rotor_out_torque, torque_unit),
     ):
-        factor, of = (unit, " weights") if flight.units == "weight" else (1.0, "")
-        if r is not None and not r * factor <= MOST:
-            yield ("flight", field), f"must be at most {MOST:g} N and N m, but got {r:g}{of}"
-    around = len(circumscribe(disc=flight.directions == "horizontal")) * (flight.force_reserve > 0)
-    around *= len(PLACES[flight.at])
-    around += len(circumscribe(disc=False)) * (flight.torque_reserve > 0)
-    around += 2 * sum(map(bool, flight.angular_acceleration))
-    around *= 1 + cases * (flight.around == "all")
-    around += len(cap(math.radians(flight.tilt_deg), inner=False)) * (flight.tilt_deg > 0)
-    if around and (number := cases + around) > LIMITS.load_cases:
+        factor, units = (unit, " weights") if flight.units == "weight" else (1.0, "")
+        if r is not None and not r * factor <= MAX_LOAD:
+            yield ("flight", field), f"must be at most {MAX_LOAD:g} N and N m, but got {r:g}{units}"
+    wrenches = len(circumscribe(disc=flight.directions == "horizontal")) * (flight.force_reserve > 0)
+    wrenches *= len(PLACES[flight.at])
+    wrenches += len(circumscribe(disc=False)) * (flight.torque_reserve > 0)
+    wrenches += 2 * sum(map(bool, flight.angular_acceleration))
+    wrenches *= 1 + cases * (flight.around == "all")
+    wrenches += len(cap(math.radians(flight.tilt_deg), inner=False)) * (flight.tilt_deg > 0)
+    if wrenches and (number := cases + wrenches) > LIMITS.load_cases:
         text = f"must ask for at most {LIMITS.load_cases} wrenches with all load cases, but got up to {number:,}"
         yield ("flight",), text
     failures = 4 * n * len(circumscribe(disc=False)) * (1 + cases * (flight.rotor_out == "all"))
@@ -378,12 +373,12 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
 
 
 def box_corners(half: float) -> Array:
-    """Return the corners of a cube about zero, shape (8, 3)."""
+    """Return the corners of a cube centred at zero, shape (8, 3)."""
     return half * np.array(list(product((1.0, -1.0), repeat=3)))
 
 
 def rotor_name(rotor: int) -> str:
-    """Return what a rotor is called, given its place among all, module by module."""
+    """Return the name of a rotor, given its number in module-major order."""
     return f"rotor {rotor % 4} of module {rotor // 4}"
 
 
@@ -393,19 +388,21 @@ def circumscribe(*, disc: bool) -> Array:
         sides = 8  # corners of the polygon are then 8 % farther out
         angles, out = 2 * np.pi / sides * np.arange(sides), 1 / math.cos(math.pi / sides)
         return out * np.stack([np.cos(angles), np.sin(angles), np.zeros(sides)], axis=1)
-    return np.concatenate([AXES * np.eye(3), -AXES * np.eye(3), DIAGONALS * box_corners(1 / math.sqrt(3))])
+    return np.concatenate(
+        [AXIS_DISTANCE * np.eye(3), -AXIS_DISTANCE * np.eye(3), DIAGONAL_DISTANCE * box_corners(1 / math.sqrt(3))]
+    )
 
 
 def directions(*, disc: bool) -> Array:
-    """Return the directions of those corners: points of the unit ball, or of the unit disc, shape (c, 3)."""
+    """Return unit vectors towards the corners of `circumscribe`, shape (c, 3)."""
     corners = circumscribe(disc=disc)
     return np.asarray(corners / np.linalg.norm(corners, axis=1, keepdims=True))
 
 
 def cap(half_angle: float, *, inner: bool) -> Array:
-    """Return the corners of a polytope around a cap of the unit sphere about z, or points of its rim, shape (c, 3).
+    """Return the corners of a polytope around a cap of the unit sphere about z, or points on its rim, shape (c, 3).
 
-    No corner is higher than the cap: planes that touch it at its rim, and the one at its top, are its sides.
+    Its faces are planes that touch the cap at its rim and at its top, so that no corner is above the cap.
     """
     t, disc, z = half_angle, circumscribe(disc=True), np.array([0.0, 0.0, 1.0])
     if inner:

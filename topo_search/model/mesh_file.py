@@ -1,9 +1,8 @@
-"""STL and OBJ files that a task names: their surface, convex pieces that contain it, and a module's own frame.
+"""STL and OBJ files that a task names: surfaces, convex pieces that contain them, and custom module frames.
 
-trimesh reads both formats. It passes over much that it does not understand, and counts backwards from the end of an
-OBJ instead of from the line; so the text is checked and brought into the form that trimesh reads in full. Only
-vertices and facets are read, no materials, and no other file is opened. Free-form surfaces are refused: what they
-bound is not among the facets.
+trimesh reads both formats, but skips what it does not understand, and resolves negative indices of an OBJ from the
+end of the file instead of the line. So the text is checked first and reduced to what trimesh reads correctly:
+vertices and facets. No other file is opened. Free-form surfaces are refused, because facets do not describe them.
 """
 
 from __future__ import annotations
@@ -12,10 +11,10 @@ import io
 import math
 import re
 from codecs import BOM_UTF8
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Never
+from typing import Annotated, Any, NamedTuple, Never, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,75 +31,79 @@ from topo_search.model.value import (
     Value,
     Vector,
     at_most,
-    of_file,
     refuse,
     show,
     to_printable,
+    with_file_name,
 )
 
 Triangles = NDArray[np.intp]
+Result = TypeVar("Result")
 
 LARGEST_COORDINATE = 1e15
-"""Largest coordinate, without sign [m]."""
+"""Largest absolute value of a coordinate [m]."""
 HEADER, FACET = 84, 50
-"""Bytes of a binary STL before its facets, and of each facet."""
+"""Sizes of a binary STL's header and of each facet [bytes]."""
 NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
 NO_VOLUME = "must be the mesh of a body with a volume"
 
 
 @dataclass(frozen=True)
 class Folder:
-    """The context of validation that lets a task name files: the folder where they are looked for."""
+    """Validation context that allows a task to name files: the folder that contains them."""
 
     path: Path
 
 
 class MeshFile(Value):
-    """Entry of a mesh in a task file; `scale` is applied first, then `offset`."""
+    """Mesh entry of a task file; `scale` is applied before `offset`."""
 
     mesh: str
-    """In a task file: an STL or OBJ file beside it."""
+    """In a task file: path of an STL or OBJ file, relative to the task file."""
     scale: Positive = 1.0
-    """In a task file, with `mesh`: metres per unit of the mesh, 0.001 for millimetres."""
+    """In a task file, with `mesh`: metres per unit of the mesh; 0.001 for millimetres."""
     offset: Vector = (0.0, 0.0, 0.0)
-    """In a task file, with `mesh`: where the origin of the mesh is [m]."""
+    """In a task file, with `mesh`: position of the mesh's origin [m]."""
 
 
 class Surface(NamedTuple):
-    """The surface of a mesh."""
+    """Triangulated surface."""
 
     vertices: Array
-    """Shape (v, 3); every one is a corner of a triangle."""
+    """Vertices, shape (v, 3) [m]; each belongs to a triangle."""
     triangles: Triangles
-    """Numbers of their corners, shape (f, 3)."""
+    """Vertex indices, shape (f, 3)."""
     closed: bool = False
-    """True if every edge has an even number of triangles, so that the surface encloses a volume."""
+    """True if every edge belongs to an even number of triangles, so that the surface encloses a volume."""
 
 
 def mesh_schema(schema: dict[str, Any]) -> None:
-    """Add the fields of a mesh to the JSON schema of a table that may name one."""
+    """Add the fields of `MeshFile` to the JSON schema of a table that may name a mesh."""
     schema["properties"] |= MeshFile.model_json_schema()["properties"]
 
 
-def take_mesh(data: dict[str, Any], replaces: str, context: Any) -> Surface | None:
-    """Return the mesh that a table of a task file names, if it does; its fields are removed from the data.
+def take_mesh(
+    data: dict[str, Any], replaces: str, context: Any, convert: Callable[[Surface], Result]
+) -> Result | None:
+    """Return the converted mesh that a table of a task file names, if any, and remove its fields from the data.
 
     Args:
         data: the table; changed.
-        replaces: the field that the mesh stands for.
-        context: the `Folder` where files are looked for; anything else: no file may be named.
+        replaces: the field that the mesh replaces.
+        context: `Folder` of the file; anything else: no file may be named.
+        convert: function of the surface; a ValueError names the rule that the mesh breaks.
 
     Raises:
         ValidationError: a field is wrong, or the file has no surface.
     """
     fields = {name: data.pop(name) for name in MeshFile.model_fields if data.get(name) is not None}
     if "mesh" not in fields:
-        refuse(*((name, "must be left out where there is no `mesh`") for name in fields))
+        refuse(*((name, "must be left out without a `mesh`") for name in fields))
         return None
     name = fields["mesh"]
 
     def refuse_mesh(text: str) -> Never:
-        refuse(("mesh", of_file(text, name)))
+        refuse(("mesh", with_file_name(text, name)))
         raise AssertionError
 
     if not isinstance(context, Folder):
@@ -110,7 +113,7 @@ def take_mesh(data: dict[str, Any], replaces: str, context: Any) -> Surface | No
     file = MeshFile.model_validate(fields)
     path = context.path / name
     try:
-        return surface(path, file.scale, file.offset)
+        return convert(surface(path, file.scale, file.offset))
     except OSError as error:
         refuse_mesh(f"must be a file that can be read ({to_printable(path)}: {error.strerror})")
     except ValueError as error:
@@ -118,16 +121,16 @@ def take_mesh(data: dict[str, Any], replaces: str, context: Any) -> Surface | No
 
 
 def surface(path: Path, scale: float = 1.0, offset: Vector = (0.0, 0.0, 0.0)) -> Surface:
-    """Return the surface of a mesh file, polygons cut into triangles from their first corner.
+    """Read the surface of a mesh file; polygons are triangulated from their first corner.
 
     Args:
-        path: the file, .stl or .obj.
+        path: .stl or .obj file.
         scale: metres per unit of the file.
-        offset: where the origin of the file is [m].
+        offset: position of the file's origin [m].
 
     Raises:
         ValueError: says why the file has no surface.
-        OSError: it cannot be read.
+        OSError: the file cannot be read.
     """
     form = path.suffix.lower()
     if form not in (".stl", ".obj"):
@@ -145,16 +148,16 @@ def surface(path: Path, scale: float = 1.0, offset: Vector = (0.0, 0.0, 0.0)) ->
         rule = f"must have three corners per facet: {facets:,} facets"
         raise ValueError(f"{rule}, but has {len(mesh.faces):,} triangles")
     result = _compact(mesh.vertices * scale + np.array(offset), np.asarray(mesh.faces, dtype=np.intp))
-    if not np.all(np.abs(result.vertices) <= LARGEST_COORDINATE):  # NaN is none of them either
+    if not np.all(np.abs(result.vertices) <= LARGEST_COORDINATE):  # false for NaN, too
         raise ValueError(NO_VOLUME)
     return result
 
 
 def parts_of(mesh: Surface) -> list[Surface]:
-    """Return the closed parts of a surface, which share no edge, in the file's order, then the open ones as one.
+    """Return the closed parts of a surface in the file's order, then all open ones as a single part.
 
-    Edges are those of the file's own corners if all parts are then closed, else those of corners by position.
-    Triangles that are lines are left out.
+    Parts share no edge. Vertices are identified by their index if that closes all parts, otherwise by position.
+    Degenerate triangles are dropped.
     """
     unique, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
     parts = _parts(mesh.vertices, mesh.triangles)
@@ -162,14 +165,14 @@ def parts_of(mesh: Surface) -> list[Surface]:
 
 
 def convex_pieces(mesh: Surface) -> tuple[list[Array], list[float]]:
-    """Return convex pieces that contain all that a surface encloses, and how far each reaches beyond the surface.
+    """Return convex pieces that contain everything a surface encloses, and their excess over the surface.
 
-    Every closed part becomes a piece, and all open parts together become one. Where one of these has no volume, the
-    whole mesh is one piece. A piece is the hull of its part, or something larger if that has too many corners; one
-    inside another is left out.
+    Each closed part becomes a piece, and all open parts together another. If one of them has no volume, the whole
+    mesh is one piece. A piece is the hull of its part, or a larger polytope if the hull has too many corners.
+    Pieces inside another are dropped.
 
     Returns:
-        The corners of each piece, shape (k, 3), sorted, and a bound on its excess over its part [m].
+        Sorted corners of each piece, shape (k, 3), and an upper bound for its excess over its part [m].
 
     Raises:
         ValueError: the surface has no volume, or too many parts.
@@ -189,12 +192,12 @@ def convex_pieces(mesh: Surface) -> tuple[list[Array], list[float]]:
 
 
 def _compact(vertices: Array, triangles: Triangles) -> Surface:
-    used, compact = np.unique(triangles, return_inverse=True)
-    return Surface(vertices[used], compact.reshape(-1, 3))
+    indices, compact = np.unique(triangles, return_inverse=True)
+    return Surface(vertices[indices], compact.reshape(-1, 3))
 
 
 def _parts(vertices: Array, triangles: Triangles) -> list[Surface]:
-    """Return the closed parts by the numbers of corners, and last all open ones as one."""
+    """Return the closed parts, with vertices identified by index, then all open ones as a single part."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -211,24 +214,24 @@ def _parts(vertices: Array, triangles: Triangles) -> list[Surface]:
     part = np.where(is_open[part], number, part)
     _, first = np.unique(np.sort(part), return_index=True)
     faces = np.split(triangles[np.argsort(part, kind="stable")], first[1:])
-    whole = [*[True] * (len(faces) - 1), not is_open.any()]
-    return [_compact(vertices, shell)._replace(closed=closed) for shell, closed in zip(faces, whole, strict=True)]
+    closed = [*[True] * (len(faces) - 1), not is_open.any()]
+    return [_compact(vertices, shell)._replace(closed=flag) for shell, flag in zip(faces, closed, strict=True)]
 
 
 def _without_inner(bodies: list[Surface]) -> list[Surface]:
-    """Return the bodies whose hulls are in no other's hull; of equal ones the first."""
+    """Return the bodies whose hulls are not inside another's; the first of equal ones."""
     hulls = [_hull(body) for body in bodies]
 
-    def is_inside(one: int, other: int) -> bool:
-        normals, offsets = hulls[other].equations[:, :3], hulls[other].equations[:, 3]
-        heights = hulls[one].points[hulls[one].vertices] @ normals.T + offsets
-        return bool(heights.max() <= 1e-12 * np.ptp(hulls[other].points, axis=0).max())  # up to rounding
+    def is_inside(inner: int, outer: int) -> bool:
+        normals, offsets = hulls[outer].equations[:, :3], hulls[outer].equations[:, 3]
+        heights = hulls[inner].points[hulls[inner].vertices] @ normals.T + offsets
+        return bool(heights.max() <= 1e-12 * np.ptp(hulls[outer].points, axis=0).max())  # up to rounding
 
-    def is_inner(one: int) -> bool:
-        others = (other for other in range(len(bodies)) if other != one and is_inside(one, other))
-        return any(other < one or not is_inside(other, one) for other in others)
+    def is_inner(number: int) -> bool:
+        others = (other for other in range(len(bodies)) if other != number and is_inside(number, other))
+        return any(other < number or not is_inside(other, number) for other in others)
 
-    return [body for one, body in enumerate(bodies) if not is_inner(one)]
+    return [body for number, body in enumerate(bodies) if not is_inner(number)]
 
 
 def _hull(body: Surface) -> Any:
@@ -238,9 +241,9 @@ def _hull(body: Surface) -> Any:
 
 
 def _concavity(body: Surface) -> float:
-    """Return a bound on the distance of the surface of a body's hull from the body [m]; 0 of a convex body.
+    """Return an upper bound for the distance of the hull's surface from the body [m]; 0 for a convex body.
 
-    Both surfaces are sampled; no point of the hull's is farther than h / sqrt(3) from a sample, h its longest edge.
+    Both surfaces are sampled; every point of the hull is within h / sqrt(3) of a sample, h being the longest edge.
     """
     import trimesh
     from scipy.spatial import cKDTree
@@ -248,15 +251,15 @@ def _concavity(body: Surface) -> float:
     mesh, hull = trimesh.Trimesh(*body[:2], process=False), _hull(body)
     if body.closed:
         trimesh.repair.fix_winding(mesh)
-        if hull.volume <= abs(mesh.volume) * (1 + 1e-5):  # convex up to single precision, with room
+        if hull.volume <= abs(mesh.volume) * (1 + 1e-5):  # convex, within single precision
             return 0.0
-    samples, _ = _sample(*body[:2])
-    of_hull, h = _sample(body.vertices, hull.simplices)
-    return float(cKDTree(samples).query(of_hull)[0].max()) + h / math.sqrt(3)
+    body_samples, _ = _sample(*body[:2])
+    hull_samples, h = _sample(body.vertices, hull.simplices)
+    return float(cKDTree(body_samples).query(hull_samples)[0].max()) + h / math.sqrt(3)
 
 
 def _sample(vertices: Array, triangles: Triangles) -> tuple[Array, float]:
-    """Return about 200,000 points of a surface, and how long the edges between them are at most."""
+    """Return about 200,000 points of a surface, and the largest length of the edges between them."""
     from trimesh.remesh import subdivide_to_size
 
     sides = vertices[triangles] - vertices[np.roll(triangles, 1, axis=1)]
@@ -267,9 +270,9 @@ def _sample(vertices: Array, triangles: Triangles) -> tuple[Array, float]:
 
 
 def _stl(content: bytes) -> tuple[bytes, int]:
-    """Return an STL without what trimesh would stumble over, and how many facets it has.
+    """Return an STL in a form that trimesh reads correctly, and its number of facets.
 
-    A binary one is as long as its header says or longer, whatever its first word: bytes behind its facets are cut.
+    A file is binary if it is at least as long as the header says, whatever its first word; trailing bytes are cut.
     """
     facets = int.from_bytes(content[80:HEADER], "little") if len(content) >= HEADER else -1
     if facets >= 0 and HEADER + FACET * facets <= len(content):
@@ -277,28 +280,28 @@ def _stl(content: bytes) -> tuple[bytes, int]:
             raise ValueError(f"must have as many facets as its header says, {facets:,}, but has more")
         return content[: HEADER + FACET * facets], facets
     if not re.match(rb"(?i)\s*solid\b", content):
-        given = "too few bytes for a header" if facets < 0 else f"{len(content):,} bytes for {facets:,} facets"
-        raise ValueError(f"must be a whole STL file: {HEADER} bytes and {FACET} per facet; this one has {given}")
+        actual = "too few bytes for a header" if facets < 0 else f"{len(content):,} bytes for {facets:,} facets"
+        raise ValueError(f"must be a whole STL file: {HEADER} bytes and {FACET} per facet; this one has {actual}")
     body = re.sub(rb"(?im)^[ \t]*(?:end)?solid\b.*$", b"", content.replace(b"\r", b"\n"))
-    # trimesh reads a vertex to the end of its line
+    # one statement per line: trimesh reads a vertex to the end of its line
     body = re.sub(rb"(?i)\s+(facet|vertex|endloop|endfacet)\b", rb"\n\1", body)
     words = (b"facet", b"endfacet", b"vertex")
-    facets, ended, vertices = (len(re.findall(rb"(?im)^%b\b" % word, body)) for word in words)
-    not_a_vertex = rb"(?im)^vertex(?!(?:[ \t]+%b){3}[ \t]*$).*" % NUMBER  # a line that begins like one
-    if ended <= LIMITS.facets and (wrong := re.search(not_a_vertex, body)):
+    facets, ends, vertices = (len(re.findall(rb"(?im)^%b\b" % word, body)) for word in words)
+    not_a_vertex = rb"(?im)^vertex(?!(?:[ \t]+%b){3}[ \t]*$).*" % NUMBER
+    if ends <= LIMITS.facets and (wrong := re.search(not_a_vertex, body)):
         raise ValueError(f"must have three numbers per vertex, but got {show(_text(wrong[0]))}")
-    if ended <= LIMITS.facets and not vertices == 3 * facets == 3 * ended:
-        counts = f"{facets:,} `facet`, {vertices:,} `vertex` and {ended:,} `endfacet`"
+    if ends <= LIMITS.facets and not vertices == 3 * facets == 3 * ends:
+        counts = f"{facets:,} `facet`, {vertices:,} `vertex` and {ends:,} `endfacet`"
         raise ValueError(f"must be a whole ASCII STL, with three vertices per facet, but has {counts}")
-    # without normals, which trimesh complains about where they are no numbers
-    return b"\n".join([b"solid", *re.findall(rb"(?im)^vertex.*$", body), b"endsolid\n"]), ended
+    # without normals: trimesh fails if they are not numbers
+    return b"\n".join([b"solid", *re.findall(rb"(?im)^vertex.*$", body), b"endsolid\n"]), ends
 
 
-def _is_facet(behind: bytes) -> bool:
-    """True if bytes are a facet of a binary STL: a unit normal, or none, and three different corners."""
-    if len(behind) < FACET or any(behind[48:]):
+def _is_facet(content: bytes) -> bool:
+    """True if bytes look like a facet of a binary STL: a unit or zero normal, and distinct corners."""
+    if len(content) < FACET or any(content[48:]):
         return False
-    normal, *corners = np.frombuffer(behind[:48], "<f4").reshape(4, 3).astype(float)
+    normal, *corners = np.frombuffer(content[:48], "<f4").reshape(4, 3).astype(float)
     if not np.all(np.isfinite([normal, *corners])) or np.abs(corners).max() > LARGEST_COORDINATE:
         return False
     length = np.linalg.norm(normal)
@@ -306,29 +309,29 @@ def _is_facet(behind: bytes) -> bool:
 
 
 def _obj(content: bytes) -> tuple[bytes, int]:
-    """Return an OBJ of vertices and facets alone, its corners counted from 1, and how many triangles it has."""
-    passed_over = frozenset(
+    """Return an OBJ reduced to vertices and facets with positive indices, and its number of triangles."""
+    ignored = frozenset(
         b"vt vn vp o g s mg l p end usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj "
         b"trace_obj".split()
     )
-    lines, statements = list[bytes](), passed_over | {b"v", b"f"}
+    lines, statements = list[bytes](), ignored | {b"v", b"f"}
     vertices = facets = 0
     for number, line in enumerate(_lines(content.rstrip(b"\0\x1a\r\n")), start=1):
-        word, *rest = line.split() or [b""]
+        word, *arguments = line.split() or [b""]
         try:
             if word == b"v":
-                if len(rest) < 3:
-                    raise ValueError(f"must have three numbers per vertex, but got {len(rest)}")
-                if merged := statements.intersection(rest[3:]):  # weights, colours and normals are numbers
-                    raise ValueError(f"must have a line per vertex and facet, but got {show(_text(min(merged)))}")
-                lines.append(b"v " + b" ".join(map(_coordinate, rest[:3])))
+                if len(arguments) < 3:
+                    raise ValueError(f"must have three numbers per vertex, but got {len(arguments)}")
+                if extra := statements.intersection(arguments[3:]):  # weights and colours are numbers
+                    raise ValueError(f"must have a line per vertex and facet, but got {show(_text(min(extra)))}")
+                lines.append(b"v " + b" ".join(map(_coordinate, arguments[:3])))
                 vertices += 1
             elif word == b"f":
-                if len(rest) < 3:
-                    raise ValueError(f"must have at least three corners per facet, but got {len(rest)}")
-                lines.append(b"f " + b" ".join(b"%d" % _corner(corner, vertices) for corner in rest))
-                facets += len(rest) - 2
-            elif word and word not in passed_over:
+                if len(arguments) < 3:
+                    raise ValueError(f"must have at least three corners per facet, but got {len(arguments)}")
+                lines.append(b"f " + b" ".join(b"%d" % _corner(corner, vertices) for corner in arguments))
+                facets += len(arguments) - 2
+            elif word and word not in ignored:
                 raise ValueError(f"must be an OBJ of vertices and facets, but has {show(_text(word))}")
         except ValueError as error:
             raise ValueError(f"{error} (line {number})") from None
@@ -339,8 +342,8 @@ def _obj(content: bytes) -> tuple[bytes, int]:
 
 
 def _lines(content: bytes) -> Iterator[bytes]:
-    """Yield the lines without comments; of those that a backslash continues the last, with all of them."""
-    most_lines, most_bytes = 10 * LIMITS.facets, 10_000  # with texture coordinates and normals; of a line
+    """Yield the lines without comments; lines continued by a backslash are joined into the last of them."""
+    most_lines, most_bytes = 10 * LIMITS.facets, 10_000  # room for texture coordinates and normals; per line
     if content.count(b"\n") + content.count(b"\r") > most_lines:
         raise ValueError(f"must have at most {most_lines:,} lines, but has more")
     unfinished = b""
@@ -360,15 +363,15 @@ def _coordinate(word: bytes) -> bytes:
 
 
 def _corner(word: bytes, vertices: int) -> int:
-    """Return the number of a facet's vertex, from 1; a negative one counts back from the last vertex so far."""
-    # perhaps with a texture coordinate and a normal, which may be empty
+    """Return the index of a facet's vertex, from 1; negative ones count back from the last vertex so far."""
+    # indices of a texture coordinate and a normal may follow
     match = re.fullmatch(rb"([+-]?\d{1,9})(?:/[+-]?\d{0,9}){0,2}", word)
     if match is None:
         raise ValueError(f"must have the number of a vertex for a corner, but got {show(_text(word))}")
-    given = int(match[1])
-    corner = given + vertices + 1 if given < 0 else given
-    if not 1 <= corner <= vertices or given == 0:
-        raise ValueError(f"must have the number of a vertex before it, 1 to {vertices}, but got {given}")
+    index = int(match[1])
+    corner = index + vertices + 1 if index < 0 else index
+    if not 1 <= corner <= vertices or index == 0:
+        raise ValueError(f"must have the number of a vertex before it, 1 to {vertices}, but got {index}")
     return corner
 
 
@@ -376,7 +379,7 @@ def _text(word: bytes) -> str:
     return word[:100].decode("utf-8", "replace")
 
 
-def _corners(value: tuple[int, ...]) -> tuple[int, int, int]:
+def _distinct_corners(value: tuple[int, ...]) -> tuple[int, int, int]:
     i, j, k = value
     if len({i, j, k}) < 3:
         raise ValueError("must have three different corners")
@@ -384,15 +387,15 @@ def _corners(value: tuple[int, ...]) -> tuple[int, int, int]:
 
 
 class ConvexPiece(Value):
-    """A convex body by its surface: triangles that turn counter-clockwise seen from outside."""
+    """Convex body by its surface: triangles, counter-clockwise seen from outside."""
 
     vertices: Annotated[tuple[Vector, ...], at_most(LIMITS.frame_triangles, "vertices")]
-    """Corners, in the module's frame [m]."""
+    """Vertices in the module's frame [m]."""
     triangles: Annotated[
-        tuple[Annotated[tuple[Index, Index, Index], AfterValidator(_corners)], ...],
+        tuple[Annotated[tuple[Index, Index, Index], AfterValidator(_distinct_corners)], ...],
         at_most(LIMITS.frame_triangles, "triangles"),
     ]
-    """Numbers of their corners."""
+    """Vertex indices of the triangles."""
 
     def _broken_rules(self) -> Broken:
         faces = np.array(self.triangles, dtype=np.int64).reshape(-1, 3)
@@ -400,8 +403,8 @@ class ConvexPiece(Value):
             yield "triangles", "must use every vertex, and no other"
             return
         edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).tolist()
-        there = {(i, j) for i, j in edges}
-        if len(there) < len(edges) or there != {(j, i) for i, j in there}:
+        distinct = {(i, j) for i, j in edges}
+        if len(distinct) < len(edges) or distinct != {(j, i) for i, j in distinct}:
             closed = "must be a closed surface, every edge once in either direction"
             yield "triangles", f"{closed}; pieces of a mesh that share an edge count as one, so let them overlap"
         elif np.abs(self.vertices).max() > LARGEST_COORDINATE:
@@ -411,17 +414,14 @@ class ConvexPiece(Value):
 
 
 def _beyond_faces(vertices: Array, faces: Any) -> float:
-    """Return how far the farthest corner lies beyond a face, over the size.
-
-    It is 1 of a surface that is inside out, and of one of slivers alone.
-    """
+    """Return the largest distance of a vertex beyond a face, over the size; 1 if inside out or all slivers."""
     corners = vertices[faces]
     size = float(np.ptp(vertices, axis=0).max())
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normals, axis=1)
     if float(np.einsum("fx,fx->", normals, corners[:, 0] - vertices.mean(axis=0))) <= 1e-12 * size**3:
         return 1.0
-    large = area > 1e-9 * size * size  # of slivers the direction is lost
+    large = area > 1e-9 * size * size  # the normals of slivers are lost to rounding
     if not np.any(large):
         return 1.0
     unit = normals[large] / area[large, None]
@@ -430,11 +430,7 @@ def _beyond_faces(vertices: Array, faces: Any) -> float:
 
 
 def frame_of(mesh: Surface) -> list[dict[str, Any]]:
-    """Return the convex pieces that a mesh consists of, as data of `ConvexPiece`.
-
-    Raises:
-        ValueError: there are too many.
-    """
+    """Return the convex pieces of a mesh, as data of `ConvexPiece`; ValueError if there are too many."""
     if len(mesh.triangles) > LIMITS.frame_triangles:
         raise ValueError(f"must have at most {LIMITS.frame_triangles:,} triangles, but has {len(mesh.triangles):,}")
     parts = parts_of(mesh)

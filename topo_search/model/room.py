@@ -1,63 +1,65 @@
-r"""The room that the rigid parts of a module need: on its own, bolted to a neighbour, and beside others' airflow.
+r"""Space that the rigid parts of a module need: alone, bolted to a neighbour, and next to the airflow of others.
 
-Modules that are not bolted together cannot touch as long as the balls of radius rho around their centres do not.
+Modules that are not bolted together cannot touch if the balls of radius rho around their centres do not.
 
-Two modules that are bolted together share a hinge's axis. Seen along it, each keeps to a wedge about the line from
-the axis to its centre, and the two lines are pi - |alpha| apart. Hubs and arms may meet there, but a rotor may
-touch nothing. It stays at least d away from the axis, so only parts as far away as that count: a rotor and a part
-meet at no angle with
+Two bolted modules share a hinge axis. Seen along it, each lies in a wedge about the line from the axis to its
+centre, and the angle between these lines is pi - |alpha|. Hubs and arms may touch there, but rotors must not touch
+anything. A rotor is at least d away from the axis, so only parts at least as far away count: a rotor and a part
+cannot meet if
 
 .. math:: |\alpha| < \pi - \beta_r - \beta, \qquad \beta = \max \operatorname{atan2}(|z|, l_c - x)
 
-Two rotors do meet from there on: they are mirror images in the plane that halves the angle between the lines. For a
-rotor and a frame the bound is on the safe side, by what this view leaves out.
+For two rotors the bound is sharp: they are mirror images in the plane that bisects the angle between the lines. For
+a rotor and a frame it is conservative, because this view drops one dimension.
 
 | symbol | meaning | unit |
 |---|---|---|
 | x, z | coordinates of a point in the module's frame, x towards the port | m |
-| d | least distance of the rotors from the hinge's axis, l_c - l_arm / sqrt 2 - rotor radius | m |
-| beta_r | largest elevation of rotors over the line to the centre, seen from the axis | rad |
-| beta | the same of all parts beyond d | rad |
+| d | smallest distance of the rotors from the hinge axis, l_c - l_arm / sqrt 2 - rotor radius | m |
+| beta_r | largest elevation of rotors above the line to the centre, seen from the axis | rad |
+| beta | the same for all parts beyond d | rad |
 
-The fold of a hinge is its angle with a sign of its own: positive where the upper sides of the two modules lean
-towards each other and their airflows apart, whichever ports are bolted. `largest_hinge_angle` bounds it in one
-line. Where that leaves no angle, rotors may reach beyond the hinge's axis, in among the arms of the neighbour: then
-`clear_folds` searches for them, and certifies every interval. They can be several intervals, none of which holds 0.
+The fold of a hinge is its angle with a sign that does not depend on the ports: positive if the upper sides of the
+two modules lean towards each other and their airflows apart. `largest_hinge_angle` bounds it in closed form. If
+that leaves no angle, rotors may reach beyond the hinge axis, between the arms of the neighbour: then `clear_folds`
+searches for clear angles and certifies intervals of them. There can be several intervals, and none of them may
+contain 0.
 
-Two convex parts A and B are apart by min_B u . x - max_A u . x at least, whatever the unit vector u. If that is s
-at the fold phi, then within phi +- h it is s - rho h at least, with rho the distance of the points of A, or of B,
-from the hinge's axis at most: hold the other one still.
+For every unit vector u, the distance of two convex parts A and B is at least min_B u . x - max_A u . x. If this is
+s at the fold phi, it is at least s - rho h within phi +- h, where rho is the largest distance of points of A, or of
+B, from the hinge axis: keep the other part fixed.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| phi, h | fold angles, the middles of intervals of one half width | (m,), | rad |
-| u | directions in the frame of the hinge: x along the way from module to module, y its axis, z up | (m, 3) | |
-| rho | distance of a part's points from the hinge's axis at most | | m |
+| phi, h | fold angles at the centres of intervals; half-width of the intervals | (m,), | rad |
+| u | directions in the frame of the hinge: x from module to module, y along its axis, z up | (m, 3) | |
+| rho | largest distance of a part's points from the hinge axis | | m |
 
-An envelope starts with the radius r_air about its module's centre, by default one arm length, but a rotor at the
-end of an arm reaches farther: the paper's envelope leaves the rotors' outer rims outside. So airflows that keep
-clear of each other do not yet keep rotors out of them.
+An envelope has the radius r_air at its module's centre, by default the arm length, so that the outer rims of the
+rotors are outside of the paper's envelope. So envelopes that are clear of each other do not keep rotors out of
+them.
 
-Of modules that are not bolted together the search keeps balls around rotors out of the airflow; what parts there
-are outside those and outside the module's own envelope gets balls as well (`part_cover`).
+For modules that are not bolted together, the search keeps balls around rotors out of the airflow of others; parts
+outside these balls and outside the module's own envelope get balls as well (`part_cover`).
 
-Where two modules that share a hinge are to each other depends on its angle alone. Which way it turns matters: the
-child's airflow leans away from its parent's, or towards it. Seen from either module the other one is the same, up
-to quarter turns about its own axis (`airflow_folds`).
+The relative pose of two modules that share a hinge depends only on its fold: the child's airflow leans away from
+its parent's, or towards it. Either module sees the other in the same pose, up to quarter turns about its own axis
+(`airflow_folds`).
 
 | symbol | meaning | unit |
 |---|---|---|
-| phi | fold: a hinge angle, positive where the two airflows lean apart | rad |
-| e, z | a port's direction and the thrust axis, in the module's frame | |
+| phi | fold: hinge angle, positive if the two airflows lean apart | rad |
+| e, z | direction of a port, and thrust axis, in the module's frame | |
 | P(eta) = o + eta l_air d | axis of the neighbour's envelope, eta in [0, 1] | m |
-| r(eta) = r_air + eta dr_air | its radius | m |
+| r(eta) = r_air + eta dr_air | radius of the envelope | m |
 
 .. math::
 
     o = l_c e + l_c (\cos\phi \, e + \sin\phi \, z), \qquad d = \sin\phi \, e - \cos\phi \, z
 
-The clearance of a part, the least dist(P, part) - r, is convex in eta. In phi it changes by no more than the
-largest distance of a part from the hinge's axis for every radian: seen from the envelope, that is how parts move.
+The clearance of a part, the minimum of dist(P, part) - r over eta, is that of a convex function. Its derivative
+with respect to phi is at most the largest distance of a part from the hinge axis, because that is how parts move
+relative to the envelope.
 """
 
 from __future__ import annotations
@@ -77,50 +79,50 @@ from topo_search.model.module import AirflowEnvelope, Module
 from topo_search.model.proven import excess_texts
 
 LENGTH_ROUNDING = 1e-9
-"""Share of a length, or angle [rad], that is left to rounding."""
+"""Allowance for rounding, relative to a length, or for an angle [rad]."""
 LARGE = 4.0
-"""Lengths that keep modules off the end-effector, and its rod, are seldom meant to be longer, in packed widths."""
+"""Largest usual length at the end-effector, such as its rod or stand-off [packed widths]."""
 INWARDS = 0.2
-"""Depth inside its connector's plane to which a frame may touch a bolted one [l_c]: 30 mm of the default module.
+"""Depth behind the connector's plane to which bolted frames may touch [l_c]: 30 mm for the default module.
 
-A frame that is as high as the default hub at its connector needs 20 mm when it is folded by 90 degrees.
+A frame as high as the default hub at its connector needs 20 mm when folded by 90 degrees.
 """
 OUTWARDS = 0.05
-"""The same outside that plane [l_c]: room for a fitting, 7.5 mm of the default module."""
+"""The same in front of that plane [l_c]: room for a fitting, 7.5 mm for the default module."""
 FINEST = 0.25
-"""Radius of the balls around parts, unless that makes many of them [l_arm],"""
+"""Largest radius of balls around parts other than rotors, unless that takes more than `MOST_BOXES` [l_arm]."""
 MOST_BOXES = 24
-"""which is more than this."""
+"""Largest number of balls around parts other than rotors, unless the frame has more pieces."""
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 """Corners of a box with edges of 1."""
 
 
 def packed_width(module: Module, n: int) -> float:
-    """Return how wide n modules are, packed in a square: a scale for lengths at the target [m]."""
+    """Return the width of n modules packed in a square, a scale for lengths at the target [m]."""
     return 2 * module.connector_distance * math.sqrt(n)
 
 
 def body_radius(module: Module) -> float:
-    """Return rho: all rigid parts lie in the ball of this radius around the module's centre [m]."""
+    """Return rho, the radius of the ball around the module's centre that contains all rigid parts [m]."""
     body = module.body
     rim = math.hypot(module.arm_length + body.rotor_radius, body.rotor_height / 2)
     return max(rim, float(np.linalg.norm(_frame_edges(module), axis=-1).max()))
 
 
 def frame_reach(module: Module) -> float:
-    """Return how far hub and arms, or the module's own frame, reach towards any of the four ports [m]."""
+    """Return the largest reach of hub and arms, or a custom frame, towards any of the four ports [m]."""
     return float(np.abs(_frame_edges(module)[..., :2]).max())
 
 
 def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
-    """Return how far a hinge turns at most before a rotor of one module can meet the other one [rad].
+    """Return the hinge angle up to which no rotor of one module can meet the other module [rad].
 
-    One number for all ports, so that trees which are alike have the same designs. At most pi/2; negative where this
-    view of the parts shows no angle to be clear, though `clear_folds` may find some.
+    It is the same for all ports, so that equivalent trees have the same designs. At most pi/2; negative if this
+    bound leaves no clear angle, although `clear_folds` may find some.
 
     Args:
-        module: the module, at either side of the hinge.
-        margin: what the rotors keep clear of other parts by at least [m].
+        module: module on both sides of the hinge.
+        margin: required clearance of the rotors from other parts [m].
     """
     body = module.body
     d = module.connector_distance - module.arm_length / math.sqrt(2) - body.rotor_radius - margin
@@ -129,15 +131,15 @@ def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
 
 
 def _elevation(module: Module, d: float) -> float:
-    """Return the largest elevation of the frame beyond a distance from a hinge's axis [rad], at any port.
+    """Return the largest elevation of the frame beyond the distance d from a hinge axis, at any port [rad].
 
-    Along an edge the elevation rises or falls all the way to z = 0, so it is largest at an end of what is beyond d.
+    Along an edge the elevation is monotonic up to z = 0, so it is largest at an end of the part beyond d.
     """
     edges, largest = _frame_edges(module), 0.0
-    for outwards in ([1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]):
+    for outwards in PORT_DIRECTIONS[:, :2]:
         seen = np.stack([module.connector_distance - edges[..., :2] @ outwards, edges[..., 2]], axis=-1)
         if seen[..., 0].min() <= -d:
-            return math.pi  # as far beyond the axis as the neighbour's rotors
+            return math.pi  # reaches as far beyond the axis as the neighbour's rotors
         start, along = seen[:, 0], seen[:, 1] - seen[:, 0]
         a, b = np.sum(along * along, axis=1), np.sum(start * along, axis=1)
         root = np.sqrt(np.maximum(0.0, b * b - a * (np.sum(start * start, axis=1) - d * d)))
@@ -150,7 +152,7 @@ def _elevation(module: Module, d: float) -> float:
 
 
 def frame_pieces(module: Module) -> list[Array]:
-    """Return the corners of hub and arms, or of each convex piece of the module's own frame, shapes (k, 3) [m]."""
+    """Return the corners of hub and arms, or of the convex pieces of a custom frame, shape (k, 3) each [m]."""
     body, l_arm, w = module.body, module.arm_length, module.body.arm_width
     if body.frame is not None:
         return [np.array(piece.vertices) for piece in body.frame]
@@ -163,9 +165,9 @@ def frame_pieces(module: Module) -> list[Array]:
 
 
 def _frame_edges(module: Module) -> Array:
-    """Return both ends of all edges of hub and arms, or of the module's own frame, shape (m, 2, 3) [m].
+    """Return the end points of all edges of hub and arms, or of a custom frame, shape (m, 2, 3) [m].
 
-    A box has its diagonals as well: they lie inside it.
+    Boxes include their diagonals, which lie inside.
     """
     if module.body.frame is not None:
         sides = [np.array(piece.vertices)[np.array(piece.triangles)] for piece in module.body.frame]
@@ -184,58 +186,57 @@ FOLD = (-1.0, 1.0, 1.0, -1.0)
 
 @lru_cache(maxsize=32)
 def clear_folds(module: Module, margin: float = 0.0) -> Folds:
-    """Return fold angles within +-pi/2 at which rotors of bolted modules are clear, the same for all ports [rad].
+    """Return the fold angles within +-pi/2 at which rotors of bolted modules are clear, at any ports [rad].
 
-    Empty where there is none. Every angle is clear by proof; of those that a search finds, some that are hardly
-    clear may be missing.
+    Every returned angle is proven clear; some that are barely clear may be missing. May be empty.
 
     Args:
-        module: the module, at either side of the hinge.
-        margin: what the rotors keep clear of other parts by at least [m].
+        module: module on both sides of the hinge.
+        margin: required clearance of the rotors from other parts [m].
     """
     turn = largest_hinge_angle(module, margin)
-    return ((-turn, turn),) if turn > 0 else _search(module, margin)
+    return ((-turn, turn),) if turn > 0 else _search_clear_folds(module, margin)
 
 
 def nearest_fold(folds: Folds, phi: Array) -> Array:
-    """Return the clear fold nearest to each angle; 0 where there is none at all."""
+    """Return the clear fold nearest to each angle; 0 if no fold is clear."""
     if not folds:
         return np.zeros_like(phi)
-    inside = np.array([np.clip(phi, low, high) for low, high in folds])
-    choice = np.argmin(np.abs(inside - phi), axis=0)
-    return np.asarray(np.take_along_axis(inside, choice[None], axis=0)[0])
+    clipped = np.array([np.clip(phi, low, high) for low, high in folds])
+    choice = np.argmin(np.abs(clipped - phi), axis=0)
+    return np.asarray(np.take_along_axis(clipped, choice[None], axis=0)[0])
 
 
 def intersect(some: Folds, others: Folds) -> Folds:
-    """Return the folds that two sets of intervals have in common."""
+    """Return the intersection of two sets of intervals."""
     both = ((max(a, c), min(b, d)) for a, b in some for c, d in others)
     return tuple(sorted((low, high) for low, high in both if low <= high))
 
 
 def in_words(folds: Folds, unit: str) -> str:
-    """Return how far hinges turn, in degrees with a unit as it is to be written; every angle between is clear."""
+    """Return the ranges of folds in words, in degrees with a suffix for the unit, rounded to the safe side."""
     mirrored = tuple((-high, -low) for low, high in reversed(folds)) == folds
-    ways = [(max(low, 0.0), high) for low, high in folds if high > 0] if mirrored else folds
-    limits = [excess_texts(math.degrees(high), math.degrees(low), 3) for low, high in ways]
+    ranges = [(max(low, 0.0), high) for low, high in folds if high > 0] if mirrored else folds
+    limits = [excess_texts(math.degrees(high), math.degrees(low), 3) for low, high in ranges]
     texts = [f"{low} to {high}{unit}" for high, low in limits]
-    if mirrored and ways[0][0] == 0:
+    if mirrored and ranges[0][0] == 0:
         texts[0] = f"at most {limits[0][0]}{unit}"
     text = " or ".join(texts)
-    return text if mirrored else f"{text}, counted positive where airflows lean apart"
+    return text if mirrored else f"{text}, positive if airflows lean apart"
 
 
 @dataclass(frozen=True)
 class _Part:
-    """A convex part in the frame of the hinge, as it is with the module flat: corners, and a disc about each."""
+    """Convex part in the frame of a flat hinge: hull of corners, or of discs around them."""
 
     corners: Array
-    """(k, 3) [m]"""
+    """Shape (k, 3) [m]."""
     radius: float = 0.0
     """Radius of the discs, across z [m]."""
 
     @property
     def rho(self) -> float:
-        """Largest distance of the part's points from the hinge's axis [m]."""
+        """Largest distance of the part's points from the hinge axis [m]."""
         return float(np.hypot(np.abs(self.corners[:, 0]) + self.radius, self.corners[:, 2]).max())
 
     @property
@@ -245,49 +246,49 @@ class _Part:
         return centre, float(np.linalg.norm(self.corners - centre, axis=1).max()) + self.radius
 
     def support(self, u: Array, turn: Array) -> Array:
-        """Return max u . x over the part for u (m, k, 3), with the part turned about y by angles (m,)."""
+        """Return the support function max u . x for u (m, k, 3), with the part turned about y by angles (m,)."""
         u = _turn(u, -turn[:, None])
         return np.asarray((u @ self.corners.T).max(axis=-1) + self.radius * np.hypot(u[..., 0], u[..., 1]))
 
 
-def _search(module: Module, margin: float) -> Folds:
+def _search_clear_folds(module: Module, margin: float) -> Folds:
     """Return certified intervals of clear folds."""
     pairs = _pairs(module)
-    even = module.body.frame is None  # hubs, arms and rotors are the same upside down
+    symmetric = module.body.frame is None  # hubs, arms and rotors are symmetric about z = 0
 
     def slack(phi: Array, h: float) -> tuple[Array, float]:
-        """Return what is left of all pairs' clearances where they are least, over what they may lose."""
+        """Return the least clearance of all pairs over the largest possible loss in the interval."""
         least = np.full(len(phi), math.inf)
         for A, B in pairs:
-            room = min(A.rho, B.rho) * h + LENGTH_ROUNDING * (A.rho + B.rho)
-            left = least > -1.0
-            least[left] = np.minimum(least[left], (_distance(A, B, phi[left], margin + room) - margin) / room)
+            loss = min(A.rho, B.rho) * h + LENGTH_ROUNDING * (A.rho + B.rho)
+            open_ = least > -1.0
+            least[open_] = np.minimum(least[open_], (_distance(A, B, phi[open_], margin + loss) - margin) / loss)
         return least, 1.0
 
-    clear = _clear_intervals(slack, halvings=8, upper_half=even)  # to 0.8 mrad
-    return join(clear + [(-high, -low) for low, high in clear] if even else clear)
+    clear = _clear_intervals(slack, halvings=8, upper_half=symmetric)  # to 0.8 mrad
+    return join(clear + [(-high, -low) for low, high in clear] if symmetric else clear)
 
 
 def _clear_intervals(
-    spare: Callable[[Array, float], tuple[Array, float]], *, halvings: int, upper_half: bool = False
+    slack: Callable[[Array, float], tuple[Array, float]], *, halvings: int, upper_half: bool = False
 ) -> list[tuple[float, float]]:
-    """Return intervals of fold angles that are clear all over; those clear in the middle alone are halved.
+    """Return intervals of fold angles that are clear throughout; undecided intervals are halved.
 
     Args:
-        spare: returns for middles of intervals and their half width what is spare there, and how much of it any
-            other angle of the interval may lack.
-        halvings: how often intervals are halved.
-        upper_half: whether positive angles are enough.
+        slack: returns, for the centres of intervals and their half-width, the slack there and its largest change
+            within the interval.
+        halvings: number of halvings.
+        upper_half: True to search positive angles only.
     """
-    first = 16  # intervals of +-pi/2 to begin with
-    h = math.pi / 2 / first
-    phi = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, first)
+    count = 16  # intervals of +-pi/2 to begin with
+    h = math.pi / 2 / count
+    phi = np.linspace(-math.pi / 2 + h, math.pi / 2 - h, count)
     phi = phi[phi > 0] if upper_half else phi
     clear: list[tuple[float, float]] = []
     for _ in range(halvings + 1):
-        left, lacking = spare(phi, h)
-        clear += [(middle - h, middle + h) for middle in phi[left >= lacking].tolist()]
-        open_ = phi[np.abs(left) < lacking]
+        values, change = slack(phi, h)
+        clear += [(middle - h, middle + h) for middle in phi[values >= change].tolist()]
+        open_ = phi[np.abs(values) < change]
         if not len(open_):
             break
         h /= 2
@@ -296,50 +297,49 @@ def _clear_intervals(
 
 
 def join(intervals: list[tuple[float, float]]) -> Folds:
-    """Return intervals with those that share an end put together."""
+    """Return the union of intervals, with adjacent ones joined."""
     joined: list[tuple[float, float]] = []
     for low, high in sorted(intervals):
         if joined and low - joined[-1][1] < LENGTH_ROUNDING:
             low, _ = joined.pop()
         joined.append((low, high))
-    right = math.pi / 2
+    limit = math.pi / 2
     return tuple(
-        (-right if right + low < LENGTH_ROUNDING else low, right if right - high < LENGTH_ROUNDING else high)
+        (-limit if limit + low < LENGTH_ROUNDING else low, limit if limit - high < LENGTH_ROUNDING else high)
         for low, high in joined
     )
 
 
 def _pairs(module: Module) -> list[tuple[_Part, _Part]]:
-    """Return rotors of one module and all parts of the other, with each of its ports at the hinge.
+    """Return all pairs of a rotor of one module and a part of the other, for each of its ports at the hinge.
 
-    A module's rotors are the same from every port, and what holds for one module's rotors and the other's frame
-    holds for the other's rotors and the one's frame.
+    Rotors look the same from every port, and by symmetry one module's rotors suffice.
     """
     body, l_c, a = module.body, module.connector_distance, module.arm_length / math.sqrt(2)
-    up = body.rotor_height / 2
-    discs = [np.array([[x, y, -up], [x, y, up]]) for x in (-a, a) for y in (-a, a)]
-    here, towards = np.array([l_c, 0.0, 0.0]), np.diag([-1.0, -1.0, 1.0])
-    rotors = [_Part(disc - here, body.rotor_radius) for disc in discs]
-    across = [_Part(disc + here, body.rotor_radius) for disc in discs]
-    frames: dict[bytes, Array] = {}  # arms are the same from every port
-    for x, y in ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)):
+    half_height = body.rotor_height / 2
+    discs = [np.array([[x, y, -half_height], [x, y, half_height]]) for x in (-a, a) for y in (-a, a)]
+    offset, half_turn = np.array([l_c, 0.0, 0.0]), np.diag([-1.0, -1.0, 1.0])
+    rotors = [_Part(disc - offset, body.rotor_radius) for disc in discs]
+    parts = [_Part(disc + offset, body.rotor_radius) for disc in discs]
+    frames: dict[bytes, Array] = {}  # without duplicates: arms look the same from every port
+    for x, y, _ in PORT_DIRECTIONS:
         to_port = np.array([[x, y, 0.0], [-y, x, 0.0], [0.0, 0.0, 1.0]])
         for corners in frame_pieces(module):
-            seen = corners @ (towards @ to_port).T + here
+            seen = corners @ (half_turn @ to_port).T + offset
             frames[np.unique(np.round(seen / l_c, 9) + 0.0, axis=0).tobytes()] = seen
-    across += [_Part(seen) for seen in frames.values()]
-    return [(rotor, part) for rotor in rotors for part in across]
+    parts += [_Part(seen) for seen in frames.values()]
+    return [(rotor, part) for rotor in rotors for part in parts]
 
 
 def _distance(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
-    """Return how far two parts are apart at least at fold angles (m,); no more than `enough` need be proven [m]."""
+    """Return lower bounds for the distance of two parts at fold angles (m,), proven up to `enough` [m]."""
     (a, r_a), (b, r_b) = A.ball, B.ball
     middle_a, middle_b = (_turn(np.broadcast_to(c, (len(phi), 3)), t) for c, t in ((a, phi / 2), (b, -phi / 2)))
     apart: Array = np.linalg.norm(middle_b - middle_a, axis=1) - r_a - r_b
-    near = apart < enough
-    if not near.any():
+    undecided = apart < enough
+    if not undecided.any():
         return apart
-    turn = phi[near] / 2
+    turn = phi[undecided] / 2
 
     def gap(u: Array) -> Array:
         return -A.support(u, turn) - B.support(-u, -turn)
@@ -347,20 +347,20 @@ def _distance(A: _Part, B: _Part, phi: Array, enough: float) -> Array:
     z = np.broadcast_to([0.0, 0.0, 1.0], (len(turn), 3))
     faces = np.stack([_turn(z, turn), -_turn(z, turn), _turn(z, -turn), -_turn(z, -turn)], axis=1)
     u = np.concatenate([faces, np.broadcast_to(DIRECTIONS, (len(turn), *DIRECTIONS.shape))], axis=1)
-    most = np.full(len(turn), -math.inf)
-    for aim in range(41):  # 40 turns of u to where parts are farther apart, by an angle that shrinks
+    bounds = np.full(len(turn), -math.inf)
+    for step in range(41):  # 40 steps of a direct search over u with shrinking step size
         gaps = gap(u)
         best = gaps.argmax(axis=1)
-        most = np.take_along_axis(gaps, best[:, None], axis=1)[:, 0]
-        if np.all(most >= enough):
+        bounds = np.take_along_axis(gaps, best[:, None], axis=1)[:, 0]
+        if np.all(bounds >= enough):
             break
-        u = _ring(np.take_along_axis(u, best[:, None, None], axis=1)[:, 0], 0.5 * 0.7**aim, float(aim))
-    apart[near] = np.maximum(apart[near], most)
+        u = _ring(np.take_along_axis(u, best[:, None, None], axis=1)[:, 0], 0.5 * 0.7**step, float(step))
+    apart[undecided] = np.maximum(apart[undecided], bounds)
     return apart
 
 
 def _ring(axes: Array, angle: float, first: float) -> Array:
-    """Return unit axes (m, 3) and six directions around each, the first of them anywhere, shape (m, 7, 3)."""
+    """Return unit axes (m, 3) and six directions at an angle around each, shape (m, 7, 3)."""
     across = np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     beside = np.cross(axes, across)
@@ -370,22 +370,21 @@ def _ring(axes: Array, angle: float, first: float) -> Array:
 
 
 def _turn(vectors: Array, angle: Array) -> Array:
-    """Return vectors (..., 3) turned about the y axis."""
+    """Return vectors (..., 3) rotated about the y axis."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * x + s * z, y + 0.0 * c, c * z - s * x], axis=-1)
 
 
 def _evenly(m: int) -> Array:
-    """Return m directions, evenly spread along a spiral, shape (m, 3)."""
+    """Return m directions, evenly distributed along a spiral, shape (m, 3)."""
     z, turn = 1.0 - (2.0 * np.arange(m) + 1.0) / m, np.arange(m) * math.pi * (3.0 - math.sqrt(5.0))
     r = np.sqrt(1.0 - z * z)
     return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=-1)
 
 
 DIRECTIONS = np.concatenate([_evenly(200), np.eye(3), -np.eye(3)])
-"""Starting directions of the search for the best one."""
-
+"""Initial directions for the search for a separating direction."""
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -400,23 +399,20 @@ class Balls(NamedTuple):
 
 
 class _Box(NamedTuple):
-    """A box, and half-spaces that hold the convex piece that it is drawn around: normals @ x <= offsets."""
+    """Box around a convex piece, and half-spaces that contain the piece: normals @ x <= offsets."""
 
     centre: Array
     axes: Array
-    """Rows: unit vectors of its edges, shape (3, 3)."""
+    """Unit vectors of its edges as rows, shape (3, 3)."""
     half: Array
-    """Half its edges, shape (3,)."""
+    """Half-lengths of its edges, shape (3,)."""
     normals: Array
     offsets: Array
 
 
 @functools.cache
 def part_cover(module: Module) -> Balls:
-    """Return balls around all rigid parts that reach out of the module's own airflow; rotors come first.
-
-    The union of the balls and of the module's own envelope holds all rigid parts.
-    """
+    """Return balls that, together with the module's own envelope, contain all rigid parts; rotors come first."""
     balls, pieces, finest = _rotor_balls(module), _pieces(module), FINEST * module.arm_length
     most = max(MOST_BOXES, len(pieces))
     while len(cells := list(islice(_uncovered_boxes(pieces, balls, finest, module.envelope), most + 1))) > most:
@@ -426,10 +422,10 @@ def part_cover(module: Module) -> Balls:
 
 @functools.cache
 def whole_cover(module: Module) -> Balls:
-    """Return balls around all rigid parts; rotors come first.
+    """Return balls that contain all rigid parts; rotors come first.
 
-    Hub and arms, or the pieces of an own frame, get theirs one after the other, the largest first: what earlier
-    balls hold needs none.
+    Hub and arms, or the pieces of a custom frame, are covered one after the other, the largest first, except what
+    earlier balls contain.
     """
     pieces = sorted(_pieces(module), key=lambda piece: -float(np.linalg.norm(piece.half)))
     coarse = FINEST * module.arm_length
@@ -449,7 +445,7 @@ def _rotor_balls(module: Module) -> Balls:
 
 
 def _join_balls(balls: Balls, boxes: list[_Box]) -> Balls:
-    """Return the balls and one around each box."""
+    """Return the balls and another around each box."""
     centres = np.concatenate([balls.centres, *(box.centre[None] for box in boxes)])
     radii = np.concatenate([balls.radii, [float(np.linalg.norm(box.half)) for box in boxes]])
     return Balls(read_only(centres), read_only(radii))
@@ -458,24 +454,24 @@ def _join_balls(balls: Balls, boxes: list[_Box]) -> Balls:
 def _uncovered_boxes(
     pieces: list[_Box], balls: Balls, finest: float, air: AirflowEnvelope | None = None
 ) -> Iterator[_Box]:
-    """Yield boxes around all of some pieces that is neither in an envelope nor in any one of some balls.
+    """Yield boxes that cover the parts of pieces outside an envelope and all balls.
 
     Args:
-        pieces: the pieces.
-        balls: the balls.
+        pieces: pieces to cover.
+        balls: balls whose content needs no cover.
         finest: half diagonal of the largest box that is not halved [m].
-        air: the envelope, if there is one.
+        air: envelope whose content needs no cover, if any.
     """
-    left = list(pieces)
-    while left:
-        box = left.pop()
+    stack = list(pieces)
+    while stack:
+        box = stack.pop()
         corners = box.centre + (2 * CUBE * box.half) @ box.axes
         if np.any((corners @ box.normals.T).min(axis=0) > box.offsets):
             continue  # beyond a face of the piece
         if air is not None:
-            depth = -np.clip(corners[:, 2], -air.length, 0.0) / air.length  # a place on the axis near enough
-            in_air = np.linalg.norm(corners + (depth * air.length)[:, None] * UP, axis=1)
-            if np.all(in_air <= air.start_radius + depth * air.growth):
+            depth = -np.clip(corners[:, 2], -air.length, 0.0) / air.length  # any point of the axis is valid
+            distance = np.linalg.norm(corners + (depth * air.length)[:, None] * UP, axis=1)
+            if np.all(distance <= air.start_radius + depth * air.growth):
                 continue  # an envelope is convex, and so is a ball
         if np.any(np.all(np.linalg.norm(corners - balls.centres[:, None], axis=2) <= balls.radii[:, None], axis=1)):
             continue
@@ -484,11 +480,11 @@ def _uncovered_boxes(
             continue
         k = int(np.argmax(box.half))
         half = box.half * np.where(np.arange(3) == k, 0.5, 1.0)
-        left += [box._replace(centre=box.centre + side * half[k] * box.axes[k], half=half) for side in (-1, 1)]
+        stack += [box._replace(centre=box.centre + side * half[k] * box.axes[k], half=half) for side in (-1, 1)]
 
 
 def _pieces(module: Module) -> list[_Box]:
-    """Return hub and arms, or boxes around the pieces of the module's own frame."""
+    """Return hub and arms, or boxes around the pieces of a custom frame."""
     body, l_arm, width = module.body, module.arm_length, module.body.arm_width
     if body.frame is not None:
         result = []
@@ -497,10 +493,10 @@ def _pieces(module: Module) -> list[_Box]:
             corners = vertices[np.array(piece.triangles)]
             normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
             size = np.linalg.norm(normals, axis=1)
-            large = size > 1e-9 * np.ptp(vertices, axis=0).max() ** 2  # of slivers the direction is lost
+            large = size > 1e-9 * np.ptp(vertices, axis=0).max() ** 2  # the normals of slivers are lost to rounding
             normals = normals[large] / size[large, None]
             low, high = vertices.min(axis=0), vertices.max(axis=0)
-            # Faces as far out as the farthest corner: then half-spaces hold the piece to the last digit.
+            # from the farthest corner, so that the half-spaces contain the piece exactly
             offsets = (normals @ vertices.T).max(axis=1)
             result.append(_Box((low + high) / 2, np.eye(3), (high - low) / 2, normals, offsets))
         return result
@@ -513,32 +509,34 @@ def _pieces(module: Module) -> list[_Box]:
 
 @functools.cache
 def airflow_folds(module: Module, margin: float = 0.0) -> Folds:
-    """Return fold angles within +-pi/2 at which parts of bolted modules keep off each other's airflow [rad].
+    """Return the fold angles within +-pi/2 at which bolted modules are clear of each other's airflow [rad].
 
-    The same for all ports, and empty where there is none. Every angle is clear; of those that a search finds, some
-    that are hardly clear may be missing. For a frame of the module's own they are on the safe side: its distance is
-    taken from the planes of its faces and from the box around it.
+    They are the same for all ports. Every returned angle is clear; some that are barely clear may be missing, and
+    more for a custom frame, whose distance is that from its face planes and its box. May be empty.
 
     Args:
-        module: the module, at either side of the hinge.
-        margin: what parts keep clear of the airflow by at least [m].
+        module: module on both sides of the hinge.
+        margin: required clearance of parts from the airflow [m].
     """
     rate = module.connector_distance + body_radius(module)
-    clear = _clear_intervals(lambda phi, h: (_spare(module, phi) - margin, rate * h), halvings=11)  # to 0.1 mrad
-    return join(clear)
+
+    def slack(phi: Array, h: float) -> tuple[Array, float]:
+        return _airflow_clearance(module, phi) - margin, rate * h
+
+    return join(_clear_intervals(slack, halvings=11))  # to 0.1 mrad
 
 
-def _spare(module: Module, phi: Array) -> Array:
-    """Return the least clearance of all parts from the neighbour's airflow at any port, shape (t,) [m]."""
+def _airflow_clearance(module: Module, phi: Array) -> Array:
+    """Return the least clearance of all parts from the neighbour's airflow over all ports, shape (t,) [m]."""
     air, body, l_c, pieces = module.envelope, module.body, module.connector_distance, _pieces(module)
-    # All but a frame of its own looks the same from opposite ports, and with a square hub from all four.
+    # without a custom frame, opposite ports look the same, and with a square hub all four
     ports = PORT_DIRECTIONS[: 4 if body.frame is not None else 2 - (body.hub[0] == body.hub[1])]
     sine, cosine = np.sin(phi)[:, None, None], np.cos(phi)[:, None, None]
     o = l_c * ports + l_c * (cosine * ports + sine * UP)  # (t, ports, 3)
     d = air.length * (sine * ports - cosine * UP)
 
     def clearances(eta: Array) -> Array:
-        """Return those of rotors, then of pieces; eta of shape (t, ports, m)."""
+        """Return the clearances of rotors, then pieces, at eta of shape (t, ports, m)."""
         P = o[:, :, None] + eta[..., None] * d[:, :, None]  # (t, ports, m, 3)
         across = np.linalg.norm((P[:, :, :4] - module.arm_length * ROTOR_DIRECTIONS)[..., :2], axis=-1)
         beside = np.maximum(0.0, across - body.rotor_radius)
@@ -564,7 +562,7 @@ def _spare(module: Module, phi: Array) -> Array:
 
 
 def _from_piece(x: Array, piece: _Box) -> Array:
-    """Return the distance of points, shape (..., 3), from a piece: of a frame of one's own, at most that."""
+    """Return the distance of points, shape (..., 3), from a piece; a lower bound for a piece of a custom frame."""
     beyond = np.maximum(0.0, np.abs((x - piece.centre) @ piece.axes.T) - piece.half)
     from_planes = (x @ piece.normals.T - piece.offsets).max(axis=-1)
     return np.asarray(np.maximum(np.linalg.norm(beyond, axis=-1), from_planes))

@@ -1,7 +1,7 @@
-"""Options of the search, and its goals beside control effort: bounds that it holds at one level after another.
+"""Options of the search, and goals besides control effort, which are bounds with several levels.
 
-Whoever asks for the least effort gets a design that rests on its bounds. So what effort is traded for is a bound,
-and the trade is seen by solving the task once for each of its levels (the epsilon-constraint method).
+A design of least effort is at its bounds. So a goal is a bound, and the trade-off results from solving the task
+once for each of its levels (the epsilon-constraint method).
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from topo_search.model.value import (
 
 BodyClearance = Annotated[Positive | Literal[False], OneOf("must be a length or false")]
 
-APART_DEG = 0.1
-"""Least difference of two angles of a set, and least step [deg]: brackets are not made more exactly."""
+MIN_STEP_DEG = 0.1
+"""Smallest difference of two hinge angles of a set, and smallest step [deg]: the precision of brackets."""
 
 
 def _check_apart(angles: tuple[float, ...]) -> tuple[float, ...]:
     for low, high in pairwise(sorted(angles)):
-        if high - low < APART_DEG:
-            raise ValueError(f"must differ by {APART_DEG:g} deg or more, but got {show([low, high])}")
+        if high - low < MIN_STEP_DEG:
+            raise ValueError(f"must differ by {MIN_STEP_DEG:g} deg or more, but got {show([low, high])}")
     return tuple(angle + 0.0 for angle in angles)  # -0.0 becomes 0.0
 
 
@@ -46,36 +46,37 @@ Angles = Annotated[tuple[Angle, ...], at_most(LIMITS.hinge_angles), NonEmpty, Af
 
 
 class Search(Value):
-    """Options of the search, and its demands on the solver."""
+    """Options of the search and the solver."""
 
     root: Literal["free", "paper"] = "free"
     """`free`: any root orientation; `paper`: psi = 0 and both angles within +-90 deg."""
     connectors: Literal["aligned", "any"] = "aligned"
     """`aligned`: parent port a meets child port a + 2; `any`: any port of the child."""
-    # Of 1,000 designs solved without a margin the worst overlaps by 8.5e-10 m; 1.1e-8 m would have kept all of them
-    # above the audit's floor (tests/benchmarks/smooth_error.py). The default is far more: it costs 0.013 % of the
-    # effort where that was measured, and leaves room for larger modules and for checks less exact than the audit.
+    # Of 1,000 designs solved without a margin the worst overlaps by 8.5e-10 m; a margin of 1.1e-8 m would have made
+    # all of them clear (tests/benchmarks/smooth_error.py). The default is much larger: it costs 0.013 % of the
+    # effort where measured, and leaves room for larger modules and for checks less exact than the audit.
     margin: NonNegative = 1.0e-4
     """Clearance that the solver adds to every geometric requirement [m]."""
     interference: Literal["airflow", "parts", "separation"] = "airflow"
-    """`airflow`: envelopes of two modules must not overlap; `parts`: they may merge, but rotors, hubs and arms keep
+    """`airflow`: envelopes of two modules must not overlap; `parts`: they may merge, but rotors, hubs and arms stay
     out of other modules' envelopes; `separation`: the paper's ablation, a minimum distance of module centres."""
     separation: Positive | None = None
     """Minimum distance of module centres in the ablation [m]; default: 2 arm_length."""
     peak_input: Annotated[Positive, Field(le=1, exclude_if=lambda given: given == 1.0)] = 1.0
-    """Largest squared speed of a rotor in a load case, as a share of its limit."""
+    """Largest squared speed of a rotor in a load case, as a share of u_max."""
     body_clearance: BodyClearance | None = None
-    """Least distance between centres not bolted together [m]; default: 2 (arm_length + rotor_radius); or false."""
-    hinge_step_deg: Omitted[Annotated[float, Field(strict=True, ge=APART_DEG, le=90)]] = None
-    """Hinge angles are multiples of this step, up to 90 deg either way [deg]; default: any angle."""
+    """Minimum distance of centres of modules not bolted together [m]; default: 2 (arm_length + rotor_radius); or
+    false."""
+    hinge_step_deg: Omitted[Annotated[float, Field(strict=True, ge=MIN_STEP_DEG, le=90)]] = None
+    """Hinge angles are multiples of this step within +-90 deg [deg]; default: any angle."""
     hinge_angles_deg: Omitted[Angles] = None
-    """Hinge angles are these, turned either way, in place of a step [deg]."""
+    """Hinge angles are these values of either sign [deg]; an alternative to a step."""
 
     @property
     def hinge_set_deg(self) -> tuple[float, ...] | None:
-        """The angles that hinges may have, in order, both signs of each [deg]; None where any angle will do.
+        """Allowed hinge angles in ascending order, both signs of each [deg]; None if any angle is allowed.
 
-        A hinge's angle [rad] is `math.radians` of one of them, bit by bit.
+        A hinge angle [rad] is exactly `math.radians` of one of them.
         """
         angles = self.hinge_angles_deg
         if self.hinge_step_deg is not None:
@@ -87,12 +88,12 @@ class Search(Value):
 
     @property
     def any_angle(self) -> Search:
-        """The same without a set of hinge angles."""
+        """Options without a set of hinge angles."""
         return self.model_copy(update={"hinge_step_deg": None, "hinge_angles_deg": None})
 
     def _broken_rules(self) -> Broken:
         if self.hinge_step_deg is not None and self.hinge_angles_deg is not None:
-            text = f"must be left out where hinge_angles_deg is given, but got {self.hinge_step_deg:g}"
+            text = f"must be left out if hinge_angles_deg is given, but got {self.hinge_step_deg:g}"
             yield "hinge_step_deg", text
         if self.interference == "separation" and self.body_clearance:
             text = f'must be false or left out with interference = "separation", but got {self.body_clearance}'
@@ -100,15 +101,16 @@ class Search(Value):
 
 
 class Goal(NamedTuple):
-    """Something that a task weighs against control effort, by the name of its field in `Level`."""
+    """Goal besides control effort."""
 
     field: str
     """Field of the task that its levels set."""
     unit: str
+    """Unit of the field."""
     step: float
-    """Difference that makes no difference, in that unit."""
+    """Largest difference that does not count, in `unit`."""
     sign: int = -1
-    """1 where smaller is better."""
+    """1 if smaller is better, -1 if larger is better."""
 
 
 GOALS = {
@@ -122,7 +124,7 @@ GOALS = {
     "hinge_angle_deg": Goal("tolerances.hinge_angle_deg", "deg", 1.0e-3),
     "speed": Goal("exposure.speed", "m/s", 1.0e-3, 1),
 }
-"""In the order of `Level`."""
+"""Goals by their field in `Level`, in that order."""
 
 Levels = TypeVar("Levels", bound=tuple[float | str, ...])
 
@@ -135,41 +137,32 @@ def _check_distinct(levels: Levels) -> Levels:
 
 Bound = TypeVar("Bound")
 AxisLevels = Annotated[tuple[Bound, ...], at_most(LIMITS.levels), AfterValidator(_check_distinct)]
-"""Levels of one goal."""
+"""Levels of a goal."""
 
 
 class Level(NamedTuple):
-    """One level of every goal; None of what is no goal."""
+    """One level of every goal, as in `Goals`; None if it is not a goal."""
 
     clearance: float | None
-    """Levels of search.margin [m]."""
     stand_off: float | None
-    """Levels of end_effector.stand_off [m]."""
     peak_input: float | None
-    """Levels of search.peak_input."""
     force_reserve: float | None = None
-    """Levels of flight.force_reserve."""
     torque_reserve: float | None = None
-    """Levels of flight.torque_reserve."""
     rotor_out: Failing | None = None
-    """Levels of flight.rotor_out."""
     joint_moment: float | None = None
-    """Levels of flight.joint_moment [N m]."""
     hinge_angle_deg: float | None = None
-    """Levels of tolerances.hinge_angle_deg, which clearances then survive [deg]."""
     speed: float | None = None
-    """Levels of the speed of every exposure [m/s]."""
 
     @property
     def words(self) -> str:
-        """The fields that it sets, as a task file does."""
-        given = [(goal.field, value) for goal, value in zip(GOALS.values(), self, strict=True) if value is not None]
-        set_ = [f"{field} = {f'{v:g}' if isinstance(v, float) else show(v)}" for field, v in given]
-        return ", ".join(set_) or "the task as it is"
+        """Assignments of fields, as in a task file."""
+        items = [(goal.field, value) for goal, value in zip(GOALS.values(), self, strict=True) if value is not None]
+        texts = [f"{field} = {f'{v:g}' if isinstance(v, float) else show(v)}" for field, v in items]
+        return ", ".join(texts) or "the task as it is"
 
 
 class Goals(Value):
-    """Goals weighed against control effort: bounds; the task is solved at every combination of their levels."""
+    """Goals besides control effort, as bounds: the task is solved at every combination of their levels."""
 
     clearance: AxisLevels[NonNegative] = ()
     """Levels of search.margin [m]."""
@@ -188,9 +181,9 @@ class Goals(Value):
     hinge_angle_deg: Annotated[AxisLevels[Angle], OMIT_EMPTY] = ()
     """Levels of tolerances.hinge_angle_deg, which the clearances survive with all of [tolerances] [deg]."""
     speed: Annotated[AxisLevels[Positive], OMIT_EMPTY] = ()
-    """Levels of the air speed in the regions of all exposures, in place of their own `speed` [m/s]."""
+    """Levels of the air speed in the regions of all exposures, in place of their `speed` [m/s]."""
     modules: Flag = False
-    """True if fewer modules are a goal; needs a range of sizes and wrenches in SI."""
+    """True if fewer modules are a goal; requires a range of sizes and wrenches in SI."""
 
     def _broken_rules(self) -> Broken:
         if (number := math.prod(len(axis) for axis in self._axes)) > LIMITS.levels:
@@ -198,16 +191,16 @@ class Goals(Value):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return what the goals are."""
+        """Names of the goals."""
         return tuple(name for name in type(self).model_fields if getattr(self, name))
 
     @property
     def levels(self) -> tuple[Level, ...]:
-        """Every combination, the loosest first; the last of the goals changes fastest."""
-        return tuple(Level(*each) for each in product(*self._axes))
+        """All combinations, the loosest first; the last goal changes fastest."""
+        return tuple(Level(*levels) for levels in product(*self._axes))
 
     def level_before(self, number: int) -> int | None:
-        """Return the level before one of them along a single goal; None of the first."""
+        """Return the number of the next looser level in a single goal; None for the first level."""
         step = 1
         for axis in reversed(self._axes):
             if number // step % len(axis):
@@ -217,7 +210,7 @@ class Goals(Value):
 
     @property
     def _axes(self) -> tuple[list[Any], ...]:
-        """The levels of each goal, the loosest first."""
+        """Levels of each goal, the loosest first."""
         levels = [
             sorted(
                 getattr(self, name),

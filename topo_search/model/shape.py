@@ -1,7 +1,7 @@
-"""Shapes of exposure requirements, which airflow keeps out of or stays inside, and convex hulls of points.
+"""Shapes of exposure requirements, which airflow must stay out of or inside, and convex hulls of points.
 
-Points are in metres from the end-effector p_E, in the axes of the task frame. Solver, symmetries and pictures look
-at these shapes alone; the audit does not: it reads the requirements themselves.
+Points are in metres from the end-effector p_E, in the axes of the task frame. Solver, symmetries and pictures use
+these shapes; the audit reads the requirements themselves.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
 Indices = NDArray[np.intp]
 
 SLACK = 1e-9
-"""Offset of the planes of an outer hull, over its size: more than rounding moves a corner."""
+"""Offset of the planes of an outer hull, relative to its size; exceeds rounding errors of corners."""
 
 
 class Hull(NamedTuple):
-    """A convex polytope."""
+    """Convex polytope."""
 
     corners: Array
-    """Shape (k, 3)."""
+    """Vertices, shape (k, 3)."""
     triangles: Indices
-    """Corners of its faces, each cut into triangles, counter-clockwise seen from outside: shape (f, 3)."""
+    """Vertex indices of the triangulated faces, counter-clockwise seen from outside, shape (f, 3)."""
     normals: Array
     """Outward unit normals of the triangles, shape (f, 3)."""
     edges: Indices
-    """Both ends of every edge, shape (e, 2)."""
+    """Vertex indices of every edge, shape (e, 2)."""
 
     @property
     def offsets(self) -> Array:
@@ -43,48 +43,45 @@ class Hull(NamedTuple):
 
     @property
     def planes(self) -> Array:
-        """Normal and offset of every face, once however many triangles it is cut into, shape (p, 4)."""
+        """Normal and offset of every face (not triangle), shape (p, 4)."""
         _, first = np.unique(self.normals.round(9) + 0.0, axis=0, return_index=True)
         return np.asarray(np.column_stack([self.normals, self.offsets])[np.sort(first)])
 
 
 def convex_hull(points: Array) -> Hull:
-    """Return the hull of points that span a volume, shape (m, 3).
-
-    Raises:
-        ValueError: the points are too nearly flat to tell the hull.
-    """
+    """Return the convex hull of points, shape (m, 3); ValueError if they are flat or nearly so."""
     qhull = _qhull(points)
-    kept, triangles = np.unique(qhull.simplices, return_inverse=True)
-    triangles, corners = triangles.reshape(-1, 3), points[kept]
+    vertices, triangles = np.unique(qhull.simplices, return_inverse=True)
+    triangles, corners = triangles.reshape(-1, 3), points[vertices]
     normals = qhull.equations[:, :3] / np.linalg.norm(qhull.equations[:, :3], axis=1, keepdims=True)
     first, second, third = corners[triangles].transpose(1, 0, 2)
     inwards = np.sum(np.cross(second - first, third - first) * normals, axis=1) < 0
     triangles[inwards] = triangles[inwards][:, ::-1]
-    f, across = np.nonzero(qhull.neighbors > np.arange(len(triangles))[:, None])  # all pairs of adjacent faces
-    # faces whose normals hardly differ are one face, so that the line between them is no edge
-    folded = np.linalg.norm(normals[f] - normals[qhull.neighbors[f, across]], axis=1) > 1e-9
+    f, across = np.nonzero(qhull.neighbors > np.arange(len(triangles))[:, None])  # all pairs of adjacent triangles
+    # coplanar triangles belong to one face: the line between them is not an edge
+    is_edge = np.linalg.norm(normals[f] - normals[qhull.neighbors[f, across]], axis=1) > 1e-9
     sides = zip(qhull.simplices[f], qhull.simplices[qhull.neighbors[f, across]], strict=True)
     shared = [np.intersect1d(one, other) for one, other in sides]
-    edges = np.searchsorted(kept, np.array(shared)[folded])
+    edges = np.searchsorted(vertices, np.array(shared)[is_edge])
     return Hull(corners, triangles, normals, edges)
 
 
 def outer_hull(points: Array, most_corners: int) -> tuple[Array, float]:
     """Return the corners of a convex polytope that contains points, and its excess over their hull.
 
-    It is the hull itself if that has few enough corners. Otherwise planes that touch the hull cut a box around it,
-    each time at the corner that is farthest from the hull, and all are moved outwards by more than rounding.
+    The polytope is the hull if that has few enough corners. Otherwise a box is cut by supporting planes of the
+    hull, one after the other at the corner farthest from the hull. All planes are moved outwards by more than
+    rounding.
 
     Args:
-        points: shape (m, 3), which span a volume.
-        most_corners: at least eight, those of the box.
+        points: points that span a volume, shape (m, 3).
+        most_corners: largest number of corners, at least eight.
 
     Returns:
-        Corners, shape (k, 3), and how far the farthest one is from the hull.
+        Corners, shape (k, 3), and the largest distance of a corner from the hull.
 
     Raises:
-        ValueError: the points are too nearly flat to tell the hull, or too far from the origin for their size.
+        ValueError: the points are flat or nearly so, or too far from the origin for their size.
     """
     qhull = _qhull(points)
     hull = points[np.unique(qhull.simplices)]
@@ -126,9 +123,9 @@ def outer_hull(points: Array, most_corners: int) -> tuple[Array, float]:
 
 
 def _nearest(x: Array, corners: Array) -> Array:
-    """Return the point of a hull that is nearest to x outside it, shape (3,), by its corners, shape (k, 3).
+    """Return the point of a hull nearest to a point x outside of it, shape (3,), given its corners, shape (k, 3).
 
-    Corners are taken in one by one, the farthest ahead; least distances by Lawson and Hanson, Ch. 23.
+    Active-set method: the corner farthest towards x enters; least distances by Lawson and Hanson, Ch. 23.
     """
     from scipy.optimize import nnls
 
@@ -154,7 +151,7 @@ def _qhull(points: Array) -> ConvexHull:
 
 
 def has_volume(points: Array) -> bool:
-    """True if the hull of points, shape (m, 3), is neither flat nor thinner than a millionth of its length."""
+    """True if the hull of points, shape (m, 3), is at least a millionth as thick as long."""
     if len(points) < 4:
         return False
     extents = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
@@ -165,58 +162,57 @@ NOWHERE: Vector = (0.0, 0.0, 0.0)
 
 
 class Capsule(NamedTuple):
-    """Balls along a segment, to be kept out of; a ball where the segment has no length."""
+    """Capsule to stay out of: balls along a segment, or a single ball."""
 
     radius: float
     start: Vector = NOWHERE
     end: Vector = NOWHERE
     length: float | None = None
-    """In place of the end: the segment leads so far along p_E, away from the COM."""
+    """Length of a segment along p_E, away from the COM, instead of its end [m]."""
 
     @property
     def takes_direction_from_com(self) -> bool:
-        """True if its direction is that of p_E from the COM."""
+        """True if the segment is along p_E."""
         return self.length is not None
 
     def at(self, p_E: Array) -> Capsule:
-        """Return it with its end, where p_E is the end-effector from the COM, (3,)."""
+        """Return the capsule with a fixed end, given the end-effector from the COM p_E, (3,)."""
         if self.length is None:
             return self
         return self._replace(end=_vector(self.length * _unit(p_E)), length=None)
 
     @property
     def farthest(self) -> float:
-        """Distance of its farthest point from p_E [m]."""
-        along = self.length or 0.0
-        return self.radius + max(math.hypot(*self.start), math.hypot(*self.end), along)
+        """Largest distance of its points from p_E [m]."""
+        return self.radius + max(math.hypot(*self.start), math.hypot(*self.end), self.length or 0.0)
 
 
 class Polytope(NamedTuple):
-    """The convex hull of points, to be kept out of."""
+    """Convex hull of points to stay out of."""
 
     corners: tuple[Vector, ...]
 
     @property
     def takes_direction_from_com(self) -> bool:
-        """It has none."""
+        """False: a polytope has no direction."""
         return False
 
     def at(self, p_E: Array) -> Polytope:
-        """Return it as it is."""
+        """Return the polytope itself."""
         return self
 
     @property
     def farthest(self) -> float:
-        """Distance of its farthest point from p_E [m]."""
+        """Largest distance of its points from p_E [m]."""
         return max(math.hypot(*corner) for corner in self.corners)
 
 
 class Cone(NamedTuple):
-    """An infinite cone, to be stayed inside; a half-space at 90 degrees."""
+    """Infinite cone to stay inside; a half-space at 90 degrees."""
 
     half_angle_deg: float
     axis: Vector | None
-    """Unit vector from the apex into the cone; None: to the COM."""
+    """Unit vector from the apex into the cone; None: towards the COM."""
     apex: Vector = NOWHERE
 
     @property
@@ -225,7 +221,7 @@ class Cone(NamedTuple):
         return self.axis is None
 
     def at(self, p_E: Array) -> Cone:
-        """Return it with its axis, where p_E is the end-effector from the COM, (3,)."""
+        """Return the cone with a fixed axis, given the end-effector from the COM p_E, (3,)."""
         return self if self.axis is not None else self._replace(axis=_vector(-_unit(p_E)))
 
 
@@ -233,7 +229,7 @@ Shape = Capsule | Polytope | Cone
 
 
 def unit(direction: Vector) -> Vector:
-    """Return a direction as a unit vector."""
+    """Return the unit vector of a direction."""
     return _vector(np.array(direction) / math.hypot(*direction))
 
 

@@ -1,10 +1,10 @@
-"""The task: modules, end-effector, load cases, exposure requirements and what the search may do.
+"""Task: modules, end-effector, load cases, exposure requirements and options of the search.
 
 | symbol | meaning | unit |
 |---|---|---|
-| n, K | modules, load cases | |
-| m_E, m_J | mass of the end-effector, of a joint | kg |
-| m_t | total mass n m + m_E + (n - 1) m_J, with the rod's of a design that counts it | kg |
+| n, K | numbers of modules and load cases | |
+| m_E, m_J | masses of the end-effector and of a joint | kg |
+| m_t | total mass n m + m_E + (n - 1) m_J, plus the rod's in a design that counts it | kg |
 | p_E | end-effector position from the platform COM | m |
 | W | task frame: axes of all vectors below | |
 """
@@ -20,7 +20,7 @@ from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_vali
 from topo_search.limits import LIMITS
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
 from topo_search.model.load_case import AskedFlight, LoadCase, broken_reserves, broken_rules, labels, ten_wrenches
-from topo_search.model.module import AGREE, AIR_DENSITY, CountedRod, EndEffector, Module, ResolvedEndEffector
+from topo_search.model.module import AIR_DENSITY, PRECISION, CountedRod, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
 from topo_search.model.room import (
     LARGE,
@@ -59,14 +59,14 @@ def _file_name(name: str) -> str:
     return name
 
 
-def _fewest_and_most(sizes: Any) -> Any:
+def _check_range(sizes: Any) -> Any:
     if len(sizes) != 2:
         raise ValueError("must be a whole number of modules or [fewest, most]")
     return sizes
 
 
 Sizes = Annotated[
-    Count | Annotated[tuple[Count, Count], BeforeValidator(_fewest_and_most)],
+    Count | Annotated[tuple[Count, Count], BeforeValidator(_check_range)],
     OneOf("must be a whole number of modules or [fewest, most]"),
 ]
 LoadCases = Annotated[
@@ -76,70 +76,66 @@ LoadCases = Annotated[
 
 
 class Tolerances(Value):
-    """Largest errors with which the platform is built; its clearances must survive them."""
+    """Largest build errors of a platform."""
 
     hinge_angle_deg: Angle = 0.0
     """Error of every hinge angle [deg]."""
     position: NonNegative = 0.0
-    """Error of every module's centre and of the end-effector, on top of the hinge errors [m]."""
+    """Error of the position of every module's centre and the end-effector, in addition to the hinge errors [m]."""
     envelope: NonNegative = 0.0
     """Largest reach of airflow beyond its envelope, in any direction [m]."""
 
 
 class Task(Value):
-    """A task as a user states it; `resolve` fills in every default for one number of modules."""
+    """Task of a user; `resolve` fills in every default for one number of modules."""
 
     name: Annotated[str, AfterValidator(_file_name)]
     """Letters, digits, dots, dashes and underscores; names the run folder."""
     modules: Sizes
-    """n, or [fewest, most]."""
+    """Number of modules n, or [fewest, most]."""
     gravity: Positive = 9.81
     """g [m/s^2]."""
     air_density: Annotated[Positive, omit_if(AIR_DENSITY)] = AIR_DENSITY
     """Density of air [kg/m^3]; omitted from files where it is the default."""
     task_seed: Index | None = None
-    """Seed of the random family; belongs to load_cases = "ten-wrenches"."""
+    """Seed of the random load cases of load_cases = "ten-wrenches"."""
     module: Module = Module()
-    """The module that the platform is made of."""
+    """Module of the platform."""
     end_effector: EndEffector = EndEffector()
-    """The rigid end-effector."""
+    """End-effector."""
     load_cases: LoadCases
-    """The wrenches that the rotors must produce."""
+    """Wrenches that the rotors must produce."""
     exposure: Annotated[tuple[Exposure, ...], at_most(LIMITS.requirements)] = ()
-    """Regions that must stay out of the airflow."""
+    """Regions that airflow must stay out of, or inside."""
     search: Search = Search()
     """Options of the search."""
     flight: Annotated[AskedFlight, omit_if(AskedFlight())] = AskedFlight()
-    """Capabilities required of a design beyond its load cases; omitted from files if empty."""
+    """Required capabilities beyond the load cases; omitted from files if empty."""
     tolerances: Annotated[Tolerances, omit_if(Tolerances())] = Tolerances()
-    """Build errors that a design must survive, unless `flight.tolerances = false`; omitted from files if there are
-    none."""
+    """Build errors to survive, unless `flight.tolerances = false`; omitted from files if empty."""
     goals: Annotated[Goals, omit_if(Goals())] = Goals()
-    """Goals beside control effort; left out of files if empty."""
+    """Goals besides control effort; omitted from files if empty."""
 
     @field_validator("module")
     @classmethod
     def _thrust_by_weight(cls, module: Module, info: ValidationInfo) -> Module:
-        """Fill in the ratio that `max_thrust` stands for, unless gravity is wrong."""
-        if (
-            module.max_thrust is None
-            or "max_thrust_to_weight" in module.model_fields_set
-            or "gravity" not in info.data
-        ):
+        """Fill in `max_thrust_to_weight` from `max_thrust`, unless gravity is invalid."""
+        fields, gravity = module.model_fields_set, info.data.get("gravity")
+        if module.max_thrust is None or "max_thrust_to_weight" in fields or gravity is None:
             return module
-        return module.replace(max_thrust_to_weight=4 * module.max_thrust / (module.mass * info.data["gravity"]))
+        return module.replace(max_thrust_to_weight=4 * module.max_thrust / (module.mass * gravity))
 
     @model_validator(mode="before")
     @classmethod
     def _require_tolerances(cls, data: Any) -> Any:
-        """Require the tolerances of a new task, unless it says otherwise; a resolved one says so."""
+        """Require the tolerances of a new task by default; a resolved task has the field already."""
         if cls is not Task or not isinstance(data, dict):
             return data
-        given, flight = (
+        tolerances, flight = (
             part.model_dump(exclude_unset=True) if isinstance(part, Value) else part
             for part in (data.get("tolerances"), data.get("flight", {}))
         )
-        if not isinstance(given, dict) or not any(given.values()) or not isinstance(flight, dict):
+        if not isinstance(tolerances, dict) or not any(tolerances.values()) or not isinstance(flight, dict):
             return data
         return {**data, "flight": {"tolerances": True, **flight}}
 
@@ -148,11 +144,11 @@ class Task(Value):
             yield "modules", f"`fewest <= most` must hold, but got {show(self.modules)}"
         if len(self.sizes) > LIMITS.sizes:
             yield "modules", f"must be at most {LIMITS.sizes} sizes, but got {show(self.modules)}"
-        numbered = [region for region in self.exposure if segment_of(region, 0) is not None]
-        if (parts := sum(len(region.shapes) for region in numbered)) > LIMITS.segments:
-            kinds = {region.kind for region in numbered}
-            what = " and ".join(f"{name}s" for kind, name in PART_NAMES.items() if kind in kinds)
-            yield "exposure", f"must have at most {LIMITS.segments} {what} in all, but got {parts:,}"
+        regions = [region for region in self.exposure if segment_of(region, 0) is not None]
+        if (parts := sum(len(region.shapes) for region in regions)) > LIMITS.segments:
+            kinds = {region.kind for region in regions}
+            names = " and ".join(f"{name}s" for kind, name in PART_NAMES.items() if kind in kinds)
+            yield "exposure", f"must have at most {LIMITS.segments} {names} in all, but got {parts:,}"
         corners = sum(len(region.corners) for region in self.exposure if isinstance(region, Local))
         if corners > LIMITS.all_corners:
             yield "exposure", f"must have at most {LIMITS.all_corners:,} corners in all, but got {corners:,}"
@@ -161,19 +157,19 @@ class Task(Value):
             yield "task_seed", f"{rule}, but got {self.task_seed}"
         if self.load_cases == "ten-wrenches" and self.task_seed is None:
             yield "task_seed", 'must be given with load_cases = "ten-wrenches", but is missing'
-        tip, position = self.end_effector, self.end_effector.fixed_position
-        distance, least = math.hypot(*(position or ())), LEAST_OFFSET * self.module.arm_length
-        if position is not None and distance < least:
-            rule = f"takes its direction from p_E: `||end_effector.position|| >= {least:g}` must hold"
-            of_p_E = [e for e, region in enumerate(self.exposure) if needs_offset(region)]
-            yield from ((("exposure", e), f"{rule}, but got {show(tip.position)}") for e in of_p_E)
+        end_effector, position = self.end_effector, self.end_effector.fixed_position
+        distance, minimum = math.hypot(*(position or ())), LEAST_OFFSET * self.module.arm_length
+        if position is not None and distance < minimum:
+            rule = f"takes its direction from p_E: `||end_effector.position|| >= {minimum:g}` must hold"
+            numbers = [e for e, region in enumerate(self.exposure) if needs_offset(region)]
+            yield from ((("exposure", e), f"{rule}, but got {show(end_effector.position)}") for e in numbers)
         farthest = self.farthest_end_effector(self.sizes[-1]) if self.sizes else math.inf
         if distance > farthest:
             field = ("end_effector", "position")
-            yield field, f"`||position|| <= {farthest:g}` must hold, but got {show(tip.position)}"
-        if tip.stand_off > farthest:
+            yield field, f"`||position|| <= {farthest:g}` must hold, but got {show(end_effector.position)}"
+        if end_effector.stand_off > farthest:
             field = ("end_effector", "stand_off")
-            yield field, f"`stand_off <= {farthest:g}` must hold, but got {show(tip.stand_off)}"
+            yield field, f"`stand_off <= {farthest:g}` must hold, but got {show(end_effector.stand_off)}"
         if self.sizes and self.load_cases != "ten-wrenches":
             n = self.sizes[-1]
             units = self.force_unit(n), self.torque_unit(n)
@@ -187,52 +183,52 @@ class Task(Value):
         yield from self._broken_goals()
 
     def _broken_thrust(self) -> Broken:
-        """Yield what is wrong with the limits of rotor inputs."""
+        """Yield broken rules about limits of rotor inputs."""
         module = self.module
         due = module.max_thrust_to_weight * module.mass * self.gravity / 4
-        if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=AGREE):
+        if module.max_thrust is not None and not math.isclose(module.max_thrust, due, rel_tol=PRECISION):
             rule = f"must agree with max_thrust_to_weight = {module.max_thrust_to_weight:g}"
-            given = f"which is {due:.4g} N per rotor, but got {module.max_thrust}: leave one of them out"
-            yield ("module", "max_thrust"), f"{rule}, {given}"
+            but = f"which is {due:.4g} N per rotor, but got {module.max_thrust}: leave one of them out"
+            yield ("module", "max_thrust"), f"{rule}, {but}"
         lowest = min((self.search.peak_input, *self.goals.peak_input))
         if module.min_input >= lowest:
             rule = f"must be less than the largest share that rotors may use, {lowest:g}"
             yield ("module", "min_input"), f"{rule}, but got {module.min_input}"
 
     def _broken_hinges(self) -> Broken:
-        """Yield what is wrong with a set of hinge angles that has none within the folds that parts leave."""
+        """Yield the broken rule of a set of hinge angles without any clear fold."""
         angles = self.search.hinge_set_deg
         if angles is None or not (folds := self.folds(self.search.margin)):
             return
         if not any(low <= math.radians(angle) <= high for angle in angles for low, high in folds):
             field = "hinge_step_deg" if self.search.hinge_angles_deg is None else "hinge_angles_deg"
-            text = f"must have an angle that keeps rotors clear of a neighbour, {in_words(folds, ' deg')}, but got "
-            yield ("search", field), text + show(getattr(self.search, field))
+            rule = f"must have an angle that keeps rotors clear of a neighbour, {in_words(folds, ' deg')}"
+            yield ("search", field), f"{rule}, but got {show(getattr(self.search, field))}"
 
     def _broken_flight(self) -> Broken:
-        """Yield what contradicts itself in what is asked for beyond load cases, or is asked for and not given."""
+        """Yield contradictions and missing fields of the required capabilities."""
         torque = self.flight.rotor_out_torque
         if torque is not None and {self.flight.rotor_out, *self.goals.rotor_out} == {"none"}:
-            yield ("flight", "rotor_out_torque"), f'must be left out where rotor_out = "none", but got {torque:g}'
+            yield ("flight", "rotor_out_torque"), f'must be left out if rotor_out = "none", but got {torque:g}'
         if self.flight.tolerances and self.tolerances == Tolerances() and not any(self.goals.hinge_angle_deg):
-            rule = "must be false where all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
+            rule = "must be false if all of [tolerances] (hinge_angle_deg, position, envelope) are 0"
             yield ("flight", "tolerances"), f"{rule}, but got true"
         if self.search.interference == "parts" and (self.flight.tolerances or any(self.goals.hinge_angle_deg)):
-            rule = 'must be "airflow" where clearances must survive [tolerances], which nothing proves of parts'
+            rule = 'must be "airflow" if clearances must survive [tolerances], which is not proven for parts'
             yield ("search", "interference"), f'{rule}, but got "parts"'
         for name, goal in GOALS.items():
             part, field = goal.field.split(".")
             if part in ("flight", "tolerances") and getattr(self.goals, name):
                 table = getattr(self, part)
-                if (given := getattr(table, field)) != type(table).model_fields[field].default:
-                    rule = f"must be left out where goals.{name} has levels of it"
-                    yield (part, field), f"{rule}, but got {show(given)}"
+                if (actual := getattr(table, field)) != type(table).model_fields[field].default:
+                    rule = f"must be left out if goals.{name} has levels of it"
+                    yield (part, field), f"{rule}, but got {show(actual)}"
         for field in ("joint_moment", "joint_force"):
             if getattr(self.flight, field) == "rated" and getattr(self.module, field) is None:
                 yield ("module", field), f'must be given with flight.{field} = "rated", but is missing'
 
     def _broken_goals(self) -> Broken:
-        """Yield what is wrong with goals over several sizes, or over one."""
+        """Yield broken rules about goals."""
         if self.goals.speed and not self.exposure:
             yield ("goals", "speed"), f"needs an exposure, but got {show(self.goals.speed)}"
         if self.goals.modules and len(self.sizes) == 1:
@@ -251,14 +247,13 @@ class Task(Value):
 
     @property
     def sizes(self) -> range:
-        """Every number of modules that the task asks for."""
-        if isinstance(self.modules, tuple):
-            return range(self.modules[0], self.modules[1] + 1)
-        return range(self.modules, self.modules + 1)
+        """All numbers of modules of the task."""
+        fewest, most = self.modules if isinstance(self.modules, tuple) else (self.modules, self.modules)
+        return range(fewest, most + 1)
 
     @property
     def n(self) -> int:
-        """The number of modules of a task with a single size; ValueError for a range."""
+        """Number of modules of a task with a single size; ValueError for a range."""
         if isinstance(self.modules, tuple):
             raise ValueError(f"`modules` must be one number here, but got {list(self.modules)}")
         return self.modules
@@ -270,7 +265,7 @@ class Task(Value):
 
     @property
     def cases(self) -> tuple[LoadCase, ...]:
-        """The load cases, those of a random family drawn."""
+        """Load cases, with random ones drawn."""
         return ten_wrenches(self.task_seed or 0) if self.load_cases == "ten-wrenches" else self.load_cases
 
     def force_unit(self, n: int) -> float:
@@ -282,21 +277,24 @@ class Task(Value):
         return self.module.arm_length * self.force_unit(n)
 
     def farthest_end_effector(self, n: int) -> float:
-        """Return how far p_E may be from the COM of a platform of n modules [m]."""
+        """Return the largest allowed distance of p_E from the COM for n modules [m]."""
         return FARTHEST_TIP * 2 * n * (self.module.connector_distance + self.module.arm_length)
 
     def largest_reach(self, n: int) -> float | None:
-        """Return how far p_E may be from the connector of its rod on n modules [m]; None where that is free."""
-        given = self.end_effector.largest_reach
-        if given is not None:
-            return given or None
-        longest, rod = LARGE * packed_width(self.module, n), self.end_effector
-        # a fixed position may need a longer rod: `check` then warns of it
+        """Return the largest allowed distance of p_E from the connector of its rod for n modules [m]; None: any."""
+        reach = self.end_effector.largest_reach
+        if reach is not None:
+            return reach or None
+        packed, rod = LARGE * packed_width(self.module, n), self.end_effector
+        # a fixed position may need a longer rod, for which `check` warns
         limited = rod.rod == "straight" and rod.fixed_position is None
-        return min(longest, self.stiff_length(n)) if limited else longest
+        return min(packed, self.stiff_length(n)) if limited else packed
 
     def longest_lever(self, n: int) -> float:
-        """Return how far p_E can be from the COM in a clear audit [m]; no connector is 2 n l_c from that."""
+        """Return the largest distance of p_E from the COM in a clear design [m].
+
+        Every connector is less than 2 n l_c from the COM.
+        """
         position, reach = self.end_effector.fixed_position, self.largest_reach(n)
         lever = self.farthest_end_effector(n) if position is None else math.hypot(*position)
         if reach is not None:
@@ -304,89 +302,89 @@ class Task(Value):
         return lever + TOLERANCE * self.module.arm_length
 
     def stiff_length(self, n: int) -> float:
-        """Return the length at which a rod bends by `rod_deflection` under the largest loads at its tip [m]."""
+        """Return the length of rod that bends by `rod_deflection` under the largest loads at its tip [m]."""
         units = self.force_unit(n), self.torque_unit(n)
-        every = [each.to_si(*units) for case in self.cases for each in (case, *case.corners)]
-        wrenches = [case.at_end_effector for case in every]
+        cases = (corner for case in self.cases for corner in (case, *case.corners))
+        wrenches = [case.to_si(*units).at_end_effector for case in cases]
         force, torque = (max(math.hypot(*getattr(w, part)) for w in wrenches) for part in ("force", "torque"))
         return self.end_effector.stiff_length(force, torque, self.gravity)
 
     @property
     def max_thrust_to_weight(self) -> float:
-        """Largest thrust that a design may ask of a module, over the module's weight."""
+        """Largest thrust of a module in a design, over its weight."""
         return self.search.peak_input * self.module.max_thrust_to_weight
 
     @property
     def max_input(self) -> float:
-        """Largest squared rotor speed of a design, peak_input u_max [rad^2/s^2]."""
+        """Largest squared rotor speed in a design, peak_input u_max [rad^2/s^2]."""
         return self.search.peak_input * self.module.max_input(self.gravity)
 
     @property
     def min_input(self) -> float:
-        """Least squared rotor speed of a design [rad^2/s^2]."""
+        """Smallest squared rotor speed in a design [rad^2/s^2]."""
         return self.module.min_input * self.module.max_input(self.gravity)
 
     @property
     def min_thrust_to_weight(self) -> float:
-        """Least thrust of a module over its weight."""
+        """Smallest thrust of a module in a design, over its weight."""
         return self.module.min_input * self.module.max_thrust_to_weight
 
     @property
     def tip_radius(self) -> float | None:
-        """Radius of the ball around p_E that keeps out of airflow [m]; None if p_E may be in some."""
-        kept_out = self.body_clearance is not None and self.exclusion_radius is not None
-        return self.end_effector.rod_radius if kept_out else None
+        """Radius of the ball around p_E that must stay out of airflow [m]; None if p_E may be in airflow."""
+        is_excluded = self.body_clearance is not None and self.exclusion_radius is not None
+        return self.end_effector.rod_radius if is_excluded else None
 
     @property
     def exclusion_radius(self) -> float | None:
-        """d_E: least distance of p_E from every module's centre [m]; None when it is not asked for."""
+        """d_E: minimum distance of p_E from every module's centre [m]; None if not required."""
         l_c = self.module.connector_distance if self.end_effector.exclusion else 0.0
         return max(l_c, self.end_effector.stand_off) or None
 
     @property
     def separation(self) -> float:
-        """r_m: least distance of module centres in the ablation [m]."""
+        """r_m: minimum distance of module centres in the ablation [m]."""
         return self.search.separation or 2 * self.module.arm_length
 
     @property
     def body_clearance(self) -> float | None:
-        """Least distance of module centres not bolted together [m]; None when it is not asked for."""
-        given = self.search.body_clearance
-        if given is False or self.search.interference == "separation":
+        """Minimum distance of centres of modules not bolted together [m]; None if not required."""
+        clearance = self.search.body_clearance
+        if clearance is False or self.search.interference == "separation":
             return None
-        return given or 2 * (self.module.arm_length + self.module.body.rotor_radius)
+        return clearance or 2 * (self.module.arm_length + self.module.body.rotor_radius)
 
     @property
     def centre_distance(self) -> float | None:
-        """Distance of module centres not bolted together that the search keeps [m]; None without body clearance.
+        """Solver's minimum distance of centres of modules not bolted together [m]; None without body clearance.
 
-        `body_clearance`, or more if the balls around two modules' rigid parts need more: then no parts touch,
-        whichever way the modules are turned. That asks for 2 rho - body_clearance too much at most, 0.67 mm by
-        default. The audit asks for `body_clearance`, and measures the parts themselves.
+        `body_clearance`, or more if the balls around the modules' rigid parts need it: then no parts touch in any
+        orientation. This is conservative by at most 2 rho - body_clearance, 0.67 mm by default. The audit requires
+        `body_clearance`, and measures the parts themselves.
         """
         clearance = self.body_clearance
         return None if clearance is None else max(clearance, 2 * body_radius(self.module))
 
     @property
     def parts_off_airflow(self) -> bool:
-        """True if rotors, hubs and arms must keep out of other modules' airflow."""
+        """True if rotors, hubs and arms must stay out of other modules' airflow."""
         return self.body_clearance is not None or self.search.interference == "parts"
 
     @property
     def part_cover(self) -> Balls:
-        """Balls that the search keeps out of other modules' airflow: around all rigid parts if airflows may merge.
+        """Balls around rigid parts that the search keeps out of other modules' airflow.
 
-        Where they keep apart, parts within their own module's airflow need no balls.
+        If airflows must not merge, parts inside their own module's airflow need no balls.
         """
         return part_cover(self.module) if self.search.interference == "airflow" else whole_cover(self.module)
 
     def folds(self, margin: float = 0.0) -> Folds:
-        """Return what the search folds hinges to: +-pi/2, or what parts leave of it [rad].
+        """Return the folds of hinges that the search allows, within +-pi/2 [rad].
 
-        With body clearance rotors keep off the neighbour's parts; all parts keep out of its airflow.
+        With body clearance rotors must not touch the neighbour, and all parts must stay out of its airflow.
 
         Args:
-            margin: what they keep clear by at least [m].
+            margin: required clearance [m].
         """
         any_fold = ((-math.pi / 2, math.pi / 2),)
         apart = any_fold if self.body_clearance is None else clear_folds(self.module, margin)
@@ -394,29 +392,26 @@ class Task(Value):
 
     @property
     def joint_limits(self) -> tuple[float | None, float | None]:
-        """Limits of the force [N] and moment [N m] in a joint; None where there is no limit."""
+        """Limits of the force [N] and moment [N m] in a joint; None: no limit."""
         flight, module = self.flight, self.module
         force = module.joint_force if flight.joint_force == "rated" else flight.joint_force
         return force, module.joint_moment if flight.joint_moment == "rated" else flight.joint_moment
 
     def at(self, level: Level) -> Task:
-        """Return the task with its goals held at a level: a task without goals."""
+        """Return the task with its goals fixed at a level, without goals."""
         task = self.model_copy(update={"goals": Goals()})
         for goal, value in zip(GOALS.values(), level, strict=True):
             part, field = goal.field.split(".")
             if value is not None:
-                for each in range(len(task.exposure)) if part == "exposure" else (part,):
-                    task = task.with_fields(each, **{field: value})
+                for table in range(len(task.exposure)) if part == "exposure" else (part,):
+                    task = task.with_fields(table, **{field: value})
         required = True if level.hinge_angle_deg else task.flight.tolerances
         task = task.with_fields("flight", tolerances=None if task.tolerances == Tolerances() else required)
-        # without failures no torque is left for them
+        # without failures there is no torque after one
         return task.with_fields("flight", rotor_out_torque=None) if task.flight.rotor_out == "none" else task
 
     def with_fields(self, part: str | int, **fields: Any) -> Self:
-        """Return the task with fields of one of its tables changed, or of an exposure requirement by its number.
-
-        Nothing is checked.
-        """
+        """Return the task with changed fields of a table, or of an exposure requirement by number, unvalidated."""
         if isinstance(part, str):
             return self.model_copy(update={part: getattr(self, part).model_copy(update=fields)})
         changed = self.exposure[part].model_copy(update=fields)
@@ -425,7 +420,7 @@ class Task(Value):
     def resolve(self, n: int) -> ResolvedTask:
         """Return the task for n modules with every default filled in and its load cases in N and N m.
 
-        It has no goals: what a design is held to are the fields that they are levels of.
+        The result has no goals: a design meets the fields that they set.
         """
         units, grows = (self.force_unit(n), self.torque_unit(n)), self.end_effector.rod_mass == "included"
         lengths = {"separation": self.separation, "body_clearance": self.body_clearance or False}
@@ -447,7 +442,7 @@ class Task(Value):
 
 
 class ResolvedTask(Task):
-    """A self-contained task for one number of modules: every default filled in, load cases in SI."""
+    """Self-contained task for one number of modules: every default filled in, load cases in SI."""
 
     modules: Count
     end_effector: ResolvedEndEffector = ResolvedEndEffector()
@@ -467,7 +462,7 @@ class ResolvedTask(Task):
                 yield ("load_cases", k, "carries_weight"), text
 
     def with_rod(self, rod: CountedRod | None) -> ResolvedTask:
-        """Return the task of platforms with a rod that counts, or None, and with what grows with the weight."""
+        """Return the task for a platform whose rod counts, or None; loads in units of weight grow with it."""
         if rod == self.end_effector.counted_rod:
             return self
         end_effector = self.end_effector.model_copy(update={"counted_rod": rod})
@@ -478,12 +473,12 @@ class ResolvedTask(Task):
 
     @property
     def lightest(self) -> ResolvedTask:
-        """The task as no platform is lighter: what bounds and proofs are about."""
+        """Task for the lightest platform, without a counted rod: the basis of bounds and proofs."""
         return self.with_rod(None)
 
     @property
     def heaviest_rod(self) -> float:
-        """Largest mass of a rod that counts in a clear audit [kg]."""
+        """Largest mass of a counted rod in a clear design [kg]."""
         if self.end_effector.rod_mass == "ignored":
             return 0.0
         longest = (self.largest_reach(self.n) or 0.0) + TOLERANCE * self.module.arm_length
@@ -491,29 +486,29 @@ class ResolvedTask(Task):
 
     @property
     def declared(self) -> ResolvedTask:
-        """The task as it stands in a design: the same but of one whose sets of wrenches are written out."""
+        """Task without expanded sets of wrenches, as in a design file."""
         return self
 
     @property
     def case_labels(self) -> tuple[str, ...]:
-        """Names of the load cases wherever they are mentioned."""
+        """Labels of the load cases."""
         return labels(self.load_cases)
 
     @property
     def dead_rotors(self) -> tuple[int | None, ...]:
-        """The rotor that does not run in each load case, counted module by module: none where all do."""
+        """Number of the dead rotor in each load case, in module-major order; None: all rotors run."""
         return (None,) * len(self.load_cases)
 
     @property
     def accelerations(self) -> tuple[Vector, ...]:
-        """Angular acceleration of the platform in each load case, beside its wrench [rad/s^2]: none."""
+        """Angular acceleration of the platform in each load case, besides its wrench [rad/s^2]; zero here."""
         return ((0.0, 0.0, 0.0),) * len(self.load_cases)
 
 
-def before_requirement(data: Any) -> Any:
-    """Return the data of a task in a run's or a design's file; without `flight.tolerances` they are only measured.
+def with_older_defaults(data: Any) -> Any:
+    """Return the data of a task in a run or design file, with the default of older files for `flight.tolerances`.
 
-    Such a file is from before tolerances were required by default; later ones write the field.
+    Before tolerances were required by default, they were only measured. Newer files always have the field.
     """
     if not isinstance(data, dict) or not isinstance(flight := data.get("flight", {}), dict):
         return data

@@ -1,21 +1,21 @@
-"""Values of a task that are allowed but seldom meant: what `topo-search check` warns about.
+"""Warnings of `topo-search check`: values of a task that are allowed but probably unintended.
 
-Some values no machine has: grams for kilograms or newtons, millimetres, rpm, radians. Each value is judged by
-others that a slip of units would not change with it: lengths by the arm, the mass by the area of its rotors,
-coefficients by their radius. What is judged by a doubtful value is not judged.
+Many come from wrong units: grams for kilograms or newtons, millimetres, rpm, radians. Each value is compared with
+others that the same slip would not change: lengths with the arm, the mass with the rotor area, coefficients with
+the rotor radius. A value is not checked against one that is itself suspicious.
 
 | symbol | meaning | unit |
 |---|---|---|
-| l_arm, r | arm; radius of a rotor, half an arm where the task leaves it out | m |
+| l_arm, r | arm length; radius of a rotor, l_arm / 2 by default | m |
 | m, m_E | masses of a module and of the end-effector | kg |
 | k_f, k_tau | thrust and drag torque of a rotor over its squared speed | N s^2, N m s^2 |
 | C_T | 4 pi^2 k_f / (rho (2 r)^4), thrust coefficient of a propeller | |
 | m g / (4 pi r^2) | disc loading in hover | N/m^2 |
 
-Measured small propellers have C_T of 0.05 to 0.2 at rest (Brandt and Selig, AIAA 2011-1255). Per rpm^2, k_f is 91
-times smaller, so that ranges with room for every propeller tell the two apart. Disc loadings of multirotors are 20
-to 300 N/m^2. Figures of merit of small rotors are 0.35 to 0.8; above 1 there are none, and
-`read_task` refuses them.
+Small propellers at rest have C_T between 0.05 and 0.2 (Brandt and Selig, AIAA 2011-1255). Per rpm^2, k_f is 91
+times smaller, so a range wide enough for every propeller detects that unit. Disc loadings of multirotors are 20 to
+300 N/m^2. Figures of merit of small rotors are 0.35 to 0.8; `read_task` refuses values above 1, which are
+impossible.
 
 | symbol | meaning | unit |
 |---|---|---|
@@ -40,12 +40,12 @@ from topo_search.model.value import show
 
 
 class TaskWarning(NamedTuple):
-    """A value that is allowed but seldom meant."""
+    """Allowed but suspicious value of a task."""
 
     path: str
-    """The field, e.g. `load_cases[2]`."""
+    """Path of the field, e.g. `load_cases[2]`."""
     words: str
-    """Reason why it is suspicious, and what may have been meant."""
+    """Reason for the warning, and what may be intended."""
 
     def __str__(self) -> str:
         """Return `path: words`."""
@@ -53,21 +53,21 @@ class TaskWarning(NamedTuple):
 
 
 Doubts = Iterator[tuple[str, str]]
-"""Fields with what is suspicious about them."""
+"""Fields, and what is suspicious about each."""
 
 
 def doubts(task: Task) -> Doubts:
-    """Yield the fields of a task whose unit is doubtful, with the reason."""
-    for step in (_absolute(task.module), _arm_lengths(task), chain(_mass(task), _thrust_coefficient(task))):
-        doubtful = tuple(step)
-        yield from doubtful
-        if doubtful:
+    """Yield the fields of a task whose unit may be wrong, with the reason."""
+    for step in (_module_size(task.module), _arm_lengths(task), chain(_mass(task), _thrust_coefficient(task))):
+        suspicious = tuple(step)
+        yield from suspicious
+        if suspicious:
             break
     else:
-        doubtful = (*_by_mass(task), *_torque_coefficient(task.module))
-        yield from doubtful or _rotor(task)
+        suspicious = (*_by_mass(task), *_torque_coefficient(task.module))
+        yield from suspicious or _rotor(task)
     yield from _angles(task)
-    yield from _beside_the_module(task)
+    yield from _accessories(task)
 
 
 def _usual(path: str, value: float, low: float, high: float, unit: str, basis: str = "") -> Doubts:
@@ -76,14 +76,14 @@ def _usual(path: str, value: float, low: float, high: float, unit: str, basis: s
         yield path, f"{value:g} {unit} is outside {usual}: is the unit right?"
 
 
-def _absolute(module: Module) -> Doubts:
+def _module_size(module: Module) -> Doubts:
     yield from _usual("module.mass", module.mass, 0.01, 50.0, "kg")
     yield from _usual("module.arm_length", module.arm_length, 0.01, 2.0, "m")
     yield from _usual("module.connector_distance", module.connector_distance, 0.01, 3.0, "m")
 
 
 def _arm_lengths(task: Task) -> Doubts:
-    """Yield lengths that do not go with the arm."""
+    """Yield lengths that do not fit the arm length."""
     module, body, arm = task.module, task.module.body, task.module.arm_length
     ranges = (
         ("module.connector_distance", module.connector_distance, 0.2, 5.0),
@@ -100,8 +100,8 @@ def _arm_lengths(task: Task) -> Doubts:
 
 
 def _radius(module: Module) -> float:
-    left_out = module.body.rotor_radius == Body().rotor_radius
-    return module.arm_length / 2 if left_out else module.body.rotor_radius
+    is_default = module.body.rotor_radius == Body().rotor_radius
+    return module.arm_length / 2 if is_default else module.body.rotor_radius
 
 
 def _mass(task: Task) -> Doubts:
@@ -113,7 +113,7 @@ def _mass(task: Task) -> Doubts:
 
 def _thrust_coefficient(task: Task) -> Doubts:
     module, r = task.module, _radius(task.module)
-    low, high = 0.01, 1.0  # usual C_T: a fifth of the least measured to five times the largest
+    low, high = 0.01, 1.0  # usual C_T: from a fifth of the smallest measured one to five times the largest
     air_density = 1.225  # at sea level [kg/m^3]
     C_T = 4 * math.pi**2 * module.thrust_coefficient / (air_density * (2 * r) ** 4)
     if module.thrust_coefficient != Module().thrust_coefficient and not low <= C_T <= high:
@@ -139,44 +139,44 @@ def _torque_coefficient(module: Module) -> Doubts:
 
 
 def _rotor(task: Task) -> Doubts:
-    """Yield what no rotor of that size does at rest."""
+    """Yield what is implausible for a rotor of that size at rest."""
     module, r = task.module, task.module.body.rotor_radius
-    of = f"of rotors of {r:g} m radius"
+    rotors = f"of rotors of {r:g} m radius"
     if not 0.35 <= (merit := module.figure_of_merit(task.air_density)) <= 0.8:
         drag = module.torque_coefficient / module.thrust_coefficient
         yield (
             _torque_field(module),
-            f"the figure of merit {of} is {merit:.3g}, usual are 0.35 to 0.8: with k_tau / k_f = {drag:.3g} m they "
-            f"take {'less' if merit > 0.8 else 'more'} power than any that are built",
+            f"the figure of merit {rotors} is {merit:.3g}, usual are 0.35 to 0.8: with k_tau / k_f = {drag:.3g} m "
+            f"they take {'less' if merit > 0.8 else 'more'} power than any that are built",
         )
     if not 0.05 <= (C_T := module.propeller_coefficient(task.air_density)) <= 0.2:
-        yield "module.thrust_coefficient", f"C_T {of} is {C_T:.3g}, usual are 0.05 to 0.2"
+        yield "module.thrust_coefficient", f"C_T {rotors} is {C_T:.3g}, usual are 0.05 to 0.2"
     if not 0.5 <= module.jet_momentum <= 2:
         yield (
             "module.airflow.jet",
-            f"the jet carries {module.jet_momentum:.3g} of the thrust as momentum {of}, which should be near 1: "
-            "its constants were measured of other modules",
+            f"the jet carries {module.jet_momentum:.3g} of the thrust as momentum {rotors}, which should be near "
+            "1: its constants were measured on other modules",
         )
     sound = 340.0  # at 15 degrees Celsius [m/s]
     if (speed := module.tip_speed(module.max_input(task.gravity))) > 0.6 * sound:
-        words = f"at full thrust tips {of} move at {speed:.3g} m/s, more than 0.6 times the speed of sound"
+        words = f"at full thrust tips {rotors} move at {speed:.3g} m/s, more than 0.6 times the speed of sound"
         yield "module.thrust_coefficient", words
 
 
 def _by_mass(task: Task) -> Doubts:
-    """Yield thrusts, masses and inertia that do not go with the module's mass."""
+    """Yield thrusts, masses and inertia that do not fit the module's mass."""
     module, tip, n = task.module, task.end_effector, task.sizes[-1]
     much = 20.0  # thrust over weight; racing quadrotors reach 15
     if (ratio := module.max_thrust_to_weight) > much:
         name, hint = ("max_thrust_to_weight", "is it a ratio, not a thrust or per cent?")
         if module.max_thrust is not None:
             name, hint = "max_thrust", "is it of one rotor in N, and the mass in kg?"
-        words = f"the thrust of a module is {ratio:.3g} times its weight, {much:g} being much: {hint}"
+        words = f"the thrust of a module is {ratio:.3g} times its weight, more than the usual {much:g}: {hint}"
         yield f"module.{name}", words
     if tip.mass > n * module.mass:
         modules = "the module" if n == 1 else f"all {n} modules"
         yield "end_effector.mass", f"{tip.mass:g} kg is more than {modules}, {n * module.mass:g} kg: is it in kg?"
-    # no usual material is as dense; tungsten has 19,300 kg/m^3
+    # tungsten, denser than any usual material, has 19,300 kg/m^3
     if (density := tip.rod_linear_density / (math.pi * tip.rod_radius**2)) > 20_000.0:
         yield (
             "end_effector.rod_linear_density",
@@ -190,8 +190,8 @@ def _by_mass(task: Task) -> Doubts:
         yield from _usual(f"module.body.inertia[{k}]", moment, least, most, "kg m^2", basis)
 
 
-def _beside_the_module(task: Task) -> Doubts:
-    """Yield what no rod, battery, joint or workshop has."""
+def _accessories(task: Task) -> Doubts:
+    """Yield implausible properties of rod, battery, joints and tolerances."""
     module, tip, arm = task.module, task.end_effector, task.module.arm_length
     weight = task.force_unit(task.sizes[-1])
     yield from _usual("end_effector.rod_modulus", tip.rod_modulus, 1e8, 1e12, "Pa")
@@ -201,16 +201,16 @@ def _beside_the_module(task: Task) -> Doubts:
         yield from _usual(f"tolerances.{name}", error, 0.0, arm, "m", ", the length of an arm")
     if module.battery_Wh is not None:  # cells have up to 0.3 kW h/kg
         yield from _usual("module.battery_Wh", module.battery_Wh, 0.0, 500 * module.mass, "W h", " by its mass")
-    for name, most, unit in (("joint_force", 100 * weight, "N"), ("joint_moment", 100 * weight * arm, "N m")):
+    for name, largest, unit in (("joint_force", 100 * weight, "N"), ("joint_moment", 100 * weight * arm, "N m")):
         if (rated := getattr(module, name)) is not None:
-            yield from _usual(f"module.{name}", rated, 0.0, most, unit, " by the platform's weight")
+            yield from _usual(f"module.{name}", rated, 0.0, largest, unit, " by the platform's weight")
 
 
 def _angles(task: Task) -> Doubts:
     cones = {f"load_cases[{k}].cone": case.cone.half_angle_deg for k, case in enumerate(task.cases) if case.cone}
-    exteriors = ((e, one) for e, one in enumerate(task.exposure) if isinstance(one, Exterior))
-    cones |= {f"exposure[{e}]": one.half_angle_deg for e, one in exteriors}
-    least = 1.6  # angles of cones up to here may be radians: a right angle is 1.571
+    exteriors = ((e, region) for e, region in enumerate(task.exposure) if isinstance(region, Exterior))
+    cones |= {f"exposure[{e}]": region.half_angle_deg for e, region in exteriors}
+    least = 1.6  # smaller cone angles may be radians: a right angle is 1.571
     angles = (
         ("module.airflow.spread_angle_deg", task.module.airflow.spread_angle_deg, least),
         *((f"{path}.half_angle_deg", half_angle, least) for path, half_angle in cones.items()),
@@ -223,13 +223,11 @@ def _angles(task: Task) -> Doubts:
 
 
 def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
-    """Return the warnings about a task, in the order of its file."""
+    """Return the warnings about a task, in the order of the task file."""
     n = task.sizes[-1]
-    steps = (
-        *(_gravity(task), doubts(task), _module(task.module), _rod(task, n), _lengths(task, n)),
-        *(_meshes(task), _thrust(task, n), _load_cases(task, n), _search(task)),
-    )
-    return tuple(starmap(TaskWarning, chain.from_iterable(steps)))
+    parts = chain(_gravity(task), doubts(task), _module(task.module), _rod(task, n), _lengths(task, n))
+    requirements = chain(_meshes(task), _thrust(task, n), _load_cases(task, n), _search(task))
+    return tuple(starmap(TaskWarning, chain(parts, requirements)))
 
 
 def _gravity(task: Task) -> Doubts:
@@ -238,7 +236,7 @@ def _gravity(task: Task) -> Doubts:
 
 
 def _module(module: Module) -> Doubts:
-    """Yield what hints at parts that cannot be as they are given."""
+    """Yield signs of parts that cannot be built as given."""
     body = module.body
     if 2 * body.rotor_radius > math.sqrt(2) * module.arm_length:
         yield "module.body.rotor_radius", "adjacent rotors of a module overlap"
@@ -258,7 +256,7 @@ def _module(module: Module) -> Doubts:
 
 
 def _lengths(task: Task, n: int) -> Doubts:
-    """Yield lengths at the target that look as if they were in centimetres or millimetres."""
+    """Yield lengths at the target that may be in centimetres or millimetres."""
     width = packed_width(task.module, n)
     for path, length, usual in _lengths_at_target(task):
         if length > usual * width:
@@ -283,55 +281,55 @@ def _meshes(task: Task) -> Doubts:
 
 
 def _rod(task: Task, n: int) -> Doubts:
-    """Yield a reach at which the rod bends farther than it may."""
-    rod, stiff, reach = task.end_effector, task.stiff_length(n), task.largest_reach(n)
-    if rod.rod == "straight" and (reach or math.inf) > stiff:
+    """Yield the reach, if rods that long would bend too much."""
+    rod, stiff_length, reach = task.end_effector, task.stiff_length(n), task.largest_reach(n)
+    if rod.rod == "straight" and (reach or math.inf) > stiff_length:
         if rod.largest_reach is not None:
             field, allowed = "end_effector.largest_reach", f"{reach:g} m allows" if reach else "false allows"
-        elif math.hypot(*(rod.fixed_position or ())) > stiff:
+        elif math.hypot(*(rod.fixed_position or ())) > stiff_length:
             field, allowed = "end_effector.position", "needs or allows"
         else:
             return
         yield (
             field,
-            f"{allowed} rods longer than {stiff:.3g} m: at that length one of {2000 * rod.rod_radius:g} mm "
+            f"{allowed} rods longer than {stiff_length:.3g} m: at that length one of {2000 * rod.rod_radius:g} mm "
             f"diameter bends by rod_deflection = {1000 * rod.rod_deflection:g} mm under the largest load of the "
             "task and its own weight",
         )
 
 
 def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
-    """Yield each length with its field and the most that is usual, in packed widths."""
+    """Yield (field, length, largest usual length in packed widths) of each length at the target."""
     long_path, tip = 20.0, task.end_effector
     yield "end_effector.position", math.hypot(*(tip.fixed_position or ())), LARGE
     yield "end_effector.stand_off", tip.stand_off, LARGE
     yield "end_effector.largest_reach", tip.largest_reach or 0.0, LARGE
     for e, exposure in enumerate(task.exposure):
-        at = f"exposure[{e}]"
+        prefix = f"exposure[{e}]"
         if isinstance(exposure, Local | Directional):
-            yield f"{at}.radius", exposure.radius or 0.0, LARGE
+            yield f"{prefix}.radius", exposure.radius or 0.0, LARGE
         if isinstance(exposure, Local):
-            yield at, max((math.hypot(*corner) for corner in exposure.corners.tolist()), default=0.0), LARGE
+            yield prefix, max((math.hypot(*corner) for corner in exposure.corners.tolist()), default=0.0), LARGE
         if isinstance(exposure, Directional):
             for k, end in enumerate(exposure.segments or ()):
-                yield f"{at}.segments[{k}]", math.hypot(*end), long_path
+                yield f"{prefix}.segments[{k}]", math.hypot(*end), long_path
             for k, points in enumerate(exposure.polylines or ()):
-                yield f"{at}.polylines[{k}]", max(math.hypot(*point) for point in points), long_path
-            yield f"{at}.length", exposure.length or 0.0, long_path
+                yield f"{prefix}.polylines[{k}]", max(math.hypot(*point) for point in points), long_path
+            yield f"{prefix}.length", exposure.length or 0.0, long_path
         if isinstance(exposure, Allowed):
             for k, plane in enumerate(exposure.planes):
-                yield f"{at}.planes[{k}].offset", abs(plane.offset), LARGE
+                yield f"{prefix}.planes[{k}].offset", abs(plane.offset), LARGE
 
 
 def _thrust(task: Task, n: int) -> Doubts:
-    most, weight = largest_thrust(task, n), task.force_unit(n)
-    if most < weight:
-        load, pull = excess_texts(weight, most)
-        units = ": are thrusts in N and masses in kg?" if 2 * most < weight else ""
+    thrust, weight = largest_thrust(task, n), task.force_unit(n)
+    if thrust < weight:
+        load, total = excess_texts(weight, thrust)
+        units = ": are thrusts in N and masses in kg?" if 2 * thrust < weight else ""
         limit = "module.max_thrust_to_weight" if task.module.max_thrust is None else "module.max_thrust"
         yield (
             limit if task.search.peak_input == 1 else "search.peak_input",
-            f"all rotors together produce at most {pull} N, but {_platform(n)} weigh {load} N{units}",
+            f"all rotors together produce at most {total} N, but {_platform(n)} weigh {load} N{units}",
         )
 
 
@@ -339,8 +337,8 @@ def _load_cases(task: Task, n: int) -> Doubts:
     if task.load_cases == "ten-wrenches":
         return
     weight = task.force_unit(n)
-    unnamed = [case.model_copy(update={"name": None}) for case in task.load_cases]
-    cases = [case.to_si(weight, task.torque_unit(n)) for case in unnamed]
+    unnamed_cases = [case.model_copy(update={"name": None}) for case in task.load_cases]
+    cases = [case.to_si(weight, task.torque_unit(n)) for case in unnamed_cases]
     for k, case in enumerate(cases):
         path, upwards = f"load_cases[{k}]", case.at_com.force[2] + case.at_end_effector.force[2]
         if case.largest == 0:
@@ -372,17 +370,18 @@ def _search(task: Task) -> Doubts:
     margin = task.search.margin
     folds = task.folds(margin)
     if not folds:
-        yield "module.body", "no hinge angle is known to keep rotors off a bolted neighbour and its airflow"
+        yield "module.body", "no hinge angle is known to keep rotors clear of a bolted neighbour and its airflow"
     elif folds != ((-math.pi / 2, math.pi / 2),):
         turns = f"hinges turn by {in_words(folds, ' deg')}"
         yield "module.body", f"{turns}: rotors reach a bolted neighbour or its airflow"
         angles = task.search.hinge_set_deg or ()
-        shut = [a for a in angles if not any(low <= math.radians(a) <= high for low, high in folds)]
-        if shut:
-            some = ", ".join(f"{angle:g}" for angle in shut[:4]) + (", ..." if len(shut) > 4 else "")
+        unusable = [a for a in angles if not any(low <= math.radians(a) <= high for low, high in folds)]
+        if unusable:
+            examples = ", ".join(f"{angle:g}" for angle in unusable[:4]) + (", ..." if len(unusable) > 4 else "")
             yield (
                 "search.hinge_angles_deg" if task.search.hinge_angles_deg else "search.hinge_step_deg",
-                f"{len(shut)} of {len(angles)} angles, {some} deg, are beyond what hinges turn by, and never used",
+                f"{len(unusable)} of {len(angles)} angles, {examples} deg, are beyond what hinges turn by, and "
+                "never used",
             )
     if margin == 0:
         yield "search.margin", "with 0, clearances may be too close to zero for the audit to prove them"
@@ -395,12 +394,12 @@ def _platform(n: int) -> str:
 
 
 def largest_thrust(task: Task, n: int) -> float:
-    """Return what all rotors of n modules together may pull with, if all point the same way [N]."""
+    """Return the total thrust of all rotors of n modules that point in the same direction [N]."""
     return 4 * n * task.module.thrust_coefficient * task.max_input
 
 
 def _hovers(case: LoadCase, weight: float) -> bool:
-    """True if a load case asks for nothing but to carry the weight."""
+    """True if a load case only carries the weight."""
     wrench = case.at_com
     others = (*case.at_end_effector.force, *case.at_end_effector.torque, *wrench.force[:2], *wrench.torque)
     return not any(others) and math.isclose(wrench.force[2], weight)

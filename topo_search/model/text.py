@@ -1,7 +1,4 @@
-"""Text that anybody may have written, as data: files of a limited size, TOML, JSON, `FIELD=VALUE` settings.
-
-Tables as people see them are CSV files that they open in spreadsheets, and HTML in a notebook.
-"""
+"""Untrusted text as data: files of limited size, TOML, JSON, `FIELD=VALUE` settings; and tables as CSV and HTML."""
 
 from __future__ import annotations
 
@@ -23,23 +20,22 @@ from topo_search.model.value import BadInput, Fault, show
 
 
 class NotReadable(ValueError):
-    """A file that is not read; says which rule it breaks, and what it is."""
+    """File that is refused; the message names the rule and what was found."""
 
 
 def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
     """Return the content of a regular file.
 
-    Nothing is read before the open file itself is known to be a regular one of at most that size, so that no pipe
-    can keep the reader waiting and no device can fill the memory.
+    The open file is checked before it is read, so that no pipe can block the reader and no device fill the memory.
 
     Args:
-        path: the file, or a link to it.
-        most_bytes: size from which it is refused.
+        path: file, or a link to one.
+        most_bytes: largest size that is read.
 
     Raises:
-        NotReadable: it is no regular file, is too large, or has a name that no file can have.
-        FileNotFoundError: there is none.
-        OSError: it cannot be opened or read.
+        NotReadable: not a regular file, too large, or an invalid file name.
+        FileNotFoundError: there is no such file.
+        OSError: the file cannot be opened or read.
     """
     try:
         _require_regular(os.stat(path), most_bytes)  # so that no device or pipe is even opened
@@ -49,11 +45,11 @@ def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
             raise
         raise NotReadable(f"must have a name that a file can have ({error})") from None
     with os.fdopen(handle, "rb") as stream:
-        _require_regular(os.fstat(handle), most_bytes)  # what is there now
+        _require_regular(os.fstat(handle), most_bytes)  # it may have been replaced since
         content = stream.read(most_bytes + 1)
-    if content is None:  # a log of the kernel calls itself regular
+    if content is None:  # a kernel log claims to be a regular file
         raise NotReadable("must be a regular file, but reading it would wait")
-    if len(content) > most_bytes:  # it grows
+    if len(content) > most_bytes:  # the file is growing
         raise NotReadable(f"must have at most {most_bytes:,} bytes, but has more")
     return content
 
@@ -74,41 +70,37 @@ def _require_regular(status: os.stat_result, most_bytes: int) -> None:
 
 
 def decode(content: bytes, encoding: str = "utf-8") -> str:
-    """Return the text of a file.
-
-    Raises:
-        NotReadable: names the first byte that is no text.
-    """
+    """Return the text of a file; NotReadable names the first invalid byte."""
     try:
         return content.decode(encoding)
     except UnicodeDecodeError as error:
-        at = error.start + len(content) - len(error.object)  # a codec leaves out the mark that comes first
-        raise NotReadable(f"must be UTF-8 text, but got the byte {content[at]:#04x} at offset {at}") from None
+        i = error.start + len(content) - len(error.object)  # a codec drops the byte order mark
+        raise NotReadable(f"must be UTF-8 text, but got the byte {content[i]:#04x} at offset {i}") from None
 
 
 def read_text(path: str | Path, *, most_bytes: int) -> str:
-    """Return the text of a regular file, without the mark that some programs put first; see `read_regular`."""
+    """Return the text of a regular file, without a byte order mark; see `read_regular`."""
     return decode(read_regular(path, most_bytes=most_bytes), "utf-8-sig")
 
 
 class NotParsed(ValueError):
-    """A text that is not what it is to be; says why."""
+    """Text that cannot be parsed; the message says why."""
 
     def __init__(self, rule: str, *, beyond: bool = False) -> None:
         super().__init__(rule)
         self.beyond = beyond
-        """True if it is beyond a limit, and not read any further."""
+        """True if it exceeds a limit and was not parsed at all."""
 
 
 def toml_data(text: str) -> dict[str, Any]:
     """Return the data of a TOML text.
 
     Raises:
-        NotParsed: it is none, or has very many lists, brackets within each other or parts of a key.
+        NotParsed: invalid TOML, or too many lists, nested brackets or parts of a key.
     """
     if (lists := text.count("[")) > LIMITS.lists:
         raise NotParsed(f"must have at most {LIMITS.lists:,} lists, but has {lists:,}", beyond=True)
-    # A key of too many parts: the parser would take hours for it, as its time grows with the cube of their number.
+    # The parser's time grows with the cube of the parts of a key: long keys would take hours.
     part = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
     too_many = rf"""(?<![A-Za-z0-9_."'-]){part}(?:[ \t]*+\.[ \t]*+{part}){{{LIMITS.key_parts}}}"""
     if (dotted := re.search(too_many, text)) is not None:
@@ -123,21 +115,17 @@ def toml_data(text: str) -> dict[str, Any]:
 
 
 def json_data(text: str) -> Any:
-    """Return the data of a JSON text, in which no name is given twice.
-
-    Raises:
-        NotParsed: it is none, or gives a name twice.
-    """
+    """Return the data of a JSON text; NotParsed if it is invalid, or an object has a name twice."""
     try:
-        return json.loads(text, object_pairs_hook=_table)
+        return json.loads(text, object_pairs_hook=_unique_names)
     except NotParsed:
         raise
     except (ValueError, RecursionError) as error:
         raise NotParsed(f"is not a JSON file, or only a part of one: {error}") from None
 
 
-def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Refuse a name that an object gives twice: which of the two values counts is anyone's guess."""
+def _unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object as a table; NotParsed for a repeated name, whose value would be ambiguous."""
     table = dict(pairs)
     if len(table) < len(pairs):
         ((name, _),) = Counter(name for name, _ in pairs).most_common(1)
@@ -156,15 +144,15 @@ PAPER = (
     "end_effector.largest_reach=false",
     "module.airflow.regions=false",
 )
-"""The paper's literal problem: its root has two angles, no margin, nothing but airflow between frames, no rod, one
-envelope of airflow."""
+"""Settings for the paper's literal problem: two root angles, no margin, only airflow clearances between modules, no
+rod, one airflow envelope."""
 
 
 def apply_settings(data: dict[str, Any], settings: tuple[str, ...]) -> None:
-    """Set fields of a task's data, in order; whether they exist and fit is for the task to say.
+    """Set fields of a task's data, in order; the task validates them later.
 
     Raises:
-        BadInput: one fault for each setting that is none, or that leads into something without fields.
+        BadInput: one fault per malformed setting, or setting whose path leads through a value without fields.
     """
     faults = [fault for setting in settings if (fault := _apply(data, setting))]
     if faults:
@@ -172,7 +160,7 @@ def apply_settings(data: dict[str, Any], settings: tuple[str, ...]) -> None:
 
 
 def field_of(setting: str) -> tuple[str, ...]:
-    """Return the names that lead to the field of a setting; none of what is no setting."""
+    """Return the path to the field of a setting; empty if the setting is malformed."""
     match = SETTING.fullmatch(setting)
     return () if match is None else tuple(re.findall(r"\w+", match[1]))
 
@@ -190,11 +178,11 @@ def _apply(data: dict[str, Any], setting: str) -> Fault | None:
         value = _value(match[2])
     except NotParsed as error:
         return Fault(match[1], str(error))
-    return _lay(data, names, value, above="")
+    return _set(data, names, value, above="")
 
 
-def _lay(container: Any, names: list[str], value: Any, *, above: str) -> Fault | None:
-    """Go down the names from `container`, which is the field `above`, and lay the value at their end."""
+def _set(container: Any, names: list[str], value: Any, *, above: str) -> Fault | None:
+    """Set the value at the path `names` below `container`, the field `above`; return the fault if that fails."""
     name, *rest = names
     path = f"{above}.{name}" if above else name
     key: str | int = name
@@ -209,33 +197,25 @@ def _lay(container: Any, names: list[str], value: Any, *, above: str) -> Fault |
         return None
     if isinstance(container, dict):
         container.setdefault(name, {})
-    return _lay(container[key], rest, value, above=path)
+    return _set(container[key], rest, value, above=path)
 
 
 def _value(text: str) -> Any:
-    """Read a value as TOML writes it; what is none is a text.
-
-    Raises:
-        NotParsed: it has brackets within brackets, or a key, beyond all use.
-    """
+    """Return the value of a TOML text; invalid TOML is a string. NotParsed if it exceeds a limit."""
     try:
-        read = toml_data(f"value = {text}")
+        data = toml_data(f"value = {text}")
     except NotParsed as error:
         if error.beyond:
             raise
         return text.strip()
-    return read["value"] if len(read) == 1 else text.strip()
+    return data["value"] if len(data) == 1 else text.strip()
 
 
 Cell = TypeVar("Cell")
 
 
 def escape_formula(cell: Cell) -> Cell | str:
-    """Return what to write for a cell: a text that would be a formula gets a quote before it, as in spreadsheets.
-
-    Numbers stay numbers, also those that are given as texts.
-    """
-    # a spreadsheet takes a text that begins like this for a formula, and runs it
+    """Return a cell in which a string that a spreadsheet would run as a formula is quoted; numbers stay numbers."""
     if not isinstance(cell, str) or not cell.startswith(("=", "+", "-", "@", "\t", "\r")):
         return cell
     try:
@@ -248,24 +228,24 @@ def escape_formula(cell: Cell) -> Cell | str:
 def csv_text(head: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
     """Return a table as the text of a CSV file."""
     text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(head)
-    table.writerows(map(escape_formula, row) for row in rows)
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(map(escape_formula, row) for row in rows)
     return text.getvalue()
 
 
 def heading(text: str) -> str:
-    """Return a line in bold."""
+    """Return a bold line of HTML."""
     return f"<p><b>{escape(text)}</b></p>"
 
 
 def paragraph(text: str) -> str:
-    """Return a line."""
+    """Return a line of HTML."""
     return f"<p>{escape(text)}</p>"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return a table; None is an empty cell, a number is written with six digits."""
+    """Return an HTML table; None is an empty cell, floats have six digits."""
     lines = ["".join(f"<td>{escape(_cell(value))}</td>" for value in row) for row in rows]
     names = "".join(f"<th>{escape(name)}</th>" for name in head)
     body = "".join(f"<tr>{line}</tr>" for line in lines)
@@ -273,7 +253,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def html_page(title: str, style: str, lines: Iterable[str]) -> str:
-    """Return a page that needs no other file, its title as the first heading."""
+    """Return a self-contained HTML page with its title as the first heading."""
     head = f'<html lang="en"><head><meta charset="utf-8"/><title>{escape(title)}</title>'
     body = (f"<style>{style}</style></head><body>", f"<h1>{escape(title)}</h1>", *lines, "</body></html>")
     return "\n".join(("<!doctype html>", head, *body)) + "\n"

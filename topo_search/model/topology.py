@@ -1,18 +1,18 @@
-"""A tree of modules: which module is bolted to which, and by which ports.
+"""Trees of modules: which module is bolted to which, and by which ports.
 
 | symbol | meaning | range |
 |---|---|---|
 | n | number of modules | >= 1 |
 | parent[i] | parent of module i | -1 for the root (module 0), else < i |
 | parent_port[i] = a | port of the parent | 0..3 = +x, +y, -x, -y of the parent's frame; -1 for the root |
-| child_port[i] = b | module i's own port | 0..3; -1 for the root |
+| child_port[i] = b | port of module i | 0..3; -1 for the root |
 | kappa[i] | (a + 2 - b) mod 4, quarter turns of the child about its z axis | 0..3; 0 = aligned |
 
-A key is the tree's canonical text. It lists the modules in preorder, one digit each. A digit is the set of
-ports that carry a child: bits 0..3 for the ports 0..3 of the root, bits 0..2 for the ports b+1, b+2, b+3 of a
-module entered through its own port b. Children follow in that order. Keys of aligned trees start with `a`. In a
-tree with an odd kappa the key starts with `p`, and bit 3 of a non-root digit is the parity of kappa. A half turn
-of one module (kappa + 2) is the same platform and has the same key.
+A key is the canonical text of a tree. It lists the modules in preorder, one digit each. A digit is the set of ports
+with a child: bits 0..3 for the ports 0..3 of the root, bits 0..2 for the ports b+1, b+2, b+3 of a module with the
+child port b. Children follow in that order. Keys of aligned trees start with `a`. If any kappa is odd the key
+starts with `p`, and bit 3 of a non-root digit is the parity of kappa. A half turn of one module (kappa + 2) gives
+the same platform and the same key.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ Joint = tuple[int, int, int]
 
 ROOT: Joint = (-1, -1, -1)
 PORT_NAMES = ("+x", "+y", "−x", "−y")
-"""Names of the ports 0..3, for a reader."""
+"""Displayed names of the ports 0..3."""
 
 
 @dataclass(frozen=True)
 class Topology:
-    """A rooted tree of modules with the ports of every joint, parents before children."""
+    """Rooted tree of modules with the ports of every joint."""
 
     joints: tuple[Joint, ...]
     """One (parent, parent_port, child_port) per module, parents before children."""
@@ -46,24 +46,24 @@ class Topology:
     __pydantic_config__ = {"use_attribute_docstrings": True}  # noqa: RUF012 (pydantic wants a dictionary)
 
     def __post_init__(self) -> None:
-        """Refuse anything that is not a tree of modules joined at distinct ports."""
+        """Check that it is a tree of modules joined at distinct ports; ValueError otherwise."""
         joints = tuple((int(h), int(a), int(b)) for h, a, b in self.joints)
         object.__setattr__(self, "joints", joints)
         if not joints:
             raise ValueError("a topology must have at least one module, but got none")
         if joints[0] != ROOT:
             raise ValueError(f"joint 0 must be the root's [-1, -1, -1], but got {list(joints[0])}")
-        taken: dict[tuple[int, int], int] = {}
+        joint_at: dict[tuple[int, int], int] = {}
         for i, (h, a, b) in enumerate(joints[1:], start=1):
             if not 0 <= h < i:
                 raise ValueError(f"`0 <= parent < {i}` must hold in joint {i}, but got parent {h}")
             for name, port, module in (("parent", a, h), ("child", b, i)):
                 if not 0 <= port <= 3:
                     raise ValueError(f"the {name} port must be 0, 1, 2 or 3 in joint {i}, but got {port}")
-                if (module, port) in taken:
-                    used = f"joints {taken[module, port]} and {i} use it"
-                    raise ValueError(f"port {port} of module {module} carries one joint, but {used}")
-                taken[module, port] = i
+                if (module, port) in joint_at:
+                    users = f"joints {joint_at[module, port]} and {i} use it"
+                    raise ValueError(f"port {port} of module {module} carries one joint, but {users}")
+                joint_at[module, port] = i
 
     @property
     def n(self) -> int:
@@ -87,12 +87,12 @@ class Topology:
 
     @property
     def aligned(self) -> bool:
-        """True if no rotor's spin differs from that of the aligned family: every kappa is even."""
+        """True if every kappa is even, so that all rotors spin as in the aligned family."""
         return all(kappa % 2 == 0 for kappa in self.kappas)
 
     @cached_property
     def key(self) -> str:
-        """The canonical text of this rooted tree (see the module's docstring)."""
+        """Canonical text of this rooted tree (see the docstring of this file)."""
         children = {(h, a): i for h, i, a, _ in self.edges()}
         kappas = self.kappas
         letter, parity_bit = ("a", 0) if self.aligned else ("p", 8)
@@ -102,33 +102,33 @@ class Topology:
             i = stack.pop()
             b = self.joints[i][2]
             slots = (0, 1, 2, 3) if i == 0 else ((b + 1) % 4, (b + 2) % 4, (b + 3) % 4)
-            mask, beyond = parity_bit * (kappas[i] % 2), list[int]()
+            mask, next_modules = parity_bit * (kappas[i] % 2), list[int]()
             for bit, port in enumerate(slots):
                 if (i, port) in children:
                     mask |= 1 << bit
-                    beyond.append(children[i, port])
+                    next_modules.append(children[i, port])
             digits.append(f"{mask:x}")
-            stack.extend(reversed(beyond))
+            stack.extend(reversed(next_modules))
         return letter + "".join(digits)
 
     @classmethod
     def from_key(cls, key: str) -> Topology:
-        """Return the one concrete rooted tree that a key names; ValueError says what is wrong with it.
+        """Return the rooted tree of a key; ValueError if the key is invalid.
 
         >>> Topology.from_key("a300").parents
         (-1, 0, 0)
         """
-        return _read(key)
+        return _from_key(key)
 
     @classmethod
     def from_graph(cls, graph: nx.Graph[Any]) -> Topology:
-        """Return the tree of a networkx graph, the inverse of `graph`: its first node is the root.
+        """Return the tree of a networkx graph, the inverse of `graph`; its first node is the root.
 
-        Every edge carries `ports = {node: port}`: the port, 0 to 3, of each of its two modules. An edge is a joint
-        whatever its direction; several edges of two nodes are one joint if their ports agree.
+        Every edge has `ports = {node: port}`: the port, 0 to 3, of each of its two modules. Its direction does not
+        matter; several edges between two nodes are one joint if their ports agree.
 
         Raises:
-            ValueError: it is no tree, an edge has no such ports, or they are not those of a tree of modules.
+            ValueError: the graph is not a tree, an edge lacks ports, or the ports are invalid.
 
         >>> import networkx as nx
         >>> chain = nx.Graph()
@@ -143,15 +143,15 @@ class Topology:
             nodes, edges = len(tree), tree.number_of_edges()
             raise ValueError(f"must be a tree, but got a graph of {nodes} nodes and {edges} edges that is not one")
         ports_of: dict[frozenset[Any], dict[Any, int]] = {}
-        for one, other, data in graph.edges(data=True):
-            value, edge = data.get("ports"), f"the edge of {one!r} and {other!r} must carry"
-            if not isinstance(value, Mapping) or {one, other} - set(value):
-                raise ValueError(f"{edge} `ports = {{node: port}}` with both of its nodes, but got {value!r}")
-            ports = {one: value[one], other: value[other]}
+        for first, second, data in graph.edges(data=True):
+            value, subject = data.get("ports"), f"the edge of {first!r} and {second!r} must carry"
+            if not isinstance(value, Mapping) or {first, second} - set(value):
+                raise ValueError(f"{subject} `ports = {{node: port}}` with both of its nodes, but got {value!r}")
+            ports = {first: value[first], second: value[second]}
             if not all(isinstance(port, Integral) for port in ports.values()):
-                raise ValueError(f"{edge} ports that are whole numbers, but got {ports!r}")
-            if (known := ports_of.setdefault(frozenset(ports), ports)) != ports:
-                raise ValueError(f"{edge} one pair of ports, but got {known!r} and {ports!r}")
+                raise ValueError(f"{subject} ports that are whole numbers, but got {ports!r}")
+            if (previous := ports_of.setdefault(frozenset(ports), ports)) != ports:
+                raise ValueError(f"{subject} one pair of ports, but got {previous!r} and {ports!r}")
         root = next(iter(tree))
         numbers, joints = {root: 0}, [ROOT]
         for parent, child in nx.bfs_edges(tree, root):
@@ -162,22 +162,22 @@ class Topology:
 
     @property
     def bolted(self) -> frozenset[tuple[int, int]]:
-        """The pairs (h, i), h < i, of modules that share a joint."""
+        """Pairs (h, i), h < i, of modules that share a joint."""
         return frozenset((h, i) for h, i, _, _ in self.edges())
 
     @cached_property
     def unbolted(self) -> tuple[tuple[int, int], ...]:
-        """The ordered pairs (i, j) of two modules that share no joint."""
+        """Ordered pairs (i, j) of distinct modules that share no joint."""
         return tuple((i, j) for i, j in permutations(range(self.n), 2) if (min(i, j), max(i, j)) not in self.bolted)
 
     @cached_property
     def free_connectors(self) -> tuple[tuple[int, int], ...]:
-        """The (module, port) without a joint, in order."""
-        used = {connector for h, i, a, b in self.edges() for connector in ((h, a), (i, b))}
-        return tuple((i, port) for i in range(self.n) for port in range(4) if (i, port) not in used)
+        """All (module, port) without a joint, in order."""
+        occupied = {connector for h, i, a, b in self.edges() for connector in ((h, a), (i, b))}
+        return tuple((i, port) for i in range(self.n) for port in range(4) if (i, port) not in occupied)
 
     def graph(self) -> nx.Graph[int]:
-        """Return the tree as a networkx graph; edges carry `ports = {module: port}`.
+        """Return the tree as a networkx graph whose edges have `ports = {module: port}`.
 
         >>> list(Topology.from_key("a300").graph().edges)
         [(0, 1), (0, 2)]
@@ -192,8 +192,8 @@ class Topology:
 
 
 @lru_cache(maxsize=1 << 12)
-def _read(key: str) -> Topology:
-    """Return the tree of a key; the same keys are read again and again."""
+def _from_key(key: str) -> Topology:
+    """Return the tree of a key; cached, because the same keys recur."""
     if not key or key[0] not in "ap":
         raise ValueError(f"a topology key starts with `a` or `p`, but got {key!r}")
     try:

@@ -1,6 +1,6 @@
-"""Common properties of all values of the model: frozen, compared by content, no unknown fields, finite numbers.
+"""Base class of the data model: frozen, compared by content, no unknown fields, finite numbers.
 
-A file with other values is refused: its faults are named field by field, in the reader's words.
+A file that breaks a rule is refused with one message per fault, which names the field, the rule and the value.
 """
 
 from __future__ import annotations
@@ -59,17 +59,17 @@ RULES = {
     "union_tag_invalid": "must be one of {expected_tags}",
     "value_error": "{error}",
 }
-"""The rule behind each of pydantic's types of error."""
+"""Rule to show for each of pydantic's error types."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a file."""
+    """One fault of an input file."""
 
     path: str
-    """The field, e.g. `load_cases[2].com.force`; empty for the file as a whole."""
+    """Path of the field, e.g. `load_cases[2].com.force`; empty for the file as a whole."""
     rule: str
-    """Rule that must hold, and the value given."""
+    """Rule that must hold, and the offending value."""
 
     def __str__(self) -> str:
         """Return `path: rule`."""
@@ -77,11 +77,11 @@ class Fault:
 
 
 class BadInput(Exception):
-    """A file or an option that cannot be used; carries one message per fault.
+    """Invalid file or option, with one message per fault.
 
     Args:
-        source: the file or option.
-        faults: what is wrong with it; a text is one rule that it breaks as a whole.
+        source: file or option.
+        faults: its faults; a string is a single rule that it breaks as a whole.
     """
 
     def __init__(self, source: str, faults: list[Fault] | str) -> None:
@@ -95,7 +95,7 @@ class BadInput(Exception):
 
 @contextmanager
 def naming(source: str) -> Iterator[None]:
-    """Name the source of a text in what is wrong with it: BadInput for a ValueError."""
+    """Turn a ValueError into a BadInput that names its source."""
     try:
         yield
     except ValueError as error:
@@ -103,48 +103,48 @@ def naming(source: str) -> Iterator[None]:
 
 
 def faults_of(error: ValidationError, model: type[BaseModel]) -> list[Fault]:
-    """Return one fault for each thing that pydantic found wrong; of a file of another format, that alone.
+    """Return one fault per error of pydantic; a wrong `format` or `version` hides the others.
 
-    A file with very many faults gets one that says so.
+    More than 1,000 errors become a single fault.
     """
-    if error.error_count() > 1000:  # a file with more faults is of another kind, or is malicious
-        return [Fault("", f"must have few enough faults to list, but has {error.error_count():,}")]
+    if error.error_count() > 1000:  # a file of another kind, or a malicious one
+        return [Fault("", f"must have at most 1,000 faults, but has {error.error_count():,}")]
     faults = [_fault(detail, model) for detail in error.errors(include_url=False)]
     return [fault for fault in faults if fault.path in ("format", "version")] or faults
 
 
 def show(value: Any) -> str:
-    """Return a value as a file would write it, in at most 80 characters of one line."""
+    """Return a value as a file would write it, in one line of at most 80 characters."""
     try:
         text = json.dumps(value, default=str)
     except RecursionError:
         text = reprlib.repr(value)
-    except ValueError:  # a whole number of thousands of digits
+    except ValueError:  # an integer with thousands of digits
         text = f"a whole number of {value.bit_length():,} bits" if isinstance(value, int) else "what has no text"
     return text if len(text) <= 80 else text[:77] + "..."
 
 
-def of_file(rule: str, name: Any) -> str:
-    """Return a rule with the name of the file that was given; where the rule says what is in it, behind that."""
+def with_file_name(rule: str, name: Any) -> str:
+    """Add the name of a file to a rule; if the rule already states a value, in parentheses."""
     return f"{rule} (in {show(name)})" if "but " in rule else f"{rule}, but got {show(name)}"
 
 
 def to_printable(name: str | os.PathLike[str]) -> str:
-    """Return the name of a file as it can be printed: Unicode without control characters and broken bytes."""
+    """Return a file name in printable Unicode, without control characters and invalid bytes."""
     text = re.sub("[\ud800-\udfff]", "\ufffd", os.fspath(name))
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def nearest(unknown: str, valid: list[str]) -> str:
-    """Return what to say of an unknown name: the valid one that it resembles, or all of them."""
+    """Return the hint for an unknown name: the valid name that it resembles, or all valid names."""
     word = unknown.lower().replace("-", "_")
-    alike = [name for name in valid if name[:1] == word[:1]]
-    near = difflib.get_close_matches(word, alike, n=1) or difflib.get_close_matches(word, valid, n=1)
-    return f"did you mean `{near[0]}`?" if near else f"valid names are {', '.join(valid)}"
+    same_initial = [name for name in valid if name[:1] == word[:1]]
+    matches = difflib.get_close_matches(word, same_initial, n=1) or difflib.get_close_matches(word, valid, n=1)
+    return f"did you mean `{matches[0]}`?" if matches else f"valid names are {', '.join(valid)}"
 
 
 def _fault(detail: Any, model: type[BaseModel]) -> Fault:
-    kind, given = detail["type"], detail["input"]
+    kind, value = detail["type"], detail["input"]
     parts, owner = _walk(detail["loc"], model)
     path = _path(parts)
     if kind == "rule":
@@ -154,29 +154,29 @@ def _fault(detail: Any, model: type[BaseModel]) -> Fault:
     if kind in ("missing", "union_tag_not_found"):
         return Fault(path if kind == "missing" else f"{path}.kind", "is required, but missing")
     if kind == "union_tag_invalid":
-        path, given = f"{path}.kind", given["kind"]
-    # pydantic puts words in single quotes, TOML and JSON in double ones
+        path, value = f"{path}.kind", value["kind"]
+    # pydantic quotes strings with single quotes, TOML and JSON with double ones
     context = {k: v.replace("'", '"') if isinstance(v, str) else v for k, v in detail.get("ctx", {}).items()}
     rule = RULES[kind].format_map(context) if kind in RULES else detail["msg"]
-    return Fault(path, rule if "but got" in rule else f"{rule}, but got {show(given)}")
+    return Fault(path, rule if "but got" in rule else f"{rule}, but got {show(value)}")
 
 
 def _walk(location: tuple[Any, ...], model: type[BaseModel]) -> tuple[list[Any], type[BaseModel]]:
-    """Split pydantic's location into the names and indices of the file, and find the model that owns the last name.
+    """Return the names and indices of the file in pydantic's location, and the model that owns the last name.
 
-    Pydantic puts the branches of unions in between: `<...>` (see `value.OneOf`), or the `kind` of a table.
+    Pydantic inserts the branches of unions: `<...>` (see `OneOf`), or the `kind` of a table.
     """
     parts: list[Any] = []
-    owner, inside = model, [model]
+    owner, models = model, [model]
     for part in location:
         if isinstance(part, int):
             parts.append(part)
-        elif len(inside) > 1:
-            inside = [cls for cls in inside if cls.model_fields["kind"].default == part]
+        elif len(models) > 1:
+            models = [cls for cls in models if cls.model_fields["kind"].default == part]
         elif not re.fullmatch("<.*>", part, re.DOTALL):
             parts.append(part)
-            owner, fields = inside[0], inside[0].model_fields
-            inside = list(_models_in(fields[part].annotation)) if part in fields else [owner]
+            owner, fields = models[0], models[0].model_fields
+            models = list(_models_in(fields[part].annotation)) if part in fields else [owner]
     return parts, owner
 
 
@@ -188,7 +188,7 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def _path(parts: list[Any]) -> str:
-    """Write names and indices as `load_cases[2].com.force`; quote a name that TOML would quote."""
+    """Return names and indices as `load_cases[2].com.force`; names that TOML would quote are quoted."""
     path = ""
     for part in parts:
         if isinstance(part, int):
@@ -200,23 +200,23 @@ def _path(parts: list[Any]) -> str:
 
 
 FIELDS = "\n\nFields:\n"
-"""Between what a value is and what its fields are, for `help`."""
+"""Separates the description of a class from those of its fields, in `help`."""
 
 
 Location = str | tuple[str | int, ...]
-"""A field, or the names and numbers that lead to it; empty: the value as a whole."""
+"""Field, or path of names and indices to it; empty: the value as a whole."""
 Broken = Iterator[tuple[Location, str]]
-"""Fields and what is wrong with them."""
+"""Broken rules: location, and rule with the offending value."""
 
 
 class Value(BaseModel):
-    """A frozen value: equal by content, picklable, read from and written to TOML and JSON."""
+    """Frozen value: compared by content, picklable, read from and written to TOML and JSON."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @classmethod
     def __pydantic_init_subclass__(cls, **_: Any) -> None:
-        """Tell `help` the fields, with what is said of each, in place of pydantic's signature."""
+        """List the fields and their descriptions in `help`, in place of pydantic's signature."""
         docstrings = _field_docstrings(sys.modules[cls.__module__].__file__).get(cls.__qualname__, {})
         for name, text in docstrings.items():
             cls.model_fields[name].description = text
@@ -227,12 +227,12 @@ class Value(BaseModel):
 
     @classmethod
     def __pydantic_on_complete__(cls) -> None:
-        """Name the fields in the signature: pydantic writes its own as it builds the class, on its first use."""
+        """Replace the signature that pydantic writes when it builds the class, on first use, by the field names."""
         fields = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in cls.model_fields]
         cls.__signature__ = inspect.Signature(fields)
 
     def replace(self, **changes: Any) -> Self:
-        """Return a copy with other values of some fields, checked like a new one.
+        """Return a validated copy with some fields changed.
 
         Raises:
             ValidationError: a field is unknown, or breaks a rule.
@@ -243,11 +243,11 @@ class Value(BaseModel):
             >>> task.replace(search=task.search.replace(margin=0.01)).search.margin
             0.01
         """
-        given = {name: getattr(self, name) for name in self.model_fields_set}
-        return type(self).model_validate({**given, **changes})
+        fields = {name: getattr(self, name) for name in self.model_fields_set}
+        return type(self).model_validate({**fields, **changes})
 
     def _broken_rules(self) -> Broken:
-        """Yield what is wrong between fields: the field to name, and what to say of it (rule and value)."""
+        """Yield the broken rules that involve several fields."""
         yield from ()
 
     @model_validator(mode="after")
@@ -257,7 +257,7 @@ class Value(BaseModel):
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """Describe the value in a schema by its own words: its fields have theirs."""
+        """Describe the class in a schema without its fields, which have their own descriptions."""
         schema = handler(core)
         described = handler.resolve_ref_schema(schema)
         if "description" in described:
@@ -267,7 +267,7 @@ class Value(BaseModel):
 
 @functools.cache
 def _field_docstrings(file: str | None) -> dict[str, dict[str, str]]:
-    """Return the docstrings below the fields of every class of a file: pydantic would read it once a class."""
+    """Return the field docstrings of all classes in a file; pydantic would parse it once per class."""
     if file is None:
         return {}
     return {
@@ -286,20 +286,16 @@ def _field_docstrings(file: str | None) -> dict[str, dict[str, str]]:
 
 
 def _words(field: FieldInfo) -> str:
-    """Return the description of a field, and its default if it is short."""
-    text = " ".join((field.description or "").split())
+    """Return the description of a field, with its default if that is short."""
+    description = " ".join((field.description or "").split())
     if field.is_required():
-        return f"{text} (required)".strip()
+        return f"{description} (required)".strip()
     default = repr(field.default)
-    return f"{text} (default: {default})".strip() if len(default) < 40 else text
+    return f"{description} (default: {default})".strip() if len(default) < 40 else description
 
 
 def refuse(*broken: tuple[Location, str]) -> None:
-    """Refuse a value for each broken rule, as of `Value._broken_rules`, if there are any.
-
-    Raises:
-        ValidationError: one error for each broken rule.
-    """
+    """Raise a ValidationError with one error per broken rule, if there are any."""
     if broken:
         errors = [
             InitErrorDetails(
@@ -313,7 +309,7 @@ def refuse(*broken: tuple[Location, str]) -> None:
 
 
 def _branch(value: Any) -> str:
-    """Name the branch of a union that a value was plainly meant for: a word means itself, the rest its shape."""
+    """Return the branch of a union that a value belongs to: a string names itself, other values their shape."""
     if isinstance(value, bool):
         return "<true>" if value else "<false>"
     if isinstance(value, int | float):
@@ -325,15 +321,15 @@ def _branch(value: Any) -> str:
 
 @dataclass(frozen=True)
 class OneOf:
-    """Chooses the branch of a union of words, a number and a list by what a value is, before looking inside.
+    """Selects the branch of a union of strings, a number and a list by the type of the value, before validating it.
 
-    A wrong value is then answered by the one branch that it was meant for, or by the rule if there is none.
+    The errors of a wrong value are then those of one branch, or `rule` if no branch matches.
     """
 
     rule: str
 
     def __get_pydantic_core_schema__(self, union: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Return a schema that tells branches apart by `_branch`."""
+        """Return a union schema that selects branches by `_branch`."""
         branches: dict[Hashable, CoreSchema] = {}
         for branch in get_args(union):
             kind = get_args(branch)[0] if get_origin(branch) is Annotated else branch
@@ -357,7 +353,7 @@ def _three(value: Any) -> Any:
 
 
 def at_most(limit: int, what: str = "entries") -> BeforeValidator:
-    """Refuse a list of more entries than that, before any of them is looked into."""
+    """Refuse a list with more than `limit` entries before validating any of them."""
 
     def check_count(value: Any) -> Any:
         if isinstance(value, list | tuple) and len(value) > limit:
@@ -368,15 +364,15 @@ def at_most(limit: int, what: str = "entries") -> BeforeValidator:
 
 
 def omit_if(value: object) -> Any:
-    """Leave a field out of files where it has this value."""
-    return Field(exclude_if=lambda given: given == value)
+    """Omit a field from files where it has this value."""
+    return Field(exclude_if=lambda field: field == value)
 
 
-OMIT_EMPTY: Any = Field(exclude_if=lambda given: not given)
-"""Leaves a field out of files where it is empty or false."""
-Given = TypeVar("Given")
-Omitted = Annotated[Given | None, Field(exclude_if=lambda given: given is None)]
-"""A field that files leave out where it is None."""
+OMIT_EMPTY: Any = Field(exclude_if=lambda value: not value)
+"""Omits a field from files where it is empty or false."""
+Type = TypeVar("Type")
+Omitted = Annotated[Type | None, Field(exclude_if=lambda value: value is None)]
+"""Field that files omit where it is None."""
 
 Entries = TypeVar("Entries", bound=tuple[Any, ...])
 
@@ -388,10 +384,10 @@ def _not_empty(entries: Entries) -> Entries:
 
 
 Number = Annotated[float, Field(strict=True)]
-"""A finite number; a string or a boolean is none."""
+"""Finite number; strings and booleans are refused."""
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=1e15)]
 Positive = Annotated[float, Field(strict=True, gt=0), AfterValidator(_not_extreme)]
-"""A physical quantity; the range keeps every number derived from a few of them finite and not zero."""
+"""Physical quantity; the range keeps numbers derived from a few of them finite and nonzero."""
 PositiveOrZero = Annotated[
     float, Field(strict=True, ge=0), AfterValidator(lambda value: value and _not_extreme(value))
 ]
@@ -403,8 +399,9 @@ Flag = Annotated[bool, Field(strict=True)]
 Vector = Annotated[tuple[Number, Number, Number], BeforeValidator(_three)]
 PositiveVector = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_three)]
 NonEmpty = AfterValidator(_not_empty)
+"""Unlike `min_length`, which counts valid entries only, silent if an entry is wrong."""
 
 
 def is_zero(vector: Vector) -> bool:
-    """True if a vector has no direction."""
+    """True if all components are zero."""
     return not any(vector)

@@ -123,7 +123,7 @@ def stated_constraints(design: Design, audit: Audit | None) -> Table | None:
         [one.name, one.version or "none", one.bounds, one.words]
         for one in (checks if audit is None else audit.stated)
     ]
-    return Table(("constraint", "version", "bounds", "it came to"), rows) if rows else None
+    return Table(("constraint", "version", "bounds", "result"), rows) if rows else None
 
 
 def loads(design: Design) -> Table:

@@ -1,5 +1,5 @@
-"""A design in closed loop in MuJoCo: evidence from a simulation, beside the audit and never in its place.
+"""Closed-loop simulation of a design in MuJoCo: evidence in addition to the audit, never a substitute for it.
 
-MuJoCo knows rigid bodies and contacts. Of downwash it knows the thrust that rotors lose to wakes, by the audit's
-air model: the airflow envelopes are the model of all else.
+MuJoCo simulates rigid bodies and contacts. The only effect of downwash in it is the thrust that rotors lose to
+wakes, by the audit's air model; the airflow envelopes cover all others.
 """

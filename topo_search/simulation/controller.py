@@ -1,4 +1,4 @@
-r"""A pose controller for a platform that is fully actuated, and the thrusts that do what it asks.
+r"""Pose controller for a fully actuated platform, and its thrust allocation.
 
 .. math::
 
@@ -11,12 +11,13 @@ r"""A pose controller for a platform that is fully actuated, and the thrusts tha
 |---|---|---|---|
 | e_p, e_v | errors of the COM's position and velocity, world axes | (3,) | m, m/s |
 | e_R, e_omega | errors of attitude (T. Lee et al., CDC 2010) and rate, body axes | (3,) | rad, rad/s |
-| omega_p, omega_a | bandwidths: both loops are critically damped, integrals take eight times as long | | rad/s |
-| F_k, tau_k | wrench that the environment takes up, fed forward, about the COM | (3,) | N, N m |
-| s | thrusts over the largest; least squares with limits find them | (N,) | |
+| omega_p, omega_a | bandwidths; both loops are critically damped, integral action is eight times slower | | rad/s |
+| F_k, tau_k | feedforward of the wrench exerted on the environment, about the COM | (3,) | N, N m |
+| s | thrusts over the largest, by bounded least squares | (N,) | |
 
-The least squares weigh forces by the weight m g and torques by l_arm m g, torques ten times as much, for a platform
-that turns away loses its forces as well; a little effort is weighed so that the solution is unique:
+The least squares scale forces by the weight m g and torques by l_arm m g, and weight torques ten times as much,
+because a platform that loses its attitude loses its force direction as well. A small effort term makes the solution
+unique:
 
 .. math:: \min_{s_{min} \le s \le 1} \| Q (B T_{max} s - w) \|^2 + \epsilon \|s\|^2
 """
@@ -32,44 +33,45 @@ from topo_search.export.allocation import TORQUE_FIRST
 from topo_search.model.arrays import Array
 from topo_search.simulation.plant import Nominal, cross
 
-INTEGRAL = 8.0
+INTEGRAL_RATIO = 8.0
+"""Time constant of the integral action over that of the loop."""
 EFFORT = 1e-6
 """epsilon."""
 LARGEST_POSITION_ERROR, LARGEST_ATTITUDE_ERROR = 0.25, 0.35
-"""Errors of position [m] and attitude [rad] are cut off there, so that a far platform comes back at a set pace."""
+"""Limits on the position [m] and attitude [rad] errors that are fed back, so that a return has bounded speed."""
 
-LEARNING_DISTANCE, LEARNING_ANGLE = 0.02, 0.035
-"""Errors up to which the integrals learn [m], [rad]: what they are for is a steady load, not the way back.
+INTEGRATION_DISTANCE, INTEGRATION_ANGLE = 0.02, 0.035
+"""Largest errors that are integrated [m], [rad]: integrals compensate steady loads, not transients.
 
-They take seconds, and a mass that is 5 % off takes the platform farther off than LEARNING_DISTANCE: so flights
-begin trimmed, as after a hover in which they have learnt.
+They need seconds to converge, and a mass error of 5 % moves the platform farther than INTEGRATION_DISTANCE. So
+flights start trimmed, as after a hover in which the integrals have converged.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Pose of the platform to hold at rest, and the wrench to exert there."""
+    """Pose to hold at rest, and the wrench to exert there."""
 
     position: Array
     """Position of the COM, (3,) [m]."""
     wrench: Array
-    """Exerted on the environment, about the COM, world axes, (6,)."""
+    """Wrench on the environment, about the COM, world axes, (6,)."""
     free: Array
-    """Direction along which position is left to the contact, (3,); zero: none."""
+    """Unit vector along which the contact determines the position, (3,); zero: none."""
     attitude: Array = field(default_factory=lambda: np.eye(3))
-    """R_d, (3, 3); by default that of the task's axes."""
+    """R_d, (3, 3); by default the task's axes."""
 
     def errors(self, p: Array, R: Array) -> tuple[Array, Array]:
-        """Return e_p of what counts of it, and e_R, (3,) each."""
-        turned = self.attitude.T @ R
-        off = (turned - turned.T) / 2
-        away = p - self.position
-        return away - self.free * (self.free @ away), np.array([off[2, 1], off[0, 2], off[1, 0]])
+        """Return e_p without its component along `free`, and e_R, (3,) each."""
+        R_error = self.attitude.T @ R
+        skew = (R_error - R_error.T) / 2
+        e_p = p - self.position
+        return e_p - self.free * (self.free @ e_p), np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
 
 
 @dataclass(eq=False)
 class Controller:
-    """The loop from state to thrusts."""
+    """The control law, from state to wrench."""
 
     nominal: Nominal
     period: float
@@ -83,33 +85,34 @@ class Controller:
         """Return F in body axes and tau about the COM, (6,)."""
         p, v, R, omega = state
         m, J, wp, wa = self.nominal.mass, self.nominal.J, self.omega_p, self.omega_a
-        kept = np.eye(3) - np.outer(reference.free, reference.free)
+        projection = np.eye(3) - np.outer(reference.free, reference.free)
         e_p, e_R = reference.errors(p, R)
         e_p *= min(1.0, LARGEST_POSITION_ERROR / max(float(np.linalg.norm(e_p)), 1e-12))
         e_R *= min(1.0, LARGEST_ATTITUDE_ERROR / max(float(np.linalg.norm(e_R)), 1e-12))
-        a = -(wp**2) * e_p - 2 * wp * v - wp**3 / INTEGRAL * (kept @ self.integral_p)
+        a = -(wp**2) * e_p - 2 * wp * v - wp**3 / INTEGRAL_RATIO * (projection @ self.integral_p)
         F = m * (a + np.array([0.0, 0.0, self.nominal.gravity])) + reference.wrench[:3]
-        turned = -(wa**2) * e_R - 2 * wa * omega - wa**3 / INTEGRAL * self.integral_R
-        tau = J @ turned + cross(omega, J @ omega) + R.T @ reference.wrench[3:]
+        alpha = -(wa**2) * e_R - 2 * wa * omega - wa**3 / INTEGRAL_RATIO * self.integral_R
+        tau = J @ alpha + cross(omega, J @ omega) + R.T @ reference.wrench[3:]
         return np.concatenate([R.T @ F, tau])
 
-    def learn(self, state: tuple[Array, Array, Array, Array], reference: Reference, met: bool) -> None:
-        """Integrate small errors, unless the rotors did not do what was asked."""
+    def integrate(self, state: tuple[Array, Array, Array, Array], reference: Reference, is_produced: bool) -> None:
+        """Integrate small errors, unless the rotors failed to produce the commanded wrench."""
         p, _, R, _ = state
         e_p, e_R = reference.errors(p, R)
-        if met and np.linalg.norm(e_p) < LEARNING_DISTANCE and np.linalg.norm(e_R) < LEARNING_ANGLE:
+        is_small = np.linalg.norm(e_p) < INTEGRATION_DISTANCE and np.linalg.norm(e_R) < INTEGRATION_ANGLE
+        if is_produced and is_small:
             self.integral_p += self.period * e_p
             self.integral_R += self.period * e_R
 
-    def trim(self, lacking: Array) -> None:
-        """Let the integrals ask for so much more in hover, level, (6,)."""
+    def trim(self, wrench: Array) -> None:
+        """Add a wrench, (6,), to the output in level hover through the integrals."""
         m, J, wp, wa = self.nominal.mass, self.nominal.J, self.omega_p, self.omega_a
-        self.integral_p -= INTEGRAL / wp**3 / m * lacking[:3]
-        self.integral_R -= INTEGRAL / wa**3 * np.linalg.solve(J, lacking[3:])
+        self.integral_p -= INTEGRAL_RATIO / wp**3 / m * wrench[:3]
+        self.integral_R -= INTEGRAL_RATIO / wa**3 * np.linalg.solve(J, wrench[3:])
 
 
 class Allocator:
-    """Thrusts within limits that come as close as can be to a wrench."""
+    """Allocation by least squares within the thrust limits."""
 
     def __init__(self, nominal: Nominal) -> None:
         self.nominal = nominal
@@ -121,14 +124,14 @@ class Allocator:
         shapes = {"h": ca.Sparsity.dense(N, N), "a": ca.Sparsity(0, N)}
         self._solve = ca.conic("allocate", "daqp", shapes, {"print_time": False})
         self.least, self.largest = np.full(N, nominal.least_share), np.ones(N)
-        """Shares between which every rotor runs."""
+        """Bounds on the input of every rotor, over the largest thrust."""
 
     def stop_rotor(self, rotor: int) -> None:
-        """Take a rotor for dead from now on."""
+        """Treat a rotor as dead from now on."""
         self.least[rotor] = self.largest[rotor] = 0.0
 
     def thrusts(self, wrench: Array) -> tuple[Array, Array]:
-        """Return the thrusts (N,) [N], and what is missing of the wrench (6,)."""
+        """Return the thrusts (N,) [N], and the missing part of the wrench (6,)."""
         g = -self._scaled.T @ (self._scale * wrench)
         solution = self._solve(h=self._hessian, g=g, lbx=self.least, ubx=self.largest)
         T = self.nominal.largest_thrust * np.clip(np.asarray(solution["x"]).ravel(), self.least, self.largest)
@@ -136,12 +139,12 @@ class Allocator:
 
 
 class PseudoInverse(Allocator):
-    """Thrusts by the pseudo-inverse of what runs, each cut off at its limits: PX4's with CA_METHOD 0."""
+    """Allocation by the pseudo-inverse of the running rotors, clipped to the limits: PX4 with CA_METHOD 0."""
 
     def thrusts(self, wrench: Array) -> tuple[Array, Array]:
-        """Return the thrusts (N,) [N], and what is missing of the wrench (6,)."""
-        full = self.nominal.largest_thrust
-        # singular values below a share of the largest are zero
+        """Return the thrusts (N,) [N], and the missing part of the wrench (6,)."""
+        largest_thrust = self.nominal.largest_thrust
+        # relative to the largest, smaller singular values count as zero
         shares = np.linalg.pinv(self._scaled * (self.largest > 0), rcond=1e-9) @ (self._scale * wrench)
-        T = full * np.clip(shares, self.least, self.largest)
+        T = largest_thrust * np.clip(shares, self.least, self.largest)
         return T, wrench - self.nominal.B @ T

@@ -1,4 +1,4 @@
-"""The files of a flight: the course of every scenario as a table and as a plot, and a video."""
+"""The files of a flight: the time series of every scenario as a table and as a plot, and a video."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.text import csv_text
 from topo_search.model.value import BadInput, Fault
-from topo_search.simulation.campaign import Campaign, Flown
+from topo_search.simulation.campaign import Campaign, FlownScenario
 from topo_search.simulation.fly import Watch
 from topo_search.simulation.plant import Plant
 from topo_search.simulation.result import FlightResult, word
 from verify.kinematics import platform
 
 FRAMES_EVERY = 16
-"""Steps of the controller a frame: 12.5 Hz, in real time."""
+"""Control steps per frame: 12.5 Hz in real time."""
 WIDTH, HEIGHT = 400, 300
 """Size of a frame [pixels]."""
 
 
 def write_flight(campaign: Campaign, folder: Path) -> None:
-    """Write flight.csv, flight.png where anything was flown, and last flight.json; make the folder if need be."""
-    write_atomically(folder / "flight.csv", course(campaign.flown))
+    """Write flight.csv, flight.png if anything was flown, and last flight.json; create the folder if necessary."""
+    write_atomically(folder / "flight.csv", time_series(campaign.flown))
     if campaign.flown:
         write_atomically(folder / "flight.png", plot(campaign.flown, campaign.result))
     write_atomically(folder / "flight.json", to_json(campaign.result))
 
 
-def course(flown: Sequence[Flown]) -> str:
-    """Return the course of the flights as CSV."""
+def time_series(flown: Sequence[FlownScenario]) -> str:
+    """Return the time series of the flights as CSV."""
     head = ("scenario", "time_s", "error_x_m", "error_y_m", "error_z_m", "tilt_deg", "force_x_N", "force_y_N")
-    every = 4  # steps of the controller a row: 50 Hz
+    every = 4  # control steps per row: 50 Hz
     rows = [
         (
             *(scenario.name, round(track.time[k], 6), *track.error[k].tolist(), track.tilt[k]),
@@ -51,8 +51,8 @@ def course(flown: Sequence[Flown]) -> str:
     return csv_text((*head, "force_z_N", "largest_input", "mean_input", "missing_force_share"), rows)
 
 
-def plot(flown: Sequence[Flown], result: FlightResult) -> bytes:
-    """Return a picture (PNG) of the flights: a row each with error, tilt and largest thrust."""
+def plot(flown: Sequence[FlownScenario], result: FlightResult) -> bytes:
+    """Return a PNG picture of the flights, one row each with position error, tilt and largest thrust."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -60,7 +60,7 @@ def plot(flown: Sequence[Flown], result: FlightResult) -> bytes:
     figure.suptitle("flight in simulation; grey: not judged; dashed: limit", fontsize=9)
     FigureCanvasAgg(figure)
     axes = figure.subplots(len(flown), 3, squeeze=False, sharex="row")
-    results = {one.name: one for one in result.scenarios}
+    results = {scenario.name: scenario for scenario in result.scenarios}
     for row, (scenario, track) in zip(axes, flown, strict=True):
         e = 100 * np.linalg.norm(track.error, axis=1)
         curves = (e, np.array(track.tilt), np.array([share.max() for share in track.shares]))
@@ -75,21 +75,21 @@ def plot(flown: Sequence[Flown], result: FlightResult) -> bytes:
             axis.tick_params(labelsize=8)
         row[0].set_title(f"{scenario.name}: {word(results[scenario.name])}", fontsize=9, loc="left")
         row[1].set_xlabel("time [s]", fontsize=8)
-    text = io.BytesIO()
-    figure.savefig(text, format="png", dpi=110, metadata={"Software": None})
-    return text.getvalue()
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=110, metadata={"Software": None})
+    return content.getvalue()
 
 
 class Film:
-    """Frames of some scenarios, rendered without a display."""
+    """Frames of selected scenarios, rendered without a display."""
 
     def __init__(self, radius: float) -> None:
-        """Begin a film of something of a radius [m]; BadInput where nothing can be rendered."""
+        """Start a film of a platform of the given radius [m]."""
         self.radius = radius
         self.frames: list[Any] = []
 
     def watch(self, name: str) -> Watch | None:
-        """Return what films a scenario; None if it is not one of those."""
+        """Return an observer that films a scenario; None if the scenario is not filmed."""
         return self._watch() if name.startswith(("return from +x", "load case", "rotor")) else None
 
     def _watch(self) -> Watch:
@@ -101,7 +101,7 @@ class Film:
         camera.distance, camera.elevation, camera.azimuth = 3.2 * self.radius, -20.0, 135.0
         count = 0
 
-        def see(plant: Plant, t: float) -> None:
+        def film_step(plant: Plant, t: float) -> None:
             nonlocal count
             if not renderers:
                 renderers.append(mujoco.Renderer(plant.model, HEIGHT, WIDTH))
@@ -110,7 +110,7 @@ class Film:
                 self.frames.append(Image.fromarray(renderers[0].render()))
             count += 1
 
-        return see
+        return film_step
 
     def gif(self) -> bytes:
         """Return the film as the content of a GIF file."""
@@ -121,10 +121,10 @@ class Film:
 
 
 def film(path: Path, radius: float) -> Film:
-    """Return a film to be written to a file.
+    """Return a film that will be written to a file.
 
     Raises:
-        BadInput: the name is not that of a GIF, or nothing can be rendered here.
+        BadInput: the file is not a GIF, or rendering is not possible here.
     """
     if path.suffix.lower() != ".gif":
         raise BadInput("--video", [Fault("", f"must end in .gif, but got {path.name}")])
@@ -134,15 +134,15 @@ def film(path: Path, radius: float) -> Film:
         model = mujoco.MjModel.from_xml_string("<mujoco/>")
         mujoco.Renderer(model, 8, 8).close()
     except (mujoco.FatalError, ImportError, AttributeError, RuntimeError) as error:
-        how = os.environ.get("MUJOCO_GL", "not set")
-        rule = f"nothing can be rendered here (MUJOCO_GL is {how}; egl needs no display): {error}"
+        backend = os.environ.get("MUJOCO_GL", "not set")
+        rule = f"cannot be rendered here (MUJOCO_GL is {backend}; egl needs no display): {error}"
         raise BadInput("--video", [Fault("", rule)]) from None
     return Film(radius)
 
 
 def radius(design: Design) -> float:
-    """Return how far the parts of a design reach from its centre of mass [m]."""
-    at, module = platform(design), design.task.module
+    """Return the radius of a ball about the centre of mass that contains the design [m]."""
+    built, module = platform(design), design.task.module
     reach = max(module.arm_length + module.body.rotor_radius, module.connector_distance)
-    apart = np.linalg.norm(np.concatenate([at.p - at.p_com, at.p_e[None]]), axis=1)
-    return float(apart.max()) + reach
+    distances = np.linalg.norm(np.concatenate([built.p - built.p_com, built.p_e[None]]), axis=1)
+    return float(distances.max()) + reach

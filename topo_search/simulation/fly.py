@@ -1,9 +1,9 @@
-"""The closed loop, one scenario at a time, and what it showed.
+"""Simulation of one scenario in closed loop, and its evaluation.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| e | distance of the COM from its reference; in a wall's direction contact holds it | | m |
-| tilt | angle between the platform's attitude and its reference, the task's axes but where a tilt is held | | deg |
+| e | distance of the COM from its reference, without the direction into a wall that it presses against | | m |
+| tilt | angle between the platform's attitude and its reference, the task's axes unless a tilt is held | | deg |
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ from topo_search.simulation.result import Outcome, ScenarioResult
 from topo_search.simulation.scenarios import APPROACH, TILT, Scenario
 
 EVERY = 5
-"""Steps of the simulation a step of the controller: 200 Hz."""
-MISSED = 0.01
-"""Largest residual of a wrench that counts as met, in weights and arm lengths times weights."""
-GONE, OVER = 1.0, 60.0
-"""Errors at which a platform counts as lost [m], [deg]."""
+"""Simulation steps per control step: 200 Hz."""
+WRENCH_TOLERANCE = 0.01
+"""Largest residual of a wrench that counts as produced, in weights and arm lengths times weights."""
+LOST_DISTANCE, LOST_TILT = 1.0, 60.0
+"""Errors above which a platform counts as lost [m], [deg]."""
 
 Watch = Callable[[Plant, float], None]
-"""Called after every step of the controller with the plant and the time."""
+"""Observer that is called after every control step with the plant and the time."""
 
 
 @dataclass(eq=False)
 class Track:
-    """Records of every step of the controller."""
+    """Time series, one entry per control step."""
 
     time: list[float] = field(default_factory=list)
     error: list[Array] = field(default_factory=list)
     """Position error of the COM, world axes [m]."""
     tilt: list[float] = field(default_factory=list)
     force: list[Array] = field(default_factory=list)
-    """On the environment at the end-effector [N]."""
+    """Force on the environment at the end-effector [N]."""
     shares: list[Array] = field(default_factory=list)
     """Commanded thrusts over the largest."""
     missing: list[Array] = field(default_factory=list)
-    """Wrench commanded but not produced, in weights and arm lengths times weights."""
+    """Part of the commanded wrench that is not produced, in weights and arm lengths times weights."""
 
 
 @dataclass(frozen=True)
@@ -56,17 +56,17 @@ class Options:
     errors: Errors = field(default_factory=Errors)
     lag: float = LAG
     detection: float = 0.1
-    """Time from a rotor's death until the controller knows of it [s]."""
+    """Delay until the controller detects a rotor failure [s]."""
     allocator: type[Allocator] = Allocator
-    """Turns wrenches into thrusts: by least squares within limits, or by a `PseudoInverse`."""
+    """Thrust allocation: bounded least squares, or `PseudoInverse`."""
     wake: bool = True
-    """True if rotors lose thrust to the wakes of other modules, as the audit's air model says."""
+    """True if rotors lose thrust to the wakes of other modules, by the audit's air model."""
 
 
 def fly(
     design: Design, scenario: Scenario, options: Options, watch: Watch | None = None
 ) -> tuple[Track, str | None]:
-    """Fly a scenario and return its track, and when it ended before its time, why."""
+    """Fly a scenario and return its track, and the reason if it ended early."""
     plant = Plant(design, options.errors, scenario.wall, options.lag)
     rng = np.random.default_rng([options.errors.seed, 1])
     nominal, allocator = plant.nominal, options.allocator(plant.nominal)
@@ -85,16 +85,16 @@ def fly(
         dead = scenario.dead if scenario.dead is not None and t >= scenario.dead_at else None
         if dead is not None and t >= scenario.dead_at + options.detection:
             allocator.stop_rotor(dead)
-        seen = _add_noise(plant.state, options.errors.noise, rng)
-        wrench = controller.wrench(seen, reference)
+        measured = _add_noise(plant.state, options.errors.noise, rng)
+        wrench = controller.wrench(measured, reference)
         T, missing = allocator.thrusts(wrench)
         scaled = missing / nominal.weight / np.repeat([1.0, nominal.arm], 3)
-        controller.learn(seen, reference, bool(np.abs(scaled).max() <= MISSED))
+        controller.integrate(measured, reference, bool(np.abs(scaled).max() <= WRENCH_TOLERANCE))
         share = T / nominal.largest_thrust
         if dead is not None:
-            plant.model.actuator_ctrlrange[dead] = 0.0  # it has no least thrust any more
+            plant.model.actuator_ctrlrange[dead] = 0.0  # removes the smallest thrust of a running rotor
             T[dead] = 0.0
-        # a wall pushes back by itself
+        # a wall reacts by contact
         load = np.zeros(6) if scenario.wall is not None else -scenario.share_at(t) * scenario.exerted
         wind = np.zeros(6)
         if scenario.gust is not None and scenario.gust[0] <= t < scenario.gust[1]:
@@ -104,7 +104,7 @@ def fly(
         _record(track, scenario, plant, reference, t, share, scaled)
         if watch is not None:
             watch(plant, t)
-        if np.linalg.norm(track.error[-1]) > GONE or track.tilt[-1] > OVER:
+        if np.linalg.norm(track.error[-1]) > LOST_DISTANCE or track.tilt[-1] > LOST_TILT:
             return track, f"lost after {t:.1f} s"
         if (struck := plant.struck) is not None:
             why = "" if scenario.counts else ": the task has no solid region that keeps parts out of it"
@@ -113,66 +113,67 @@ def fly(
 
 
 def _trim(plant: Plant, controller: Controller, allocator: Allocator, home: Array) -> Array:
-    """Let the integrals know what hover lacks by errors of the model, and return the thrusts of hover, (N,) [N]."""
+    """Trim the integrals for hover with the model's errors, and return the thrusts of hover, (N,) [N]."""
     level = (home, np.zeros(3), np.eye(3), np.zeros(3))
-    for _ in range(10):  # each correction leaves the model's error of what it corrects
+    for _ in range(10):  # the correction itself has the model's relative error, so repeat it
         T, _ = allocator.thrusts(controller.wrench(level, Reference(home, np.zeros(6), np.zeros(3))))
         controller.trim(plant.missing_wrench(T))
     return T
 
 
 def judge(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
-    """Return what a flight showed."""
-    at_limit, most_saturated, force_within = 0.999, 0.05, 0.05  # shares: of a thrust, of the time, of a force
+    """Evaluate a flight; `lost` is the reason if it ended early."""
+    # shares of the largest thrust, of the time, of the force
+    at_limit, most_saturated, force_tolerance = 0.999, 0.05, 0.05
     t, tilt = np.array(track.time), np.array(track.tilt)
     e = np.linalg.norm(track.error, axis=1)
-    late = t >= scenario.judged_from
+    is_judged = t >= scenario.judged_from
     shares, missing = np.array(track.shares), np.abs(track.missing).max(axis=1)
     saturated = float((shares >= at_limit).mean(axis=0).max())
-    missed = float((missing > MISSED).mean())
+    missed = float((missing > WRENCH_TOLERANCE).mean())
     within = (e <= scenario.largest_drift) & (tilt <= scenario.largest_tilt)
     outside = np.flatnonzero(np.logical_not(within))
-    settled = 0.0 if not len(outside) else None  # from when on all is within its limits; None: never to stay
+    settling_time = 0.0 if not len(outside) else None  # None if errors are outside the limits at the end
     if len(outside) and outside[-1] < len(t) - 1:
-        settled = float(t[outside[-1] + 1])
+        settling_time = float(t[outside[-1] + 1])
     force = error = None
-    if scenario.force > 0 and late.any():
-        along = np.array(track.force)[late].mean(axis=0)
-        force = float(along @ scenario.exerted[:3]) / scenario.force
-        error = float(np.linalg.norm(along - scenario.exerted[:3])) / scenario.force
-        if scenario.wall is not None:  # friction may take up the rest
+    if scenario.force > 0 and is_judged.any():
+        mean_force = np.array(track.force)[is_judged].mean(axis=0)
+        force = float(mean_force @ scenario.exerted[:3]) / scenario.force
+        error = float(np.linalg.norm(mean_force - scenario.exerted[:3])) / scenario.force
+        if scenario.wall is not None:  # friction may take up the tangential part
             error = abs(force / scenario.force - 1)
-    why = [] if lost is None else [lost]
-    drift = float(e[late].max()) if late.any() else float(e.max())
-    tilted = float(tilt[late].max()) if late.any() else float(tilt.max())
-    if lost is None and drift > scenario.largest_drift:
-        why.append(f"{100 * drift:.3g} cm away, more than {100 * scenario.largest_drift:g} cm")
-    if lost is None and tilted > scenario.largest_tilt:
-        why.append(f"tilted by {tilted:.3g} deg, more than {scenario.largest_tilt:g} deg")
-    if error is not None and error > force_within:
-        why.append(f"force off by {100 * error:.2g} %, more than {100 * force_within:g} %")
+    reasons = [] if lost is None else [lost]
+    largest_drift = float(e[is_judged].max()) if is_judged.any() else float(e.max())
+    largest_tilt = float(tilt[is_judged].max()) if is_judged.any() else float(tilt.max())
+    if lost is None and largest_drift > scenario.largest_drift:
+        reasons.append(f"{100 * largest_drift:.3g} cm away, more than {100 * scenario.largest_drift:g} cm")
+    if lost is None and largest_tilt > scenario.largest_tilt:
+        reasons.append(f"tilted by {largest_tilt:.3g} deg, more than {scenario.largest_tilt:g} deg")
+    if error is not None and error > force_tolerance:
+        reasons.append(f"force off by {100 * error:.2g} %, more than {100 * force_tolerance:g} %")
     if saturated > most_saturated:
-        why.append(f"a rotor at its largest thrust for {100 * saturated:.3g} % of the time")
-    if why and missed > 0:
-        short = np.mean(track.missing, axis=0)
-        why.append(
+        reasons.append(f"a rotor at its largest thrust for {100 * saturated:.3g} % of the time")
+    if reasons and missed > 0:
+        mean_missing = np.mean(track.missing, axis=0)
+        reasons.append(
             f"rotors could not produce what the controller asked for {100 * missed:.3g} % of the time, short of "
-            f"{np.linalg.norm(short[:3]):.2g} of the weight on average"
+            f"{np.linalg.norm(mean_missing[:3]):.2g} of the weight on average"
         )
     outcome: Outcome = "recovered"
-    if why:
-        limited = saturated > most_saturated or missed > 0
-        outcome = "lost" if lost is not None else "saturated" if limited else "off target"
+    if reasons:
+        is_saturated = saturated > most_saturated or missed > 0
+        outcome = "lost" if lost is not None else "saturated" if is_saturated else "off target"
     return ScenarioResult(
         name=scenario.name,
-        verdict="not held" if why else "held",
+        verdict="not held" if reasons else "held",
         outcome=outcome,
-        reason="; ".join(why) or None,
+        reason="; ".join(reasons) or None,
         counts=scenario.counts,
         seconds=float(t[-1]),
-        drift_m=drift,
-        tilt_deg=tilted,
-        settled_s=settled,
+        drift_m=largest_drift,
+        tilt_deg=largest_tilt,
+        settled_s=settling_time,
         force_N=force,
         force_error_share=error,
         saturated_share=saturated,
@@ -182,16 +183,16 @@ def judge(scenario: Scenario, track: Track, lost: str | None) -> ScenarioResult:
 
 
 def _reference(scenario: Scenario, home: Array, t: float, nominal: Nominal) -> Reference:
-    """Return where the platform is to be, and what it is to exert."""
+    """Return the reference pose and wrench at a time."""
     share = scenario.share_at(t)
     wrench = nominal.about_com(share * scenario.exerted)
     if scenario.wall is None:
-        turn = np.zeros(4)
-        mujoco.mju_axisAngle2Quat(turn, scenario.axis, share * math.radians(scenario.tilt))
-        return Reference(home, wrench, np.zeros(3), orientation(turn))
-    ahead = min(0.02 * t, APPROACH)  # at 0.02 m/s
+        quaternion = np.zeros(4)
+        mujoco.mju_axisAngle2Quat(quaternion, scenario.axis, share * math.radians(scenario.tilt))
+        return Reference(home, wrench, np.zeros(3), orientation(quaternion))
+    advance = min(0.02 * t, APPROACH)  # at 0.02 m/s
     free = scenario.wall.towards if t >= scenario.ramp_at else np.zeros(3)
-    return Reference(home + ahead * scenario.wall.towards, wrench, free)
+    return Reference(home + advance * scenario.wall.towards, wrench, free)
 
 
 def _record(
@@ -204,7 +205,7 @@ def _record(
     track.tilt.append(math.degrees(math.acos(float(np.clip(cosine, -1.0, 1.0)))))
     if scenario.wall is not None:
         track.force.append(plant.contact_force)
-    else:  # that of the rotors less the weight
+    else:  # rotor force minus the weight
         F = plant.R @ (plant.nominal.B @ (plant.data.act * plant.gain))[:3]
         track.force.append(np.asarray(F + plant.model.body_mass.sum() * plant.model.opt.gravity))
     track.shares.append(share)
@@ -214,7 +215,7 @@ def _record(
 def _add_noise(
     state: tuple[Array, Array, Array, Array], factor: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array, Array]:
-    """Return a state as sensors tell it."""
+    """Return a state with sensor noise."""
     p, v, R, omega = state
     deviations = 1e-3, 5e-3, math.radians(0.1), math.radians(0.5)  # [m], [m/s], [rad], [rad/s]
     draws = factor * np.array(deviations)[:, None] * rng.standard_normal((4, 3))

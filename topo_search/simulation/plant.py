@@ -1,11 +1,11 @@
-"""Simulated plant: the platform with its rod, an end-effector that can touch, a wall if one is asked for.
+"""Simulated plant: the platform with its rod, an end-effector with contact, and an optional wall.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
-| c | COM of the simulated platform from that of the design, which leaves the rod's mass out; body axes | (3,) | m |
-| m, J | mass, inertia about c, with the rod | | kg, kg m^2 |
+| c | COM of the simulated platform from the design's COM, which ignores the rod's mass; body axes | (3,) | m |
+| m, J | mass, inertia about c, rod included | | kg, kg m^2 |
 | B | wrench about c, in body axes, of unit thrusts | (6, N) | N, N m per N |
-| T, T_max | thrusts, the largest of a rotor | (N,) | N |
+| T, T_max | thrusts, largest thrust of a rotor | (N,) | N |
 | tau | time constant of a rotor's thrust | | s |
 """
 
@@ -33,20 +33,20 @@ LAG = 0.05
 
 @dataclass(frozen=True)
 class Errors:
-    """Differences between the simulated platform and the one that the controller knows."""
+    """Differences between the simulated platform and the controller's model."""
 
     model: float = 0.0
-    """Standard deviation of every body's mass and of every rotor's thrust, relative."""
+    """Relative standard deviation of the mass of every body and the thrust of every rotor."""
     noise: float = 1.0
     """Factor on the noise of position, velocity, attitude and rate."""
     seed: int = 0
     losses: tuple[float, ...] = ()
-    """Share of its thrust that each rotor loses to the wakes of other modules; empty: none does."""
+    """Share of thrust that each rotor loses to the wakes of other modules; empty: no losses."""
 
 
 @dataclass(frozen=True, eq=False)
 class Nominal:
-    """Model that the controller knows."""
+    """The controller's model of the platform."""
 
     mass: float
     com: Array
@@ -55,7 +55,7 @@ class Nominal:
     B: Array
     largest_thrust: float
     least_share: float
-    """Least thrust of a rotor that runs, over the largest."""
+    """Smallest thrust of a running rotor over the largest."""
     gravity: float
     arm: float
     """l_arm, the scale of torques [m]."""
@@ -68,25 +68,25 @@ class Nominal:
         return self.mass * self.gravity
 
     def about_com(self, at_tip: Array) -> Array:
-        """Return a wrench at the end-effector, (6,), as one about c in the pose of the task."""
+        """Return a wrench at the end-effector, (6,), as one about c, in the task's attitude."""
         return np.concatenate([at_tip[:3], at_tip[3:] + cross(self.tip, at_tip[:3])])
 
 
 @dataclass(frozen=True)
 class Wall:
-    """A plane that the tip meets."""
+    """A plane wall in front of the tip."""
 
     towards: Array
     """Unit vector into the wall, (3,)."""
     gap: float
-    """From the tip in the initial pose to where it touches [m]."""
+    """Travel of the tip from its initial position to contact [m]."""
 
 
 class Plant:
     """The simulated platform."""
 
     def __init__(self, design: Design, errors: Errors, wall: Wall | None = None, lag: float = LAG) -> None:
-        """Build it; `lag` is the time constant of the thrusts [s]."""
+        """Build the MuJoCo model; `lag` is the time constant of the thrusts [s]."""
         self.nominal = nominal(design)
         self.model = mujoco.MjModel.from_xml_string(_world(design, wall, lag))
         rng = np.random.default_rng(errors.seed)
@@ -102,7 +102,7 @@ class Plant:
         self.platform_body = self.model.body("platform").id
 
     def place(self, position: Array, quaternion: Array) -> None:
-        """Put the platform at rest with its nominal COM at a position, hovering thrusts not yet on."""
+        """Place the platform at rest with its nominal COM at a position, without changing the thrusts."""
         self.data.qpos[:3] = position - orientation(quaternion) @ self.nominal.com
         self.data.qpos[3:7] = quaternion
         mujoco.mj_forward(self.model, self.data)
@@ -119,19 +119,19 @@ class Plant:
         return self.data.qpos[:3] + R @ c, self.data.qvel[:3] + R @ cross(omega, c), R, omega
 
     def missing_wrench(self, thrusts: Array) -> Array:
-        """Return the wrench about the nominal COM that thrusts (N,) [N] lack to hover where the plant is, (6,)."""
-        at = self.data.subtree_com[self.platform_body] - self.state[0]
+        """Return the wrench about the nominal COM, (6,), that thrusts (N,) [N] lack for hover in this pose."""
+        offset = self.data.subtree_com[self.platform_body] - self.state[0]
         weight = -self.model.body_mass.sum() * self.model.opt.gravity
-        lacking = np.concatenate([self.R.T @ weight, self.R.T @ cross(at, weight)])
-        return np.asarray(lacking - self.nominal.B @ (self.gain * thrusts))
+        required = np.concatenate([self.R.T @ weight, self.R.T @ cross(offset, weight)])
+        return np.asarray(required - self.nominal.B @ (self.gain * thrusts))
 
     def step(self, commanded: Array, at_tip: Array, at_com: Array) -> None:
-        """Go on by STEP.
+        """Advance the simulation by STEP.
 
         Args:
             commanded: commanded thrusts of the rotors, (N,) [N].
             at_tip: wrench of the environment on the end-effector, world axes, (6,).
-            at_com: the same on the platform's COM.
+            at_com: wrench of the environment on the platform's COM, world axes, (6,).
         """
         self.data.ctrl[:] = commanded
         self.data.xfrc_applied[self.tip_body] = at_tip
@@ -154,7 +154,7 @@ class Plant:
 
     @property
     def struck(self) -> str | None:
-        """Body of a part that touches the wall, the tip aside."""
+        """Name of a body other than the tip that touches the wall, or None."""
         for k, names in enumerate(self._contacts()):
             if "tip" not in names:
                 geom = max(self.data.contact[k].geom, key=lambda g: self.model.geom_bodyid[g])
@@ -162,35 +162,34 @@ class Plant:
         return None
 
     def _contacts(self) -> list[tuple[str, str]]:
-        """Return the names of what touches, a pair for each contact."""
         geom, contacts = self.model.geom, self.data.contact[: self.data.ncon]
         return [(geom(contact.geom1).name, geom(contact.geom2).name) for contact in contacts]
 
 
 def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:
-    """Return what the controller knows of a design: the model about its own COM, with the rod's mass or without."""
-    acts: Allocation = allocation(design)
-    at = platform(design)
-    m, J, c = acts.mass_kg, np.array(acts.inertia_kg_m2), np.zeros(3)
-    ignored = design.task.end_effector.counted_rod is None
-    rod = rod_of(design, at) if rod_mass and ignored else None
+    """Return the controller's model of a design about its own COM; `rod_mass` adds a rod that the task ignores."""
+    exported: Allocation = allocation(design)
+    built = platform(design)
+    m, J, c = exported.mass_kg, np.array(exported.inertia_kg_m2), np.zeros(3)
+    is_ignored = design.task.end_effector.counted_rod is None
+    rod = rod_of(design, built) if rod_mass and is_ignored else None
     if rod is not None:
-        mass, inertia, middle = mass_of(rod, design, at)
+        mass, inertia, middle = mass_of(rod, design, built)
         c = mass / (m + mass) * middle
-        J = J + m * _spread(c) + inertia + mass * _spread(middle - c)
+        J = J + m * _steiner(c) + inertia + mass * _steiner(middle - c)
         m += mass
-    B = np.array(acts.thrust_matrix)
+    B = np.array(exported.thrust_matrix)
     B[3:] -= np.cross(c, B[:3].T).T
     return Nominal(
         mass=m,
         com=read_only(c),
         J=read_only(J),
         B=read_only(B),
-        largest_thrust=acts.rotors[0].largest_thrust_N,
-        least_share=acts.least_input / acts.largest_input,
+        largest_thrust=exported.rotors[0].largest_thrust_N,
+        least_share=exported.least_input / exported.largest_input,
         gravity=design.task.gravity,
         arm=design.task.module.arm_length,
-        tip=read_only(at.p_e - c),
+        tip=read_only(built.p_e - c),
     )
 
 
@@ -202,27 +201,27 @@ def orientation(quaternion: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return the vector product of two vectors, (3,), much sooner than numpy does."""
+    """Return the cross product of two vectors, (3,), much faster than NumPy."""
     (a0, a1, a2), (b0, b1, b2) = a, b
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
 
 
-def _spread(r: Array) -> Array:
+def _steiner(r: Array) -> Array:
     return np.asarray(r @ r * np.eye(3) - np.outer(r, r))
 
 
 def _world(design: Design, wall: Wall | None, lag: float) -> str:
-    """Return the MJCF of the platform with all that `Physics` has, and a wall."""
+    """Return the MJCF of the platform with motor lag, rod mass and contacts, and of the wall."""
     root = ElementTree.fromstring(mjcf(design, Physics(motor_lag=lag, rod_mass=True, contacts=True)))
     next(root.iter("option")).set("timestep", numbers(STEP))
-    at, radius = platform(design), design.task.end_effector.rod_radius
     if wall is not None:
-        centre = at.p_e + (radius + wall.gap + 0.01) * wall.towards
+        radius = design.task.end_effector.rod_radius
+        centre = platform(design).p_e + (radius + wall.gap + 0.01) * wall.towards
         quaternion = np.zeros(4)
         mujoco.mju_mat2Quat(quaternion, rotation_to(wall.towards).ravel())
         shape = {"type": "box", "size": numbers(0.25, 0.25, 0.01), "rgba": "0.7 0.75 0.8 0.25"}
         pose = {"pos": numbers(*centre), "quat": numbers(*quaternion)}
-        touch = {"solref": "0.01 1", "friction": "0.3 0.005 0.0001", "priority": "1"}
-        SubElement(next(root.iter("worldbody")), "geom", {"name": "wall", **shape, **pose, **touch})
+        contact = {"solref": "0.01 1", "friction": "0.3 0.005 0.0001", "priority": "1"}
+        SubElement(next(root.iter("worldbody")), "geom", {"name": "wall", **shape, **pose, **contact})
     SubElement(SubElement(root, "visual"), "global", offwidth="960", offheight="720")
     return ElementTree.tostring(root, encoding="unicode")

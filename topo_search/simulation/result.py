@@ -1,4 +1,4 @@
-"""Results of flights, as `flight.json` holds them."""
+"""Results of flights, the contents of `flight.json`."""
 
 from __future__ import annotations
 
@@ -11,47 +11,46 @@ from topo_search.study.request import digest
 
 Verdict = Literal["held", "not held", "not flown"]
 Outcome = Literal["lost", "saturated", "off target", "recovered", "not flown"]
-"""Worst first. `lost`: ended early; `saturated`: missed a limit with rotors at theirs; `off target`: without."""
-
+"""Worst first. `lost`: ended early; `saturated`: limits exceeded, rotors saturated; `off target`: not saturated."""
 
 CELLS = ("drift", "tilt", "force error", "at limit", "demand unmet", "largest input")
-"""Names of the figures of a scenario."""
+"""Column names of a scenario's figures."""
 
 
 class ScenarioResult(Value):
-    """One scenario."""
+    """Result of one scenario."""
 
     name: str
     verdict: Verdict
     outcome: Outcome | None = None
-    """`lost`: ended early; `saturated`: missed a limit with rotors at theirs; `off target`: missed one without;
-    None in files that do not say."""
+    """`lost`: ended early; `saturated`: limits exceeded with rotors at theirs; `off target`: limits exceeded with
+    rotors below theirs; None in older files."""
     reason: str | None = None
     """Why it did not recover, or was not flown."""
     counts: Flag = True
     """True if the overall verdict depends on this scenario."""
     seconds: Number = 0.0
-    """Simulated [s]."""
+    """Simulated time [s]."""
     drift_m: Number | None = None
-    """Largest error of position while it was judged [m]."""
+    """Largest position error in the judged interval [m]."""
     tilt_deg: Number | None = None
-    """Largest error of attitude while it was judged [deg]."""
+    """Largest attitude error in the judged interval [deg]."""
     settled_s: Number | None = None
-    """When errors had come within the limits to stay [s]."""
+    """Settling time, from which errors stay within the limits [s]."""
     force_N: Number | None = None
-    """Mean force on the environment while it was judged, along the one asked for [N]."""
+    """Mean force on the environment in the judged interval, along the required force [N]."""
     force_error_share: Number | None = None
-    """Mean error of that force, over the force asked for."""
+    """Error of the mean force over the required force."""
     saturated_share: Number | None = None
-    """Share of the time in which the rotor that was most at its largest thrust was there."""
+    """Share of time that the most saturated rotor is at its largest thrust."""
     missed_share: Number | None = None
-    """Share of the time in which rotors could not produce the wrench that the controller asked for."""
+    """Share of time in which the rotors cannot produce the commanded wrench."""
     largest_input: Number | None = None
-    """Largest thrust that was commanded, over the largest of a rotor."""
+    """Largest commanded thrust over the largest thrust of a rotor."""
 
     @property
     def cells(self) -> tuple[str, ...]:
-        """Figures with their units, by the names of CELLS; empty where one is missing."""
+        """Figures with units in the order of CELLS; empty strings for missing ones."""
         shares = self.force_error_share, self.saturated_share, self.missed_share, self.largest_input
         return (
             "" if self.drift_m is None else f"{100 * self.drift_m:.2f} cm",
@@ -66,42 +65,42 @@ class FlightResult(Value):
     format: Literal["topo-search/flight"] = "topo-search/flight"
     version: Literal[1] = 1
     design: str | None = None
-    """`digest_of` the design that was flown; None in files that do not say."""
+    """Digest of the flown design; None in older files."""
     verdict: Literal["held", "not held"]
-    """`held` if every scenario that was flown and counts recovered."""
+    """`held` if every flown scenario that counts recovered."""
     outcome: Outcome | None = None
-    """The worst of the scenarios that count; None in files that do not say."""
+    """Worst outcome of the scenarios that count; None in older files."""
     scenarios: tuple[ScenarioResult, ...]
     weakest_force_N: Number
-    """The least force that rotors can add in hover, of horizontal directions in steps of 15 deg [N]."""
+    """Smallest force that the rotors can add in hover, over horizontal directions in steps of 15 deg [N]."""
     weakest_force_share: Number
-    """The same over the weight."""
+    """Weakest force over the weight."""
     weakest_direction: Vector
     rotors_out: Index
     """Number of single rotor failures that hover survives, by the same least squares as in flight."""
     rotors: Index
     mass_kg: Number
-    """Simulated, with the rod's."""
+    """Simulated mass, rod included."""
     rod_mass_kg: Number
-    """The model leaves it out."""
+    """Mass of the rod, if the design's model ignores it."""
     options: dict[str, Number]
     versions: dict[str, str]
     notes: tuple[str, ...] = ()
 
     def _repr_html_(self) -> str:
-        """Show a notebook the table."""
-        rows = [(one.name, word(one), *one.cells, one.reason) for one in self.scenarios]
-        shown = table(("scenario", "outcome", *CELLS, "why"), rows)
-        return heading(f"flight in simulation: {word(self)}") + shown + "".join(map(paragraph, self.notes))
+        """Return the HTML table for notebooks."""
+        rows = [(scenario.name, word(scenario), *scenario.cells, scenario.reason) for scenario in self.scenarios]
+        html = table(("scenario", "outcome", *CELLS, "why"), rows)
+        return heading(f"flight in simulation: {word(self)}") + html + "".join(map(paragraph, self.notes))
 
 
 def word(result: ScenarioResult | FlightResult) -> str:
-    """Return the outcome; of files that do not say, the verdict."""
+    """Return the outcome, or the verdict if an older file has none."""
     return result.outcome or result.verdict
 
 
 def digest_of(design: Design) -> str:
-    """Return a short name of a design that differs whenever its task, tree or numbers do."""
+    """Return a digest of a design's task, tree and numbers."""
     return digest(design.model_dump(mode="json", exclude={"solver"}))
 
 

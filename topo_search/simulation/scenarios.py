@@ -1,4 +1,4 @@
-"""Flight scenarios: where the platform starts, what it is asked, what pushes it, and what counts as held."""
+"""Flight scenarios: initial state, reference, disturbance, and the limits of success."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from topo_search.model.design import Design
 from topo_search.model.load_case import LoadCase
 from topo_search.simulation.plant import Nominal, Wall
 
-BALANCED = 1e-6
-"""Largest part of a load case's COM wrench that the weight leaves unbalanced [m_t g, l_arm m_t g]."""
+BALANCE_TOLERANCE = 1e-6
+"""Largest unbalanced part of a load case's COM wrench in a steady flight [m_t g, l_arm m_t g]."""
 APPROACH = 0.03
-"""Gap between the tip and a wall at first [m]."""
-RAMP = 1.5
-"""In which a load is put on [s]."""
-AWAY, TILT = 0.10, 10.0
-"""Start of a return [m], [deg]."""
+"""Initial gap between the tip and a wall [m]."""
+RAMP_TIME = 1.5
+"""Time over which a load or a tilt is applied [s]."""
+OFFSET, TILT = 0.10, 10.0
+"""Initial errors of a return [m], [deg]."""
 GUST_FORCE, GUST_TORQUE = 0.05, 0.02
 """Force and torque of a gust [m g], [l_arm m g]."""
 
@@ -30,23 +30,23 @@ class Scenario:
     name: str
     seconds: float
     judged_from: float
-    """From here on drift and tilt count [s]."""
+    """Time from which drift and tilt count [s]."""
     start: Array = field(default_factory=lambda: np.zeros(3))
     """Initial position of the COM [m]."""
     axis: Array = field(default_factory=lambda: np.zeros(3))
-    """Unit vector about which the platform is tilted, at first or in its reference; zero: it is not."""
+    """Unit axis of the initial tilt or of the reference's tilt, (3,); zero: no tilt."""
     tilt: float = 0.0
-    """Tilt of the reference, ramped over RAMP from `ramp_at` on [deg]; 0: the platform begins tilted by TILT."""
+    """Tilt of the reference, ramped up over RAMP_TIME from `ramp_at` [deg]; 0: the initial tilt is TILT instead."""
     exerted: Array = field(default_factory=lambda: np.zeros(6))
-    """Wrench on the environment at the end-effector, world axes, (6,), ramped over RAMP from `ramp_at` on."""
+    """Wrench on the environment at the end-effector, world axes, (6,), ramped up over RAMP_TIME from `ramp_at`."""
     ramp_at: float = 1.0
     gust: tuple[float, float] | None = None
-    """From when to when [s]."""
+    """Start and end of the gust [s]."""
     wind: Array = field(default_factory=lambda: np.zeros(6))
     """Wrench of the gust at the COM, world axes, (6,)."""
     wall: Wall | None = None
     dead: int | None = None
-    """Rotor that dies at `dead_at`."""
+    """Rotor that fails at `dead_at`."""
     dead_at: float = 1.0
     largest_drift: float = 0.01
     """[m]"""
@@ -56,28 +56,28 @@ class Scenario:
 
     @property
     def force(self) -> float:
-        """Size of the force that is asked for [N]."""
+        """Magnitude of the required force [N]."""
         return float(np.linalg.norm(self.exerted[:3]))
 
     def share_at(self, t: float) -> float:
-        """Return how much of what is ramped is there at a time [s]."""
-        return float(np.clip((t - self.ramp_at) / RAMP, 0.0, 1.0))
+        """Return the share of the ramped load or tilt at a time [s]."""
+        return float(np.clip((t - self.ramp_at) / RAMP_TIME, 0.0, 1.0))
 
 
 SIDES = {"+x": (1.0, 0.0), "+y": (0.0, 1.0), "-x": (-1.0, 0.0), "-y": (0.0, -1.0)}
 
 
 def hover_scenarios() -> list[Scenario]:
-    """Return hover, and returns from four sides, tilted about four axes."""
+    """Return hover, and returns from four sides with initial tilt."""
     scenarios = [Scenario("hover", 5.0, 1.0)]
     for name, (x, y) in SIDES.items():
-        start, axis = AWAY * np.array([x, y, 0.0]), np.array([-y, x, 0.0])
+        start, axis = OFFSET * np.array([x, y, 0.0]), np.array([-y, x, 0.0])
         scenarios.append(Scenario(f"return from {name}", 5.0, 3.0, start=start, axis=axis))
     return scenarios
 
 
 def tilts(size: float, *, counts: bool) -> list[Scenario]:
-    """Return tilts of some size [deg] held about four axes."""
+    """Return scenarios that hold a tilt of a given size [deg] about each of four axes."""
     return [
         Scenario(f"tilt about {name}", 5.0, 3.5, axis=np.array([x, y, 0.0]), tilt=size, ramp_at=0.5, counts=counts)
         for name, (x, y) in SIDES.items()
@@ -85,28 +85,28 @@ def tilts(size: float, *, counts: bool) -> list[Scenario]:
 
 
 def gust(nominal: Nominal) -> Scenario:
-    """Return a step of force and torque that lasts a second."""
+    """Return hover in a gust: a step of force and torque that lasts a second."""
     W = nominal.weight
     wind = np.array([GUST_FORCE * W, 0.0, 0.0, 0.0, 0.0, GUST_TORQUE * nominal.arm * W])
     return Scenario("gust", 6.0, 5.0, gust=(1.0, 2.0), wind=wind)
 
 
 def dead_rotor(rotor: int, *, counts: bool) -> Scenario:
-    """Return hover in which a rotor dies; what is lost of height and attitude has three seconds to heal."""
+    """Return hover in which a rotor fails, with three seconds to recover height and attitude."""
     name = f"rotor {rotor % 4} of module {rotor // 4} dies"
     return Scenario(name, 8.0, 4.0, dead=rotor, counts=counts)
 
 
 def imbalance(design: Design, case: LoadCase) -> str | None:
-    """Return why a load case is no steady flight; None if the weight is all that its COM wrench carries."""
+    """Return the reason why a load case is not a steady flight; None if its COM wrench is exactly the weight."""
     task, n = design.task, design.topology.n
     W, unit = task.force_unit(n), task.torque_unit(n)
-    left = np.array(case.at_com.force) - [0.0, 0.0, W]
-    turning = np.array(case.at_com.torque)
-    if np.abs(left).max() <= BALANCED * W and np.abs(turning).max() <= BALANCED * unit:
+    force = np.array(case.at_com.force) - [0.0, 0.0, W]
+    torque = np.array(case.at_com.torque)
+    if np.abs(force).max() <= BALANCE_TOLERANCE * W and np.abs(torque).max() <= BALANCE_TOLERANCE * unit:
         return None
-    if np.abs(left).max() > BALANCED * W:
-        a = ", ".join(f"{x:.2f}" for x in left / task.total_mass(n))
+    if np.abs(force).max() > BALANCE_TOLERANCE * W:
+        a = ", ".join(f"{x:.2f}" for x in force / task.total_mass(n))
         return (
             "not a steady flight: the rotors' force, less the load and the weight, would accelerate "
             f"the platform by [{a}] m/s^2; to be flown, a case must carry the weight at the centre of mass"
@@ -114,24 +114,24 @@ def imbalance(design: Design, case: LoadCase) -> str | None:
     return "not a steady flight: nothing reacts the torque at the centre of mass"
 
 
-def exertion(case: LoadCase) -> Array:
-    """Return what a load case exerts at the end-effector, (6,)."""
+def tip_wrench(case: LoadCase) -> Array:
+    """Return the wrench of a load case at the end-effector, (6,)."""
     return np.array([*case.at_end_effector.force, *case.at_end_effector.torque])
 
 
 def hold_at_tip(name: str, case: LoadCase) -> Scenario | None:
-    """Return a load case held against a load on the end-effector; None if it has none."""
-    wrench = exertion(case)
+    """Return a load case held against the load on the end-effector; None if the load is zero."""
+    wrench = tip_wrench(case)
     return Scenario(name, 6.0, 3.5, exerted=wrench) if wrench.any() else None
 
 
 def hold(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
-    """Return a load case held against a load on the end-effector, and if it is a push, against a wall as well.
+    """Return a load case held against the load on the end-effector, and a pure push against a wall as well.
 
-    All parts feel the wall. Parts are kept out of it where a region is solid: else it does not count.
+    All parts collide with the wall. Only a solid region keeps parts away from it, so otherwise it does not count.
 
     Args:
-        name: of the load case.
+        name: name of the load case.
         case: the load case.
         solid: whether the task has a solid region.
     """
@@ -141,6 +141,6 @@ def hold(name: str, case: LoadCase, *, solid: bool = False) -> list[Scenario]:
     scenarios, wrench = [loaded], loaded.exerted
     force = np.linalg.norm(wrench[:3])
     if force > 0 and not wrench[3:].any():
-        touched = replace(loaded, name=f"{name}, wall", seconds=8.0, judged_from=5.5, ramp_at=3.0, counts=solid)
-        scenarios.append(replace(touched, wall=Wall(wrench[:3] / force, APPROACH), largest_drift=0.02))
+        pressing = replace(loaded, name=f"{name}, wall", seconds=8.0, judged_from=5.5, ramp_at=3.0, counts=solid)
+        scenarios.append(replace(pressing, wall=Wall(wrench[:3] / force, APPROACH), largest_drift=0.02))
     return scenarios

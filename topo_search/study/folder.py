@@ -18,7 +18,7 @@ from pydantic import BaseModel, ValidationError
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Proof, ResolvedTask, Task
 from topo_search.model.files import to_toml, validate
-from topo_search.model.task import before_requirement
+from topo_search.model.task import with_older_defaults
 from topo_search.model.text import csv_text, decode, toml_data
 from topo_search.model.value import faults_of, naming
 from topo_search.study.directory import Directory, ReadOnlyFolder, RunFile
@@ -113,7 +113,7 @@ def _read_task(path: Path, directory: Directory) -> Task:
         raise BadInput(name, "no such file")
     with naming(name):
         data = toml_data(decode(content))
-    return validate(Task, before_requirement(data), name)
+    return validate(Task, with_older_defaults(data), name)
 
 
 def _describe_other(name: str, held: Any, requested: Any) -> str:

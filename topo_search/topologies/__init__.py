@@ -1,4 +1,4 @@
-"""Trees of modules: enumerated, counted and drawn, each design once."""
+"""Candidate trees of modules: enumerated, counted and sampled, each design once."""
 
 from topo_search.topologies.candidates import (
     Candidate,

@@ -1,30 +1,30 @@
-"""The candidates of a search: enumerated, counted, looked up and drawn, or listed by a user.
+"""Candidates of a search: enumerated, counted, looked up and sampled, or listed by a user.
 
-A user's list holds keys, trees or graphs; it is checked against the task before anything is solved.
+A user's list contains keys, trees or graphs; it is checked against the task before anything is solved.
 
-Their numbers have closed forms, and draws are exactly uniform:
+Numbers of candidates have closed forms, and sampling is exactly uniform:
 
 | symbol | meaning |
 |---|---|
 | n | number of modules |
-| T(x) = 1 + x T(x)^3 | generating function of ternary trees: a slot is free or holds a module with three slots |
-| F(n) | fixed trees: nothing but the choice of the root is the same; OEIS A000139 |
+| T(x) = 1 + x T(x)^3 | generating function of ternary trees: a slot is free or has a module with three slots |
+| F(n) | fixed trees: equal up to the choice of the root; OEIS A000139 |
 | n F(n) | rooted trees, a forest at the four ports of the root: x T(x)^4; OEIS A006629 (offset 1) |
-| L, k | modules on the axis of a mirror; pairs of modules beside it, n = L + 2k |
+| L, k | number of modules on a mirror axis, and of pairs beside it; n = L + 2k |
 
-A quotient by a group has (1/|G|) sum over g of Fix(g) classes (Burnside's lemma). For one family there are OEIS
-sequences to compare with: C4 is A005034 and D4 is A005036 = (A005034 + A047749) / 2.
+A quotient by a group has (1/|G|) sum over g of Fix(g) classes (Burnside's lemma). For aligned connectors OEIS has
+C4 as A005034, and D4 as A005036 = (A005034 + A047749) / 2.
 
-With connectors of any port every joint has a parity: a tree counts 2^e times, e the number of joints that can be
-chosen freely. As the root's own spin is fixed, c2 then stands for all quarter turns with the spin flip: with the
-free root (2^n F(n) + 2^ceil(n/2) Fix180(n)) / 4 classes.
+With connectors of any port every joint has a parity: a tree counts 2^e times, where e is the number of joints whose
+parity is free. As the root's own spin is fixed, c2 then means all quarter turns with the spin flip: with the free
+root (2^n F(n) + 2^ceil(n/2) Fix180(n)) / 4 classes.
 
-To sample a class, draw an element of the group with probability proportional to the number of trees that it leaves
-as they are, then one of these trees uniformly: its class is uniform, because each class is met in |G| ways (the
-stabiliser of a tree times the size of its class; Burnside). All numbers are integers.
+To sample a class, draw an element of the group with probability proportional to the number of trees that it fixes,
+then one of these trees uniformly. The class is uniform, because each is drawn in |G| ways (the order of a tree's
+stabilizer times the size of its class; Burnside). All numbers are integers.
 
-Forests of ternary trees are drawn by the cycle lemma (Dvoretzky and Motzkin 1947): of the 3m + s rotations of a
-word with m modules and 2m + s free slots exactly s are the preorder text of a forest of s trees.
+Forests of ternary trees are sampled by the cycle lemma (Dvoretzky and Motzkin 1947): of the 3m + s rotations of a
+word with m modules and 2m + s free slots, exactly s are the preorder text of a forest of s trees.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ if TYPE_CHECKING:
 
 
 def forests(trees: int, modules: int) -> int:
-    """Return the number of sequences of `trees` >= 1 ternary trees, some perhaps empty: [x^modules] T(x)^trees."""
+    """Return the number of forests of `trees` >= 1 ternary trees, possibly empty ones: [x^modules] T(x)^trees."""
     return trees * comb(3 * modules + trees, modules) // (3 * modules + trees)
 
 
@@ -76,27 +76,27 @@ Build = Callable[[Sequence[str], Random, Connectors], Rooted]
 
 
 class _Shape(NamedTuple):
-    """Trees that are each made of a forest of ternary trees."""
+    """Family of trees that are each built from a forest of ternary trees."""
 
     trees: int
-    """Trees of the forest."""
+    """Number of trees of the forest."""
     modules: int
-    """Modules of the forest."""
+    """Number of modules of the forest."""
     number: int
-    """Trees of this shape."""
+    """Number of trees of this shape."""
     build: Build
-    """Makes a tree from the codes of a forest; draws what the forest leaves open."""
+    """Function that builds a tree from the codes of a forest and draws the remaining choices."""
 
 
 @lru_cache(maxsize=512)
 def _shapes(quarters: int, mirror: bool, n: int, connectors: Connectors, root: Root) -> list[_Shape]:
-    """Return the shapes of the trees that an element (q, mirror) of a group leaves as they are.
+    """Return the shapes of the trees that are invariant under an element (q, mirror) of a group.
 
-    Those of a mirror are as in the x axis, or the diagonal between x and y.
+    Mirrors are represented by those in the x axis and in the diagonal between x and y.
     """
 
     def shape(trees: int, modules: int, build: Build, *, times: int = 1, same: int = 1, joints: int = 0) -> _Shape:
-        # times: trees that a forest makes; same: forests that make one tree; joints: others than a forest's
+        # times: trees per forest; same: forests per tree; joints: those outside of the forest
         number = times * forests(trees, modules) // same
         return _Shape(trees, modules, number << (modules + joints if connectors == "any" else 0), build)
 
@@ -120,7 +120,7 @@ def _shapes(quarters: int, mirror: bool, n: int, connectors: Connectors, root: R
 
 
 def _row_on_axis(sides: Sequence[str], random: Random, connectors: Connectors) -> Rooted:
-    """Return a tree with a row of modules on the x axis, each between a tree and its mirror image."""
+    """Return a tree with a row of modules on the x axis, each with a subtree and its mirror image beside it."""
     root = random.randrange(len(sides))
     east = west = ""
     for side in reversed(sides[root + 1 :]):
@@ -131,7 +131,7 @@ def _row_on_axis(sides: Sequence[str], random: Random, connectors: Connectors) -
 
 
 def _joint_across_axis(slots: Sequence[str], *_: object) -> Rooted:
-    """Return a tree of two mirror images in the x axis that a joint across it holds together."""
+    """Return a tree of two mirror images, joined across the x axis."""
     right, ahead, left = slots
     return left, mirror_code(plant((right, ahead, left))), right, ahead
 
@@ -141,85 +141,85 @@ def _beside_diagonal(first: str, third: str) -> Rooted:
 
 
 def _equal_halves(slots: Sequence[str], random: Random, _: Connectors) -> Rooted:
-    """Return a tree of two halves, the same as seen from the joint between them along x or y."""
+    """Return a tree of two equal halves, related by a half turn about the joint between them along x or y."""
     right, ahead, left = slots
     return turn((plant((right, ahead, left)), right, ahead, left), random.randrange(2))
 
 
 def classes(n: int, group: Group, connectors: Connectors, root: Root) -> int:
-    """Return the number of trees of n modules up to a group."""
+    """Return the number of classes of trees of n modules under a group."""
     return sum(_weights(n, group, connectors, root)) // len(GROUPS[group])
 
 
 def _draw_tree(random: Random, n: int, group: Group, connectors: Connectors, root: Root) -> Rooted:
-    """Return a tree of n modules; its class up to a group is drawn uniformly from all classes."""
-    quarters, mirror = GROUPS[group][_pick(random, _weights(n, group, connectors, root))]
+    """Draw a tree of n modules whose class under a group is uniformly distributed."""
+    quarters, mirror = GROUPS[group][_draw_index(random, _weights(n, group, connectors, root))]
     shapes = _shapes(quarters, mirror, n, connectors, root)
     on_axis = mirror and quarters % 2 == 0  # the only elements with several shapes
-    shape = shapes[_pick(random, [shape.number for shape in shapes])] if on_axis else shapes[0]
+    shape = shapes[_draw_index(random, [shape.number for shape in shapes])] if on_axis else shapes[0]
     tree = shape.build(_draw_forest(random, shape.trees, shape.modules, connectors), random, connectors)
     return turn(tree, quarters // 2) if mirror else tree
 
 
 @lru_cache(maxsize=64)
 def _weights(n: int, group: Group, connectors: Connectors, root: Root) -> tuple[int, ...]:
-    """Return how many trees each element of a group leaves as they are."""
-    return tuple(sum(shape.number for shape in _shapes(*of, n, connectors, root)) for of in GROUPS[group])
+    """Return the number of trees that each element of a group fixes."""
+    return tuple(sum(shape.number for shape in _shapes(*element, n, connectors, root)) for element in GROUPS[group])
 
 
-def _pick(random: Random, weights: Sequence[int]) -> int:
-    """Return an index with probability proportional to its weight, of any size."""
-    left = random.randrange(sum(weights))
+def _draw_index(random: Random, weights: Sequence[int]) -> int:
+    """Draw an index with probability proportional to its integer weight."""
+    remainder = random.randrange(sum(weights))
     for index, weight in enumerate(weights):
-        left -= weight
-        if left < 0:
+        remainder -= weight
+        if remainder < 0:
             return index
     raise AssertionError("a number under the sum of the weights lies within one of them")
 
 
 def _draw_parity(random: Random, connectors: Connectors) -> int:
-    """Return the parity of a joint's kappa."""
+    """Draw the parity of a joint's kappa."""
     return random.randrange(2) if connectors == "any" else 0
 
 
 def _draw_forest(random: Random, trees: int, modules: int, connectors: Connectors) -> list[str]:
-    """Return the codes of `trees` ternary trees with `modules` modules in all; empty trees have empty codes."""
+    """Draw the codes of `trees` ternary trees with `modules` modules in total; empty trees have empty codes."""
     word = [-1] * (3 * modules + trees)
     for position in random.sample(range(len(word)), modules):
         word[position] = 2
-    # one of the rotations that only end when all trees do: each begins behind the first place of a lowest height
+    # a valid rotation starts behind the first position of one of the lowest heights
     heights = list(accumulate(word))
     start = heights.index(min(heights) + random.randrange(trees)) + 1
-    waiting: list[str] = []
+    stack: list[str] = []
     for step in reversed(word[start:] + word[:start]):
         if step < 0:
-            waiting.append("")
+            stack.append("")
         else:
-            right, ahead, left = waiting.pop(), waiting.pop(), waiting.pop()
-            waiting.append(plant((right, ahead, left), _draw_parity(random, connectors)))
-    return waiting[::-1]
+            right, ahead, left = stack.pop(), stack.pop(), stack.pop()
+            stack.append(plant((right, ahead, left), _draw_parity(random, connectors)))
+    return stack[::-1]
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """One tree that stands for all those that a quotient takes for the same."""
+    """Representative of a class of trees."""
 
     key: str
-    """The least key among them."""
+    """Smallest key of the class."""
     orbit: int
-    """Number of classes of the exact quotient that it stands for; 1 without a symmetry."""
+    """Number of classes of the exact quotient in it; 1 without a symmetry."""
 
     @property
     def topology(self) -> Topology:
-        """The tree that the key names."""
+        """Tree of the key."""
         return Topology.from_key(self.key)
 
 
 class Family:
-    """The trees of one number of modules that are candidates, and which of them are one.
+    """All trees of a number of modules, and their classes under a symmetry.
 
-    With the paper's root a tree is its rooted tree. With the free root a tree is represented by the trees rooted at
-    its centroids, of which there are one or (next to each other, for even n) two.
+    With the paper's root, rooted trees are distinct. With the free root a tree is represented by its rootings at
+    its centroids: one, or two adjacent ones for even n.
     """
 
     def __init__(
@@ -231,16 +231,16 @@ class Family:
         root: Root = "free",
         task: ResolvedTask | None = None,
     ) -> None:
-        """Choose the trees.
+        """Define the family.
 
         Args:
             n: number of modules.
-            symmetry: trees that are one candidate. `none`: those that differ in their root alone; `c2` to `d4`:
-                also turned or mirrored ones; `task`: the coarsest quotient exact for the task. With connectors of
-                any port every name but `none` and `task` means the quarter turn with spin flip.
-            connectors: `aligned`, or `any` port of the child, which counts by its parity.
-            root: `free`, or `paper`: trees with different roots differ.
-            task: needed by the symmetry `task`.
+            symmetry: trees that are one candidate. `none`: those that differ only in their root; `c2` to `d4`: also
+                turned or mirrored ones; `task`: the coarsest quotient that is exact for the task. With connectors
+                of any port, all names except `none` and `task` mean the quarter turn with spin flip.
+            connectors: `aligned`, or `any` port of the child; then trees differ by the parity of kappa.
+            root: `free`, or `paper`: trees with different roots are distinct.
+            task: task, required by the symmetry `task`.
 
         Raises:
             ValueError: n < 1, an unknown name, or `task` without a task.
@@ -250,65 +250,62 @@ class Family:
         mirrors = None if task is None or symmetry != "task" else improper_isometry(task) is not None
         self.n, self.symmetry, self.connectors, self.root = n, symmetry, connectors, root
         self.group = group_of(symmetry, connectors=connectors, root=root, mirrors=mirrors)
-        """The turns and mirrors under which trees are one."""
+        """Turns and mirrors under which trees are equivalent."""
         self._exact: Group = "c1" if root == "paper" or self.group == "c1" else "c2"
 
     def candidates(self) -> Iterator[Candidate]:
-        """Yield every candidate, in ascending order of keys.
-
-        Their number is `count`; the orbits add up to `classes`, with `none` to the number of candidates.
-        """
-        # the aligned ones, keys `a...`, then (for any port) those with an odd kappa, keys `p...`
+        """Yield all candidates in ascending order of keys; their orbits add up to `classes`."""
+        # aligned trees, keys `a...`, then (for any port) those with an odd kappa, keys `p...`
         families: tuple[Connectors, ...] = ("aligned",) if self.connectors == "aligned" else ("aligned", "any")
         for family in families:
             for tree in rooted_at(self.root, self.n, family, stabilizers(self.group)):
-                if self._lists(tree):
+                if self._is_representative(tree):
                     key = key_of(text_of(tree))
                     if (key[0] == "a") == (family == "aligned"):
                         yield Candidate(key, self._orbit(tree))
 
     def count(self) -> int:
-        """Return the number of candidates, by closed form."""
+        """Return the number of candidates in closed form."""
         return classes(self.n, self.group, self.connectors, self.root)
 
     @property
     def classes(self) -> int:
-        """The number of classes of the exact quotient, which the orbits of all candidates add up to.
+        """Number of classes of the exact quotient, the sum of the orbits of all candidates.
 
-        Exact are half turns; for any port quarter turns with spin flip; with the paper's root nothing.
+        Half turns are exact, and for any port quarter turns with spin flip; with the paper's root only the
+        identity.
         """
         return classes(self.n, self._exact, self.connectors, self.root)
 
     def candidate_of(self, topology: Topology) -> Candidate:
-        """Return the candidate that stands for a topology; ValueError if its connectors are not allowed."""
-        listed = self._representative(topology)
-        return Candidate(key_of(text_of(listed)), self._orbit(listed))
+        """Return the candidate of a topology; ValueError if its connectors are not allowed."""
+        tree = self._representative(topology)
+        return Candidate(key_of(text_of(tree)), self._orbit(tree))
 
     def key_of(self, topology: Topology) -> str:
-        """Return the key of the candidate that stands for a topology, sooner than the candidate."""
+        """Return the key of a topology's candidate, without computing its orbit."""
         return key_of(text_of(self._representative(topology)))
 
     def twin_of(self, topology: Topology) -> Candidate:
-        """Return the candidate that differs in the sense of all rotors alone, which may be the topology's own.
+        """Return the candidate with all rotor spins reversed; it may be the topology's own.
 
-        Rotor drag torques are small, and so is what its optimum differs by. With the paper's root it stands
-        otherwise in the world, and there is only itself; nor is there without symmetry, where half turns are
-        candidates of their own.
+        Its optimum is similar, because rotor drag torques are small. With the paper's root its orientation would
+        differ, and without symmetry half turns are distinct candidates: then the result is the topology's own.
         """
         turned = self.root != "paper" and self.symmetry != "none"
         return self.candidate_of(with_spins_reversed(topology) if turned else topology)
 
     def draws(self, seed: int) -> Iterator[Topology]:
-        """Yield candidates, drawn independently and uniformly, without end."""
+        """Yield an endless sequence of candidates, drawn independently and uniformly."""
         random = Random(seed)
         while True:
             tree = _draw_tree(random, self.n, self.group, self.connectors, self.root)
             yield Topology.from_key(key_of(text_of(self._least(tree))))
 
     def sample(self, m: int, seed: int) -> list[Topology]:
-        """Return m candidates, drawn independently and uniformly, so that one may come twice.
+        """Return m candidates, drawn independently and uniformly, with repetition.
 
-        The first draws of a longer sample are those of a shorter one.
+        A longer sample starts with the shorter one of the same seed.
         """
         return list(islice(self.draws(seed), m))
 
@@ -318,14 +315,14 @@ class Family:
         return self._least(rooted_of(topology.key))
 
     def _least(self, rooted: Rooted) -> Rooted:
-        """Return the tree with the least text among those that are one candidate with a given one."""
+        """Return the tree with the smallest text in the class of a tree."""
         return min(self._equivalents(rooted if self.root == "paper" else centre(rooted), self.group), key=text_of)
 
-    def _lists(self, rooted: Rooted) -> bool:
-        """True if a tree (free root: one rooted at a centroid) has the least text of its candidate."""
+    def _is_representative(self, rooted: Rooted) -> bool:
+        """True if a tree (free root: rooted at a centroid) has the smallest text of its class."""
         text = text_of(rooted)
         stabilizer = stabilizers(self.group).get(int(text[0], 16))
-        # the root's digit comes first in a text: all other elements lead to a greater one
+        # the root's digit comes first in a text: all elements outside of the stabilizer lead to a larger one
         if stabilizer is None or any(text_of(image(rooted, element)) < text for element in stabilizer):
             return False
         first, *second = self._rootings(rooted)
@@ -334,17 +331,17 @@ class Family:
         )
 
     def _orbit(self, rooted: Rooted) -> int:
-        """Return the number of exact classes that are one candidate with a tree (free root: one at a centroid)."""
+        """Return the number of exact classes in the class of a tree (free root: rooted at a centroid)."""
         if self._exact == self.group:
             return 1
-        rest, classes = set(self._equivalents(rooted, self.group)), 0
-        while rest:
-            rest.difference_update(self._equivalents(rest.pop(), self._exact))
+        remaining, classes = set(self._equivalents(rooted, self.group)), 0
+        while remaining:
+            remaining.difference_update(self._equivalents(remaining.pop(), self._exact))
             classes += 1
         return classes
 
     def _equivalents(self, rooted: Rooted, group: Group) -> Iterator[Rooted]:
-        """Yield the rooted trees that a group takes for one with a given one (free root: rooted at a centroid)."""
+        """Yield the rooted trees equivalent to a tree under a group (free root: rooted at centroids)."""
         for tree in self._rootings(rooted):
             for element in GROUPS[group]:
                 yield image(tree, element)
@@ -356,25 +353,25 @@ class Family:
             return (rooted,)
         other = reroot(rooted, port)
         if self.group == "c1" and rooted[port] >= "8":
-            # Centroids of unlike spins see the tree a quarter turn apart, so no frame is common to both. The one
-            # with the lesser key up to a half turn is the root, and its two half turns are listed.
+            # The frames of centroids with different spins differ by a quarter turn, so neither can represent both.
+            # The centroid with the smaller text up to a half turn is the root, and both its half turns are listed.
             return (min(rooted, other, key=lambda tree: min(text_of(tree), text_of(turn(tree, 2)))),)
         return (rooted, other)
 
 
 def with_spins_reversed(topology: Topology) -> Topology:
-    """Return the tree whose rotors all turn the other way: every joint sits one port further on."""
+    """Return the tree with all rotor spins reversed: every joint moves to the next port."""
     first, *joints = topology.joints
     return Topology((first, *((h, (a + 1) % 4, (b + 1) % 4) for h, a, b in joints)))
 
 
 def candidate_of(topology: Topology, **family: Any) -> Candidate:
-    """Return the candidate that stands for a topology; arguments as of `Family`."""
+    """Return the candidate of a topology; `family`: arguments of `Family`."""
     return Family(topology.n, **family).candidate_of(topology)
 
 
 def candidates(n: int, **family: Any) -> Iterator[Candidate]:
-    """Return the candidates of n modules one by one, in ascending order of their keys; arguments as of `Family`.
+    """Yield the candidates of n modules in ascending order of keys; `family`: arguments of `Family`.
 
     >>> [topology.key for topology in candidates(3)]
     ['a300', 'a500', 'a600', 'aa00']
@@ -383,7 +380,7 @@ def candidates(n: int, **family: Any) -> Iterator[Candidate]:
 
 
 def count(n: int, **family: Any) -> int:
-    """Return the number of candidates, by closed form; arguments as of `Family`.
+    """Return the number of candidates of n modules in closed form; `family`: arguments of `Family`.
 
     >>> [count(n) for n in range(1, 7)]
     [1, 2, 4, 14, 49, 216]
@@ -394,7 +391,7 @@ def count(n: int, **family: Any) -> int:
 
 
 def sample(n: int, m: int, seed: int, **family: Any) -> list[Topology]:
-    """Return m candidates of n modules, drawn independently and uniformly; arguments as of `Family`.
+    """Return m candidates of n modules, drawn independently and uniformly; `family`: arguments of `Family`.
 
     >>> [topology.key for topology in sample(4, 3, seed=0)]
     ['a5020', 'a3010', 'a7000']
@@ -403,7 +400,7 @@ def sample(n: int, m: int, seed: int, **family: Any) -> list[Topology]:
 
 
 OwnTopology: TypeAlias = "Topology | str | nx.Graph[Any]"
-"""A tree, its key, or a graph with `ports = {module: port}` at every edge, as `Topology.graph` returns it."""
+"""Tree, key, or graph whose edges have `ports = {module: port}`, as returned by `Topology.graph`."""
 
 
 def own_candidates(
@@ -416,45 +413,46 @@ def own_candidates(
     """Return the keys of listed topologies in ascending order.
 
     Args:
-        topologies: the list.
-        task: fixes the sizes, and the connectors that are allowed.
-        source: name of the list in a message.
-        places: position of each topology, for a message; default: `[0]`, `[1]`, ...
+        topologies: list of topologies.
+        task: task that determines the sizes and the allowed connectors.
+        source: name of the list in messages.
+        places: position of each topology in messages; default: `[0]`, `[1]`, ...
 
     Raises:
-        BadInput: one fault for each that is no tree, of another size, not allowed by the task, or listed before; or
-            for a size without any. None, or too many, are a fault as well.
+        BadInput: one fault per topology that is invalid, of another size, not allowed by the task or a duplicate,
+        or
+            for a size without topologies; or the list is empty or too long.
     """
     import networkx as nx
 
     if isinstance(topologies, str | nx.Graph | Topology) or not isinstance(topologies, Iterable):
-        got = show(topologies) if isinstance(topologies, str) else type(topologies).__name__
-        raise BadInput(source, f"must be a list of topologies, but got {got}")
-    faults, first = list[Fault](), dict[str, str]()
+        actual = show(topologies) if isinstance(topologies, str) else type(topologies).__name__
+        raise BadInput(source, f"must be a list of topologies, but got {actual}")
+    faults, positions = list[Fault](), dict[str, str]()
     for number, item in enumerate(topologies):
         if number >= LIMITS.own_topologies:
             raise BadInput(source, f"must list at most {LIMITS.own_topologies:,} topologies, but has more")
         position = f"[{number}]" if places is None else places[number]
         try:
             key = _require_allowed(own_topology(item), task).key
-            if key in first:
-                raise ValueError(f"must be listed once, but {key} is in {first[key]} already")
-            first[key] = position
+            if key in positions:
+                raise ValueError(f"must be listed once, but {key} is in {positions[key]} already")
+            positions[key] = position
         except ValueError as error:
             faults.append(Fault(position, str(error)))
-    missing = [n for n in task.sizes if n not in {len(key) - 1 for key in first}]
+    missing = [n for n in task.sizes if n not in {len(key) - 1 for key in positions}]
     if not faults and missing:
         rule = f"a topology of each size of the task, but none has {missing[0]} modules"
-        faults.append(Fault("", f"must list {rule if first else 'at least one topology, but has none'}"))
+        faults.append(Fault("", f"must list {rule if positions else 'at least one topology, but has none'}"))
     if faults:
-        shown = 20  # named one by one
-        left = [Fault("", f"has {len(faults) - shown:,} more faults")] if len(faults) > shown else []
-        raise BadInput(source, [*faults[:shown], *left])
-    return tuple(sorted(first))
+        shown = 20  # faults listed one by one
+        more = [Fault("", f"has {len(faults) - shown:,} more faults")] if len(faults) > shown else []
+        raise BadInput(source, [*faults[:shown], *more])
+    return tuple(sorted(positions))
 
 
 def own_topology(given: OwnTopology) -> Topology:
-    """Return a tree that a user gave; ValueError says what is wrong with it."""
+    """Return the tree of a user's input; ValueError if it is invalid."""
     if isinstance(given, Topology):
         return given
     if isinstance(given, str):
@@ -471,7 +469,7 @@ def own_topology(given: OwnTopology) -> Topology:
 
 
 def _require_allowed(topology: Topology, task: Task) -> Topology:
-    """Return a tree that may be a candidate for a task; ValueError for another."""
+    """Return a tree if it can be a candidate for a task; ValueError otherwise."""
     if topology.n not in task.sizes:
         sizes = " or ".join(map(str, task.sizes))
         raise ValueError(f"must have {sizes} modules, as the task asks, but {topology.key} has {topology.n}")

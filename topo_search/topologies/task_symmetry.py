@@ -1,23 +1,23 @@
-"""The symmetry of a task: which trees have the same optimum, and why.
+"""Symmetry of a task: which trees have the same optimum, and why.
 
 A task has a mirror symmetry if an improper isometry maps all of its requirements onto themselves.
 
 | symbol | meaning | shape |
 |---|---|---|
 | O | improper isometry, det O = -1: force -> O f, torque -> -O tau | (3, 3) |
-| P = -O | the rotation that takes its place: force -> -P f, torque -> P tau | (3, 3) |
+| P = -O | equivalent rotation: force -> -P f, torque -> P tau | (3, 3) |
 | f_E, f_C | force at the end-effector and at the COM | (3,) |
-| tau | sum of both torques of a load case: a torque is the same wherever it acts | (3,) |
+| tau | sum of both torques of a load case: a torque has no point of action | (3,) |
 | p_E | end-effector from the COM, if the task fixes it | (3,) |
-| V | corners of a convex target region, in any order | (k, 3) |
+| V | corners of a convex target region, unordered | (k, 3) |
 
-A mirrored platform is a platform of the same family: the mirror image of a module is the module with two opposite
-ports exchanged, and its rotors turn as its own do there (a mirror in a plane along the thrust axis exchanges two
-rotors and reverses all spins). Its tree is the axis mirror of the tree. So if O leaves the task as it is, the two
-trees have the same optimum.
+The mirror image of a platform is a platform of the same family: that of a module is the module with two opposite
+ports exchanged and the same spin pattern (a mirror in a plane along the thrust axis exchanges two rotors and
+reverses all spins). Its tree is the axis mirror of the tree. So if O maps the task onto itself, both trees have the
+same optimum.
 
-Two independent vectors and their images fix a rotation. If all vectors of the task lie on one line, turns about it
-change nothing, and either half turn of a pair of perpendicular frames will do.
+Two independent vectors and their images determine a rotation. If all vectors of the task are on one line, rotations
+about it do not matter, and two rotations per image suffice.
 """
 
 from __future__ import annotations
@@ -38,21 +38,21 @@ from topo_search.topologies.rooted import Group, Symmetry, group_of
 Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9
-"""Largest difference of two vectors that count as equal, relative to the longer one: each on its own scale."""
+"""Largest difference of two vectors that count as equal, relative to the longer one."""
 REGION = "region"
-"""The kind of a feature whose vectors have no order: a convex target region."""
+"""Kind of a feature with unordered vectors: a convex target region."""
 
 
 class _Feature(NamedTuple):
-    """One requirement of the task in the form that an isometry acts on."""
+    """Requirement of the task as vectors that isometries act on."""
 
     kind: str
     scalars: tuple[float, ...]
-    """Numbers that no isometry changes."""
+    """Invariant numbers."""
     polar: Array
-    """Vectors that go to O v, shape (m, 3)."""
+    """Polar vectors, mapped to O v, shape (m, 3)."""
     axial: Array
-    """Vectors that go to -O v, shape (k, 3)."""
+    """Axial vectors, mapped to -O v, shape (k, 3)."""
 
     @property
     def vectors(self) -> Array:
@@ -61,16 +61,16 @@ class _Feature(NamedTuple):
 
 
 class _Kind(NamedTuple):
-    """Features that may be images of each other: of one kind and with as many vectors."""
+    """Features of one kind with the same number of vectors, which may be images of each other."""
 
     vectors: Array
-    """Vectors of f features, polar ones first, shape (f, m + k, 3)."""
+    """Vectors of the f features, polar ones first, shape (f, m + k, 3)."""
     signs: Array
-    """-1 for polar vectors and 1 for axial ones, as O = -P maps them, shape (m + k, 1)."""
-    alike: NDArray[np.bool_]
-    """True if two of them have the same scalars, shape (f, f)."""
+    """Signs of P v under O = -P: -1 for polar vectors, 1 for axial ones, shape (m + k, 1)."""
+    same_scalars: NDArray[np.bool_]
+    """True where two features have the same scalars, shape (f, f)."""
     ordered: bool
-    """False for regions, whose vectors have no order."""
+    """False for regions, whose vectors are unordered."""
 
     @classmethod
     def of(cls, features: list[_Feature]) -> _Kind:
@@ -78,35 +78,35 @@ class _Kind(NamedTuple):
         first = features[0]
         scalars = np.array([feature.scalars for feature in features])
         signs = np.repeat([-1.0, 1.0], [len(first.polar), len(first.axial)])[:, None]
-        alike = np.isclose(scalars[:, None], scalars, rtol=TOLERANCE, atol=0.0).all(axis=-1)
-        return cls(np.array([feature.vectors for feature in features]), signs, alike, first.kind != REGION)
+        same_scalars = np.isclose(scalars[:, None], scalars, rtol=TOLERANCE, atol=0.0).all(axis=-1)
+        return cls(np.array([feature.vectors for feature in features]), signs, same_scalars, first.kind != REGION)
 
     def maps_onto_itself(self, P: Array) -> bool:
-        """True if the image of each of them under O = -P is one of them."""
+        """True if O = -P maps each of the features onto one of them."""
         images = self.signs * self.vectors @ P.T
         if self.ordered:
-            same = _are_same(images[:, None], self.vectors).all(axis=-1)
+            equal = _are_same(images[:, None], self.vectors).all(axis=-1)
         else:
             pairs = (_are_same(image[:, None], self.vectors[:, None]) for image in images)  # (f, m, m) each
-            both = [np.all(pair.any(axis=1), axis=1) & np.all(pair.any(axis=2), axis=1) for pair in pairs]
-            same = np.array(both)
-        return bool(np.all(np.any(self.alike & same, axis=1)))
+            matches = [np.all(pair.any(axis=1), axis=1) & np.all(pair.any(axis=2), axis=1) for pair in pairs]
+            equal = np.array(matches)
+        return bool(np.all(np.any(self.same_scalars & equal, axis=1)))
 
 
 @lru_cache(maxsize=16)
 def improper_isometry(task: ResolvedTask) -> Array | None:
     """Return an improper isometry that maps the task onto itself, shape (3, 3), or None if there is none.
 
-    Load cases, and corners of those that stand for a set, must be mapped onto load cases with the same weight
-    (equal load cases count as one with the sum of their weights), segments, convex regions, cones with fixed axes,
-    planes, axes of acceleration and a fixed p_E onto themselves. Balls, paths along p_E and cones about the COM go
-    with p_E and allow every isometry. Among several the one nearest to a plain reflection is returned.
+    It must map load cases and corners of sets onto ones with the same weight (equal load cases count as one, with
+    the sum of their weights), and segments, convex regions, cones with fixed axes, planes, axes of acceleration and
+    a fixed p_E onto themselves. Balls, paths along p_E and cones towards the COM allow every isometry. Among
+    several isometries the one closest to a plain reflection is returned.
     """
     features = _features(to_corners(task))
-    alike: dict[tuple[str, int, int], list[_Feature]] = {}
+    groups: dict[tuple[str, int, int], list[_Feature]] = {}
     for feature in features:
-        alike.setdefault((feature.kind, len(feature.polar), len(feature.axial)), []).append(feature)
-    kinds = [_Kind.of(group) for group in alike.values()]
+        groups.setdefault((feature.kind, len(feature.polar), len(feature.axial)), []).append(feature)
+    kinds = [_Kind.of(group) for group in groups.values()]
     best = None
     for P in _rotations(features):
         nearer = best is None or np.trace(P) < np.trace(best) - TOLERANCE
@@ -120,7 +120,7 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
 
 
 def _features(task: ResolvedTask) -> list[_Feature]:
-    """Return what an isometry must map onto itself, each feature once."""
+    """Return the features that an isometry must map onto themselves, without duplicates."""
     features = _load_cases(task)
     p_E = task.end_effector.fixed_position
     none, l_arm = np.zeros((0, 3)), task.module.arm_length
@@ -133,8 +133,8 @@ def _features(task: ResolvedTask) -> list[_Feature]:
                     V = _clean(V, float(np.linalg.norm(V, axis=1).max()))
                     features.append(_Feature(REGION, needs, V, none))
                 case Capsule(length=None, start=start, end=end) if start != end:
-                    orders = ((start, end), (end, start))  # its ends have no order, so both stand for it
-                    for pair in [both for both in orders if NOWHERE not in (start, end) or both[0] == NOWHERE]:
+                    orders = ((start, end), (end, start))  # unordered ends: one feature per order
+                    for pair in [order for order in orders if NOWHERE not in (start, end) or order[0] == NOWHERE]:
                         polar = _clean(np.array(pair), l_arm)
                         features.append(_Feature("segment", (shape.radius, *needs), polar, none))
                 case Cone(axis=(_, _, _)):
@@ -142,29 +142,29 @@ def _features(task: ResolvedTask) -> list[_Feature]:
                     features.append(_Feature("axis", (shape.half_angle_deg, *needs), vectors, none))
     for axis, a in zip(np.eye(3), task.declared.flight.angular_acceleration, strict=True):
         if a:
-            features += [_Feature("acceleration", (a,), none, way[None]) for way in (axis, -axis)]
+            features += [_Feature("acceleration", (a,), none, axial[None]) for axial in (axis, -axis)]
     if p_E is not None:
         features.append(_Feature("p_E", (), _clean(np.array([p_E]), l_arm), none))
     return features
 
 
 def _load_cases(task: ResolvedTask) -> list[_Feature]:
-    """Return the load cases, those that are alike as one."""
+    """Return the load cases, with equal ones merged."""
     at_com = task.end_effector.fixed_position == (0.0, 0.0, 0.0)
     features: list[_Feature] = []
-    # what must be possible with one rotor dead must be so with any: a mirror may exchange rotors
+    # wrenches are required for every dead rotor alike, so it does not matter that a mirror exchanges rotors
     base_cases = [(case, dead) for case, dead in zip(task.load_cases, task.dead_rotors, strict=True) if not dead]
     cases = [(case, *_wrench(case, at_com)) for case, _ in base_cases]
     kinds = ["load case" if dead is None else "with a rotor dead" for _, dead in base_cases]
     force, torque = task.force_unit(task.n), task.torque_unit(task.n)
     cleaned = [(case, _clean(f, force), _clean(tau[None], torque)) for case, f, tau in cases]
     vectors = np.array([np.vstack([f, tau]) for _, f, tau in cleaned])
-    kept: list[int] = []
+    representatives: list[int] = []
     for k, (case, f, tau) in enumerate(cleaned):
-        same_kind = np.array([kinds[other] == kinds[k] for other in kept], dtype=bool)
-        equal = np.flatnonzero(same_kind & _are_same(vectors[kept], vectors[k]).all(axis=-1))
+        same_kind = np.array([kinds[other] == kinds[k] for other in representatives], dtype=bool)
+        equal = np.flatnonzero(same_kind & _are_same(vectors[representatives], vectors[k]).all(axis=-1))
         if equal.size == 0:
-            kept.append(k)
+            representatives.append(k)
             features.append(_Feature(kinds[k], (case.weight,), f, tau))
         else:
             i = int(equal[0])
@@ -179,22 +179,22 @@ def _wrench(case: LoadCase, at_com: bool) -> tuple[Array, Array]:
     return (forces.sum(axis=0, keepdims=True) if at_com else forces), torque
 
 
-def _are_same(one: Array, other: Array) -> NDArray[np.bool_]:
-    """Return whether vectors (..., 3) count as equal."""
-    lengths = np.maximum(np.linalg.norm(one, axis=-1), np.linalg.norm(other, axis=-1))
-    return np.asarray(np.linalg.norm(one - other, axis=-1) <= TOLERANCE * lengths)
+def _are_same(first: Array, second: Array) -> NDArray[np.bool_]:
+    """Return where vectors (..., 3) count as equal."""
+    lengths = np.maximum(np.linalg.norm(first, axis=-1), np.linalg.norm(second, axis=-1))
+    return np.asarray(np.linalg.norm(first - second, axis=-1) <= TOLERANCE * lengths)
 
 
 def _clean(vectors: Array, unit: float) -> Array:
-    """Return vectors (m, 3) with zeros in place of those that rounding leaves of a sum, in units of their own."""
+    """Return vectors (m, 3) with rounding errors replaced by zero, given the unit of their scale."""
     return np.where(np.linalg.norm(vectors, axis=1, keepdims=True) > 1.0e-12 * unit, vectors, 0.0)
 
 
 def _rotations(features: list[_Feature]) -> Iterator[Array]:
-    """Yield every rotation P that may map the task onto itself: those that map two vectors onto possible images.
+    """Yield the rotations P that may map the task onto itself: those that map two vectors onto possible images.
 
-    The second is the one whose direction is farthest from the first one's line; then no error grows on the way. How
-    long vectors are does not count.
+    The second vector is the one with the largest angle to the first one's line, which is numerically the most
+    accurate; lengths do not matter.
     """
     located = [
         (feature, slot)
@@ -216,13 +216,13 @@ def _rotations(features: list[_Feature]) -> Iterator[Array]:
                 yield _frame(image, sign * y) @ _frame(x, y).T
         return
     gram, frame = x @ axes[second], _frame(x, axes[second])
-    images, others = (np.array(list(_images(features, *located[number]))) for number in (0, second))
-    for i, j in np.argwhere(np.abs(images @ others.T - gram) <= 4 * TOLERANCE):
-        yield _frame(images[i], others[j]) @ frame.T
+    images, second_images = (np.array(list(_images(features, *located[number]))) for number in (0, second))
+    for i, j in np.argwhere(np.abs(images @ second_images.T - gram) <= 4 * TOLERANCE):
+        yield _frame(images[i], second_images[j]) @ frame.T
 
 
 def _images(features: list[_Feature], feature: _Feature, slot: int) -> Iterator[Array]:
-    """Yield directions of P v for the vector v in a slot of a feature: of a like feature's, reversed if polar."""
+    """Yield possible directions of P v for a vector v of a feature: those of similar features, negated if polar."""
     sign = -1.0 if slot < len(feature.polar) else 1.0
     length = np.linalg.norm(feature.vectors[slot])
     for other in features:
@@ -238,7 +238,7 @@ def _unit(vector: Array) -> Array:
 
 
 def _frame(along: Array, beside: Array) -> Array:
-    """Return the right-handed orthonormal frame of two independent vectors, columns, shape (3, 3)."""
+    """Return the right-handed orthonormal frame of two independent vectors, as columns, shape (3, 3)."""
     x = along / np.linalg.norm(along)
     z = np.cross(x, beside)
     z /= np.linalg.norm(z)
@@ -247,25 +247,25 @@ def _frame(along: Array, beside: Array) -> Array:
 
 @dataclass(frozen=True)
 class Resolution:
-    """A symmetry as it applies to one task."""
+    """Symmetry applied to a task."""
 
     group: Group
-    """The turns and mirrors of the root's frame under which trees are one candidate."""
+    """Turns and mirrors of the root's frame under which trees are one candidate."""
     exact: bool
-    """True if all trees that stand for one candidate have the same optimum."""
+    """True if all trees of a candidate have the same optimum."""
     reason: str
-    """Explanation of what is merged and why, for a reader."""
+    """Explanation for a reader: which trees are merged, and why."""
 
 
 def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolution:
-    """Return what a symmetry means for a task. ValueError names an unknown symmetry."""
+    """Apply a symmetry to a task; ValueError for an unknown symmetry."""
     connectors, root = task.search.connectors, task.search.root
     isometry = improper_isometry(task)
     group = group_of(symmetry, connectors=connectors, root=root, mirrors=isometry is not None)
     if root == "paper":
         if group == "c1":
             return Resolution(group, True, "with the paper's root no two rooted trees are the same design")
-        return Resolution(group, False, "lossy: with the paper's root nothing but the identity is exact")
+        return Resolution(group, False, "lossy: with the paper's root only the identity is exact")
     if group == "c1":
         return Resolution(group, True, "every tree is a candidate")
     if group in ("c4", "d4"):

@@ -1,1 +1,1 @@
-"""Air speed by a jet model: what rotors blow at points, over regions and at each other."""
+"""Air speeds by a jet model: at points, over regions and through rotors."""

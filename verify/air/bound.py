@@ -1,14 +1,14 @@
-"""Air speeds of a design at its tip, through its rotors, and by certified bounds over whole regions.
+"""Air speeds of a design at its tip and through its rotors, and certified bounds over whole regions.
 
-Speeds are the sum of all modules'. A cube about the region is cut into eight again and again. In the ball around a
-cube every module's speed is bounded (`verify.air.jets`). A cube outside the region is dropped, and one whose bound
-is under `enough` times the largest speed that was found at a point of the region; what is dropped is remembered. So
-the result is at least every speed in the region, and at most `enough` times one of them unless cubes run out.
-Points alone prove nothing.
+The speed at a point is the sum of the speeds of all modules. Branch and bound: a cube around the region is split
+into eight recursively, and the speed of each module is bounded in the ball around a cube (`verify.air.jets`). A
+cube is pruned if it lies outside the region, or if its bound is below `enough` times the largest speed sampled in
+the region; the largest pruned bound is kept. So the result is an upper bound on every speed in the region, and at
+most `enough` times an attained speed unless the limit on cubes is reached.
 
-Of a region without end all that is farther than D is dropped where the jets' decay bounds it.
+In an unbounded region, everything beyond a distance D is pruned by the decay of the jets.
 
-A rotor loses 0.05 of its thrust per m/s of wake along its axis: 0.04 to 0.06 s/m were measured of two quadrotors
+A rotor loses 0.05 of its thrust per m/s of wake along its axis; 0.04 to 0.06 s/m were measured for two quadrotors
 one above the other (arXiv 2507.09463). Averages over a disc are of degree 5 (Abramowitz and Stegun, 25.4.61).
 """
 
@@ -34,36 +34,36 @@ from verify.residuals import clamp, residual
 
 
 class SpeedSearch(NamedTuple):
-    """The branch and bound on the air speed over a region."""
+    """Settings of the branch and bound on the air speed over a region."""
 
     enough: float = 1.02
-    """Bound over the largest speed found at which a cube needs no more cutting."""
+    """Ratio of a cube's bound to the largest sampled speed at which it is pruned."""
     most_cubes: int = 300_000
-    """Cubes of one region, of one module; with more modules fewer."""
+    """Largest number of cubes per region, divided by the number of modules."""
     chunk: int = 50_000
-    """Cubes times modules that are evaluated at once."""
+    """Number of cubes times modules evaluated at once."""
     rounding: float = 1e-9
-    """Relative excess of a bound over what rounding may take from it."""
+    """Relative margin of a bound for rounding."""
     inside: float = 1e-12
-    """Relative distance of points from the surface of their region, inside it."""
-    pulls: int = 6
-    """Number of projections onto faces that bring a point near a polytope."""
+    """Relative inward distance of sample points from the region's surface."""
+    projections: int = 6
+    """Number of projections onto faces that move a point towards a polytope."""
     steep: float = 0.95
     """Cosine of the angle to a jet's axis within which its far field is bounded by its speed on the axis."""
-    not_less: float = 1e-6
-    """Least speed that matters [m/s]."""
+    least_speed: float = 1e-6
+    """Smallest speed that matters [m/s]."""
 
 
 SEARCH = SpeedSearch()
 
 
 class SpeedBound(NamedTuple):
-    """The air over a region [m/s]."""
+    """Bounds on the largest air speed in a region [m/s]."""
 
     at_least: float
-    """Speed at `point`, the largest that was found."""
+    """Speed at `point`, the largest sampled."""
     at_most: float
-    """Proven: no point of the region has more."""
+    """Proven upper bound."""
     point: Array
     """Shape (3,) [l_arm]."""
 
@@ -71,23 +71,23 @@ class SpeedBound(NamedTuple):
 def bound_speed(
     air: Jets, region: Solid | Cone | Hull, *, limit: float = math.inf, within: ConeSphere | None = None
 ) -> SpeedBound:
-    """Return the air over a region.
+    """Return bounds on the largest air speed in a region.
 
     Args:
-        air: the modules.
-        region: a capsule, a polytope, or all that is outside a cone [l_arm].
-        limit: speed that is allowed; a bound below it is near enough, however near the largest speed is [m/s].
-        within: a ball, outside which the region does not count.
+        air: the jets of the modules.
+        region: a capsule, a polytope, or the outside of a cone [l_arm].
+        limit: allowed speed [m/s]; a bound below it needs no refinement.
+        within: a ball to which the region is restricted.
     """
-    speed, best, dropped = 0.0, np.full(3, np.nan), 0.0
+    speed, best, pruned = 0.0, np.full(3, np.nan), 0.0
     cubes, half = _first_cubes(air, region) if within is None else (within.o[None], within.r)
     if within is None and isinstance(region, Cone):
-        dropped = bound_beyond(air, region.apex, half) * (1 + SEARCH.rounding)
-    left = SEARCH.most_cubes / len(air.centres)
+        pruned = bound_beyond(air, region.apex, half) * (1 + SEARCH.rounding)
+    remaining = SEARCH.most_cubes / len(air.centres)
     while len(cubes):
-        cubes = cubes[_reaches(region, cubes, math.sqrt(3) * half)]
+        cubes = cubes[_may_meet(region, cubes, math.sqrt(3) * half)]
         if within is not None:
-            cubes = cubes[_reaches(Solid(within), cubes, math.sqrt(3) * half)]
+            cubes = cubes[_may_meet(Solid(within), cubes, math.sqrt(3) * half)]
         bounds = np.zeros(len(cubes))
         for chunk in np.array_split(
             np.arange(len(cubes)), math.ceil(len(cubes) * len(air.centres) / SEARCH.chunk) or 1
@@ -96,23 +96,23 @@ def bound_speed(
             if within is not None:
                 points = points[np.linalg.norm(points - within.o, axis=1) < within.r]
             sums = speeds(air, points).sum(axis=1)
-            if (most := float(sums.max(initial=-1.0))) >= speed:
-                speed, best = most, points[int(np.argmax(sums))]
+            if (fastest := float(sums.max(initial=-1.0))) >= speed:
+                speed, best = fastest, points[int(np.argmax(sums))]
             bounds[chunk] = speeds(air, cubes[chunk], math.sqrt(3) * half).sum(axis=1) * (1 + SEARCH.rounding)
-        left -= len(cubes)
-        enough = limit if speed <= limit < SEARCH.enough * speed else max(SEARCH.enough * speed, SEARCH.not_less)
-        settled = (bounds <= enough) | (left < 0)
-        dropped = max(dropped, float(bounds[settled].max(initial=0.0)))
+        remaining -= len(cubes)
+        enough = limit if speed <= limit < SEARCH.enough * speed else max(SEARCH.enough * speed, SEARCH.least_speed)
+        is_pruned = (bounds <= enough) | (remaining < 0)
+        pruned = max(pruned, float(bounds[is_pruned].max(initial=0.0)))
         half /= 2
-        eighths = half * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # their centres from the cube's
-        cubes = (cubes[~settled][:, None] + eighths).reshape(-1, 3)
-    return SpeedBound(speed, max(dropped, speed * (1 + SEARCH.rounding)), best)
+        offsets = half * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))  # of the eight smaller cubes
+        cubes = (cubes[~is_pruned][:, None] + offsets).reshape(-1, 3)
+    return SpeedBound(speed, max(pruned, speed * (1 + SEARCH.rounding)), best)
 
 
 def _first_cubes(air: Jets, region: Solid | Cone | Hull) -> tuple[Array, float]:
-    """Return a cube around what of the region is near enough to matter: its centre, (1, 3), and half edge."""
+    """Return the centre, (1, 3), and half-edge of a cube around the relevant part of the region."""
     if isinstance(region, Cone):
-        return region.apex[None], _reach(air, region)
+        return region.apex[None], _relevant_distance(air, region)
     if isinstance(region, Hull):
         low, high = region.mesh.vertices.min(axis=0), region.mesh.vertices.max(axis=0)
     else:
@@ -121,40 +121,40 @@ def _first_cubes(air: Jets, region: Solid | Cone | Hull) -> tuple[Array, float]:
     return ((low + high) / 2)[None], float((high - low).max()) / 2
 
 
-def _reach(air: Jets, region: Cone) -> float:
-    """Return a distance from the apex beyond which no speed is more than one that is found nearer by."""
+def _relevant_distance(air: Jets, region: Cone) -> float:
+    """Return a distance from the apex beyond which no speed exceeds one sampled within it."""
     distance = (
         4 * float(np.linalg.norm(air.centres - region.apex, axis=1).max()) + 4 * MODEL.merged_at * MODEL.diameter
     )
     grid = region.apex + distance * np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3), axis=-1).reshape(-1, 3)
     points = _points_in(region, np.concatenate([grid, air.centres, air.rotors.reshape(-1, 3)]))
-    fastest = max(float(speeds(air, points).sum(axis=1).max()), SEARCH.not_less)
+    fastest = max(float(speeds(air, points).sum(axis=1).max()), SEARCH.least_speed)
     while bound_beyond(air, region.apex, distance) > fastest:
         distance *= 2
     return distance
 
 
 def bound_beyond(air: Jets, x: Array, distance: float) -> float:
-    """Return a bound of the sum of speeds wherever that is farther from x than a distance.
+    """Return an upper bound on the sum of speeds at all points farther from x than a distance.
 
-    Such a point is at least D away from a module. Either it is deeper than `steep` D, or it is at least
-    sqrt(1 - `steep`^2) D beside the axis, where speeds are below U_c (a r^2 / r_half^2)^-2, which grows with depth.
-    The slipstreams of single rotors have ended.
+    Such a point is at least D away from a module. Either its depth is more than `steep` D, or it is at least
+    sqrt(1 - `steep`^2) D from the axis, where speeds are below U_c (a r^2 / r_half^2)^-2, which grows with depth.
+    The slipstreams of single rotors have ended there.
     """
     D = distance - np.linalg.norm(air.centres - x, axis=1)
     if D.min() < 2 * (MODEL.merged_at * MODEL.diameter + 1 + 2 * air.radius):
         return math.inf
     s = SEARCH.steep * D / MODEL.diameter + air.origin
-    steep = air.decay * air.merged / s
-    beside = math.sqrt(1 - SEARCH.steep**2) * D / (air.half_width * s * MODEL.diameter)
-    flat = steep / ((math.sqrt(2) - 1) * beside**2) ** 2
+    on_axis = air.decay * air.merged / s
+    radial = math.sqrt(1 - SEARCH.steep**2) * D / (air.half_width * s * MODEL.diameter)
+    off_axis = on_axis / ((math.sqrt(2) - 1) * radial**2) ** 2
     from_disc = D - 1 - air.radius
     inflow = air.induced.sum(axis=1) / (1 + math.sqrt(2) * from_disc / air.radius) ** 2
-    return float(np.maximum(np.maximum(steep, flat), inflow).sum())
+    return float(np.maximum(np.maximum(on_axis, off_axis), inflow).sum())
 
 
-def _reaches(region: Solid | Cone | Hull, x: Array, h: float) -> Array:
-    """Return which balls of radius h about x, (m, 3), may meet the region; those that do not are not in it."""
+def _may_meet(region: Solid | Cone | Hull, x: Array, h: float) -> Array:
+    """Return which balls of radius h about x, (m, 3), may meet the region; the others are proven not to."""
     slack = h + SEARCH.rounding * (h + float(np.abs(x).max(initial=0.0)))
     if isinstance(region, Cone):
         return np.asarray(region.s(x) <= slack)
@@ -164,44 +164,44 @@ def _reaches(region: Solid | Cone | Hull, x: Array, h: float) -> Array:
 
 
 def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
-    """Return points of the region near points x, (m, 3): x itself where that is in it."""
+    """Return points of the region near points x, (m, 3); an x inside stays where it is."""
     if isinstance(region, Cone):
         depth = np.maximum(region.s(x) + SEARCH.inside * (1 + np.abs(x - region.apex).max(axis=1)), 0.0)
         return np.asarray(x - depth[:, None] * region.inward_normal(x))
     if isinstance(region, Hull):
-        for _ in range(SEARCH.pulls):
-            beyond = x @ region.normals.T - region.offsets
-            face = np.argmax(beyond, axis=1)
-            x = x - np.maximum(beyond[np.arange(len(x)), face], 0.0)[:, None] * region.normals[face]
-        away = x - region.centre
-        rate = away @ region.normals.T
-        room = region.offsets - region.normals @ region.centre
+        for _ in range(SEARCH.projections):
+            heights = x @ region.normals.T - region.offsets
+            face = np.argmax(heights, axis=1)
+            x = x - np.maximum(heights[np.arange(len(x)), face], 0.0)[:, None] * region.normals[face]
+        from_centre = x - region.centre
+        slope = from_centre @ region.normals.T
+        margin = region.offsets - region.normals @ region.centre
         with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.where(rate > 0, room / rate, np.inf).min(axis=1)
-        return np.asarray(region.centre + np.minimum(share, 1.0)[:, None] * (1 - SEARCH.inside) * away)
+            share = np.where(slope > 0, margin / slope, np.inf).min(axis=1)
+        return np.asarray(region.centre + np.minimum(share, 1.0)[:, None] * (1 - SEARCH.inside) * from_centre)
     body = region.body
     eta = nearest_on_axis(body.o - x, np.broadcast_to(body.d, x.shape), body.dr)
     nearest, radius = body.o + eta[:, None] * body.d, body.r + eta * body.dr
-    away = x - nearest
-    share = radius / np.maximum(np.linalg.norm(away, axis=1), radius) * (1 - SEARCH.inside)
-    return np.asarray(nearest + share[:, None] * away)
+    from_axis = x - nearest
+    share = radius / np.maximum(np.linalg.norm(from_axis, axis=1), radius) * (1 - SEARCH.inside)
+    return np.asarray(nearest + share[:, None] * from_axis)
 
 
 DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a in np.arange(6) * math.pi / 3)])
-"""Points of the unit disc, shape (7, 2)."""
+"""Quadrature points of the unit disc, shape (7, 2)."""
 
 
 def air(scene: Scene) -> AirSpeeds | None:
-    """Return the air of a design in every load case; None if its numbers are too large to compute with."""
+    """Return the air speeds of a design in every load case; None if its numbers are too large."""
     if not (
         np.isfinite(scene.design.inputs).all() and np.abs([*scene.centres, scene.p_E]).max() < LARGEST_COORDINATE
     ):
         return None
-    return AirSpeeds(cases=tuple(_case(name, scene, blown) for name, blown in case_jets(scene)))
+    return AirSpeeds(cases=tuple(_case(name, scene, jets) for name, jets in case_jets(scene)))
 
 
 def case_jets(scene: Scene) -> Iterator[tuple[str, Jets]]:
-    """Yield every load case's name and its jets, in the coordinates of the scene."""
+    """Yield the name and the jets of every load case, in the coordinates of the scene."""
     task, platform = scene.design.task, scene.platform
     rotors = scene.centres[:, None] + (platform.rotors - platform.o[:, None]) / scene.l_arm
     inputs = scene.design.inputs.reshape(-1, len(scene.centres), 4)
@@ -209,13 +209,13 @@ def case_jets(scene: Scene) -> Iterator[tuple[str, Jets]]:
         yield name, jets(task.module, task.air_density, scene.centres, scene.R, rotors, u)
 
 
-def speed_residuals(design: Design, measured: AirSpeeds | None) -> Iterator[Residual]:
-    """Yield the air over every region whose speed is limited, in every load case: how far its bound is above."""
+def speed_residuals(design: Design, air_speeds: AirSpeeds | None) -> Iterator[Residual]:
+    """Yield the excess of the bound over the limit for every region with a speed limit, in every load case."""
     for number, exposure in enumerate(design.task.exposure):
         if exposure.speed is None:
             continue
         for k, label in enumerate(design.task.case_labels):
-            region = None if measured is None else measured.cases[k].regions[number]
+            region = None if air_speeds is None else air_speeds.cases[k].regions[number]
             status = Status(region.status) if region is not None and region.status else Status.UNDECIDED
             at_most = math.inf if region is None else region.speed_at_most_m_s
             excess = 0.0 if status is Status.CLEAR else at_most - exposure.speed
@@ -224,22 +224,22 @@ def speed_residuals(design: Design, measured: AirSpeeds | None) -> Iterator[Resi
             yield residual(name, excess, "m/s", exposure.speed, status=status, **limits)
 
 
-def _case(name: str, scene: Scene, blown: Jets) -> CaseAir:
-    at_tip = speeds(blown, scene.p_E[None])[0]
+def _case(name: str, scene: Scene, jets: Jets) -> CaseAir:
+    at_tip, exposures = speeds(jets, scene.p_E[None])[0], scene.design.task.exposure
     return CaseAir(
         name=name,
         tip_m_s=clamp(float(at_tip.sum())),
         tip_estimate_m_s=clamp(float(np.linalg.norm(at_tip))),
-        regions=tuple(_region(number, one, scene, blown) for number, one in enumerate(scene.design.task.exposure)),
-        rotors=tuple(_rotors(blown)),
+        regions=tuple(_region(number, exposure, scene, jets) for number, exposure in enumerate(exposures)),
+        rotors=tuple(_rotors(jets)),
     )
 
 
-def _region(number: int, exposure: Exposure, scene: Scene, blown: Jets) -> RegionAir:
-    limit, within = exposure.speed, exposure.speed_reach
-    near = None if within is None else ball(scene.p_E, within / scene.l_arm)
+def _region(number: int, exposure: Exposure, scene: Scene, jets: Jets) -> RegionAir:
+    limit, reach = exposure.speed, exposure.speed_reach
+    within = None if reach is None else ball(scene.p_E, reach / scene.l_arm)
     bounds = [
-        bound_speed(blown, region, limit=math.inf if limit is None else limit, within=near)
+        bound_speed(jets, region, limit=math.inf if limit is None else limit, within=within)
         for _, region in scene.regions(exposure)
     ]
     largest = max(bounds, key=lambda bound: bound.at_least, default=SpeedBound(0.0, 0.0, scene.p_E))
@@ -251,25 +251,25 @@ def _region(number: int, exposure: Exposure, scene: Scene, blown: Jets) -> Regio
         name=f"exposure {number} ({exposure.kind})",
         speed_m_s=clamp(largest.at_least),
         speed_at_most_m_s=clamp(at_most),
-        estimate_m_s=clamp(float(np.linalg.norm(speeds(blown, largest.point[None])))) if largest.at_least else 0.0,
+        estimate_m_s=clamp(float(np.linalg.norm(speeds(jets, largest.point[None])))) if largest.at_least else 0.0,
         limit_m_s=limit,
         status=status,
     )
 
 
-def _rotors(blown: Jets) -> list[RotorAir]:
-    """Return what other modules' wakes do to every rotor."""
+def _rotors(jets: Jets) -> list[RotorAir]:
+    """Return the air that every rotor ingests from other modules' wakes, and the thrust it loses."""
     rows = []
-    for module, (R, discs) in enumerate(zip(blown.poses, blown.rotors, strict=True)):
-        others = blown.drop(module)
-        points = discs[:, None] + blown.radius * DISC @ R[:, :2].T
-        weights = np.array([2.0, *[1.0] * 6]) / 8  # of the disc's points in its average
+    for module, (R, discs) in enumerate(zip(jets.poses, jets.rotors, strict=True)):
+        others = jets.drop(module)
+        points = discs[:, None] + jets.radius * DISC @ R[:, :2].T
+        weights = np.array([2.0, *[1.0] * 6]) / 8  # quadrature weights of DISC
         through = weights @ wakes(others, points.reshape(-1, 3)).reshape(4, len(DISC), len(others.centres))
         along = np.maximum(through @ (others.axes @ R[:, 2]), 0.0)
         rows += [
             RotorAir(
-                module=module, rotor=q, ingested_m_s=clamp(float(sum_)), thrust_loss=min(1.0, 0.05 * float(axial))
+                module=module, rotor=q, ingested_m_s=clamp(float(speed)), thrust_loss=min(1.0, 0.05 * float(axial))
             )
-            for q, (sum_, axial) in enumerate(zip(through.sum(axis=1), along, strict=True))
+            for q, (speed, axial) in enumerate(zip(through.sum(axis=1), along, strict=True))
         ]
     return rows

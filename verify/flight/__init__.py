@@ -1,4 +1,4 @@
-"""Capabilities of a design beyond its task, by linear programs whose solutions are proven.
+"""Flight capability of a design beyond its task, by linear programs with proven solutions.
 
-Reserves of force and torque around hover and every load case, load factors, dead rotors, the loads of joints.
+Reserves of force and torque in hover and every load case, load factors, rotor failures, joint loads.
 """

@@ -1,45 +1,45 @@
-r"""The largest ball around a point of a polytope that linear programs describe, from inside and from outside.
+r"""Lower and upper bounds on the largest ball around a point of a polytope given by linear constraints.
 
     P = {C v - g : M v = m, low <= v <= high}, in two or three dimensions D
 
 | symbol | meaning | shape |
 |---|---|---|
-| C, g | what is asked about, and the centre of the ball | (D, N), (D,) |
-| h(d) | greatest d . x of P: one linear program | |
-| r | radius of the largest ball around zero in P: the least h(d) of all unit d | |
+| C, g | map from the variables to the polytope's space, and the centre of the ball | (D, N), (D,) |
+| h(d) | support function of P, the largest d . x: one linear program | |
+| r | radius of the largest ball around zero in P, the minimum of h(d) over unit vectors d | |
 
-Points where h is attained are in P, and so is their hull: no r is less than the distance of its nearest facet. No r
-is more than any h(d). The normals of the hull's nearest facets are asked next, until none of them moves, so that
-only facets near the answer are ever found.
+The points that attain h are in P, and so is their hull, so r is at least the distance of the hull's nearest facet.
+It is at most any h(d). The next directions are the normals of the hull's nearest facets, until none of them moves,
+so only facets near the minimum are ever computed.
 
-The largest cap of a sphere in P is found alike. The sphere is about -g, where nothing is exerted, and ends at zero,
-which is the middle of the cap:
+The largest cap of a sphere in P is computed the same way. The sphere has its centre at -g, where the wrench is
+zero, and passes through zero, the centre of the cap:
 
 | symbol | meaning |
 |---|---|
 | t | half-angle of the cap |
 | theta | angle between g and the normal d of a half-space d . x <= h |
-| s | (h + d . g) / |g|: the half-space ends s radii from the sphere's centre |
+| s | (h + d . g) / |g|, distance of the half-space's plane from the sphere's centre, in radii |
 
-A half-space with s >= 1 holds the whole sphere; any other a cap up to t = theta - arccos(s), beyond which an arc
-lies outside, even if its far end does not. The least t of all d is that of P.
+A half-space with s >= 1 contains the whole sphere. Any other contains a cap up to t = theta - arccos(s); a larger
+cap has an arc outside, even if its rim does not. The minimum of t over all d is that of P.
 
-An allocator that only multiplies has inputs A^+ w, and nothing where one is beyond its limits:
+A pseudo-inverse allocator has the inputs A^+ w, and fails if one of them exceeds its limits:
 
 | symbol | meaning | shape |
 |---|---|---|
 | A, A^+ | wrench map and its pseudo-inverse | (6, N), (N, 6) |
-| b | wrench that is held, hover with its load | (6,) |
-| E | wrenches of unit forces or torques that are added | (6, D) |
+| b | nominal wrench, hover with its load | (6,) |
+| E | added wrenches of unit forces or torques | (6, D) |
 | v | A^+ b | (N,) |
-| s_i | what is left of input i: the least of high_i - v_i and v_i - low_i | |
+| s_i | slack of input i, the smaller of high_i - v_i and v_i - low_i | |
 
-Input i is v_i + (A^+ E)_i d for an added d, so that the largest ball has the radius min_i s_i / |(A^+ E)_i|: no
-program is needed. Wrenches that A A^+ does not return are not exerted at all. PX4 allocates so before it
+With an addition d, input i is v_i + (A^+ E)_i d, so the largest ball has the radius min_i s_i / |(A^+ E)_i|,
+without a program. Wrenches that A A^+ does not reproduce cannot be exerted. PX4 allocates like this before it
 desaturates.
 
-With a rotor dead, the torques that can be added show that attitude remains controllable. A dead rotor's bounds are
-both zero, whatever the least input.
+With a dead rotor, the ball of torques that can be added shows whether attitude remains controllable. Both bounds of
+a dead rotor are zero, even if the smallest input of a running rotor is not.
 """
 
 from __future__ import annotations
@@ -58,48 +58,48 @@ from verify.flight.programs import Box, find_solutions, greatest
 from verify.meshes import Indices
 
 ACCURACY = 1e-7
-"""Distance between both bounds of r, in weights, or of t that is good enough."""
+"""Gap between the bounds on r, in weights, or on t [rad] at which refinement ends."""
 ROUNDS = 60
 """Largest number of refinements of the normals."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """The largest ball, or cap, as far as it is proven."""
+    """Proven bounds on the radius of a largest ball, or the half-angle [rad] of a largest cap."""
 
     lower: float
-    """All of a ball of this radius, or of a cap of this half-angle [rad], is in the polytope."""
+    """Lower bound: a ball or cap of this size is in the polytope."""
     upper: float
-    """The polytope ends at this distance, or angle, towards `weakest`."""
+    """Upper bound, from the direction `weakest`."""
     weakest: Array
     """Unit vector, shape (D,)."""
 
 
 def largest_balls(C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball]:
-    """Return the largest ball around zero of each polytope.
+    """Return the largest ball around zero in each polytope.
 
     Args:
         C: shape (D, N).
         M: shape (k, N).
-        g: of each polytope, shape (B, D).
+        g: centres of the balls, shape (B, D).
         m: shape (B, k).
-        box: bounds of the variables, the same for all, or a row a polytope.
+        box: bounds on the variables, common or one row per polytope.
     """
     return _refine([_Polytope(len(C)) for _ in g], C, M, g, m, box)
 
 
 def largest_caps(C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball]:
     """Return the largest cap in each polytope; the arguments are those of `largest_balls`."""
-    return _refine([_Polytope(len(C), one) for one in g], C, M, g, m, box)
+    return _refine([_Polytope(len(C), centre) for centre in g], C, M, g, m, box)
 
 
 def half_angles(normals: Array, offsets: Array, g: Array) -> Array:
-    """Return the half-angles of the largest caps in some half-spaces, pi for the whole sphere, shape (F,) [rad].
+    """Return the half-angles of the largest caps in half-spaces, pi for the whole sphere, shape (F,) [rad].
 
     Args:
         normals: d, unit vectors, shape (F, D).
         offsets: h, shape (F,).
-        g: from the sphere's centre to the middle of the cap, shape (D,).
+        g: vector from the sphere's centre to that of the cap, shape (D,).
     """
     radius = np.linalg.norm(g)
     along = normals @ g / radius
@@ -109,36 +109,37 @@ def half_angles(normals: Array, offsets: Array, g: Array) -> Array:
 
 
 def _refine(polytopes: list[_Polytope], C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball]:
-    """Return what is found in each polytope by asking in one direction after another."""
+    """Refine all polytopes at once, one batch of linear programs per round."""
     bounds = box.rows(len(g))
     for _ in range(ROUNDS):
-        questions = [(row, polytope.questions()) for row, polytope in enumerate(polytopes)]
-        if not any(len(d) for _, d in questions):
+        queries = [(row, polytope.next_directions()) for row, polytope in enumerate(polytopes)]
+        if not any(len(d) for _, d in queries):
             break
-        rows = np.concatenate([np.full(len(d), row) for row, d in questions])
-        d = np.concatenate([d for _, d in questions])
+        rows = np.concatenate([np.full(len(d), row) for row, d in queries])
+        d = np.concatenate([d for _, d in queries])
         bases = None
         if len(polytopes[rows[0]].directions):
-            bases = np.concatenate([polytopes[row].near(d) for row, d in questions])
+            bases = np.concatenate([polytopes[row].warm_starts(d) for row, d in queries])
         optima = greatest(d @ C, M, m[rows], Box(bounds.low[rows], bounds.high[rows]), bases)
-        x, beside = optima.v @ C.T - g[rows], np.sum(d * g[rows], axis=1)
+        x, shift = optima.v @ C.T - g[rows], np.sum(d * g[rows], axis=1)
         for row, polytope in enumerate(polytopes):
-            mine = rows == row
-            known = np.isfinite(optima.attained) & mine
-            polytope.learn(d[mine], x[known], optima.upper[mine] - beside[mine], optima.bases[mine])
+            belongs = rows == row
+            feasible = np.isfinite(optima.attained) & belongs
+            polytope.add(d[belongs], x[feasible], optima.upper[belongs] - shift[belongs], optima.bases[belongs])
     return [polytope.ball() for polytope in polytopes]
 
 
 @dataclass(eq=False)
 class _Polytope:
-    """Knowledge of one polytope."""
+    """Known points and supporting half-spaces of one polytope."""
 
     D: int
     g: Array | None = None
-    """The middle of a cap from its sphere's centre; None: a ball is looked for."""
+    """Vector from the sphere's centre to that of the cap; None for a ball."""
     points: Array = field(init=False)
     directions: Array = field(init=False)
     bases: Indices | None = None
+    """Final bases of the programs, one row per direction."""
     upper: float = math.inf
     weakest: Array = field(init=False)
     lower: float = 0.0
@@ -148,11 +149,11 @@ class _Polytope:
         self.weakest = np.zeros(self.D)
 
     def size(self, normals: Array, offsets: Array) -> Array:
-        """Return the largest ball, or cap, in each half-space, shape (F,)."""
+        """Return the size of the largest ball, or cap, in each half-space, shape (F,)."""
         return offsets if self.g is None else half_angles(normals, offsets, self.g)
 
-    def learn(self, d: Array, points: Array, upper: Array, bases: Indices) -> None:
-        """Take what was found in directions d: points that are in the polytope, and how far it goes at most."""
+    def add(self, d: Array, points: Array, upper: Array, bases: Indices) -> None:
+        """Add the results for directions d: points in the polytope, upper bounds on h(d), and final bases."""
         self.directions = np.concatenate([self.directions, d])
         self.bases = bases if self.bases is None else np.concatenate([self.bases, bases])
         points = np.concatenate([self.points, points])
@@ -162,22 +163,21 @@ class _Polytope:
             best = int(np.argmin(sizes))
             self.upper, self.weakest = float(sizes[best]), d[best]
 
-    def near(self, d: Array) -> Indices:
-        """Return where the programs of the nearest directions that were asked ended."""
-        if self.bases is None:
-            raise ValueError("nothing was asked before")
+    def warm_starts(self, d: Array) -> Indices:
+        """Return the final bases of the programs of the nearest previous directions."""
+        assert self.bases is not None
         return np.asarray(self.bases[np.argmax(d @ self.directions.T, axis=1)])
 
-    def questions(self) -> Array:
-        """Return the directions to ask in next, shape (q, D); none at the end."""
+    def next_directions(self) -> Array:
+        """Return the next directions, shape (q, D); empty when finished."""
         if not len(self.directions):
-            around = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=self.D) if any(d)])
-            around = around[np.abs(around).sum(axis=1) != 2] if self.D == 3 else around
-            return np.asarray(around / np.linalg.norm(around, axis=1, keepdims=True))
+            grid = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=self.D) if any(d)])
+            grid = grid[np.abs(grid).sum(axis=1) != 2] if self.D == 3 else grid
+            return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True))
         if self.upper <= ACCURACY or not len(self.points):
             return np.empty((0, self.D))
         _, sizes, axes = np.linalg.svd(np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))]))
-        if sizes[-1] <= ACCURACY / 10:  # no points lie across the last axis
+        if sizes[-1] <= ACCURACY / 10:  # the points are flat along the last axis
             return self._new_directions(np.stack([axes[-1], -axes[-1]]))
         try:
             hull = ConvexHull(self.points)
@@ -188,32 +188,33 @@ class _Polytope:
         offsets = np.einsum("fd,fkd->fk", normals, corners).min(axis=1)
         sizes = self.size(normals, offsets)
         self.lower = max(self.lower, float(sizes.min()) if _surrounds(normals, corners) else 0.0)
-        near = np.flatnonzero(sizes < self.upper - ACCURACY)
-        return self._new_directions(normals[near[np.argsort(sizes[near], kind="stable")]])
+        nearest = np.flatnonzero(sizes < self.upper - ACCURACY)
+        return self._new_directions(normals[nearest[np.argsort(sizes[nearest], kind="stable")]])
 
     def _new_directions(self, normals: Array) -> Array:
-        kept: list[Array] = []
+        """Return up to 12 of the normals, without repetitions."""
+        selected: list[Array] = []
         for n in normals:
-            known = np.concatenate([self.directions, *[one[None] for one in kept]])
-            if not np.any(known @ n > 1 - 1e-13):  # nearer normals are one
-                kept.append(n)
-            if len(kept) == 12:  # so many are asked at a time
+            known = np.concatenate([self.directions, *[d[None] for d in selected]])
+            if not np.any(known @ n > 1 - 1e-13):  # closer normals are equal up to rounding
+                selected.append(n)
+            if len(selected) == 12:
                 break
-        return np.array(kept).reshape(-1, self.D)
+        return np.array(selected).reshape(-1, self.D)
 
     def ball(self) -> Ball:
-        """Return what is proven."""
+        """Return the proven bounds."""
         return Ball(min(self.lower, max(self.upper, 0.0)), self.upper, self.weakest)
 
 
 def _surrounds(normals: Array, corners: Array) -> bool:
-    """True if facets, shape (F, D, D), cover all directions from zero, each seen from inside."""
+    """True if facets, shape (F, D, D), cover all directions from zero, which is inside each of their planes."""
     if np.einsum("fd,fkd->fk", normals, corners).min() <= 0:
         return False
     if corners.shape[1] == 2:
         a, b = corners[:, 0], corners[:, 1]
         angles = np.arctan2(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b, axis=1))
-        return bool(abs(angles.sum() - 2 * math.pi) < 1e-6)  # the largest gap [rad], below [sr]
+        return bool(abs(angles.sum() - 2 * math.pi) < 1e-6)  # tolerance [rad]; in 3D [sr]
     # Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983)
     a, b, c = (corners[:, k] for k in range(3))
     A, B, C = (np.linalg.norm(x, axis=1) for x in (a, b, c))
@@ -223,66 +224,68 @@ def _surrounds(normals: Array, corners: Array) -> bool:
 
 
 FORCES, TORQUES = np.eye(6)[:, :3], np.eye(6)[:, 3:]
-"""Wrenches about the COM of forces and torques there."""
+"""Wrenches about the COM of unit forces and torques there."""
 
 
 class PseudoInverse:
-    """The allocator.
+    """Reserves of an allocator that multiplies by the pseudo-inverse.
 
     Args:
         A: wrench map, shape (6, N) [m_t g, l_arm m_t g].
-        box: bounds of the inputs, shape (N,) each.
+        box: bounds on the inputs, shape (N,) each.
     """
 
     def __init__(self, A: Array, box: Box) -> None:
-        # singular values below this share of the largest are zero
+        # relative to the largest, smaller singular values count as zero
         self._A, self._box, self._inverse = A, box, np.linalg.pinv(A, rcond=1e-9)
 
     def ball(self, b: Array, E: Array) -> float:
         """Return the radius of the largest ball of additions to b; 0 if there is none."""
         v, rows = self._inverse @ b, self._inverse @ E
-        missed = self._A @ np.column_stack([v, rows]) - np.column_stack([b, E])
-        left = np.minimum(self._box.high - v, v - self._box.low)
-        if np.abs(missed).max() > TOLERANCE or left.min() < 0:
+        error = self._A @ np.column_stack([v, rows]) - np.column_stack([b, E])
+        slack = np.minimum(self._box.high - v, v - self._box.low)
+        if np.abs(error).max() > TOLERANCE or slack.min() < 0:
             return 0.0
-        sizes = np.linalg.norm(rows, axis=1)
-        moved = sizes > 0
-        return float((left[moved] / sizes[moved]).min(initial=math.inf))
+        gains = np.linalg.norm(rows, axis=1)
+        affected = gains > 0
+        return float((slack[affected] / gains[affected]).min(initial=math.inf))
 
     def cap(self, b: Array) -> float:
-        """Return the half-angle of the largest cap of forces as large as that of b around it, without torque [rad].
+        """Return the half-angle of the largest cap of torque-free forces around b's, with the same norm [rad].
 
         Each limit of an input is a half-space of forces.
         """
         if self.ball(b, FORCES) == 0:
             return 0.0
         v, rows = self._inverse @ b, self._inverse @ FORCES
-        sizes = np.linalg.norm(rows, axis=1)
-        moved = sizes > 0
-        normals = rows[moved] / sizes[moved, None]
-        up, down = (side[moved] / sizes[moved] for side in (self._box.high - v, v - self._box.low))
+        gains = np.linalg.norm(rows, axis=1)
+        affected = gains > 0
+        normals = rows[affected] / gains[affected, None]
+        up, down = (slack[affected] / gains[affected] for slack in (self._box.high - v, v - self._box.low))
         return min(float(half_angles(n, h, b[:3]).min()) for n, h in ((normals, up), (-normals, down)))
 
 
-def remainder(A: Array, b: Array, box: Box) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array, Array]:
-    """Return what is left of a wrench with each of the rotors dead, one at a time.
-
-    Whether it is proven to be possible, and impossible; the radius of the largest ball of torques that can be
-    added, at least (0 without a proof) and at most [l_arm m_t g]; shape (N,) each.
+def rotor_failures(A: Array, b: Array, box: Box) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array, Array]:
+    """Return whether a wrench survives the failure of each single rotor, and the remaining torque reserve.
 
     Args:
         A: wrench map, shape (6, N).
         b: the wrench, shape (6,).
-        box: bounds of the inputs of rotors that run, shape (N,) each.
+        box: bounds on the inputs of running rotors, shape (N,) each.
+
+    Returns:
+        For each dead rotor, shape (N,) each: True if the wrench is proven possible, True if it is proven
+        impossible, lower bound (0 if unproven) and upper bound on the radius of the ball of added torques [l_arm
+        m_t g].
     """
     N = A.shape[1]
-    alive = 1.0 - np.eye(N)
-    low, high = box.low * alive, box.high * alive
-    reached = find_solutions(A, np.tile(b, (N, 1)), Box(low, high))
-    lower, upper = np.zeros(N), np.where(reached.no, 0.0, np.inf)
-    able = np.flatnonzero(reached.yes)
-    for dead in np.array_split(able, math.ceil(len(able) / 20) or 1):  # polytopes that are looked at at once
-        made = reached.v[dead] @ A.T  # within the audit's tolerance of b, and produced exactly
-        balls = largest_balls(A[3:], A[:3], made[:, 3:], made[:, :3], Box(low[dead], high[dead]))
+    is_alive = 1.0 - np.eye(N)
+    low, high = box.low * is_alive, box.high * is_alive
+    solvable = find_solutions(A, np.tile(b, (N, 1)), Box(low, high))
+    lower, upper = np.zeros(N), np.where(solvable.no, 0.0, np.inf)
+    survivable = np.flatnonzero(solvable.yes)
+    for dead in np.array_split(survivable, math.ceil(len(survivable) / 20) or 1):  # 20 polytopes per batch
+        produced = solvable.v[dead] @ A.T  # within the audit's tolerance of b, and attained exactly
+        balls = largest_balls(A[3:], A[:3], produced[:, 3:], produced[:, :3], Box(low[dead], high[dead]))
         lower[dead], upper[dead] = [ball.lower for ball in balls], [max(ball.upper, 0.0) for ball in balls]
-    return reached.yes, reached.no, lower, upper
+    return solvable.yes, solvable.no, lower, upper

@@ -1,18 +1,19 @@
-"""Load of each joint: the tree is cut there, and everything beyond the cut is treated as a free body.
+"""Joint loads: the tree is cut at a joint, and everything beyond the cut is a free body.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | j, o_j, m | module beyond the cut, its centre from the COM, its mass | | m, kg |
 | c | the connector at which the joint is cut, from the COM | (3,) | m |
 | a, w' | acceleration of the COM, angular acceleration (the platform is at rest) | (3,) | m/s^2, rad/s^2 |
-| f_E, tau_E | what the platform exerts at the end-effector; the reaction is -f_E, -tau_E | (3,) | N, N m |
-| F_c, tau_c | what the joint exerts on what is beyond it | (3,) | N, N m |
+| f_E, tau_E | wrench that the platform exerts at the end-effector; the reaction is -f_E, -tau_E | (3,) | N, N m |
+| F_c, tau_c | wrench of the joint on the free body beyond it | (3,) | N, N m |
 
-Newton and Euler for what is beyond: F_c = sum m a_j - all other forces, and moments about c alike. Other forces are
-those of the rotors, the weight, and the reaction if the end-effector is mounted beyond. The whole platform
-accelerates by what the case leaves unbalanced, wrench of the rotors less wrench at the end-effector less weight;
-nothing in equilibrium. The end-effector is a point of mass m_E, a joint one at its connector; the one at the cut is
-not beyond it. A rod that counts is beyond where the end-effector is. Modules have the inertia of the task.
+Newton-Euler equations of the free body: F_c = sum m a_j - all other forces, and the same for moments about c. The
+other forces are those of the rotors, the weight, and the reaction if the end-effector is beyond the cut. The
+platform accelerates by the unbalanced wrench: that of the rotors minus that at the end-effector minus the weight,
+zero in equilibrium. The end-effector is a point mass m_E, and a joint is a point mass at its connector; the joint
+at the cut is not beyond it. A rod whose mass counts is on the end-effector's side. Modules have the inertia of the
+task.
 """
 
 from __future__ import annotations
@@ -31,26 +32,26 @@ from verify.residuals import clamp
 def joint_loads(
     design: Design, platform: Platform, case: LoadCase, u: Array, name: str, holder: int | None
 ) -> Iterator[JointLoad]:
-    """Yield what each joint bears in a load case, in the order of the joints.
+    """Yield the load of each joint in a load case, in the order of the joints.
 
     Args:
         design: the design.
         platform: its geometry.
-        case: what is asked of the rotors [N], [N m].
-        u: their inputs, shape (n, 4) [rad^2/s^2].
-        name: of the case.
-        holder: the module that carries the end-effector; None: unknown, each figure of a joint is then the larger
-            of both sides that may carry it.
+        case: the load case [N], [N m].
+        u: rotor inputs, shape (n, 4) [rad^2/s^2].
+        name: name of the case.
+        holder: the module that carries the end-effector. If None, each load is the larger one with the end-effector
+            on either side of the joint.
     """
-    borne = _Borne(design, platform, case, u)
+    platform_loads = _PlatformLoads(design, platform, case, u)
     edges = list(design.topology.edges())
-    beyond = np.eye(design.topology.n, dtype=bool)  # which modules, columns, hang at each module, rows
+    beyond = np.eye(design.topology.n, dtype=bool)  # [i, j]: module j is in the subtree of module i
     for h, i, _, _ in reversed(edges):
         beyond[h] |= beyond[i]
     for h, i, a, _ in edges:
         axis = platform.poses.R[h][:, 1 if a % 2 == 0 else 0]
         sides = (True, False) if holder is None else (bool(beyond[i, holder]),)
-        loads = [borne.at(i, beyond[i], tip) for tip in sides]
+        loads = [platform_loads.at_joint(i, beyond[i], with_tip) for with_tip in sides]
         yield JointLoad(
             case=name,
             module=h,
@@ -63,8 +64,8 @@ def joint_loads(
         )
 
 
-class _Borne:
-    """All forces on the parts of a platform in one load case, and their accelerations."""
+class _PlatformLoads:
+    """Wrenches that joints must exert on the parts of a platform in one load case."""
 
     def __init__(self, design: Design, platform: Platform, case: LoadCase, u: Array) -> None:
         task, module = design.task, design.task.module
@@ -78,49 +79,49 @@ class _Borne:
         F = thrusts.sum(axis=(0, 1)) - self._f_E + masses.sum() * weight
         tau = np.cross(platform.rotors, thrusts).sum(axis=(0, 1)) + drags.sum(axis=0) - self._tau_E
         tau -= np.cross(self._p_E, self._f_E)
-        a, turned = F / masses.sum(), np.linalg.solve(inertia(design, platform), tau)
-        # what the joints must exert on each part: its inertia less all other forces on it
-        falls = masses[:, None] * (a + np.cross(turned, points) - weight)
-        self._forces = falls[:n] - thrusts.sum(axis=1)
+        a, alpha = F / masses.sum(), np.linalg.solve(inertia(design, platform), tau)
+        # mass times acceleration, minus the weight
+        forces = masses[:, None] * (a + np.cross(alpha, points) - weight)
+        self._forces = forces[:n] - thrusts.sum(axis=1)
         rotor_moments = np.cross(platform.rotors - platform.o[:, None], thrusts).sum(axis=1) + drags
-        self._moments = _inertias(design, platform) @ turned - rotor_moments
-        joints = 2 * n - 1
-        self._joint_forces, self._tip_force = falls[n:joints], falls[joints] + self._f_E
-        self._rod_force, self._middle = falls[joints + 1 :].sum(axis=0), platform.rod[:, 0].sum(axis=0)
-        self._rod_moment = rod_inertia(design, platform) @ turned
+        self._moments = _inertias(design, platform) @ alpha - rotor_moments
+        tip = 2 * n - 1  # after n modules and n - 1 joints
+        self._joint_forces, self._tip_force = forces[n:tip], forces[tip] + self._f_E
+        self._rod_force, self._rod_centre = forces[tip + 1 :].sum(axis=0), platform.rod[:, 0].sum(axis=0)
+        self._rod_moment = rod_inertia(design, platform) @ alpha
 
-    def at(self, child: int, beyond: Array, tip: bool) -> tuple[Array, Array]:
-        """Return force and moment that what is beyond a child's joint needs there.
+    def at_joint(self, child: int, beyond: Array, with_tip: bool) -> tuple[Array, Array]:
+        """Return the force and moment of a joint on everything beyond it.
 
         Args:
-            child: the module behind the joint.
-            beyond: which modules are beyond, shape (n,).
-            tip: True if the end-effector is beyond.
+            child: the joint's child module.
+            beyond: True for the modules beyond the joint, shape (n,).
+            with_tip: True if the end-effector is beyond.
         """
-        inner = beyond[1:].copy()  # joints by their children
+        inner = beyond[1:].copy()  # joints, indexed by child
         inner[child - 1] = False
         c = self._c[child - 1]
         F = np.concatenate([self._forces[beyond], self._joint_forces[inner]])
         levers = np.concatenate([self._o[beyond], self._c[inner]]) - c
         force = F.sum(axis=0)
         moment = self._moments[beyond].sum(axis=0) + np.cross(levers, F).sum(axis=0)
-        if tip:
+        if with_tip:
             force = force + self._tip_force + self._rod_force
             moment = moment + np.cross(self._p_E - c, self._tip_force) + self._tau_E
-            moment = moment + np.cross(self._middle - c, self._rod_force) + self._rod_moment
+            moment = moment + np.cross(self._rod_centre - c, self._rod_force) + self._rod_moment
         return force, moment
 
 
 def inertia(design: Design, platform: Platform) -> Array:
     """Return the inertia of a platform about its centre of mass, shape (3, 3) [kg m^2]."""
     points, masses = _masses(design, platform)
-    spread = (points**2).sum(axis=1)[:, None, None] * np.eye(3) - points[:, :, None] * points[:, None, :]
-    own_inertia = _inertias(design, platform).sum(axis=0) + rod_inertia(design, platform)
-    return np.asarray(own_inertia + (masses[:, None, None] * spread).sum(axis=0))
+    steiner = (points**2).sum(axis=1)[:, None, None] * np.eye(3) - points[:, :, None] * points[:, None, :]
+    part_inertia = _inertias(design, platform).sum(axis=0) + rod_inertia(design, platform)
+    return np.asarray(part_inertia + (masses[:, None, None] * steiner).sum(axis=0))
 
 
 def rod_inertia(design: Design, platform: Platform) -> Array:
-    """Return the inertia of a rod that counts about its middle, as a thin tube, shape (3, 3) [kg m^2]."""
+    """Return the inertia of the counted rod about its centre, as a thin-walled tube, shape (3, 3) [kg m^2]."""
     rod, J = design.task.end_effector.counted_rod, np.zeros((3, 3))
     for half in platform.rod[:, 1]:
         if rod is not None and (square := float(half @ half)) > 0:
@@ -136,8 +137,8 @@ def _inertias(design: Design, platform: Platform) -> Array:
 
 
 def _masses(design: Design, platform: Platform) -> tuple[Array, Array]:
-    """Return places, shape (m, 3), and masses of the modules, joints, end-effector and rod [m], [kg]."""
+    """Return positions, shape (m, 3), and masses of modules, joints, end-effector and rod [m], [kg]."""
     task, n, rod = design.task, design.topology.n, design.task.end_effector.counted_rod
-    each = [task.module.mass, task.module.joint_mass, task.end_effector.mass, rod.mass if rod else 0.0]
+    masses = [task.module.mass, task.module.joint_mass, task.end_effector.mass, rod.mass if rod else 0.0]
     points = np.concatenate([platform.o, platform.joints, platform.p_e[None], platform.rod[:, 0]])
-    return points, np.repeat(each, [n, n - 1, 1, len(platform.rod)])
+    return points, np.repeat(masses, [n, n - 1, 1, len(platform.rod)])

@@ -1,17 +1,18 @@
-"""Linear and quadratic programs whose solutions are proven: a primal and a dual point in hand for each.
+"""Linear and quadratic programs with proven solutions: each has a primal and a dual point.
 
     maximise c . v  such that  M v = m,  low <= v <= high
 
 | symbol | meaning | shape |
 |---|---|---|
-| v | a primal point: within its bounds, and M v = m to RESIDUAL | (N,) |
-| y | a dual point, any at all | (k,) |
-| w | c - y M | (N,) |
-| h(c) | the greatest value: c . v <= h(c) <= sum_j max(low_j w_j, high_j w_j) + y . m | |
+| v | primal point, within its bounds and with M v = m to RESIDUAL | (N,) |
+| y | dual point, arbitrary | (k,) |
+| w | reduced costs, c - y M | (N,) |
+| h(c) | maximum: c . v <= h(c) <= sum_j max(low_j w_j, high_j w_j) + y . m | |
 
-So values are bracketed whoever found the points. Equations have no solution within TOLERANCE, the audit's own, if
-some y with sum |y| = 1 has y . m - sum_j max(low_j w_j, high_j w_j) > TOLERANCE with w = y M. `solve` takes all
-programs of one kind at once; what its points do not decide HiGHS solves again, one by one.
+So the bracket is valid whatever solver found the points. The equations have no solution within TOLERANCE, the
+audit's own, if some y with sum |y| = 1 has y . m - sum_j max(low_j w_j, high_j w_j) > TOLERANCE with w = y M.
+`solve` takes all programs of one kind in a batch; HiGHS solves again, one by one, those that its points do not
+decide.
 
 The least inputs that produce a wrench are a quadratic program:
 
@@ -20,25 +21,24 @@ The least inputs that produce a wrench are a quadratic program:
 | symbol | meaning | shape |
 |---|---|---|
 | A, b | wrench map and wrench | (6, N), (6,) |
-| y | multipliers; the best v for them is A^T y, clipped to the bounds | (6,) |
-| L(y) | |v|^2 / 2 - y . (A v - b) at that v: never more than the least |v|^2 / 2 | |
+| y | multipliers; the minimising v is A^T y, clipped to the bounds | (6,) |
+| L(y) | dual function, |v|^2 / 2 - y . (A v - b) at that v; a lower bound on the minimum | |
 
-L is concave, and its gradient b - A v. Newton's method finds where it vanishes: v is then the answer, proven.
+L is concave with gradient b - A v. Newton's method finds its zero, where v is proven optimal.
 
-`solve` finds the points of many small linear programs at once, by the dual simplex method for variables with
-bounds:
+`solve` solves many small linear programs at once, by the dual simplex method for bounded variables:
 
 | symbol | meaning | shape |
 |---|---|---|
 | B, N, k | programs, variables, equations | |
-| M | equations of all programs, and k unit vectors, whose variables are zero | (k, N + k) |
+| M | equations common to all programs, and k unit columns for slack variables fixed at zero | (k, N + k) |
 | y | multipliers of the equations | (B, k) |
-| r | reduced costs, c - y M: outside the basis v is at `high` where r > 0, at `low` where r < 0 | (B, N + k) |
-| rho | row of the inverse basis that belongs to the leaving variable: the direction in which y moves | (B, k) |
+| r | reduced costs, c - y M: a nonbasic v is at `high` if r > 0, at `low` if r < 0 | (B, N + k) |
+| rho | row of the inverse basis for the leaving variable: the direction in which y moves | (B, k) |
 
-Every variable has two bounds, so that every basis is dual feasible and the unit vectors are one to start from: no
-first phase. A step goes past all breakpoints at which the dual objective still falls (the long step rule), so that
-the number of steps hardly grows with N. Nothing that this finds has to be believed.
+Every variable has two bounds, so every basis is dual feasible, the slack basis is a valid start, and no first phase
+is needed. A step passes all breakpoints at which the dual objective still decreases (long-step rule), so the number
+of steps hardly grows with N. The result need not be trusted, because it is checked.
 """
 
 from __future__ import annotations
@@ -52,68 +52,68 @@ from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
 from verify.meshes import Indices
 
-Ends = tuple[Array, Array, Array, Indices]
+SimplexResult = tuple[Array, Array, Array, Indices]
 
 LARGEST = 1e6
-"""Forces in m_t g and torques in l_arm m_t g beyond it have lost the digits that programs need."""
+"""Larger forces [m_t g] and torques [l_arm m_t g] are too imprecise for the programs."""
 RESIDUAL = 1e-9
-"""Tolerance of a primal point's equations: a thousandth of TOLERANCE."""
+"""Tolerance of a primal point's equations, a thousandth of TOLERANCE."""
 GAP = 1e-8
-"""Distance of both bounds up to which a value counts as found."""
+"""Largest gap between the bounds of a solved program."""
 SUM_ROUNDING = 1e-15
-"""Rounding error of a sum, for each of its terms, in units of the sum of their sizes."""
+"""Rounding error of a sum per term, relative to the sum of absolute values."""
 
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """Bounds of the variables."""
+    """Bounds on the variables."""
 
     low: Array
-    """Shape (N,), or a row a program."""
+    """Shape (N,), or one row per program."""
     high: Array
 
     def rows(self, programs: int) -> Box:
-        """Return the bounds with a row for each of so many programs."""
+        """Return the bounds with one row per program."""
         shape = programs, self.low.shape[-1]
         return Box(np.broadcast_to(self.low, shape), np.broadcast_to(self.high, shape))
 
     def greatest(self, w: Array) -> Array:
-        """Return upper bounds of the greatest w . v within the box, rounding included, shape (B,)."""
+        """Return upper bounds on w . v within the box, rounding included, shape (B,)."""
         size = np.sum(np.abs(w) * np.maximum(np.abs(self.low), np.abs(self.high)), axis=-1)
         greatest = np.sum(np.maximum(self.low * w, self.high * w), axis=-1)
         return np.asarray(greatest + SUM_ROUNDING * w.shape[-1] * size)
 
 
 @dataclass(frozen=True, eq=False)
-class Greatest:
-    """Greatest values of some programs, proven from both sides."""
+class Maxima:
+    """Maxima of B programs, with proven bounds."""
 
     v: Array
     """Primal points, shape (B, N)."""
     attained: Array
-    """c . v; minus infinity where v does not meet the equations, shape (B,)."""
+    """Lower bounds c . v; minus infinity if v violates the equations, shape (B,)."""
     upper: Array
-    """No v that meets the equations has more, shape (B,)."""
+    """Upper bounds, shape (B,)."""
     bases: Indices
-    """Starting bases for slightly different costs, shape (B, k)."""
+    """Final bases, warm starts for slightly different costs, shape (B, k)."""
 
 
-def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = None) -> Greatest:
+def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = None) -> Maxima:
     """Return the greatest c . v of each program.
 
     Args:
         c: shape (B, N).
         M: shape (k, N).
         m: shape (B, k).
-        box: bounds of all programs.
-        bases: to start from.
+        box: bounds on the variables of all programs.
+        bases: initial bases, shape (B, k).
     """
     bounds = box.rows(len(c))
     v, y, _, bases = solve(c, M, m, bounds.low, bounds.high, bases)
-    judged = _bracket(c, M, m, bounds, v, y, bases)
-    loose = np.flatnonzero(~(judged.upper - judged.attained <= GAP))
+    maxima = _bracket(c, M, m, bounds, v, y, bases)
+    loose = np.flatnonzero(~(maxima.upper - maxima.attained <= GAP))
     if not len(loose):
-        return judged
+        return maxima
     from scipy.optimize import linprog  # slow to load, and few programs need it
 
     v, y = v.copy(), y.copy()
@@ -124,22 +124,23 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
         if solution.status == 0:
             v[row] = np.clip(solution.x, bounds.low[row], bounds.high[row])
             y[row] = -solution.eqlin.marginals
-    again = _bracket(c, M, m, bounds, v, y, bases)
-    better = again.attained > judged.attained
-    return Greatest(
-        np.where(better[:, None], again.v, judged.v),
-        np.maximum(judged.attained, again.attained),
-        np.minimum(judged.upper, again.upper),
+    by_highs = _bracket(c, M, m, bounds, v, y, bases)
+    better = by_highs.attained > maxima.attained
+    return Maxima(
+        np.where(better[:, None], by_highs.v, maxima.v),
+        np.maximum(maxima.attained, by_highs.attained),
+        np.minimum(maxima.upper, by_highs.upper),
         bases,
     )
 
 
-def _bracket(c: Array, M: Array, m: Array, box: Box, v: Array, y: Array, bases: Indices) -> Greatest:
-    met = np.abs(v @ M.T - m).max(axis=1, initial=0.0) <= RESIDUAL
-    beside = np.sum(y * m, axis=1) + SUM_ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
-    upper = box.greatest(c - y @ M) + beside
-    attained = np.where(met, np.sum(c * v, axis=1), -np.inf)
-    return Greatest(v, attained, np.where(np.isnan(upper), np.inf, upper), bases)
+def _bracket(c: Array, M: Array, m: Array, box: Box, v: Array, y: Array, bases: Indices) -> Maxima:
+    """Return the proven bounds that primal and dual points give."""
+    is_feasible = np.abs(v @ M.T - m).max(axis=1, initial=0.0) <= RESIDUAL
+    y_m = np.sum(y * m, axis=1) + SUM_ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
+    upper = box.greatest(c - y @ M) + y_m
+    attained = np.where(is_feasible, np.sum(c * v, axis=1), -np.inf)
+    return Maxima(v, attained, np.where(np.isnan(upper), np.inf, upper), bases)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,44 +148,44 @@ class Solvable:
     """Solvability of equations within bounds, to the audit's tolerance."""
 
     yes: NDArray[np.bool_]
-    """Proven: v is one, shape (B,)."""
+    """True if v is proven to be a solution, shape (B,)."""
     no: NDArray[np.bool_]
-    """Proven that there is none, shape (B,). Neither: undecided."""
+    """True if it is proven that there is no solution, shape (B,); undecided if neither."""
     v: Array
     """Shape (B, N)."""
     bases: Indices
-    """Starting bases for slightly different bounds, shape (B, k)."""
+    """Final bases, warm starts for slightly different bounds, shape (B, k)."""
 
 
 def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -> Solvable:
     """Return for each m, shape (B, k), whether M v = m has a solution within bounds, each equation to TOLERANCE."""
     bounds = box.rows(len(m))
-    # any costs would do; different ones make the solution one vertex
+    # any costs would do; distinct ones make the solution a unique vertex
     c = np.broadcast_to(-1.0 - np.arange(M.shape[1]) / M.shape[1], (len(m), M.shape[1]))
     v, _, rays, bases = solve(c, M, m, bounds.low, bounds.high, bases)
-    yes, no = _meets(M, m, v), _excludes(M, m, bounds, rays)
+    yes, no = _is_solution(M, m, v), _is_infeasible(M, m, bounds, rays)
     for row in np.flatnonzero(~yes & ~no):
         v[row], y = nearest(M, m[row], bounds.low[row], bounds.high[row])
-        one = slice(row, row + 1)
-        yes[one] = _meets(M, m[one], v[one])
-        no[one] = _excludes(M, m[one], Box(bounds.low[one], bounds.high[one]), y[None])
+        single = slice(row, row + 1)
+        yes[single] = _is_solution(M, m[single], v[single])
+        no[single] = _is_infeasible(M, m[single], Box(bounds.low[single], bounds.high[single]), y[None])
     return Solvable(yes, no, v, bases)
 
 
-def _meets(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:
+def _is_solution(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(v @ M.T - m).max(axis=1) <= TOLERANCE)
 
 
-def _excludes(M: Array, m: Array, box: Box, y: Array) -> NDArray[np.bool_]:
-    """Return whether each y shows that nothing within the bounds meets the equations to TOLERANCE."""
-    size = np.sum(np.abs(y), axis=1, keepdims=True)
-    y = y / np.where(size > 0, size, 1.0)
-    beside = np.sum(y * m, axis=1) - SUM_ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
-    return np.asarray(beside - box.greatest(y @ M) > TOLERANCE)
+def _is_infeasible(M: Array, m: Array, box: Box, y: Array) -> NDArray[np.bool_]:
+    """Return whether each y proves that no v within the bounds solves the equations to TOLERANCE."""
+    norm = np.sum(np.abs(y), axis=1, keepdims=True)
+    y = y / np.where(norm > 0, norm, 1.0)
+    y_m = np.sum(y * m, axis=1) - SUM_ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
+    return np.asarray(y_m - box.greatest(y @ M) > TOLERANCE)
 
 
 def nearest(M: Array, m: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Return by HiGHS the v that misses no equation by more than it must, and the multipliers that show it."""
+    """Return the v with the smallest maximum error of the equations, by HiGHS, and the optimal multipliers."""
     from scipy.optimize import linprog  # slow to load, and few programs need it
 
     k, N = M.shape
@@ -198,40 +199,40 @@ def nearest(M: Array, m: Array, low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def least_inputs(A: Array, b: Array, box: Box) -> Array | None:
-    """Return the least inputs, shape (N,), each equation met to RESIDUAL; None if they are not found."""
+    """Return the inputs of least effort, shape (N,), with each equation met to RESIDUAL; None if not found."""
 
-    def at(y: Array) -> tuple[Array, Array, float]:
+    def evaluate(y: Array) -> tuple[Array, Array, float]:
         v = np.clip(y @ A, box.low, box.high)
-        missing = b - A @ v
-        return v, missing, float(v @ v / 2 + y @ missing)
+        gradient = b - A @ v
+        return v, gradient, float(v @ v / 2 + y @ gradient)
 
     y = np.zeros(len(A))
-    v, missing, value = at(y)
-    # in units of the largest entry: some wrenches may have no free rotors
-    damping = least = max(1e-12 * float(np.abs(A @ A.T).max()), 1e-300)
+    v, gradient, value = evaluate(y)
+    # relative to the largest entry; the Hessian is singular if all rotors of a wrench are at a bound
+    damping = least_damping = max(1e-12 * float(np.abs(A @ A.T).max()), 1e-300)
     for _ in range(100):
-        if np.abs(missing).max() <= RESIDUAL:
+        if np.abs(gradient).max() <= RESIDUAL:
             return np.asarray(v)
         free = A[:, (y @ A >= box.low) & (y @ A <= box.high)]
-        ahead = np.linalg.solve(free @ free.T + damping * np.eye(len(A)), missing)
-        share = 1.0
-        while share > 1e-3:  # shorter steps are none: the matrix is damped instead
-            nearer = at(y + share * ahead)
-            # share of the promised gain that a step must bring
-            if nearer[2] >= value + 1e-4 * share * float(ahead @ missing):
+        step = np.linalg.solve(free @ free.T + damping * np.eye(len(A)), gradient)
+        step_size = 1.0
+        while step_size > 1e-3:  # rather than shorten the step further, increase the damping
+            trial = evaluate(y + step_size * step)
+            # sufficient increase, as a share of the predicted one
+            if trial[2] >= value + 1e-4 * step_size * float(step @ gradient):
                 break
-            share /= 2
+            step_size /= 2
         else:
             damping *= 100
             continue
-        damping = max(damping / 10, least)
-        y = y + share * ahead
-        v, missing, value = nearer
+        damping = max(damping / 10, least_damping)
+        y = y + step_size * step
+        v, gradient, value = trial
     return None
 
 
-def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None = None) -> Ends:
-    """Return where the method ends for each program.
+def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None = None) -> SimplexResult:
+    """Run the dual simplex method on a batch of programs.
 
     Args:
         c: shape (B, N).
@@ -239,56 +240,55 @@ def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices 
         m: shape (B, k).
         low: finite, shape (B, N).
         high: finite, at least `low`, shape (B, N).
-        bases: to start from, shape (B, k); default: the unit vectors.
+        bases: initial bases, shape (B, k); default: the slack basis.
 
     Returns:
-        Variables within their bounds, (B, N); multipliers, (B, k); directions of y that show that no variables meet
-        the equations, zero where none was found, (B, k); the variables of each basis, to start from for costs that
-        differ a little, (B, k).
+        Variables within their bounds, (B, N); multipliers, (B, k); dual rays that prove infeasibility, zero if none
+        was found, (B, k); final bases, warm starts for slightly different costs, (B, k).
     """
     (programs, N), k, box = c.shape, len(M), (low, high)
-    M, unit = np.concatenate([M, np.eye(k)], axis=1), np.zeros((programs, k))
-    c, low, high = (np.concatenate([x, unit], axis=1) for x in (c, low, high))
+    M, zeros = np.concatenate([M, np.eye(k)], axis=1), np.zeros((programs, k))
+    c, low, high = (np.concatenate([x, zeros], axis=1) for x in (c, low, high))
     basis = np.tile(np.arange(N, N + k), (programs, 1)) if bases is None else bases.copy()
-    bases, left = basis.copy(), np.arange(programs)
-    v, y, rays, at_high = np.zeros_like(c), unit.copy(), unit.copy(), np.zeros(c.shape, dtype=bool)
+    bases, active = basis.copy(), np.arange(programs)
+    v, y, rays, at_high = np.zeros_like(c), zeros.copy(), zeros.copy(), np.zeros(c.shape, dtype=bool)
     for step in range(100 + k + N // 10):  # 100 more than one per equation and per ten variables
-        rows = np.arange(len(left))
-        at = rows[:, None], basis
+        rows = np.arange(len(active))
+        basic = rows[:, None], basis
         try:
             inverse = np.linalg.inv(M.T[basis].transpose(0, 2, 1))
         except np.linalg.LinAlgError:  # a singular basis
             break
-        y[left] = (c[at][:, None] @ inverse)[:, 0]
-        r = c - y[left] @ M
-        r[at] = 0.0
+        y[active] = (c[basic][:, None] @ inverse)[:, 0]
+        r = c - y[active] @ M
+        r[basic] = 0.0
         if step == 0:
             at_high = r > 0
-        outside = np.where(at_high, high, low)
-        outside[at] = 0.0
-        inside = (inverse @ (m - outside @ M.T)[:, :, None])[:, :, 0]
-        v[left] = outside
-        v[left[:, None], basis] = inside
-        below = low[at] - inside
-        beyond = np.maximum(below, inside - high[at])
+        v_nonbasic = np.where(at_high, high, low)
+        v_nonbasic[basic] = 0.0
+        v_basic = (inverse @ (m - v_nonbasic @ M.T)[:, :, None])[:, :, 0]
+        v[active] = v_nonbasic
+        v[active[:, None], basis] = v_basic
+        below = low[basic] - v_basic
+        violation = np.maximum(below, v_basic - high[basic])
         scale = (high - low).max(axis=1)
-        slot = np.argmax(beyond / np.linalg.norm(inverse, axis=2), axis=1)
-        # largest final violation of bounds, in units of the largest range of any
-        optimal = beyond.max(axis=1) <= 1e-11 * scale
+        slot = np.argmax(violation / np.linalg.norm(inverse, axis=2), axis=1)
+        # tolerance on the bounds, relative to the largest range
+        optimal = violation.max(axis=1) <= 1e-11 * scale
         rho = inverse[rows, slot]
         sign = np.where(below[rows, slot] > 0, 1.0, -1.0)
         alpha = sign[:, None] * (rho @ M)
         free = high > low
-        free[at] = False
-        entering, passed, enters = _breakpoints(r, alpha, beyond[rows, slot], at_high, free, high - low)
+        free[basic] = False
+        entering, passed, enters = _breakpoints(r, alpha, violation[rows, slot], at_high, free, high - low)
         move = ~optimal & enters
-        rays[left] = np.where((~optimal & ~enters)[:, None], -sign[:, None] * rho, 0.0)
+        rays[active] = np.where((~optimal & ~enters)[:, None], -sign[:, None] * rho, 0.0)
         at_high ^= passed & move[:, None]
         at_high[rows[move], basis[rows, slot][move]] = sign[move] < 0
         basis[rows[move], slot[move]] = entering[move]
-        bases[left] = basis
-        left = left[move]
-        if not len(left):
+        bases[active] = basis
+        active = active[move]
+        if not len(active):
             break
         if not move.all():
             c, m, low, high, basis, at_high = (x[move] for x in (c, m, low, high, basis, at_high))
@@ -296,18 +296,18 @@ def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices 
 
 
 def _breakpoints(
-    r: Array, alpha: Array, missing: Array, at_high: NDArray[np.bool_], free: NDArray[np.bool_], width: Array
+    r: Array, alpha: Array, violation: Array, at_high: NDArray[np.bool_], free: NDArray[np.bool_], width: Array
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which variable enters, which ones are passed and change their bound, and whether any enters."""
-    towards = np.where(at_high, alpha, -alpha)
-    # smallest pivot, in units of the largest of its row
-    blocks = free & (towards > 1e-9 * np.abs(alpha).max(axis=1, keepdims=True))
-    at = np.where(blocks, np.abs(r) / np.where(blocks, towards, 1.0), np.inf)
-    order = np.argsort(at, axis=1, kind="stable")
+    """Return the entering variable, the variables that are passed and flip their bound, and whether any enters."""
+    rate = np.where(at_high, alpha, -alpha)
+    # smallest pivot relative to the largest of its row
+    blocks = free & (rate > 1e-9 * np.abs(alpha).max(axis=1, keepdims=True))
+    ratio = np.where(blocks, np.abs(r) / np.where(blocks, rate, 1.0), np.inf)
+    order = np.argsort(ratio, axis=1, kind="stable")
     rows = np.arange(len(order))[:, None]
-    gained = np.cumsum(np.where(blocks, towards * width, 0.0)[rows, order], axis=1)
-    turns = gained >= (1 - 1e-10) * missing[:, None]  # the others need not make up for rounding
-    first = np.argmax(turns, axis=1)
+    reduction = np.cumsum(np.where(blocks, rate * width, 0.0)[rows, order], axis=1)
+    is_enough = reduction >= (1 - 1e-10) * violation[:, None]  # no further flips for mere rounding
+    first = np.argmax(is_enough, axis=1)
     rank = np.empty_like(order)
     rank[rows, order] = np.arange(order.shape[1])
-    return order[rows[:, 0], first], blocks & (rank < first[:, None]), turns[:, -1]
+    return order[rows[:, 0], first], blocks & (rank < first[:, None]), is_enough[:, -1]

@@ -1,14 +1,14 @@
-"""The figures of flight of any vehicle with fixed rotors.
+"""Flight capability of any vehicle with fixed rotors.
 
 | symbol | meaning | shape |
 |---|---|---|
 | v | inputs over the largest one of each rotor | (N,) |
 | F, T | forces and torques of the rotors at v = 1 | (3, N) |
-| t | what the torques are to be, 0 of a vehicle without torque | (3,) |
-| Z | forces F v with T v = t: a polytope | |
+| t | required torque, zero for torque-free forces | (3,) |
+| Z | polytope of the forces F v with T v = t | |
 
-Each corner of Z is found by a linear program towards the normal of a facet of the hull of those that are known,
-until no facet moves: the hull is Z then.
+Linear programs maximise along the facet normals of the hull of the known vertices of Z; when no facet moves, the
+hull is Z.
 """
 
 from __future__ import annotations
@@ -22,77 +22,78 @@ from topo_search.model import Flight, LoadCase, RotorsOut, Task
 from topo_search.model.flight import Capability, Vehicle
 from topo_search.model.load_case import labels
 from verify.bodies import Array
+from verify.flight.analysis import CapabilityAnalysis
 from verify.flight.balls import largest_balls
-from verify.flight.measured import Measured
 from verify.flight.programs import Box, greatest
 from verify.residuals import clamp
 
-FOUND = 1e-9
-"""Distance from a facet, in weights, up to which a corner lies on it."""
+ON_FACET = 1e-9
+"""Largest distance from a facet, in weights, of a vertex that lies on it."""
 
 
 def capability(vehicle: Vehicle, task: Task | None = None) -> Capability | None:
-    """Return what a vehicle can do; None where its numbers are too large to compute with.
+    """Return the flight capability of a vehicle; None if its numbers are too large.
 
     Args:
         vehicle: the vehicle.
-        task: whose load cases it is judged against, corners of cones and vertices included; forces in weights are
-            in those of the vehicle.
+        task: a task whose load cases it must meet, vertices of cones and sets included; a unit of weight is the
+            vehicle's.
     """
-    r = np.array([(one.x_m, one.y_m, one.z_m) for one in vehicle.rotors]) - vehicle.com
+    r = np.array([(rotor.x_m, rotor.y_m, rotor.z_m) for rotor in vehicle.rotors]) - vehicle.com
     arm, weight = float(np.linalg.norm(r, axis=1).max()) or 1.0, vehicle.mass * vehicle.gravity
     A, cases = rotor_map(vehicle), {} if task is None else _cases(task, weight)
-    low = np.array([one.u_min / one.u_max for one in vehicle.rotors])
+    low = np.array([rotor.u_min / rotor.u_max for rotor in vehicle.rotors])
     box = Box(low, np.ones(len(low)))
-    given = vehicle.inertia
-    J = None if given is None else np.diag(given) if np.ndim(given) == 1 else np.array(given)
-    measured = Measured(A, _end_effector(vehicle, task), (weight, arm), box, cases, [None] * (1 + len(cases)), J)
-    if not measured.in_range:
+    inertia = vehicle.inertia
+    J = None if inertia is None else np.diag(inertia) if np.ndim(inertia) == 1 else np.array(inertia)
+    analysis = CapabilityAnalysis(
+        A, _end_effector(vehicle, task), (weight, arm), box, cases, [None] * (1 + len(cases)), J
+    )
+    if not analysis.in_range:
         return None
-    F, T = measured.A[:3], measured.A[3:]
+    F, T = analysis.A[:3], analysis.A[3:]
     ball = largest_balls(F, T, np.zeros((1, 3)), np.zeros((1, 3)), box)[0]
-    rows, hull = measured.cases(), force_hull(F, T, np.zeros(3), box)
-    # singular values below this share of the largest are zero
+    rows, hull = analysis.cases(), force_hull(F, T, np.zeros(3), box)
+    # relative to the largest, smaller singular values count as zero
     return Capability(
-        rank=int(np.linalg.matrix_rank(measured.A, rtol=1e-9)),
+        rank=int(np.linalg.matrix_rank(analysis.A, rtol=1e-9)),
         zero_torque_volume_N3=0.0 if hull is None else clamp(hull.volume * weight**3),
         zero_torque_ball_N=clamp(ball.lower * weight),
         flight=Flight(
             cases=rows,
-            rotors_out_hover=_count_through(measured.rotors_out(1)),
-            rotors_out_all=_count_through(measured.rotors_out(len(rows))),
+            rotors_out_hover=_flat_indices(analysis.rotors_out(1)),
+            rotors_out_all=_flat_indices(analysis.rotors_out(len(rows))),
             joints=(),
             hinge_tolerance_deg=None,
-            hover_input=measured.hover_input,
-            hover_power_ratio=measured.hover_power_ratio,
+            hover_input=analysis.hover_input,
+            hover_power_ratio=analysis.hover_power_ratio,
             rod_length_m=None,
             rod_mass_share=None,
-            span_m=clamp(max(float(np.linalg.norm(r - one, axis=1).max()) for one in r)),
+            span_m=clamp(max(float(np.linalg.norm(r - rotor, axis=1).max()) for rotor in r)),
         ),
         met=None if task is None else all(row.possible is True for row in rows[1:]),
     )
 
 
 def rotor_map(vehicle: Vehicle) -> Array:
-    """Return the wrenches of all rotors at their largest inputs about the centre of mass, shape (6, N) [N, N m]."""
+    """Return the wrench of each rotor about the centre of mass at its largest input, shape (6, N) [N, N m]."""
     columns = []
-    for one in vehicle.rotors:
-        a = np.array([one.ax, one.ay, one.az]) / math.hypot(one.ax, one.ay, one.az)
-        r = np.array([one.x_m, one.y_m, one.z_m]) - vehicle.com
-        torque = one.k_f * np.cross(r, a) - one.spin * one.k_tau * a
-        columns.append(one.u_max * np.concatenate([one.k_f * a, torque]))
+    for rotor in vehicle.rotors:
+        a = np.array([rotor.ax, rotor.ay, rotor.az]) / math.hypot(rotor.ax, rotor.ay, rotor.az)
+        r = np.array([rotor.x_m, rotor.y_m, rotor.z_m]) - vehicle.com
+        torque = rotor.k_f * np.cross(r, a) - rotor.spin * rotor.k_tau * a
+        columns.append(rotor.u_max * np.concatenate([rotor.k_f * a, torque]))
     return np.array(columns).T
 
 
 def _end_effector(vehicle: Vehicle, task: Task | None) -> Array:
-    """Return the place of the end-effector from the centre of mass, shape (3,) [m]."""
     if vehicle.end_effector is not None:
         return np.subtract(vehicle.end_effector, vehicle.com)
     return np.zeros(3) if task is None else np.array(task.end_effector.fixed_position or (0.0, 0.0, 0.0))
 
 
 def _cases(task: Task, weight: float) -> dict[str, LoadCase]:
-    """Return load cases and their corners in SI by name."""
+    """Return load cases and their vertices in SI by name."""
     units, cases = (weight, task.module.arm_length * weight), {}
     for label, case in zip(labels(task.cases), task.cases, strict=True):
         cases[label] = case.to_si(*units)
@@ -100,9 +101,9 @@ def _cases(task: Task, weight: float) -> dict[str, LoadCase]:
     return cases
 
 
-def _count_through(out: RotorsOut) -> RotorsOut:
-    """Return the same with rotors counted through, not in modules of four."""
-    lost, undecided = (tuple((0, 4 * m + q) for m, q in some) for some in (out.lost, out.undecided))
+def _flat_indices(out: RotorsOut) -> RotorsOut:
+    """Return the same with rotors numbered consecutively, not by modules of four."""
+    lost, undecided = (tuple((0, 4 * m + q) for m, q in rotors) for rotors in (out.lost, out.undecided))
     return out.model_copy(update={"lost": lost, "undecided": undecided})
 
 
@@ -113,8 +114,8 @@ def force_hull(F: Array, T: Array, t: Array, box: Box, *, rounds: int = 200) -> 
         F: shape (3, N).
         T: shape (3, N).
         t: shape (3,).
-        box: bounds of v.
-        rounds: number of refinements after which the hull may still be too small.
+        box: bounds on v.
+        rounds: largest number of refinements, after which the hull may still be too small.
     """
     directions, hull = np.concatenate([np.eye(3), -np.eye(3)]), None
     points = np.empty((0, 3))
@@ -124,8 +125,8 @@ def force_hull(F: Array, T: Array, t: Array, box: Box, *, rounds: int = 200) -> 
         if len(points) < 4:
             return None
         _, sizes, axes = np.linalg.svd(points - points.mean(axis=0))
-        if sizes[-1] <= FOUND:
-            if len(directions) == 2 and abs(float(directions[0] @ axes[-1])) > 1 - FOUND:
+        if sizes[-1] <= ON_FACET:
+            if len(directions) == 2 and abs(float(directions[0] @ axes[-1])) > 1 - ON_FACET:
                 return None
             directions = np.stack([axes[-1], -axes[-1]])
             continue
@@ -135,7 +136,7 @@ def force_hull(F: Array, T: Array, t: Array, box: Box, *, rounds: int = 200) -> 
             return None
         facets = np.unique(np.round(hull.equations, 9), axis=0)
         reach = greatest(facets[:, :3] @ F, T, np.broadcast_to(t, (len(facets), 3)), box)
-        beyond = reach.attained + facets[:, 3] > 10 * FOUND
+        beyond = reach.attained + facets[:, 3] > 10 * ON_FACET
         if not beyond.any():
             break
         directions = facets[beyond, :3]
