@@ -2,9 +2,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-# Processes that test: as many as there are cores where CI runs.
+# Test processes: one per core of the CI runner.
 WORKERS := 2
-# Two variables: older versions of pip pin the build tools by the first, newer ones by the second.
+# Older versions of pip take the pins of build tools from the first variable, newer ones from the second.
 PINNED := PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
 
 .PHONY: demo notebooks notebooks-docs test test-slow test-browser lint figures docs clean
@@ -12,18 +12,18 @@ PINNED := PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
 demo: $(STAMP)  ## search all five-module topologies for the push task
 	$(BIN)/topo-search run push
 
-notebooks: $(STAMP)  ## run every notebook with its full settings, and draw the pictures of the README
+notebooks: $(STAMP)  ## run every notebook with full settings, and draw the pictures of the documentation
 	FULL=1 $(BIN)/jupyter-execute --timeout=-1 notebooks/*.ipynb
 	$(BIN)/python tests/benchmarks/keep_results.py
 
-notebooks-docs: $(STAMP)  ## run every notebook with its small settings, and keep what the site shows of it
+notebooks-docs: $(STAMP)  ## run every notebook with small settings, and keep its outputs for the site
 	KEEP=1 $(BIN)/pytest -k fresh_kernel tests/test_notebooks.py
 
-test: lint  ## everything CI checks, but what needs a browser
+test: lint  ## everything that CI checks, except tests in a browser
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m "not slow and not browser"
 	$(MAKE) docs
 
-test-slow: lint  ## also the slow tests: what takes over ten seconds, and all of many like cases
+test-slow: lint  ## all tests except those in a browser, slow ones included
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m "not browser"
 
 figures: $(STAMP)  ## draw the figures of the documentation from the package's data
@@ -32,7 +32,7 @@ figures: $(STAMP)  ## draw the figures of the documentation from the package's d
 docs: $(STAMP)  ## build the documentation, site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file docs/mkdocs.yml
 
-test-browser: $(STAMP)  ## open the report and the site in Chromium, which has to be installed
+test-browser: $(STAMP)  ## test the report and the site in Chromium, which has to be installed
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m browser tests/test_docs_site.py tests/test_report_browser.py
 
 lint: $(STAMP)
@@ -49,5 +49,5 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PINNED) $(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
 	touch $@
 
-clean:  ## all but the runs
+clean:  ## remove everything generated, except runs
 	rm -rf $(VENV) site .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

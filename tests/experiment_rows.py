@@ -6,7 +6,7 @@ from dataclasses import astuple
 from pathlib import Path
 
 from topo_search.experiments import results
-from topo_search.experiments.conducting import COLUMNS, Measured
+from topo_search.experiments.conducting import COLUMNS, CellResult
 
 
 def frame(*rows):
@@ -20,7 +20,7 @@ def frame(*rows):
 
 def measured(n, *, status="feasible", task="ten-wrenches", variant="airflow", key="a300", **values):
     clear = {"verdict": "clear"} if status == "feasible" else {}
-    return Measured(
+    return CellResult(
         variant=variant,
         task=task,
         distance_m=values.pop("distance_m", 0.3),

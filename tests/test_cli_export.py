@@ -74,7 +74,7 @@ def test_what_a_simulator_has_beyond_the_model_is_an_option_of_its_kinds(command
     command(CLEAR, "--format", "kit", "--out", "kit", "--motor-lag", "0.05")
     assert "filterexact" in (tmp_path / "kit/platform.xml").read_text()
     told = refused("export", "design.json", "--out", "a.urdf", "--rod-mass")
-    assert "apply only to a model for MuJoCo, mjcf or kit, but got --format urdf" in told
+    assert "apply only to a MuJoCo model (mjcf, kit), but got --format urdf" in told
 
 
 @pytest.mark.parametrize(

@@ -96,7 +96,7 @@ def test_the_choice_is_that_of_all_combinations(seed):
 
 @pytest.mark.parametrize(("n", "tasks", "count", "step"), [(3, 4, 6, 45.0), (4, 3, 12, 30.0), (5, 3, 16, 15.0)])
 def test_many_designs_some_of_them_copies_are_chosen_from_exactly(n, tasks, count, step):
-    choices = drawer.made_up(n, tasks, count, step)
+    choices = drawer.synthetic_choices(n, tasks, count, step)
     copied = [each[k] for k in (1, 2) for each in choices[:1]]
     choices[-1] += [design.model_copy(update={"objective": 1.03}) for design in copied]
     stay = [[[len(shared_part(a, b)) for b in other] for a in one] for one, other in pairwise(choices)]
@@ -193,7 +193,7 @@ def test_two_runs_end_in_a_drawer_a_change_and_two_kits(tmp_path):
     sheet = (tmp_path / "kit/change-1-push-wall.html").read_text()
     assert page.count("<svg") == 4
     for each in (page, sheet):
-        assert "where the last step of the assembly sheet of wall says" in " ".join(each.split())
+        assert "in the last step of the assembly sheet of wall" in " ".join(each.split())
     assert sheet.count(palette.END_EFFECTOR) == 2 * (2 - undo)
     for task, design in zip(told["tasks"], designs, strict=True):
         best = read_json(Design, tmp_path / ("one" if task["task"] == "push" else "two") / "best.json")
@@ -383,4 +383,5 @@ def test_what_is_no_run_or_has_other_modules_is_refused(tmp_path, other, rule):
 def test_a_run_with_something_left_is_refused(tmp_path):
     run(tmp_path / "one", {})
     toy_run(tmp_path / "left", time_limit=0.0)
-    assert "something is left to do" in invoke("kit", tmp_path / "left", "--out", tmp_path / "kit", status=2).stderr
+    refused = invoke("kit", tmp_path / "left", "--out", tmp_path / "kit", status=2)
+    assert "must be a finished run, but it is not" in refused.stderr

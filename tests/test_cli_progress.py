@@ -182,7 +182,7 @@ def test_over_recorded_runs_the_median_time_left_is_off_by_less_than_a_factor_of
     replay = benchmark()
     records = sorted(replay.RECORDED.glob("*.json"))
     assert len(records) >= 5
-    factors = [replay.replayed(path) for path in records]
+    factors = [replay.error_factors(path) for path in records]
     assert all(len(of_run) == 90 for of_run in factors)
     assert statistics.median([factor for of_run in factors for factor in of_run]) < 2.0
     assert statistics.median([statistics.median(of_run) for of_run in factors]) < 2.0

@@ -8,7 +8,7 @@ from benchmarks.keep_results import settings_of
 from topo_search.cli.experiment import NAMES
 from topo_search.engine import Failed
 from topo_search.experiments import Settings, experiment, results
-from topo_search.experiments.conducting import ABOUT, COLUMNS, RESULTS, Measured, Results, failure_row, identify
+from topo_search.experiments.conducting import ABOUT, COLUMNS, RESULTS, CellResult, Results, failure_row, identify
 from topo_search.experiments.plan import Variant, plan
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput
@@ -34,7 +34,9 @@ def cells():
 
 
 def row_of(cell):
-    return Measured(**cell.identity, status="feasible", objective=0.1 + 0.2, worst_constraint="load case 0, torque")
+    return CellResult(
+        **cell.identity, status="feasible", objective=0.1 + 0.2, worst_constraint="load case 0, torque"
+    )
 
 
 def test_rows_are_kept_as_they_are(tmp_path):

@@ -72,7 +72,7 @@ def test_a_run_is_kept_and_the_text_is_the_one_that_belongs_to_the_rows(tmp_path
     (kept / "root.csv").unlink()
     (run / "results.csv").write_bytes(rows + b"paper root,push,0.15,4,a30")
     (kept / "README.md").unlink()
-    monkeypatch.setattr(keep_results, "KEPT", kept)
+    monkeypatch.setattr(keep_results, "RESULTS", kept)
     monkeypatch.setattr("sys.argv", ["keep_results.py", f"root={run}"])
     keep_results.main()
     assert {path.name for path in kept.iterdir()} == {path.name for path in FOLDER.iterdir()}

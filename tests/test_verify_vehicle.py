@@ -119,6 +119,30 @@ def test_the_page_rounds_what_is_proven_down() -> None:
     assert "any force up to 7.4511 N" in page
 
 
+HEAD = "x_m,y_m,z_m,ax,ay,az,spin,k_f,k_tau,u_max\n"
+KIT_HEAD = "x_m,y_m,z_m,axis_x,axis_y,axis_z,spin,thrust_coefficient_Ns2,torque_coefficient_Nms2,largest_thrust_N\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        (
+            '{\n "format": "topo-search/design",\n "hinge_angles_rad": [0.1, 0.2]\n}\n',
+            "rotors: must be a CSV table",
+        ),
+        ("", "rotors: must be a CSV table"),
+        ("x_m\ry_m\n", "rotors: must be a CSV table"),
+        (f"{HEAD}0,0,0,0,0,1,1,1,0,1,5\n", "rotors[0]: must have at most 10 cells"),
+        (f"{HEAD}0,0,0,0,0,1,1,1,0,x\n", "rotors[0].u_max: "),
+        (f"{KIT_HEAD}0,0,0,0,0,1,1,0,0,3\n", "rotors[0].k_f: "),
+        (f"{KIT_HEAD}0,0,0,0,0,1,1,1,0,x\n", "rotors[0].u_max: "),
+    ],
+)
+def test_faults_of_a_table_of_rotors_name_file_field_and_rule(text: str, fault: str, tmp_path: Path) -> None:
+    (tmp_path / "vehicle").write_text(text, newline="")
+    assert f"vehicle: {fault}" in invoke("capability", str(tmp_path / "vehicle"), status=2).output
+
+
 def test_the_command_judges_a_vehicle_by_a_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     design = read_json(Design, Path(__file__).parent / "designs/wall-push.json")

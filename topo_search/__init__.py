@@ -80,16 +80,16 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Load the solver and the audit when they are first asked for (PEP 562)."""
+    """Import a public name on first use, so that the solver and the audit load only if needed (PEP 562)."""
     if name in __all__:
-        return getattr(import_module(_homes()[name]), name)
+        return getattr(import_module(_defining_modules()[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 @cache
-def _homes() -> dict[str, str]:
-    """Return the module that defines each name, as the imports above tell type checkers."""
-    import ast  # here, as a command's first process loads this file and little else
+def _defining_modules() -> dict[str, str]:
+    """Return the module that defines each public name, read from the imports above for type checkers."""
+    import ast  # here, since the first process of a command loads this file and little else
 
     with open(__file__, "rb") as source:
         imports = [node for node in ast.walk(ast.parse(source.read())) if isinstance(node, ast.ImportFrom)]

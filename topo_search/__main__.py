@@ -1,4 +1,4 @@
-"""The command `topo-search`, which `python -m topo_search` is too."""
+"""Entry point of `topo-search` and `python -m topo_search`."""
 
 from typing import NoReturn
 
@@ -6,7 +6,7 @@ from topo_search.supervisor import supervise
 
 
 def main() -> NoReturn:
-    """Run the command line, from its first import on, such that it can be stopped at any moment."""
+    """Run the command line so that it can be stopped at any moment, even while it imports."""
     supervise(_command)
 
 
@@ -14,11 +14,11 @@ def _command() -> None:
     import logging
     import os
 
-    logging.disable()  # libraries would log, for example, the traceback of a lost connection
+    logging.disable()  # libraries log, for example, the traceback of a lost connection
 
     from topo_search.supervisor import ONE_THREAD
 
-    os.environ.update(ONE_THREAD)  # before NumPy loads: threads would cost more than proposals, and change sums
+    os.environ.update(ONE_THREAD)  # before NumPy loads: threads are slower here, and change sums
 
     from topo_search.cli import main as command
 

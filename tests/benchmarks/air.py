@@ -1,4 +1,4 @@
-"""Air over regions: the certificate against samples, and what limits and envelopes cost a search.
+"""Air in regions: certified speeds against samples, and the cost of speed limits and envelopes in a search.
 
     python tests/benchmarks/air.py certificate tests/designs/*.json [--points 1000000]
     python tests/benchmarks/air.py limits [--speeds 8 4 2 1]
@@ -6,12 +6,12 @@
     python tests/benchmarks/air.py slipstreams push-local ... [--modules 4]
     python tests/benchmarks/air.py front push-local [--speeds 2.6 2.4 2.2 2 1.9] [--modules 4]
 
-`certificate`: for each load case and region the largest of the sampled speeds, of the speeds the certificate found,
-and the bound. The others solve every tree once, in this process, with the default starts; effort is that of the
-best tree over the lower bound, the CPU that of all trees over those of the first row. `limits`: four modules hover,
-their tip fixed 0.6 m below the centre of mass, with a limit in a ball of 0.1 m, without geometry. `speed`: a task
-with its envelopes, with a limit beside them, and with the limit alone. `slipstreams`: a task whose envelopes
-against regions start at l_arm as between modules, and at l_arm + R. `front`: the front of effort against the air
+`certificate`: for each load case and region the largest sampled speed, the largest speed that the certificate
+found, and its bound. The other parts solve every tree once, in this process, with the default starts; effort is the
+best tree's over the lower bound, and CPU time that of all trees over that of the first row. `limits`: four modules
+hover, with the tip fixed 0.6 m below the centre of mass and a speed limit in a ball of 0.1 m, without geometry.
+`speed`: a task with its envelopes, with a limit in addition, and with only the limit. `slipstreams`: a task whose
+envelopes for regions start at l_arm, as between modules, and at l_arm + R. `front`: the front of effort against air
 speed in the regions, by `goals.speed`.
 """
 
@@ -37,16 +37,16 @@ from verify.requirements import Scene
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parts = parser.add_subparsers(dest="part", required=True)
-    certified = parts.add_parser("certificate")
-    certified.add_argument("designs", nargs="+", type=Path)
-    certified.add_argument("--points", type=int, default=1_000_000)
+    certificate_parser = parts.add_parser("certificate")
+    certificate_parser.add_argument("designs", nargs="+", type=Path)
+    certificate_parser.add_argument("--points", type=int, default=1_000_000)
     parts.add_parser("limits").add_argument("--speeds", nargs="+", type=float, default=[8.0, 4.0, 2.0, 1.0])
     for name in ("speed", "slipstreams", "front"):
-        searched = parts.add_parser(name)
-        searched.add_argument("tasks", nargs="+")
-        searched.add_argument("--modules", type=int, default=4)
-        searched.add_argument("--limit", type=float, default=1.0)
-        searched.add_argument("--speeds", nargs="+", type=float, default=[2.6, 2.4, 2.2, 2.0, 1.9])
+        search_parser = parts.add_parser(name)
+        search_parser.add_argument("tasks", nargs="+")
+        search_parser.add_argument("--modules", type=int, default=4)
+        search_parser.add_argument("--limit", type=float, default=1.0)
+        search_parser.add_argument("--speeds", nargs="+", type=float, default=[2.6, 2.4, 2.2, 2.0, 1.9])
     options = parser.parse_args()
     if options.part == "certificate":
         certificate(options)
@@ -76,13 +76,13 @@ def _below(**fields: object) -> Task:
 
 def speed_variants(name: str, options: argparse.Namespace) -> dict[str, Task]:
     task, variants = read_task(name), {}
-    for words, fields in (
+    for label, fields in (
         ("envelopes", {}),
         ("both", {"speed": options.limit}),
         (f"{options.limit:g} m/s", {"speed": options.limit, "geometry": False}),
     ):
-        exposure = tuple(asked.model_copy(update=fields) for asked in task.exposure)
-        variants[f"{name}, {words}"] = task.model_copy(update={"exposure": exposure})
+        exposure = tuple(requirement.model_copy(update=fields) for requirement in task.exposure)
+        variants[f"{name}, {label}"] = task.model_copy(update={"exposure": exposure})
     return variants
 
 
@@ -94,7 +94,7 @@ def radii(name: str) -> dict[str, Task]:
 
 
 def front(task: Task) -> None:
-    """Print the front of a task with goals, the fastest air first."""
+    """Print the front of a task with goals, fastest air first."""
     with tempfile.TemporaryDirectory() as folder:
         points = search(task, out=folder, workers=1).front
     print(f"{task.name}: air over regions [m/s], effort over the bound, tree")
@@ -103,29 +103,29 @@ def front(task: Task) -> None:
 
 
 def compare(variants: dict[str, Task], n: int) -> None:
-    """Print a row for each task, of all trees of n modules."""
+    """Solve all trees of n modules for each task, and print a row per task."""
     print("task: effort over the bound, tree, trees with a design, audit, air over regions [m/s], CPU of the first")
     first = None
-    for words, task in variants.items():
+    for label, task in variants.items():
         resolved, starts = task.resolve(n), range(default_starts(task))
         prepare(task, print)
         trees = [candidate.topology for candidate in candidates(n)]
         solve(resolved, trees[0], starts=range(1), seed=0)  # loads compiled code
         started = time.process_time()
-        found = [solve(resolved, tree, starts=starts, seed=0) for tree in trees]
+        outcomes = [solve(resolved, tree, starts=starts, seed=0) for tree in trees]
         seconds = time.process_time() - started
         first = first or seconds
-        designs = [design for design in found if isinstance(design, Design)]
+        designs = [design for design in outcomes if isinstance(design, Design)]
         if not designs:
-            print(f"{words}: no design of {len(found)} trees; {seconds / first:.2f}", flush=True)
+            print(f"{label}: no design of {len(outcomes)} trees; {seconds / first:.2f}", flush=True)
             continue
         best = min(designs, key=lambda design: design.objective)
         judged = audit(best)
-        blown = judged.air.region_m_s if judged.air else None
+        speed = judged.air.region_m_s if judged.air else None
         print(
-            f"{words}: {best.objective / best.lower_bound:.4f}, {best.topology_key}, "
-            f"{len(designs)} of {len(found)}, "
-            f"{judged.verdict.value}, {blown if blown is None else format(blown, '.3f')}; {seconds / first:.2f}",
+            f"{label}: {best.objective / best.lower_bound:.4f}, {best.topology_key}, "
+            f"{len(designs)} of {len(outcomes)}, "
+            f"{judged.verdict.value}, {speed if speed is None else format(speed, '.3f')}; {seconds / first:.2f}",
             flush=True,
         )
 
@@ -135,19 +135,19 @@ def certificate(options: argparse.Namespace) -> None:
     print("design, load case, region: sampled, found, at most [m/s], bound over sample, seconds")
     for path in options.designs:
         design = read_json(Design, path)
-        task, found = design.task, platform(design)
-        scene = Scene(design, found)
-        for case, blown in case_jets(scene):
+        task, placed = design.task, platform(design)
+        scene = Scene(design, placed)
+        for case, jets in case_jets(scene):
             for number, requirement in enumerate(task.exposure):
                 for _, region in scene.regions(requirement):
                     started = time.process_time()
-                    bound = bound_speed(blown, region)
+                    bound = bound_speed(jets, region)
                     seconds = time.process_time() - started
                     sampled = 0.0
                     for scale in (0.1, 1.0, 3.0, 10.0, 30.0):
-                        at = rng.choice([bound.point, scene.p_E, *scene.centres], options.points // 5)
-                        points = _points_in(region, at + rng.normal(0, scale, at.shape))
-                        sums = (speeds(blown, part).sum(axis=1) for part in np.array_split(points, 50))
+                        centres = rng.choice([bound.point, scene.p_E, *scene.centres], options.points // 5)
+                        points = _points_in(region, centres + rng.normal(0, scale, centres.shape))
+                        sums = (speeds(jets, part).sum(axis=1) for part in np.array_split(points, 50))
                         sampled = max(sampled, *(float(part.max()) for part in sums))
                     ratio = bound.at_most / max(sampled, bound.at_least)
                     assert ratio >= 1

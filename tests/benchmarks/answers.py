@@ -1,11 +1,11 @@
-"""What became of a revision's answers: its best designs judged by the present audit, and its problems solved anew.
+"""Answers of an older revision today: its designs in the present audit, its problems in the present solver.
 
     python tests/benchmarks/answers.py REVISION [EXAMPLE ...] [--starts N]
 
 REVISION runs from its own source, checked out in a temporary folder: it solves the tree that wins each shipped
-example today (`notebooks/results/gallery.json`), and audits the design. A row of the table shows, of a tree: the
-older effort over the lower bound; by how much the present audit finds another effort for that very design; both
-verdicts; by how much the present solver ends above or below on the older problem, and on the example as it is now.
+example today (`notebooks/results/gallery.json`) and audits the design. A row of the table shows for a tree: the
+older effort over the lower bound; the change of that design's effort in the present audit; both verdicts; the
+change of effort when the present solver solves the older problem, and the example in its present form.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import verify
 from topo_search.model import Design, ResolvedTask
 from topo_search.model.files import read_task
 
-KEPT = Path(__file__).resolve().parents[2] / "notebooks/results/gallery.json"
+GALLERY = Path(__file__).resolve().parents[2] / "notebooks/results/gallery.json"
 SOLVE = """
 import json, sys
 from nlp.solve import solve
@@ -40,30 +40,30 @@ if not isinstance(found, Design):
 print(json.dumps([to_json(found), audit(found).verdict]))
 """
 SAME = 1e-6
-"""Efforts that differ by less, relatively, are the same."""
+"""Relative difference below which efforts count as the same."""
 
 
 def main() -> None:
     """Compare and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("revision")
-    parser.add_argument("examples", nargs="*", help="default: all that the revision has")
-    parser.add_argument("--starts", type=int, default=OLD_STARTS, help="of either solver")
+    parser.add_argument("examples", nargs="*", help="default: all examples of the revision")
+    parser.add_argument("--starts", type=int, default=OLD_STARTS, help="starts of both solvers")
     arguments = parser.parse_args()
-    kept = json.loads(KEPT.read_text(encoding="utf-8"))
+    gallery = json.loads(GALLERY.read_text(encoding="utf-8"))
     head = (
         "example, tree",
         "effort then, over the bound",
         "audited now",
         "verdict then, now",
         "solved now",
-        "as posed now",
+        "present example",
     )
     print(f"| {' | '.join(head)} |\n{'|---' * len(head)}|")
     with source_of(arguments.revision) as source:
         shipped = {path.stem for path in (source / "topo_search/examples").glob("*.toml")}
-        for name in arguments.examples or sorted(shipped & kept.keys()):
-            text, verdict = _older(source, name, kept[name]["key"], arguments.starts)
+        for name in arguments.examples or sorted(shipped & gallery.keys()):
+            text, verdict = _older(source, name, gallery[name]["key"], arguments.starts)
             design = Design.model_validate_json(text)
             audit, n = verify.audit(design), design.topology.n
             (effort,) = (row for row in audit.residuals if row.name == "objective")
@@ -81,7 +81,7 @@ def main() -> None:
 
 def _older(source: Path, name: str, key: str, starts: int) -> tuple[str, str]:
     """Return the design that the older solver finds, as JSON, and the verdict of the older audit."""
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", SOLVE, name, key, str(starts)],
         env={**os.environ, "PYTHONPATH": str(source), "OMP_NUM_THREADS": "1"},
         cwd=source,
@@ -89,18 +89,18 @@ def _older(source: Path, name: str, key: str, starts: int) -> tuple[str, str]:
         stdout=subprocess.PIPE,
         text=True,
     )
-    text, verdict = json.loads(done.stdout)
+    text, verdict = json.loads(process.stdout)
     return text, verdict
 
 
 def _solved(task: ResolvedTask, older: Design, starts: int) -> str:
-    """Return by how much the best design of the same tree costs more now."""
-    found = nlp.solve(task, older.topology, starts=range(starts), seed=0)
-    return _change(found.objective, older.objective) if isinstance(found, Design) else "no design"
+    """Solve the same tree with the present solver, and return the change of effort."""
+    outcome = nlp.solve(task, older.topology, starts=range(starts), seed=0)
+    return _change(outcome.objective, older.objective) if isinstance(outcome, Design) else "no design"
 
 
-def _change(now: float, then: float) -> str:
-    change = now / then - 1
+def _change(new: float, old: float) -> str:
+    change = new / old - 1
     return f"same to {SAME:g}" if abs(change) <= SAME else f"{100 * change:+.2g} %"
 
 

@@ -1,4 +1,4 @@
-"""Both methods, start after start: what each costs and what it reaches. Runs in a measurement's own process."""
+"""Cost and result of both methods, start by start; runs in the process of a measurement."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ Method = Literal["ours", "direct"]
 METHODS: tuple[Method, ...] = ("ours", "direct")
 
 COMPILED = 8
-"""A size at which the solver uses all of its compiled code."""
+"""Number of modules at which the solver uses all of its compiled code."""
 
 
 @dataclass(frozen=True)
-class Stated:
-    """A task as the command line states it: small, and the same in every process."""
+class TaskChoice:
+    """A task as given on the command line: small, to be sent to processes."""
 
     example: str
     n: int
@@ -40,32 +40,34 @@ class Stated:
         return read_task(self.example, (f"modules={self.n}", *self.settings)).resolve(self.n)
 
 
-def attempts(method: Method, kind: Method, stated: Stated, keys: list[str], starts: Sequence[int]) -> Iterator[Row]:
-    """Yield an empty row, then one a solve: the first start of every topology in turn, then the second ones.
+def attempts(
+    method: Method, kind: Method, choice: TaskChoice, keys: list[str], starts: Sequence[int]
+) -> Iterator[Row]:
+    """Yield an empty row, then one row per solve: the first start of every topology, then the second ones.
 
     Args:
-        method: who solves.
-        kind: whose starts.
-        stated: the task.
-        keys: the topologies. Each is built once, before its first solve, and kept.
-        starts: indices of the starts of each.
+        method: the method that solves.
+        kind: the method that draws the starts.
+        choice: the task.
+        keys: the topologies. The program of each is built once, before its first solve.
+        starts: indices of the starts of each topology.
     """
     if method == "ours":
-        load(stated)
-    task, watch = stated.resolve(), Stopwatch()
+        load(choice)
+    task, watch = choice.resolve(), Stopwatch()
     topologies = [Topology.from_key(key) for key in keys]
-    ready: dict[str, Solver] = {}
+    solvers: dict[str, Solver] = {}
     yield {}
     for index in starts:
         for topology in topologies:
             key, clock = topology.key, Clock()
             watch.reset()
-            if key not in ready:
-                ready[key] = _solver(method, task, topology)
+            if key not in solvers:
+                solvers[key] = _solver(method, task, topology)
             build = clock.lap()
             start = _start(kind, task, topology, index)
             drawn = clock.lap()
-            point, iterations = ready[key](start)
+            point, iterations = solvers[key](start)
             point = correct(point)
             reason = worst(violations(point))
             solved = clock.lap()
@@ -77,9 +79,9 @@ def attempts(method: Method, kind: Method, stated: Stated, keys: list[str], star
                 yield {**row, "J": None, "missed": reason.name, "by": reason.amount, "unit": reason.unit}
 
 
-def load(stated: Stated) -> None:
-    """Solve a smaller platform once: it loads compiled code, or compiles it, which no measurement should count."""
-    smaller = Stated(stated.example, min(COMPILED, stated.n - 1), stated.settings)
+def load(choice: TaskChoice) -> None:
+    """Solve a smaller platform once, to compile or load code before anything is measured."""
+    smaller = TaskChoice(choice.example, min(COMPILED, choice.n - 1), choice.settings)
     task, topology = smaller.resolve(), sample(smaller.n, 1, 0)[0]
     AssembledProgram(task, topology).solve(_start("ours", task, topology, 0))
 
@@ -101,10 +103,10 @@ Solver = Callable[[Point], tuple[Point, int]]
 def _solver(method: Method, task: ResolvedTask, topology: Topology) -> Solver:
     if method == "direct":
         return Direct(task, topology).solve
-    ready = AssembledProgram(task, topology)
+    program = AssembledProgram(task, topology)
 
     def solve(start: Point) -> tuple[Point, int]:
-        result = ready.solve(start)
+        result = program.solve(start)
         return result.point, result.iterations
 
     return solve

@@ -1,10 +1,9 @@
-"""How long an audit takes on one core, and what memory it needs.
+"""Time and memory of an audit on one core.
 
     PYTHONPATH=tests OMP_NUM_THREADS=1 python tests/benchmarks/audit_time.py [--sizes 5 20 100] [--repeats N]
 
-Uniformly drawn trees with random hinges, a ball, a path and a cone at the end-effector: all pairs and all exposure.
-The first audit of a size builds what later ones share; the processor's time is that of this process, whatever else
-the machine does.
+Uniformly drawn trees with random hinge angles, and a ball, a path and a cone at the end-effector. The first audit
+of a size builds tables that later ones share. CPU time is that of this process.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ EXPOSURE = [
 ]
 
 
-def platform(n: int, seed: int) -> Design:
+def random_platform(n: int, seed: int) -> Design:
     """Return a platform of n modules, feasible or not."""
     (topology,) = sample(n, 1, seed)
     hinges = np.random.default_rng(seed).uniform(-0.6, 0.6, n - 1)
@@ -46,14 +45,16 @@ def main() -> None:
     print(f"{'modules':>8}{'clearances':>11}{'processor s':>12}{'wall s':>8}{'peak MB':>9}  statuses")
     for n in arguments.sizes:
         for seed in range(arguments.repeats):
-            given = platform(n, seed)
+            platform = random_platform(n, seed)
             processor, wall = time.process_time(), time.perf_counter()
-            found = audit(given)
+            result = audit(platform)
             processor, wall = time.process_time() - processor, time.perf_counter() - wall
-            # of the whole process so far; in kilobytes, on macOS in bytes
+            # peak of the process so far, in kilobytes, on macOS in bytes
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
-            counts = ", ".join(f"{k} {status}" for status, k in Counter(str(p.status) for p in found.pairs).items())
-            print(f"{n:>8}{len(found.pairs):>11}{processor:>12.3f}{wall:>8.3f}{peak:>9.0f}  {counts}", flush=True)
+            counts = ", ".join(
+                f"{k} {status}" for status, k in Counter(str(p.status) for p in result.pairs).items()
+            )
+            print(f"{n:>8}{len(result.pairs):>11}{processor:>12.3f}{wall:>8.3f}{peak:>9.0f}  {counts}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
-"""How much of the gap the bounds close, and where the rest of it comes from.
+"""The share of the gap that the bounds close, and the sources of the rest.
 
     python tests/benchmarks/bounds.py [--starts N]
 
-First table: tasks, the bound over the closed form, the best effort found over both, and what bound and proof cost
-against one start of one tree. Second table: the push example with constraints left out, all trees: the least effort
-over the closed form, which is what a perfect bound that leaves them out could reach, and how many of the 49 trees
-that differ by more than a half turn it would exclude: those whose least effort exceeds the best of the whole
-problem. The solves are local, so each of these numbers is an upper estimate. Last: the trees of the push example
-that are proven impossible, and the time for all of them.
+First table, by task: the bound over the closed form, the best effort found over both, and the time of bound and
+proof over that of one start of one tree. Second table, for the push example without some constraints, over all
+trees: the least effort over the closed form, which is the best that a bound without those constraints can reach;
+and the number of trees, of the 49 that differ by more than a half turn, that such a bound would exclude, because
+their least effort exceeds the best of the whole problem. Solves are local, so all of these are upper estimates.
+Last: the trees of the push example that are proven impossible, and the time for all of them.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from topo_search.model import Design, ResolvedTask, Task, Topology
 from topo_search.model.files import read_task
 from topo_search.topologies import candidates, sample
 
-WAYS = {
+LOAD_FORCES = {
     "up and down": [[0.0, 0.0, 1.0], [0.0, 0.0, -0.2]],
     "sideways, both ways": [[0.5, 0.0, 0.3], [-0.5, 0.0, 0.3]],
     "sideways, all ways": [[0.5, 0.0, 0.3], [-0.5, 0.0, 0.3], [0.0, 0.5, 0.3], [0.0, -0.5, 0.3]],
 }
-"""Forces of load cases at the end-effector, of five modules, that no thrust of one module serves all."""
+"""Forces at the end-effector of five modules that no single thrust direction can all serve."""
 
-LEFT_OUT: dict[str, Callable[[Constraint, Topology], bool]] = {
+KEPT_CONSTRAINTS: dict[str, Callable[[Constraint, Topology], bool]] = {
     "all but the forces": lambda row, _: row.name.endswith(", force"),
     "all but forces and torques": lambda row, _: row.name.startswith("load case"),
     "and but the airflow of bolted modules": lambda row, tree: (
@@ -58,7 +58,7 @@ def main() -> None:
     print(
         f"{'task':22}{'bound / closed':>15}{'best / closed':>15}{'best / bound':>14}{'bound, proof [starts]':>23}"
     )
-    for name, task in (examples | {name: pulling(forces) for name, forces in WAYS.items()}).items():
+    for name, task in (examples | {name: pulling(forces) for name, forces in LOAD_FORCES.items()}).items():
         print_gap(name, task.resolve(task.n), starts)
     print_left_out(examples["push"].resolve(5), starts)
     for n in (5, 6, 7, 8):
@@ -73,25 +73,26 @@ def pulling(forces: list[list[float]]) -> Task:
 
 def print_gap(name: str, task: ResolvedTask, starts: int) -> None:
     """Print one row of the first table."""
-    began = time.perf_counter()
+    started = time.perf_counter()
     bound, proof = lower_bound(task), prove_impossible(task)
-    seconds = time.perf_counter() - began
-    every = (candidate.topology for candidate in candidates(5, symmetry="task", task=task))
-    trees = list(every) if task.n == 5 else sample(task.n, 8, 0)
-    began = time.perf_counter()
+    seconds = time.perf_counter() - started
+    all_trees = (candidate.topology for candidate in candidates(5, symmetry="task", task=task))
+    trees = list(all_trees) if task.n == 5 else sample(task.n, 8, 0)
+    started = time.perf_counter()
     results = [solve(task, tree, starts=range(starts), seed=0) for tree in trees]
-    a_start = (time.perf_counter() - began) / (len(results) * starts)
+    seconds_per_start = (time.perf_counter() - started) / (len(results) * starts)
     best = min((result.objective for result in results if isinstance(result, Design)), default=math.inf)
     closed = closed_form(task)
     ratios = f"{bound / closed:15.4f}{best / closed:15.4f}{best / bound:14.4f}"
-    print(f"{name:22}{ratios}{seconds / a_start:23.1f}{'  impossible' if proof else ''}", flush=True)
+    print(f"{name:22}{ratios}{seconds / seconds_per_start:23.1f}{'  impossible' if proof else ''}", flush=True)
 
 
 def print_left_out(task: ResolvedTask, starts: int) -> None:
     """Print the second table."""
     trees = list(candidates(task.n, symmetry="task", task=task))
     least = {
-        name: [least_effort(task, tree.topology, kept, starts) for tree in trees] for name, kept in LEFT_OUT.items()
+        name: [least_effort(task, tree.topology, keeps, starts) for tree in trees]
+        for name, keeps in KEPT_CONSTRAINTS.items()
     }
     incumbent = min(least["nothing"])
     print(f"\n{'push, left out':40}{'least / closed':>15}{'trees it would exclude':>24}")
@@ -103,22 +104,22 @@ def print_left_out(task: ResolvedTask, starts: int) -> None:
 def print_proven(task: ResolvedTask) -> None:
     """Print how many trees of a size are proven impossible."""
     trees = list(candidates(task.n))
-    began = time.perf_counter()
+    started = time.perf_counter()
     proven = sum(prove_impossible(task, tree.topology) is not None for tree in trees)
-    seconds = time.perf_counter() - began
+    seconds = time.perf_counter() - started
     print(f"{task.n} modules: {proven} of {len(trees)} trees are proven impossible, {seconds:.1f} s")
 
 
 def least_effort(
-    task: ResolvedTask, tree: Topology, kept: Callable[[Constraint, Topology], bool], starts: int
+    task: ResolvedTask, tree: Topology, keeps: Callable[[Constraint, Topology], bool], starts: int
 ) -> float:
-    """Return the least effort found when only some constraints are kept, besides the bounds [rad^4/s^4]."""
-    stated = problem(task, tree)
-    rows = [row for row in stated.constraints if kept(row, tree)]
+    """Return the least effort found with bounds and only some of the constraints [rad^4/s^4]."""
+    full = problem(task, tree)
+    rows = [row for row in full.constraints if keeps(row, tree)]
     program = {
-        "x": stated.variables.vector(),
-        "p": stated.beta,
-        "f": stated.objective,
+        "x": full.variables.vector(),
+        "p": full.beta,
+        "f": full.objective,
         "g": ca.vertcat(*(row.expression for row in rows)),
     }
     solver = ca.nlpsol("relaxed", "ipopt", program, OPTIONS)
@@ -127,7 +128,7 @@ def least_effort(
     best = math.inf
     for s in range(starts):
         start = draw(task, tree, generator(task, tree, s, seed=0)).pack()
-        result = solver(x0=start, p=BETA, lbx=stated.lower, ubx=stated.upper, lbg=lower, ubg=upper)
+        result = solver(x0=start, p=BETA, lbx=full.lower, ubx=full.upper, lbg=lower, ubg=upper)
         if solver.stats()["success"]:
             best = min(best, float(result["f"]))
     weights = sum(case.weight for case in task.load_cases)

@@ -1,8 +1,8 @@
-"""Measurements in child processes of their own, so that CPU time and peak memory are nobody else's.
+"""Measurements in child processes of their own, so that CPU time and peak memory are those of the measurement.
 
-A measurement is a generator function that runs in the child. First it yields an empty row when it is ready to be
-measured; then the parent asks for one row at a time, and the child rests in between. Two children asked in turn are
-interleaved: what else the machine does meets both alike.
+A measurement is a generator function that runs in the child. It first yields an empty row when it is ready to be
+measured; then the parent requests one row at a time, and the child is idle in between. Requests to two children in
+turn interleave them, so that other load on the machine affects both equally.
 """
 
 from __future__ import annotations
@@ -23,30 +23,30 @@ Measurement = Callable[..., Iterator[Row]]
 
 
 class Child:
-    """A measurement under way; an iterator of its rows."""
+    """A running measurement; iterates over its rows."""
 
     def __init__(self, measurement: Measurement, *args: object, cap: int | None = None) -> None:
-        """Start it.
+        """Start the measurement.
 
         Args:
             measurement: the generator function, importable by name.
             args: its arguments.
-            cap: CPU seconds after which the system ends the child, counted from when it is ready.
+            cap: CPU time after which the system ends the child, counted from its empty row [s]; None: no limit.
         """
         context = multiprocessing.get_context("spawn")
-        self._pipe, end = context.Pipe()
-        self._process = context.Process(target=_serve, args=(end, measurement, args, cap))
+        self._pipe, child_pipe = context.Pipe()
+        self._process = context.Process(target=_serve, args=(child_pipe, measurement, args, cap))
         self._process.start()
-        end.close()
+        child_pipe.close()
         self.capped = False
-        """Whether the cap ended it."""
+        """True if the cap ended the child."""
 
     def __iter__(self) -> Self:
-        """Return itself."""
+        """Return self."""
         return self
 
     def __next__(self) -> Row:
-        """Return the next row, with the child's peak memory so far in `peak_mb` unless it says so itself."""
+        """Return the next row; `peak_mb` is the child's peak memory so far, unless the row has its own."""
         if self.capped:
             raise StopIteration
         try:
@@ -63,7 +63,7 @@ class Child:
         return row
 
     def __enter__(self) -> Self:
-        """Return itself."""
+        """Return self."""
         return self
 
     def __exit__(

@@ -1,10 +1,10 @@
-"""CPU time of whole commands beside that of an older revision.
+"""CPU time of whole commands, compared with an older revision.
 
     python tests/benchmarks/commands.py REVISION [--repeat R] [--only NAME ...]
 
-Both revisions run from their own sources, turn about, each command in a process of its own. A first round, which is
-not counted, compiles what is compiled once. Figures are medians of R rounds of CPU seconds, user and system, of the
-command and all its children.
+Both revisions run from their own sources, alternately, each command in a separate process. A first round, which
+does not count, compiles code. Figures are medians over R rounds of the CPU time, user and system, of the command
+and its children.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def cpu_seconds(command: tuple[str, ...], source: Path, folder: Path) -> float:
-    """Return the CPU seconds of a command that runs in a folder, from a source."""
+    """Run a command in a folder, from a source, and return its CPU time [s]."""
     shutil.rmtree(folder / "new", ignore_errors=True)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(

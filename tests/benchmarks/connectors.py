@@ -1,10 +1,11 @@
-"""Does it pay to bolt children by any of their ports, instead of by the one that keeps the arms aligned?
+"""The gain from attaching children by any port instead of only by the one that keeps arms aligned.
 
     python tests/benchmarks/connectors.py [--modules N ...] [--starts N] [--workers N] [EXAMPLE ...]
 
-Searches every tree with every assignment of connectors, of which the aligned ones are a part, and prints for both:
-how many candidates there are and how many are feasible, the best effort over the lower bound, and by how much the
-best assignment of all beats the best aligned one. A port counts by its parity, which sets the spins of the child.
+Searches every tree with every assignment of connectors, including the aligned ones, and prints for aligned and
+other assignments the number of candidates, the number that are feasible and the best effort over the lower bound;
+last, the gain of the best assignment of all over the best aligned one. Only the parity of a port matters, which
+sets the spins of the child.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("examples", nargs="*", default=EXAMPLES)
     parser.add_argument("--modules", type=int, nargs="+", default=[3, 4])
-    parser.add_argument("--starts", type=int, help="default: those of the solver")
+    parser.add_argument("--starts", type=int, help="default: the solver's")
     parser.add_argument("--workers", type=int)
     arguments = parser.parse_args()
     family = f"{'trees':>8}{'feasible':>10}{'J / bound':>11}"

@@ -1,10 +1,10 @@
-"""What the coordinator of a search costs beside the solves, in CPU time.
+"""CPU time of the coordinator of a search relative to the solves.
 
     PYTHONPATH=tests python tests/benchmarks/coordinator.py push --modules 8 [--trees N] [--profile]
 
-Uniformly drawn trees, each from all starts, as an exhaustive search solves them; then as many that `moves`
-proposes, most of them from one start. By one worker, to a ledger and with audits, after a short search in which
-code is loaded. What the coordinator takes for audits counts, what audits themselves take does not.
+First uniformly drawn trees are solved from all starts, as in an exhaustive search; then as many that `moves`
+proposes, most of them from one start. There is one worker, a ledger and audits; a short search before loads code.
+The coordinator's own time for audits counts, the time of the audits does not.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from topo_search.model.files import read_task
 from topo_search.study import Request, Silent, run
 from topo_search.study.request import UserInputs
 
-FEW = 4
-"""Trees of the search in which code is loaded."""
+WARM_UP_TREES = 4
+"""Trees of the search that loads code."""
 
 
-class Watched(Engine):
-    """An engine that adds up what its solves take."""
+class TimedEngine(Engine):
+    """An engine that adds up the CPU time of its solves."""
 
     def __init__(self, engine: Engine) -> None:
-        """Watch an engine."""
+        """Wrap an engine."""
         self.engine, self.solves, self.seconds = engine, 0, 0.0
 
     def run(self, function: Any, jobs: Iterable[Any], **options: Any) -> Iterator[tuple[Any, Any]]:
         """Run jobs on the engine."""
-        for job, ended in self.engine.run(partial(timed, function), jobs, **options):
-            if isinstance(ended, Failed):
-                raise SystemExit(f"a job failed: {ended.reason}")
-            result, _, seconds = ended
+        for job, outcome in self.engine.run(partial(timed, function), jobs, **options):
+            if isinstance(outcome, Failed):
+                raise SystemExit(f"a job failed: {outcome.reason}")
+            result, _, seconds = outcome
             if isinstance(job, Job):
                 self.solves, self.seconds = self.solves + 1, self.seconds + seconds
             yield job, result
@@ -58,7 +58,7 @@ def main() -> None:
     parser.add_argument("--modules", type=int, default=8)
     parser.add_argument("--trees", type=int, default=100)
     parser.add_argument("--strategies", nargs="+", default=["exhaustive", "optuna"])
-    parser.add_argument("--profile", action="store_true", help="print what the main thread spends its time on")
+    parser.add_argument("--profile", action="store_true", help="print a profile of the main thread")
     arguments = parser.parse_args()
     n = arguments.modules
     task = read_task(arguments.example, (f"modules={n}",))
@@ -70,31 +70,33 @@ def main() -> None:
         for strategy in arguments.strategies:
 
             def request(trees: int, strategy: str = strategy) -> Request:
-                asked = Request(task, "task", default_starts(task), 0)
+                request = Request(task, "task", default_starts(task), 0)
                 if strategy == "exhaustive":
-                    return replace(asked, user_inputs=UserInputs(topologies=tuple(drawn[:trees])))
-                return replace(asked, strategy="optuna", trials=trees)
+                    return replace(request, user_inputs=UserInputs(topologies=tuple(drawn[:trees])))
+                return replace(request, strategy="optuna", trials=trees)
 
-            searched(request(FEW), workers)
+            timed_search(request(WARM_UP_TREES), workers)
             profile = cProfile.Profile() if arguments.profile else None
-            watched, seconds = searched(request(len(drawn)), workers, profile)
-            of_each = f"{1e3 * watched.seconds / watched.solves:.0f} ms | {1e3 * seconds / watched.solves:.1f} ms"
-            print(f"| {strategy} | {watched.solves} | {of_each} | {seconds / watched.seconds:.1%} |", flush=True)
+            engine, seconds = timed_search(request(len(drawn)), workers, profile)
+            per_solve = f"{1e3 * engine.seconds / engine.solves:.0f} ms | {1e3 * seconds / engine.solves:.1f} ms"
+            print(f"| {strategy} | {engine.solves} | {per_solve} | {seconds / engine.seconds:.1%} |", flush=True)
             if profile is not None:
                 pstats.Stats(profile).sort_stats("cumulative").print_stats(60)
 
 
-def searched(request: Request, workers: Workers, profile: cProfile.Profile | None = None) -> tuple[Watched, float]:
-    """Search from nothing, and return the engine and the coordinator's CPU seconds."""
-    watched = Watched(workers)
+def timed_search(
+    request: Request, workers: Workers, profile: cProfile.Profile | None = None
+) -> tuple[TimedEngine, float]:
+    """Run a new search, and return its engine and the coordinator's CPU time [s]."""
+    engine = TimedEngine(workers)
     with tempfile.TemporaryDirectory() as folder:
-        began = time.process_time()
+        started = time.process_time()
         if profile is not None:
             profile.enable()
-        run(request, Path(folder), BACKENDS, engine=watched, observer=Silent())
+        run(request, Path(folder), BACKENDS, engine=engine, observer=Silent())
         if profile is not None:
             profile.disable()
-        return watched, time.process_time() - began
+        return engine, time.process_time() - started
 
 
 if __name__ == "__main__":

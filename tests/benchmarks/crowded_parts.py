@@ -1,13 +1,13 @@
-"""Why large trees cannot be placed: the least part of a tree that is in its own way, and a proof that it is.
+"""Why large trees have no placement: the smallest part of a tree without one, and a proof that it has none.
 
     OMP_NUM_THREADS=1 python tests/benchmarks/crowded_parts.py [--modules 40] [--connector-distance 0.22]
         [--trees N] [--starts N] [--boxes N]
 
-Uniformly drawn trees with body clearance, geometry alone. Where no start places a tree, the pairs that its starts
-most often leave in each other's way are taken, and what lies within a few joints of the path between them, until
-that part alone cannot be placed either; then modules are taken off its ends as long as this remains so. Its hinge
-angles are halved, depth first, until two modules are too close everywhere in every box
-(`nlp.bounds.branch.crowded`): then the part is proven to have no angles, and every tree that holds it.
+Uniformly drawn trees with body clearance; only geometry matters. If no start places a tree, that is, finds hinge
+angles without overlap, the part within a few joints of the path between two modules that most often overlap is
+tried, with growing radius, until the part cannot be placed either. Leaves are then removed as long as this remains
+so. Branch and bound halves boxes of hinge angles, depth first, until two modules are too close everywhere in every
+box (`nlp.bounds.branch.crowded`): this proves that neither the part nor any tree that contains it can be placed.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from topo_search.model import ResolvedTask, Task, Topology
 from topo_search.model.arrays import Array
 from topo_search.topologies import sample
 
-PAIRS = 3
-"""Pairs that are looked at: those most often in each other's way."""
+MAX_PAIRS = 3
+"""Pairs that are tried: those that overlap most often."""
 RADII = range(5)
-"""Joints from the path between the two up to which modules belong to the part that is tried."""
+"""Distances from the path between two modules, in joints, within which modules belong to the part."""
 ASPECT = 4.0
-"""How much wider than the hinge whose box is halved another one may be."""
+"""Largest ratio between the widths of a box; narrower sides are not halved."""
 PROVEN, PLACED, OPEN = "proven", "can be placed", "open"
 
 
@@ -46,19 +46,21 @@ def main() -> None:
     parser.add_argument("--modules", type=int, default=40)
     parser.add_argument("--connector-distance", type=float, default=0.22, help="[m]")
     parser.add_argument("--trees", type=int, default=10)
-    parser.add_argument("--starts", type=int, default=8, help="of a whole tree; parts get eight times as many")
-    parser.add_argument("--boxes", type=int, default=1_000_000, help="after which a proof is given up")
-    given = parser.parse_args()
+    parser.add_argument(
+        "--starts", type=int, default=8, help="starts of a whole tree; parts get eight times as many"
+    )
+    parser.add_argument("--boxes", type=int, default=1_000_000, help="largest number of boxes of a proof")
+    arguments = parser.parse_args()
     print("| tree | part that cannot be placed | modules | boxes | proof | CPU s |\n|---|---|---|---|---|---|")
-    for topology in sample(given.modules, given.trees, 0):
-        began = time.process_time()
-        task = task_of(given.modules, given.connector_distance)
-        found = crowded_part(task, topology, given.starts)
-        cells = ["(placed)", "", "", ""] if found == topology else ["not found", "", "", ""]
-        if found is not None and found != topology:
-            boxes, proof = prove_crowded(task_of(found.n, given.connector_distance), found, given.boxes)
-            cells = [f"`{found.key}`", str(found.n), f"{boxes:,}", proof]
-        seconds = f"{time.process_time() - began:.1f}"
+    for topology in sample(arguments.modules, arguments.trees, 0):
+        started = time.process_time()
+        task = task_of(arguments.modules, arguments.connector_distance)
+        core = crowded_part(task, topology, arguments.starts)
+        cells = ["(placed)", "", "", ""] if core == topology else ["not found", "", "", ""]
+        if core is not None and core != topology:
+            boxes, proof = prove_crowded(task_of(core.n, arguments.connector_distance), core, arguments.boxes)
+            cells = [f"`{core.key}`", str(core.n), f"{boxes:,}", proof]
+        seconds = f"{time.process_time() - started:.1f}"
         print(f"| `{topology.key[:12]}` | {' | '.join(cells)} | {seconds} |", flush=True)
 
 
@@ -70,94 +72,94 @@ def task_of(n: int, connector_distance: float) -> ResolvedTask:
 
 
 def crowded_part(task: ResolvedTask, topology: Topology, starts: int) -> Topology | None:
-    """Return the least part found that no start places: the tree itself if one places it, None if none is found."""
-    often = Counter[tuple[int, int]]()
+    """Return a minimal part that no start places; the tree itself if one places it; None if no part is found."""
+    overlap_counts = Counter[tuple[int, int]]()
     for start in range(starts):
         alpha = draw(task, topology, generator(task, topology, start, 0)).alpha
-        if not (left := overlaps(task, topology, alpha)):
+        if not (pairs := overlaps(task, topology, alpha)):
             return topology
-        often.update(left)
+        overlap_counts.update(pairs)
     graph, l_c = topology.graph(), task.module.connector_distance
-    for pair, _ in often.most_common(PAIRS):
+    for pair, _ in overlap_counts.most_common(MAX_PAIRS):
         path = nx.shortest_path(graph, *pair)
         for radius in RADII:
             nodes = frozenset[int]().union(*(nx.ego_graph(graph, i, radius).nodes for i in path))
             if len(nodes) < topology.n and not can_be_placed(part(graph, nodes), l_c, 8 * starts):
-                return least(graph, nodes, l_c, 8 * starts)
+                return minimal_part(graph, nodes, l_c, 8 * starts)
     return None
 
 
-def least(graph: nx.Graph[int], nodes: frozenset[int], l_c: float, starts: int) -> Topology:
-    """Return what is left of a part when no leaf can be taken off without its being placed."""
+def minimal_part(graph: nx.Graph[int], nodes: frozenset[int], l_c: float, starts: int) -> Topology:
+    """Return a minimal part within a part that cannot be placed, by removing leaves."""
     for leaf in leaves(graph, nodes):
         if not can_be_placed(part(graph, nodes - {leaf}), l_c, starts):
-            return least(graph, nodes - {leaf}, l_c, starts)
+            return minimal_part(graph, nodes - {leaf}, l_c, starts)
     return part(graph, nodes)
 
 
 def leaves(graph: nx.Graph[int], nodes: frozenset[int]) -> Iterator[int]:
-    """Yield the modules of a part that hang on one of its others."""
+    """Yield the leaves of a part: modules with one neighbour in it."""
     yield from (i for i in sorted(nodes) if sum(j in nodes for j in graph[i]) == 1)
 
 
 def part(graph: nx.Graph[int], nodes: frozenset[int]) -> Topology:
-    """Return a connected part of a tree as a topology of its own."""
+    """Return a connected part of a tree as a topology."""
     return Topology.from_graph(graph.subgraph(nodes))
 
 
 def can_be_placed(topology: Topology, l_c: float, starts: int) -> bool:
-    """Return whether one of so many starts finds hinge angles without overlaps."""
+    """Return whether one of several random starts leads to hinge angles without overlap."""
     task, rng = task_of(topology.n, l_c), np.random.default_rng(0)
     draws = (rng.uniform(-np.pi / 2, np.pi / 2, topology.n - 1) for _ in range(starts))
     return any(not overlaps(task, topology, untangle(task, topology, a, rng, leeway=False)) for a in draws)
 
 
-def prove_crowded(task: ResolvedTask, topology: Topology, most: int) -> tuple[int, str]:
-    """Return how many boxes were looked at, and what they came to."""
-    hung = reroot(topology, centre(task, topology))
+def prove_crowded(task: ResolvedTask, topology: Topology, max_boxes: int) -> tuple[int, str]:
+    """Run branch and bound, and return the number of boxes and the verdict."""
+    rerooted = reroot(topology, centre(task, topology))
     lower, upper = whole_box(task, topology.n)
-    lower[:3] = upper[:3] = 0.0  # where the root points does not matter
-    boxes, placed = exclude(to_arrays(task, hung), lower, upper, most)
-    return boxes, PLACED if placed else OPEN if boxes > most else PROVEN
+    lower[:3] = upper[:3] = 0.0  # the root orientation does not matter
+    boxes, placed = exclude(to_arrays(task, rerooted), lower, upper, max_boxes)
+    return boxes, PLACED if placed else OPEN if boxes > max_boxes else PROVEN
 
 
 @njit(cache=True)
-def exclude(stated: BranchProblem, lower: Array, upper: Array, most: int) -> tuple[int, bool]:
-    """Halve a box of angles until two modules are too close all over every part of it, or not so at some middle.
+def exclude(problem: BranchProblem, lower: Array, upper: Array, max_boxes: int) -> tuple[int, bool]:
+    """Halve a box of angles until two modules are too close everywhere in every part, or clear at a midpoint.
 
     Args:
-        stated: the task and the tree.
-        lower: least angles, shape (A,) [rad].
-        upper: greatest angles.
-        most: boxes after which it is given up.
+        problem: the task and the tree.
+        lower: smallest angles, shape (A,) [rad].
+        upper: largest angles, shape (A,) [rad].
+        max_boxes: number of boxes after which the search stops.
 
     Returns:
-        The number of boxes, and whether modules keep clear of each other at the middle of the last one.
+        The number of boxes, and whether all modules are clear of each other at the midpoint of the last one.
     """
-    A, n = len(lower), len(stated.tree.parent)
+    A, n = len(lower), len(problem.tree.parent)
     lo, hi = np.empty((64 * A, A)), np.empty((64 * A, A))
     lo[0], hi[0] = lower, upper
-    vertices, middle = frames.empty_frames(stated.tree.first[-1]), frames.empty_frames(n)
+    vertices, middle = frames.empty_frames(problem.tree.first[-1]), frames.empty_frames(n)
     axes, gain = frames.Axes(np.zeros((A, 3)), np.zeros((A, 3))), np.zeros(A)
-    left, boxes = 1, 0
-    while left > 0 and boxes <= most:
-        left -= 1
+    pending, boxes = 1, 0
+    while pending > 0 and boxes <= max_boxes:
+        pending -= 1
         boxes += 1
-        at, rho = (lo[left] + hi[left]) / 2, (hi[left] - lo[left]) / 2
-        frames.fill_middle_frames(stated.tree, stated.l_c, at, middle, axes)
-        frames.fill_vertex_frames(stated.tree, stated.l_c, lo[left], hi[left], vertices)
-        where = crowding(stated, middle, axes, vertices, rho, gain)
+        midpoint, rho = (lo[pending] + hi[pending]) / 2, (hi[pending] - lo[pending]) / 2
+        frames.fill_middle_frames(problem.tree, problem.l_c, midpoint, middle, axes)
+        frames.fill_vertex_frames(problem.tree, problem.l_c, lo[pending], hi[pending], vertices)
+        where = crowding(problem, middle, axes, vertices, rho, gain)
         if where == EVERYWHERE:
             continue
         if where == NOWHERE:
             return boxes, True
         gain[rho < rho.max() / ASPECT] = -1.0
         axis = 3 + int(np.argmax(gain[3:]))
-        if left + 2 > len(lo):
-            return most + 1, False
-        lo[left + 1], hi[left + 1] = lo[left], hi[left]
-        lo[left, axis] = hi[left + 1, axis] = at[axis]
-        left += 2
+        if pending + 2 > len(lo):
+            return max_boxes + 1, False
+        lo[pending + 1], hi[pending + 1] = lo[pending], hi[pending]
+        lo[pending, axis] = hi[pending + 1, axis] = midpoint[axis]
+        pending += 2
     return boxes, False
 
 

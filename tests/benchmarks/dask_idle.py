@@ -1,8 +1,8 @@
-"""What Dask's own processes take while the workers solve, as they are and with the documented settings.
+"""CPU time of Dask's own processes while workers solve, with default and with documented settings.
 
     PYTHONPATH=tests python tests/benchmarks/dask_idle.py [--seconds S]
 
-Two Dask workers run jobs that only wait, so that all CPU time of their processes and of the scheduler is Dask's.
+Two Dask workers run jobs that only wait, so all CPU time of their processes and of the scheduler is Dask's.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ PROFILE, TICKS, MEMORY = (
     f"DASK_DISTRIBUTED__{name}"
     for name in ("WORKER__PROFILE__ENABLED", "ADMIN__TICK__INTERVAL", "WORKER__MEMORY__MONITOR_INTERVAL")
 )
-AS_IT_IS = {PROFILE: "True", TICKS: "20ms", MEMORY: "100ms"}
-"""Dask's defaults for what the documented job script sets."""
+DEFAULTS = {PROFILE: "True", TICKS: "20ms", MEMORY: "100ms"}
+"""Dask's defaults for the settings of the documented job script."""
 SETTINGS = {
-    "as it is": AS_IT_IS,
-    "without profile": {**AS_IT_IS, PROFILE: "False"},
-    "with slow ticks": {**AS_IT_IS, TICKS: "1s"},
-    "looking at memory less often": {**AS_IT_IS, MEMORY: "1s"},
+    "defaults": DEFAULTS,
+    "without profile": {**DEFAULTS, PROFILE: "False"},
+    "with slow ticks": {**DEFAULTS, TICKS: "1s"},
+    "checking memory less often": {**DEFAULTS, MEMORY: "1s"},
     "all three, as documented": {},
 }
 
@@ -50,8 +50,8 @@ def main() -> None:
                 for _ in engine.run(pause, [(0, seconds), (1, seconds)], deadline=lambda _: LONG):
                     pass
                 after = [cpu(owner) for owner in owners]
-        first, both = ((now - earlier) / seconds for now, earlier in zip(after, before, strict=True))
-        print(f"{name:30}{first:12.1%}{both / 2:12.1%}")
+        scheduler, both = ((end - start) / seconds for end, start in zip(after, before, strict=True))
+        print(f"{name:30}{scheduler:12.1%}{both / 2:12.1%}")
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
     python tests/benchmarks/drawer.py [--modules N] [--tasks T] [--choices C ...] [--step DEG]
 
-The choices are made up: uniformly drawn trees, hinge angles drawn from multiples of the step, efforts within 2 %.
-Half of a task's trees are those of the task before with a quarter of its angles drawn anew, so that parts are
-shared. Prints the CPU time of the choice, the brackets of the drawer, and how many the least efforts alone need.
+The choices are synthetic: uniformly drawn trees, hinge angles drawn from multiples of the step, efforts within 2 %.
+Half of a task's trees are those of the task before, with a quarter of the angles redrawn, so that parts are shared.
+Prints the CPU time of the choice, the number of brackets in the drawer, and the number that the designs of least
+effort would need.
 """
 
 from __future__ import annotations
@@ -31,20 +32,20 @@ def main() -> None:
     arguments = parser.parse_args()
     print(f"{'modules':>8}{'tasks':>7}{'choices':>9}{'CPU time':>10}{'brackets':>10}{'of the best':>13}")
     for count in arguments.choices:
-        choices = made_up(arguments.modules, arguments.tasks, count, arguments.step)
-        began = time.process_time()
+        choices = synthetic_choices(arguments.modules, arguments.tasks, count, arguments.step)
+        started = time.process_time()
         chosen = choose(choices)
-        taken = time.process_time() - began
+        seconds = time.process_time() - started
         sizes = [
-            drawer_size([each[d] for each, d in zip(choices, places, strict=True)])
-            for places in (chosen, [0] * arguments.tasks)
+            drawer_size([designs[d] for designs, d in zip(choices, indices, strict=True)])
+            for indices in (chosen, [0] * arguments.tasks)
         ]
-        row = f"{arguments.modules:>8}{arguments.tasks:>7}{count:>9}{taken:>8.1f} s{sizes[0]:>10}{sizes[1]:>13}"
+        row = f"{arguments.modules:>8}{arguments.tasks:>7}{count:>9}{seconds:>8.1f} s{sizes[0]:>10}{sizes[1]:>13}"
         print(row, flush=True)
 
 
-def made_up(n: int, tasks: int, count: int, step: float) -> list[list[Design]]:
-    """Return designs of each task, least effort first."""
+def synthetic_choices(n: int, tasks: int, count: int, step: float) -> list[list[Design]]:
+    """Return designs for each task, by effort."""
     draw, task = random.Random(0), read_task("push", (f"modules={n}",)).resolve(n)
     angles = [k * step for k in range(-int(90 / step), int(90 / step) + 1)]
     trees = list(sample(n, count * tasks, seed=0))
@@ -53,19 +54,19 @@ def made_up(n: int, tasks: int, count: int, step: float) -> list[list[Design]]:
         designs = []
         for k in range(count):
             tree = trees[number * count + k]
-            turned = [draw.choice(angles) for _ in range(n - 1)]
+            hinges_deg = [draw.choice(angles) for _ in range(n - 1)]
             if number and k % 2:
                 before = choices[-1][k]
                 tree = before.topology
-                kept = [math.degrees(alpha) for alpha in before.hinge_angles_rad]
-                turned = [a if draw.random() < 0.75 else b for a, b in zip(kept, turned, strict=True)]
+                old_deg = [math.degrees(alpha) for alpha in before.hinge_angles_rad]
+                hinges_deg = [a if draw.random() < 0.75 else b for a, b in zip(old_deg, hinges_deg, strict=True)]
             designs.append(
                 Design(
                     task=task,
                     topology=tree,
                     topology_key=tree.key,
                     root_orientation_rad=(0.0, 0.0, 0.0),
-                    hinge_angles_rad=tuple(map(math.radians, turned)),
+                    hinge_angles_rad=tuple(map(math.radians, hinges_deg)),
                     end_effector_m=(0.0, 0.0, 1.0),
                     rotor_speeds_squared=((1.0,) * (4 * n),) * len(task.load_cases),
                     objective=1 + 0.02 * k / count,

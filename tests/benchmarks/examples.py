@@ -1,11 +1,11 @@
-"""The shipped five-module examples, searched exhaustively: as they are, and as the paper poses them.
+"""Exhaustive searches of the shipped five-module examples, by default and as the paper poses them.
 
     python tests/benchmarks/examples.py [--starts N] [--workers N] [--problems NAME ...] [EXAMPLE ...]
 
-Prints, for each, the best control effort over the closed-form bound, the number of feasible trees (up to a half
-turn, whichever module is the root: with the paper's, every root of a tree is a candidate) and the audit of the
-winner. The problems: `default`; `clearances`, the paper's: airflow alone; `paper`, its literal problem, as
-`topo-search run EXAMPLE --paper` poses it.
+Prints for each the best control effort over the closed-form bound, the number of feasible trees and the audit of
+the winner. Trees are counted up to a half turn and whichever module is the root; in the paper's problem every root
+of a tree is a candidate. The problems: `default`; `clearances`, with the paper's clearances, between airflow only;
+`paper`, the paper's literal problem, as in `topo-search run EXAMPLE --paper`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def main() -> None:
     """Search and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("examples", nargs="*", default=EXAMPLES)
-    parser.add_argument("--starts", type=int, help="default: those of the solver")
+    parser.add_argument("--starts", type=int, help="default: the solver's")
     parser.add_argument("--workers", type=int)
     parser.add_argument("--problems", nargs="+", choices=PROBLEMS, default=[*PROBLEMS])
     arguments = parser.parse_args()
@@ -43,9 +43,9 @@ def main() -> None:
             task = read_task(example, PROBLEMS[problem])
             with tempfile.TemporaryDirectory() as folder:
                 out = Path(folder) / "run"
-                began = time.perf_counter()
+                started = time.perf_counter()
                 answer = topo_search.search(task, out=out, starts=arguments.starts, workers=arguments.workers)
-                seconds = time.perf_counter() - began
+                seconds = time.perf_counter() - started
                 best, ratio, verdict = answer.best, "none", ""
                 if best is not None:
                     design = read_json(Design, out / "best.json")
@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def feasible_trees(answer: Answer) -> int:
-    """Return how many trees up to a half turn have a design, whichever module is the root."""
+    """Return the number of trees with a design, up to a half turn and whichever module is the root."""
     rows = answer.candidates
     feasible = rows[rows["status"] == "feasible"]
     return int(feasible.groupby(feasible["key"].map(tree_of))["orbit"].max().sum())

@@ -1,11 +1,11 @@
-"""What it costs to ask for more than load cases: the best effort with each request over that without any.
+"""Cost of requirements beyond the load cases: the best effort with each over the best without any.
 
     python tests/benchmarks/flight_costs.py [TASK] [--out ROWS.jsonl] [--requests NAME ...] [--every]
 
-Every tree that differs by more than symmetry is solved as the task stands; with a request, trees come in the order
-of those efforts, and only as long as one could still be the best: whatever is asked for besides, no tree takes less
-effort than without it. `--every` solves them all. Designs that are not clear are solved again with larger margins,
-as in a run. Rows are kept one by one, so that an interrupted measurement goes on.
+Every tree that differs by more than symmetry is solved without the requirements. With a requirement, trees are
+solved in the order of those efforts, and only while one can still be the best: a requirement never lowers the
+effort of a tree. `--every` solves all of them. Designs that are not clear are solved again with larger margins, as
+in a run. Rows are stored one by one, so that an interrupted measurement resumes.
 """
 
 from __future__ import annotations
@@ -38,59 +38,59 @@ REQUESTS[TOGETHER] = tuple(setting for settings in REQUESTS.values() for setting
 SEED = 0
 
 
-def solved(task: ResolvedTask, tree: Topology, starts: int) -> Row:
-    """Return what became of a tree: its last design and what the audit says of it, or why there is none."""
+def solved_row(task: ResolvedTask, tree: Topology, starts: int) -> Row:
+    """Return the row of a tree: its last design with the verdict of the audit, or the reason why it has none."""
     row: Row = {"status": "", "objective": None}
-    raised = Margins([with_margin(task, margin) for margin in margins(task)])
-    began = time.process_time()
+    levels = Margins([with_margin(task, margin) for margin in margins(task)])
+    started = time.process_time()
     while True:
-        outcome = solve(raised.task, tree, starts=range(starts), seed=SEED)
+        outcome = solve(levels.task, tree, starts=range(starts), seed=SEED)
         if not isinstance(outcome, Design):
-            if raised.step == 0:
+            if levels.step == 0:
                 row.update(status=outcome.status, worst=outcome.worst_constraint)
             break
         audit = verify.audit(outcome)
-        row.update(status=audit.verdict.value, objective=outcome.objective, margin=raised.task.search.margin)
-        if audit.verdict == "clear" or not raised.raise_after(audit):
+        row.update(status=audit.verdict.value, objective=outcome.objective, margin=levels.task.search.margin)
+        if audit.verdict == "clear" or not levels.raise_after(audit):
             break
-    return {**row, "seconds": time.process_time() - began}
+    return {**row, "seconds": time.process_time() - started}
 
 
-def clear(rows: list[Row]) -> dict[str, float]:
-    """Return the effort of every tree whose design is clear."""
+def clear_efforts(rows: list[Row]) -> dict[str, float]:
+    """Return the effort of every tree with a clear design, by key."""
     return {row["key"]: row["objective"] for row in rows if row["status"] == "clear"}
 
 
 def main() -> None:
-    """Measure what is missing, and print the table."""
+    """Measure the missing rows, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("task", nargs="?", default="push")
     parser.add_argument("--out", type=Path, default=Path("flight-costs.jsonl"))
     parser.add_argument("--requests", nargs="+", choices=REQUESTS, default=[*REQUESTS])
     parser.add_argument("--every", action="store_true")
     arguments = parser.parse_args()
-    kept = Rows(arguments.out)
+    store = Rows(arguments.out)
     plain: dict[str, float] = {}
     for name in dict.fromkeys([PLAIN, *arguments.requests]):
         task = read_task(arguments.task, REQUESTS[name])
         resolved, starts = task.resolve(task.n), default_starts(task)
-        trees = [one.topology for one in candidates(task.n, symmetry="task", task=resolved)]
+        trees = [candidate.topology for candidate in candidates(task.n, symmetry="task", task=resolved)]
         for tree in sorted(trees, key=lambda tree: plain.get(tree.key, math.inf)):
-            best = min(clear(kept.where(request=name)).values(), default=math.inf)
+            best = min(clear_efforts(store.where(request=name)).values(), default=math.inf)
             if name != PLAIN and not arguments.every and plain.get(tree.key, math.inf) >= best:
                 continue
-            if not kept.where(request=name, key=tree.key):
-                row = {"request": name, "key": tree.key, **solved(resolved, tree, starts)}
-                kept.add(row)
+            if not store.where(request=name, key=tree.key):
+                row = {"request": name, "key": tree.key, **solved_row(resolved, tree, starts)}
+                store.add(row)
                 print(row, flush=True)
-        plain = plain or clear(kept.where(request=name))
+        plain = plain or clear_efforts(store.where(request=name))
 
-    print("| asked for | best effort | over without | tree | trees solved, of them clear | CPU s |")
+    print("| requirement | best effort | increase | tree | trees solved, of them clear | CPU s |")
     print("|---|---|---|---|---|---|")
     for name in REQUESTS:
-        if not (rows := kept.where(request=name)):
+        if not (rows := store.where(request=name)):
             continue
-        efforts, seconds = clear(rows), sum(row["seconds"] for row in rows)
+        efforts, seconds = clear_efforts(rows), sum(row["seconds"] for row in rows)
         best = min(efforts, key=lambda key: efforts[key], default=None)
         cells = ("none", "", "")
         if best is not None:

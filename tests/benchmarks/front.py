@@ -1,4 +1,4 @@
-"""What carrying designs over from level to level does for a front: every level beside a plain run of its task.
+"""The gain from carrying designs over between levels of a front: each level against a plain run of its task.
 
 python tests/benchmarks/front.py EXAMPLE [--set FIELD=VALUE] [--starts N]
 """
@@ -23,22 +23,21 @@ def main() -> None:
     parser.add_argument("--starts", type=int, default=4)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
-    given = parser.parse_args()
-    task = read_task(given.task, (*GOALS, *given.settings))
-    force = {"starts": given.starts, "seed": given.seed, "workers": given.workers}
-    print("level | held at | feasible trees: front, plain | least J: front, plain, ratio")
+    arguments = parser.parse_args()
+    task = read_task(arguments.task, (*GOALS, *arguments.settings))
+    options = {"starts": arguments.starts, "seed": arguments.seed, "workers": arguments.workers}
+    print("level | goals | feasible trees: front, plain | least J: front, plain, ratio")
     with tempfile.TemporaryDirectory() as folder:
-        answer = search(task, out=Path(folder) / "front", **force)
-        for at in answer.levels:
-            plain = search(task.at(at.level), out=Path(folder) / str(at.number), **force)
-            for carried, alone in zip(at.sizes, plain.sizes, strict=True):
-                efforts = [size.best.objective if size.best else None for size in (carried, alone)]
-                told = ", ".join("none" if J is None else f"{J:.6g}" for J in efforts)
+        answer = search(task, out=Path(folder) / "front", **options)
+        for outcome in answer.levels:
+            plain = search(task.at(outcome.level), out=Path(folder) / str(outcome.number), **options)
+            for in_front, in_plain in zip(outcome.sizes, plain.sizes, strict=True):
+                efforts = [size.best.objective if size.best else None for size in (in_front, in_plain)]
+                efforts_text = ", ".join("none" if J is None else f"{J:.6g}" for J in efforts)
                 ratio = f"{efforts[0] / efforts[1]:.6f}" if None not in efforts else ""
-                print(
-                    f"{at.number} | {at.level.words} | {carried.feasible}, {alone.feasible} | {told}, {ratio}",
-                    flush=True,
-                )
+                feasible = f"{in_front.feasible}, {in_plain.feasible}"
+                row = (str(outcome.number), outcome.level.words, feasible, f"{efforts_text}, {ratio}")
+                print(" | ".join(row), flush=True)
         print(f"{len(answer.points)} designs on the front")
 
 

@@ -1,12 +1,12 @@
-"""What giving up the worse half of the starts costs and finds, in ways of doing it.
+"""Cost and results of schedules that drop the worse half of the starts.
 
     python tests/benchmarks/halving.py EXAMPLE [--modules N] [--trees M] [--seeds R]
-        [--ways STARTS[:STEPS:LEAST] ...]
+        [--schedules STARTS[:STEPS:LEAST] ...]
 
-A way is a number of starts per tree, the steps after which half of their draws are given up, and how many draws are
-left at least; starts alone all go on. Uniformly drawn trees without body clearance, each from several seeds; CPU
-seconds of one thread for all trees, and designs, are means over the seeds. The best known effort of a tree is the
-least of all that were found.
+A schedule is a number of starts per tree, the number of steps after which half of the draws are dropped, and the
+smallest number of draws that remain; with only a number of starts, none is dropped. Trees are uniformly drawn,
+without body clearance, and solved with several seeds. CPU time, of one thread for all trees, and the number of
+designs are means over the seeds. The best known effort of a tree is the least of all runs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import time
 from typing import NamedTuple
 from unittest.mock import patch
 
-from reduced import mean_and_most, within
+from reduced import mean_and_largest, within
 
 import nlp
 from nlp.reduced import search
@@ -26,8 +26,8 @@ from topo_search.model.files import read_task
 from topo_search.topologies import sample
 
 
-class Way(NamedTuple):
-    """How many starts descend, and which of them go on."""
+class Schedule(NamedTuple):
+    """Number of starts, and the rule that drops some of them."""
 
     starts: int
     steps: int = 0
@@ -42,47 +42,49 @@ def main() -> None:
     parser.add_argument("--trees", type=int, default=60)
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument(
-        "--ways",
+        "--schedules",
         nargs="+",
-        type=_way,
-        default=[Way(16), Way(20, search.SELECTION.halving_step, search.SELECTION.min_starts)],
+        type=_schedule,
+        default=[Schedule(16), Schedule(20, search.SELECTION.halving_step, search.SELECTION.min_starts)],
     )
     arguments = parser.parse_args()
-    ways: list[Way] = arguments.ways
+    schedules: list[Schedule] = arguments.schedules
     task = read_task(arguments.example, (f"modules={arguments.modules}", "search.body_clearance=false"))
     resolved = task.resolve(arguments.modules)
     trees = sample(arguments.modules, arguments.trees, 0, symmetry="task", task=resolved)
-    nlp.solve(resolved, trees[0], starts=range(1), seed=0)  # compiled code is loaded, or made
-    efforts: dict[Way, list[tuple[str, float]]] = {way: [] for way in ways}
-    seconds = dict.fromkeys(ways, 0.0)
+    nlp.solve(resolved, trees[0], starts=range(1), seed=0)  # compile or load code
+    efforts: dict[Schedule, list[tuple[str, float]]] = {schedule: [] for schedule in schedules}
+    seconds = dict.fromkeys(schedules, 0.0)
     for seed in range(arguments.seeds):
         for tree in trees:
-            for way in ways:
-                began = time.process_time()
+            for schedule in schedules:
+                started = time.process_time()
                 with patch.object(
-                    search, "SELECTION", search.SELECTION._replace(halving_step=way.steps, min_starts=way.least)
+                    search,
+                    "SELECTION",
+                    search.SELECTION._replace(halving_step=schedule.steps, min_starts=schedule.least),
                 ):
-                    found = nlp.solve(resolved, tree, starts=range(way.starts), seed=seed)
-                seconds[way] += time.process_time() - began
-                if isinstance(found, Design):
-                    efforts[way].append((tree.key, found.objective))
+                    outcome = nlp.solve(resolved, tree, starts=range(schedule.starts), seed=seed)
+                seconds[schedule] += time.process_time() - started
+                if isinstance(outcome, Design):
+                    efforts[schedule].append((tree.key, outcome.objective))
     best: dict[str, float] = {}
-    for key, J in (one for found in efforts.values() for one in found):
+    for key, J in (pair for pairs in efforts.values() for pair in pairs):
         best[key] = min(J, best.get(key, J))
     print(f"{arguments.example}, n = {arguments.modules}: {len(trees)} trees drawn")
-    print("| starts | designs | within 0.1 % | mean, most over best known | CPU s |")
+    print("| starts | designs | within 0.1 % | mean, largest excess | CPU s |")
     print("|" + "---|" * 5)
-    for way in ways:
-        over = [J / best[key] - 1 for key, J in efforts[way]]
-        counts = (len(over) / arguments.seeds, within(over) / arguments.seeds)
-        halved = f"halved after {way.steps} to {way.least}" if way.steps else "all go on"
-        cells = (f"{way.starts}, {halved}", *(f"{count:.1f}" for count in counts), mean_and_most(over))
-        print(f"| {' | '.join(cells)} | {seconds[way] / arguments.seeds:.2f} |")
+    for schedule in schedules:
+        excess = [J / best[key] - 1 for key, J in efforts[schedule]]
+        counts = (len(excess) / arguments.seeds, within(excess) / arguments.seeds)
+        halved = f"halved after {schedule.steps} to {schedule.least}" if schedule.steps else "none dropped"
+        cells = (f"{schedule.starts}, {halved}", *(f"{count:.1f}" for count in counts), mean_and_largest(excess))
+        print(f"| {' | '.join(cells)} | {seconds[schedule] / arguments.seeds:.2f} |")
 
 
-def _way(text: str) -> Way:
-    """Return the way that an argument names."""
-    return Way(*(int(part) for part in text.split(":")))
+def _schedule(text: str) -> Schedule:
+    """Parse STARTS[:STEPS:LEAST]."""
+    return Schedule(*(int(part) for part in text.split(":")))
 
 
 if __name__ == "__main__":

@@ -1,11 +1,12 @@
-"""Cost of hinge angles from a set, and what the search of the set misses.
+"""Cost of hinge angles from a set, and the gap that the search over the set leaves.
 
     python tests/benchmarks/hinge_sets.py [--modules N ...] [--trees N] [--steps DEG ...] [--set FIELD=VALUE]
         [--all] [TASK ...]
 
-Searches every tree, or `--trees` drawn at random, with any hinge angles, then with multiples of each step. Prints
-by how much the best effort of these trees grows, how many have a design, and the CPU time over that with any
-angles. `--all`: every combination is tried as well, from every local optimum, and by how much that is better.
+Searches every tree, or `--trees` random ones, with free hinge angles, then with multiples of each step. Prints the
+increase of the best effort of these trees, the number with a design, and the CPU time over that with free angles.
+`--all` also tries every combination of angles from every local optimum, and prints the effort that the search
+misses.
 """
 
 from __future__ import annotations
@@ -40,37 +41,37 @@ def main() -> None:
             if arguments.trees:
                 trees = list(sample(n, arguments.trees, seed=0))
             else:
-                trees = [each.topology for each in candidates(n, symmetry="task", task=task)]
-            search(example, n, settings, trees)  # code is loaded
+                trees = [candidate.topology for candidate in candidates(n, symmetry="task", task=task)]
+            search(example, n, settings, trees)  # loads code
             free, _, seconds = search(example, n, settings, trees)
             for step in arguments.steps:
                 stepped = [*settings, f"search.hinge_step_deg={step}"]
-                least, feasible, taken = search(example, n, stepped, trees)
-                line = f"{example:18}{n:>8}{step:>7g}{grown(least, free):>10}{f'{feasible} of {len(trees)}':>10}"
-                line += f"{taken / seconds:>10.2f}"
+                least, feasible, step_seconds = search(example, n, stepped, trees)
+                line = f"{example:18}{n:>8}{step:>7g}{increase(least, free):>10}{f'{feasible} of {len(trees)}':>10}"
+                line += f"{step_seconds / seconds:>10.2f}"
                 if arguments.all:
                     limits = hinge_sets.SEARCH, hinge_sets.MAX_REDUCED
                     hinge_sets.SEARCH, hinge_sets.MAX_REDUCED = limits[0]._replace(complete_up_to=10**9), 10**9
-                    every, _, _ = search(example, n, stepped, trees)
+                    exhaustive, _, _ = search(example, n, stepped, trees)
                     hinge_sets.SEARCH, hinge_sets.MAX_REDUCED = limits
-                    line += f"{grown(least, every):>10}"
+                    line += f"{increase(least, exhaustive):>10}"
                 print(line, flush=True)
 
 
 def search(example: str, n: int, settings: Sequence[str], trees: Sequence[Topology]) -> tuple[float, int, float]:
-    """Return the least effort of all trees, how many have a design, and the CPU time [s]."""
-    task, began = read_task(example, settings), time.process_time()
+    """Return the least effort of all trees, the number with a design, and the CPU time [s]."""
+    task, started = read_task(example, settings), time.process_time()
     starts = range(default_starts(task))
-    found = [solve(task.resolve(n), tree, starts=starts, seed=0) for tree in trees]
-    efforts = [each.objective for each in found if isinstance(each, Design)]
-    return min(efforts, default=float("inf")), len(efforts), time.process_time() - began
+    outcomes = [solve(task.resolve(n), tree, starts=starts, seed=0) for tree in trees]
+    efforts = [outcome.objective for outcome in outcomes if isinstance(outcome, Design)]
+    return min(efforts, default=float("inf")), len(efforts), time.process_time() - started
 
 
-def grown(effort: float, least: float) -> str:
-    """Return by how much an effort is more than another, in percent."""
+def increase(effort: float, reference: float) -> str:
+    """Return the increase of an effort over another one, as a percentage."""
     if effort == float("inf"):
-        return "none" if least < effort else "0.00 %"
-    return f"{100 * (effort / least - 1):.2f} %"
+        return "none" if reference < effort else "0.00 %"
+    return f"{100 * (effort / reference - 1):.2f} %"
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
-"""Keep what flights of some designs show, for the documentation.
+"""Update the flights that the documentation shows.
 
     MUJOCO_GL=egl python tests/benchmarks/keep_flights.py
 
-`tests/designs` has them: the winner of push and that of the example wall-push without its reserves, of the least
-effort and nothing else, and in `flying` the winners of three examples that fly (`topo-search run NAME`). All are
-flown as `topo-search fly DESIGN --rotor-out` flies them. Answers go to `notebooks/results/flight-NAME.json`. Of
-those FILMED plots go to `notebooks/pictures/flight-NAME.png` and stills to `flight-stills.png` beside them. What
-the page of wall-push shows of its flights goes to `flight-page.png`. Needs Chromium and EGL.
+The designs are in `tests/designs`: the winner of push, the winner of wall-push without its reserves, and in
+`flying` the winners of three flying examples (`topo-search run NAME`). They are flown as by `topo-search fly DESIGN
+--rotor-out`. Results go to `notebooks/results/flight-NAME.json`; plots of the FILMED ones to
+`notebooks/pictures/flight-NAME.png`, stills to `flight-stills.png`, and the flights on the page of wall-push to
+`flight-page.png` in the same folder. Needs Chromium and EGL.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ NAMES = (
 )
 FILMED = {"push-a70010": "the winner of push", "wall-push": "wall-push"}
 STILLS = (0.0, 0.8, 1.6, 2.4, 4.0)
-"""Of the return from +x [s]."""
+"""Times of the stills in the return from +x [s]."""
 WIDTH = 1000
-"""Of the page [pixels]."""
+"""Width of the page [pixels]."""
 
 
 def main() -> None:
-    """Fly all, and write what they show."""
+    """Fly all designs, and write results and pictures."""
     films, campaigns = {}, {}
     for path in NAMES:
         design, name = read_json(Design, DESIGNS / f"{path}.json"), Path(path).name
@@ -85,7 +85,7 @@ def _stills(films: dict[str, files.Film]) -> bytes:
 
 
 def _section(page: Path) -> bytes:
-    """Return a picture (PNG) of the flights on a page."""
+    """Return a picture (PNG) of the section with the flights on a page."""
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as browsers:
@@ -95,7 +95,7 @@ def _section(page: Path) -> bytes:
         section = view.locator("#simulated")
         section.scroll_into_view_if_needed()
         section.locator(".js-plotly-plot").first.wait_for()
-        content: bytes = section.screenshot(style="nav { visibility: hidden }")  # it sticks to the top
+        content: bytes = section.screenshot(style="nav { visibility: hidden }")  # the navigation sticks to the top
         browser.close()
     return content
 

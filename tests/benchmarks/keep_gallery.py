@@ -1,11 +1,11 @@
-"""Keep what a search of every shipped task finds: the gallery of the documentation, the picture of the README.
+"""Update the gallery of the documentation from searches of all shipped tasks, and the picture of the README.
 
     python tests/benchmarks/keep_gallery.py [EXAMPLE ...]
 
-Searches each task as `topo-search run EXAMPLE` does, large ones with `--strategy optuna --trials 48`, those of
-several sizes with the fewest modules (`--modules 3`). Its picture goes to
-`notebooks/pictures/gallery-EXAMPLE.png`, its answer with the CPU time of all processes to
-`notebooks/results/gallery.json`; those of other tasks stay. The winner of `wall-push` is drawn from all sides,
+Searches each task like `topo-search run EXAMPLE`, large ones with `--strategy optuna --trials 48`, and those with a
+range of sizes with the fewest modules (`--modules 3`). The picture goes to
+`notebooks/pictures/gallery-EXAMPLE.png`, the answer with the CPU time of all processes to
+`notebooks/results/gallery.json`; entries of other tasks stay. An animation of the winner of `wall-push` goes to
 `notebooks/pictures/turning.webp`.
 """
 
@@ -34,35 +34,35 @@ from verify.kinematics import Platform
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "notebooks/pictures"
 RESULTS = ROOT / "notebooks/results/gallery.json"
-EXHAUSTIVE = 8
-"""Modules up to which all trees are searched."""
+EXHAUSTIVE_UP_TO = 8
+"""Largest number of modules with which all trees are searched."""
 TRIALS = 48
 DPI = 70
-TURNED = "wall-push"
+ANIMATED = "wall-push"
 FRAMES = 45
 FRAME_MS = 90
 
 
 def main() -> None:
-    """Search, draw and keep."""
+    """Search, draw and write."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("examples", nargs="*", default=examples())
     for name in parser.parse_args().examples:
         before = _cpu_seconds()
         task = read_task(name)
-        how, options = dict[str, Any](), ""
+        strategy, options = dict[str, Any](), ""
         if not isinstance(task.modules, int):
             options = f" --modules {task.sizes[0]}"
             task = read_task(name, (f"modules={task.sizes[0]}",))
-        elif task.modules > EXHAUSTIVE:
-            how, options = {"strategy": "optuna", "trials": TRIALS}, f" --strategy optuna --trials {TRIALS}"
+        elif task.modules > EXHAUSTIVE_UP_TO:
+            strategy, options = {"strategy": "optuna", "trials": TRIALS}, f" --strategy optuna --trials {TRIALS}"
         with tempfile.TemporaryDirectory() as folder:
-            answer = topo_search.search(task, out=Path(folder) / "run", **how)
+            answer = topo_search.search(task, out=Path(folder) / "run", **strategy)
             if answer.best is None:
                 raise SystemExit(f"{name}: no design to show; give it more trials")
             design = read_json(Design, Path(folder) / "run" / "best.json")
-        kept = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
-        kept[name] = {
+        gallery = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
+        gallery[name] = {
             "options": options,
             "key": answer.best.key,
             "modules": answer.best.modules,
@@ -72,22 +72,22 @@ def main() -> None:
             "audit": answer.best.audit,
             "cpu_seconds": round(_cpu_seconds() - before),
         }
-        write_atomically(RESULTS, json.dumps(dict(sorted(kept.items())), indent=1) + "\n")
+        write_atomically(RESULTS, json.dumps(dict(sorted(gallery.items())), indent=1) + "\n")
         with mpl.rc_context({"font.size": 8}):
             figure_of(design).savefig(PICTURES / f"gallery-{name}.png", dpi=DPI)
-        if name == TURNED:
+        if name == ANIMATED:
             write_atomically(PICTURES / "turning.webp", turning(design))
-        print(name, kept[name], flush=True)
+        print(name, gallery[name], flush=True)
 
 
 def turning(design: Design) -> bytes:
     """Return an animated picture of the platform with its airflow, turning once about the vertical."""
-    at = poses_to_draw(design)
-    first = azimuth_deg(at)
-    drawn = [_drawn(design, at, first + 360 * k / FRAMES) for k in range(FRAMES)]
-    zoom = min(zoom for _, _, zoom in drawn)
+    platform = poses_to_draw(design)
+    first = azimuth_deg(platform)
+    views = [_draw(design, platform, first + 360 * k / FRAMES) for k in range(FRAMES)]
+    zoom = min(zoom for _, _, zoom in views)
     frames = []
-    for figure, scene, _ in drawn:
+    for figure, scene, _ in views:
         low, high = np.array([getattr(scene.axes, f"get_{name}lim")() for name in "xyz"]).T
         scene.axes.set_box_aspect(tuple((high - low) / 2), zoom=zoom)
         scene.axes.set_axis_off()
@@ -99,9 +99,9 @@ def turning(design: Design) -> bytes:
     return out.getvalue()
 
 
-def _drawn(design: Design, at: Platform, azimuth: float) -> tuple[Figure, Scene, float]:
+def _draw(design: Design, platform: Platform, azimuth: float) -> tuple[Figure, Scene, float]:
     figure = Figure(figsize=(4.4, 4.4))
-    scene = Scene(figure, (0.0, 0.0, 1.0, 1.0), design, at, azimuth=azimuth)
+    scene = Scene(figure, (0.0, 0.0, 1.0, 1.0), design, platform, azimuth=azimuth)
     scene.exposure()
     scene.airflow()
     scene.platform()
@@ -110,8 +110,8 @@ def _drawn(design: Design, at: Platform, azimuth: float) -> tuple[Figure, Scene,
 
 def _cpu_seconds() -> float:
     return sum(
-        used.ru_utime + used.ru_stime
-        for used in (resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN))
+        usage.ru_utime + usage.ru_stime
+        for usage in (resource.getrusage(resource.RUSAGE_SELF), resource.getrusage(resource.RUSAGE_CHILDREN))
     )
 
 

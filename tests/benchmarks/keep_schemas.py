@@ -1,4 +1,4 @@
-"""Keep the JSON schemas of the files that go in and out, which the package ships and the site shows.
+"""Update the JSON schemas of input and output files, which the package ships and the site shows.
 
     python tests/benchmarks/keep_schemas.py
 
@@ -32,12 +32,12 @@ MODELS = {
 
 
 def schemas() -> dict[str, str]:
-    """Return the text of every schema, by its name."""
+    """Return the text of every schema by name."""
     return {name: json.dumps(model.model_json_schema(), indent=1) + "\n" for name, model in MODELS.items()}
 
 
 def main() -> None:
-    """Write them all."""
+    """Write all schemas."""
     FOLDER.mkdir(exist_ok=True)
     for name, text in schemas().items():
         write_atomically(FOLDER / f"{name}.json", text)

@@ -1,10 +1,10 @@
-"""A ledger of many candidates: how long a run takes to resume from it, and where the time goes.
+"""Time to resume a run with a ledger of many candidates, by step.
 
     PYTHONPATH=tests python tests/benchmarks/ledger.py [--modules N] [--symmetry NAME] [--folder DIR]
 
-Fills the ledger of a run with designs of every candidate but the last (10 modules up to half turns: 130,338), and
-with what it knows of as many files, then takes the run up in a process of its own, as far as the first job that is
-still to be done. With --folder the ledger is kept there, or taken from there. All times are CPU seconds.
+Fills the ledger of a run with designs of every candidate but the last (10 modules up to half turns: 130,338) and
+with records of as many files, then resumes the run in a separate process, up to the first pending job. With
+--folder the ledger is kept in that folder, and reused if it exists. All times are CPU times.
 """
 
 from __future__ import annotations
@@ -52,21 +52,21 @@ def fill(path: Path, request: Request, n: int) -> None:
 
 
 def resume(path: Path, request: Request, n: int) -> None:
-    """Take the run up and print where the time goes."""
+    """Resume the run and print the time of each step."""
     laps = [("loading the program", time.process_time())]
     space = request.space(n)
     with RunFolder.open(path, request) as folder:
         laps.append(("opening and checking the ledger", time.process_time()))
         candidates = ProposedJobs(ExhaustiveSearch(space, starts=1, timed=False), folder, n, BOUND, Silent())
-        laps.append(("reading what is known", time.process_time()))
+        laps.append(("reading known results", time.process_time()))
         if next(candidates.jobs(), None) is None:
-            raise SystemExit("no job was left: the ledger holds everything")
-        laps.append(("enumerating and answering all that is known", time.process_time()))
-    before = 0.0
-    for name, at in laps:
-        print(f"{name:45}{at - before:8.2f} s")
-        before = at
-    print(f"{f'all, {space.count()} candidates':45}{before:8.2f} s")
+            raise SystemExit("no job is pending: the ledger holds all candidates")
+        laps.append(("enumerating and answering known candidates", time.process_time()))
+    previous = 0.0
+    for name, end in laps:
+        print(f"{name:45}{end - previous:8.2f} s")
+        previous = end
+    print(f"{f'all, {space.count()} candidates':45}{previous:8.2f} s")
 
 
 def main() -> None:
@@ -87,8 +87,8 @@ def main() -> None:
             fill(folder, request, arguments.modules)
         size = sum(file.stat().st_size for file in folder.iterdir())
         print(f"{size / 1e6:.0f} MB", flush=True)
-        again = [sys.executable, *sys.argv, "--folder", str(folder), "--resume"]
-        subprocess.run(again, check=True)
+        command = [sys.executable, *sys.argv, "--folder", str(folder), "--resume"]
+        subprocess.run(command, check=True)
 
 
 if __name__ == "__main__":

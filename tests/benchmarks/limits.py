@@ -1,9 +1,9 @@
-"""Time and memory of commands on inputs at the limits of what is read, and just beyond them.
+"""Time and memory of commands with inputs at the limits of what is accepted, and beyond.
 
     python tests/benchmarks/limits.py [PART ...]
 
-Each input is made in a temporary folder, and the command runs in a process of its own: CPU seconds and the largest
-resident memory are what the system says of it and of its children.
+Each input is made in a temporary folder, and each command runs in a separate process. CPU time and peak resident
+memory are those of the command and its children, as reported by the system.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ HOVER = "[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n"
 
 
 def cases(number: int) -> str:
-    """Return load cases about hovering."""
+    """Return load cases with forces near that of hover."""
     forces = np.random.default_rng(0).uniform(-0.2, 0.2, (number, 3)) + np.array([0, 0, 1])
     return "".join(f"[[load_cases]]\ncom = {{ force = {force} }}\n" for force in forces.tolist())
 
 
 def mesh(number: int) -> bytes:
-    """Return a binary STL of facets all over the place."""
+    """Return a binary STL of random facets."""
     facets = np.zeros(number, [("normal", "<f4", 3), ("corners", "<f4", 9), ("attribute", "<u2")])
     facets["corners"] = np.random.default_rng(0).normal(size=(number, 9))
     return bytes(80) + struct.pack("<I", number) + facets.tobytes()
 
 
 def inputs(folder: Path) -> dict[str, list[str]]:
-    """Make the inputs; return the command of every part."""
+    """Write the inputs, and return the command of every part."""
     turn = np.linspace(0, 2 * np.pi, LIMITS.segments, endpoint=False)
     around = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1).tolist()
     sphere = np.random.default_rng(0).normal(size=(LIMITS.corners, 3))
@@ -71,23 +71,22 @@ def inputs(folder: Path) -> dict[str, list[str]]:
 
 
 def main() -> None:
-    """Print a line a part."""
+    """Run and print one line per part."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("parts", nargs="*")
     chosen = parser.parse_args().parts
     with tempfile.TemporaryDirectory() as folder:
         commands = inputs(Path(folder))
         for name in chosen or commands:
-            child = os.fork()  # so that its children are those of this part alone
+            child = os.fork()  # so that RUSAGE_CHILDREN covers only this part
             if child == 0:
                 command = [sys.executable, "-m", "topo_search", *commands[name]]
-                ended = subprocess.run(command, cwd=folder, capture_output=True, text=True)
-                used = resource.getrusage(resource.RUSAGE_CHILDREN)
-                told = (ended.stderr or ended.stdout).strip().splitlines()[-1][:90]
-                seconds = used.ru_utime + used.ru_stime
-                print(
-                    f"{name:18} {seconds:6.1f} s {used.ru_maxrss / 1024:5.0f} MB  exit {ended.returncode}  {told}"
-                )
+                process = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+                usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+                last_line = (process.stderr or process.stdout).strip().splitlines()[-1][:90]
+                seconds = usage.ru_utime + usage.ru_stime
+                memory = usage.ru_maxrss / 1024
+                print(f"{name:18} {seconds:6.1f} s {memory:5.0f} MB  exit {process.returncode}  {last_line}")
                 sys.stdout.flush()
                 os._exit(0)
             os.waitpid(child, 0)

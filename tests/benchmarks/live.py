@@ -1,10 +1,10 @@
-"""CPU time of a search whose page a browser follows, over that of the same search alone.
+"""CPU time of a search with a live page that a browser follows, over that of the search alone.
 
     python tests/benchmarks/live.py push --modules 4 --starts 2 [--workers W]
 
-Arguments are those of `topo-search run`. One is followed twice as closely as by the page: progress every
-second, and the page whenever there is progress. CPU seconds, user and system, of the command and all its children;
-the follower's do not count. A first round, which is not printed, compiles what is compiled once.
+Arguments are those of `topo-search run`. The script polls twice as often as the page does: the status every second,
+and the page whenever there is progress. CPU time, user and system, is that of the command and its children, without
+the poller. A first round, which is not printed, compiles code.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from pathlib import Path
 from urllib.request import urlopen
 
 PERIOD_S = 1.0
-"""Time between two questions of the page [s]."""
+"""Time between two polls [s]."""
 
 
 def cpu_seconds(arguments: list[str]) -> tuple[float, int]:
-    """Return the CPU seconds of a run, and how many pages were fetched while it went on."""
+    """Return the CPU time of a run [s], and the number of pages fetched while it ran."""
     before, pages = resource.getrusage(resource.RUSAGE_CHILDREN), 0
     with tempfile.TemporaryDirectory() as folder:
         out, log = Path(folder, "run"), Path(folder, "log")
         command = [sys.executable, "-m", "topo_search", "run", *arguments, "--out", str(out)]
-        with log.open("w") as told, subprocess.Popen(command, stdout=told, stderr=told) as process:
-            seen = -1
+        with log.open("w") as log_file, subprocess.Popen(command, stdout=log_file, stderr=log_file) as process:
+            shown = -1
             while process.poll() is None:
                 time.sleep(PERIOD_S)
                 address = re.search(r"live page: (\S+)", log.read_text())
@@ -39,9 +39,9 @@ def cpu_seconds(arguments: list[str]) -> tuple[float, int]:
                     continue
                 try:
                     version = json.load(urlopen(f"{address[1]}status"))["version"]
-                    if version != seen:
+                    if version != shown:
                         urlopen(f"{address[1]}page").read()
-                        seen, pages = version, pages + 1
+                        shown, pages = version, pages + 1
                 except (OSError, HTTPException):  # the run has just ended
                     continue
         if process.returncode:

@@ -1,4 +1,4 @@
-"""What a run of the benchmark measures."""
+"""Options of a benchmark run."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Options:
-    """Sizes and limits; every part has its own default sizes."""
+    """Sizes and limits; each part has default sizes."""
 
     sizes: tuple[int, ...]
     topologies: int = 10
@@ -15,21 +15,21 @@ class Options:
     starts: int = 5
     """Starts of each topology."""
     cap: int = 600
-    """Most CPU seconds of one measurement."""
+    """Largest CPU time of one measurement [s]."""
     seconds: float = 600.0
-    """CPU seconds of each method in the part `five`."""
+    """CPU time of each method in the part `five` [s]."""
     distances: tuple[float, ...] = ()
-    """Connector distances [m]; every part has its own default."""
+    """Connector distances [m]; empty: the default of the part."""
     examples: tuple[str, ...] = ()
-    """Tasks of the part `share`; it has its own default."""
+    """Tasks of the part `share`; empty: its default."""
     direct_up_to: int = 40
-    """Largest size whose growth is measured for the direct formulation too."""
+    """Largest size for which the direct formulation is measured in the part `growth`."""
 
 
 AIRFLOW_ALONE = "search.body_clearance=false"
-"""The paper's clearances: nothing but airflow keeps modules apart."""
+"""The paper's clearances: only airflow keeps modules apart."""
 
 
 def at(distance: float) -> str:
-    """Return the setting of a connector distance [m]."""
+    """Return the `FIELD=VALUE` setting of a connector distance [m]."""
     return f"module.connector_distance={distance}"

@@ -1,10 +1,10 @@
-"""Judge generated pairs of bodies, nasty ones above all, and hold every verdict to an independent value.
+"""Judge generated pairs of bodies, mostly difficult ones, and compare every verdict with an independent value.
 
     PYTHONPATH=tests python tests/benchmarks/pairs.py [--draws N] [--seed S]
 
-Every family at three sizes: pairs as drawn, and moved until they nearly touch or just overlap, from 0.1 down to
-1e-9 arm lengths. The independent value of two envelopes is a golden section inside a golden section; thin hulls,
-walls along an axis and coplanar discs have theirs in `verify_families`, rotors and rods in airflow in
+Every family has three sizes, with pairs as drawn, and pairs moved until they nearly touch or just overlap, by 0.1
+down to 1e-9 arm lengths. The independent value for two envelopes comes from nested golden-section searches; for
+thin hulls, walls along an axis and coplanar discs from `verify_families`, for rotors and rods in airflow from
 `verify_airflow_families`. The exit status is 1 if a verdict is wrong, inconsistent, or undecided above the floor.
 """
 
@@ -27,31 +27,31 @@ from verify.certificate import FLOOR, Solid, certify_pairs
 
 @dataclass
 class Tally:
-    """What became of the pairs of one family and size; lengths in l_arm."""
+    """Verdicts on the pairs of one family and size; lengths in l_arm."""
 
     pairs: int = 0
     clear: int = 0
     violated: int = 0
     undecided: int = 0
     wrong: int = 0
-    """Clear though they overlap, or violated though they do not."""
+    """Pairs judged clear that overlap, or judged violated that do not."""
     inconsistent: int = 0
     largest_undecided: float = 0.0
     largest_error: float = 0.0
-    """Between the closed form and the independent value."""
+    """Largest difference between the closed form and the independent value."""
     deepest_level: int = 0
     seconds: float = 0.0
 
     def add(self, pairs: list[tuple[ConeSphere, ConeSphere]]) -> None:
-        """Judge pairs and count."""
-        began = time.perf_counter()
+        """Judge pairs and count the verdicts."""
+        started = time.perf_counter()
         certificates = certify_pairs([(Solid(A), Solid(B)) for A, B in pairs])
-        self.seconds += time.perf_counter() - began
+        self.seconds += time.perf_counter() - started
         for certificate, d in zip(certificates, brute_clearance(pairs).tolist(), strict=True):
             self.count(Judged(certificate, d))
 
     def count(self, judged: Judged) -> None:
-        """Count a pair that was judged."""
+        """Count one verdict."""
         certificate, d = judged.certificate, judged.d
         status = certificate.status
         self.pairs += 1
@@ -68,14 +68,14 @@ class Tally:
 
     @property
     def faulty(self) -> bool:
-        """Whether the audit failed anywhere."""
+        """True if any verdict is faulty."""
         return bool(self.wrong or self.inconsistent or self.largest_undecided > FLOOR)
 
 
 def main() -> int:
     """Judge, print, and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--draws", type=int, default=31, help="pairs drawn of each family and size")
+    parser.add_argument("--draws", type=int, default=31, help="pairs drawn for each family and size")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     rng = np.random.default_rng(arguments.seed)
@@ -93,10 +93,10 @@ def main() -> int:
                 if family in FAMILIES:
                     tally.add(nearly_touching(family, scale, rng))
                     continue
-                began = time.perf_counter()
+                started = time.perf_counter()
                 for judged in judges[family](scale, rng):
                     tally.count(judged)
-                tally.seconds += time.perf_counter() - began
+                tally.seconds += time.perf_counter() - started
             print(
                 f"{family:26}{scale:>6g}{tally.pairs:>7}{tally.clear:>7}{tally.violated:>9}{tally.undecided:>10}"
                 f"{tally.wrong:>6}{tally.inconsistent:>13}{tally.largest_undecided:>18.1e}"
@@ -105,7 +105,7 @@ def main() -> int:
             )
             total += tally.pairs
             faulty |= tally.faulty
-    print(f"{total} pairs: {'FAULTS' if faulty else 'no verdict wrong, none missing above the floor'}")
+    print(f"{total} pairs: {'FAULTS' if faulty else 'no verdict is wrong, and none is missing above the floor'}")
     return int(faulty)
 
 

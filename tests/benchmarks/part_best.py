@@ -1,11 +1,11 @@
-"""What more starts of a large platform bring: the effort of its first design, and of the best in two minutes."""
+"""The gain from more starts of a large platform: gap of the first design, and of the best in two minutes."""
 
 from __future__ import annotations
 
 import statistics
 from collections.abc import Iterator
 
-from attempts import Stated, load
+from attempts import TaskChoice, load
 from children import Child
 from options import AIRFLOW_ALONE, Options, at
 from rows import Row, Rows
@@ -19,27 +19,27 @@ from verify import audit
 
 PART, SIZES, EXAMPLE, DISTANCE = "best", (40, 100), "ten-wrenches", 0.30
 SECONDS = 120
-"""CPU seconds of one topology at most; a start that is under way then does not count."""
+"""Largest CPU time of one topology [s]; a start that is running then does not count."""
 
 
 def measure(rows: Rows, options: Options) -> None:
-    """Measure each topology in a new process: as many starts as a search makes, or as the time allows."""
+    """Measure each topology in a new process, with as many starts as a search makes, or as fit into the time."""
     for distance in options.distances or (DISTANCE,):
         for n in options.sizes:
             for topology in sample(n, options.topologies, 0):
                 identity = {"part": PART, "n": n, "key": topology.key, "distance": distance}
                 if rows.where(**identity):
                     continue
-                stated = Stated(EXAMPLE, n, (AIRFLOW_ALONE, at(distance)))
-                with Child(_starts, stated, topology.key, cap=min(SECONDS, options.cap)) as child:
-                    tried = list(child)
-                rows.add({**identity, "tried": tried, "verdict": _verdict(tried)})
+                choice = TaskChoice(EXAMPLE, n, (AIRFLOW_ALONE, at(distance)))
+                with Child(_starts, choice, topology.key, cap=min(SECONDS, options.cap)) as child:
+                    attempts = list(child)
+                rows.add({**identity, "tried": attempts, "verdict": _verdict(attempts)})
 
 
-def _starts(stated: Stated, key: str) -> Iterator[Row]:
-    """Yield an empty row, then what comes of every start."""
-    load(stated)
-    task, topology = stated.resolve(), Topology.from_key(key)
+def _starts(choice: TaskChoice, key: str) -> Iterator[Row]:
+    """Yield an empty row, then the result of every start."""
+    load(choice)
+    task, topology = choice.resolve(), Topology.from_key(key)
     yield {}
     for index in range(UNTANGLED_STARTS):
         clock = Clock()
@@ -50,31 +50,31 @@ def _starts(stated: Stated, key: str) -> Iterator[Row]:
         yield row
 
 
-def _verdict(tried: list[Row]) -> str | None:
-    """Return what the audit says of the best design, and leave the rows with their figures alone."""
-    designs = [(row["gap"], row.pop("design")) for row in tried if row["gap"] is not None]
+def _verdict(attempts: list[Row]) -> str | None:
+    """Return the verdict of the audit on the best design, and drop the designs from the rows."""
+    designs = [(row["gap"], row.pop("design")) for row in attempts if row["gap"] is not None]
     return audit(Design.model_validate_json(min(designs)[1])).verdict if designs else None
 
 
 def table(rows: Rows) -> str:
-    """Return what first and best designs lack to the bound, by size."""
+    """Return the gaps of first and best designs by size."""
     lines = [
-        "| n | m | with a design | gap of the first, median | of the best, median | starts, median | most MB |",
+        "| n | m | with a design | gap of the first, median | of the best, median | starts, median | peak MB |",
         "|---|---|---|---|---|---|---|",
     ]
     measured = rows.where(part=PART)
     for n, distance in sorted({(row["n"], row["distance"]) for row in measured}):
         group = rows.where(part=PART, n=n, distance=distance)
         runs = [row["tried"] for row in group]
-        gaps = [[start["gap"] for start in tried if start["gap"] is not None] for tried in runs]
-        solved = [of for of in gaps if of]
+        gaps = [[start["gap"] for start in starts if start["gap"] is not None] for starts in runs]
+        solved = [design_gaps for design_gaps in gaps if design_gaps]
         unclear = sum(row["verdict"] not in (None, "clear") for row in group)
         cells = [
             f"{len(solved)} of {len(runs)}" + (f", {unclear} audits not clear" if unclear else ""),
-            f"{100 * statistics.median(of[0] for of in solved):.1f} %" if solved else "",
-            f"{100 * statistics.median(min(of) for of in solved):.1f} %" if solved else "",
-            f"{statistics.median(len(tried) for tried in runs):.0f}",
-            f"{max((start['peak_mb'] for tried in runs for start in tried), default=0.0):.0f}",
+            f"{100 * statistics.median(design_gaps[0] for design_gaps in solved):.1f} %" if solved else "",
+            f"{100 * statistics.median(map(min, solved)):.1f} %" if solved else "",
+            f"{statistics.median(map(len, runs)):.0f}",
+            f"{max((start['peak_mb'] for starts in runs for start in starts), default=0.0):.0f}",
         ]
         lines.append(f"| {n} | {distance:.2f} | {' | '.join(cells)} |")
     return "\n".join(lines)

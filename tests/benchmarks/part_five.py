@@ -1,10 +1,10 @@
-"""All trees of a small size: how soon nearly every feasible tree stands at its best known effort."""
+"""All trees of a small size: time until nearly every feasible tree reaches its best known effort."""
 
 from __future__ import annotations
 
 import math
 
-from attempts import METHODS, Stated, attempts, cost
+from attempts import METHODS, TaskChoice, attempts, cost
 from children import Child
 from options import Options
 from rows import Row, Rows
@@ -15,34 +15,33 @@ PART, SIZES, EXAMPLE = "five", (5,), "push"
 WITHIN = 1e-3
 """A tree is done within this relative distance of its best known effort."""
 SHARE = 0.95
-"""Share of the feasible trees that must be done."""
+"""Share of the feasible trees that has to be done."""
 
 
 def measure(rows: Rows, options: Options) -> None:
-    """Let both methods go round all trees, start after start, until each has spent its CPU seconds.
+    """Run both methods over all trees, start by start, until each has used its CPU time.
 
-    The one that has spent less goes next. What a method does after it is done is the long run that tells the best
-    known efforts.
+    The method that has used less time goes next. The long runs also determine the best known efforts.
     """
     for n in options.sizes:
         identity = {"part": PART, "n": n, "budget": options.seconds}
         if rows.where(**identity):
             continue
         trees = candidates(n, symmetry="c2", connectors="aligned", root="free")
-        keys, stated = [candidate.topology.key for candidate in trees], Stated(EXAMPLE, n)
+        keys, choice = [candidate.topology.key for candidate in trees], TaskChoice(EXAMPLE, n)
         history: dict[str, list[tuple[str, float, float | None]]] = {method: [] for method in METHODS}
-        spent, peak = dict.fromkeys(METHODS, 0.0), dict.fromkeys(METHODS, 0.0)
+        cpu_s, peak = dict.fromkeys(METHODS, 0.0), dict.fromkeys(METHODS, 0.0)
         with (
-            Child(attempts, "ours", "ours", stated, keys, range(10**6)) as ours,
-            Child(attempts, "direct", "direct", stated, keys, range(10**6)) as direct,
+            Child(attempts, "ours", "ours", choice, keys, range(10**6)) as ours,
+            Child(attempts, "direct", "direct", choice, keys, range(10**6)) as direct,
         ):
             children = {"ours": ours, "direct": direct}
-            while min(spent.values()) < options.seconds:
-                method = min(METHODS, key=lambda method: spent[method])
+            while min(cpu_s.values()) < options.seconds:
+                method = min(METHODS, key=lambda method: cpu_s[method])
                 row = next(children[method])
-                spent[method] += cost(row)
+                cpu_s[method] += cost(row)
                 peak[method] = row["peak_mb"]
-                history[method].append((row["key"], round(spent[method], 4), row["J"]))
+                history[method].append((row["key"], round(cpu_s[method], 4), row["J"]))
         for method in METHODS:
             rows.add({**identity, "method": method, "peak_mb": peak[method], "history": history[method]})
 
@@ -69,7 +68,7 @@ def table(rows: Rows) -> str:
 
 
 def best_known(rows: list[Row]) -> dict[str, float]:
-    """Return the least effort of every tree with a design, whoever found it."""
+    """Return the least effort of every tree with a design, by either method."""
     best: dict[str, float] = {}
     for row in rows:
         for key, _, J in row["history"]:
@@ -79,11 +78,11 @@ def best_known(rows: list[Row]) -> dict[str, float]:
 
 
 def time_to_best(history: list[tuple[str, float, float | None]], best: dict[str, float]) -> tuple[float, bool]:
-    """Return when enough trees were done [CPU s], or the whole time and False if they never were."""
-    done: set[str] = set()
+    """Return the CPU time until enough trees were done [s] and True; otherwise the whole time and False."""
+    finished: set[str] = set()
     for key, seconds, J in history:
         if J is not None and J - best[key] <= WITHIN * best[key]:
-            done.add(key)
-            if len(done) >= SHARE * len(best):
+            finished.add(key)
+            if len(finished) >= SHARE * len(best):
                 return seconds, True
     return history[-1][1], False

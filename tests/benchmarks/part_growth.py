@@ -1,11 +1,11 @@
-"""How time and memory grow with the number of modules, and where the time goes."""
+"""Growth of time and memory with the number of modules, and the distribution of time."""
 
 from __future__ import annotations
 
 import statistics
 
 import numpy as np
-from attempts import METHODS, Stated, attempts
+from attempts import METHODS, TaskChoice, attempts
 from children import Child
 from options import AIRFLOW_ALONE, Options, at
 from rows import Row, Rows
@@ -16,9 +16,9 @@ PART, SIZES, EXAMPLE = "growth", (3, 5, 7, 10, 20, 40, 60, 100), "ten-wrenches"
 DISTANCE = 0.30
 """Connector distance [m] at which a hundred modules can be placed."""
 FITTED_FROM = 10
-"""Fewest modules of the fit: below, constants rule."""
+"""Smallest number of modules in the fit; below it constant costs dominate."""
 SHARES = {"start": "draw", "build": "build", "evaluation": "evaluation", "linear algebra": "linear_algebra"}
-"""Where time goes; what is left is the checking of points and the making of rounds."""
+"""Columns with times by name; the rest is checking points and managing rounds."""
 
 
 def measure(rows: Rows, options: Options) -> None:
@@ -29,8 +29,8 @@ def measure(rows: Rows, options: Options) -> None:
                 identity = {"part": PART, "n": n, "key": topology.key, "method": method}
                 if rows.where(**identity) or (method == "direct" and n > options.direct_up_to):
                     continue
-                stated = Stated(EXAMPLE, n, (AIRFLOW_ALONE, at(DISTANCE)))
-                with Child(attempts, method, "ours", stated, [topology.key], [0], cap=options.cap) as child:
+                choice = TaskChoice(EXAMPLE, n, (AIRFLOW_ALONE, at(DISTANCE)))
+                with Child(attempts, method, "ours", choice, [topology.key], [0], cap=options.cap) as child:
                     answer = next(child, None)
                 if answer is not None:
                     answer["seconds"] = answer["draw"] + answer["build"] + answer["solve"]

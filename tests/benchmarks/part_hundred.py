@@ -1,10 +1,10 @@
-"""A hundred modules: time, memory and audit, and what stops the topologies that are not solved."""
+"""A hundred modules: time, memory and audit, and the reasons why topologies are not solved."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from attempts import Stated, load
+from attempts import TaskChoice, load
 from children import Child
 from options import AIRFLOW_ALONE, Options, at
 from part_share import kind_of
@@ -21,19 +21,19 @@ from verify import audit
 PART, SIZES, EXAMPLE = "hundred", (100,), "ten-wrenches"
 DISTANCES = (0.30, 0.22)
 SECONDS, MEGABYTES = 120, 4096
-"""What a solved topology should need at most."""
+"""Targets for the CPU time [s] and the memory of a solved topology."""
 
 
 def measure(rows: Rows, options: Options) -> None:
-    """Measure each topology in a new process, until a start gives a design whose audit is clear."""
+    """Measure each topology in a new process, until a start leads to a design with a clear audit."""
     for distance in options.distances or DISTANCES:
         for n in options.sizes:
             for topology in sample(n, options.topologies, 0):
                 identity = {"part": PART, "n": n, "key": topology.key, "distance": distance}
                 if rows.where(**identity):
                     continue
-                stated, tried = Stated(EXAMPLE, n, (AIRFLOW_ALONE, at(distance))), []
-                with Child(_starts, stated, topology.key, options.starts, cap=options.cap) as child:
+                choice, tried = TaskChoice(EXAMPLE, n, (AIRFLOW_ALONE, at(distance))), []
+                with Child(_starts, choice, topology.key, options.starts, cap=options.cap) as child:
                     while (
                         not (tried and tried[-1]["verdict"] == "clear") and (row := next(child, None)) is not None
                     ):
@@ -41,10 +41,10 @@ def measure(rows: Rows, options: Options) -> None:
                 rows.add({**identity, "capped": child.capped, "tried": tried})
 
 
-def _starts(stated: Stated, key: str, starts: int) -> Iterator[Row]:
-    """Yield an empty row, then what comes of every start; untangling and audit are timed for themselves."""
-    load(stated)
-    task, topology = stated.resolve(), Topology.from_key(key)
+def _starts(choice: TaskChoice, key: str, starts: int) -> Iterator[Row]:
+    """Yield an empty row, then the result of every start, with separate times of untangling and audit."""
+    load(choice)
+    task, topology = choice.resolve(), Topology.from_key(key)
     yield {}
     for index in range(starts):
         clock = Clock()
@@ -68,20 +68,20 @@ def _starts(stated: Stated, key: str, starts: int) -> Iterator[Row]:
 
 
 def _reason(tried: list[Row]) -> str:
-    """Return what stopped a topology: overlaps that untangling left, or what the solver missed."""
+    """Return why a topology was not solved: the solver's violation, and the clearance after untangling."""
     untangled = max((start["placed"] for start in tried), default=float("-inf"))
     missed = [start for start in tried if start["verdict"] is None]
     if not missed:
-        return "no start ended" if not tried else f"audit {tried[-1]['verdict']}"
+        return "no start was finished" if not tried else f"audit {tried[-1]['verdict']}"
     nearest = min(missed, key=lambda start: start["by"])
     solver = f"{nearest['missed']} by {nearest['by']:.2g} {nearest['unit']}"
     return f"{solver}; least clearance after untangling {untangled:.3f} m"
 
 
 def table(rows: Rows) -> str:
-    """Return one line per topology, and how many were solved as they should be."""
+    """Return one line per topology, and the numbers solved and solved within the targets."""
     lines = [
-        "| distance, m | topology | audit | starts | CPU s | untangling s | peak MB | gap | what stopped it |",
+        "| distance, m | topology | audit | starts | CPU s | untangling s | peak MB | gap | reason |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     groups: dict[tuple[float, int], list[tuple[bool, bool]]] = {}
@@ -104,7 +104,7 @@ def table(rows: Rows) -> str:
         ]
         lines.append(f"| {' | '.join([*cells, f'{untangling:.0f}', f'{peak:.0f}', gap, reason])} |")
     for (distance, n), answers in groups.items():
-        clear, soon = (sum(answer) for answer in zip(*answers, strict=True))
+        clear, within_targets = (sum(answer) for answer in zip(*answers, strict=True))
         lines.append(f"\nn = {n}, {distance:.2f} m: {clear} of {len(answers)} solved, audit clear;")
-        lines.append(f"{soon} in under {SECONDS} CPU s and {MEGABYTES} MB.")
+        lines.append(f"{within_targets} in under {SECONDS} CPU s and {MEGABYTES} MB.")
     return "\n".join(lines)

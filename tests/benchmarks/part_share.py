@@ -1,11 +1,11 @@
-"""The share of uniformly drawn topologies that a few starts solve, and what stops the others."""
+"""The share of uniformly drawn topologies that a few starts solve, and why the others are not solved."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
 
-from attempts import Stated, attempts, cost
+from attempts import TaskChoice, attempts, cost
 from children import Child
 from options import AIRFLOW_ALONE, Options, at
 from rows import Row, Rows
@@ -24,33 +24,33 @@ PROBLEMS = {
 
 
 def measure(rows: Rows, options: Options) -> None:
-    """Measure every example as it is, and the first one against the connector distance."""
+    """Measure every example at its connector distance, and the first one at several distances."""
     examples = options.examples or EXAMPLES
     plan = [(example, DISTANCE) for example in examples]
     plan += [(examples[0], distance) for distance in options.distances or DISTANCES if distance != DISTANCE]
     for n in options.sizes:
         for topology in sample(n, options.topologies, 0):
             for problem, settings in PROBLEMS.items():
-                todo: dict[Stated, Row] = {}
+                pending: dict[TaskChoice, Row] = {}
                 for example, distance in plan:
                     identity = {"part": PART, "n": n, "key": topology.key, "problem": problem}
                     identity |= {"example": example, "distance": distance}
                     if not rows.where(**identity):
-                        todo[Stated(example, n, (*settings, at(distance)))] = identity
-                while todo:  # in one process: loading all code takes longer than most solves
-                    cap = options.cap * len(todo)
-                    with Child(_first_designs, list(todo), topology.key, options.starts, cap=cap) as child:
+                        pending[TaskChoice(example, n, (*settings, at(distance)))] = identity
+                while pending:  # in one process: loading all code takes longer than most solves
+                    cap = options.cap * len(pending)
+                    with Child(_first_designs, list(pending), topology.key, options.starts, cap=cap) as child:
                         for row in child:
-                            rows.add({**todo.pop(next(iter(todo))), **row})
+                            rows.add({**pending.pop(next(iter(pending))), **row})
                     if child.capped:
-                        rows.add({**todo.pop(next(iter(todo))), "solved": False, "capped": True})
+                        rows.add({**pending.pop(next(iter(pending))), "solved": False, "capped": True})
 
 
-def _first_designs(tasks: list[Stated], key: str, most: int) -> Iterator[Row]:
-    """Yield an empty row, then one a task: what the first starts of a topology lead to, up to a design."""
+def _first_designs(tasks: list[TaskChoice], key: str, starts: int) -> Iterator[Row]:
+    """Yield an empty row, then one row per task: the results of the starts of a topology up to a design."""
     yield {}
-    for stated in tasks:
-        solves = attempts("ours", "ours", stated, [key], range(most))
+    for choice in tasks:
+        solves = attempts("ours", "ours", choice, [key], range(starts))
         next(solves)
         row: Row = {"solved": False, "seconds": 0.0, "starts": 0, "missed": Counter[str](), "capped": False}
         while not row["solved"] and (answer := next(solves, None)) is not None:
@@ -63,12 +63,12 @@ def _first_designs(tasks: list[Stated], key: str, most: int) -> Iterator[Row]:
 
 
 def kind_of(constraint: str) -> str:
-    """Return what a constraint is about: `wrench`, or the kind of clearance."""
+    """Return the kind of a constraint: `wrench`, or the kind of clearance."""
     return "wrench" if constraint.startswith("load case") else constraint.split(",")[0].split(" ")[0]
 
 
 def table(rows: Rows) -> str:
-    """Return the shares: the examples at their distance, then the curve."""
+    """Return the shares by problem, example and distance."""
     measured = rows.where(part=PART)
     sizes = sorted({row["n"] for row in measured})
     kinds = sorted({(row["problem"], row["example"], row["distance"]) for row in measured})
@@ -77,8 +77,8 @@ def table(rows: Rows) -> str:
         "|---|---|---|" + "---|" * len(sizes),
     ]
     for problem, example, distance in kinds:
-        which = {"problem": problem, "example": example, "distance": distance}
-        cells = [_share(rows.where(part=PART, n=n, **which)) for n in sizes]
+        selection = {"problem": problem, "example": example, "distance": distance}
+        cells = [_share(rows.where(part=PART, n=n, **selection)) for n in sizes]
         lines.append(f"| {problem} | {example} | {distance:.2f} | {' | '.join(cells)} |")
     return "\n".join(lines)
 

@@ -1,10 +1,10 @@
-"""Build and solve from one start for both methods, which leads both to a design."""
+"""Time to build and solve with both methods from one start that leads both to a design."""
 
 from __future__ import annotations
 
 import statistics
 
-from attempts import METHODS, Stated, attempts, cost
+from attempts import METHODS, TaskChoice, attempts, cost
 from children import Child
 from options import AIRFLOW_ALONE, Options
 from rows import Row, Rows
@@ -15,7 +15,7 @@ PART, SIZES, EXAMPLE = "shared", (10, 20, 40), "ten-wrenches"
 
 
 def measure(rows: Rows, options: Options) -> None:
-    """Go through the starts of each topology until one leads both to a design; every solve in a new process."""
+    """Try the starts of each topology until one leads both methods to a design; every solve in a new process."""
     for n in options.sizes:
         for topology in sample(n, options.topologies, 0):
             identity = {"part": PART, "n": n, "key": topology.key}
@@ -24,15 +24,17 @@ def measure(rows: Rows, options: Options) -> None:
             answers: dict[str, Row] | None = None
             index = 0
             while answers is None and index < options.starts:
-                answers = _both(Stated(EXAMPLE, n, (AIRFLOW_ALONE,)), topology.key, index, options.cap)
+                answers = _solve_with_both(
+                    TaskChoice(EXAMPLE, n, (AIRFLOW_ALONE,)), topology.key, index, options.cap
+                )
                 index += 1
             rows.add({**identity, "tried": index, **(answers or {})})
 
 
-def _both(stated: Stated, key: str, index: int, cap: int) -> dict[str, Row] | None:
+def _solve_with_both(choice: TaskChoice, key: str, index: int, cap: int) -> dict[str, Row] | None:
     answers: dict[str, Row] = {}
     for method in METHODS:
-        with Child(attempts, method, "ours", stated, [key], [index], cap=cap) as child:
+        with Child(attempts, method, "ours", choice, [key], [index], cap=cap) as child:
             answer = next(child, None)
         if answer is None or answer["J"] is None:
             return None
@@ -56,7 +58,7 @@ def table(rows: Rows) -> str:
         for name, form in (("build", ".3f"), ("solve", ".3f"), ("peak_mb", ".0f"), ("iterations", ".0f")):
             medians = (statistics.median(row[method][name] for row in both) for method in METHODS)
             cells.append(" / ".join(format(value, form) for value in medians))
-        # the start is given to both: its drawing counts for neither
+        # both get the same start: the time of drawing it does not count
         times = [
             (cost(row["direct"]) - row["direct"]["draw"]) / (cost(row["ours"]) - row["ours"]["draw"])
             for row in both

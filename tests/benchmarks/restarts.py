@@ -1,13 +1,13 @@
-"""Whether it pays to displace what a start has reached, instead of drawing a fresh start.
+"""Displacing the result of a start, against drawing a new start.
 
     python tests/benchmarks/restarts.py [EXAMPLE] [--modules N] [--trees M] [--starts S] [--by RAD ...]
         [--set FIELD=VALUE ...]
 
-Every tree up to a half turn, or M uniformly drawn ones. With the same number of solves a tree: S fresh starts; half
-as many, each displaced once from where it ended; and half as many, then the best point so far displaced again and
-again, the closest one as long as there is no design. Hinges and root turn by normal angles with the standard
-deviation RAD, the end-effector moves by RAD connector distances, overlaps of many modules are sorted out as in the
-starts, and the inputs are the least-norm ones.
+Every tree up to a half turn, or M uniformly drawn ones. Strategies with the same number of solves per tree: S fresh
+starts; S / 2, and each result displaced once; S / 2, then repeatedly the best result so far displaced, or the one
+with the smallest violation while there is no design. Hinge angles and root orientation change by normal angles of
+standard deviation RAD, the end-effector moves by RAD connector distances, overlaps of many modules are removed as
+for starts, and inputs are of least norm.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ WITHIN = 1e-3
 
 
 @dataclass(frozen=True)
-class End:
-    """Where a solve ended."""
+class Result:
+    """Result of a solve."""
 
     point: Point
     rank: tuple[bool, float]
-    """Designs first, by effort; the others by their worst violation."""
+    """Sort key: designs by effort, then other points by worst violation."""
     seconds: float
 
     @property
@@ -54,7 +54,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("example", nargs="?", default="push")
     parser.add_argument("--modules", type=int, default=5)
-    parser.add_argument("--trees", type=int, help="uniformly drawn ones; default: all")
+    parser.add_argument("--trees", type=int, help="number of uniformly drawn trees; default: all trees")
     parser.add_argument("--starts", type=int, default=8, help="solves of each tree and strategy; even")
     parser.add_argument("--by", type=float, nargs="+", default=[0.3, 1.0], help="size of displacements [rad]")
     parser.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", dest="settings")
@@ -63,42 +63,43 @@ def main() -> None:
     task = read_task(arguments.example, (f"modules={n}", *arguments.settings)).resolve(n)
     trees = [candidate.topology for candidate in candidates(n)] if arguments.trees is None else []
     trees = [tree for tree in trees or sample(n, arguments.trees, 0) if prove_impossible(task, tree) is None]
-    ends: dict[str, list[list[End]]] = defaultdict(list)
+    results: dict[str, list[list[Result]]] = defaultdict(list)
     for tree in trees:
         for name, solves in strategies(task, tree, arguments.starts, arguments.by).items():
-            ends[name].append(solves)
-    best = np.min([[min(end.J for end in solves) for solves in trees] for trees in ends.values()], axis=0)
+            results[name].append(solves)
+    best = np.min([[min(result.J for result in solves) for solves in trees] for trees in results.values()], axis=0)
     print(f"{arguments.example}, n = {n}, {' '.join(arguments.settings)}")
     print(f"{len(trees)} trees that are not proven impossible, {np.isfinite(best).sum()} with a design")
     print("| starts | designs, of all solves | trees with a design | within 0.1 % of best | CPU s a tree |")
     print("|---|---|---|---|---|")
-    for name, of_trees in ends.items():
-        J = np.array([[end.J for end in solves] for solves in of_trees])
-        least, seconds = J.min(axis=1), np.mean([sum(end.seconds for end in solves) for solves in of_trees])
+    for name, solves_by_tree in results.items():
+        J = np.array([[result.J for result in solves] for solves in solves_by_tree])
+        least = J.min(axis=1)
+        seconds = np.mean([sum(result.seconds for result in solves) for solves in solves_by_tree])
         at_best = np.isfinite(least) & (least <= (1 + WITHIN) * best)
         cells = f"{np.isfinite(J).mean():.1%} | {np.isfinite(least).sum()} | {at_best.sum()} | {seconds:.3f}"
         print(f"| {name} | {cells} |")
 
 
-def strategies(task: ResolvedTask, topology: Topology, starts: int, sizes: list[float]) -> dict[str, list[End]]:
-    """Return all ends of every strategy."""
-    ready = AssembledProgram(task, topology)
-    fresh = [reached(ready, draw(task, topology, generator(task, topology, s, 0))) for s in range(starts)]
+def strategies(task: ResolvedTask, topology: Topology, starts: int, sizes: list[float]) -> dict[str, list[Result]]:
+    """Return the results of all solves of every strategy."""
+    program = AssembledProgram(task, topology)
+    fresh = [solve_from(program, draw(task, topology, generator(task, topology, s, 0))) for s in range(starts)]
     half = fresh[: starts // 2]
     result = {"fresh": fresh}
     for by in sizes:
         rng = np.random.default_rng(0)
-        result[f"each displaced by {by:g}"] = half + [reached(ready, displaced(end.point, by, rng)) for end in half]
+        result[f"each displaced by {by:g}"] = half + [solve_from(program, displace(r.point, by, rng)) for r in half]
         hops = list(half)
         for _ in half:
-            best = min(hops, key=lambda end: end.rank)
-            hops.append(reached(ready, displaced(best.point, by, rng)))
+            best = min(hops, key=lambda hop: hop.rank)
+            hops.append(solve_from(program, displace(best.point, by, rng)))
         result[f"the best displaced by {by:g}"] = hops
     return result
 
 
-def displaced(point: Point, by: float, rng: np.random.Generator) -> Point:
-    """Return a start near a point."""
+def displace(point: Point, by: float, rng: np.random.Generator) -> Point:
+    """Return a start at a random displacement from a point."""
     task, topology = point.task, point.topology
     right = np.pi / 2
     root = point.root + by * rng.normal(size=3)
@@ -113,15 +114,15 @@ def displaced(point: Point, by: float, rng: np.random.Generator) -> Point:
     return with_inputs(Point(task, topology, root, alpha, p_E, point.u))
 
 
-def reached(ready: AssembledProgram, start: Point) -> End:
-    """Return where a start leads."""
-    began = time.process_time()
-    point = correct(ready.solve(start).point)
+def solve_from(program: AssembledProgram, start: Point) -> Result:
+    """Solve from a start."""
+    started = time.process_time()
+    point = correct(program.solve(start).point)
     reason = worst(violations(point))
     weights = np.array([case.weight for case in point.task.load_cases])
     J = float(weights @ np.einsum("kiq,kiq->k", point.u, point.u))
     rank = (False, J) if reason.met else (True, reason.rank)
-    return End(point, rank, time.process_time() - began)
+    return Result(point, rank, time.process_time() - started)
 
 
 if __name__ == "__main__":

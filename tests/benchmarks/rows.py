@@ -1,4 +1,4 @@
-"""Measured rows in a JSON-lines file: appended one by one, so that an interrupted run goes on where it stopped."""
+"""Rows of measurements in a JSON-lines file, appended one by one, so that an interrupted run can resume."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Rows:
     """All rows of a file."""
 
     def __init__(self, path: Path) -> None:
-        """Read what is there."""
+        """Read the rows of the file, if it exists."""
         self._path = path
         self._rows: list[Row] = []
         if path.exists():

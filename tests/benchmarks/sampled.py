@@ -1,11 +1,11 @@
-"""What a search of all trees of a size would take, by a uniform sample; and whether the reduced search leads there.
+"""Cost of a search of all trees of a size, estimated from a uniform sample, and success of the reduced search.
 
     OMP_NUM_THREADS=1 python tests/benchmarks/sampled.py push --modules 10 [--trees M] [--both] [--set FIELD=VALUE]
 
 Each tree is solved from the starts of a run. With `--both` it is solved with the reduced search and from untangled
-starts as well, whatever size is the largest for which a run takes the one, one after the other; a tree counts as
-done within 0.1 % of the less of both efforts. CPU seconds of one thread; the first tree is solved twice, for code
-is compiled or loaded the first time.
+starts, whatever the largest size for which a run uses the former; a tree counts as done within 0.1 % of the smaller
+of both efforts. Times are CPU times of one thread; the first tree is solved twice, since the first solve compiles
+or loads code.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ WITHIN = 1e-3
 """A tree is done within this relative distance of the least effort."""
 
 
-class Way(NamedTuple):
-    """A way to solve."""
+class Method(NamedTuple):
+    """A solution method."""
 
     name: str
     reduced_up_to: int
@@ -37,10 +37,10 @@ class Way(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """What a solve led to."""
+    """Result of a solve."""
 
     effort: float
-    """Infinite without a design [rad^4/s^4]."""
+    """J [rad^4/s^4]; infinite without a design."""
     seconds: float
 
 
@@ -56,42 +56,45 @@ def main() -> None:
     n, settings = arguments.modules, (f"modules={arguments.modules}", *arguments.settings)
     task = read_task(arguments.example, settings)
     space = Candidates(task.resolve(n), "task")
-    ways = [Way("as a run does", nlp.reduced.REDUCED_UP_TO, nlp.default_starts(task))]
+    methods = [Method("as in a run", nlp.reduced.REDUCED_UP_TO, nlp.default_starts(task))]
     if arguments.both:
-        ways = [Way("reduced", n, max(REDUCED_STARTS.values())), Way("untangled", 0, UNTANGLED_STARTS)]
-    found: dict[Way, list[Solved]] = {way: [] for way in ways}
+        methods = [Method("reduced", n, max(REDUCED_STARTS.values())), Method("untangled", 0, UNTANGLED_STARTS)]
+    results_by_method: dict[Method, list[Solved]] = {method: [] for method in methods}
     for number, tree in enumerate(space.sample(arguments.trees, 0)):
-        for way in ways:
+        for method in methods:
             if number == 0:
-                solved(space.task, tree, way)
-            found[way].append(solved(space.task, tree, way))
-        told = (f"{way.name} {every[-1].effort:.5g} in {every[-1].seconds:.2f} s" for way, every in found.items())
-        print(f"{tree.key}: {', '.join(told)}", file=sys.stderr, flush=True)
-    what = f"{task.name}, n = {n}, {' '.join(arguments.settings)}"
-    print(f"{what}: {arguments.trees} of {space.count():,} candidates")
-    print("| way | starts | designs | within 0.1 % | CPU s a tree | all candidates, CPU h |")
+                solve(space.task, tree, method)
+            results_by_method[method].append(solve(space.task, tree, method))
+        progress = (
+            f"{method.name} {results[-1].effort:.5g} in {results[-1].seconds:.2f} s"
+            for method, results in results_by_method.items()
+        )
+        print(f"{tree.key}: {', '.join(progress)}", file=sys.stderr, flush=True)
+    title = f"{task.name}, n = {n}, {' '.join(arguments.settings)}"
+    print(f"{title}: {arguments.trees} of {space.count():,} candidates")
+    print("| method | starts | designs | within 0.1 % | CPU s a tree | all candidates, CPU h |")
     print("|---|---|---|---|---|---|")
-    best = [min(each, key=lambda one: one.effort).effort for each in zip(*found.values(), strict=True)]
-    for way, every in found.items():
-        seconds = [one.seconds for one in every]
+    best = [min(result.effort for result in results) for results in zip(*results_by_method.values(), strict=True)]
+    for method, results in results_by_method.items():
+        seconds = [result.seconds for result in results]
         error = statistics.stdev(seconds) / math.sqrt(len(seconds)) if len(seconds) > 1 else math.nan
         hours = space.count() / 3600
-        designs = sum(math.isfinite(one.effort) for one in every)
+        designs = sum(math.isfinite(result.effort) for result in results)
         done = sum(
-            math.isfinite(one.effort) and one.effort <= least * (1 + WITHIN)
-            for one, least in zip(every, best, strict=True)
+            math.isfinite(result.effort) and result.effort <= least * (1 + WITHIN)
+            for result, least in zip(results, best, strict=True)
         )
         mean = statistics.mean(seconds)
         cost = f"{mean:.2f} +- {error:.2f} | {hours * mean:.1f} +- {hours * error:.1f}"
-        print(f"| {way.name} | {way.starts} | {designs} | {done} | {cost} |")
+        print(f"| {method.name} | {method.starts} | {designs} | {done} | {cost} |")
 
 
-def solved(task: ResolvedTask, tree: Topology, way: Way) -> Solved:
-    """Solve a tree in one way."""
-    nlp.reduced.REDUCED_UP_TO = way.reduced_up_to
-    began = time.process_time()
-    outcome = nlp.solve(task, tree, starts=range(way.starts), seed=0)
-    seconds = time.process_time() - began
+def solve(task: ResolvedTask, tree: Topology, method: Method) -> Solved:
+    """Solve a tree with one method."""
+    nlp.reduced.REDUCED_UP_TO = method.reduced_up_to
+    started = time.process_time()
+    outcome = nlp.solve(task, tree, starts=range(method.starts), seed=0)
+    seconds = time.process_time() - started
     return Solved(outcome.objective if isinstance(outcome, Design) else math.inf, seconds)
 
 

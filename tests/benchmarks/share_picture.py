@@ -14,7 +14,7 @@ from part_share import PART
 from rows import Row, Rows
 
 COLOURS = {"ten-wrenches": "#0072b2", "ten-wrenches-exterior-60": "#d55e00"}
-"""Of the tasks with a curve: two that are told apart by any eye (Okabe and Ito)."""
+"""Colours of the tasks with a curve, which colour-blind people can distinguish (Okabe and Ito)."""
 LINES = {"airflow only": ("-", "o"), "with body clearance": ("--", "s")}
 
 
@@ -29,7 +29,7 @@ def main() -> None:
 
 
 def draw(rows: Rows) -> Figure:
-    """Return the figure: one panel a size, one curve a task and problem."""
+    """Return the figure, with a panel per size and a curve per task and problem."""
     measured = [row for row in rows.where(part=PART) if row["example"] in COLOURS]
     sizes = sorted({row["n"] for row in measured})
     figure = Figure(figsize=(4.2 * len(sizes), 4.0), layout="constrained")
@@ -37,13 +37,13 @@ def draw(rows: Rows) -> Figure:
         trees = len({row["key"] for row in measured if row["n"] == n})
         for example, colour in COLOURS.items():
             for problem, (line, marker) in LINES.items():
-                of_curve = [
+                curve_rows = [
                     row for row in measured if (row["n"], row["example"], row["problem"]) == (n, example, problem)
                 ]
-                if not of_curve:
+                if not curve_rows:
                     continue
-                distances = sorted({row["distance"] for row in of_curve})
-                shares = [share([row for row in of_curve if row["distance"] == d]) for d in distances]
+                distances = sorted({row["distance"] for row in curve_rows})
+                shares = [share([row for row in curve_rows if row["distance"] == d]) for d in distances]
                 label = f"{example}, {problem}"
                 axes.plot(distances, shares, line, marker=marker, color=colour, label=label, clip_on=False)
         axes.set(title=f"{n} modules, {trees} trees", xlabel="connector distance [m]", ylim=(0, 100))
@@ -51,12 +51,12 @@ def draw(rows: Rows) -> Figure:
     figure.axes[0].set_ylabel("trees with a design after five starts [%]")
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
-    figure.suptitle("Which uniformly drawn trees do the ten wrenches")
+    figure.suptitle("Share of uniformly drawn trees that can exert the ten wrenches")
     return figure
 
 
 def share(rows: list[Row]) -> float:
-    """Return the solved ones [%]."""
+    """Return the share of solved rows [%]."""
     return 100.0 * len([row for row in rows if row["solved"]]) / len(rows)
 
 

@@ -1,8 +1,9 @@
-"""How many solves end feasible: splayed starts against uniformly random ones, in one run.
+"""Share of feasible solves from splayed and from uniformly random starts, in one run.
 
     python tests/benchmarks/starts.py [EXAMPLE] [--starts N]
 
-Every tree of the example up to a half turn, the same program, the same number of starts of each kind.
+Every tree of the example up to a half turn is solved by the same program from the same number of starts of each
+kind.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ Draw = Callable[[ResolvedTask, Topology, np.random.Generator], Point]
 
 @dataclass
 class Tally:
-    """What one kind of start reached."""
+    """Results of one kind of start."""
 
     feasible: int = 0
     solves: int = 0
@@ -39,10 +40,10 @@ class Tally:
     """Least effort of every tree with a design."""
 
     def add(self, program: AssembledProgram, task: ResolvedTask, start: Point, key: str) -> None:
-        """Solve from a start and count what came of it."""
-        began = time.perf_counter()
+        """Solve from a start and count the result."""
+        started = time.perf_counter()
         result = program.solve(start)
-        self.seconds += time.perf_counter() - began
+        self.seconds += time.perf_counter() - started
         self.solves += 1
         self.iterations += result.iterations
         point = correct(result.point)
@@ -59,16 +60,16 @@ def main() -> None:
     parser.add_argument("example", nargs="?", default="push")
     parser.add_argument("--starts", type=int, default=8, help="starts of each kind and tree")
     arguments = parser.parse_args()
-    stated = read_task(arguments.example)
-    task = stated.resolve(stated.n)
+    example = read_task(arguments.example)
+    task = example.resolve(example.n)
     kinds: dict[str, Draw] = {"uniform": random_start, "splayed": draw}
     tallies = {name: Tally() for name in kinds}
     for candidate in candidates(task.n, symmetry="c2", connectors="aligned", root="free"):
-        ready = AssembledProgram(task, candidate.topology)
+        program = AssembledProgram(task, candidate.topology)
         for start in range(arguments.starts):
             for name, kind in kinds.items():
                 point = kind(task, candidate.topology, generator(task, candidate.topology, start, 0))
-                tallies[name].add(ready, task, point, candidate.topology.key)
+                tallies[name].add(program, task, point, candidate.topology.key)
     print(f"{arguments.example}, n = {task.n}, {arguments.starts} starts per tree")
     header = f"{'starts':10}{'feasible solves':>16}{'feasible trees':>16}{'best J / bound':>16}"
     print(f"{header}{'iterations a solve':>20}{'s a solve':>12}")

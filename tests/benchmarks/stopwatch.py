@@ -1,4 +1,4 @@
-"""How much of Ipopt's time goes into evaluating functions and derivatives; the rest is linear algebra."""
+"""Share of Ipopt's time for functions and derivatives; the rest is linear algebra."""
 
 from __future__ import annotations
 
@@ -9,35 +9,35 @@ import casadi as ca
 
 
 class Stopwatch:
-    """Watches every solver that CasADi makes from now on."""
+    """Times every solver that CasADi makes from now on."""
 
     def __init__(self) -> None:
-        """Begin."""
+        """Start timing."""
         self.evaluation = 0.0
-        """CPU seconds in functions and derivatives."""
+        """CPU time in functions and derivatives [s]."""
         self.ipopt = 0.0
-        """CPU seconds in Ipopt, evaluation included."""
+        """CPU time in Ipopt, evaluation included [s]."""
         self._nlpsol = ca.nlpsol
-        ca.nlpsol = self._watched
+        ca.nlpsol = self._timed_nlpsol
 
     def reset(self) -> None:
-        """Begin again."""
+        """Set all times to zero."""
         self.evaluation = self.ipopt = 0.0
 
-    def _watched(self, *args: Any, **options: Any) -> _Watched:
-        return _Watched(self._nlpsol(*args, **options), self)
+    def _timed_nlpsol(self, *args: Any, **options: Any) -> _TimedSolver:
+        return _TimedSolver(self._nlpsol(*args, **options), self)
 
 
-class _Watched:
-    """A solver that adds to a stopwatch."""
+class _TimedSolver:
+    """A solver that adds its times to a stopwatch."""
 
     def __init__(self, solver: ca.Function, watch: Stopwatch) -> None:
         self._solver, self._watch = solver, watch
 
     def __call__(self, *args: Any, **options: Any) -> Any:
-        began = time.process_time()
+        started = time.process_time()
         result = self._solver(*args, **options)
-        self._watch.ipopt += time.process_time() - began
+        self._watch.ipopt += time.process_time() - started
         times = self._solver.stats()
         self._watch.evaluation += sum(times[name] for name in times if name.startswith("t_proc_nlp"))
         return result

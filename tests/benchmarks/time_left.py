@@ -1,10 +1,10 @@
-"""How far off the time left is that a run shows: recorded runs are replayed, and the median factor is printed.
+"""Error of the time left that a run shows: replays recorded runs and prints the median error factor.
 
     python tests/benchmarks/time_left.py replay                     # the runs in tests/benchmarks/recorded_runs
-    python tests/benchmarks/time_left.py record push --modules "[3, 5]"  # adds one, of this machine
+    python tests/benchmarks/time_left.py record push --modules "[3, 5]"  # adds one
 
-A record holds what an observer is told, with the time of each event. Every event after the first tenth of a run is
-asked for its estimate; a factor is the larger of estimate and truth over the smaller.
+A record holds the events that an observer receives, with their times. Estimates are taken at even intervals after
+the first tenth of a run; a factor is the larger of estimate and truth over the smaller.
 """
 
 from __future__ import annotations
@@ -27,32 +27,32 @@ RECORDED = Path(__file__).parent / "recorded_runs"
 FIRST = 0.1
 """Share of a run after which estimates count."""
 MOMENTS = 100
-"""Evenly spaced moments of a run at which it is asked."""
+"""Number of evenly spaced moments of a run at which estimates are taken."""
 
 
 class Recorder(Silent):
-    """Keeps what a run tells, with the time since it began [s]."""
+    """Records the events of a run, with the time since its start [s]."""
 
     def __init__(self) -> None:
-        self.began = time.monotonic()
+        self.start_time = time.monotonic()
         self.events: list[list[Any]] = []
 
-    def _keep(self, kind: str, value: Any) -> None:
-        self.events.append([round(time.monotonic() - self.began, 3), kind, value])
+    def _record(self, kind: str, value: Any) -> None:
+        self.events.append([round(time.monotonic() - self.start_time, 3), kind, value])
 
     def plan(self, plan: Plan) -> None:
         limit = None if math.isinf(plan.time_limit) else plan.time_limit
-        self._keep("plan", {"phases": [asdict(p) for p in plan.phases], "workers": plan.workers, "limit": limit})
+        self._record("plan", {"phases": [asdict(p) for p in plan.phases], "workers": plan.workers, "limit": limit})
 
     def phase(self, phase: Phase) -> None:
-        self._keep("phase", asdict(phase))
+        self._record("phase", asdict(phase))
 
     def settled(self, incumbent: Row | None, *, known: bool = False) -> None:
-        self._keep("settled", known)
+        self._record("settled", known)
 
 
-def record(words: list[str], name: str) -> Path:
-    """Search a task, and keep what it told."""
+def record(command: list[str], name: str) -> Path:
+    """Search a task and write the record."""
     from topo_search.cli import options
     from topo_search.compose import search
 
@@ -65,63 +65,64 @@ def record(words: list[str], name: str) -> Path:
     parser.add_argument("--trials", type=int)
     parser.add_argument("--time-limit", type=float, default=math.inf)
     parser.add_argument("--set", action="append", default=[])
-    given = parser.parse_args(words)
-    task = options.task_of(given.task, tuple(given.set), paper=False, modules=given.modules)
+    arguments = parser.parse_args(command)
+    task = options.task_of(arguments.task, tuple(arguments.set), paper=False, modules=arguments.modules)
     recorder = Recorder()
     with tempfile.TemporaryDirectory() as folder:
-        asked = {"starts": given.starts, "workers": given.workers, "strategy": given.strategy}
-        search(task, out=folder, observer=recorder, time_limit=given.time_limit, trials=given.trials, **asked)
-    end = round(time.monotonic() - recorder.began, 3)
+        limits = {"time_limit": arguments.time_limit, "trials": arguments.trials, "starts": arguments.starts}
+        choice = {"workers": arguments.workers, "strategy": arguments.strategy}
+        search(task, out=folder, observer=recorder, **limits, **choice)
+    end = round(time.monotonic() - recorder.start_time, 3)
     RECORDED.mkdir(exist_ok=True)
     path = RECORDED / f"{name}.json"
-    path.write_text(json.dumps({"command": words, "end": end, "events": recorder.events}) + "\n")
+    path.write_text(json.dumps({"command": command, "end": end, "events": recorder.events}) + "\n")
     return path
 
 
-def phase_of(kept: dict[str, Any]) -> Phase:
-    """Return a recorded phase; writing as it is expected now, since that depends on no task."""
-    return WRITING if kept["name"] == WRITING.name else Phase(**kept)
+def phase_of(value: dict[str, Any]) -> Phase:
+    """Return a recorded phase; the present one for writing, which does not depend on the task."""
+    return WRITING if value["name"] == WRITING.name else Phase(**value)
 
 
 def estimates(events: list[list[Any]], end: float) -> Iterator[tuple[float, float]]:
-    """Yield what was shown at evenly spaced moments after the first tenth of a run: time, and time left [s]."""
-    left, due = TimeLeft(), list(events)
+    """Yield time and estimated time left [s] at evenly spaced moments after the first tenth of a run."""
+    time_left, pending = TimeLeft(), list(events)
     for number in range(math.ceil(FIRST * MOMENTS), MOMENTS):
         now = number / MOMENTS * end
-        while due and due[0][0] <= now:
-            at, kind, value = due.pop(0)
+        while pending and pending[0][0] <= now:
+            moment, kind, value = pending.pop(0)
             if kind == "plan":
                 phases = tuple(phase_of(phase) for phase in value["phases"])
-                left.plan(Plan(phases, value["workers"], value["limit"] or math.inf), at)
+                time_left.plan(Plan(phases, value["workers"], value["limit"] or math.inf), moment)
             elif kind == "phase":
-                left.begin(phase_of(value), at)
+                time_left.begin(phase_of(value), moment)
             else:
-                left.step(at, known=value)
-        yield now, left(now)
+                time_left.step(moment, known=value)
+        yield now, time_left(now)
 
 
-def replayed(path: Path) -> list[float]:
-    """Return the factors of a record."""
-    kept = json.loads(path.read_text())
-    remaining = [(left, kept["end"] - at) for at, left in estimates(kept["events"], kept["end"])]
+def error_factors(path: Path) -> list[float]:
+    """Return the error factors of a record."""
+    run = json.loads(path.read_text())
+    remaining = [(left, run["end"] - now) for now, left in estimates(run["events"], run["end"])]
     return [max(left, true) / max(min(left, true), 1e-9) for left, true in remaining]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("verb", choices=["replay", "record"])
-    parser.add_argument("--name", default="mine", help="of the record")
-    given, words = parser.parse_known_args()
-    if given.verb == "record":
-        print(record(words, given.name))
+    parser.add_argument("--name", default="mine", help="name of the record")
+    arguments, command = parser.parse_known_args()
+    if arguments.verb == "record":
+        print(record(command, arguments.name))
         return
-    every = list[float]()
+    all_factors = list[float]()
     for path in sorted(RECORDED.glob("*.json")):
-        factors, kept = replayed(path), json.loads(path.read_text())
-        every += factors
-        end, told = kept["end"], " ".join(kept["command"])
-        print(f"{path.stem:20} {end:7.1f} s  median factor {statistics.median(factors):5.2f}  {told}")
-    print(f"{'all':20} {'':9}  median factor {statistics.median(every):5.2f}")
+        factors, run = error_factors(path), json.loads(path.read_text())
+        all_factors += factors
+        end, command_line = run["end"], " ".join(run["command"])
+        print(f"{path.stem:20} {end:7.1f} s  median factor {statistics.median(factors):5.2f}  {command_line}")
+    print(f"{'all':20} {'':9}  median factor {statistics.median(all_factors):5.2f}")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
-"""How near the rigid parts of solved designs come to each other, for modules of several shapes.
+"""Least clearance of the rigid parts of solved designs.
 
     python tests/benchmarks/touching.py push --set module.arm_length=0.135
 
-prints one line per tree: the audit's verdict and the least clearance of bolted neighbours and of other pairs [mm].
+Prints one line per tree: the audit's verdict and the least clearance of bolted neighbours and of other pairs [mm].
 """
 
 from __future__ import annotations
@@ -23,24 +23,26 @@ def main() -> None:
     parser.add_argument("--trees", type=int, default=6)
     parser.add_argument("--starts", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
-    given = parser.parse_args()
-    task = read_task(given.task, (f"modules={given.modules}", *given.settings)).resolve(given.modules)
-    for topology in sample(given.modules, given.trees, seed=given.seed):
-        design = BACKENDS.solve(task, topology, starts=range(given.starts), seed=0)
+    arguments = parser.parse_args()
+    task = read_task(arguments.task, (f"modules={arguments.modules}", *arguments.settings)).resolve(
+        arguments.modules
+    )
+    for topology in sample(arguments.modules, arguments.trees, seed=arguments.seed):
+        design = BACKENDS.solve(task, topology, starts=range(arguments.starts), seed=0)
         if not isinstance(design, Design):
             print(f"{topology.key}  no design")
             continue
         audit = BACKENDS.audit(design)
-        rows = [pair for pair in audit.pairs if pair.kind == "body"]
+        pairs = [pair for pair in audit.pairs if pair.kind == "body"]
         least = [
             min(
-                (1e3 * row.analytic_m for row in rows if ((row.a, row.b) in topology.bolted) == bolted),
+                (1e3 * pair.analytic_m for pair in pairs if ((pair.a, pair.b) in topology.bolted) == bolted),
                 default=None,
             )
             for bolted in (True, False)
         ]
-        bolted, other = ("" if d is None else f"{d:.1f}" for d in least)
-        print(f"{topology.key}  {audit.verdict}  bolted {bolted}  other {other}", flush=True)
+        bolted, unbolted = ("" if d is None else f"{d:.1f}" for d in least)
+        print(f"{topology.key}  {audit.verdict}  bolted {bolted}  other {unbolted}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""What a warm start from a tree one move apart is worth against random starts.
+"""A warm start from a tree that differs by one move, against random starts.
 
     python tests/benchmarks/warm_starts.py [EXAMPLE] [--modules N] [--parents M] [--starts S] [--set FIELD=VALUE]...
 
-Uniformly drawn parents with a design, the best of a few starts. From each, one tree by moving a leaf and one by
-moving a subtree, listed as the search lists it: rooted and numbered anew. Every tree is solved from the parent's
-design alone, and from random starts. Times are CPU seconds of starts and solves, without building the program.
+Parents are uniformly drawn trees with a design, the best of a few starts. Each gives one tree by moving a leaf and
+one by moving a subtree, rerooted and renumbered as in the search. Every tree is solved from the parent's design,
+and from random starts. Times are CPU times of starts and solves, without building the program.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ ROOT = (-1, -1, -1)
 
 
 @dataclass(frozen=True)
-class Reached:
-    """What a tree's solve ended with."""
+class Result:
+    """Result of a solve."""
 
     J: float
-    """Infinite without a design."""
+    """Effort [rad^4/s^4]; infinite without a design."""
     seconds: float
 
 
@@ -56,11 +56,11 @@ def main() -> None:
     arguments = parser.parse_args()
     n = arguments.modules
     task = read_task(arguments.example, (f"modules={n}", *arguments.settings)).resolve(n)
-    moves: dict[str, list[tuple[Reached, list[Reached]]]] = {"leaf": [], "subtree": []}
+    moves: dict[str, list[tuple[Result, list[Result]]]] = {"leaf": [], "subtree": []}
     for parent in parents(task, arguments.parents):
         for name, trees in moves.items():
-            topology = moved(parent.topology, Random(f"{name} {parent.topology_key}"), leaf=name == "leaf")
-            trees.append(measured(task, topology, parent, arguments.starts))
+            topology = move(parent.topology, Random(f"{name} {parent.topology_key}"), leaf=name == "leaf")
+            trees.append(measure(task, topology, parent, arguments.starts))
     print(f"{arguments.example}, n = {n}, {' '.join(arguments.settings)}")
     print("| move | trees, feasible | start | solved | within 0.1 % of best | J / best, mean | CPU s a tree |")
     print("|---|---|---|---|---|---|---|")
@@ -69,66 +69,66 @@ def main() -> None:
             print(f"| {name} {line}")
 
 
-def parents(task: ResolvedTask, wanted: int) -> Iterator[Design]:
+def parents(task: ResolvedTask, number: int) -> Iterator[Design]:
     """Yield designs of uniformly drawn topologies."""
-    drawn, found = 0, 0
-    while found < wanted:
+    drawn, designs = 0, 0
+    while designs < number:
         drawn += 1
         topology = sample(task.n, drawn, 0)[-1]
         outcome = nlp.solve(task, topology, starts=range(PARENT_STARTS), seed=1)
         if isinstance(outcome, Design):
-            found += 1
+            designs += 1
             yield outcome
 
 
-def moved(topology: Topology, random: Random, *, leaf: bool) -> Topology:
-    """Return another tree: a leaf, or a subtree of two modules or more, is cut off and bolted on elsewhere."""
+def move(topology: Topology, random: Random, *, leaf: bool) -> Topology:
+    """Cut off a leaf, or a subtree of at least two modules, and attach it elsewhere to get another tree."""
     below: list[set[int]] = [{i} for i in range(topology.n)]
     for i in range(topology.n - 1, 0, -1):
         below[topology.parents[i]] |= below[i]
     cuts = [i for i in range(1, topology.n) if (len(below[i]) == 1) == leaf]
-    here = candidate_of(topology).key
+    original_key = candidate_of(topology).key
     while True:
         cut = random.choice(cuts)
-        places = [place for place in topology.free_connectors if place[0] not in below[cut]]
-        h, a = random.choice(places)
+        connectors = [connector for connector in topology.free_connectors if connector[0] not in below[cut]]
+        h, a = random.choice(connectors)
         order = [i for i in range(topology.n) if i not in below[cut]] + sorted(below[cut])
         number = {i: k for k, i in enumerate(order)}
         joints = [ROOT]
-        turn = (a + 2 - topology.joints[cut][2]) % 4  # the subtree turns as one so that its joint is aligned again
+        turn = (a + 2 - topology.joints[cut][2]) % 4  # turn of the whole subtree that aligns its joint
         for i in order[1:]:
-            parent, port, own = topology.joints[i]
+            parent, port, child_port = topology.joints[i]
             if i == cut:
-                joints.append((number[h], a, (own + turn) % 4))
+                joints.append((number[h], a, (child_port + turn) % 4))
             elif i in below[cut]:
-                joints.append((number[parent], (port + turn) % 4, (own + turn) % 4))
+                joints.append((number[parent], (port + turn) % 4, (child_port + turn) % 4))
             else:
-                joints.append((number[parent], port, own))
-        other = candidate_of(Topology(tuple(joints)))
-        if other.key != here:
-            return other.topology
+                joints.append((number[parent], port, child_port))
+        candidate = candidate_of(Topology(tuple(joints)))
+        if candidate.key != original_key:
+            return candidate.topology
 
 
-def measured(task: ResolvedTask, topology: Topology, parent: Design, starts: int) -> tuple[Reached, list[Reached]]:
-    """Return what is reached from the parent, and from every random start."""
-    ready = AssembledProgram(task, topology)
+def measure(task: ResolvedTask, topology: Topology, parent: Design, starts: int) -> tuple[Result, list[Result]]:
+    """Solve from the parent's design and from every random start."""
+    program = AssembledProgram(task, topology)
     rngs = (generator(task, topology, start, 0) for start in count(-1))
     warm = partial(warm_start, task, topology, parent, next(rngs))
     cold = (partial(draw, task, topology, rng) for rng in islice(rngs, starts))
-    return reached(ready, warm), [reached(ready, start) for start in cold]
+    return solve_from(program, warm), [solve_from(program, start) for start in cold]
 
 
-def reached(ready: AssembledProgram, start: Callable[[], Point]) -> Reached:
-    """Return what a start leads to."""
-    began = time.process_time()
-    point = correct(ready.solve(start()).point)
+def solve_from(program: AssembledProgram, start: Callable[[], Point]) -> Result:
+    """Solve from a start."""
+    started = time.process_time()
+    point = correct(program.solve(start()).point)
     met = worst(violations(point)).met
     weights = np.array([case.weight for case in point.task.load_cases])
     J = float(weights @ np.einsum("kiq,kiq->k", point.u, point.u)) if met else np.inf
-    return Reached(J, time.process_time() - began)
+    return Result(J, time.process_time() - started)
 
 
-def lines(trees: list[tuple[Reached, list[Reached]]], counts: list[int]) -> Iterator[str]:
+def lines(trees: list[tuple[Result, list[Result]]], counts: list[int]) -> Iterator[str]:
     """Yield one line for the warm start and one for every number of random starts."""
     best = np.array([min(warm.J, *(cold.J for cold in colds)) for warm, colds in trees])
     feasible = np.isfinite(best)
@@ -138,8 +138,8 @@ def lines(trees: list[tuple[Reached, list[Reached]]], counts: list[int]) -> Iter
         f"warm start, or best of {count}": [[warm, *colds[:count]] for warm, colds in trees] for count in counts
     }
     for name, groups in kinds.items():
-        J = np.array([min(one.J for one in group) for group in groups])[feasible]
-        seconds = np.mean([sum(one.seconds for one in group) for group in groups])
+        J = np.array([min(result.J for result in group) for group in groups])[feasible]
+        seconds = np.mean([sum(result.seconds for result in group) for group in groups])
         ratio = J / best[feasible]
         solved = np.isfinite(ratio)
         cells = [f"{solved.mean():.0%}", f"{(ratio <= 1 + WITHIN).mean():.0%}", f"{ratio[solved].mean():.4f}"]

@@ -1,12 +1,11 @@
-"""What a second worker brings, what the coordinator costs, and what Dask costs beside processes of this machine.
+"""Gain from a second worker, and cost of the coordinator and of Dask compared with local processes.
 
     PYTHONPATH=tests python tests/benchmarks/workers.py push --modules 5 [--starts N] [--trials N] [--rounds N]
 
-The same search of an example, to its ledger and with its audits, by one worker, by two, and by two Dask workers
-with a scheduler of their own, in turn, as often as there are rounds; of all trees, or of so many that `moves`
-proposes. Wall time means little on a machine that has other work to do, so there are two more views: the share of
-the time that workers had a job, and the CPU time that all processes took, from which follows how much faster than
-one worker two cores of their own would be.
+The same search of an example, with ledger and audits, runs with one worker, with two, and with two Dask workers and
+a scheduler, in turn in every round; of all trees, or of those that `moves` proposes. Wall time means little on a
+machine with other load, so two more figures are printed: the share of the time in which workers have a job, and the
+CPU time of all processes, which gives the speed-up of two dedicated cores over one worker.
 """
 
 from __future__ import annotations
@@ -33,8 +32,8 @@ from topo_search.study import Request, Silent, run
 
 
 @dataclass
-class Spent:
-    """What searches took, all rounds together [s]."""
+class Usage:
+    """Times of searches, summed over all rounds [s]."""
 
     jobs: int = 0
     wall: float = 0.0
@@ -53,39 +52,39 @@ class Spent:
         return self.engine + self.coordinator
 
 
-class Watched(Engine):
-    """An engine that adds up what its jobs take."""
+class TimedEngine(Engine):
+    """An engine that adds up the times of its jobs."""
 
     def __init__(self, engine: Engine) -> None:
-        """Watch an engine."""
-        self.engine, self.spent = engine, Spent()
+        """Wrap an engine."""
+        self.engine, self.usage = engine, Usage()
 
     def run(self, function: Any, jobs: Iterable[Any], **options: Any) -> Iterator[tuple[Any, Any]]:
         """Run jobs on the engine."""
-        for job, ended in self.engine.run(partial(timed, function), jobs, **options):
-            if isinstance(ended, Failed):
-                raise SystemExit(f"a job failed: {ended.reason}")
-            result, occupied, solving = ended
-            self.spent.jobs += 1
-            self.spent.occupied += occupied
-            self.spent.solving += solving
+        for job, outcome in self.engine.run(partial(timed, function), jobs, **options):
+            if isinstance(outcome, Failed):
+                raise SystemExit(f"a job failed: {outcome.reason}")
+            result, occupied, solving = outcome
+            self.usage.jobs += 1
+            self.usage.occupied += occupied
+            self.usage.solving += solving
             yield job, result
 
 
 def cpu(processes: Iterable[psutil.Process]) -> float:
-    """Return the CPU time that processes and their descendants have taken [s]."""
+    """Return the CPU time of processes and their descendants [s]."""
     family = {member for process in processes for member in (process, *process.children(recursive=True))}
     return sum(sum(member.cpu_times()[:2]) for member in family)
 
 
-def search(request: Request, watched: Watched, processes: Callable[[], list[psutil.Process]]) -> None:
-    """Search from nothing, and add up what it takes."""
+def search(request: Request, engine: TimedEngine, processes: Callable[[], list[psutil.Process]]) -> None:
+    """Run a new search, and add up its times."""
     with tempfile.TemporaryDirectory() as folder:
-        wall, own, others = time.perf_counter(), time.process_time(), cpu(processes())
-        run(request, Path(folder), BACKENDS, engine=watched, observer=Silent())
-        watched.spent.wall += time.perf_counter() - wall
-        watched.spent.coordinator += time.process_time() - own
-        watched.spent.engine += cpu(processes()) - others
+        wall, coordinator, others = time.perf_counter(), time.process_time(), cpu(processes())
+        run(request, Path(folder), BACKENDS, engine=engine, observer=Silent())
+        engine.usage.wall += time.perf_counter() - wall
+        engine.usage.coordinator += time.process_time() - coordinator
+        engine.usage.engine += cpu(processes()) - others
 
 
 def main() -> None:
@@ -94,7 +93,9 @@ def main() -> None:
     parser.add_argument("example", nargs="?", default="push")
     parser.add_argument("--modules", type=int, default=5)
     parser.add_argument("--starts", type=int, default=8)
-    parser.add_argument("--trials", type=int, help="trees that `moves` proposes; else the search is exhaustive")
+    parser.add_argument(
+        "--trials", type=int, help="number of trees that `moves` proposes; default: exhaustive search"
+    )
     parser.add_argument("--rounds", type=int, default=3)
     arguments = parser.parse_args()
     task = read_task(arguments.example, (f"modules={arguments.modules}",))
@@ -113,29 +114,30 @@ def main() -> None:
             ("two workers", Workers(2), local),
             ("two Dask workers", DaskWorkers(cluster.address, request.versions), lambda: dask),
         )
-        rows = [(name, Watched(stack.enter_context(engine)), processes) for name, engine, processes in engines]
+        rows = [(name, TimedEngine(stack.enter_context(engine)), processes) for name, engine, processes in engines]
         for number in range(arguments.rounds + 1):
-            for _, watched, processes in rows if number % 2 else reversed(rows):
-                search(request, watched, processes)
-            if number == 0:  # processes have started, and have loaded what they need
-                for _, watched, _ in rows:
-                    watched.spent = Spent()
-    one, two, two_dask = (watched.spent for _, watched, _ in rows)
-    print(
-        f"{one.jobs} solves and audits each, load average {os.getloadavg()[1]:.1f}; CPU in shares of that in jobs"
-    )
+            for _, engine, processes in rows if number % 2 else reversed(rows):
+                search(request, engine, processes)
+            if number == 0:  # a warm-up round: processes start and load code
+                for _, engine, _ in rows:
+                    engine.usage = Usage()
+    one_worker, two_workers, two_dask = (engine.usage for _, engine, _ in rows)
+    print(f"{one_worker.jobs} solves and audits each, load average {os.getloadavg()[1]:.1f}")
+    print("CPU as a share of that in jobs")
     print(f"{'':18}{'jobs/s':>10}{'busy':>10}{'CPU/job':>10}{'own CPU':>10}{'others':>10}{'rate':>10}")
-    for (name, watched, _), count in zip(rows, (1, 2, 2), strict=True):
-        spent = watched.spent
-        others = spent.engine / spent.solving - 1.0
-        # one worker has a core to itself; two share theirs with the coordinator and all other processes
-        rate = 1.0 if count == 1 else 2.0 * one.solving / spent.all
+    for (name, engine, _), count in zip(rows, (1, 2, 2), strict=True):
+        usage = engine.usage
+        others = usage.engine / usage.solving - 1.0
+        # one worker has a core to itself; two workers share two cores with all other processes
+        rate = 1.0 if count == 1 else 2.0 * one_worker.solving / usage.all
         print(
-            f"{name:18}{spent.jobs / spent.wall:10.2f}{spent.occupied / (count * spent.wall):10.1%}"
-            f"{1e3 * spent.solving / spent.jobs:7.0f} ms{spent.coordinator / spent.solving:10.2%}"
+            f"{name:18}{usage.jobs / usage.wall:10.2f}{usage.occupied / (count * usage.wall):10.1%}"
+            f"{1e3 * usage.solving / usage.jobs:7.0f} ms{usage.coordinator / usage.solving:10.2%}"
             f"{others:10.2%}{rate:10.2f}"
         )
-    print(f"all CPU with two Dask workers, in shares of that with two workers: {two_dask.all / two.all:.3f}")
+    print(
+        f"all CPU with two Dask workers, as a share of that with two workers: {two_dask.all / two_workers.all:.3f}"
+    )
 
 
 if __name__ == "__main__":

@@ -24,19 +24,19 @@ GROUPS = {
 """Commands in the order of work."""
 
 
-class Grouped(click.Group):
-    """A group whose help lists its commands in the order of work, with whole summaries."""
+class OrderedGroup(click.Group):
+    """A group whose help lists commands in the order of work, with untruncated summaries."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write a section for each group."""
         for title, commands in GROUPS.items():
             with formatter.section(title):
-                rows = [(one.name or "", (one.help or "").partition("\n\n")[0]) for one in commands]
+                rows = [(command.name or "", (command.help or "").partition("\n\n")[0]) for command in commands]
                 formatter.write_dl(rows, col_max=12)
 
 
 @click.group(
-    cls=Grouped,
+    cls=OrderedGroup,
     epilog="Example: topo-search run push",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )

@@ -1,4 +1,4 @@
-"""`topo-search experiment`: the studies of the paper, and ours."""
+"""`topo-search experiment`: the paper's studies and further ones."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ NAMES = ("scaling", "ablation", "placement", "root", "body", "hinges")
 
 
 def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
-    """Return what reads `A,B,...` as numbers of a kind."""
+    """Return an option callback that parses `A,B,...` as numbers of one type."""
 
-    def read(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[Any, ...] | None:
+    def parse(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[Any, ...] | None:
         if value is None:
             return None
         try:
@@ -28,7 +28,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
             rule = f"must be comma-separated numbers, but got {text!r}"
             raise click.BadParameter(rule, context, parameter) from None
 
-    return read
+    return parse
 
 
 @command(
@@ -49,7 +49,7 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
     "--topologies",
     callback=_numbers(int),
     metavar="M[,M]",
-    help="Trees per size: up to 40 modules, and above (default: the experiment's).",
+    help="Trees per size; a second number holds above 40 modules (default: the experiment's).",
 )
 @click.option(
     "--distances", callback=_numbers(float), metavar="D,...", help="Connector distances in m (default: the task's)."
@@ -73,11 +73,11 @@ def experiment(
     picture: Path | None,
     **option_values: Any,
 ) -> None:
-    """Repeat a study of the paper, or a further one, and keep its rows in a folder.
+    """Run a study of the paper, or a further one, and write its results to a folder.
 
     \b
     scaling    time, memory and success against the number of modules
-    ablation   how airflow overlaps when only a minimum distance keeps modules apart
+    ablation   how far airflow overlaps if only a minimum distance keeps modules apart
     placement  what an end-effector at the centre of mass costs
     root       what the paper's root orientation costs against a free one
     body       what body clearance costs
@@ -85,7 +85,7 @@ def experiment(
 
     Without options a study runs at its full size, which takes hours. Run the same command to resume.
 
-    Exit status: 0 done; 2 bad input; 70 no cell has an answer.
+    Exit status: 0 done; 2 bad input; 70 all cells failed.
     """  # noqa: D301 (\b is click's)
     from topo_search.cli.progress import shown_progress
     from topo_search.experiments import Settings, conduct
@@ -93,26 +93,26 @@ def experiment(
 
     study = find_experiment(name)
     settings = study.small if small else study.full
-    named = tuple(Settings.task_of(text) for text in tasks) or settings.tasks
+    task_sizes = tuple(Settings.task_of(text) for text in tasks) or settings.tasks
     if sizes is not None:
-        named = tuple((task, sizes) for task, _ in named)
+        task_sizes = tuple((task, sizes) for task, _ in task_sizes)
     if topologies is not None and len(topologies) > 2:
         rule = f"must be one or two numbers, but got {len(topologies)}"
         raise click.BadParameter(rule, param_hint="--topologies")
-    few_and_fewer = None if topologies is None else (topologies[0], topologies[-1])
-    settings = settings.override(tasks=named, topologies=few_and_fewer, **option_values)
+    tree_counts = None if topologies is None else (topologies[0], topologies[-1])
+    settings = settings.override(tasks=task_sizes, topologies=tree_counts, **option_values)
     if picture is not None:
         options.require_drawable(picture)
     with shown_progress(incumbent=False) as observer:
         rows = conduct(study, settings, out, workers=workers, observer=observer)
     failed = rows["status"] == "failed"
-    answered = rows[~failed]  # a cell without an answer is not one without a design
+    answered = rows[~failed]  # a failed cell does not mean that no design exists
     if answered.empty:
         raise ts.WorkersLost(f"all {len(rows)} cells failed: {rows['worst_constraint'].iloc[0]}")
     findings = study.findings(answered)
     if failed.any():
         number = f"{failed.sum()} of {len(rows)} cells"
-        findings.append(f"{number} failed and are left out; run it again to try them")
+        findings.append(f"{number} failed and are left out; run the command again to retry them")
     if picture is not None:
         from topo_search.export.picture import save
 

@@ -1,4 +1,4 @@
-"""`topo-search export`: a design for other eyes and tools."""
+"""`topo-search export`: pictures, models and tables of a design for other tools."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ SUFFIXES = {
     ".svg": "svg",
     ".urdf": "urdf",
 }
-"""Kind of file by the end of its name; installed packages add more."""
+"""File format by suffix; installed packages add more."""
 PICTURES = ("png", "svg")
 TABLES = ("assembly", "csv", "parquet")
 KIT = ("kit", "allocation", "rotors", "px4", "brackets", "sheet", "parts")
-"""The lab kit, and its parts that are files of their own."""
-OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
-"""All kinds of this package."""
+"""The lab kit, and its parts that can be written on their own."""
+BUILT_IN = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
+"""All formats of this package."""
 
 
 @command(epilog="Example: topo-search export runs/push-*/best.json --out push.png")
@@ -43,7 +43,7 @@ OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
 @click.option(
     "--format",
     "kind",
-    metavar=f"[{'|'.join(OURS)}|...]",
+    metavar=f"[{'|'.join(BUILT_IN)}|...]",
     help="File format (default: by the suffix of --out).",
 )
 @options.choice(
@@ -54,30 +54,30 @@ OURS = tuple(sorted({*SUFFIXES.values(), *TABLES, *KIT}))
 @options.real_number(
     "--air-speed",
     (0, None),
-    "Draw all air faster than this into a glb or a picture, there instead of the airflow envelopes.",
+    "Draw all air faster than this in a glb or a picture; in a picture it replaces the airflow envelopes.",
     metavar="M/S",
     above=True,
 )
-@options.whole_number("--load-case", (0, None), "Load case of that air (default: 0).", metavar="K")
+@options.whole_number("--load-case", (0, None), "Load case for --air-speed (default: 0).", metavar="K")
 @options.real_number(
     "--angle-step",
     (0, 45),
-    "Round the hinge angles of a kit to this step, recompute the inputs, audit again and report what changed.",
+    "Round the hinge angles of a kit to this step, recompute the inputs, audit again and report the changes.",
     metavar="DEG",
     above=True,
 )
 @options.real_number(
     "--motor-lag",
     (0, 10),
-    "Time constant of a rotor's thrust in the model for MuJoCo (default: none).",
+    "Time constant of rotor thrust in the MuJoCo model (default: none).",
     metavar="SECONDS",
     above=True,
 )
-@click.option("--rod-mass", is_flag=True, help="Give the rod its mass in that model; the design neglects it.")
+@click.option("--rod-mass", is_flag=True, help="Give the rod its mass in the MuJoCo model in any case.")
 @click.option(
     "--contacts",
     is_flag=True,
-    help="Give the rod a tip that touches, and add the task's solid regions to that model.",
+    help="Add contacts to the MuJoCo model: a tip for the rod, and the task's solid regions.",
 )
 @click.option(
     "--out",
@@ -120,84 +120,84 @@ def export(
 
     Installed packages may add formats of their own (entry points `topo_search.formats`).
 
-    Pictures and parquet need the extra `viz`. A design is audited, and exported with a warning if it is not clear;
-    a kit, and anything of rounded angles, is not written then.
+    Pictures and parquet need the extra `viz`. The design is audited. If it is not clear, it is exported with a
+    warning, but neither as a kit nor with rounded angles.
 
-    Exit status: 0 written; 1 a kit, or a design of rounded angles, is not clear; 2 bad input.
+    Exit status: 0 written; 1 not written, since a kit or a design with rounded angles is not clear; 2 bad input.
     """  # noqa: D301 (\b is click's)
     from topo_search.compose import audit, read_completed, read_design
     from topo_search.export.formats import content, formats, of_name
     from topo_search.export.mjcf import Physics
     from topo_search.model.files import write_atomically
 
-    if kind not in (None, *OURS) and kind not in formats():
-        rule = f"must be one of {', '.join(sorted({*OURS, *formats()}))}, but got {kind!r}"
+    if kind not in (None, *BUILT_IN) and kind not in formats():
+        rule = f"must be one of {', '.join(sorted({*BUILT_IN, *formats()}))}, but got {kind!r}"
         raise click.BadParameter(rule, click.get_current_context(), param_hint="'--format'")
     suffix = out.suffix.lower()
-    form: Any = kind or SUFFIXES.get(suffix)
-    form = form or next((one.name for one in formats().values() if suffix in one.suffixes), None)
+    target: Any = kind or SUFFIXES.get(suffix)
+    target = target or next((own.name for own in formats().values() if suffix in own.suffixes), None)
     if kind not in ("kit", "brackets") and out.is_dir():
         raise ts.BadInput("--out", f"must be a file unless --format is kit or brackets, but {out} is a directory")
-    if form is None:
+    if target is None:
         rule = f"must end in {', '.join(SUFFIXES)}, unless --format is given, but got {out.name}"
         raise ts.BadInput("--out", rule)
-    if parts is not None and form not in ("glb", "stl"):
+    if parts is not None and target not in ("glb", "stl"):
         raise ts.BadInput("--parts", f"applies only to glb and stl, but got {parts}")
-    if air_speed is not None and form not in ("glb", *PICTURES):
-        raise ts.BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {form}")
+    if air_speed is not None and target not in ("glb", *PICTURES):
+        raise ts.BadInput("--air-speed", f"applies only to glb, png and svg, but got --format {target}")
     if load_case is not None and air_speed is None:
         raise ts.BadInput("--load-case", "applies only with --air-speed")
-    if angle_step is not None and form not in KIT:
-        raise ts.BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {form}")
-    if form == "air" and SUFFIXES.get(suffix) != "air":
+    if angle_step is not None and target not in KIT:
+        raise ts.BadInput("--angle-step", f"applies only to a kit and its parts, but got --format {target}")
+    if target == "air" and SUFFIXES.get(suffix) != "air":
         raise ts.BadInput("--out", f"must end in .npz or .vti, but got {out.name}")
     physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
-    if physics != Physics() and form not in ("mjcf", "kit"):
-        rule = f"apply only to a model for MuJoCo, mjcf or kit, but got --format {form}"
+    if physics != Physics() and target not in ("mjcf", "kit"):
+        rule = f"apply only to a MuJoCo model (mjcf, kit), but got --format {target}"
         raise ts.BadInput("--motor-lag, --rod-mass, --contacts", rule)
-    if form in KIT:
-        _write_kit(read_completed(source), form, out, angle_step, physics)
+    if target in KIT:
+        _write_kit(read_completed(source), target, out, angle_step, physics)
         return
     options.require_writable(out)
-    with needs_extras(f"--format {form}"):
-        if form in TABLES:
-            write_atomically(out, _table(source, form))
+    with needs_extras(f"--format {target}"):
+        if target in TABLES:
+            write_atomically(out, _table(source, target))
         else:
-            reads_gap = form in PICTURES or form not in OURS
-            design = (read_design if reads_gap else read_completed)(source)
+            shows_gap = target in PICTURES or target not in BUILT_IN
+            design = (read_design if shows_gap else read_completed)(source)
             surface = None
             if air_speed is not None:
                 from topo_search.export.air_field import air_surface
 
                 surface = air_surface(design, air_speed, load_case or 0)
-            given: dict[str, dict[str, Any]] = {
+            keywords: dict[str, dict[str, Any]] = {
                 "glb": {"parts": parts or "all", "air": surface},
                 "stl": {"parts": parts or "platform"},
                 "mjcf": {"physics": physics},
                 **{picture: {"air": surface} for picture in PICTURES},
             }
-            if form == "air":
+            if target == "air":
                 from topo_search.export.air_field import air_field, npz, vti
 
                 write_atomically(out, (vti if suffix == ".vti" else npz)(air_field(design)))
             else:
-                write_atomically(out, content(design, of_name(form), **given.get(form, {})))
+                write_atomically(out, content(design, of_name(target), **keywords.get(target, {})))
             _warn_unless_clear(audit(design))
     kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
-    click.echo(f"the {kinds.get(form, 'design')} is in {out}")
+    click.echo(f"the {kinds.get(target, 'design')} is in {out}")
 
 
 def _warn_unless_clear(audit: ts.Audit) -> None:
-    """Warn of a design that is exported although its audit is not clear."""
+    """Warn if the audit of an exported design is not clear."""
     if audit.verdict != ts.Status.CLEAR:
         broken = [pair.name for pair in audit.pairs if pair.status != ts.Status.CLEAR]
-        broken += [one.name for one in audit.residuals if one.status != ts.Status.CLEAR]
+        broken += [residual.name for residual in audit.residuals if residual.status != ts.Status.CLEAR]
         shown = ", ".join(broken[:3]) + ", ..." * (len(broken) > 3)
         note(f"warning: the audit of this design is {audit.verdict}: {shown}")
 
 
 def _write_kit(design: ts.Design, kind: Any, out: Path, angle_step: float | None, physics: Physics) -> None:
-    """Write the kit of a design, or a part of it."""
+    """Write the kit of a design, or one of its parts."""
     from topo_search.compose import audit, brackets_note, round_angles
     from topo_search.export.allocation import allocation, px4_warnings
     from topo_search.export.audits import broken_lines
@@ -224,9 +224,8 @@ def _write_kit(design: ts.Design, kind: Any, out: Path, angle_step: float | None
         raise SystemExit(1)
     _warn_unless_clear(audited)
     if kind in ("kit", "sheet"):
-        beside = brackets_note(design)
-        note(beside)
-        notes += (beside,)
+        note(brackets := brackets_note(design))
+        notes += (brackets,)
     if kind == "kit":
         kit = write_kit(design, out, notes, physics)
         click.echo(f"the kit is in {out}: {', '.join(kit.files)}")
@@ -235,16 +234,16 @@ def _write_kit(design: ts.Design, kind: Any, out: Path, angle_step: float | None
     elif kind == "brackets":
         click.echo(f"the brackets are in {out}: {', '.join(write_brackets(design, out))}")
     else:
-        acts = allocation(design)
+        effectiveness = allocation(design)
         as_json = kind == "allocation" and out.suffix.lower() == ".json"
-        write_atomically(out, ts.to_json(acts) if as_json else PIECES[kind](design, notes))
-        for text in px4_warnings(acts) if kind == "px4" else ():
+        write_atomically(out, ts.to_json(effectiveness) if as_json else PIECES[kind](design, notes))
+        for text in px4_warnings(effectiveness) if kind == "px4" else ():
             note(f"warning: {text}")
         click.echo(f"the {'sheet' if kind == 'sheet' else 'table'} is in {out}")
 
 
 def _table(source: str, kind: Any) -> str | bytes:
-    """Return the candidates of a run's folder, or the clearances or the assembly of an audit or a design."""
+    """Return a table: the candidates of a run, or the clearances or the assembly of an audit or a design."""
     from topo_search.export.audits import clearances, csv, parquet
     from topo_search.study.answer import candidates
 
@@ -255,13 +254,13 @@ def _table(source: str, kind: Any) -> str | bytes:
 
 
 def _audit_of(source: str) -> ts.Audit:
-    """Return the audit that a file holds, or that of the design that it holds."""
-    from topo_search.cli.runs import AUDIT
+    """Return the audit in a file, or audit the design in it."""
+    from topo_search.cli.runs import AUDIT_FORMAT
     from topo_search.compose import audits, read_completed
     from topo_search.engine import Failed
     from topo_search.model.files import load_json, stated_format
 
-    if stated_format(load_json(source)) == AUDIT:
+    if stated_format(load_json(source)) == AUDIT_FORMAT:
         return ts.read_json(ts.Audit, source)
     (result,) = audits([read_completed(source)])
     if isinstance(result, Failed):

@@ -1,4 +1,4 @@
-"""`topo-search fly`: a design in closed loop, in simulation."""
+"""`topo-search fly`: simulate a design in closed loop."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     metavar="DIR",
     help="Folder for flight.json, flight.csv and flight.png.",
 )
-@options.out("--video", "video", "Render some of the flights to a film (.gif); needs no display.")
+@options.out("--video", "video", "Render some flights as an animated .gif; needs no display.")
 @options.seed
 @options.real_number("--noise", (0, 100), "Scale factor for the sensor noise.", default=1.0)
 @options.real_number(
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @click.option(
     "--rotor-out",
     is_flag=True,
-    help="Require that a rotor failure is survived, as with `flight.rotor_out`; otherwise it is only reported.",
+    help="Require that a rotor failure is survived, as `flight.rotor_out` does; otherwise only report it.",
 )
 @options.real_number(
     "--detection-time",
@@ -48,13 +48,13 @@ if TYPE_CHECKING:
 @options.choice(
     "--allocator",
     ["bounded", "pseudo-inverse"],
-    "Thrusts by least squares within limits, or by PX4's rule: the pseudo-inverse, cut off at the limits.",
+    "Thrusts by least squares within limits, or by PX4's rule: the pseudo-inverse, clipped at the limits.",
     default="bounded",
 )
 @click.option(
     "--wake/--no-wake",
     default=True,
-    help="Rotors lose the thrust that wakes of other modules cost them by the audit's air model.",
+    help="Reduce each rotor's thrust by the wakes of other modules, as the audit's air model predicts.",
 )
 @click.option(
     "--only", multiple=True, metavar="NAME", help="Fly only scenarios whose name starts with NAME (repeatable)."
@@ -68,17 +68,17 @@ def fly(
 ) -> None:
     """Fly a design in closed-loop simulation with rotor limits, motor lag and noise.
 
-    Scenarios: hover; recovery from an offset of 10 cm and 10 degrees on four sides; a tilt held about four axes; a
-    gust; every load case that carries the weight, with its load at the end-effector and, if it pushes, against a
-    wall that all parts feel; the weakest corners of its cone and vertices, with their load at the end-effector; a
-    rotor failure. Load cases that are not a steady flight are reported as such. The simulation does not change the
-    audit; `report DESIGN.json --flight DIR` shows its result on a page. Needs the extra `sim`.
+    Scenarios: hover; recovery from an offset of 10 cm and 10 degrees to four sides; a constant tilt about four
+    axes; a gust; every load case that carries the weight, with its load at the end-effector and, if it pushes,
+    against a wall that all parts can touch; the weakest corners of its cone and vertices, with their load at the
+    end-effector; a rotor failure. Load cases that are not steady flight are reported as such. The simulation does
+    not change the audit; `report DESIGN.json --flight DIR` shows its results on a page. Needs the extra `sim`.
 
-    Exit status: 0 all that counts recovered; 1 something did not; 2 bad input, or the extra is missing.
+    Exit status: 0 every scenario that counts recovered; 1 one did not; 2 bad input, or the extra is missing.
     """
     from topo_search.compose import read_completed
 
-    read = read_completed(design)
+    completed = read_completed(design)
     for option, path in (("--video", video), ("--out", out and out / "flight.json")):
         options.require_writable(path, option)
     if video is not None:
@@ -94,13 +94,13 @@ def fly(
 
         rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[option_values["allocator"]]
         errors = Errors(option_values["model_error"], option_values["noise"], option_values["seed"])
-        film = None if video is None else files.film(video, files.radius(read))
+        film = None if video is None else files.film(video, files.radius(completed))
         campaign = fly_all(
-            read,
+            completed,
             Options(errors, detection=option_values["detection_time"], allocator=rule, wake=option_values["wake"]),
             rotor_out=option_values["rotor_out"],
             only=option_values["only"],
-            tell=lambda one: note(f"{one.name}: {word(one)}"),
+            tell=lambda scenario: note(f"{scenario.name}: {word(scenario)}"),
             watch=lambda scenario: None if film is None else film.watch(scenario.name),
         )
         if out is not None:
@@ -114,17 +114,18 @@ def fly(
 
 
 def _lines(result: FlightResult) -> Iterator[str]:
-    """Yield the lines of the table, and what it does not hold."""
+    """Yield a table of the scenarios, and sentences about the rest of the result."""
     from topo_search.simulation.result import CELLS, word
 
     head = ("scenario", "outcome", *CELLS[:-1], "largest")
-    rows = [head, *((one.name, word(one), *one.cells) for one in result.scenarios)]
+    rows = [head, *((scenario.name, word(scenario), *scenario.cells) for scenario in result.scenarios)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     for row in rows:
         yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-    for one in result.scenarios:
-        if one.reason is not None:
-            yield f"{one.name}: {word(one)}{'' if one.counts else ' (informative)'}: {one.reason}"
+    for scenario in result.scenarios:
+        if scenario.reason is not None:
+            informative = "" if scenario.counts else " (informative)"
+            yield f"{scenario.name}: {word(scenario)}{informative}: {scenario.reason}"
     x, y, _ = result.weakest_direction
     yield (
         f"side force in hover: {result.weakest_force_N:.3g} N in the weakest direction [{x:.2f}, {y:.2f}], "

@@ -1,4 +1,4 @@
-"""`topo-search airflow`, `capability` and `kit`: a module's air, any vehicle's flight, one drawer of brackets."""
+"""`topo-search airflow`, `capability` and `kit`: airflow of a module, capability of a vehicle, common brackets."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 @command(epilog="Example: topo-search capability kit/rotors.csv")
 @click.argument("vehicle", metavar="VEHICLE.toml|rotors.csv")
 @click.option("--task", "judge", metavar="TASK", help="Judge the vehicle against the load cases of this task.")
-@options.out("--out", "page", "Write the figures as a page (.html) as well.")
+@options.out("--out", "page", "Also write the figures as an .html page.")
 @options.as_json
 def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
-    """State what any vehicle with fixed rotors can do, as the audit does of a design.
+    """Prove what any vehicle with fixed rotors can do, as the audit does for a design.
 
     \b
     rotors.csv    a row per rotor: x_m, y_m, z_m from the centre of mass, ax, ay, az (its thrust axis),
@@ -32,10 +32,10 @@ def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
                   if it is not 0, u_min (below 0: reversible); or the rotors.csv of a kit
     VEHICLE.toml  mass, inertia, com, end_effector, gravity and rotors = "rotors.csv"
 
-    A table alone stands for a mass of 1 kg. Loads of a task act where the vehicle has its end-effector; weights are
-    those of the vehicle.
+    A table alone is judged with a mass of 1 kg. The task's loads act at the vehicle's end-effector, and its units
+    of weight are the vehicle's weight.
 
-    Exit status: 0; 1 a load case of the task is not proven to be possible; 2 bad input.
+    Exit status: 0 done; 1 a load case of the task is not proven possible; 2 bad input.
     """  # noqa: D301 (\b is click's)
     from topo_search.export.audits import flight_lines
     from topo_search.model.files import write_atomically
@@ -47,7 +47,7 @@ def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
     loaded = read_vehicle(vehicle)
     result = capability_of(loaded, None if judge is None else ts.read_task(judge))
     if result is None:
-        raise ts.BadInput(vehicle, "has wrenches too large, in its weight and size, to compute with")
+        raise ts.BadInput(vehicle, "must have wrenches to compute with, but its mass or dimensions are too large")
     if page is not None:
         from topo_search.report.design_page import vehicle_page
 
@@ -75,19 +75,19 @@ def capability(vehicle: str, judge: str | None, page: Path | None) -> None:
     "--at",
     default="hover",
     metavar="hover|full|T",
-    help="Thrust of the module: its weight, the most that it has, or a multiple of its weight.",
+    help="Thrust of the module: its weight, its largest thrust, or a multiple of its weight.",
 )
 @options.as_json
 def airflow(task: str | None, speed: float, at: str) -> None:
     """Compute the smallest cone-sphere around all air of one module that is at least as fast as V.
 
-    Prints start_radius, spread_angle_deg and reach for [module.airflow], and the largest speeds on the envelope
-    that the module has now. That no air outside is as fast is proven of the jet model: averages over time, one
-    module alone in free air. No cone-sphere around that air is smaller by more than 1 %.
+    Prints start_radius, spread_angle_deg and reach for [module.airflow], and the largest air speeds on the module's
+    present envelope. That no air outside is that fast is proven for the jet model: time averages, one module in
+    free air. No cone-sphere around that air is more than 1 % smaller.
 
-    TASK is a file, or the name of a shipped example, whose module is meant; without it, the default module.
+    TASK, a file or the name of a shipped example, provides the module; without it the default module is used.
 
-    Exit status: 0; 2 bad input, or no air is as fast.
+    Exit status: 0 done; 2 bad input, or no air is that fast.
     """
     from topo_search.compose.binding import enclose_speed, envelope_of_speed
     from topo_search.model.module import AIR_DENSITY
@@ -96,29 +96,29 @@ def airflow(task: str | None, speed: float, at: str) -> None:
 
     module, density, gravity = ts.Module(), AIR_DENSITY, ts.Task.model_fields["gravity"].default
     if task is not None:
-        read = enclose_speed(ts.read_task(task))
-        module, density, gravity = read.module, read.air_density, read.gravity
+        named = enclose_speed(ts.read_task(task))
+        module, density, gravity = named.module, named.air_density, named.gravity
     ratio = _thrust_to_weight(at, module.max_thrust_to_weight)
     thrust = ratio * module.mass * gravity
-    where = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
-    least = envelope_of_speed(module, density, gravity, speed, ratio, source="--speed")
+    thrust_text = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
+    smallest = envelope_of_speed(module, density, gravity, speed, ratio, source="--speed")
     present = envelope_air(module, density, thrust)
     inputs = {"speed_m_s": speed, "thrust_to_weight": ratio, "thrust_N": thrust}
-    volume, bound = upper_text(least.volume_m3, 4), lower_text(least.least_volume_m3, 4)
+    volume, bound = upper_text(smallest.volume_m3, 4), lower_text(smallest.least_volume_m3, 4)
     lines = [
-        f"at {where}, all air of {speed:g} m/s and more is inside",
-        f"  start_radius = {upper_text(least.start_radius_m, 5)}",
-        f"  spread_angle_deg = {upper_text(least.spread_angle_deg, 5)}",
-        f"  reach = {upper_text(least.reach_m, 5)}",
+        f"at {thrust_text}, all air of {speed:g} m/s and more is inside",
+        f"  start_radius = {upper_text(smallest.start_radius_m, 5)}",
+        f"  spread_angle_deg = {upper_text(smallest.spread_angle_deg, 5)}",
+        f"  reach = {upper_text(smallest.reach_m, 5)}",
         f"a volume of {volume} m³; none is below {bound} m³",
         "largest speeds on the present envelope",
         *(f"  {name:14} {words}" for name, words in speeds_on(present)),
     ]
-    options.echo_answer({**inputs, **least.model_dump(mode="json"), **present.model_dump(mode="json")}, lines)
+    options.echo_answer({**inputs, **smallest.model_dump(mode="json"), **present.model_dump(mode="json")}, lines)
 
 
 def speeds_on(envelope: EnvelopeAir) -> Iterator[tuple[str, str]]:
-    """Yield the largest speeds on a module's own envelope, each with where it is."""
+    """Yield the largest air speeds on the envelope of one module, each with its location."""
     from topo_search.model.proven import upper_text
 
     yield "side", f"{upper_text(envelope.side_m_s, 3)} m/s"
@@ -128,14 +128,14 @@ def speeds_on(envelope: EnvelopeAir) -> Iterator[tuple[str, str]]:
     yield "rotor plane", f"{upper_text(envelope.rotor_plane_m_s, 3)} m/s, outside it"
 
 
-def _thrust_to_weight(at: str, most: float) -> float:
+def _thrust_to_weight(at: str, largest: float) -> float:
     """Return the thrust over the weight that `--at` names."""
     try:
-        ratio = {"hover": 1.0, "full": most}.get(at) or float(at)
+        ratio = {"hover": 1.0, "full": largest}.get(at) or float(at)
     except ValueError:
         ratio = math.nan
-    if not 0 < ratio <= most:
-        rule = f'must be "hover", "full" or a thrust over the weight, above 0 and at most {most:g}'
+    if not 0 < ratio <= largest:
+        rule = f'must be "hover", "full" or a thrust over the weight, above 0 and at most {largest:g}'
         raise click.BadParameter(f"{rule}, but got {at}", param_hint="'--at'")
     return ratio
 
@@ -147,14 +147,14 @@ def _thrust_to_weight(at: str, most: float) -> float:
 @options.real_number(
     "--within",
     (0, LIMITS.percent),
-    "Largest extra effort over the best design of a task.",
+    "Largest extra effort over a task's best design.",
     default=2.0,
     metavar="PERCENT",
 )
 @options.real_number(
     "--bracket-tolerance",
     (0, 10),
-    "Range of hinge angles that one bracket may serve, where designs with its middle are clear.",
+    "Range of hinge angles that one bracket may serve, if designs with the angle in its middle are clear.",
     "tolerance_deg",
     default=0.0,
     metavar="DEG",
@@ -173,13 +173,12 @@ def kit(
 
     TASK is a file or the name of a shipped example, which `run TASK --keep-within` searches first; RUN is the
     folder of a finished run. Candidates are clear designs with as many modules as the best one, within --within of
-    its effort. The drawer has the fewest brackets; among those choices the fewest joints change from task to task,
-    in the order given; then effort decides. A kind of bracket is the size of a hinge angle, to a thousandth of a
-    degree; the drawer holds as many as the task that needs most of them. DIR gets `kit.json`, the page
-    `index.html`, the drawer's `brackets` to print, a sheet per change and a kit per task, as from
-    `export --format kit`.
+    its effort. The choice needs the fewest brackets; among such choices the fewest joints change from task to task,
+    in the order given; then effort decides. Brackets are of one kind if their hinge angles agree, up to the sign,
+    to a thousandth of a degree; the kit has as many of each kind as any one task needs. DIR gets `kit.json`, the
+    page `index.html`, the `brackets` to print, a sheet per change and a kit per task.
 
-    Exit status: 0; 2 bad input; 3 no common kit, because a run has no clear design.
+    Exit status: 0 done; 2 bad input; 3 no common kit, because a run has no clear design.
     """
     folders = [task for task in tasks if Path(task).is_dir()]
     if folders and (modules or settings):

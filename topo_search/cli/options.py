@@ -1,4 +1,4 @@
-"""Options that several commands share, and how they change a task."""
+"""Options that several commands share, and the task that they define."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ class Real(click.FloatRange):
     """A range of numbers; NaN, which lies in every range, is refused."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the number that a text stands for."""
-        read = super().convert(value, param, ctx)
-        if math.isnan(read):
+        """Convert a text to a number."""
+        number = super().convert(value, param, ctx)
+        if math.isnan(number):
             self.fail("must be a number, but got nan", param, ctx)
-        return read
+        return number
 
 
 def real_number(
-    option: str, within: tuple[float, float | None], text: str, *names: str, above: bool = False, **rest: Any
+    option: str, within: tuple[float, float | None], text: str, *names: str, above: bool = False, **settings: Any
 ) -> Callable[..., Any]:
-    """Return the option for a number in a range; `above`: its lower end is not allowed."""
-    return click.option(option, *names, type=Real(*within, min_open=above), help=text, **rest)
+    """Return an option for a number in a range; `above` excludes the lower limit."""
+    return click.option(option, *names, type=Real(*within, min_open=above), help=text, **settings)
 
 
 def whole_number(
-    option: str, within: tuple[int, int | None], text: str, *names: str, **rest: Any
+    option: str, within: tuple[int, int | None], text: str, *names: str, **settings: Any
 ) -> Callable[..., Any]:
-    """Return the option for a whole number in a range."""
-    return click.option(option, *names, type=click.IntRange(*within), help=text, **rest)
+    """Return an option for a whole number in a range."""
+    return click.option(option, *names, type=click.IntRange(*within), help=text, **settings)
 
 
-def choice(option: str, values: Sequence[str], text: str, **rest: Any) -> Callable[..., Any]:
-    """Return the option for one of some words."""
-    return click.option(option, type=click.Choice(values), help=text, **rest)
+def choice(option: str, values: Sequence[str], text: str, **settings: Any) -> Callable[..., Any]:
+    """Return an option for one of several words."""
+    return click.option(option, type=click.Choice(values), help=text, **settings)
 
 
 PATH = click.Path(path_type=Path)
@@ -67,7 +67,7 @@ set_field = click.option(
 seed = whole_number("--seed", (0, LIMITS.largest_integer), "Seed of all random numbers.", default=0)
 workers = whole_number("--workers", (1, LIMITS.workers), "Worker processes (default: the cores available).")
 connectors = choice(
-    "--connectors", ["aligned", "any"], "Ports by which a child may be joined: the opposite one only, or any."
+    "--connectors", ["aligned", "any"], "Ports by which a child may be attached: only the opposite one, or any."
 )
 root = choice("--root", ["free", "paper"], "Root orientation: free, or limited to the paper's two angles.")
 paper = click.option(
@@ -86,7 +86,7 @@ near = click.option(
     "--near",
     multiple=True,
     metavar="DESIGN.json",
-    help="Add starts from this design of any tree, written by a run or `solve` (repeatable).",
+    help="Also start from this design of any tree, written by a run or `solve` (repeatable).",
 )
 topologies = click.option(
     "--topologies",
@@ -96,7 +96,7 @@ topologies = click.option(
 
 
 def starts(text: str) -> Callable[..., Any]:
-    """Return the option for the number of starts; its default is not the same everywhere."""
+    """Return the option for the number of starts; `text` states the command's default."""
     return whole_number("--starts", (1, LIMITS.starts), text)
 
 
@@ -107,13 +107,13 @@ def time_limit(
     return real_number("--time-limit", (0, LIMITS.seconds), text, above=True, metavar="SECONDS")
 
 
-def out(option: str, name: str, text: str, **rest: Any) -> Callable[..., Any]:
-    """Return an option for a file to write beside what is printed."""
-    return click.option(option, name, type=FILE, metavar="FILE", help=text, **rest)
+def out(option: str, name: str, text: str, **settings: Any) -> Callable[..., Any]:
+    """Return an option for a file to write in addition to the printed output."""
+    return click.option(option, name, type=FILE, metavar="FILE", help=text, **settings)
 
 
 def _sizes(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    """Turn `5` or `4-6` into the value of a task's field."""
+    """Convert `5` or `4-6` to a value of the field `modules` of a task."""
     if value is None:
         return None
     match = re.fullmatch(r"(\d+)(?:-(\d+))?", value)
@@ -130,7 +130,7 @@ def dask(command: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(command)
     def with_certificates(
-        *, dask: str | None, dask_ca: Path | None, dask_cert: Path | None, dask_key: Path | None, **others: Any
+        *, dask: str | None, dask_ca: Path | None, dask_cert: Path | None, dask_key: Path | None, **values: Any
     ) -> None:
         tls = None
         if dask_ca or dask_cert or dask_key:
@@ -139,7 +139,7 @@ def dask(command: Callable[..., Any]) -> Callable[..., Any]:
             if not (dask_ca and dask_cert and dask_key):
                 raise click.UsageError("--dask-ca, --dask-cert and --dask-key must be given together")
             tls = ts.Certificates(dask_ca, dask_cert, dask_key)
-        command(dask=dask, dask_tls=tls, **others)
+        command(dask=dask, dask_tls=tls, **values)
 
     function: Callable[..., Any] = with_certificates
     for name, text in (
@@ -154,21 +154,21 @@ def dask(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def without_none(options: dict[str, Any]) -> dict[str, Any]:
-    """Return the options that have a value: a function called with them has its own defaults for the others."""
+    """Return the options that have a value, so that a function called with them keeps its other defaults."""
     return {name: value for name, value in options.items() if value is not None}
 
 
 def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fields: str | None) -> ts.Task:
-    """Return the task that the command line names, with everything that its options set.
+    """Return the task named on the command line, with the changes that options make to it.
 
     Args:
         task: a file, or the name of a shipped example.
-        settings: those of `--set`.
-        paper: whether the paper's literal problem is asked for.
-        fields: what other options stand for; dots are written as two underscores.
+        settings: values of `--set`, each FIELD=VALUE.
+        paper: True for the paper's literal problem.
+        fields: values of fields that other options set; two underscores in a name stand for a dot.
 
     Raises:
-        BadInput: the task is wrong, or something else sets what `--paper` sets.
+        BadInput: the task is invalid, or another option sets a field that `--paper` sets.
     """
     from topo_search.compose.binding import enclose_speed
     from topo_search.model.text import PAPER
@@ -176,40 +176,40 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
     changes = (*settings, *(f"{name.replace('__', '.')}={value}" for name, value in without_none(fields).items()))
     if not paper:
         return enclose_speed(ts.read_task(task, changes))
-    if twice := [setting for setting in changes if _meets(setting, PAPER)]:
-        faults = [ts.Fault("", f"sets this field itself, but got {setting}") for setting in twice]
+    if conflicts := [setting for setting in changes if _conflicts(setting, PAPER)]:
+        faults = [ts.Fault("", f"sets this field itself, but got {setting}") for setting in conflicts]
         raise ts.BadInput("--paper", faults)
-    posed = enclose_speed(ts.read_task(task, (*changes, *PAPER)))
-    if posed.goals.clearance:
-        rule = f"must be left out with --paper, whose margin is 0, but got {list(posed.goals.clearance)}"
+    literal = enclose_speed(ts.read_task(task, (*changes, *PAPER)))
+    if literal.goals.clearance:
+        rule = f"must be left out with --paper, whose margin is 0, but got {list(literal.goals.clearance)}"
         raise ts.BadInput(task, [ts.Fault("goals.clearance", rule)])
-    return posed
+    return literal
 
 
 def read_near(files: tuple[str, ...]) -> list[ts.Design]:
-    """Return the designs of some files; BadInput names every fault."""
+    """Return the designs in some files; BadInput names the first file that holds none."""
     from topo_search.compose import read_completed
 
     return [read_completed(file) for file in files]
 
 
 def read_topologies(file: str, task: ts.Task) -> tuple[str, ...]:
-    """Return the keys of a file that lists the candidates of a task.
+    """Return the topology keys in a file, which become the candidates of a task.
 
     Raises:
-        BadInput: it cannot be read or is too long; or names every line that is no key, or not one of the task.
+        BadInput: the file cannot be read or is too long, or some lines hold no key of a topology of the task.
     """
     from topo_search.model.files import load_text
     from topo_search.topologies import own_candidates
 
     lines = enumerate(load_text(file, most_bytes=LIMITS.keys_bytes).splitlines(), start=1)
     keys = [(number, key) for number, line in lines if (key := line.strip())]
-    places = {k: f"line {number}" for k, (number, _) in enumerate(keys)}
-    return own_candidates([key for _, key in keys], task, source=file, places=places)
+    line_names = {k: f"line {number}" for k, (number, _) in enumerate(keys)}
+    return own_candidates([key for _, key in keys], task, source=file, places=line_names)
 
 
 def warn(task: ts.Task) -> tuple[TaskWarning, ...]:
-    """Print the warnings about a task, as `check` does, on stderr; and return them."""
+    """Print the warnings about a task, those of `check`, on stderr, and return them."""
     from topo_search.model.task_warnings import task_warnings
 
     warnings = task_warnings(task)
@@ -218,12 +218,12 @@ def warn(task: ts.Task) -> tuple[TaskWarning, ...]:
     return warnings
 
 
-def _meets(setting: str, others: tuple[str, ...]) -> bool:
-    """True if a setting sets a field that one of others sets too, or a table with it."""
+def _conflicts(setting: str, settings: tuple[str, ...]) -> bool:
+    """True if a setting sets the same field as one of `settings`, or a table that contains it."""
     from topo_search.model.text import field_of
 
-    mine = field_of(setting)
-    return bool(mine) and any(all(a == b for a, b in zip(mine, field_of(other), strict=False)) for other in others)
+    path = field_of(setting)
+    return bool(path) and any(all(a == b for a, b in zip(path, field_of(each), strict=False)) for each in settings)
 
 
 def is_json() -> bool:
@@ -237,45 +237,45 @@ def echo_answer(value: Any, lines: Iterable[str]) -> None:
 
 
 def echo_lines(lines: Iterable[str]) -> None:
-    """Print lines, each as soon as it is there."""
+    """Print lines, each as soon as it is computed."""
     for line in lines:
         click.echo(line)
 
 
 def echo_json_list(values: Iterable[Any]) -> None:
-    """Print values as a JSON list, each as soon as it is there."""
-    before = "[\n "
+    """Print values as a JSON list, each as soon as it is computed."""
+    prefix = "[\n "
     for value in values:
-        click.echo(f"{before}{json.dumps(value, allow_nan=False)}", nl=False)
-        before = ",\n "
-    click.echo("[]" if before.startswith("[") else "\n]")
+        click.echo(f"{prefix}{json.dumps(value, allow_nan=False)}", nl=False)
+        prefix = ",\n "
+    click.echo("[]" if prefix.startswith("[") else "\n]")
 
 
 def picture(text: str) -> Callable[..., Any]:
-    """Return the option for a picture; `require_drawable` refuses what cannot be drawn."""
+    """Return the option for a picture; check its value with `require_drawable`."""
     return click.option("--picture", type=FILE, metavar="FILE", help=f"{text}; needs the extra `viz`.")
 
 
 def require_drawable(out: Path) -> None:
-    """Refuse a picture that cannot be drawn, before any work is done for it."""
+    """Raise BadInput if a picture could not be drawn, before any other work."""
     if out.suffix.lower() not in (".png", ".svg"):
         raise ts.BadInput("--picture", f"must end in .png or .svg, but got {out.name}")
     require_writable(out, "--picture")
     with needs_extras("--picture"):
-        import matplotlib  # noqa: F401 (pandas and numpy are always there, it is not)
+        import matplotlib  # noqa: F401 (optional, unlike pandas and numpy)
 
 
 def require_writable(out: Path | None, option: str = "--out") -> None:
-    """Refuse a file that cannot be written, if one is asked for, before any work is done for it; none is left."""
+    """Raise BadInput if an output file could not be written, before any other work; leave no file behind."""
     if out is None:
         return
     folder = out.parent
     try:
-        if out.exists() and not out.is_file():  # a device: its name would be taken by a file
+        if out.exists() and not out.is_file():  # writing would replace a device by a file
             raise ts.BadInput(option, f"must be a regular file if it exists, but got {out}")
         while not folder.exists():
             folder = folder.parent
-        with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{out.name}."):  # as `write_atomically` names it
+        with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{out.name}."):  # as in `write_atomically`
             pass
     except OSError as error:
         raise ts.BadInput(option, f"must be writable, but got {out} ({folder}: {error.strerror})") from None

@@ -1,4 +1,4 @@
-"""Progress of a command: a bar on a terminal, a plain line now and then elsewhere; both on stderr."""
+"""Progress of a command on stderr: a bar on a terminal, otherwise a plain line now and then."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 @contextmanager
 def shown_progress(*, incumbent: bool = True) -> Iterator[Observer]:
-    """Show the progress of a command on stderr while the block runs, from its first moment on a terminal.
+    """Show the progress of a command on stderr while the block runs.
 
     Args:
-        incumbent: whether there is a best design to speak of.
+        incumbent: False if the command has no best design to show.
     """
     words = None if incumbent else lambda _: ""
     if sys.stderr.isatty():
@@ -40,16 +40,15 @@ def shown_progress(*, incumbent: bool = True) -> Iterator[Observer]:
 
 
 class Bar:
-    """One line: stage, share of the whole run, steps of the stage, incumbent with its gap, time so far and left.
+    """One line: stage, share of the run that is over, steps, incumbent with its gap, time elapsed and left.
 
-    The line stands before the libraries of the solver are loaded; so what it says is loaded with the first plan or
-    stage.
+    The bar appears before the solver's libraries load, so it imports its texts only with the first plan or stage.
     """
 
     def __init__(self, console: Console, words: Words | None = None) -> None:
         self._words = words
-        self._left: TimeLeft | None = None
-        self._began = time.monotonic()
+        self._time_left: TimeLeft | None = None
+        self._start_time = time.monotonic()
         self._share = 0.0
         self._progress = Progress(
             TextColumn("{task.description}"),
@@ -64,7 +63,7 @@ class Bar:
         )
         self._task = self._progress.add_task("loading", total=None, steps="", incumbent="")
         self._phase: Phase | None = None
-        self._done = 0
+        self._steps = 0
 
     @classmethod
     @contextmanager
@@ -75,18 +74,18 @@ class Bar:
             yield bar
 
     def plan(self, plan: Plan) -> None:
-        """Print what is going to be done."""
+        """Print the plan of the run."""
         from topo_search.report.progress import describe_plan
 
-        self._time_left().plan(plan, time.monotonic())
+        self._estimate_time().plan(plan, time.monotonic())
         self.note(describe_plan(plan))
 
     def phase(self, phase: Phase) -> None:
         """Name the stage, and count its steps."""
         from topo_search.report.progress import stage
 
-        self._time_left().begin(phase, time.monotonic())
-        self._phase, self._done = phase, 0
+        self._estimate_time().begin(phase, time.monotonic())
+        self._phase, self._steps = phase, 0
         steps = f"0/{phase.steps}" if phase.steps > 1 or not phase.is_serial else ""
         self._progress.update(self._task, description=stage(phase), steps=steps)
 
@@ -96,48 +95,48 @@ class Bar:
 
         if self._phase is None:
             return
-        self._time_left().step(time.monotonic(), known=known)
-        self._done += 1
-        steps = f"{self._done}/{self._phase.steps}"
+        self._estimate_time().step(time.monotonic(), known=known)
+        self._steps += 1
+        steps = f"{self._steps}/{self._phase.steps}"
         self._progress.update(self._task, steps=steps, incumbent=(self._words or describe)(incumbent))
 
     def note(self, text: str) -> None:
         """Print a line above the bar."""
         self._progress.console.print(text, markup=False, highlight=False)
 
-    def _time_left(self) -> TimeLeft:
-        """Return what follows the run, from the first that is known of it."""
-        if self._left is None:
+    def _estimate_time(self) -> TimeLeft:
+        """Return the estimator of the time left, made with the first plan or stage."""
+        if self._time_left is None:
             from topo_search.study.progress import TimeLeft
 
-            self._left = TimeLeft()
-        return self._left
+            self._time_left = TimeLeft()
+        return self._time_left
 
     def _bar(self) -> ProgressBar:
-        """Return the share of the time that is over; it moves while a step takes long, and never back."""
+        """Return a bar with the share of the time that is over; it moves during long steps, and never back."""
         now, width = time.monotonic(), 24  # [characters]
-        if self._left is None or self._phase is None:
+        if self._time_left is None or self._phase is None:
             return ProgressBar(total=None, width=width, pulse=True, animation_time=now)
-        taken = now - self._began
-        self._share = max(self._share, taken / max(taken + self._left(now), 1e-9))
+        elapsed = now - self._start_time
+        self._share = max(self._share, elapsed / max(elapsed + self._time_left(now), 1e-9))
         return ProgressBar(total=1.0, completed=self._share, width=width)
 
     def _time_text(self) -> Text:
         """Return the time left."""
-        if self._left is None or self._phase is None:
+        if self._time_left is None or self._phase is None:
             return Text("")
         from topo_search.report.progress import period
 
-        return Text(f"about {period(self._left(time.monotonic()))} left")
+        return Text(f"about {period(self._time_left(time.monotonic()))} left")
 
 
 class _Rendered(ProgressColumn):
-    """A column that asks anew whenever the line is drawn."""
+    """A column that a function renders whenever the line is drawn."""
 
-    def __init__(self, ask: Callable[[], ProgressBar | Text]) -> None:
+    def __init__(self, render_column: Callable[[], ProgressBar | Text]) -> None:
         super().__init__()
-        self._ask = ask
+        self._render_column = render_column
 
     def render(self, task: Task) -> ProgressBar | Text:
-        """Return what the column shows."""
-        return self._ask()
+        """Return the content of the column."""
+        return self._render_column()

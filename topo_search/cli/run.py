@@ -1,4 +1,4 @@
-"""`topo-search run`: the search."""
+"""`topo-search run`: search for the best topology."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 @options.whole_number(
     "--round",
     (1, LIMITS.round),
-    "Proposals that may be unsolved at a time (default: 8). More keep more workers busy but learn later.",
+    "Proposals that may be pending at a time (default: 8). More keep more workers busy but learn later.",
     "round_size",
 )
 @click.option(
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 @options.real_number(
     "--prove",
     LIMITS.gaps,
-    "Then prove by branch and bound that no design is better by more than this share; see `prove`.",
+    "Then prove by branch and bound that no design is better by more than this relative gap; see `prove`.",
     metavar="GAP",
 )
 @options.real_number(
@@ -107,7 +107,7 @@ def run(
     if prune and not exhaustive:
         raise click.UsageError("--prune requires --strategy exhaustive")
     if prune and option_values["keep_within"] is not None:
-        raise click.UsageError("--keep-within solves all candidates, so that it cannot go with --prune")
+        raise click.UsageError("--keep-within solves all candidates and cannot be combined with --prune")
     if topologies and not exhaustive:
         raise click.UsageError("--topologies requires --strategy exhaustive: all listed trees are solved")
     from topo_search.cli.progress import shown_progress
@@ -115,12 +115,12 @@ def run(
     warnings: list[TaskWarning] = []
     with _print_if_lost(warnings), shown_progress() as observer, needs_extras("--dask"):
         fields = {"modules": modules, "search__root": root, "search__connectors": connectors}
-        problem = options.task_of(task, settings, paper=paper, **fields)
-        listed = None if topologies is None else options.read_topologies(topologies, problem)
+        user_task = options.task_of(task, settings, paper=paper, **fields)
+        keys = None if topologies is None else options.read_topologies(topologies, user_task)
         designs = options.read_near(near)
-        warnings += options.warn(problem)
-        given = options.without_none(option_values)
-        answer = ts.search(problem, near=designs, topologies=listed, observer=observer, **given)
+        warnings += options.warn(user_task)
+        keywords = options.without_none(option_values)
+        answer = ts.search(user_task, near=designs, topologies=keys, observer=observer, **keywords)
     from topo_search.cli.tables import answer_lines
 
     options.echo_answer(answer_as_json(answer, warnings), answer_lines(answer))
@@ -130,14 +130,14 @@ def run(
 
 @contextmanager
 def _print_if_lost(warnings: Sequence[TaskWarning]) -> Iterator[None]:
-    """Print the best design and what else was found if the run's folder is gone, so that it is not lost."""
+    """Print the results, best design included, if the run's folder vanishes, so that they are not lost."""
     try:
         yield
     except ts.LedgerLost as lost:
         if lost.answer is not None:
-            from topo_search.cli.tables import found_lines
+            from topo_search.cli.tables import result_lines
 
-            design, lines = lost.design, [*found_lines(lost.answer)]
+            design, lines = lost.design, [*result_lines(lost.answer)]
             if design is not None and lost.answer.best is None:
                 lines.append(f"best design so far, not audited: {design.topology.key}")
             value = answer_as_json(lost.answer, warnings) | {
@@ -159,7 +159,7 @@ def answer_as_json(answer: ts.Answer, warnings: Sequence[TaskWarning]) -> dict[s
         "air": answer.air,
         "tolerances": answer.tolerances,
         "sizes": [_size_as_json(size) for size in answer.sizes],
-        "warnings": [one._asdict() for one in warnings],
+        "warnings": [warning._asdict() for warning in warnings],
     }
     if not answer.levels:
         return value

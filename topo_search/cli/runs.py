@@ -48,9 +48,9 @@ def list_runs(folder: Path) -> None:
 @run_folder
 @options.as_json
 def show(run: Path) -> None:
-    """Print the answer of a RUN again, as far as it has come.
+    """Print the answer of a RUN, finished or not.
 
-    Exit status: as `run` ends with this answer; 2 bad input.
+    Exit status: as for `run`.
     """
     from topo_search.cli.tables import answer_lines
     from topo_search.study import RunFolder, answer_of
@@ -80,19 +80,19 @@ def open_page(run: Path) -> None:
 @command(epilog="Example: topo-search report runs/push-*/")
 @click.argument("source", metavar="RUN|DESIGN.json", type=options.PATH)
 @options.out(
-    "--out", "out", "Where to write it (default: report.html in the run's folder, or the design's name with .html)."
+    "--out", "out", "Output file (default: report.html in the run's folder, or the design's name with .html)."
 )
 @click.option(
     "--flight",
     type=options.PATH,
     metavar="DIR",
-    help="Folder from `fly DESIGN.json --out DIR`, whose flights the page of that design shows.",
+    help="Folder written by `fly DESIGN.json --out DIR`; the page of that design shows its flights.",
 )
 def report(source: Path, out: Path | None, flight: Path | None) -> None:
     """Write the report of a run, or of a design after auditing it, as one offline HTML file.
 
-    `run` writes its report itself; this writes it again, from the ledger, with a warning for each other file that
-    somebody changed.
+    `run` writes the report of a run itself. This command rewrites it from the ledger, and warns of every other file
+    in the folder that has been changed.
 
     Exit status: 0 written, whatever the verdict; 2 bad input.
     """
@@ -103,12 +103,12 @@ def report(source: Path, out: Path | None, flight: Path | None) -> None:
 @command(epilog="Example: topo-search compare runs/push-1 runs/push-2")
 @click.argument("first", metavar="RUN|DESIGN.json", type=options.PATH)
 @click.argument("second", metavar="RUN|DESIGN.json", type=options.PATH)
-@options.out("--out", "out", "Where to write the page.", default=Path("compare.html"))
+@options.out("--out", "out", "Output file for the page.", default=Path("compare.html"))
 @options.as_json
 def compare(first: Path, second: Path, out: Path) -> None:
     """Compare two runs or designs, as a table and a page.
 
-    The table compares the best designs; the page shows any two of the best of each run in linked views.
+    The table compares the best designs; the page shows any two of the runs' best designs in linked views.
 
     Exit status: 0 compared; 2 bad input.
     """
@@ -120,7 +120,7 @@ def compare(first: Path, second: Path, out: Path) -> None:
 
 
 def _figures(design: Compared) -> dict[str, object]:
-    """Return the figures of a design by their columns in `candidates.csv`."""
+    """Return the figures of a design, named like columns of `candidates.csv`."""
     from topo_search.study.ledger import figures_of, flight_of
 
     audit = design.audit
@@ -156,12 +156,13 @@ def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, wo
 
     for option, out in (("--csv", table), ("--markdown", summary)):
         options.require_writable(out, option)
-    read, refused, skipped = _read_designs(designs)
+    loaded, refused, skipped = _read_designs(designs)
     judged: list[AuditedDesign] = []
     failed: list[tuple[str, str]] = []
-    files = len(read) + len(refused) + skipped
-    apart = min(workers or available_cores(), files) if files > 1 else 0
-    for (name, design), result in zip(read, audits((one for _, one in read), workers=apart), strict=True):
+    files = len(loaded) + len(refused) + skipped
+    processes = min(workers or available_cores(), files) if files > 1 else 0
+    results = audits((design for _, design in loaded), workers=processes)
+    for (name, design), result in zip(loaded, results, strict=True):
         if isinstance(result, Failed):
             failed.append((name, f"the audit failed: {result.reason}"))
             note(": ".join(failed[-1]))
@@ -169,15 +170,15 @@ def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, wo
         judged.append(AuditedDesign(name, design, result))
         if not options.is_json():
             options.echo_lines(audit_lines(name, result))
-    verdicts = [each.audit.verdict for each in judged]
+    verdicts = [entry.audit.verdict for entry in judged]
     if options.is_json():
-        values = [{"file": each.name, **each.audit.model_dump(mode="json")} for each in judged]
-        alone = len(designs) == len(values) == 1 and not Path(designs[0]).is_dir()
-        options.echo_answer(values[0] if alone else values, ())
+        values = [{"file": entry.name, **entry.audit.model_dump(mode="json")} for entry in judged]
+        single = len(designs) == len(values) == 1 and not Path(designs[0]).is_dir()
+        options.echo_answer(values[0] if single else values, ())
     elif files > 1:
         options.echo_lines(tally_lines(verdicts, len(failed), len(refused), skipped))
     if table is not None:
-        write_atomically(table, csv(clearances_of([(each.name, each.audit) for each in judged])))
+        write_atomically(table, csv(clearances_of([(entry.name, entry.audit) for entry in judged])))
     if summary is not None:
         write_atomically(summary, markdown(judged, [*failed, *refused]))
     if refused:
@@ -186,51 +187,51 @@ def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, wo
         raise SystemExit(1)
 
 
-AUDIT = "topo-search/audit"
-"""`format` of an audit's file."""
+AUDIT_FORMAT = "topo-search/audit"
+"""Value of `format` in the file of an audit."""
 
 
-def _read_designs(words: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]], list[tuple[str, str]], int]:
-    """Return designs and faults of other files, each with a file's name, and the number of audits passed over.
+def _read_designs(sources: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]], list[tuple[str, str]], int]:
+    """Return designs and faults of other files, each with its file name, and the number of audits skipped.
 
-    A folder stands for all `*.json` below it, sorted, and may hold audits that a run keeps beside its designs.
-    Links to folders are followed when they are given, not when they are met.
+    A folder stands for all `*.json` below it, sorted; audits that a run keeps beside its designs are skipped.
+    A symbolic link to a folder is followed only if it is one of the arguments.
     """
     from topo_search.model.files import load_json, stated_format, to_geometry
     from topo_search.model.value import to_printable
 
-    read: list[tuple[str, ts.Geometry]] = []
+    loaded: list[tuple[str, ts.Geometry]] = []
     refused: list[tuple[str, str]] = []
     skipped = 0
-    for word in words:
-        in_folder = Path(word).is_dir()
-        for path, fault in _find_files(word) if in_folder else [(word, None)]:
+    for source in sources:
+        in_folder = Path(source).is_dir()
+        for path, fault in _find_files(source) if in_folder else [(source, None)]:
             name = to_printable(path)
             try:
                 if fault is not None:
                     raise ts.BadInput(name, fault)
                 data = load_json(path, most_bytes=LIMITS.design_bytes)
-                if in_folder and stated_format(data) == AUDIT:
+                if in_folder and stated_format(data) == AUDIT_FORMAT:
                     skipped += 1
                 else:
-                    read.append((name, to_geometry(data, name)))
+                    loaded.append((name, to_geometry(data, name)))
             except ts.BadInput as error:
                 refused.append((name, "; ".join(map(str, error.faults))))
                 note("\n".join(f"{name}: {each}" for each in error.faults))
-    return read, refused, skipped
+    return loaded, refused, skipped
 
 
 def _find_files(folder: str) -> Iterator[tuple[str, str | None]]:
-    """Yield the files below a folder, and what is wrong there."""
-    unread: list[OSError] = []
+    """Yield the files below a folder, and with a fault each folder that cannot be read or has no file."""
+    errors: list[OSError] = []
     empty = True
-    for parent, folders, files in os.walk(folder, onerror=unread.append):
+    for parent, folders, files in os.walk(folder, onerror=errors.append):
         folders.sort()
         for name in sorted(files):
             if name.endswith(".json"):
                 empty = False
                 yield str(Path(parent) / name), None
-    for error in unread:
+    for error in errors:
         yield str(error.filename), f"cannot be read: {error.strerror}"
-    if empty and not unread:
+    if empty and not errors:
         yield folder, "must contain designs, but no file below it ends in .json"

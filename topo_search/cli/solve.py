@@ -1,4 +1,4 @@
-"""`topo-search solve`, one topology, and `prove`: by branch and bound no tree of a run beats its best design."""
+"""`topo-search solve`: solve one topology; `prove`: prove that no tree of a run beats its best design."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from topo_search.supervisor import ExitStatus
 @options.whole_number(
     "--sample-seed",
     (0, LIMITS.largest_integer),
-    "The tree of `topologies N --sample 1 --seed S`, with the root and the connectors of the task.",
+    "Solve the tree that `topologies N --sample 1 --seed S` prints with the task's root and connectors.",
     metavar="S",
 )
 @options.modules
@@ -82,7 +82,7 @@ def solve(
 
 
 def _topology(task: ts.Task, key: str | None, sample_seed: int | None, *, sized: bool) -> ts.Topology:
-    """Return the tree that the options name."""
+    """Return the tree that `--topology` or `--sample-seed` selects; `sized`: --modules is given."""
     from topo_search.topologies import sample
 
     if key is not None and sample_seed is None:
@@ -108,7 +108,7 @@ def _topology(task: ts.Task, key: str | None, sample_seed: int | None, *, sized:
 @options.real_number(
     "--gap",
     LIMITS.gaps,
-    "Gap at which a tree counts as settled: how far its bound may lie below its own best control effort.",
+    "Relative gap at which a tree counts as settled: how far its bound may lie below its own best effort.",
     default=0.003,
 )
 @options.choice(
@@ -124,10 +124,10 @@ def _topology(task: ts.Task, key: str | None, sample_seed: int | None, *, sized:
     "lender",
     metavar="RUN",
     type=options.PATH,
-    help="Use the complete proofs of another run where they are enough for --gap; its task may differ only in name "
+    help="Reuse complete proofs of another run where they suffice for --gap; its task may differ only in name "
     "and exposure.",
 )
-@options.time_limit("Stop after this time and keep what is proven by then.")
+@options.time_limit("Stop after this time and keep the proofs so far.")
 @click.option(
     "--check",
     "checks",
@@ -149,8 +149,8 @@ def prove(
     proof/KEY in the run's folder; candidates.csv gets one result per tree: excluded (it cannot beat the best),
     within (its own best is proven to within --gap), open, or impossible. Run the same command to resume.
 
-    With --check, every record is followed box by box, and every box is excluded again by multipliers, bounds and
-    geometry of the checker's own. A proof that does not hold is refused with the box where it fails.
+    With --check, every record is replayed box by box, and every box is excluded again with the checker's own
+    multipliers, bounds and geometry. A proof that fails is refused, with the box where it fails.
 
     Exit status: 0 all trees are excluded, within the gap or impossible (with --check: and their proofs hold);
     4 some are open; 1 the checker refuses a proof; 2 bad input;
@@ -176,7 +176,7 @@ def prove(
     sentences = [size.proven for size in answer.sizes]
     lines = [_proof_line(row["key"], row["proof"] or "not examined", row["proven_bound"] or None) for row in rows]
     value = {"sentences": sentences, "candidates": rows}
-    options.echo_answer(value, (*lines, *(words for words in sentences if words is not None)))
+    options.echo_answer(value, (*lines, *(text for text in sentences if text is not None)))
     settled = table["proof"].isin(["excluded", "within", "impossible"]).all()
     if not settled or (topology is None and not answer.proven):
         resumable = any(topology in (None, key) for size in answer.sizes for key in size.proof_resumable)
@@ -187,12 +187,12 @@ def prove(
 def _proof_line(key: str, verdict: str, bound: float | None, fault: str | None = None) -> str:
     from topo_search.model.proven import lower_text
 
-    by = "" if bound is None else f", J >= {lower_text(bound)} rad^4/s^4"
-    return f"{key}: {verdict}{by}" + (f": {fault}" if fault else "")
+    effort = "" if bound is None else f", J >= {lower_text(bound)} rad^4/s^4"
+    return f"{key}: {verdict}{effort}" + (f": {fault}" if fault else "")
 
 
 def _check(folder: Path, **option_values: Any) -> None:
-    """Check the proofs of a run, and end with the status that this comes to."""
+    """Check the proofs of a run, print the result and exit with its status."""
     with explain_errors():
         from topo_search.cli.progress import shown_progress
         from topo_search.compose import check_proofs

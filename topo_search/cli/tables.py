@@ -1,4 +1,4 @@
-"""Lines that commands print: tables and sentences."""
+"""Tables and sentences that commands print."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from topo_search.study import NEAR_BEST, Answer, Row, SizeAnswer, Solved
 from topo_search.study.ledger import proven_cell
 
 NO_CLEAR_ROD = ", without a straight rod that is clear of all parts and airflow"
-"""End of the line about a design whose end-effector no such rod carries."""
+"""End of a line about a design without such a rod."""
 
 
 def answer_lines(answer: Answer) -> Iterator[str]:
-    """Yield what a run found, and where it is."""
-    yield from found_lines(answer)
+    """Yield the results of a run, its folder, and sentences about the best design."""
+    yield from result_lines(answer)
     yield f"everything is in {answer.folder}"
-    for words in (answer.weakest_point, *answer.air, answer.tolerances, answer.shorter_rod):
-        if answer.best is not None and words is not None:
-            yield f"{answer.best.key}: {words}"
+    for text in (answer.weakest_point, *answer.air, answer.tolerances, answer.shorter_rod):
+        if answer.best is not None and text is not None:
+            yield f"{answer.best.key}: {text}"
 
 
-def found_lines(answer: Answer) -> Iterator[str]:
-    """Yield what a run found."""
+def result_lines(answer: Answer) -> Iterator[str]:
+    """Yield the results of a run."""
     if answer.levels:
         yield from _front(answer)
     else:
@@ -77,7 +77,7 @@ def _remarks(size: SizeAnswer) -> tuple[str, ...]:
 
 
 def _counts(size: SizeAnswer) -> str:
-    """Return how many candidates of one size ended how."""
+    """Return the number of candidates of one size by outcome."""
     text = f"{modules(size.modules)}: {size.settled} of {quantity(size.candidates, 'candidate')}"
     return f"{text} ({size.counts})" if size.counts else text
 
@@ -108,19 +108,19 @@ def _front(answer: Answer) -> Iterator[str]:
 def _rows(rows: tuple[Row, ...]) -> Iterator[str]:
     cells = []
     for row in rows:
-        key, objective, gap, audit = _in_short(row)
-        over = f"{at_most(row.objective / row.lower_bound, 5):.4f}" if row.objective and row.lower_bound else ""
-        cells.append((key, objective, over, gap, f"{row.starts_at_best} of {row.starts}", str(row.orbit), audit))
+        key, objective, gap, audit = _summary_cells(row)
+        ratio = f"{at_most(row.objective / row.lower_bound, 5):.4f}" if row.objective and row.lower_bound else ""
+        cells.append((key, objective, ratio, gap, f"{row.starts_at_best} of {row.starts}", str(row.orbit), audit))
     return _table(("key", "J [rad^4/s^4]", "J over bound", "gap", "hits", "symmetric copies", "audit"), cells)
 
 
-def _in_short(row: Row) -> tuple[str, str, str, str]:
+def _summary_cells(row: Row) -> tuple[str, str, str, str]:
     gap = "" if row.gap is None else gap_percent(row.gap)
     return row.key, f"{row.objective:.6g}", gap, row.audit or ("failed" if row.audit_failure else "")
 
 
 def _near_ties(size: SizeAnswer) -> Iterator[str]:
-    """Yield what designs leave in hover that cost about the same, unless there is no choice."""
+    """Yield the hover reserves of designs with nearly the best effort, if there are several."""
     if size.best is None or len(size.near_ties) < 2:
         return
     yield f"within {100 * NEAR_BEST:g} % of the least control effort, largest force reserve in hover first:"
@@ -133,9 +133,9 @@ def figure_lines(designs: Mapping[str, Mapping[str, object]]) -> Iterator[str]:
     """Return a table with a column for each design, and a row for each figure that one of them has."""
     rows = []
     for name in next(iter(designs.values())):
-        figures = [each.get(name) for each in designs.values()]
+        figures = [design.get(name) for design in designs.values()]
         if any(figure is not None for figure in figures):
-            label = "J [rad^4/s^4]" if name == "objective" else name  # files keep the older name
+            label = "J [rad^4/s^4]" if name == "objective" else name  # the name in files, which is kept
             rows.append((label, *("" if figure is None else _text(name, figure) for figure in figures)))
     return _table(("", *designs), rows)
 
@@ -152,8 +152,8 @@ def run_lines(runs: Sequence[tuple[Path, Answer]]) -> Iterator[str]:
     for path, answer in runs:
         sizes = ", ".join(str(size.modules) for size in answer.sizes)
         solved = f"{sum(size.settled for size in answer.sizes)} of {sum(size.candidates for size in answer.sizes)}"
-        short = ("none", "", "", "") if answer.best is None else _in_short(answer.best)
-        rows.append((str(path), sizes, solved, *short))
+        cells = ("none", "", "", "") if answer.best is None else _summary_cells(answer.best)
+        rows.append((str(path), sizes, solved, *cells))
     return _table(("run", "modules", "candidates solved", "best", "J [rad^4/s^4]", "gap", "audit"), rows)
 
 
@@ -163,7 +163,7 @@ def _table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[st
         table.add_column(name, justify="left" if name in ("", "key", "audit", "run") else "right")
     for row in rows:
         table.add_row(*row)
-    console = Console(highlight=False, markup=False)  # units in brackets are no markup
+    console = Console(highlight=False, markup=False)  # rich would take units in brackets as markup
     if not console.is_terminal:
         console = Console(highlight=False, markup=False, width=100)
     with console.capture() as captured:
@@ -182,8 +182,8 @@ def progress_line(outcome: Outcome) -> str:
         return f"failed: {outcome.reason}"
     if isinstance(outcome, Infeasible):
         return outcome.message
-    tried = (outcome.solver or {}).get("starts")
-    return _effort(outcome) + ("" if tried is None else f" after {quantity(tried, 'start')}")
+    starts = (outcome.solver or {}).get("starts")
+    return _effort(outcome) + ("" if starts is None else f" after {quantity(starts, 'start')}")
 
 
 def solved_lines(solved: Solved, out: Path | None) -> Iterator[str]:
@@ -198,17 +198,17 @@ def solved_lines(solved: Solved, out: Path | None) -> Iterator[str]:
             sheet = solved.audit.assembly.end_effector
             if sheet is None or not sheet.clear_rod:
                 yield f"{solved.outcome.topology.key}{NO_CLEAR_ROD}"
-        if solved.found and (words := solved.outcome.shorter_rod) is not None:
-            yield f"{solved.outcome.topology.key}: {words}"
+        if solved.found and (text := solved.outcome.shorter_rod) is not None:
+            yield f"{solved.outcome.topology.key}: {text}"
         if out is not None:
             yield f"the design is in {out}"
 
 
 def audit_lines(name: str, audit: Audit) -> Iterator[str]:
-    """Yield a verdict, and everything that is not clear."""
+    """Yield the verdict of an audit, and everything that is not clear."""
     nearest = min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
-    least = "" if nearest is None else f"; least clearance {lower_text(nearest.analytic_m)} m, {nearest.name}"
-    yield f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{least}"
+    clearance = "" if nearest is None else f"; least clearance {lower_text(nearest.analytic_m)} m, {nearest.name}"
+    yield f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{clearance}"
     if audit.inputs_words is not None:
         yield f"  {audit.inputs_words}"
     overlaps = audit.interference
@@ -228,8 +228,8 @@ def audit_lines(name: str, audit: Audit) -> Iterator[str]:
         if residual.status != "clear":
             off = f"off by {upper_text(residual.value, 3)} {residual.unit}"
             yield f"  {residual.words}: {residual.status}, {off}"
-    for larger in audit.mesh_excess:
-        yield f"  note: {larger.words}"
+    for excess in audit.mesh_excess:
+        yield f"  note: {excess.words}"
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
         yield f"  note: {sheet.note}"
@@ -238,10 +238,10 @@ def audit_lines(name: str, audit: Audit) -> Iterator[str]:
     yield from (f"  {line}" for line in (*tolerance_lines(audit), *flight, *air))
 
 
-def tally_lines(verdicts: Sequence[Status], failed: int, refused: int, passed_over: int) -> Iterator[str]:
-    """Yield how many designs of a whole command ended how."""
+def tally_lines(verdicts: Sequence[Status], failed: int, refused: int, skipped: int) -> Iterator[str]:
+    """Yield the number of designs by verdict, over all files of a command."""
     counts = {**Counter(map(str, verdicts)), "failed": failed, "bad input": refused}
-    text = ", ".join(f"{number} {what}" for what, number in counts.items() if number)
+    text = ", ".join(f"{number} {verdict}" for verdict, number in counts.items() if number)
     yield f"{quantity(len(verdicts) + failed, 'design')}: {text or 'none'}"
-    if passed_over:
-        yield f"{quantity(passed_over, 'audit')} in the folders skipped"
+    if skipped:
+        yield f"{quantity(skipped, 'audit')} in the folders skipped"

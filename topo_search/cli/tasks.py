@@ -1,4 +1,4 @@
-"""`topo-search init`, `examples`, `check` and `topologies`: tasks and what they ask for, trees of a size."""
+"""`topo-search init`, `examples`, `check` and `topologies`: task files, their requirements, trees of a size."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def init(file: Path, force: bool) -> None:
 @command(epilog='Example: topo-search run "$(topo-search examples | head -n 1)"')
 @options.as_json
 def examples() -> None:
-    """List the shipped tasks, by the name that `run` and `solve` take."""
+    """List the names of the shipped tasks, which `run` and `solve` take."""
     from topo_search.model import files
 
     names = files.examples()
@@ -70,51 +70,51 @@ def check(
     """
     from topo_search.model.task_warnings import task_warnings
 
-    problem = options.task_of(task, settings, paper=paper, modules=modules)
+    user_task = options.task_of(task, settings, paper=paper, modules=modules)
     if picture is not None:
         options.require_drawable(picture)
         from topo_search.export.picture import save
         from topo_search.export.task_picture import task_figure
 
-        save(task_figure(problem.resolve(problem.sizes[0])), picture)
-    sizes = [_size(problem, n) for n in problem.sizes]
-    warnings = task_warnings(problem)
-    first = problem.resolve(problem.sizes[0]).model_dump(mode="json")
-    value = {"task": first, "sizes": sizes, "warnings": [one._asdict() for one in warnings]}
+        save(task_figure(user_task.resolve(user_task.sizes[0])), picture)
+    sizes = [_size(user_task, n) for n in user_task.sizes]
+    warnings = task_warnings(user_task)
+    first = user_task.resolve(user_task.sizes[0]).model_dump(mode="json")
+    value = {"task": first, "sizes": sizes, "warnings": [warning._asdict() for warning in warnings]}
     searches = [(f"search of {quantity(size['modules'], 'module')}", _expectations(size)) for size in sizes]
-    groups = chain(_requirements(problem), searches, [("warnings", warnings)] * bool(warnings))
+    groups = chain(_requirements(user_task), searches, [("warnings", warnings)] * bool(warnings))
     lines = (line for title, rows in groups for line in _group(title, rows))
-    drawn = [] if picture is None else [f"\nthe picture is in {picture}"]
-    options.echo_answer(value, chain([problem.name], lines, drawn))
+    picture_line = [] if picture is None else [f"\nthe picture is in {picture}"]
+    options.echo_answer(value, chain([user_task.name], lines, picture_line))
 
 
 def _requirements(task: ts.Task) -> Iterator[tuple[str, Iterable[tuple[str, str]]]]:
-    """Yield all that a task asks for, in groups; what a unit of weight is, for every number of modules."""
+    """Yield the requirements of a task in groups, with the unit of weight for every number of modules."""
     from topo_search.report.task_facts import facts, goals, load_cases
 
-    first, *others = (task.resolve(n) for n in task.sizes)
+    first, *larger = (task.resolve(n) for n in task.sizes)
     platform, *groups = facts(first)
-    yield from (platform, *(facts(other)[0] for other in others), *groups)
+    yield from (platform, *(facts(resolved)[0] for resolved in larger), *groups)
     if any(exposure.geometry for exposure in first.exposure):
         from topo_search.cli.hardware import speeds_on
         from verify.air.envelope import envelope_air
 
         hover = first.module.mass * first.gravity
         speeds = speeds_on(envelope_air(first.module, first.air_density, hover))
-        yield "air of one module in hover, on the envelope that keeps out of regions: at most", speeds
+        yield "air of one module in hover, on its envelope for regions: at most", speeds
     if task.goals.names:
         yield goals(task)
-    of = f" of {quantity(first.n, 'module')}" if others else ""
+    size = f" of {quantity(first.n, 'module')}" if larger else ""
     cases = [(f"load case {k}", f"{wrench}; weight {weight}") for k, wrench, weight in load_cases(first)]
-    yield f"load cases{of}, each the total wrench of the rotors", cases
+    yield f"load cases{size}, each the total wrench of the rotors", cases
 
 
 def _expectations(size: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return what is known of a number of modules before anything is solved, in words."""
+    """Return the figures of `_size` in words."""
     from topo_search.model.proven import at_least
 
-    least = figures(at_least(size["lower_bound"], 4))
-    bound = f"at least {least} rad⁴/s⁴ if every wrench is met exactly, whatever the topology"
+    bound_text = figures(at_least(size["lower_bound"], 4))
+    bound = f"at least {bound_text} rad⁴/s⁴ if every wrench is met exactly, whatever the topology"
     return [
         ("candidates", f"{size['candidates']}; {size['quotient']}"),
         ("control effort J", f"impossible: {size['impossible']}" if size["impossible"] else bound),
@@ -125,12 +125,12 @@ def _group(title: str, rows: Iterable[tuple[str, str]]) -> Iterator[str]:
     """Yield the lines of named values below their title, wrapped."""
     yield f"\n{title}"
     for name, value in rows:
-        beside, below = f"  {name:38} ", " " * 41
-        yield from textwrap.wrap(value, 120, initial_indent=beside, subsequent_indent=below, break_on_hyphens=False)
+        first, rest = f"  {name:38} ", " " * 41
+        yield from textwrap.wrap(value, 120, initial_indent=first, subsequent_indent=rest, break_on_hyphens=False)
 
 
 def _size(task: ts.Task, n: int) -> dict[str, Any]:
-    """Return what is known of a number of modules before anything is solved."""
+    """Return the number of candidates and the bound on effort for n modules; nothing is solved."""
     from nlp import lower_bound, prove_impossible
     from topo_search.study import Request
     from topo_search.study.answer import quotient_remark
@@ -153,7 +153,7 @@ def _size(task: ts.Task, n: int) -> dict[str, Any]:
     "--sample", (1, LIMITS.drawn_trees), "Print M topologies, drawn uniformly.", "size", metavar="M"
 )
 @options.seed
-@options.choice("--symmetry", options.SYMMETRIES, "Trees that count as one.", default="c2")
+@options.choice("--symmetry", options.SYMMETRIES, "Symmetries under which trees count as one.", default="c2")
 @options.connectors
 @options.root
 @options.as_json

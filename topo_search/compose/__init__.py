@@ -1,4 +1,4 @@
-"""Composition of solver, audit and search: the Python interface, which the command line calls too."""
+"""The Python interface: solver, audit and search combined. The command line calls it too."""
 
 from topo_search.compose.binding import BACKENDS, available_cores
 from topo_search.compose.designs import (

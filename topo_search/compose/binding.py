@@ -1,7 +1,6 @@
-"""From user input to what a run takes.
+"""Preparation of a run: checks of user input, backends with the user's constraints, and worker processes.
 
-Own code and designs are checked, an airflow envelope that a task states by an air speed becomes a cone-sphere, and
-solver, audit and bounds get the user's constraints and the processes that they run in.
+The user's code and designs are checked, and an airflow envelope given by an air speed becomes a cone-sphere.
 """
 
 from __future__ import annotations
@@ -53,63 +52,63 @@ Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
-class Composed:
-    """Solver and audit, given a user's constraints; the rod of every design's end-effector is bolted on."""
+class SolverAndAudit:
+    """Solver and audit with a user's constraints; every design gets the rod of its end-effector mounted."""
 
     constraints: tuple[OwnConstraint, ...] = ()
 
     def solve(self, task: ResolvedTask, topology: Topology, **options: Unpack[SolveOptions]) -> Design | Infeasible:
         """Solve one topology."""
         outcome = nlp.solve(task, topology, constraints=self.constraints, **options)
-        return self._mount(task, outcome) if isinstance(outcome, Design) else outcome
+        return self._mount_rod(task, outcome) if isinstance(outcome, Design) else outcome
 
     def local_optima(
         self, task: ResolvedTask, topology: Topology, *, most_effort: float, **options: Unpack[SolveOptions]
     ) -> list[Design]:
         """Find the local optima of one topology."""
-        found = nlp.local_optima(task, topology, constraints=self.constraints, most_effort=most_effort, **options)
-        return [self._mount(task, design) for design in found]
+        designs = nlp.local_optima(task, topology, constraints=self.constraints, most_effort=most_effort, **options)
+        return [self._mount_rod(task, design) for design in designs]
 
     def audit(self, geometry: Geometry) -> Audit:
-        """Audit a design, and evaluate the constraints at the poses that the audit derives."""
+        """Audit a design, and evaluate the user's constraints at the poses that the audit computes."""
         if not self.constraints:
             return verify.audit(geometry)
-        from verify.kinematics import platform
+        from verify import kinematics
 
         design = verify.complete(geometry)
-        audited, at = verify.audit(design), platform(design)
-        poses = {"orientations": at.poses.R, "centres": at.o, "end_effector": at.p_e}
+        audited, platform = verify.audit(design), kinematics.platform(design)
+        poses = {"orientations": platform.poses.R, "centres": platform.o, "end_effector": platform.p_e}
         checks = nlp.check_user_constraints(self.constraints, design, **poses)
-        names = {one.name for one in checks}
-        missed = any(one.status == "missed" for one in checks)
+        names = {check.name for check in checks}
+        missed = any(check.status == "missed" for check in checks)
         return audited.model_copy(
             update={
-                "stated": (*checks, *(one for one in audited.stated if one.name not in names)),
+                "stated": (*checks, *(check for check in audited.stated if check.name not in names)),
                 "verdict": Status.worst([audited.verdict, Status.VIOLATED if missed else Status.CLEAR]),
             }
         )
 
-    def _mount(self, task: ResolvedTask, design: Design) -> Design:
-        """Return a design of a task with its rod bolted on."""
+    def _mount_rod(self, task: ResolvedTask, design: Design) -> Design:
+        """Return a design with its rod at the best mount, and the task with that rod."""
         mount = verify.choose_mount(design)
         if task.end_effector.rod_mass == "ignored":
             return design.model_copy(update={"mount": mount})
         if mount not in (None, design.mount):
-            # the solver counts a rod within its limits; where parts or airflow block it, another is bolted on
+            # the solver assumes a rod within its limits; if parts or airflow block that, another one is mounted
             design = nlp.move_rod(design, mount, self.constraints)
-        # to the last digit the given task with that rod, by whatever rods the solver went
+        # the given task to the last digit, with that rod, whatever rods the solver tried
         return design.model_copy(update={"task": task.with_rod(design.task.end_effector.counted_rod)})
 
 
 def backends(constraints: Sequence[OwnConstraint]) -> Backends:
-    """Return solver, audit and bounds; own constraints are the business of the first two."""
+    """Return solver, audit and bounds; constraints affect only the first two."""
     if not constraints:
         return BACKENDS
-    own = Composed(tuple(constraints))
-    return replace(BACKENDS, solve=own.solve, audit=own.audit, local_optima=own.local_optima)
+    both = SolverAndAudit(tuple(constraints))
+    return replace(BACKENDS, solve=both.solve, audit=both.audit, local_optima=both.local_optima)
 
 
-_PLAIN = Composed()
+_PLAIN = SolverAndAudit()
 BACKENDS = Backends(_PLAIN.solve, _PLAIN.audit, nlp.proven_bound, nlp.prove_impossible, _PLAIN.local_optima)
 
 
@@ -120,19 +119,19 @@ def open_engine(
     versions: Mapping[str, str],
     observer: Observer,
 ) -> Workers | DaskWorkers:
-    """Return the workers; those of a scheduler must have the same versions of the libraries."""
+    """Return local workers, or those of a Dask scheduler, which must have the same versions of the libraries."""
     if dask is None:
         if certificates is not None:
             raise BadInput("dask_tls", "certificates need the address of a Dask scheduler, in dask")
         return Workers(workers or available_cores())
     if workers is not None:
         raise BadInput("workers", "cannot be chosen with dask: all workers of the scheduler are used")
-    same = {**computing_versions(), **versions}
-    return DaskWorkers(dask, same, note=observer.note, certificates=certificates)
+    required = {**computing_versions(), **versions}
+    return DaskWorkers(dask, required, note=observer.note, certificates=certificates)
 
 
 def processes(workers: int) -> Workers | CallingProcess:
-    """Return a pool of this many worker processes; 0: the calling process, which crashes or hangs with a job."""
+    """Return a pool of worker processes; for 0 the calling process, which crashes or hangs with its job."""
     return Workers(workers) if workers else CallingProcess()
 
 
@@ -143,43 +142,43 @@ def available_cores() -> int:
 
 
 AnySampler = Sampler | OwnSampler | SamplerFactory | TopologySampler
-"""Samplers that `search` takes."""
+"""Samplers that `search` accepts."""
 
 
 def starting_points(near: Iterable[Design]) -> tuple[Design, ...]:
-    """Return the designs to start from; BadInput for anything else, or too many."""
+    """Return the designs to start from; BadInput if there are too many, or items of another type."""
     return tuple(_items("near", near, Design, "designs", LIMITS.near))
 
 
 def own_constraints(constraints: Iterable[OwnConstraint]) -> tuple[OwnConstraint, ...]:
-    """Return own constraints as they can be sent to workers.
+    """Return a user's constraints in a form that can be sent to workers.
 
     Raises:
-        BadInput: two have one name, one is no constraint or cannot be sent, or there are too many.
+        BadInput: two have the same name, one is not an OwnConstraint or cannot be sent, or there are too many.
     """
-    given = _items("constraints", constraints, OwnConstraint, "OwnConstraint", LIMITS.own_constraints)
+    checked = _items("constraints", constraints, OwnConstraint, "OwnConstraint", LIMITS.own_constraints)
     faults = list[Fault]()
-    for k, one in enumerate(given):
+    for k, constraint in enumerate(checked):
         try:
-            given[k] = _sendable(one)
+            checked[k] = _sendable(constraint)
         except (AttributeError, TypeError, pickle.PicklingError) as error:  # it refers to a file, a lock, ...
-            how = "write it as a function at the top of a module, with `functools.partial` for its numbers"
-            faults.append(Fault(one.name, f"cannot be sent to worker processes ({error}); {how}"))
-    names = Counter(one.name for one in given)
+            remedy = "write it as a function at the top of a module, with `functools.partial` for its numbers"
+            faults.append(Fault(constraint.name, f"cannot be sent to worker processes ({error}); {remedy}"))
+    names = Counter(constraint.name for constraint in checked)
     faults += [Fault(name, "must be the name of one constraint") for name, times in names.items() if times > 1]
     if faults:
         raise BadInput("constraints", faults)
-    return tuple(given)
+    return tuple(checked)
 
 
-def _items(name: str, values: Iterable[Item], kind: type[Item], plural: str, most: int) -> list[Item]:
-    """Return the values of a list of at most so many of a kind; BadInput for anything else."""
+def _items(name: str, values: Iterable[Item], kind: type[Item], plural: str, largest: int) -> list[Item]:
+    """Return the items of a list; BadInput if there are more than `largest`, or items of another type."""
     if isinstance(values, kind | str) or not isinstance(values, Iterable):
-        one = f"one {kind.__name__}: write it in brackets" if isinstance(values, kind) else type(values).__name__
-        raise BadInput(name, f"must be a list of {plural}, but got {one}")
-    items = list(islice(values, most + 1))
-    if len(items) > most:
-        raise BadInput(name, f"must be at most {most:,} {plural}, but got more")
+        value = f"one {kind.__name__}: write it in brackets" if isinstance(values, kind) else type(values).__name__
+        raise BadInput(name, f"must be a list of {plural}, but got {value}")
+    items = list(islice(values, largest + 1))
+    if len(items) > largest:
+        raise BadInput(name, f"must be at most {largest:,} {plural}, but got more")
     article = "an" if kind.__name__.startswith(tuple("AEIOU")) else "a"
     if faults := [
         Fault(f"[{k}]", f"must be {article} {kind.__name__}, but got {type(item).__name__}")
@@ -192,13 +191,13 @@ def _items(name: str, values: Iterable[Item], kind: type[Item], plural: str, mos
 
 @dataclass(frozen=True)
 class ByValue:
-    """An expression of a script, a notebook, a prompt or inside a function, which no other process imports."""
+    """An expression that workers cannot import, from a script, a notebook, a prompt or the body of a function."""
 
     content: bytes
-    """It and all that it refers to there, pickled."""
+    """The pickled expression, with everything there that it refers to."""
 
     def __call__(self, platform: SymbolicPlatform, /) -> Expression:
-        """Return what it returns."""
+        """Return the value of the expression."""
         return _expression(self.content)(platform)
 
 
@@ -208,26 +207,26 @@ def _expression(content: bytes) -> ConstraintExpression:
     return expression
 
 
-def _sendable(one: OwnConstraint) -> OwnConstraint:
-    """Return a constraint with its expression by value if workers cannot import it."""
+def _sendable(constraint: OwnConstraint) -> OwnConstraint:
+    """Return a constraint whose expression is pickled by value if workers cannot import it."""
     with suppress(AttributeError, TypeError, pickle.PicklingError):
-        if b"__main__" not in pickle.dumps(one.expression):
-            return one
-    return replace(one, expression=ByValue(cloudpickle.dumps(one.expression)))
+        if b"__main__" not in pickle.dumps(constraint.expression):
+            return constraint
+    return replace(constraint, expression=ByValue(cloudpickle.dumps(constraint.expression)))
 
 
 def named_sampler(sampler: AnySampler) -> OwnSampler | None:
-    """Return a user's own sampler with a name; None for one of ours."""
+    """Return a user's sampler with a name; None for a built-in one."""
     if isinstance(sampler, str):
         return None
     if isinstance(sampler, OwnSampler):
         return sampler
     if callable(sampler):
         return OwnSampler(getattr(sampler, "__qualname__", type(sampler).__name__), sampler)
-    if isinstance(sampler, TopologySampler):  # one without a state: the same for every seed
+    if isinstance(sampler, TopologySampler):  # without state: the same for every seed
         return OwnSampler(type(sampler).__name__, lambda _: sampler)
-    known = ", ".join(get_args(Sampler))
-    rule = f"must be {known}, or make one for a seed, such as `lambda seed: {type(sampler).__name__}(seed=seed)`"
+    names = ", ".join(get_args(Sampler))
+    rule = f"must be {names}, or make one for a seed, such as `lambda seed: {type(sampler).__name__}(seed=seed)`"
     raise ValueError(f"sampler {rule}, but got {sampler!r}")
 
 
@@ -235,7 +234,7 @@ def enclose_speed(task: Task) -> Task:
     """Return a task whose `module.airflow.speed` is replaced by its cone-sphere, in `module.airflow.regions`.
 
     Raises:
-        BadInput: no air of one module is as fast, or the thrust at which it should be is beyond the rotors.
+        BadInput: no air of one module is that fast, or the rotors cannot produce the thrust `at`.
     """
     module, flow = task.module, task.module.airflow
     if flow.speed is None:
@@ -251,15 +250,15 @@ def enclose_speed(task: Task) -> Task:
 def envelope_of_speed(
     module: Module, density: float, gravity: float, speed: float, at: Thrust, *, source: str
 ) -> SpeedEnvelope:
-    """Return the cone-sphere of an air speed.
+    """Return the smallest cone-sphere around all air of one module that is at least as fast as a speed.
 
     Args:
-        module: one module alone.
-        density: rho [kg/m^3].
+        module: the module, alone in free air.
+        density: rho, density of air [kg/m^3].
         gravity: g [m/s^2].
-        speed: [m/s].
-        at: the module's thrust.
-        source: name of what states them.
+        speed: air speed [m/s].
+        at: thrust of the module.
+        source: file or option that faults name.
 
     Raises:
         BadInput: see `enclose_speed`.
@@ -269,12 +268,13 @@ def envelope_of_speed(
         rule = f"must be at most {module.max_thrust_to_weight:g} times the module's weight, but got {ratio:g}"
         raise BadInput(source, [Fault("module.airflow.at", rule)])
     thrust = ratio * module.mass * gravity
-    where = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
+    thrust_text = f"{ratio:.4g} times the weight of a module, {thrust:.4g} N"
     try:
         return enclose(module, density, thrust, speed)
     except Unreached as error:
-        most = f"{lower_text(error.bound.at_least, 4)} m/s (proven: at most {upper_text(error.bound.at_most, 4)})"
-        rule = f"must be a speed that is reached; at {where}, that is up to {most}, but got {speed:g}"
+        low, high = lower_text(error.bound.at_least, 4), upper_text(error.bound.at_most, 4)
+        reached = f"up to {low} m/s (proven: at most {high})"
+        rule = f"must be a speed that is reached; at {thrust_text}, that is {reached}, but got {speed:g}"
     except ArithmeticError as error:
         rule = str(error)
     raise BadInput(source, [Fault("module.airflow.speed", rule)])

@@ -1,4 +1,4 @@
-"""Single designs: solved, audited, rounded, with brackets; pages and pictures of designs and of runs."""
+"""Single designs: solving, auditing, rounding, brackets; pages and pictures of designs and runs."""
 
 from __future__ import annotations
 
@@ -39,26 +39,26 @@ def solve(
     progress: Callable[[Outcome], None] = lambda _: None,
     note: Callable[[str], None] = lambda _: None,
 ) -> Solved:
-    """Find the best design of one topology and audit it, both in the calling process.
+    """Find the best design of one topology and audit it.
 
-    With a time limit, or with constraints of your own, which might crash or never end, both happen in a worker
-    process.
-
-    Without `starts` and `time_limit` it ends after three rounds of starts in a row without improvement.
+    Both run in the calling process, or in a worker process if there is a time limit or a constraint of your own,
+    which might crash or never end. Without `starts` and `time_limit`, solving stops after three rounds of starts in
+    a row without improvement.
 
     Args:
-        task: a task, its file, or the name of a shipped example, of any number of modules.
-        topology: the tree, its key, or a graph as of `Topology.graph`.
-        starts: number of starts.
+        task: a task, its file, or the name of a shipped example. The topology decides the number of modules.
+        topology: a tree, its key, or a graph (see `Topology.graph`).
+        starts: number of starts; default: until more starts no longer help.
         seed: random seed of the starts.
-        time_limit: stop solving after this time [s].
-        near: designs of any trees to start from as well, beside the first round's starts.
+        time_limit: time after which solving stops [s]; default: none.
+        near: designs of any trees; each adds one start to the first round.
         constraints: your own constraints on the design; they are evaluated, not certified.
-        progress: receives the best outcome after each round.
-        note: receives messages about slow preparations.
+        progress: called with the best outcome after each round.
+        note: called with a message before slow preparations, such as compiling.
 
     Raises:
-        BadInput: the task, or what is your own, is invalid, or its connectors do not allow the topology.
+        BadInput: the task, the topology, a design or a constraint is invalid, or the task's connectors do not allow
+            the topology.
         ValueError: the number of starts is out of range (`limits`).
 
     Example:
@@ -99,12 +99,15 @@ def solve(
 
 
 def read_design(path: str | Path) -> Design:
-    """Return the design in a file, with its lower bound and gap computed anew.
+    """Return the design in a file, with its lower bound and gap recomputed.
 
-    A file without inputs gets the best that the audit finds.
+    If the file has no rotor inputs, the design gets the best inputs that the audit finds.
+
+    Args:
+        path: a file with a design, or a geometry without inputs.
 
     Raises:
-        BadInput: the file cannot be read, or is no design.
+        BadInput: the file cannot be read, or holds no design.
 
     Example:
         >>> from topo_search import read_design
@@ -117,12 +120,12 @@ def read_design(path: str | Path) -> Design:
 
 
 def read_completed(path: str | Path) -> Design:
-    """Return the design in a file; one without inputs gets the best found. Raises as `read_design`."""
+    """Return the design in a file, without recomputing its bound; otherwise like `read_design`."""
     return verify.complete(to_geometry(load_json(path, most_bytes=LIMITS.design_bytes), str(path)))
 
 
 def with_bound(design: Design, bound: float) -> Design:
-    """Return a design with another lower bound, and its gap to that: what its file says of them is no proof."""
+    """Return a design with a computed lower bound and its gap: those in a file are not proven."""
     gap = Design.gap_of(design.objective, min(bound, design.objective))
     return design.model_copy(update={"lower_bound": bound, "gap": gap})
 
@@ -139,14 +142,14 @@ class Rounded(NamedTuple):
 def round_angles(design: Design, step_deg: float) -> Rounded:
     """Round the hinge angles of a design, recompute its inputs and audit it again.
 
-    The root orientation is kept: the autopilot holds it, no bracket does.
+    The root orientation is not rounded: the autopilot holds it, not a bracket.
 
     Args:
         design: the design.
-        step_deg: step to round hinge angles to [deg].
+        step_deg: hinge angles become multiples of this step [deg].
 
     Raises:
-        BadInput: with these angles the rotors can no longer produce a load case.
+        BadInput: with rounded angles the rotors cannot produce some load case.
         RuntimeError: an audit failed; the message gives the reason.
     """
     from nlp.evaluation import NotPossible, refit
@@ -166,45 +169,48 @@ def round_angles(design: Design, step_deg: float) -> Rounded:
 
 def compare_audits(before: Audit, after: Audit) -> str:
     """Return a sentence about how a design's audit changed."""
-    least = (min((pair.analytic_m for pair in each.pairs), default=None) for each in (before, after))
-    was, now = ("none" if one is None else f"{lower_text(1000 * one, 3)} mm" for one in least)
-    return f"Audit: {after.verdict} (before: {before.verdict}); least clearance {now} (before: {was})."
+    clearances = (min((pair.analytic_m for pair in result.pairs), default=None) for result in (before, after))
+    old, new = ("none" if gap is None else f"{lower_text(1000 * gap, 3)} mm" for gap in clearances)
+    return f"Audit: {after.verdict} (before: {before.verdict}); least clearance {new} (before: {old})."
 
 
 def brackets_note(design: Design) -> str:
-    """Return what the audit proves of the brackets of a kit, stated or not, beside airflow and rotors.
+    """Return a sentence about the clearance of a kit's brackets from airflow and rotors, as the audit proves it.
+
+    Brackets are audited even if the task has no `[module.bracket]`.
 
     Raises:
-        RuntimeError: the audit failed, with the reason.
+        RuntimeError: the audit failed; the message gives the reason.
     """
     module = design.task.module
     with_brackets = module.model_copy(update={"bracket": module.bracket_sizes})
     task = design.task.model_copy(update={"module": with_brackets})
     kinds = ("bracket-airflow", "bracket-rotor")
-    rows = [one for one in audit(design.model_copy(update={"task": task})).pairs if one.kind in kinds]
-    if not rows:
+    pairs = [pair for pair in audit(design.model_copy(update={"task": task})).pairs if pair.kind in kinds]
+    if not pairs:
         return "Brackets: there are no joints, or numbers are too large to audit them."
-    least = min(rows, key=lambda row: (row.status is Status.CLEAR, row.analytic_m))
-    if least.status is Status.CLEAR:
-        return (
-            "Brackets are audited clear of all airflow and rotors; the least clearance is "
-            f"{lower_text(1000 * least.analytic_m, 3)} mm, {least.name}."
-        )
-    return f"Brackets are not clear: {least.name}, {lower_text(1000 * least.analytic_m, 3)} mm ({least.status})."
+    nearest = min(pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
+    clearance = f"{lower_text(1000 * nearest.analytic_m, 3)} mm"
+    if nearest.status is Status.CLEAR:
+        text = "Brackets are audited clear of all airflow and rotors; the least clearance is"
+        return f"{text} {clearance}, {nearest.name}."
+    return f"Brackets are not clear: {nearest.name}, {clearance} ({nearest.status})."
 
 
 def audit(design: Geometry, *, constraints: Iterable[OwnConstraint] = ()) -> Audit:
-    """Return the exact audit of a design, made in the calling process; with constraints of your own in a worker.
+    """Return the exact audit of a design.
 
-    A geometry without inputs is judged with the best inputs found.
+    It runs in the calling process, or in a worker process if there are constraints of your own. A geometry without
+    rotor inputs is judged with the best inputs that the audit finds.
 
     Args:
-        design: the design, or a geometry.
-        constraints: of your own, evaluated on it; those that it names but that are not given are `not checked`.
+        design: a design, or a geometry without inputs.
+        constraints: your own constraints, evaluated on the design, not certified. Those that its file names but
+            that are not given here are `not checked`.
 
     Raises:
-        BadInput: a constraint cannot be used.
-        RuntimeError: says why there is no audit.
+        BadInput: `design` is neither, or a constraint cannot be used.
+        RuntimeError: the audit failed; the message gives the reason.
 
     Example:
         >>> from topo_search import audit, read_design
@@ -228,12 +234,12 @@ def audits(
     """Yield the audit of each design in order.
 
     Args:
-        designs: drawn lazily, a few ahead of the audits.
-        workers: number of worker processes, where a crash fails one audit; 0: the calling process makes them.
-        constraints: as of `audit`.
+        designs: designs or geometries, consumed lazily, a few ahead of the audits.
+        workers: number of worker processes, where a crash fails only one audit; 0: the calling process.
+        constraints: as for `audit`.
     """
-    ended: dict[int, Audit | Failed] = {}
-    due = 0
+    finished: dict[int, Audit | Failed] = {}
+    next_number = 0
     with processes(workers) as engine:
         results = engine.run(
             partial(audit_job, backends(constraints).audit),
@@ -241,10 +247,10 @@ def audits(
             deadline=lambda job: audit_deadline(job[1].topology.n),
         )
         for (number, _), result in results:
-            ended[number] = result
-            while due in ended:
-                yield ended.pop(due)
-                due += 1
+            finished[number] = result
+            while next_number in finished:
+                yield finished.pop(next_number)
+                next_number += 1
 
 
 def write_report(
@@ -258,13 +264,14 @@ def write_report(
 
     Args:
         source: a run's folder or a design's file.
-        out: the page; default: `report.html` in the folder, or the design's name with `.html`.
-        flight: a folder that `fly --out` wrote for the design, whose flights are shown too.
-        note: receives each file in a run's folder that differs from the ledger, which the page is made from.
+        out: the page's file; default: `report.html` in the folder, or the design's name with `.html`.
+        flight: folder that `fly --out` wrote for the design; the page shows its flights.
+        note: called with a warning for each file in a run's folder that differs from the ledger. The page shows the
+            ledger.
 
     Raises:
-        BadInput: the source is neither, or the flights are not of it; or the page would go into a folder that a
-            run is using, or replace a file that the run did not write.
+        BadInput: the source is neither, the flights are of another design, the folder is in use by a run, or the
+            page would replace a file that the run did not write.
         RuntimeError: the audit failed; the message gives the reason.
 
     Example:
@@ -302,7 +309,7 @@ def _judge(design: Design) -> tuple[Design, Audit]:
 
 
 def write_page(folder: RunFolder) -> None:
-    """Write a run's page, unless it shows what it would again; only the coordinator loads what it takes."""
+    """Write a run's page unless it is current; the import is here because only the coordinator needs it."""
     if folder.page_is_current():
         return
     from topo_search.report.run_page import write_run_page
@@ -311,7 +318,14 @@ def write_page(folder: RunFolder) -> None:
 
 
 def plot_platform(design: Design, audited: Audit | None = None) -> Any:
-    """Return an interactive 3-D Plotly figure of a design; given its audit, also the closest pair and the rod.
+    """Return an interactive 3-D Plotly figure of a design, with airflow envelopes and target regions.
+
+    Args:
+        design: the design.
+        audited: its audit; with it the figure also shows the closest pair and the rod.
+
+    Raises:
+        BadInput: `design` is not a Design.
 
     Example:
         >>> from topo_search import plot_platform, read_answer
@@ -328,19 +342,19 @@ def plot_platform(design: Design, audited: Audit | None = None) -> Any:
 
 
 figure = plot_platform
-"""Its name of old."""
+"""Former name of `plot_platform`."""
 
 
 def compare(first: str | Path, second: str | Path, *, out: str | Path | None = None) -> list[list[Compared]]:
-    """Compare two runs, or designs, and return the designs of each, the best first.
+    """Compare two runs or designs, and return the designs of each, best first.
 
     Args:
         first: a run's folder or a design's file.
-        second: the other.
-        out: where to write the page that shows them side by side; None for no page.
+        second: likewise.
+        out: file of a page that shows both side by side; None: no page.
 
     Raises:
-        BadInput: one of them is neither, or a run without a design.
+        BadInput: a source is neither, or is a run without a design.
         RuntimeError: the audit of a design failed; the message gives the reason.
 
     Example:

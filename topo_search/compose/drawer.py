@@ -1,19 +1,20 @@
-"""One drawer of brackets for several tasks: a design for each from its run, and what to move from task to task.
+"""One drawer of brackets for several tasks: a design for each task, and the joints to change between tasks.
 
 | symbol | meaning | unit |
 |---|---|---|
 | t, d, k | task, one of its designs, kind of bracket: the size of its angle, rounded as in the kit's file names | |
-| x[t, d] | 1 for the design that is chosen | |
-| c[d, k] | brackets of a kind in a design | |
-| y[k, j] | 1 if the drawer has j or more of a kind: `y[k, j] >= sum x[t, d]` of all d with `c[d, k] >= j` | |
+| x[t, d] | 1 if design d is chosen for task t | |
+| c[d, k] | number of brackets of kind k in design d | |
+| y[k, j] | 1 if the drawer has at least j of kind k: `y[k, j] >= sum x[t, d]` over d with `c[d, k] >= j` | |
 | z[t, d, e] | 1 if d is chosen for task t and e for the next: `sum_e z = x[t, d]`, `sum_d z = x[t + 1, e]` | |
 | m[d, e] | joints to undo and to bolt from d to e | |
-| J, J* | effort of a design, and the least of its task | rad^4/s^4 |
+| J, J* | effort of a design, least effort of its task | rad^4/s^4 |
 
-Least sum y first, of these least sum m z, of these least sum J / J* x: three integer programs. Of designs of a task
-that are bolted alike only the one with the least effort is a choice. Once the least sum y is known, z is only for d
-and e that such a drawer serves, with some design of each other task. A bracket turned upside down turns the other
-way, so the sign of its angle makes no other kind. Modules are alike, and alike after half a turn.
+Three integer programs in turn minimize sum y, then sum m z, then sum J / J* x; each keeps the optimum of the ones
+before. Among designs of a task with the same assembly only the one with the least effort is a choice. Once the
+least sum y is known, z is defined only for pairs d, e that a drawer of that size serves together with some design
+of every other task. A bracket turned upside down tilts the other way, so kinds do not depend on the sign of the
+angle. Modules are identical, and symmetric under half a turn.
 """
 
 from __future__ import annotations
@@ -56,16 +57,16 @@ class NoCommonKit(Exception):
 
 
 class ChosenDesign(Value):
-    """The design that is chosen for a task."""
+    """The design chosen for a task."""
 
     task: str
     run: str
-    """Folder of its run."""
+    """Folder of the task's run."""
     design: str
-    """Its file, in the folder of the kit."""
+    """File of the design, relative to the folder of the kit."""
     topology_key: str
     over_best_percent: Number
-    """Effort over the least of its task [%]."""
+    """Effort over the least effort of its task [%]."""
 
 
 class Brackets(Value):
@@ -74,29 +75,29 @@ class Brackets(Value):
     angle_deg: Number
     """Size of the hinge angle [deg]."""
     count: Index
-    """As many as the task that needs most of them."""
+    """Number in the drawer: the largest number that any task needs."""
 
     @property
     def file(self) -> str:
-        """Path of its STL file in the folder of the kit."""
+        """STL file, relative to the folder of the kit."""
         return f"{BRACKETS}/{bracket_file(self.angle_deg)}"
 
 
 class Step(Value):
-    """One joint to undo or to bolt: a module that comes off the piece that the others form, or is added to it."""
+    """One joint to undo or to bolt, by which a module leaves or joins the piece that the other modules form."""
 
     module: Index
     """The module that moves."""
     port: Index
     to: Index
-    """The module of the piece."""
+    """The module of the piece at the joint."""
     to_port: Index
     bracket_deg: Number
     """Kind of the bracket: the size of the hinge angle [deg]."""
 
     @property
     def words(self) -> str:
-        """The joint."""
+        """The joint in words."""
         return (
             f"port {PORT_NAMES[self.port]} of module {self.module}, port {PORT_NAMES[self.to_port]} of module "
             f"{self.to}, bracket of {self.bracket_deg:.{DIGITS}f} deg"
@@ -104,7 +105,7 @@ class Step(Value):
 
 
 class Change(Value):
-    """Joints to undo and to bolt from one task to the next; the part that stays is in one piece."""
+    """Joints to undo and to bolt from one task to the next; the shared part stays in one piece."""
 
     model_config = ConfigDict(serialize_by_alias=True, validate_by_name=True)
 
@@ -113,31 +114,31 @@ class Change(Value):
     after: str = Field(alias="to")
     """The next task."""
     undo: Index
-    """Number of joints."""
+    """Number of joints to undo."""
     bolt: Index
-    """Number of joints."""
+    """Number of joints to bolt."""
     undo_steps: tuple[Step, ...]
-    """In order, numbered as in the design before; what is left stays in one piece."""
+    """In order, with module numbers of the design before; the rest stays in one piece."""
     bolt_steps: tuple[Step, ...]
-    """In order, numbered as in the design after; what is there is in one piece."""
+    """In order, with module numbers of the design after; the bolted part is in one piece."""
     stay: tuple[tuple[Index, Index], ...]
-    """Modules that stay bolted together: number in the design before, and in that after."""
+    """Modules that stay bolted together: number in the design before, number in the design after."""
 
     @property
     def words(self) -> str:
         """Instruction for the change, without a full stop."""
         undo = quantity(self.undo, "joint")
-        todo = f"from {self.before} to {self.after}: undo {undo}, then bolt {self.bolt}"
+        text = f"from {self.before} to {self.after}: undo {undo}, then bolt {self.bolt}"
         if len(self.stay) == 1:
-            return f"{todo}; no two modules stay together"
+            return f"{text}; no two modules stay together"
         stay = ", ".join(f"{i} as {j}" for i, j in self.stay)
-        return f"{todo}; these modules stay bolted together in one piece: {stay}"
+        return f"{text}; these modules stay bolted together in one piece: {stay}"
 
     @property
     def instructions(self) -> list[str]:
         """The steps, one sentence each, in order."""
         steps = [("Undo", step) for step in self.undo_steps] + [("Bolt", step) for step in self.bolt_steps]
-        return [f"{number}. {what} {step.words}." for number, (what, step) in enumerate(steps, start=1)]
+        return [f"{number}. {verb} {step.words}." for number, (verb, step) in enumerate(steps, start=1)]
 
 
 class SharedKit(Value):
@@ -146,28 +147,28 @@ class SharedKit(Value):
     format: Literal["topo-search/kit"] = "topo-search/kit"
     version: Literal[1] = 1
     within_percent: Number
-    """Largest effort of a design that could be chosen, over the least of its task [%]."""
+    """Largest effort of a choice over the least effort of its task [%]."""
     modules: Index
     """Number of modules of the largest design."""
     tasks: tuple[ChosenDesign, ...]
     """In the order given."""
     brackets: tuple[Brackets, ...]
-    """By angle. No choice of the designs kept needs fewer in all."""
+    """By angle. No choice among the designs kept needs fewer brackets in total."""
     changes: tuple[Change, ...]
     """One from each task to the next."""
     designs_kept: tuple[Index, ...]
-    """Number of designs that each task could choose from."""
+    """Number of designs to choose from, for each task."""
 
     @property
     def lines(self) -> list[str]:
-        """The drawer, the tasks and the changes, for a reader."""
+        """The drawer, the tasks and the changes in words."""
         brackets, kinds = sum(kind.count for kind in self.brackets), quantity(len(self.brackets), "kind")
-        most = upper_text(max(task.over_best_percent for task in self.tasks), 3)
-        kept = " x ".join(map(str, self.designs_kept))
+        excess = upper_text(max(task.over_best_percent for task in self.tasks), 3)
+        choices = " x ".join(map(str, self.designs_kept))
         return [
             f"{self.modules} modules and {brackets} brackets of {kinds} do all tasks "
-            f"within {most} % of their least effort",
-            f"no choice of the designs kept ({kept}) needs fewer brackets",
+            f"within {excess} % of their least effort",
+            f"no choice among the designs kept ({choices}) needs fewer brackets",
             *(f"bracket {kind.angle_deg:.{DIGITS}f} deg: {kind.count}" for kind in self.brackets),
             *(
                 f"{task.task}: {task.topology_key}, {upper_text(task.over_best_percent, 3)} % over the least effort"
@@ -178,7 +179,7 @@ class SharedKit(Value):
 
     @property
     def pages(self) -> list[str]:
-        """Names of the sheets of the changes."""
+        """File names of the sheets, one for each change."""
         return [
             f"change-{number}-{change.before}-{change.after}.html"
             for number, change in enumerate(self.changes, start=1)
@@ -195,23 +196,23 @@ def kit(
     observer: Observer | None = None,
     note: Callable[[str], None] = lambda _: None,
 ) -> SharedKit:
-    """Choose a design for each of several tasks such that few brackets serve them all, and write their kits.
+    """Choose a design for each of several tasks so that few brackets serve all of them, and write the kits.
 
     Args:
-        tasks: tasks, files, names of examples, or folders of finished runs. What is no folder is searched first,
-            in its default folder of `search`, with every local optimum kept; each gives its clear designs as large
-            as its best.
-        out: a new or empty folder, which gets `kit.json`, a page, a sheet a change, the brackets of the drawer to
-            print, a file a kind, and a folder with the kit of each task.
-        within: largest effort of a design over the least of its task [%].
-        tolerance_deg: range of angles that one bracket may serve: designs with such angles replaced by the middle
-            of the range are choices as well, if they are clear [deg].
+        tasks: tasks, task files, names of examples, or folders of finished runs. A task is searched first, in the
+            default folder of `search`, and every local optimum is kept. The choices are the clear designs of a run
+            that have as many modules as its best design.
+        out: a new or empty folder. It gets `kit.json`, a page, a sheet per change, one file to print per kind of
+            bracket, and a folder per task with its kit.
+        within: largest effort of a design over the least effort of its task [%].
+        tolerance_deg: width of the range of hinge angles that one bracket may serve [deg]. Designs whose angles are
+            moved to the middle of such a range are also choices, if they are clear.
         workers: worker processes of a search; default: the cores available.
         observer: receives the progress of searches.
-        note: receives what is to be known beside it.
+        note: called with remarks, such as on the clearance of brackets.
 
     Raises:
-        BadInput: something is no finished run, modules differ, brackets do not fit, or the folder is in use.
+        BadInput: a run is not finished, modules differ between tasks, brackets do not fit, or the folder is in use.
         NoCommonKit: a run has no design with a clear audit.
     """
     out = Path(out)
@@ -225,16 +226,16 @@ def kit(
         choices.append(_read_choices(runs[-1], within))
     _require_same_module(runs, choices)
     if tolerance_deg:
-        alone, choices = choices, share_brackets(choices, tolerance_deg, within)
-        if choices == alone:
+        separate, choices = choices, share_brackets(choices, tolerance_deg, within)
+        if choices == separate:
             note(f"no design is clear with a bracket shared within {tolerance_deg:g} deg")
     chosen = [designs[d] for designs, d in zip(choices, choose(choices), strict=True)]
     shared = _describe(runs, choices, chosen, within)
     for number, (design, entry) in enumerate(zip(chosen, shared.tasks, strict=True)):
-        beside = brackets_note(design)
-        before = [f"{change.words}." for change in shared.changes[number - 1 : number]]
-        written = write_kit(design, (out / entry.design).parent, (*before, beside))
-        for text in (beside, *written.notes):
+        brackets = brackets_note(design)
+        changes = [f"{change.words}." for change in shared.changes[number - 1 : number]]
+        written = write_kit(design, (out / entry.design).parent, (*changes, brackets))
+        for text in (brackets, *written.notes):
             note(f"{entry.task}: {text}")
     for kind in shared.brackets:
         solid = bracket(chosen[0].task.module.bracket_sizes, math.radians(kind.angle_deg))
@@ -248,76 +249,77 @@ def kit(
 
 
 def share_brackets(choices: Sequence[Sequence[Design]], tolerance_deg: float, within: float) -> list[list[Design]]:
-    """Return choices with designs added whose hinge angles are those of shared brackets, if they are clear.
+    """Return the choices, and clear designs with hinge angles of shared brackets in addition.
 
-    Sizes of angles are shared in groups no wider than the tolerance, from the least on; the root's orientation and
-    the end-effector stay, the inputs are found again.
+    Sizes of angles are grouped from the smallest up, in groups no wider than the tolerance, and replaced by the
+    middle of their group. Root orientation and end-effector stay; the inputs are recomputed.
     """
     from nlp.evaluation import NotPossible, refit  # loads CasADi
 
     sizes = sorted({size for designs in choices for design in designs for size in count_kinds(design)})
     shared, group = dict[float, float](), list[float]()
-    for size, after in zip(sizes, [*sizes[1:], math.inf], strict=True):
+    for size, next_size in zip(sizes, [*sizes[1:], math.inf], strict=True):
         group.append(size)
-        if after - group[0] > tolerance_deg:
+        if next_size - group[0] > tolerance_deg:
             shared |= dict.fromkeys(group, round((group[0] + group[-1]) / 2, DIGITS))
             group = []
     result = []
     for designs in choices:
-        moved = list[Design]()
+        refitted = list[Design]()
         for design in designs:
             if all(shared[size] == size for size in count_kinds(design)):
                 continue
             turns = zip(design.hinge_angles_rad, bracket_turns(design), strict=True)
             with suppress(NotPossible):
-                moved.append(refit(design, [math.copysign(math.radians(shared[abs(phi)]), a) for a, phi in turns]))
-        most = (1 + within / 100) * designs[0].objective
+                angles = [math.copysign(math.radians(shared[abs(phi)]), a) for a, phi in turns]
+                refitted.append(refit(design, angles))
+        largest = (1 + within / 100) * designs[0].objective
         clear = [
             design
-            for design, verdict in zip(moved, audits(moved), strict=True)
-            if isinstance(verdict, Audit) and verdict.verdict is Status.CLEAR and design.objective <= most
+            for design, audit in zip(refitted, audits(refitted), strict=True)
+            if isinstance(audit, Audit) and audit.verdict is Status.CLEAR and design.objective <= largest
         ]
         result.append(sorted((*designs, *clear), key=lambda design: design.objective))
     return result
 
 
 def choose(choices: Sequence[Sequence[Design]]) -> tuple[int, ...]:
-    """Return the index of the design to choose for each task, by the programs of the module's docstring."""
+    """Return the index of the chosen design of each task; the programs are those of the module's docstring."""
     kept = [_without_copies(each) for each in choices]
-    designs = [each[d] for each, of in zip(choices, kept, strict=True) for d in of]
+    designs = [each[d] for each, indices in zip(choices, kept, strict=True) for d in indices]
     first = np.cumsum([0, *map(len, kept)]).tolist()
     tasks = [range(*bounds) for bounds in pairwise(first)]
     counts = [count_kinds(design) for design in designs]
-    brackets = sorted({(kind, j) for count in counts for kind, most in count.items() for j in range(1, most + 1)})
+    brackets = sorted({(kind, j) for count in counts for kind, c in count.items() for j in range(1, c + 1)})
     needs = np.array([[count[kind] >= j for kind, j in brackets] for count in counts]).reshape(len(designs), -1)
     y = range(len(designs), len(designs) + len(brackets))
-    rows: list[BracketRow] = [(dict.fromkeys(of, 1.0), 1.0, 1.0) for of in tasks]
-    for of, (k, y_k) in product(tasks, enumerate(y)):
-        rows.append(({y_k: 1.0} | {d: -1.0 for d in of if needs[d, k]}, 0.0, math.inf))
+    rows: list[BracketRow] = [(dict.fromkeys(task, 1.0), 1.0, 1.0) for task in tasks]
+    for task, (k, y_k) in product(tasks, enumerate(y)):
+        rows.append(({y_k: 1.0} | {d: -1.0 for d in task if needs[d, k]}, 0.0, math.inf))
     drawer = dict.fromkeys(y, 1.0)
-    _, fewest = _least(drawer, rows, y.stop, len(designs))
+    _, fewest = _minimize(drawer, rows, y.stop, len(designs))
     rows.append((drawer, -math.inf, round(fewest) + 0.5))
     z = {pair: number for number, pair in enumerate(_pairs(needs, tasks, round(fewest)), start=y.stop)}
-    for side, of in enumerate((range(first[-2]), range(first[1], first[-1]))):
-        rows += [({d: -1.0} | {number: 1.0 for pair, number in z.items() if pair[side] == d}, 0.0, 0.0) for d in of]
+    for side, linked in enumerate((range(first[-2]), range(first[1], first[-1]))):
+        rows += [({d: -1.0} | {z_k: 1.0 for pair, z_k in z.items() if pair[side] == d}, 0.0, 0.0) for d in linked]
     moves = dict[int, float]()
     for pair, number in z.items():
-        one, other = (designs[d] for d in pair)
-        moves[number] = one.topology.n + other.topology.n - 2 * len(shared_part(one, other))
-    _, least = _least(moves, rows, y.stop + len(z), len(designs))
-    rows.append((moves, -math.inf, round(least) + 0.5))
-    excess = [_excess(each[d], each) for each, of in zip(choices, kept, strict=True) for d in of]
-    effort = {d: 1e6 * over for d, over in enumerate(excess)}  # HiGHS stops within 1e-6 of the least
-    x, _ = _least(effort, rows, y.stop + len(z), len(designs))
-    return tuple(each[int(np.argmax(x[of]))] for each, of in zip(kept, tasks, strict=True))
+        before, after = (designs[d] for d in pair)
+        moves[number] = before.topology.n + after.topology.n - 2 * len(shared_part(before, after))
+    _, fewest_moves = _minimize(moves, rows, y.stop + len(z), len(designs))
+    rows.append((moves, -math.inf, round(fewest_moves) + 0.5))
+    excess = [_excess(designs[d], designs[task.start : task.stop]) for task in tasks for d in task]
+    effort = {d: 1e6 * value for d, value in enumerate(excess)}  # HiGHS stops within 1e-6 of the optimum
+    x, _ = _minimize(effort, rows, y.stop + len(z), len(designs))
+    return tuple(indices[int(np.argmax(x[task]))] for indices, task in zip(kept, tasks, strict=True))
 
 
 BracketRow = tuple[dict[int, float], float, float]
-"""A constraint: coefficients by variable, and the limits of their sum."""
+"""A linear constraint: coefficients by variable, lower and upper bound of their sum."""
 
 
-def _least(cost: dict[int, float], rows: Sequence[BracketRow], size: int, whole: int) -> tuple[Array, float]:
-    """Return variables from 0 to 1, the first of them whole numbers, with the least cost, and that cost."""
+def _minimize(cost: dict[int, float], rows: Sequence[BracketRow], size: int, integers: int) -> tuple[Array, float]:
+    """Minimize a cost over variables from 0 to 1, the first `integers` of them whole; return point and cost."""
     from scipy.optimize import LinearConstraint, milp  # slow to import
     from scipy.sparse import csr_array
 
@@ -327,7 +329,7 @@ def _least(cost: dict[int, float], rows: Sequence[BracketRow], size: int, whole:
     solution = milp(
         [cost.get(c, 0.0) for c in range(size)],
         constraints=LinearConstraint(csr_array((values, (at_row, at_column)), (len(rows), size)), lower, upper),
-        integrality=np.arange(size) < whole,
+        integrality=np.arange(size) < integers,
         bounds=(0, 1),
         options={"mip_rel_gap": 0.0, "presolve": False},  # SciPy 1.17's presolve may never end on efforts
     )
@@ -336,27 +338,27 @@ def _least(cost: dict[int, float], rows: Sequence[BracketRow], size: int, whole:
     return solution.x, solution.fun
 
 
-def _pairs(needs: NDArray[np.bool_], tasks: Sequence[range], most: int) -> Iterator[tuple[int, int]]:
-    """Yield pairs of designs of adjacent tasks that fit `most` brackets with some design of each other task."""
-    for t, (one, other) in enumerate(pairwise(tasks)):
-        for d in one:
-            both = needs[d] | needs[other]
-            served = both.sum(axis=1) <= most
-            for of in (*tasks[:t], *tasks[t + 2 :]):
-                more = ~both @ needs[of].T.astype(int)
-                served &= both.sum(axis=1) + more.min(axis=1) <= most
-            yield from ((d, other[e]) for e in np.flatnonzero(served).tolist())
+def _pairs(needs: NDArray[np.bool_], tasks: Sequence[range], fewest: int) -> Iterator[tuple[int, int]]:
+    """Yield pairs of designs of adjacent tasks that `fewest` brackets serve with some design of each other task."""
+    for t, (before, after) in enumerate(pairwise(tasks)):
+        for d in before:
+            both = needs[d] | needs[after]
+            served = both.sum(axis=1) <= fewest
+            for task in (*tasks[:t], *tasks[t + 2 :]):
+                more = ~both @ needs[task].T.astype(int)
+                served &= both.sum(axis=1) + more.min(axis=1) <= fewest
+            yield from ((d, after[e]) for e in np.flatnonzero(served).tolist())
 
 
 def _without_copies(designs: Sequence[Design]) -> list[int]:
-    """Return the indices of the designs with the least effort of all whose modules are bolted alike."""
-    kept: dict[frozenset[tuple[float, int]], list[int]] = {}
+    """Return the indices of designs with distinct assemblies, of each the design with the least effort."""
+    distinct: dict[frozenset[tuple[float, int]], list[int]] = {}
     for d in sorted(range(len(designs)), key=lambda d: designs[d].objective):
-        alike = kept.setdefault(frozenset(count_kinds(designs[d]).items()), [])
+        same_kinds = distinct.setdefault(frozenset(count_kinds(designs[d]).items()), [])
         n = designs[d].topology.n
-        if not any(len(shared_part(designs[d], designs[e])) == n == designs[e].topology.n for e in alike):
-            alike.append(d)
-    return sorted(d for alike in kept.values() for d in alike)
+        if not any(len(shared_part(designs[d], designs[e])) == n == designs[e].topology.n for e in same_kinds):
+            same_kinds.append(d)
+    return sorted(d for same_kinds in distinct.values() for d in same_kinds)
 
 
 def count_kinds(design: Design) -> Counter[float]:
@@ -364,35 +366,35 @@ def count_kinds(design: Design) -> Counter[float]:
     return Counter(map(abs, bracket_turns(design)))
 
 
-def shared_part(one: Design, other: Design) -> dict[int, int]:
-    """Return the largest part in one piece that two designs share: numbers of its modules in one, and in the other.
+def shared_part(first: Design, second: Design) -> dict[int, int]:
+    """Return the largest connected part that two designs share: its modules in the first, and in the second.
 
-    It is found exactly: two joints that agree, a module at each, fix all the rest.
+    The result is exact: a joint of one design that is matched with a joint of the other fixes all other modules.
     """
-    mine, theirs = _ports(one), _ports(other)
-    sides = [[(i, a, phi) for i, joints in of.items() for a, (*_, phi) in joints.items()] for of in (mine, theirs)]
+    ports = _ports(first), _ports(second)
+    sides = [[(i, a, phi) for i, joints in side.items() for a, (*_, phi) in joints.items()] for side in ports]
     largest = {0: 0}
     seen = set[tuple[int, int, int]]()
-    for (start, a, angle), (match, b, angle_there) in product(*sides):
+    for (start, a, angle), (match, b, match_angle) in product(*sides):
         turn = (b - a) % 4
-        if angle != angle_there or turn % 2 or (start, match, turn) in seen:
+        if angle != match_angle or turn % 2 or (start, match, turn) in seen:
             continue
         part, grown = {start: (match, turn)}, [start]
         for i in grown:
             j, turn = part[i]
-            for port, (child, child_port, phi) in mine[i].items():
-                there = theirs[j].get((port + turn) % 4)
-                if child not in part and there and there[2] == phi and (there[1] - child_port) % 2 == 0:
-                    part[child] = there[0], (there[1] - child_port) % 4
+            for port, (child, child_port, phi) in ports[0][i].items():
+                joint = ports[1][j].get((port + turn) % 4)
+                if child not in part and joint and joint[2] == phi and (joint[1] - child_port) % 2 == 0:
+                    part[child] = joint[0], (joint[1] - child_port) % 4
                     grown.append(child)
-        seen.update((i, *at) for i, at in part.items())
+        seen.update((i, *matched) for i, matched in part.items())
         if len(part) > len(largest):
             largest = {i: j for i, (j, _) in part.items()}
     return largest
 
 
 def _ports(design: Design) -> dict[int, dict[int, tuple[int, int, float]]]:
-    """Return for every module's port with a joint the module there, its port, and phi, the same at both ends."""
+    """Return for each module and port with a joint the module and port at its other end, and phi."""
     ports: dict[int, dict[int, tuple[int, int, float]]] = {i: {} for i in range(design.topology.n)}
     for (h, i, a, b), phi in zip(design.topology.edges(), bracket_turns(design), strict=True):
         ports[h][a], ports[i][b] = (i, b, phi), (h, a, phi)
@@ -400,53 +402,53 @@ def _ports(design: Design) -> dict[int, dict[int, tuple[int, int, float]]]:
 
 
 def growing_steps(design: Design, piece: Iterable[int]) -> tuple[Step, ...]:
-    """Return the joints by which a platform grows from a piece of it, module by module."""
+    """Return the joints that complete a platform from a piece of it, module by module."""
     ports, grown = _ports(design), list(piece)
-    steps, known = list[Step](), set(grown)
+    steps, bolted = list[Step](), set(grown)
     for i in grown:
         for port, (j, port_of_j, phi) in ports[i].items():
-            if j not in known:
-                known.add(j)
+            if j not in bolted:
+                bolted.add(j)
                 grown.append(j)
                 steps.append(Step(module=j, port=port_of_j, to=i, to_port=port, bracket_deg=abs(phi)))
     return tuple(steps)
 
 
 def _excess(design: Design, choices: Sequence[Design]) -> float:
-    least = min(each.objective for each in choices)
+    least = min(choice.objective for choice in choices)
     return design.objective / least - 1 if least else 0.0
 
 
 def _read_choices(run: Path, within: float) -> list[Design]:
-    """Return the designs of a run with a clear audit, of its best size and so much effort at most, by effort."""
+    """Return a run's clear designs as large as its best one, with at most `within` % more effort, by effort."""
     with RunFolder.load(run) as folder:
         answer = answer_of(folder)
         if not answer.complete:
-            rule = "must be a finished run, but something is left to do; continue it with the same command"
+            rule = "must be a finished run, but it is not; continue it with the same command"
             raise BadInput(str(run), rule)
         best = answer.best
         if best is None or best.objective is None:
             raise NoCommonKit(f"no common kit: {run} has no design with a clear audit")
         level = folder.levels[answer.level]
-        most = (1 + within / 100) * best.objective
+        largest = (1 + within / 100) * best.objective
         designs = [
             design
             for row in level.ledger.ranking(best.modules)
-            if row.objective is not None and row.objective <= most
+            if row.objective is not None and row.objective <= largest
             for design in clear_designs(level, row)
-            if design.objective <= most
+            if design.objective <= largest
         ]
         return sorted(designs, key=lambda design: (design.objective, design.topology.key))
 
 
 def _require_same_module(runs: Sequence[Path], choices: Sequence[Sequence[Design]]) -> None:
-    """Refuse tasks whose modules are not the same, whatever their airflow: that is up to the task."""
-    first, *others = (designs[0].task.module.model_dump(mode="json", exclude={"airflow"}) for designs in choices)
-    for run, other in zip(runs[1:], others, strict=True):
+    """Raise BadInput unless all tasks have the same module; airflow may differ, as it depends on the task."""
+    first, *modules = (designs[0].task.module.model_dump(mode="json", exclude={"airflow"}) for designs in choices)
+    for run, module in zip(runs[1:], modules, strict=True):
         if faults := [
             Fault(f"module.{name}", f"must be that of {runs[0]}, as one drawer holds modules of one kind")
-            for name in sorted({*first, *other})
-            if first.get(name) != other.get(name)
+            for name in sorted({*first, *module})
+            if first.get(name) != module.get(name)
         ]:
             raise BadInput(str(run), faults)
 
@@ -454,21 +456,21 @@ def _require_same_module(runs: Sequence[Path], choices: Sequence[Sequence[Design
 def _describe(
     runs: Sequence[Path], choices: Sequence[Sequence[Design]], chosen: Sequence[Design], within: float
 ) -> SharedKit:
-    """Return what `kit.json` says of the designs that are chosen."""
+    """Return the contents of `kit.json` for the chosen designs."""
     drawer = Counter[float]()
     for design in chosen:
         drawer |= count_kinds(design)
     changes = []
-    for one, other in pairwise(chosen):
-        part = shared_part(one, other)
+    for before, after in pairwise(chosen):
+        part = shared_part(before, after)
         changes.append(
             Change(
-                before=one.task.name,
-                after=other.task.name,
-                undo=one.topology.n - len(part),
-                bolt=other.topology.n - len(part),
-                undo_steps=growing_steps(one, part)[::-1],
-                bolt_steps=growing_steps(other, part.values()),
+                before=before.task.name,
+                after=after.task.name,
+                undo=before.topology.n - len(part),
+                bolt=after.topology.n - len(part),
+                undo_steps=growing_steps(before, part)[::-1],
+                bolt_steps=growing_steps(after, part.values()),
                 stay=tuple(sorted(part.items())),
             )
         )
@@ -492,7 +494,7 @@ def _describe(
 
 
 def _drawer_page(shared: SharedKit, designs: Sequence[Design]) -> str:
-    """Return the page of a drawer: what is in it, the design of each task, and every change."""
+    """Return the page of a kit: its brackets, the design of each task, and every change."""
     lines = [paragraph(text) for text in shared.lines[:2]]
     brackets = [(f"{kind.angle_deg:.{DIGITS}f}", kind.count, kind.file) for kind in shared.brackets]
     lines += ["<h2>Drawer</h2>", table(("hinge angle [deg]", "brackets", "to print"), brackets), "<h2>Tasks</h2>"]
@@ -507,17 +509,17 @@ def _drawer_page(shared: SharedKit, designs: Sequence[Design]) -> str:
 
 
 def _change_lines(change: Change, before: Design, after: Design) -> Iterator[str]:
-    """Yield the two platforms with the joints that stay in one colour, and the steps in order."""
+    """Yield drawings of both platforms, with the joints that stay in green, and the steps in order."""
     yield f"<h2>From {escape(change.before)} to {escape(change.after)}</h2>"
     stays = zip((before, after), zip(*change.stay, strict=True), strict=True)
     yield _side_by_side((escape(design.task.name), tree_svg(design, marked=stay)) for design, stay in stays)
     yield paragraph(
-        "Joints that stay are green. Every module comes off the end of a piece, and is added to one piece."
+        "Joints that stay are green. Modules come off, and are added, one at a time; the others stay in one piece."
     )
     yield from (paragraph(text) for text in change.instructions)
     yield paragraph(
-        f"Then rod and end-effector go where the last step of the assembly sheet of {escape(change.after)} says, "
-        "and the autopilot gets the allocation of that kit."
+        f"Then mount rod and end-effector as in the last step of the assembly sheet of {escape(change.after)}, "
+        "and load the allocation of that kit into the autopilot."
     )
 
 

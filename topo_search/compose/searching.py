@@ -1,4 +1,4 @@
-"""Searches of all trees of a task, proofs that none is better, and checks of these proofs."""
+"""Searches of all trees of a task, proofs that none is better, and checks of those proofs."""
 
 from __future__ import annotations
 
@@ -83,36 +83,38 @@ def search(
         out: the run's folder; default: `runs/NAME-HASH`.
         symmetry: symmetries under which trees count as one candidate.
         strategy: `exhaustive` solves every candidate; `optuna` those that a sampler proposes. Default:
-            `exhaustive`, but a new one that would take over a day, without a time limit or Dask, is refused.
+            `exhaustive`, but a new search of over a day is refused unless there is a time limit or Dask.
         sampler: sampling algorithm: `moves` on the best trees, `tpe`, `nsga2` or `random`; or your own: an
             `OwnSampler`, a function that makes any Optuna sampler or a `TopologySampler` for a seed, or a
             `TopologySampler` without state.
-        trials: number of candidates to propose; None: all.
-        round_size: with `optuna`, how many proposals may be unsolved at a time. More keep more workers busy,
-            and are learnt from later.
+        trials: with `optuna`, number of candidates to propose; None: all.
+        round_size: with `optuna`, number of proposals that may be pending at a time. More keep more workers busy,
+            but the sampler learns later from them.
         prune: skip candidates that the lower bound proves no better than the best design so far.
-        starts: starts per candidate, or per finalist if not all are proposed; default: by the number of modules.
+        starts: starts per candidate, or per finalist if not all candidates are proposed; default: by the number of
+            modules.
         seed: random seed of starts and proposals.
         workers: worker processes; default: the cores available. Results do not depend on it.
         dask: address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT, whose workers replace local
-            processes. Plain tcp is not authenticated, and results are unpickled.
+            processes. Plain tcp is not authenticated, although results are unpickled.
         dask_tls: certificates for tls; default: those of Dask's own configuration.
         time_limit: stop solving, or proving, after this time [s].
         near: designs of any trees; each adds one start to every candidate.
         constraints: your own constraints on designs. They are evaluated, not certified; unless they are declared
             `invariant`, every rooted tree is a candidate.
-        topologies: the only candidates: trees, keys, or graphs as of `Topology.graph`. Each is solved as given.
-        prove: relative gap to which branch and bound then proves that no tree is better, as `prove` does.
-        keep_within: keep every local optimum with a clear audit and at most so much more effort than the best [%].
+        topologies: the only candidates: trees, keys, or graphs (see `Topology.graph`). Each is solved as given.
+        prove: relative gap within which branch and bound then proves that no tree is better; see `prove`.
+        keep_within: keep every local optimum with a clear audit and at most this much more effort than the best
+        [%].
         observer: receives progress.
-        live: serve the page on this machine while the search runs; the observer gets its address as a note.
+        live: serve the page to this machine while the search runs; the observer receives its address as a note.
 
     Raises:
-        BadInput: the task, folder, address, a certificate or your own code is invalid, or there are too many
-            candidates to solve them all.
+        BadInput: the task, the folder, the address, a certificate or your own code is invalid, or there are too
+            many candidates to solve all of them.
         ValueError: starts, trials, round_size or workers are out of range (`limits`), or strategy or sampler is
             unknown.
-        WorkersLost: workers do not start or return, or the Dask scheduler does not answer; results are kept.
+        WorkersLost: workers do not start or return, or the Dask scheduler does not answer; results so far are kept.
 
     Example:
         >>> from topo_search import read_task, search
@@ -137,16 +139,16 @@ def search(
         user_inputs=UserInputs(
             topologies=None if topologies is None else own_candidates(topologies, base_task),
             near=tuple(digest(design.model_dump(mode="json", exclude={"solver"})) for design in designs),
-            constraints=tuple(one.stated for one in checked),
+            constraints=tuple(constraint.stated for constraint in checked),
             sampler=None if own_sampler is None else own_sampler.stated,
         ),
         near=designs,
         sampler_factory=None if own_sampler is None else own_sampler.make,
     )
     path = Path("runs") / request.folder_name if out is None else Path(out)
-    patient = strategy is not None or dask is not None or math.isfinite(time_limit) or path.exists()
-    # a day of all cores is the longest search of all candidates that nobody has to ask for
-    _refuse_endless(request, math.inf if patient else 24 * 3600.0 * (workers or available_cores()))
+    may_take_long = strategy is not None or dask is not None or math.isfinite(time_limit) or path.exists()
+    # an exhaustive search of more than a day on all cores has to be requested
+    _refuse_too_long(request, math.inf if may_take_long else 24 * 3600.0 * (workers or available_cores()))
     if keep_within is not None and (prune or not 0 <= keep_within <= LIMITS.percent):
         raise ValueError(f"`0 <= keep_within <= {LIMITS.percent}` must hold without `prune`, but got {keep_within}")
     if prove is not None:
@@ -160,28 +162,28 @@ def search(
         resolved, topology = base_task.resolve(n), next(request.space(n).candidates()).topology
         nlp.refuse_unusable(checked, resolved, topology)
         nlp.refuse_wrong_claims(checked, resolved, topology, mirror=improper_isometry(resolved))
-    observer, until = observer or Silent(), time.monotonic() + time_limit
+    observer, deadline = observer or Silent(), time.monotonic() + time_limit
 
     def prepare() -> None:
-        nonlocal until
-        _compiling(nlp.prepare, engine, observer)(base_task)
-        until = time.monotonic() + time_limit
+        nonlocal deadline
+        _compiler(nlp.prepare, engine, observer)(base_task)
+        deadline = time.monotonic() + time_limit
 
     def prove_best(gap: float) -> Answer:
-        return _prove(path, engine, follower, gap=gap, time_limit=until - time.monotonic())
+        return _prove(path, engine, listener, gap=gap, time_limit=deadline - time.monotonic())
 
-    serving: AbstractContextManager[Observer] = nullcontext(observer)
+    live_page: AbstractContextManager[Observer] = nullcontext(observer)
     if live:
         from topo_search.report.live import serve_live
 
-        serving = serve_live(path, observer)
-    with open_engine(workers, dask, dask_tls, request.versions, observer) as engine, serving as follower:
+        live_page = serve_live(path, observer)
+    with open_engine(workers, dask, dask_tls, request.versions, observer) as engine, live_page as listener:
         return run(
             request,
             path,
             backends(checked),
             engine=engine,
-            observer=follower,
+            observer=listener,
             workers=engine.count if isinstance(engine, Workers) else None,
             time_limit=time_limit,
             prepare=prepare,
@@ -206,28 +208,28 @@ def prove(
 ) -> Answer:
     """Prove by branch and bound that no tree of a run beats its best design, or bound by how much one could.
 
-    Proofs are written to `proof/KEY` and `candidates.csv` in the run folder, chunk by chunk; calling it again
-    resumes a stopped proof.
+    Proofs are written to `proof/KEY` and `candidates.csv` in the run folder, chunk by chunk. The same call resumes
+    a stopped proof.
 
     Args:
         folder: the run folder.
-        gap: relative gap at which a tree counts as settled: how far its bound may stay below its own best effort,
-            if that cannot be proven above the effort of the best.
-        problem: designs that the proof is about: `task`, all that the audit may call clear; `solver`, those
-            that also keep the solver's margin and its distance of centres.
-        topology: key of a single tree to prove; default: all.
-        lender: folder of a run of a task that differs in exposure alone; its complete proofs are taken where they
-            prove as much as the gap asks for.
+        gap: relative gap at which a tree counts as settled: how far its bound may lie below its own best effort, if
+            the tree cannot be excluded.
+        problem: designs that the proof covers: `task`, all that the audit may call clear; `solver`, those that also
+            keep the solver's margin and its distance between centres.
+        topology: key of a single tree to prove; default: all trees.
+        lender: folder of another run, whose task differs only in name and exposure. Its complete proofs are reused
+            where they suffice for `gap`.
         workers: worker processes; default: the cores available. Results do not depend on it.
         dask: as for `search`.
         dask_tls: as for `search`.
-        time_limit: stop after this time [s].
+        time_limit: stop after this time and keep the proofs so far [s].
         observer: receives progress.
 
     Raises:
-        BadInput: not a run folder, no audited design, no such tree, another process is using the folder, or no
-            proof of `lender` holds for it.
-        ValueError: a gap beyond `limits`.
+        BadInput: the folder is not a run, has no audited design or no such tree, or is in use by another process;
+            or no proof of `lender` applies to it.
+        ValueError: the gap is out of range (`limits`).
         WorkersLost: as for `search`.
 
     Example:
@@ -251,17 +253,17 @@ def prove(
 
 
 def _prove(path: Path, engine: Workers | DaskWorkers, observer: Observer, **options: Any) -> Answer:
-    """Prove with the solver's bounds; options as of `topo_search.study.prove`."""
-    prepare = _compiling(nlp.prepare_proof, engine, observer)
+    """Prove with the solver's bounds; options as for `topo_search.study.prove`."""
+    prepare = _compiler(nlp.prepare_proof, engine, observer)
     options |= {"engine": engine, "observer": observer, "prepare": prepare, "report": write_page}
     return prove_run(path, nlp.prove_chunk, nlp.proof_root, **options)
 
 
 def _refuse_gap(name: str, gap: float) -> None:
-    """Refuse a gap that no proof can be asked for."""
-    least, most = LIMITS.gaps
-    if not least <= gap <= most:
-        raise ValueError(f"`{least} <= {name} <= {most}` must hold, but got {gap}")
+    """Raise ValueError if a gap is out of range; `name` is the parameter's."""
+    smallest, largest = LIMITS.gaps
+    if not smallest <= gap <= largest:
+        raise ValueError(f"`{smallest} <= {name} <= {largest}` must hold, but got {gap}")
 
 
 def check_proofs(
@@ -273,19 +275,19 @@ def check_proofs(
     dask_tls: Certificates | None = None,
     observer: Observer | None = None,
 ) -> Checked:
-    """Check what `prove` has proven of a run, by code that shares nothing with it; nothing is written.
+    """Check the proofs of a run with code that shares nothing with the prover, and write nothing.
 
     Args:
-        folder: of the run.
-        topology: key of the one tree to look at; default: all.
-        workers: as of `search`.
-        dask: as of `search`.
-        dask_tls: as of `search`.
-        observer: receives the progress.
+        folder: the run folder.
+        topology: key of a single tree to check; default: all trees.
+        workers: as for `search`.
+        dask: as for `search`.
+        dask_tls: as for `search`.
+        observer: receives progress.
 
     Raises:
-        BadInput: it is not a run folder, or has no audited design or no such tree.
-        WorkersLost: as of `search`.
+        BadInput: the folder is not a run, or has no audited design or no such tree.
+        WorkersLost: as for `search`.
     """
     observer = observer or Silent()
     with open_engine(workers, dask, dask_tls, _versions(folder), observer) as engine:
@@ -296,14 +298,14 @@ def check_proofs(
             key=topology,
             engine=engine,
             observer=observer,
-            prepare=_compiling(verify.prepare_check, engine, observer),
+            prepare=_compiler(verify.prepare_check, engine, observer),
         )
 
 
-def _compiling(
+def _compiler(
     prepare: Callable[[AnyTask, Callable[[str], None]], None], engine: Workers | DaskWorkers, observer: Observer
 ) -> Callable[[AnyTask], None]:
-    """Return what compiles before jobs would, on this machine or on every machine of a cluster."""
+    """Return a function that compiles code before the jobs, on this machine or on every one of a cluster."""
     if isinstance(engine, DaskWorkers):
         return partial(engine.prepare, prepare)
     return lambda task: prepare(task, observer.note)
@@ -317,12 +319,12 @@ def _versions(folder: str | Path) -> Mapping[str, str]:
         return run.request.versions
 
 
-def _refuse_endless(request: Request, longest: float) -> None:
-    """Refuse to solve all candidates where that takes too long, before a folder is made for them.
+def _refuse_too_long(request: Request, longest: float) -> None:
+    """Raise BadInput if solving all candidates would take too long, before a folder is made.
 
     Args:
-        request: of the run.
-        longest: processor time that the user has patience for [s].
+        request: the request of the run.
+        longest: largest processor time that is acceptable [s].
     """
     if request.trials is not None:
         return

@@ -1,8 +1,7 @@
-"""The paper's studies and ours: many topologies solved under varied conditions, measured, summed up and drawn.
+"""The paper's studies and further ones: many topologies solved under varied conditions, measured and summarised.
 
-An experiment is a list of cells, each one topology under one condition. A cell is measured in a worker process, and
-its row is on the disk before the next one counts, so that the same command continues where
-it was stopped.
+An experiment is a list of cells, each one topology under one condition. Cells are measured in worker processes, and
+each row is written to disk at once, so that a stopped experiment can be resumed.
 """
 
 from topo_search.experiments.conducting import Experiment, conduct, results
@@ -14,4 +13,4 @@ def experiment(name: str) -> Experiment:
     from topo_search.experiments.comparisons import COMPARISONS
     from topo_search.experiments.paper import PAPER_STUDIES
 
-    return {one.name: one for one in (*PAPER_STUDIES, *COMPARISONS)}[name]
+    return {study.name: study for study in (*PAPER_STUDIES, *COMPARISONS)}[name]

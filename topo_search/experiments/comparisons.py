@@ -1,18 +1,21 @@
-"""One problem against another, tree by tree: what the difference costs, and how many trees it leaves a design.
+"""Comparisons of problem variants, tree by tree: their cost in effort, and in trees that still have a design.
 
-A comparison has a reference and other variants. Efforts are compared over the trees that have a design under both;
-where a variant has several rows of one tree, one for each of its roots, the best of them counts. Trees of random
-wrenches each have their own, so that there is no best of them.
+A comparison has a reference and further variants. Efforts are compared over the trees that have a design under
+both; if a variant has several rows for one tree, one for each of its roots, the best of them counts. With random
+wrenches every tree has its own task, so no tree is the best.
 
-- `placement`: an end-effector at the centre of mass, against one whose position is optimised too. At the centre of
-  mass it must still keep its distance from every module's centre, so that the platform has to leave a hole there;
-  `com, inside allowed` drops that (`end_effector.exclusion = false`), as if a module could be in the same place.
-  The cone of an exterior requirement has no axis there, so that this class cannot take part.
-- `root`: the paper's root, whose two angles stay within a right angle, against a root that turns freely. A free
-  root makes all roots of a tree the same design; with the paper's a tree has to be tried with each of its modules
-  as the root. Every root gets as many starts as a tree with a free one, so that the paper's has n times more.
-- `body`: frames that keep clear of each other, where the paper lets airflow alone keep them apart. `airflow only`
-  has the paper's clearances, `search.body_clearance = false`; `body clearance` requires the default distance of the
+- `placement`: an end-effector at the centre of mass, against one with an optimised position. At the centre of mass
+it
+  must still keep its distance from every module's centre, so the platform needs a hole there; `com, inside allowed`
+  drops that requirement (`end_effector.exclusion = false`), as if it could be inside a module. Exterior
+  requirements cannot take part, as their cone has no axis there.
+- `root`: the paper's root, with two angles within 90 degrees, against a root that turns freely. With a free root
+all
+  roots of a tree give the same design; with the paper's, a tree is tried with each of its modules as the root.
+  Every root gets as many starts as a tree with a free root, so the paper's variant gets n times as many.
+- `body`: frames that keep clear of each other, against the paper's clearances, where only airflow keeps modules
+apart
+  (`airflow only`, `search.body_clearance = false`). `body clearance` requires the default distance between the
   centres of modules that are not bolted together.
 - `hinges`: hinge angles from a set, multiples of a step, against any angles.
 """
@@ -63,57 +66,57 @@ def comparison(
 def summary(rows: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """Return one row per problem and variant.
 
-    `effort_ratio`: J over that of the reference, over the trees with a design under both (`trees_compared`);
-    `best_ratio`: the same of the best designs of all trees; `best_gap`: that design's gap to the lower bound.
-    Trees with wrenches of their own have no best.
+    `effort_ratio`: J over J of the reference, for trees with a design under both (`trees_compared`); `best_ratio`:
+    the same for the best design of all trees; `best_gap`: gap of that design to the lower bound. The latter two are
+    NaN if every tree has its own wrenches.
     """
     table = []
     for problem, group in rows.groupby(PROBLEM):
         trees = best_of_trees(group)
         reference = trees[names[0]] if names[0] in trees else pd.Series(dtype=float)
         for name in names:
-            mine = group[group["variant"] == name]
-            if mine.empty:
+            solved = group[group["variant"] == name]
+            if solved.empty:
                 continue
             efforts = trees[name]
             ratio = (efforts / reference).dropna()
-            same_task, best = bool(group["task_seed"].isna().all()), mine.nsmallest(1, "objective")
+            same_task, best = bool(group["task_seed"].isna().all()), solved.nsmallest(1, "objective")
             table.append(
                 {
                     **dict(zip(PROBLEM, problem, strict=True)),
                     "variant": name,
-                    "topologies": len(mine),
-                    "share_solved": (mine["status"] == "feasible").mean(),
-                    "share_clear": (mine["verdict"] == "clear").mean(),
-                    "trees": mine["key"].map(tree_of).nunique(),
+                    "topologies": len(solved),
+                    "share_solved": (solved["status"] == "feasible").mean(),
+                    "share_clear": (solved["verdict"] == "clear").mean(),
+                    "trees": solved["key"].map(tree_of).nunique(),
                     "trees_solved": int(efforts.notna().sum()),
                     "trees_compared": len(ratio),
                     "effort_ratio_median": ratio.median(),
                     "effort_ratio_max": ratio.max(),
                     "best_ratio": efforts.min() / reference.min() if same_task else math.nan,
                     "best_gap": best["gap"].min() if same_task else math.nan,
-                    "gap_median": mine["gap"].median(),
-                    "offset_median_m": mine["offset_m"].median(),
+                    "gap_median": solved["gap"].median(),
+                    "offset_median_m": solved["offset_m"].median(),
                 }
             )
     return pd.DataFrame(table)
 
 
 def findings(rows: pd.DataFrame, names: list[str]) -> list[str]:
-    """Return for each problem and variant what it costs."""
+    """Return a sentence about the cost of each variant, for each problem."""
     sentences = []
     for (task, distance, n), group in summary(rows, names).groupby(PROBLEM):
-        reference, *others = group.to_dict(orient="records")
-        if reference["variant"] == names[0]:  # else it has no rows yet
-            sentences += [f"{task}, {n} modules at {distance:.2f} m: {_cost(row, reference)}" for row in others]
+        reference, *variants = group.to_dict(orient="records")
+        if reference["variant"] == names[0]:  # otherwise the reference has no rows yet
+            sentences += [f"{task}, {n} modules at {distance:.2f} m: {_cost(row, reference)}" for row in variants]
     return sentences
 
 
 def _cost(row: dict[Hashable, Any], reference: dict[Hashable, Any]) -> str:
-    """Return in words what a variant costs."""
-    name, other = row["variant"], reference["variant"]
+    """Return the cost of a variant in words."""
+    name, reference_name = row["variant"], reference["variant"]
     number = f"{row['trees_solved']} of {row['trees']} trees"
-    solved = f"{name}: {number} have a design, {other}: {reference['trees_solved']}"
+    solved = f"{name}: {number} have a design, {reference_name}: {reference['trees_solved']}"
     if not row["trees_compared"]:
         return f"{solved}."
     both = (
@@ -121,10 +124,10 @@ def _cost(row: dict[Hashable, Any], reference: dict[Hashable, Any]) -> str:
         f"({_percent(row['effort_ratio_max'])} at most)"
     )
     which = "gap_median" if pd.isna(row["best_ratio"]) else "best_gap"
-    mine, others = (gap_percent(values[which], decimals=1) for values in (row, reference))
+    gap, reference_gap = (gap_percent(values[which], decimals=1) for values in (row, reference))
     if which == "gap_median":
-        return f"{both}; median gap {mine}, {other}: {others}."
-    return f"{both}; its best design takes {_percent(row['best_ratio'])}, gap {mine} instead of {others}."
+        return f"{both}; median gap {gap}, {reference_name}: {reference_gap}."
+    return f"{both}; its best design takes {_percent(row['best_ratio'])}, gap {gap} instead of {reference_gap}."
 
 
 def _percent(ratio: float) -> str:
@@ -132,7 +135,7 @@ def _percent(ratio: float) -> str:
 
 
 def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
-    """Return the ratios of effort, a point per tree, and the shares of trees with a design as bars."""
+    """Plot the ratios of effort, one point per tree, and the shares of trees with a design, as bars."""
     from matplotlib.figure import Figure
 
     table = summary(rows, names)
@@ -151,9 +154,9 @@ def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
     effort.set(title="Effort of trees with a design under both", ylabel=f"effort J above {names[0]} [%]")
     width = 0.8 / len(names)
     for number, name in enumerate(names):
-        mine = table[table["variant"] == name]
-        shares = 100 * mine["trees_solved"] / mine["trees"]
-        left = positions[mine.index] + (number + 0.5) * width - 0.4
+        rows_of_variant = table[table["variant"] == name]
+        shares = 100 * rows_of_variant["trees_solved"] / rows_of_variant["trees"]
+        left = positions[rows_of_variant.index] + (number + 0.5) * width - 0.4
         share.bar(left, shares, 0.9 * width, color=palette.SERIES[number], label=name)
     share.set(title="Trees with a design", ylabel="share of all trees [%]", ylim=(0, 105))
     labels = [f"{task}\n$n$ = {n}, {distance:.2f} m" for (task, distance, n), _ in problems]

@@ -1,8 +1,7 @@
-"""An experiment: cells solved, audited and timed in worker processes, and the folder that holds what came of them.
+"""Running an experiment: cells solved, audited and timed in worker processes, and the folder of their results.
 
-`results.csv` has a row per cell, `about.json` the conditions that made it. Both are regular files, and no symbolic
-link is followed to them. Rows are appended to one file, held open; after each row the file is checked to be still
-there.
+`results.csv` has a row per cell, `about.json` the conditions of the rows. Both must be regular files, not symbolic
+links. Rows are appended to one open file; after each row it is checked that the file is still in its folder.
 """
 
 from __future__ import annotations
@@ -50,11 +49,11 @@ METHOD = "topo-search"
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A row of `results.csv`; a missing value is an empty cell."""
+class CellResult:
+    """A row of `results.csv`; None is an empty cell."""
 
     variant: str
-    """The problem, where an experiment compares several."""
+    """Name of the problem variant."""
     task: str
     distance_m: float
     """Connector distance [m]."""
@@ -68,15 +67,15 @@ class Measured:
     starts: int = 0
     """Starts that were solved."""
     solve_s: float = 0.0
-    """CPU seconds of all starts, building included unless `build_s` has it."""
+    """CPU time of all starts, including building the program unless `build_s` has that [s]."""
     build_s: float | None = None
-    """CPU seconds of building the program before the first start, for a method that does."""
+    """CPU time of building the program before the first start, if the method does so [s]."""
     audit_s: float | None = None
-    """CPU seconds of the audit."""
+    """CPU time of the audit [s]."""
     iterations: int = 0
-    """Ipopt iterations; only of the best start where all starts are solved at once."""
+    """Ipopt iterations; if all starts are solved at once, those of the best start."""
     peak_mb: float | None = None
-    """Peak memory of the worker process so far [MB]. It solves small platforms before large ones."""
+    """Peak memory of the worker process so far [MB]; cells are solved by ascending size."""
     objective: float | None = None
     """J [rad^4/s^4]."""
     lower_bound: float | None = None
@@ -85,30 +84,30 @@ class Measured:
     offset_m: float | None = None
     """Distance of the end-effector from the centre of mass [m]."""
     verdict: str | None = None
-    """Verdict of the audit; without one `failed`, with the reason in `worst_constraint`."""
+    """Verdict of the audit."""
     colliding_pairs: int | None = None
     """Pairs of airflow envelopes proven to overlap."""
     largest_cluster: int | None = None
     """Modules in the largest cluster of overlapping envelopes; 0 without overlap."""
     deepest_percent: float | None = None
-    """Deepest overlap in percent of the deepest possible."""
+    """Deepest overlap as a percentage of the deepest possible."""
     depths_percent: str | None = None
-    """Depths of all colliding pairs in the same percent, deepest first, separated by spaces."""
+    """Depths of all colliding pairs, likewise, deepest first, separated by spaces."""
     worst_constraint: str | None = None
-    """The constraint missed by the start that came closest; the reason if the cell failed."""
+    """Constraint that the best start violates most; if the cell failed, the reason."""
     violation: float | None = None
     unit: str | None = None
 
 
-COLUMNS = tuple(field.name for field in fields(Measured))
+COLUMNS = tuple(field.name for field in fields(CellResult))
 
 
 class Results:
-    """The rows of one experiment, held by this process alone."""
+    """The rows of one experiment; this process has locked the folder."""
 
-    def __init__(self, path: Path, handle: int, done: set[tuple[str, ...]]) -> None:
-        """Take a file that is open for appending, and the identities of its rows."""
-        self._path, self._handle, self._done = path, handle, done
+    def __init__(self, path: Path, handle: int, identities: set[tuple[str, ...]]) -> None:
+        """Wrap a file that is open for appending, with the identities of its rows."""
+        self._path, self._handle, self._identities = path, handle, identities
         self._size = os.fstat(handle).st_size
 
     @classmethod
@@ -117,8 +116,8 @@ class Results:
         """Make an experiment's folder, or resume one.
 
         Args:
-            folder: its path.
-            about: the conditions of `identify`; a folder with rows of other conditions is refused.
+            folder: the folder.
+            about: the conditions, from `identify`. A folder with rows of other conditions is refused.
 
         Raises:
             BadInput: the folder cannot be used; it is left unchanged.
@@ -134,7 +133,7 @@ class Results:
             if (folder / ABOUT).exists():
                 _compare(folder, load_json(folder / ABOUT), about)
             else:
-                machine = {  # it has a part in the measured times
+                machine = {  # measured times depend on it
                     "date": datetime.now(UTC).strftime("%Y-%m-%d"),
                     "python": platform.python_version(),
                     "machine": platform.machine(),
@@ -144,24 +143,24 @@ class Results:
             if not (folder / RESULTS).exists():
                 directory.write(RESULTS, f"{','.join(COLUMNS)}\n".encode())
             path = folder / RESULTS
-            size, done = _rows(path)
+            size, identities = _rows(path)
             handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_NOFOLLOW | os.O_CLOEXEC)
             try:
-                os.ftruncate(handle, size)  # a row that a kill tore
-                yield cls(path, handle, done)
+                os.ftruncate(handle, size)  # drop a row that was cut off by a kill
+                yield cls(path, handle, identities)
             finally:
                 os.close(handle)
 
     def has(self, cell: Cell) -> bool:
-        """Return whether a cell has its row."""
-        return _identity(cell.identity) in self._done
+        """Return whether a cell has a row."""
+        return _identity(cell.identity) in self._identities
 
-    def add(self, row: Measured) -> None:
-        """Append a row; it is on the disk when this returns.
+    def add(self, row: CellResult) -> None:
+        """Append a row and flush it to disk.
 
         Raises:
-            LedgerLost: it is not: the file is gone.
-            OSError: it cannot be written; names the file.
+            LedgerLost: the file has vanished.
+            OSError: the row cannot be written; the error names the file.
         """
         line = io.StringIO()
         csv.writer(line, lineterminator="\n").writerow(map(escape_formula, astuple(row)))
@@ -174,20 +173,20 @@ class Results:
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self._path)) from error
         self.require()
-        self._done.add(_identity(vars(row)))
+        self._identities.add(_identity(vars(row)))
 
     def require(self) -> None:
-        """Make sure that the file is still there with all rows; LedgerLost if not."""
-        held = os.fstat(self._handle)
+        """Raise LedgerLost unless the file is still in its folder, with all rows."""
+        open_file = os.fstat(self._handle)
         with suppress(OSError):
-            if os.path.samestat(held, os.lstat(self._path)) and held.st_size == self._size:
+            if os.path.samestat(open_file, os.lstat(self._path)) and open_file.st_size == self._size:
                 return
-        ended = "truncated while the experiment ran; it stopped, and only the rows still in that file are kept"
-        raise LedgerLost(self._path, ended)
+        rule = "truncated while the experiment ran; it stopped, and only the rows still in that file are kept"
+        raise LedgerLost(self._path, rule)
 
 
 def identify(name: str, settings: dict[str, Any], command: str) -> dict[str, Any]:
-    """Return the conditions of an experiment's rows, and the command for them."""
+    """Return the conditions of an experiment's rows, with the command that makes them."""
     return {
         "format": "topo-search/experiment",
         "version": 1,
@@ -199,10 +198,10 @@ def identify(name: str, settings: dict[str, Any], command: str) -> dict[str, Any
 
 
 def results(folder: str | Path) -> pd.DataFrame:
-    """Return the rows of an experiment's folder, or of its `results.csv`, with the columns of `Measured`.
+    """Return the rows in an experiment's folder, or in its `results.csv`, with the columns of `CellResult`.
 
     Raises:
-        BadInput: that is no regular file, is too large or no table.
+        BadInput: the file is not a regular file, is too large or is not a table.
     """
     import pandas as pd
 
@@ -212,19 +211,19 @@ def results(folder: str | Path) -> pd.DataFrame:
     with naming(str(path)):
         content = read_regular(path, most_bytes=LIMITS.result_bytes)
         frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
-    tried_again = frame["status"].eq("failed") & frame.duplicated(list(IDENTITY), keep="last")
-    frame = frame[~tried_again]
+    retried = frame["status"].eq("failed") & frame.duplicated(list(IDENTITY), keep="last")
+    frame = frame[~retried]
     return frame.sort_values(["n", "distance_m", "task", "variant"], kind="stable", ignore_index=True)
 
 
-def _compare(folder: Path, held: Any, about: dict[str, Any]) -> None:
-    """Refuse a folder that holds another experiment."""
-    if not isinstance(held, dict) or any(held.get(name) != about[name] for name in ("format", "version")):
+def _compare(folder: Path, stored: Any, about: dict[str, Any]) -> None:
+    """Raise BadInput if a folder holds another experiment."""
+    if not isinstance(stored, dict) or any(stored.get(name) != about[name] for name in ("format", "version")):
         raise refusal(folder, f"has an {ABOUT} of another program or version")
-    if held.get("experiment") != about["experiment"]:
-        raise refusal(folder, f"holds the experiment {held.get('experiment')}, not {about['experiment']}")
+    if stored.get("experiment") != about["experiment"]:
+        raise refusal(folder, f"holds the experiment {stored.get('experiment')}, not {about['experiment']}")
     for group in ("settings", "versions"):
-        if not isinstance(values := held.get(group), dict):
+        if not isinstance(values := stored.get(group), dict):
             raise refusal(folder, f"has an {ABOUT} whose {group} is not a table")
         for name, value in about[group].items():
             if values.get(name) != value:
@@ -233,7 +232,7 @@ def _compare(folder: Path, held: Any, about: dict[str, Any]) -> None:
 
 
 def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
-    """Return the bytes of a file that are whole rows, and what they answer; BadInput names a damaged row."""
+    """Return the length of the complete rows of a file, and the cells they answer; BadInput names a damaged row."""
     with naming(str(path)):
         content = read_regular(path, most_bytes=LIMITS.result_bytes)
         size = content.rfind(b"\n") + 1
@@ -242,11 +241,11 @@ def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
     if not lines or tuple(lines[0].split(",")) != COLUMNS:
         raise refusal(path.parent, f"has a {RESULTS} with other columns")
     rows = [_cells(path, number, line) for number, line in enumerate(lines[1:], start=2)]
-    return size, {_identity(row) for row in rows if row["status"] != "failed"}  # those are tried again
+    return size, {_identity(row) for row in rows if row["status"] != "failed"}  # failed cells are retried
 
 
 def _cells(path: Path, number: int, line: str) -> dict[str, str]:
-    """Return the cells of a line by their columns; BadInput names the line if it is damaged, and why."""
+    """Return the cells of a line by column; BadInput names a damaged line and the fault."""
     try:
         (cells,) = csv.reader([line], strict=True)
     except (csv.Error, ValueError):  # none or several rows
@@ -256,7 +255,7 @@ def _cells(path: Path, number: int, line: str) -> dict[str, str]:
         raise BadInput(str(path), rule)
     row = dict(zip(COLUMNS, cells, strict=True))
     readers: dict[str, Callable[[str], object]] = {"int": int, "float": float, "str": str}
-    for name, kind in ((field.name, str(field.type)) for field in fields(Measured)):
+    for name, kind in ((field.name, str(field.type)) for field in fields(CellResult)):
         try:
             readers[kind.removesuffix(" | None")](row[name])
         except ValueError:
@@ -272,22 +271,22 @@ def _identity(values: dict[str, Any]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Experiment:
-    """A question, the cells that answer it, and how their rows are read."""
+    """A question, the cells that answer it, and functions that evaluate their rows."""
 
     name: str
     question: str
     full: Settings
-    """The settings without options."""
+    """Settings used without options."""
     small: Settings
     """Settings that finish in seconds."""
     cells: Callable[[Settings], list[Cell]]
     """The plan, by ascending size."""
     summary: Callable[[pd.DataFrame], pd.DataFrame]
-    """The rows summed up."""
+    """Table that summarises the rows."""
     findings: Callable[[pd.DataFrame], list[str]]
     """Findings from the rows, in sentences."""
     figure: Callable[[pd.DataFrame], Figure]
-    """The rows drawn; needs matplotlib."""
+    """Plot of the rows; needs matplotlib."""
 
 
 def conduct(
@@ -299,36 +298,36 @@ def conduct(
     observer: Observer | None = None,
     backends: Backends = BACKENDS,
 ) -> pd.DataFrame:
-    """Measure the cells that have no row yet, and return all rows.
+    """Measure the cells of an experiment that have no row yet, and return all rows.
 
     Args:
-        experiment: what to measure.
+        experiment: the experiment.
         settings: its conditions.
         out: its folder; resumed if it holds the same experiment with the same settings.
         workers: worker processes; default: the cores available. Times are CPU times, but cores share caches.
-        observer: receives the progress.
+        observer: receives progress.
         backends: solver and audit.
 
     Raises:
-        BadInput: settings or folder cannot be used.
-        KeyboardInterrupt: after Ctrl-C; all rows are kept, and a note (PEP 678) says so.
-        LedgerLost: the folder or its rows vanished meanwhile.
+        BadInput: the settings or the folder cannot be used.
+        KeyboardInterrupt: Ctrl-C was pressed; all rows are kept, and a note (PEP 678) says so.
+        LedgerLost: the folder or its rows vanished during the experiment.
     """
     observer = observer or Silent()
     cells = experiment.cells(settings)
     for cell in {(cell.task, cell.variant, cell.distance_m): cell for cell in cells}.values():
-        cell.resolve()  # what does not fit together is refused before any work is done
+        cell.resolve()  # refuse task and variant that do not fit before any work
     command = f"topo-search experiment {experiment.name} {settings.as_options()}"
     about = identify(experiment.name, settings.as_json(), command)
     with Results.open(Path(out), about) as rows, Workers(workers or available_cores()) as pool:
         for n, size in groupby(cells, key=lambda cell: cell.n):
-            todo = [cell for cell in size if not rows.has(cell)]
-            if not todo:
+            missing = [cell for cell in size if not rows.has(cell)]
+            if not missing:
                 continue
-            nlp.prepare(todo[0].resolve(), observer.note)
-            observer.phase(Phase("searching", n, len(todo), settings.starts))
+            nlp.prepare(missing[0].resolve(), observer.note)
+            observer.phase(Phase("searching", n, len(missing), settings.starts))
             try:
-                for cell, row in pool.run(functools.partial(measure, backends), todo, deadline=_deadline):
+                for cell, row in pool.run(functools.partial(measure, backends), missing, deadline=_deadline):
                     rows.add(failure_row(cell, row) if isinstance(row, Failed) else row)
                     observer.settled(None)
             except KeyboardInterrupt as stop:
@@ -343,27 +342,27 @@ def _deadline(cell: Cell) -> float:
     return cell.settings.time_limit + solve_deadline(cell.n, len(cell.rounds[0])) + audit_deadline(cell.n)
 
 
-def measure(backends: Backends, cell: Cell) -> Measured:
-    """Solve and audit one cell (in a worker)."""
-    _load(backends, cell.task, cell.distance_m, min(cell.n, 8))  # with eight all of the compiled code is used
+def measure(backends: Backends, cell: Cell) -> CellResult:
+    """Solve and audit one cell; runs in a worker."""
+    _load(backends, cell.task, cell.distance_m, min(cell.n, 8))  # eight modules load all compiled code
     task, topology = cell.resolve(), Topology.from_key(cell.key)
-    clock, spent, iterations = Clock(), 0.0, 0
+    clock, solve_s, iterations = Clock(), 0.0, 0
     best: Design | Infeasible | None = None
     for starts in cell.rounds:
         outcome = backends.solve(task, topology, starts=starts, seed=cell.settings.seed)
         best = outcome if best is None else merge(best, outcome, task)
-        spent += clock.lap()
+        solve_s += clock.lap()
         record = record_of(outcome)
         iterations += 0 if record is None else record.iterations
-        if isinstance(outcome, Design) or outcome.status == "impossible" or spent > cell.settings.time_limit:
+        if isinstance(outcome, Design) or outcome.status == "impossible" or solve_s > cell.settings.time_limit:
             break
-    assert best is not None  # as `Settings` has a start
+    assert best is not None  # `Settings` guarantees a start
     record = record_of(best)
-    row = Measured(
+    row = CellResult(
         **cell.identity,
         status="feasible" if isinstance(best, Design) else best.status,
         starts=0 if record is None else record.starts,
-        solve_s=round(spent, 4),
+        solve_s=round(solve_s, 4),
         iterations=iterations,
         peak_mb=round(peak_mb(), 1),
     )
@@ -375,9 +374,9 @@ def measure(backends: Backends, cell: Cell) -> Measured:
     return replace(row, audit_s=round(clock.lap(), 4), peak_mb=round(peak_mb(), 1), **_audit_columns(audit))
 
 
-def failure_row(cell: Cell, failure: Failed) -> Measured:
-    """Return the row of a cell whose process ended without an answer."""
-    return Measured(**cell.identity, status="failed", worst_constraint=failure.reason)
+def failure_row(cell: Cell, failure: Failed) -> CellResult:
+    """Return the row of a cell whose worker failed."""
+    return CellResult(**cell.identity, status="failed", worst_constraint=failure.reason)
 
 
 def _audit_columns(audit: Audit) -> dict[str, Any]:
@@ -401,7 +400,7 @@ def _audit_columns(audit: Audit) -> dict[str, Any]:
 
 @functools.cache
 def _load(backends: Backends, task: str, distance_m: float, n: int) -> None:
-    """Solve and audit a small platform once per process: it loads compiled code, which no row should count."""
+    """Solve and audit a small platform once per process, to load compiled code before anything is timed."""
     resolved = read_task(task, (f"modules={n}", f"module.connector_distance={distance_m}")).resolve(n)
     design = backends.solve(resolved, sample(n, 1, 0)[0], starts=range(1), seed=0)
     if isinstance(design, Design):

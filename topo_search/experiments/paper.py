@@ -1,19 +1,19 @@
 """The paper's two studies (its Sec. IV): scaling with the number of modules, and the ablation of the airflow.
 
-Scaling: ten wrenches for each of uniformly drawn topologies, in four exposure settings, without body clearance. The
-root turns freely, where the paper's has two angles of at most 90 degrees: every tree is then one problem, whatever
-its root. A topology is solved from one start after the other until the first design. The paper gives no connector
-distance. The default is that of the shipped tasks, 0.22 m: just above the radius of an airflow envelope's far end,
-so that parallel neighbours clear each other. At that distance geometry stops many a large tree, whatever the
-wrenches; `--distances 0.3` gives room enough that nearly all trees of a hundred modules have a design, so that
-times of all sizes can be compared.
+Scaling: ten wrenches for each of several uniformly drawn topologies, in four exposure settings, without body
+clearance. The root turns freely, whereas the paper's has two angles of at most 90 degrees, so every tree is one
+problem whatever its root. A topology is solved from one start after another until the first design. The paper gives
+no connector distance. The default is that of the shipped tasks, 0.22 m: just above the radius of an airflow
+envelope's far end, so that parallel neighbours clear each other. At that distance many large trees have no design
+for geometric reasons, whatever the wrenches. With `--distances 0.3` nearly all trees of a hundred modules have a
+design, and times can be compared at all sizes.
 
-Ablation: the airflow constraints are replaced by a minimum distance of module centres, `search.interference =
-"separation"`; the exact audit then says how severely envelopes overlap, by the paper's three metrics: the depth of
-every colliding pair, the largest cluster and the number of colliding pairs of every design. A depth is in percent
-of the deepest overlap that two envelopes can have, twice the radius of their far end. A depth near 100 % means that
-the far ends of two axes meet: axes that cross elsewhere overlap by as much as their radii there, 48 % at the
-modules themselves.
+Ablation: a minimum distance between module centres replaces the airflow constraints (`search.interference =
+"separation"`). The exact audit then measures how severely envelopes overlap, by the paper's three metrics: the
+depth of every colliding pair, the largest cluster and the number of colliding pairs of every design. A depth is a
+percentage of the deepest overlap that two envelopes can have, twice the radius of their far end. Near 100 % the far
+ends of two axes meet; axes that cross elsewhere overlap by the radii at the crossing, 48 % at the modules
+themselves.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ if TYPE_CHECKING:
 EXPOSURES = ("ten-wrenches", "ten-wrenches-local", "ten-wrenches-directional", "ten-wrenches-exterior-60")
 SIZES = tuple(range(10, 101, 10))
 GROUP = ["method", "distance_m", "task", "n"]
-"""The columns that the scaling study is grouped by."""
+"""Columns by which the scaling study is grouped."""
 
 
 REACHED = 95.0
-"""Percent of the deepest overlap from which it counts as nearly reached."""
+"""Percentage of the deepest possible overlap that counts as nearly reached."""
 FULLY = 99.9
-"""Percent of the deepest overlap from which it counts as reached."""
+"""Percentage of the deepest possible overlap that counts as reached."""
 
 
 def scaling_summary(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return one row per method, distance, task and size; times and iterations are of topologies with a design."""
+    """Return one row per method, distance, task and size; times and iterations are for trees with a design."""
     solved = _solved_rows(rows).groupby(GROUP)
     every = rows.groupby(GROUP)
     return pd.DataFrame(
@@ -68,9 +68,9 @@ def scaling_summary(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def growth(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the exponents p of seconds = c n^p, fitted to all designs of a method, distance and task.
+    """Return the exponent p of seconds = c n^p for each method, distance and task, fitted to its designs.
 
-    `designs` is the number of designs behind a fit. Series with designs of one size only are left out.
+    `designs` is the number of designs in the fit. Groups with designs of only one size are omitted.
     """
     fits = []
     for group, designs in _solved_rows(rows).groupby(GROUP[:-1]):
@@ -81,13 +81,13 @@ def growth(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def slowdown(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return what another method takes on the problems that it and this solver solve, a row per distance and size.
+    """Return the cost of other methods on problems that both they and this solver solve, by distance and size.
 
-    `times_median`: its seconds over this solver's; `memory_median`: the same of the peak memory.
+    `times_median`: ratio of their CPU time to this solver's; `memory_median`: likewise for peak memory.
     """
     designs = _solved_rows(rows)
-    ours, others = (designs[(designs["method"] == METHOD) == mine] for mine in (True, False))
-    both = others.merge(ours, on=list(IDENTITY[1:]), suffixes=("", "_ours"))
+    ours, direct = (designs[(designs["method"] == METHOD) == is_ours] for is_ours in (True, False))
+    both = direct.merge(ours, on=list(IDENTITY[1:]), suffixes=("", "_ours"))
     both = both.assign(times=both["seconds"] / both["seconds_ours"], memory=both["peak_mb"] / both["peak_mb_ours"])
     groups = both.groupby(["method", "distance_m", "n"])
     return pd.DataFrame(
@@ -100,14 +100,14 @@ def slowdown(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def scaling_findings(rows: pd.DataFrame) -> list[str]:
-    """Return how many topologies were solved, how time and memory grow, and whether exposure changes the time."""
+    """Return sentences about success, growth of time and memory, and the influence of exposure on time."""
     sentences = []
     summary = scaling_summary(rows)
     for (method, distance), series in rows.groupby(["method", "distance_m"], sort=False):
         table = summary[(summary["method"] == method) & (summary["distance_m"] == distance)]
         sentences.append(_success(f"{method}, {distance:.2f} m", series))
         with_gap = table[table["gap_median"].notna()]
-        if not with_gap.empty:  # the clock stops at the first designs: their gaps, at the largest size with any
+        if not with_gap.empty:  # gaps of the first designs, at the largest size that has any
             largest = with_gap[with_gap["n"] == with_gap["n"].max()]
             low, high = (gap_percent(gap, decimals=1) for gap in largest["gap_median"].agg(["min", "max"]))
             gaps = f"is {high}" if low == high else f"goes from {low} to {high} over the exposure settings"
@@ -141,7 +141,7 @@ def scaling_findings(rows: pd.DataFrame) -> list[str]:
 
 
 def _success(series: str, rows: pd.DataFrame) -> str:
-    """Return how many problems of a series have a design."""
+    """Return a sentence about the share of problems with a design."""
     solved, largest = rows["status"] == "feasible", rows["n"] == rows["n"].max()
     audited = rows["verdict"].notna()
     clear = f", {(rows['verdict'] == 'clear').sum()} of them with a clear audit" if audited.any() else ""
@@ -152,7 +152,7 @@ def _success(series: str, rows: pd.DataFrame) -> str:
 
 
 def scaling_figure(rows: pd.DataFrame) -> Figure:
-    """Return the paper's plot: the distribution of times by size and exposure; below, the share with a design."""
+    """Plot, like the paper, the distribution of times by size and exposure; below, the share with a design."""
     from matplotlib.figure import Figure
 
     panels = list(rows.groupby("distance_m"))
@@ -161,13 +161,13 @@ def scaling_figure(rows: pd.DataFrame) -> Figure:
     for (upper, lower), (distance, panel) in zip(axes.T, panels, strict=True):
         sizes = sorted(panel["n"].unique())
         series = [
-            (str(task) if method == METHOD else f"{task}, {method}", mine)
-            for (method, task), mine in panel.groupby(["method", "task"], sort=False)
+            (str(task) if method == METHOD else f"{task}, {method}", group)
+            for (method, task), group in panel.groupby(["method", "task"], sort=False)
         ]
-        draw(upper, [(name, _solved_rows(mine)) for name, mine in series], "seconds", sizes)
+        draw(upper, [(name, _solved_rows(group)) for name, group in series], "seconds", sizes)
         upper.set(xlabel="", title=f"connectors at {distance:.2f} m", yscale="log")
-        for number, (name, mine) in enumerate(series):
-            share = 100 * mine.groupby("n")["status"].agg(lambda status: (status == "feasible").mean())
+        for number, (name, group) in enumerate(series):
+            share = 100 * group.groupby("n")["status"].agg(lambda status: (status == "feasible").mean())
             positions = [sizes.index(n) + 0.08 * (number - (len(series) - 1) / 2) for n in share.index]
             lower.plot(positions, share.to_numpy(), label=name, **style(number))
         lower.set(xlabel="modules $n$", ylim=(-5, 105))
@@ -209,7 +209,7 @@ def ablation_summary(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def ablation_findings(rows: pd.DataFrame) -> list[str]:
-    """Return what overlaps, and whether the paper's three findings are confirmed."""
+    """Return sentences about the overlaps, and whether they confirm the paper's three findings."""
     designs = _designs(rows)
     if designs.empty:
         return ["No design was found."]
@@ -251,7 +251,7 @@ def _confirmation(holds: bool) -> str:
 
 
 def ablation_figure(rows: pd.DataFrame) -> Figure:
-    """Return the paper's plot: the distributions of the three metrics over the sizes."""
+    """Plot, like the paper, the distributions of the three metrics by size."""
     from matplotlib.figure import Figure
 
     groups = _designs(rows).groupby(["task", "distance_m"], sort=False)
@@ -285,9 +285,9 @@ def _pairs(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def fit(n: pd.Series, y: pd.Series) -> tuple[float, float] | None:
-    """Return p and y(100) of y = c n^p through points of positive y; None where they are all of one size.
+    """Fit y = c n^p to points of positive y and return p and y(100); None if all have one size.
 
-    The fit is by least squares: a straight line through the logarithms.
+    The fit is a least-squares line through the logarithms.
     """
     n, y = n[y > 0], y[y > 0].astype("float64")
     if n.nunique() < 2:
@@ -297,7 +297,7 @@ def fit(n: pd.Series, y: pd.Series) -> tuple[float, float] | None:
 
 
 def style(number: int) -> dict[str, str]:
-    """Return the colour and the marker of a series; with more markers than colours, so that no two are alike."""
+    """Return colour and marker of a series; there are more markers than colours, so that no two series agree."""
     return {"color": palette.SERIES[number % len(palette.SERIES)], "marker": "osD^v<>P"[number % 8]}
 
 
@@ -305,19 +305,19 @@ def draw(axes: Axes, series: Sequence[tuple[str, pd.DataFrame]], column: str, si
     """Draw a box per size and series: quartiles, the median, and whiskers to the least and the largest value.
 
     Args:
-        axes: where.
-        series: named rows with the columns `n` and `column`.
-        column: the values.
-        sizes: the numbers of modules, at 0, 1, ... on the axis.
+        axes: the axes to draw on.
+        series: pairs of a name and rows with the columns `n` and `column`.
+        column: name of the column with the values.
+        sizes: numbers of modules, at 0, 1, ... on the axis.
     """
-    room = 0.8  # for all boxes of a size, in steps between sizes
-    width = room / max(1, len(series))
+    total_width = 0.8  # of all boxes of a size, in steps between sizes
+    width = total_width / max(1, len(series))
     for number, (name, rows) in enumerate(series):
         colour = style(number)["color"]
         values = [rows.loc[rows["n"] == n, column].dropna().to_numpy(float) for n in sizes]
         axes.boxplot(
             values,
-            positions=[k + (number + 0.5) * width - room / 2 for k in range(len(sizes))],
+            positions=[k + (number + 0.5) * width - total_width / 2 for k in range(len(sizes))],
             label=name if any(map(len, values)) else None,
             widths=0.8 * width,
             whis=(0, 100),

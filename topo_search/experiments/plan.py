@@ -1,4 +1,4 @@
-"""The plan of an experiment: its settings, and its cells, each one topology under one condition."""
+"""Plan of an experiment: its settings, and its cells, each one topology under one condition."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from topo_search.topologies.rooted import Rooted, key_of, reroot, rooted_of, tex
 AIRFLOW_ALONE = "search.body_clearance=false"
 """The paper's clearances: only airflow keeps modules apart."""
 IDENTITY = ("variant", "task", "distance_m", "n", "key", "task_seed")
-"""The columns of `results.csv` that identify a cell."""
+"""Columns of `results.csv` that identify a cell."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The conditions of an experiment, and its random numbers."""
+    """Conditions and random seed of an experiment."""
 
     few_above: ClassVar = 40
-    """Number of modules above which the second number of `topologies` holds."""
+    """Number of modules above which the second number of `topologies` applies."""
 
     tasks: tuple[tuple[str, tuple[int, ...]], ...]
     """Shipped examples, each with its numbers of modules."""
     topologies: tuple[int, int]
-    """Trees per size, up to `few_above` modules and above; all trees where there are no more."""
+    """Trees per size, up to `few_above` modules and above; all trees if there are fewer."""
     starts: int
     """Largest number of starts per topology."""
     distances: tuple[float, ...] = ()
@@ -40,14 +40,14 @@ class Settings:
     seed: int = 0
     """Seed of topologies, wrenches and starts."""
     time_limit: float = 600.0
-    """CPU seconds per cell after which no further start begins, where the first design ends a cell."""
+    """CPU time per cell after which no further start begins, if the first design ends a cell [s]."""
 
     def __post_init__(self) -> None:
-        known = examples()
+        names = examples()
         faults = [
-            Fault("--task", f"must name a shipped example, but got {name[:80]}; {nearest(name[:80], known)}")
+            Fault("--task", f"must name a shipped example, but got {name[:80]}; {nearest(name[:80], names)}")
             for name, _ in self.tasks
-            if name not in known
+            if name not in names
         ]
         numbers: dict[str, tuple[Sequence[float], float]] = {
             "sizes": ([n for _, sizes in self.tasks for n in sizes], LIMITS.modules),
@@ -56,14 +56,14 @@ class Settings:
             "distances": (self.distances, math.inf),
             "time-limit": ([self.time_limit], LIMITS.seconds),
         }
-        for option, (values, most) in numbers.items():
+        for option, (values, largest) in numbers.items():
             for value in dict.fromkeys(values):
                 positive = 0 < value < math.inf
-                if not positive or value > most:
-                    rule = f"must be at most {most:,}" if positive else "must be positive and finite"
+                if not positive or value > largest:
+                    rule = f"must be at most {largest:,}" if positive else "must be positive and finite"
                     text = f"{value:g}" if isinstance(value, float) else show(value)
                     faults.append(Fault(f"--{option}", f"{rule}, but got {text}"))
-        largest_seed = LIMITS.largest_integer - LIMITS.trees  # tree number k draws its wrenches with the seed + k
+        largest_seed = LIMITS.largest_integer - LIMITS.trees  # tree k draws its wrenches with seed + k
         if not 0 <= self.seed <= largest_seed:
             faults.append(Fault("--seed", f"must be from 0 to {largest_seed:,}, but got {show(self.seed)}"))
         named = {"task": [name for name, _ in self.tasks], "distances": self.distances}
@@ -81,7 +81,7 @@ class Settings:
         return self.topologies[n > self.few_above]
 
     def as_json(self) -> dict[str, Any]:
-        """Return them as a JSON value."""
+        """Return these settings as a JSON value."""
         value: dict[str, Any] = json.loads(json.dumps({**asdict(self), "tasks": dict(self.tasks)}))
         return value
 
@@ -95,63 +95,63 @@ class Settings:
 
     @classmethod
     def task_of(cls, text: str) -> tuple[str, tuple[int, ...]]:
-        """Read TASK:SIZES, as in `ten-wrenches:10,20`."""
+        """Parse TASK:SIZES, such as `ten-wrenches:10,20`."""
         match = re.fullmatch(r"([^:]+):(\d{1,9}(?:,\d{1,9})*)", text)
         if match is None:
             raise BadInput("experiment", [Fault("--task", f"must be TASK:N,N,..., but got {text[:80]}")])
         return match[1], tuple(int(n) for n in match[2].split(","))
 
     def override(self, **values: Any) -> Self:
-        """Return these settings with all values that are not None."""
+        """Return a copy with the given values, except those that are None."""
         return replace(self, **{name: value for name, value in values.items() if value is not None})
 
 
 def _join(values: tuple[float, ...]) -> str:
-    return ",".join(str(value).removesuffix(".0") for value in values)  # to the last digit
+    return ",".join(str(value).removesuffix(".0") for value in values)  # all digits, unlike `:g`
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One of the problems that an experiment compares."""
+    """One of the problem variants that an experiment compares."""
 
     name: str
     overrides: tuple[str, ...] = ()
-    """`FIELD=VALUE` settings of the task."""
+    """`FIELD=VALUE` changes to the task."""
     every_root: bool = False
     """True if a tree is tried with each of its modules as the root."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One topology under one condition, a row of the results; small, and the same in every process."""
+    """One topology under one condition: a row of the results. Small, to be sent to workers."""
 
     variant: Variant
     task: str
-    """A shipped example."""
+    """Name of a shipped example."""
     distance_m: float
     """Connector distance [m]."""
     n: int
     key: str
-    """The topology."""
+    """Key of the topology."""
     task_seed: int | None
-    """Seed of the ten wrenches; None for a task whose wrenches are given."""
+    """Seed of the ten wrenches; None for a task with fixed wrenches."""
     settings: Settings
     first: bool
     """True if the first design ends the cell; otherwise the best of all starts counts."""
 
     @property
     def identity(self) -> dict[str, Any]:
-        """The columns that tell its row from all others of an experiment."""
+        """Columns that identify the cell's row in an experiment."""
         return {name: getattr(self, name) for name in IDENTITY} | {"variant": self.variant.name}
 
     @property
     def rounds(self) -> list[range]:
-        """The starts, in the portions in which they are solved; those of a portion share compiled programs."""
+        """Batches of starts; those of a batch share compiled programs."""
         starts = self.settings.starts
         return [range(s, s + 1) for s in range(starts)] if self.first else [range(starts)]
 
     def resolve(self) -> ResolvedTask:
-        """Return the task; BadInput if its variant does not fit it."""
+        """Return the cell's task; BadInput if the variant does not fit it."""
         settings = [f"modules={self.n}", f"module.connector_distance={self.distance_m}"]
         if self.task_seed is not None:
             settings.append(f"task_seed={self.task_seed}")
@@ -161,23 +161,23 @@ class Cell:
 def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> list[Cell]:
     """Return the cells of all combinations, by ascending size.
 
-    As in the paper every topology comes with wrenches of its own (Sec. IV, "for each trial"); it keeps them under
-    all conditions, so that these can be compared tree by tree.
+    As in the paper every topology has its own random wrenches (Sec. IV, "for each trial"). They are the same under
+    all conditions, so that conditions can be compared tree by tree.
 
     Raises:
-        BadInput: there would be more than LIMITS.cells.
+        BadInput: there would be more than LIMITS.cells cells.
     """
-    sizes_of_all = [n for _, sizes in settings.tasks for n in set(sizes)]
-    at_least = sum(  # half and quarter turns make some roots one
+    task_sizes = [n for _, sizes in settings.tasks for n in set(sizes)]
+    fewest = sum(  # half and quarter turns make some roots equivalent
         min(count(n), settings.trees(n)) * sum(n // 4 if variant.every_root else 1 for variant in variants)
-        for n in sizes_of_all
+        for n in task_sizes
     )
-    require_few(at_least * max(1, len(settings.distances)))
+    require_few(fewest * max(1, len(settings.distances)))
     tasks = {name: read_task(name) for name, _ in settings.tasks}
-    drawn = {name for name, task in tasks.items() if task.task_seed is not None}
+    seeded = {name for name, task in tasks.items() if task.task_seed is not None}
     cells = [
-        Cell(variant, name, distance, n, key, settings.seed + number if name in drawn else None, settings, first)
-        for n in sorted(set(sizes_of_all))
+        Cell(variant, name, distance, n, key, settings.seed + number if name in seeded else None, settings, first)
+        for n in sorted(set(task_sizes))
         for number, tree in enumerate(trees(n, settings.trees(n), settings.seed))
         for name, sizes in settings.tasks
         if n in sizes
@@ -190,19 +190,19 @@ def plan(settings: Settings, variants: tuple[Variant, ...], *, first: bool) -> l
 
 
 def roots(key: str) -> list[str]:
-    """Return the keys of a tree with each of its modules as the root, as it lies and after a half turn."""
+    """Return the keys of a tree with each of its modules as the root, unturned and after a half turn."""
     trees = rootings(rooted_of(key))
     return sorted({key_of(text_of(turn(tree, quarters))) for tree in trees for quarters in (0, 2)})
 
 
 def rootings(tree: Rooted, entered: int | None = None) -> list[Rooted]:
-    """Return an aligned tree with each of its modules as the root; none beyond the port where it was entered."""
+    """Return an aligned tree with each of its modules as the root, except those beyond the port `entered`."""
     beyond = (port for port in range(4) if tree[port] and port != entered)
-    return [tree, *(other for port in beyond for other in rootings(reroot(tree, port), (port + 2) % 4))]
+    return [tree, *(rerooted for port in beyond for rerooted in rootings(reroot(tree, port), (port + 2) % 4))]
 
 
 def require_few(number: int) -> None:
-    """Refuse a plan of more than LIMITS.cells cells with BadInput."""
+    """Raise BadInput for a plan of more than LIMITS.cells cells."""
     if number > LIMITS.cells:
         rule = (
             f"must have at most {LIMITS.cells:,} rows: task, size, tree, distance and variant, but has {number:,}"
@@ -210,11 +210,11 @@ def require_few(number: int) -> None:
         raise BadInput("experiment", rule)
 
 
-def trees(n: int, most: int, seed: int) -> list[str]:
-    """Return the keys of all topologies of n modules, or of as many different ones, drawn uniformly."""
-    if count(n) <= most:
+def trees(n: int, number: int, seed: int) -> list[str]:
+    """Return the keys of all topologies of n modules, or of `number` different ones, drawn uniformly."""
+    if count(n) <= number:
         return [candidate.key for candidate in candidates(n)]
     keys, drawn = dict[str, None](), Family(n).draws(seed)
-    while len(keys) < most:
+    while len(keys) < number:
         keys[next(drawn).key] = None
     return list(keys)

@@ -29,7 +29,9 @@ from topo_search.model.files import load_text, validate
 from topo_search.model.proven import lower_text
 from topo_search.model.text import toml_data
 from topo_search.model.value import (
+    BadInput,
     Broken,
+    Fault,
     Index,
     NonEmpty,
     NonNegative,
@@ -40,6 +42,7 @@ from topo_search.model.value import (
     Vector,
     at_most,
     naming,
+    show,
 )
 
 Size = Annotated[float, Field(strict=True, ge=0)]
@@ -314,15 +317,36 @@ def read_vehicle(path: str | Path) -> Vehicle:
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a table of rotors, with numbers where there are some."""
+    """Return the rows of a table of rotors, with cells that hold numbers converted."""
+    try:
+        reader = csv.DictReader(io.StringIO(load_text(path, most_bytes=LIMITS.task_bytes)))
+        table, columns = list(reader), reader.fieldnames or []
+    except csv.Error as error:
+        raise BadInput(str(path), [Fault("rotors", f"must be a CSV table, but {error}")]) from None
+    if not {"x_m", "y_m", "z_m"} <= set(columns):
+        rule = (
+            f"must be a CSV table with columns x_m, y_m, z_m, ..., but its first line is {show(','.join(columns))}"
+        )
+        raise BadInput(str(path), [Fault("rotors", rule)])
+    if faults := [
+        Fault(
+            f"rotors[{k}]",
+            f"must have at most {len(columns)} cells, one per column, but has {len(columns) + len(row[None])}",
+        )
+        for k, row in enumerate(table)
+        if None in row
+    ]:
+        raise BadInput(str(path), faults)
     of_a_kit = {"axis_x": "ax", "axis_y": "ay", "axis_z": "az", "thrust_coefficient_Ns2": "k_f"}
     of_a_kit |= {"torque_coefficient_Nms2": "k_tau", "largest_thrust_N": "thrust"}
     rows = []
-    for row in csv.DictReader(io.StringIO(load_text(path, most_bytes=LIMITS.task_bytes))):
+    for row in table:
         given = {of_a_kit.get(name, name): _number(cell) for name, cell in row.items() if cell}
-        if "thrust" in given and isinstance(given.get("k_f"), float):
+        if "thrust" in given:
             given = {name: given[name] for name in given if name in VehicleRotor.model_fields or name == "thrust"}
-            given["u_max"] = given.pop("thrust") / given["k_f"]
+            thrust, k_f = given.pop("thrust"), given.get("k_f")
+            both = isinstance(thrust, float) and isinstance(k_f, float) and k_f > 0
+            given["u_max"] = thrust / k_f if both else thrust  # `validate` refuses the latter
         if isinstance(spin := given.get("spin"), float) and spin.is_integer():
             given["spin"] = int(spin)
         rows.append(given)
