@@ -18,7 +18,7 @@ from nlp.evaluation import worst
 from nlp.ipopt import IpoptResult
 from nlp.joints import Limits, holder, limited_loads, loads
 from nlp.numbers.point import Point
-from nlp.requirements.balances import WRENCH_TOLERANCE, missed_wrenches
+from nlp.requirements.balances import WRENCH_TOLERANCE, wrench_residuals
 from nlp.start_result import StartResult
 from nlp.user_constraints import UserConstraints, correct_point, violations_of
 from topo_search.model import ResolvedTask
@@ -123,7 +123,7 @@ def _most_violated(whole: Point, solved: ResolvedTask) -> set[str]:
     if not isinstance(task, CorneredTask):
         return set()
     declared = len(task.base.load_cases)
-    residuals = missed_wrenches(whole).max(axis=1)[declared:]
+    residuals = wrench_residuals(whole).max(axis=1)[declared:]
     residuals[_case_indices(solved, task)[declared:] - declared] = 0.0
     for c in np.argsort(-residuals, kind="stable").tolist():
         if residuals[c] <= WRENCH_TOLERANCE or len(labels) == LAZY.at_once:

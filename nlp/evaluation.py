@@ -37,10 +37,10 @@ from nlp.requirements import clearances
 from nlp.requirements.balances import (
     PAPER_ROOT,
     WRENCH_TOLERANCE,
-    asked_wrenches,
-    missed_wrenches,
+    required_wrenches,
     running_rotors,
     wrench_matrix,
+    wrench_residuals,
 )
 from topo_search.model import Design
 from topo_search.model.arrays import Array
@@ -89,7 +89,7 @@ def worst(checks: list[Violation]) -> Violation:
 
 def _balances(point: Point) -> Iterator[Violation]:
     task, n = point.task, point.topology.n
-    for label, (force, torque) in zip(task.case_labels, missed_wrenches(point).tolist(), strict=True):
+    for label, (force, torque) in zip(task.case_labels, wrench_residuals(point).tolist(), strict=True):
         yield Violation(names.force(label), force * task.force_unit(n), "N", force, WRENCH_TOLERANCE)
         yield Violation(names.torque(label), torque * task.torque_unit(n), "N m", torque, WRENCH_TOLERANCE)
 
@@ -169,7 +169,7 @@ def correct(point: Point, *, settled: int = 0, refit: bool = False) -> Point:
         settled: number of leading load cases that keep their inputs even if they have no weight.
         refit: whether every load case gets its minimum inputs, regardless of its weight.
     """
-    A, b, alive = wrench_matrix(point), asked_wrenches(point), running_rotors(point.task)
+    A, b, alive = wrench_matrix(point), required_wrenches(point), running_rotors(point.task)
     bounds = point.task.min_input * alive, point.task.max_input * alive
     u = _balance(A, b, np.clip(point.u.reshape(len(b), -1), *bounds), bounds)
     weightless = np.array([case.weight == 0 for case in point.task.load_cases])
@@ -236,10 +236,10 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
     task, p_E = point.task, point.p_E
     units = np.repeat([task.force_unit(topology.n), task.torque_unit(topology.n)], 3)
     A = wrench_matrix(point) * task.max_input / units[:, None]
-    u = task.max_input * _solve_inputs(A, asked_wrenches(point) / units, task.min_input / task.max_input)
+    u = task.max_input * _solve_inputs(A, required_wrenches(point) / units, task.min_input / task.max_input)
     corrected = correct(Point(task, topology, root, alpha, p_E, u.reshape(point.u.shape)))
     produced = corrected.u.reshape(len(u), -1) / task.max_input @ A.T
-    residuals = np.abs(produced - asked_wrenches(point) / units).max(axis=1)
+    residuals = np.abs(produced - required_wrenches(point) / units).max(axis=1)
     if residuals.max() > WRENCH_TOLERANCE:
         raise NotPossible(f"load case {int(np.argmax(residuals))} cannot be produced by the rotors")
     J = corrected.objective

@@ -41,7 +41,7 @@ from nlp.starts.warm_start import warm_start
 from nlp.units import Units
 from nlp.user_constraints import UserConstraints, correct_point
 from topo_search.model import Design, ResolvedTask, Topology
-from topo_search.model.compiled_code import is_kept
+from topo_search.model.compiled_code import is_cached
 from topo_search.model.corners import CorneredTask
 from topo_search.model.topology import straight_chain
 
@@ -243,7 +243,7 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     """
     in_air = _limits_air(task)
     functions = (place_starts, descend_all, *((climb, derive_speeds) if in_air else ()))
-    if all(map(is_kept, functions)):
+    if all(map(is_cached, functions)):
         return
     tell("compiling the solver (once per installation, about two minutes)")
     tree = straight_chain(task.n)

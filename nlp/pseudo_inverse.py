@@ -35,7 +35,7 @@ from nlp.symbols.platform import platform_inertia, wrench_map
 from nlp.units import Units
 from topo_search.model import LoadCase, ResolvedTask
 from topo_search.model.arrays import Array
-from topo_search.model.load_case import AT, PLACES, box_corners, centres, centres_of
+from topo_search.model.load_case import AT, POINT_SUFFIXES, box_corners, centres, weight_cases
 from topo_search.model.proven import TOLERANCE
 from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
@@ -132,7 +132,7 @@ def _reserves(task: ResolvedTask) -> Iterator[tuple[str, _Reserve]]:
     level = flight.directions == "horizontal"
     for _, label, case in centres(task):
         force = "horizontal force" if level else "force"
-        for point in PLACES[flight.at] if flight.force_reserve else ():
+        for point in POINT_SUFFIXES[flight.at] if flight.force_reserve else ():
             size = (flight.force_reserve,) * (2 if level else 3)
             yield f"{label}, {force} reserve{AT[point]}", _Reserve(case, "com" if point else "tip", size, error)
         if flight.torque_reserve:
@@ -144,7 +144,7 @@ def _reserves(task: ResolvedTask) -> Iterator[tuple[str, _Reserve]]:
         if flight.com_error:
             yield f"{label}, error of the centre of mass", _Reserve(case, "nothing", (), error)
     if flight.tilt_deg:
-        (_, label, case), *_ = centres_of(task, "hover")
+        (_, label, case), *_ = weight_cases(task, "hover")
         yield f"{label}, tilt", _Reserve(case, "tilt", (math.radians(flight.tilt_deg),), error)
 
 

@@ -66,9 +66,9 @@ def mark(folder, tell):
 
 def cache_folder(seconds):
     """Where numba keeps compiled functions, after time for other children to start."""
-    from topo_search.model.compiled_code import CACHE_DIR, choose_folder
+    from topo_search.model.compiled_code import CACHE_DIR, choose_cache_folder
 
-    choose_folder()
+    choose_cache_folder()
     time.sleep(seconds)
     return os.environ.get(CACHE_DIR)
 

@@ -173,7 +173,7 @@ def test_what_errors_a_design_survives_is_told_and_in_the_summary(command, tmp_p
     assert len(lines) == 4
     assert lines[0].startswith(f"hinge angles may be off by {found.hinge_angle_deg.tolerated:.3g} deg (too much: ")
     assert lines[0].endswith(f"; first to break: {found.hinge_angle_deg.name}")
-    assert lines[3].startswith("within the task's tolerances: clear, least clearance")
+    assert lines[3].startswith("within the task's tolerances: clear, smallest clearance")
     assert lines[3].endswith("; measured, not required") is not required
     assert "".join(f"  {line}\n" for line in lines) in told
     assert "\n" + "".join(f"- {line}\n" for line in lines) in (tmp_path / "audit.md").read_text()

@@ -223,7 +223,7 @@ def test_a_kit_of_rounded_angles_says_what_rounding_changed(command, tmp_path, s
     least = [lower_text(1000 * min(pair.analytic_m for pair in each.pairs), 3) for each in (found, before)]
     said = (
         f"control effort {more:+.3g} %.",
-        f"Audit: {found.verdict} (before: clear); least clearance {least[0]} mm (before: {least[1]} mm).",
+        f"Audit: {found.verdict} (before: clear); smallest clearance {least[0]} mm (before: {least[1]} mm).",
     )
     page = (tmp_path / "kit/assembly.html").read_text()
     for text in said:

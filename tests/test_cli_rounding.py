@@ -73,7 +73,7 @@ def flight_figures(flight: dict[str, Any]) -> Iterator[Figure]:
 
 
 def audit_figures(audit: dict[str, Any]) -> Iterator[Figure]:
-    yield "least clearance", min(pair["analytic_m"] for pair in audit["pairs"]), "least"
+    yield "smallest clearance", min(pair["analytic_m"] for pair in audit["pairs"]), "least"
     for words, name in (("angles", "hinge_angle_deg"), ("positions", "position_m"), ("reach", "envelope_m")):
         limit = audit["sensitivity"][name]
         yield rf"{words}.* by", limit["tolerated"], "least"

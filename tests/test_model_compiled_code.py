@@ -15,7 +15,7 @@ import nlp.bounds.branch.proof
 import nlp.reduced.platform
 import nlp.starts.reduced_starts
 import verify.proof.check
-from topo_search.model.compiled_code import CACHE_DIR, is_kept, njit, refresh
+from topo_search.model.compiled_code import CACHE_DIR, is_cached, njit, refresh
 
 ROOT = Path(__file__).parents[1]
 
@@ -98,10 +98,10 @@ def load(tmp_path, monkeypatch):
 
 def test_what_is_kept_serves_the_next_process(load):
     first = load()
-    assert not is_kept(first)
+    assert not is_cached(first)
     assert first(21.0) == 42.0
     again = load()
-    assert is_kept(again)
+    assert is_cached(again)
     assert again(21.0) == 42.0
     assert again.stats.cache_hits
 
@@ -148,7 +148,7 @@ def test_what_is_damaged_is_compiled_anew(load, tmp_path, suffix, damage):
     (kept,) = tmp_path.rglob(f"*.{suffix}")
     kept.write_bytes(damage(kept.read_bytes()))
     anew = load()
-    assert not is_kept(anew)
+    assert not is_cached(anew)
     assert anew(21.0) == 42.0
     assert not anew.stats.cache_hits
     mended = load()

@@ -21,7 +21,7 @@ from topo_search.model.room import (
     airflow_folds,
     body_radius,
     clear_folds,
-    in_words,
+    folds_text,
     largest_hinge_angle,
     nearest_fold,
     part_cover,
@@ -331,12 +331,12 @@ def test_no_angle_is_left_out_that_is_clear_by_two_millimetres(given):
 
 def test_folds_are_told_in_degrees_and_kept_to():
     flat, folded = (Module.model_validate(given) for given in (FLAT, FOLDED))
-    assert in_words(clear_folds(flat), " deg") == "at most 90 deg"
-    assert in_words(clear_folds(folded), " deg") == "26.6 to 90 deg"
-    assert says(in_words(((-1.0, 0.5),), " deg"), "-57.2 to 28.6 deg", "positive")
+    assert folds_text(clear_folds(flat), " deg") == "at most 90 deg"
+    assert folds_text(clear_folds(folded), " deg") == "26.6 to 90 deg"
+    assert says(folds_text(((-1.0, 0.5),), " deg"), "-57.2 to 28.6 deg", "positive")
     for low, high in ((0.1, 0.2), (0.30001, 0.30002), (-0.2, 0.31), (-0.44, 0.44)):
         folds = ((-high, -low), (low, high)) if low > 0 else ((low, high),)
-        *first, last = (math.radians(float(number)) for number in re.findall(r"-?\d[\d.]*", in_words(folds, "")))
+        *first, last = (math.radians(float(number)) for number in re.findall(r"-?\d[\d.]*", folds_text(folds, "")))
         assert last <= high
         assert [low <= number < last for number in first] == [True] * (low != -high)
     ((_, under), (over, _)) = clear_folds(folded)

@@ -19,10 +19,10 @@ from nlp.ipopt import IpoptResult
 from nlp.numbers.point import Point
 from nlp.requirements.balances import (
     WRENCH_TOLERANCE,
-    asked_wrenches,
-    missed_wrenches,
+    required_wrenches,
     running_rotors,
     wrench_matrix,
+    wrench_residuals,
 )
 from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology
 from topo_search.model.corners import CorneredTask, to_corners
@@ -90,12 +90,12 @@ def test_judged_corners_are_those_that_linear_programs_can_produce() -> None:
         point = correct(Point(plain, TREE, root, alpha, np.array(design.end_effector_m), design.inputs))
         every = with_all_corners(point, task)
         units = np.repeat([task.force_unit(3), task.torque_unit(3)], 3)
-        A, b = wrench_matrix(every) * task.max_input / units[:, None], asked_wrenches(every) / units
+        A, b = wrench_matrix(every) * task.max_input / units[:, None], required_wrenches(every) / units
         possible = [
             linprog(np.zeros(12), A_eq=A, b_eq=w, bounds=np.stack([0 * on, on], axis=1)).status == 0
             for w, on in zip(b, running_rotors(task), strict=True)
         ]
-        met = missed_wrenches(every).max(axis=1) <= WRENCH_TOLERANCE
+        met = wrench_residuals(every).max(axis=1) <= WRENCH_TOLERANCE
         assert met.tolist() == possible
         assert np.array_equal(every.u.reshape(len(b), -1)[running_rotors(task) == 0], np.zeros(168))
 

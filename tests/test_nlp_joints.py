@@ -15,7 +15,7 @@ from nlp.assembled.problem import AssembledProblem
 from nlp.joints import Limits, holder, limit_rows, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.requirements import clearances
-from nlp.requirements.balances import asked_wrenches, missed_wrenches, wrench_matrix
+from nlp.requirements.balances import required_wrenches, wrench_matrix, wrench_residuals
 from nlp.user_constraints.rows import DerivedRows
 from topo_search.model import BadInput, Design, Infeasible, Status, Task, Topology
 from topo_search.model.files import read_json, validate
@@ -36,7 +36,7 @@ def out_of_reach() -> Design:
 def balanced(point: Point) -> Point:
     """The point with inputs, of any sign, that produce its load cases."""
 
-    u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=None)[0].T
+    u = np.linalg.lstsq(wrench_matrix(point), required_wrenches(point).T, rcond=None)[0].T
     return replace(point, u=u.reshape(point.u.shape))
 
 
@@ -52,7 +52,7 @@ def test_loads_are_those_of_the_audit_at_any_balanced_point(fields: Any, joint_m
         if task.end_effector.fixed_position is None:
             point = replace(point, p_E=rng.uniform(0.5, 4.0) * point.p_E)
         point = balanced(point)
-        if missed_wrenches(point).max() > 1e-9:
+        if wrench_residuals(point).max() > 1e-9:
             continue  # a chain, which cannot produce every wrench
         design = as_design(point)
         found, mount, held, own = platform(design), choose_mount(design), holder(point), loads(point)

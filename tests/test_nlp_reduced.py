@@ -19,7 +19,7 @@ from nlp.reduced.clearance import hull_gap
 from nlp.reduced.descent import evaluate
 from nlp.requirements import clearances, exposure
 from nlp.requirements import statement as s
-from nlp.requirements.balances import asked_wrenches, wrench_matrix
+from nlp.requirements.balances import required_wrenches, wrench_matrix
 from nlp.requirements.rod import BestRod
 from nlp.units import Units
 from topo_search.model import LoadCase, Topology
@@ -204,7 +204,7 @@ def by_least_squares(point):
     """The least effort and price of residuals, of the exact evaluation's wrenches moved to the COM."""
     task, n = point.task, point.topology.n
     unit = Units.of(task)
-    A, b = wrench_matrix(point) * unit.input, asked_wrenches(point)
+    A, b = wrench_matrix(point) * unit.input, required_wrenches(point)
     shift = np.eye(6)
     x, y, z = point.p_COM
     shift[3:, :3] = -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

@@ -18,7 +18,7 @@ def told(task: Task) -> list[str]:
 
 
 def test_it_is_told_once_that_code_is_compiled(monkeypatch):
-    monkeypatch.setattr(multistart, "is_kept", lambda function: False)
+    monkeypatch.setattr(multistart, "is_cached", lambda function: False)
     (first,) = told(push(3))
     assert "compiling the solver" in first
     monkeypatch.undo()
@@ -34,7 +34,7 @@ def test_nothing_is_compiled_for_a_task_that_the_reduced_search_does_not_express
 @pytest.mark.compiles
 def test_the_solver_is_compiled_before_its_first_job(monkeypatch):
     task = push(3)
-    monkeypatch.setattr(multistart, "is_kept", lambda function: False)
+    monkeypatch.setattr(multistart, "is_cached", lambda function: False)
     nlp.prepare(task, print)
     before = multistart.descend_all.signatures
     nlp.solve(task, straight_chain(3), starts=range(1), seed=0)
@@ -46,10 +46,10 @@ def test_the_solver_is_compiled_before_its_first_job(monkeypatch):
 @pytest.mark.parametrize(("module", "prepare"), [(proof, nlp.prepare_proof), (check, check.prepare_check)])
 def test_proofs_and_their_check_tell_that_they_are_compiled(module, prepare, monkeypatch):
     found: list[str] = []
-    monkeypatch.setattr(module, "is_kept", lambda function: False)
+    monkeypatch.setattr(module, "is_cached", lambda function: False)
     prepare(push(3), found.append)
     assert ["compiling" in text for text in found] == [True]
-    monkeypatch.setattr(module, "is_kept", lambda function: True)
+    monkeypatch.setattr(module, "is_cached", lambda function: True)
     prepare(push(3), found.append)
     assert len(found) == 1
 

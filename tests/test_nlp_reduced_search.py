@@ -14,7 +14,7 @@ from nlp.multistart import DEEP, solve_starts
 from nlp.reduced import REDUCED_UP_TO
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.search import local_minima, point_of
-from nlp.requirements.balances import asked_wrenches, wrench_matrix
+from nlp.requirements.balances import required_wrenches, wrench_matrix
 from nlp.start_result import StartResult
 from nlp.starts.reduced_starts import draw_starts
 from topo_search.model import Design, ResolvedTask, Topology
@@ -122,7 +122,7 @@ def least_squares(design: Design, k: int) -> float:
     point = as_point(design)
     units = np.repeat([design.task.force_unit(5), design.task.torque_unit(5)], 3)
     A = wrench_matrix(point) * design.task.max_input / units[:, None]
-    w = asked_wrenches(point)[k] / units
+    w = required_wrenches(point)[k] / units
     stiff = 1e4
     rows, asked = np.vstack([stiff * A, np.eye(A.shape[1])]), np.append(stiff * w, np.zeros(A.shape[1]))
     return float(np.sum(lsq_linear(rows, asked, (0.0, 1.0), tol=1e-13).x ** 2))

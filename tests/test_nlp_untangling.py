@@ -13,7 +13,7 @@ from nlp.evaluation import violations
 from nlp.numbers.geometry import Swept, largest_turn, poses, root_rotation, rotation
 from nlp.numbers.geometry import clearance as vectorised
 from nlp.numbers.point import Point
-from nlp.requirements.balances import asked_wrenches, wrench_matrix
+from nlp.requirements.balances import required_wrenches, wrench_matrix
 from nlp.starts import random_starts as starts
 from nlp.starts.random_starts import DRAWING, draw, generator, root_of
 from nlp.starts.tabu_search import Rules, clearance
@@ -221,7 +221,7 @@ def test_the_platform_is_turned_to_where_the_wrenches_cost_least(weights):
     force = np.array(weights) @ np.array(forces)
 
     def effort(point):
-        u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=None)[0]
+        u = np.linalg.lstsq(wrench_matrix(point), required_wrenches(point).T, rcond=None)[0]
         return np.sum(u**2, axis=0) @ np.array(weights)
 
     efforts = []

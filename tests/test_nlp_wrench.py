@@ -11,7 +11,7 @@ from nlp import names
 from nlp.evaluation import violations
 from nlp.numbers.point import Point
 from nlp.problem import problem
-from nlp.requirements.balances import asked_wrenches, wrench_matrix
+from nlp.requirements.balances import required_wrenches, wrench_matrix
 from topo_search.model import Topology
 from topo_search.model.arrays import ROTOR_DIRECTIONS
 from verify.kinematics import platform, wrench_errors
@@ -53,8 +53,8 @@ def test_three_wrench_balances_agree(topology, seed, position):
     """The problem states (3) about W's origin, the paper about the COM: they differ by p_COM x (2)."""
     point = random_case(topology, seed, end_effector={"position": position})
     K = len(point.task.load_cases)
-    about_origin = point.u.reshape(K, -1) @ wrench_matrix(point).T - asked_wrenches(point)
-    scale = np.abs(asked_wrenches(point)).max() + point.task.force_unit(point.topology.n)
+    about_origin = point.u.reshape(K, -1) @ wrench_matrix(point).T - required_wrenches(point)
+    scale = np.abs(required_wrenches(point)).max() + point.task.force_unit(point.topology.n)
     np.testing.assert_allclose(stated_residuals(point), about_origin, rtol=0, atol=1e-12 * scale)
 
     design = as_design(point)
@@ -125,4 +125,4 @@ def test_gravity_is_never_added():
     """A load case is the whole wrench: without a force nothing is asked."""
     topology = random_tree(3, np.random.default_rng(0))
     weightless = random_case(topology, 1, load_cases=[{"end_effector": {"torque": [0.0, 0.0, 0.0]}}])
-    assert np.all(asked_wrenches(weightless) == 0.0)
+    assert np.all(required_wrenches(weightless) == 0.0)

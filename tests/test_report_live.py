@@ -16,7 +16,7 @@ from processes import eventually
 
 from topo_search import read_task, search
 from topo_search.report import live
-from topo_search.study import Silent
+from topo_search.study import SilentObserver
 
 ADDRESS = re.compile(r"live page: (http://127\.0\.0\.1:\d+/)")
 HOVER = "load_cases=[{com={force=[0.0,0.0,1.0]}}]"
@@ -27,7 +27,7 @@ def fetch(address: str) -> str:
         return answer.read().decode()
 
 
-class Browser(Silent):
+class Browser(SilentObserver):
     """Asks for the progress after every step, and for the page after the first and after audits."""
 
     def __init__(self) -> None:

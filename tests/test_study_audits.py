@@ -13,12 +13,12 @@ from topo_search.model import BadInput, Design, Task, Tolerances
 from topo_search.model.files import read_json
 from topo_search.model.load_case import AskedFlight
 from topo_search.model.task import with_older_defaults
-from topo_search.study import LARGER_MARGINS, Silent
+from topo_search.study import LARGER_MARGINS, SilentObserver
 from topo_search.study.folder import RunFolder
 from topo_search.study.request import margins
 
 
-class Notes(Silent):
+class Notes(SilentObserver):
     def __init__(self):
         self.texts = []
 
@@ -180,7 +180,7 @@ def test_the_last_lines_say_what_tolerances_that_are_only_measured_leave(tmp_pat
     monkeypatch.setenv("TOY_LOSS", "5e-5")
     answer = toy_run(tmp_path / "run", task=tolerant(tolerances=False))
     print(*answer_lines(answer), sep="\n")
-    words = f"{keys[0]}: within the task's tolerances: clear, least clearance 5e-05 m or more"
+    words = f"{keys[0]}: within the task's tolerances: clear, smallest clearance 5e-05 m or more"
     last = capsys.readouterr().out.splitlines()[-1]
     assert last.startswith(words)
     assert last.endswith("; measured, not required")

@@ -13,7 +13,7 @@ from wording import says
 
 from topo_search.model import BadInput, CheckedChunk, Design, Proof
 from topo_search.model.files import to_json
-from topo_search.study import RunFolder, Silent, check
+from topo_search.study import RunFolder, SilentObserver, check
 from topo_search.study.answer import candidates
 
 
@@ -30,7 +30,7 @@ class Checker:
 
 
 def checked(path, checker=None, **options):
-    given = {"key": None, "engine": InProcess(1), "observer": Silent(), **options}
+    given = {"key": None, "engine": InProcess(1), "observer": SilentObserver(), **options}
     return check(path, checker or Checker(), audit, **given)
 
 

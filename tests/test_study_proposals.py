@@ -15,7 +15,7 @@ from toy_problem import solved_keys, toy_run
 
 from topo_search.engine import Engine
 from topo_search.model import BadInput
-from topo_search.study import Request, RunFolder, Silent
+from topo_search.study import Request, RunFolder, SilentObserver
 from topo_search.study.request import Identity
 
 PROPOSED = {"modules": 6, "strategy": "optuna", "starts": 9}
@@ -42,7 +42,7 @@ def test_as_many_candidates_are_solved_as_asked_for_and_the_number_can_be_raised
     assert more.best.objective <= answer.best.objective
 
 
-class Told(Silent):
+class Told(SilentObserver):
     """Notes how many candidates are announced, and how many of them are settled."""
 
     def __init__(self):

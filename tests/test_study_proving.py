@@ -15,7 +15,7 @@ from topo_search.model.exposure import Allowed, Local, Plane
 from topo_search.model.proof import chunk_count
 from topo_search.model.proven import gap_percent
 from topo_search.report.run_page import run_page
-from topo_search.study import RunFolder, Silent, answer_of, prove
+from topo_search.study import RunFolder, SilentObserver, answer_of, prove
 from topo_search.study.answer import candidates
 from topo_search.study.proofs import problem, proofs_hold_for, target
 
@@ -35,7 +35,7 @@ class Prover:
 
 
 def proven(path, prover, **options):
-    given = {"gap": 0.01, "key": None, "engine": InProcess(1), "observer": Silent(), **options}
+    given = {"gap": 0.01, "key": None, "engine": InProcess(1), "observer": SilentObserver(), **options}
     return prove(path, prover, lambda task, tree: 0, **given)
 
 

@@ -15,7 +15,7 @@ from topo_search.model import Design, Infeasible, Task, Topology
 from topo_search.model.design import STARTS, Relaxation, Relaxed
 from topo_search.model.files import to_json
 from topo_search.model.text import apply_settings
-from topo_search.study import Silent
+from topo_search.study import SilentObserver
 from topo_search.study.relaxing import RELAXING, relax, relaxable
 from topo_search.study.solving import Tools
 
@@ -36,7 +36,7 @@ class Counting(toy_problem.InProcess):
 def relaxed_limits(task, *keys, backends=BACKENDS, engine=None, starts=STARTS):
     trees = [Topology.from_key(key) for key in keys]
     engine = engine or Counting()
-    return relax(task, trees, Tools(backends, engine, Silent()), starts=starts, seed=0)
+    return relax(task, trees, Tools(backends, engine, SilentObserver()), starts=starts, seed=0)
 
 
 class Failing(Counting):

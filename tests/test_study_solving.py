@@ -10,7 +10,7 @@ from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
 from topo_search.engine import Candidates, ExhaustiveSearch, Proposal, Strategy
 from topo_search.model import BadInput
-from topo_search.study import Request, RunFolder, Silent
+from topo_search.study import Request, RunFolder, SilentObserver
 from topo_search.study.run import solve_proposals
 from topo_search.study.solving import Tools
 
@@ -50,7 +50,7 @@ def run_strategy(path, *, until=math.inf, strategy=halving):
     scripted = Scripted(strategy, request.space(4))
     with RunFolder.open(path, request) as folder:
         folder.ledger.add_context(request.contexts(4)[0], toy_problem.BOUND, None)
-        tools = Tools(toy_problem.BACKENDS, InProcess(1), Silent(), until)
+        tools = Tools(toy_problem.BACKENDS, InProcess(1), SilentObserver(), until)
         return solve_proposals(scripted, folder, 4, toy_problem.BOUND, tools), scripted.told
 
 

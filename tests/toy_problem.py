@@ -35,7 +35,7 @@ from topo_search.model import (
     WorstCase,
     Wrench,
 )
-from topo_search.study import DEFAULT_ROUND, Request, Row, Silent, UserInputs, run, solve_single
+from topo_search.study import DEFAULT_ROUND, Request, Row, SilentObserver, UserInputs, run, solve_single
 
 BOUND = 1.0
 """Every objective lies above."""
@@ -212,7 +212,7 @@ def toy_run(
     request = Request(asked, symmetry, starts, seed, strategy, sampler, trials, prune, round_size, user_inputs=own)
     place = Workers(workers) if workers else InProcess(1)
     with nullcontext(engine) if engine else place as engine:
-        return run(request, Path(path), backends, engine=engine, observer=observer or Silent(), **options)
+        return run(request, Path(path), backends, engine=engine, observer=observer or SilentObserver(), **options)
 
 
 def toy_solved(key, task=None, starts=1):

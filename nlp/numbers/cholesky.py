@@ -12,7 +12,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 LEAST_PIVOT = 1e-30
-"""A pivot that rounding has made smaller counts as this."""
+"""Lower bound on a pivot, which rounding can make smaller."""
 
 
 @njit(cache=True)

@@ -32,14 +32,14 @@ def angular_accelerations(task: ResolvedTask) -> Array:
     return np.array(task.accelerations) * (task.module.arm_length / task.gravity)
 
 
-def missed_wrenches(point: Point) -> Array:
+def wrench_residuals(point: Point) -> Array:
     """Return the residuals of force and torque of every load case, shape (K, 2) [m_t g, l_arm m_t g].
 
     The torque residual is the larger of those about the COM and about p_E.
     """
     task, n = point.task, point.topology.n
     K = len(task.load_cases)
-    residual = point.u.reshape(K, -1) @ wrench_matrix(point).T - asked_wrenches(point)
+    residual = point.u.reshape(K, -1) @ wrench_matrix(point).T - required_wrenches(point)
     # from W's origin to the COM: a force residual has a torque about the origin
     residual[:, 3:] -= np.cross(point.p_COM, residual[:, :3])
     norms = np.linalg.norm(residual.reshape(K, 2, 3), axis=2)
@@ -77,7 +77,7 @@ def inertia(point: Point) -> Array:
     return np.asarray(J)
 
 
-def asked_wrenches(point: Point) -> Array:
+def required_wrenches(point: Point) -> Array:
     """Return the required wrench of every load case about W's origin, shape (K, 6) [N, N m]."""
     at_tip = [case.at_end_effector for case in point.task.load_cases]
     at_com = [case.at_com for case in point.task.load_cases]

@@ -28,7 +28,7 @@ from nlp.numbers.geometry import (
     signs,
 )
 from nlp.numbers.point import Point, fixed_end_effector
-from nlp.requirements.balances import asked_wrenches, running_rotors, wrench_matrix
+from nlp.requirements.balances import required_wrenches, running_rotors, wrench_matrix
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.shape import Cone
@@ -186,7 +186,7 @@ def with_inputs(point: Point) -> Point:
 
 def _with_least_norm(point: Point) -> Point:
     """Return the point with the least-norm inputs of every load case, without bounds."""
-    u = np.linalg.lstsq(wrench_matrix(point), asked_wrenches(point).T, rcond=1e-6)[0]
+    u = np.linalg.lstsq(wrench_matrix(point), required_wrenches(point).T, rcond=1e-6)[0]
     return replace(point, u=np.asarray(u.T, dtype=float).reshape(point.u.shape))
 
 

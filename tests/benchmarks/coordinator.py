@@ -26,7 +26,7 @@ from nlp import default_starts
 from topo_search.compose import BACKENDS
 from topo_search.engine import Candidates, Engine, Failed, Job, Workers
 from topo_search.model.files import read_task
-from topo_search.study import Request, Silent, run
+from topo_search.study import Request, SilentObserver, run
 from topo_search.study.request import UserInputs
 
 WARM_UP_TREES = 4
@@ -93,7 +93,7 @@ def timed_search(
         started = time.process_time()
         if profile is not None:
             profile.enable()
-        run(request, Path(folder), BACKENDS, engine=engine, observer=Silent())
+        run(request, Path(folder), BACKENDS, engine=engine, observer=SilentObserver())
         if profile is not None:
             profile.disable()
         return engine, time.process_time() - started

@@ -21,7 +21,7 @@ from toy_problem import BOUND, solve, toy_task
 
 from topo_search.engine import ExhaustiveSearch
 from topo_search.model import Design
-from topo_search.study import Request, RunFolder, Silent
+from topo_search.study import Request, RunFolder, SilentObserver
 from topo_search.study.directory import digest_of
 from topo_search.study.ledger import row_of
 from topo_search.study.solving import ProposedJobs
@@ -57,7 +57,9 @@ def resume(path: Path, request: Request, n: int) -> None:
     space = request.space(n)
     with RunFolder.open(path, request) as folder:
         laps.append(("opening and checking the ledger", time.process_time()))
-        candidates = ProposedJobs(ExhaustiveSearch(space, starts=1, timed=False), folder, n, BOUND, Silent())
+        candidates = ProposedJobs(
+            ExhaustiveSearch(space, starts=1, timed=False), folder, n, BOUND, SilentObserver()
+        )
         laps.append(("reading known results", time.process_time()))
         if next(candidates.jobs(), None) is None:
             raise SystemExit("no job is pending: the ledger holds all candidates")

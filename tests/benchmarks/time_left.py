@@ -20,7 +20,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from topo_search.study import Phase, Plan, Row, Silent, TimeLeft
+from topo_search.study import Phase, Plan, Row, SilentObserver, TimeLeft
 from topo_search.study.progress import WRITING
 
 RECORDED = Path(__file__).parent / "recorded_runs"
@@ -30,7 +30,7 @@ MOMENTS = 100
 """Number of evenly spaced moments of a run at which estimates are taken."""
 
 
-class Recorder(Silent):
+class Recorder(SilentObserver):
     """Records the events of a run, with the time since its start [s]."""
 
     def __init__(self) -> None:

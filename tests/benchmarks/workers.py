@@ -28,7 +28,7 @@ from engine_jobs import timed
 from topo_search.compose import BACKENDS
 from topo_search.engine import DaskWorkers, Engine, Failed, Workers
 from topo_search.model.files import read_task
-from topo_search.study import Request, Silent, run
+from topo_search.study import Request, SilentObserver, run
 
 
 @dataclass
@@ -81,7 +81,7 @@ def search(request: Request, engine: TimedEngine, processes: Callable[[], list[p
     """Run a new search, and add up its times."""
     with tempfile.TemporaryDirectory() as folder:
         wall, coordinator, others = time.perf_counter(), time.process_time(), cpu(processes())
-        run(request, Path(folder), BACKENDS, engine=engine, observer=Silent())
+        run(request, Path(folder), BACKENDS, engine=engine, observer=SilentObserver())
         engine.usage.wall += time.perf_counter() - wall
         engine.usage.coordinator += time.process_time() - coordinator
         engine.usage.engine += cpu(processes()) - others

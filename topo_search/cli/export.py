@@ -126,7 +126,7 @@ def export(
     Exit status: 0 written; 1 not written, since a kit or a design with rounded angles is not clear; 2 bad input.
     """  # noqa: D301 (\b is click's)
     from topo_search.compose import audit, read_completed, read_design
-    from topo_search.export.formats import content, formats, of_name
+    from topo_search.export.formats import content, find_format, formats
     from topo_search.export.mjcf import Physics
     from topo_search.model.files import write_atomically
 
@@ -181,7 +181,7 @@ def export(
 
                 write_atomically(out, (vti if suffix == ".vti" else npz)(air_field(design)))
             else:
-                write_atomically(out, content(design, of_name(target), **keywords.get(target, {})))
+                write_atomically(out, content(design, find_format(target), **keywords.get(target, {})))
             _warn_unless_clear(audit(design))
     kinds = dict.fromkeys(TABLES, "table") | dict.fromkeys(PICTURES, "picture")
     click.echo(f"the {kinds.get(target, 'design')} is in {out}")
@@ -258,9 +258,9 @@ def _audit_of(source: str) -> ts.Audit:
     from topo_search.cli.runs import AUDIT_FORMAT
     from topo_search.compose import audits, read_completed
     from topo_search.engine import Failed
-    from topo_search.model.files import load_json, stated_format
+    from topo_search.model.files import format_of, load_json
 
-    if stated_format(load_json(source)) == AUDIT_FORMAT:
+    if format_of(load_json(source)) == AUDIT_FORMAT:
         return ts.read_json(ts.Audit, source)
     (result,) = audits([read_completed(source)])
     if isinstance(result, Failed):

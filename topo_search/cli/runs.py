@@ -197,7 +197,7 @@ def _read_designs(sources: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]]
     A folder stands for all `*.json` below it, sorted; audits that a run keeps beside its designs are skipped.
     A symbolic link to a folder is followed only if it is one of the arguments.
     """
-    from topo_search.model.files import load_json, stated_format, to_geometry
+    from topo_search.model.files import format_of, load_json, to_geometry
     from topo_search.model.value import to_printable
 
     loaded: list[tuple[str, ts.Geometry]] = []
@@ -211,7 +211,7 @@ def _read_designs(sources: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]]
                 if fault is not None:
                     raise ts.BadInput(name, fault)
                 data = load_json(path, most_bytes=LIMITS.design_bytes)
-                if in_folder and stated_format(data) == AUDIT_FORMAT:
+                if in_folder and format_of(data) == AUDIT_FORMAT:
                     skipped += 1
                 else:
                     loaded.append((name, to_geometry(data, name)))

@@ -207,7 +207,9 @@ def solved_lines(solved: Solved, out: Path | None) -> Iterator[str]:
 def audit_lines(name: str, audit: Audit) -> Iterator[str]:
     """Yield the verdict of an audit, and everything that is not clear."""
     nearest = min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
-    clearance = "" if nearest is None else f"; least clearance {lower_text(nearest.analytic_m)} m, {nearest.name}"
+    clearance = (
+        "" if nearest is None else f"; smallest clearance {lower_text(nearest.analytic_m)} m, {nearest.name}"
+    )
     yield f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{clearance}"
     if audit.inputs_words is not None:
         yield f"  {audit.inputs_words}"

@@ -17,7 +17,7 @@ from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Status, Task
 from topo_search.model.files import load_json, read_task, to_geometry, write_atomically
 from topo_search.model.proven import lower_text
-from topo_search.model.value import naming
+from topo_search.model.value import as_bad_input
 from topo_search.protocols import OwnConstraint
 from topo_search.study import RunFile, RunFolder, Solved, answer_of, solve_single
 from topo_search.study.directory import CHANGED
@@ -71,7 +71,7 @@ def solve(
     """
     if starts is not None and not 1 <= starts <= LIMITS.starts:
         raise ValueError(f"`1 <= starts <= {LIMITS.starts:,}` must hold, but got {starts:,}")
-    with naming("topology"):
+    with as_bad_input("topology"):
         tree = own_topology(topology)
     if tree.n > LIMITS.modules:
         raise BadInput("topology", f"must have at most {LIMITS.modules} modules, but got {tree.n:,}")
@@ -171,7 +171,7 @@ def compare_audits(before: Audit, after: Audit) -> str:
     """Return a sentence about how a design's audit changed."""
     clearances = (min((pair.analytic_m for pair in result.pairs), default=None) for result in (before, after))
     old, new = ("none" if gap is None else f"{lower_text(1000 * gap, 3)} mm" for gap in clearances)
-    return f"Audit: {after.verdict} (before: {before.verdict}); least clearance {new} (before: {old})."
+    return f"Audit: {after.verdict} (before: {before.verdict}); smallest clearance {new} (before: {old})."
 
 
 def brackets_note(design: Design) -> str:
@@ -192,7 +192,7 @@ def brackets_note(design: Design) -> str:
     nearest = min(pairs, key=lambda pair: (pair.status is Status.CLEAR, pair.analytic_m))
     clearance = f"{lower_text(1000 * nearest.analytic_m, 3)} mm"
     if nearest.status is Status.CLEAR:
-        text = "Brackets are audited clear of all airflow and rotors; the least clearance is"
+        text = "Brackets are audited clear of all airflow and rotors; the smallest clearance is"
         return f"{text} {clearance}, {nearest.name}."
     return f"Brackets are not clear: {nearest.name}, {clearance} ({nearest.status})."
 

@@ -37,7 +37,7 @@ from topo_search.study import (
     Observer,
     Request,
     RunFolder,
-    Silent,
+    SilentObserver,
     StrategyName,
     UserInputs,
     run,
@@ -162,7 +162,7 @@ def search(
         resolved, topology = base_task.resolve(n), next(request.space(n).candidates()).topology
         nlp.refuse_unusable(checked, resolved, topology)
         nlp.refuse_wrong_claims(checked, resolved, topology, mirror=improper_isometry(resolved))
-    observer, deadline = observer or Silent(), time.monotonic() + time_limit
+    observer, deadline = observer or SilentObserver(), time.monotonic() + time_limit
 
     def prepare() -> None:
         nonlocal deadline
@@ -238,7 +238,7 @@ def prove(
         True
     """
     _refuse_gap("gap", gap)
-    observer = observer or Silent()
+    observer = observer or SilentObserver()
     with open_engine(workers, dask, dask_tls, _versions(folder), observer) as engine:
         return _prove(
             Path(folder),
@@ -289,7 +289,7 @@ def check_proofs(
         BadInput: the folder is not a run, or has no audited design or no such tree.
         WorkersLost: as for `search`.
     """
-    observer = observer or Silent()
+    observer = observer or SilentObserver()
     with open_engine(workers, dask, dask_tls, _versions(folder), observer) as engine:
         return check_run(
             Path(folder),

@@ -220,10 +220,10 @@ def run_batch(batch: Batch) -> BatchResult:
         # Dask sets this so that the C library returns free memory to the system immediately. Solvers need the
         # memory again at once and would take a sixth longer, so children run without it.
         os.environ.pop("MALLOC_TRIM_THRESHOLD_", None)
-        from topo_search.model.compiled_code import choose_folder
+        from topo_search.model.compiled_code import choose_cache_folder
 
         with _first_child:
-            choose_folder()  # once for all children, since it prints a line if the folder is temporary
+            choose_cache_folder()  # once for all children, since it prints a line if the folder is temporary
         _thread.child = Workers(1).__enter__()
     child: Workers = _thread.child
     started_at = time.monotonic()

@@ -29,8 +29,8 @@ from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, Status, Topology
 from topo_search.model.files import load_json, read_task
 from topo_search.model.text import decode, escape_formula, read_regular
-from topo_search.model.value import naming, show
-from topo_search.study import Observer, Phase, Silent
+from topo_search.model.value import as_bad_input, show
+from topo_search.study import Observer, Phase, SilentObserver
 from topo_search.study.directory import Directory
 from topo_search.study.folder import make_folder, refusal
 from topo_search.study.ledger_file import KEPT, LedgerLost
@@ -208,7 +208,7 @@ def results(folder: str | Path) -> pd.DataFrame:
     path = Path(folder) / RESULTS if Path(folder).is_dir() else Path(folder)
     kinds = {"key": "str", "task_seed": "Int64", "colliding_pairs": "Int64", "largest_cluster": "Int64"}
     kinds |= dict.fromkeys(("verdict", "depths_percent", "worst_constraint", "unit"), "str")
-    with naming(str(path)):
+    with as_bad_input(str(path)):
         content = read_regular(path, most_bytes=LIMITS.result_bytes)
         frame = pd.read_csv(io.BytesIO(content), dtype=kinds, keep_default_na=False, na_values=[""])
     retried = frame["status"].eq("failed") & frame.duplicated(list(IDENTITY), keep="last")
@@ -233,7 +233,7 @@ def _compare(folder: Path, stored: Any, about: dict[str, Any]) -> None:
 
 def _rows(path: Path) -> tuple[int, set[tuple[str, ...]]]:
     """Return the length of the complete rows of a file, and the cells they answer; BadInput names a damaged row."""
-    with naming(str(path)):
+    with as_bad_input(str(path)):
         content = read_regular(path, most_bytes=LIMITS.result_bytes)
         size = content.rfind(b"\n") + 1
         text = decode(content[:size])
@@ -313,7 +313,7 @@ def conduct(
         KeyboardInterrupt: Ctrl-C was pressed; all rows are kept, and a note (PEP 678) says so.
         LedgerLost: the folder or its rows vanished during the experiment.
     """
-    observer = observer or Silent()
+    observer = observer or SilentObserver()
     cells = experiment.cells(settings)
     for cell in {(cell.task, cell.variant, cell.distance_m): cell for cell in cells}.values():
         cell.resolve()  # refuse task and variant that do not fit before any work

@@ -97,7 +97,7 @@ def formats() -> dict[str, OwnFormat]:
     return dict(_registered)
 
 
-def of_name(name: str) -> OwnFormat:
+def find_format(name: str) -> OwnFormat:
     """Return an existing format; entry points are loaded only if it is not registered yet."""
     return _registered[name] if name in _registered else formats()[name]
 

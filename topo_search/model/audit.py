@@ -368,7 +368,7 @@ class Audit(Value):
         measured = all(row.name != WITHIN_TOLERANCES for row in self.residuals)
         least, attained = lower_text(worst.lower_m, 3), upper_text(worst.attained_m, 3)
         return (
-            f"within the task's tolerances: {worst.status}, least clearance {least} m or more "
+            f"within the task's tolerances: {worst.status}, smallest clearance {least} m or more "
             f"({attained} m in an example), {worst.name}" + measured * "; measured, not required"
         )
 

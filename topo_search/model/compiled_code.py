@@ -108,9 +108,9 @@ def _cache_of(function: Callable[..., Any]) -> FunctionCache:
     return cache
 
 
-def choose_folder() -> None:
+def choose_cache_folder() -> None:
     """Choose numba's cache folder, for this process and its children."""
-    _cache_of(choose_folder)
+    _cache_of(choose_cache_folder)
 
 
 def _temporary_folder() -> str:
@@ -135,7 +135,7 @@ def _temporary_folder() -> str:
     return str(folder)
 
 
-def is_kept(dispatcher: Any) -> bool:
+def is_cached(dispatcher: Any) -> bool:
     """True if a function is cached for this machine, without damaged files."""
     files, machine = dispatcher._cache._cache_file, dispatcher.targetctx.codegen().magic_tuple()
     paths = [files._data_path(name) for (_, target, _), name in files._load_index().items() if target == machine]

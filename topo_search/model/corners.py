@@ -24,17 +24,17 @@ import numpy as np
 from topo_search.model.arrays import Array
 from topo_search.model.load_case import (
     AT,
-    PLACES,
+    POINT_SUFFIXES,
     AskedFlight,
     LoadCase,
     PointSuffix,
     box_corners,
     cap,
     centres,
-    centres_of,
     circumscribe,
     directions,
     rotor_name,
+    weight_cases,
 )
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.task import ResolvedTask
@@ -141,7 +141,10 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
     error, horizontal = flight.com_error - tolerance * task.module.arm_length, flight.directions == "horizontal"
     for _, label, case in centres(task):
         for field, point, r, unit, disc in (
-            *(("force", at, flight.force_reserve, task.force_unit(task.n), horizontal) for at in PLACES[flight.at]),
+            *(
+                ("force", at, flight.force_reserve, task.force_unit(task.n), horizontal)
+                for at in POINT_SUFFIXES[flight.at]
+            ),
             ("torque", "", flight.torque_reserve, task.torque_unit(task.n), False),
         ):
             vectors = circumscribe(disc=disc)
@@ -153,7 +156,7 @@ def reserve_corners(task: ResolvedTask, *, inner: bool) -> list[list[Corner]]:
             groups += [[corner] for corner in _acceleration_corners(label, case, flight.angular_acceleration)]
         groups += [[Corner(label, case)]] if error > 0 else []
     if (tilt := math.radians(flight.tilt_deg) - tolerance) > 0 and (inner or optimal):
-        (_, label, case), weight = centres_of(task, "hover")[0], task.force_unit(task.n)
+        (_, label, case), weight = weight_cases(task, "hover")[0], task.force_unit(task.n)
         vectors = weight * (cap(tilt, inner=inner) - np.array([0.0, 0.0, 1.0]))
         groups.append(_corners(f"{label}, tilt", case, "force", vectors, "_com"))
     if error > 0:
@@ -170,7 +173,7 @@ def failure_corners(task: ResolvedTask, *, inner: bool = False) -> list[list[Cor
     if flight.rotor_out == "none":
         return groups
     torques = (0.0 if inner else flight.rotor_out_torque or 0.0) * circumscribe(disc=False)
-    for _, label, case in centres_of(task, flight.rotor_out):
+    for _, label, case in weight_cases(task, flight.rotor_out):
         for rotor in range(4 * task.n):
             words = f"{label}, {rotor_name(rotor)} dead"
             corners = [Corner(words, case)]

@@ -17,7 +17,7 @@ from topo_search.model.design import Design, Geometry
 from topo_search.model.mesh_file import Folder
 from topo_search.model.task import Task
 from topo_search.model.text import NotReadable, apply_settings, json_data, read_text, toml_data
-from topo_search.model.value import BadInput, Fault, faults_of, naming, nearest
+from topo_search.model.value import BadInput, Fault, as_bad_input, faults_of, nearest
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -64,7 +64,7 @@ def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     else:
         hint = f"no such file, nor a shipped example; {nearest(name, examples())}"
         text = load_text(path, most_bytes=LIMITS.task_bytes, if_missing=hint)
-    with naming(name):
+    with as_bad_input(name):
         data = toml_data(text)
     apply_settings(data, settings)
     folder = Path() if name in examples() else Path(path).parent
@@ -109,7 +109,7 @@ def to_geometry(data: Any, source: str) -> Geometry:
     return validate(Geometry if no_inputs else Design, data, source)
 
 
-def stated_format(data: Any) -> str | None:
+def format_of(data: Any) -> str | None:
     """Return the `format` field of a JSON file's data, if it has one."""
     format_ = data.get("format") if isinstance(data, dict) else None
     return format_ if isinstance(format_, str) else None
@@ -126,7 +126,7 @@ def load_json(path: str | Path, *, most_bytes: int = LIMITS.result_bytes) -> Any
         BadInput: unreadable, too large, not a regular file, invalid JSON, or a name twice in an object.
     """
     text = load_text(path, most_bytes=most_bytes)
-    with naming(str(path)):
+    with as_bad_input(str(path)):
         return json_data(text)
 
 

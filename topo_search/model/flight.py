@@ -40,8 +40,8 @@ from topo_search.model.value import (
     Positive,
     Value,
     Vector,
+    as_bad_input,
     at_most,
-    naming,
     show,
 )
 
@@ -309,7 +309,7 @@ def read_vehicle(path: str | Path) -> Vehicle:
     path = Path(path)
     if path.suffix.lower() != ".toml":
         return validate(Vehicle, {"rotors": _rows(path)}, str(path))
-    with naming(str(path)):
+    with as_bad_input(str(path)):
         data = toml_data(load_text(path, most_bytes=LIMITS.task_bytes))
     if isinstance(name := data.get("rotors"), str):
         data = {**data, "rotors": _rows(path.parent / name)}

@@ -240,7 +240,7 @@ whose circumradius is sqrt(5/2) and whose faces are sqrt(2) and sqrt(3/2) from t
 LargestLoad = Annotated[Positive | Literal["rated"], OneOf('must be a number or "rated"')]
 Failing = Literal["none", "hover", "all"]
 PointSuffix = Literal["", "_com"]
-PLACES: dict[str, tuple[PointSuffix, ...]] = {"tip": ("",), "com": ("_com",), "both": ("", "_com")}
+POINT_SUFFIXES: dict[str, tuple[PointSuffix, ...]] = {"tip": ("",), "com": ("_com",), "both": ("", "_com")}
 """Suffixes of a force reserve's name in an audit, by `flight.at`: at the end-effector, at the centre of mass."""
 AT: dict[PointSuffix, str] = {"": "", "_com": " at the centre of mass"}
 """Words for the point of action, after those for the reserve."""
@@ -331,10 +331,10 @@ class AskedFlight(Value):
 
 def centres(task: ResolvedTask) -> list[ReserveCentre]:
     """Return the centres of the required reserves; none if no reserves are required."""
-    return centres_of(task, task.flight.around) if task.flight.keeps_reserves else []
+    return weight_cases(task, task.flight.around) if task.flight.keeps_reserves else []
 
 
-def centres_of(task: ResolvedTask, which: Literal["hover", "all"]) -> list[ReserveCentre]:
+def weight_cases(task: ResolvedTask, which: Literal["hover", "all"]) -> list[ReserveCentre]:
     """Return hover, or hover and every load case that carries the weight, all without effort."""
     weight = task.force_unit(task.n)
     hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, weight)), weight=0.0)
@@ -358,7 +358,7 @@ def broken_reserves(flight: AskedFlight, cases: int, n: int, force_unit: float, 
         if r is not None and not r * factor <= MAX_LOAD:
             yield ("flight", field), f"must be at most {MAX_LOAD:g} N and N m, but got {r:g}{units}"
     wrenches = len(circumscribe(disc=flight.directions == "horizontal")) * (flight.force_reserve > 0)
-    wrenches *= len(PLACES[flight.at])
+    wrenches *= len(POINT_SUFFIXES[flight.at])
     wrenches += len(circumscribe(disc=False)) * (flight.torque_reserve > 0)
     wrenches += 2 * sum(map(bool, flight.angular_acceleration))
     wrenches *= 1 + cases * (flight.around == "all")

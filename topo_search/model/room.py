@@ -213,7 +213,7 @@ def intersect(some: Folds, others: Folds) -> Folds:
     return tuple(sorted((low, high) for low, high in both if low <= high))
 
 
-def in_words(folds: Folds, unit: str) -> str:
+def folds_text(folds: Folds, unit: str) -> str:
     """Return the ranges of folds in words, in degrees with a suffix for the unit, rounded to the safe side."""
     mirrored = tuple((-high, -low) for low, high in reversed(folds)) == folds
     ranges = [(max(low, 0.0), high) for low, high in folds if high > 0] if mirrored else folds

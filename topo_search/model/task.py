@@ -29,7 +29,7 @@ from topo_search.model.room import (
     airflow_folds,
     body_radius,
     clear_folds,
-    in_words,
+    folds_text,
     intersect,
     packed_width,
     part_cover,
@@ -202,7 +202,7 @@ class Task(Value):
             return
         if not any(low <= math.radians(angle) <= high for angle in angles for low, high in folds):
             field = "hinge_step_deg" if self.search.hinge_angles_deg is None else "hinge_angles_deg"
-            rule = f"must have an angle that keeps rotors clear of a neighbour, {in_words(folds, ' deg')}"
+            rule = f"must have an angle that keeps rotors clear of a neighbour, {folds_text(folds, ' deg')}"
             yield ("search", field), f"{rule}, but got {show(getattr(self.search, field))}"
 
     def _broken_flight(self) -> Broken:

@@ -34,7 +34,7 @@ from topo_search.model.exposure import Allowed, Directional, Exterior, Local, se
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Body, Module
 from topo_search.model.proven import excess_texts, upper_text
-from topo_search.model.room import LARGE, OUTWARDS, frame_reach, in_words, packed_width
+from topo_search.model.room import LARGE, OUTWARDS, folds_text, frame_reach, packed_width
 from topo_search.model.task import Task
 from topo_search.model.value import show
 
@@ -372,7 +372,7 @@ def _search(task: Task) -> Doubts:
     if not folds:
         yield "module.body", "no hinge angle is known to keep rotors clear of a bolted neighbour and its airflow"
     elif folds != ((-math.pi / 2, math.pi / 2),):
-        turns = f"hinges turn by {in_words(folds, ' deg')}"
+        turns = f"hinges turn by {folds_text(folds, ' deg')}"
         yield "module.body", f"{turns}: rotors reach a bolted neighbour or its airflow"
         angles = task.search.hinge_set_deg or ()
         unusable = [a for a in angles if not any(low <= math.radians(a) <= high for low, high in folds)]

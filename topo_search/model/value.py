@@ -94,7 +94,7 @@ class BadInput(Exception):
 
 
 @contextmanager
-def naming(source: str) -> Iterator[None]:
+def as_bad_input(source: str) -> Iterator[None]:
     """Turn a ValueError into a BadInput that names its source."""
     try:
         yield

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from topo_search.model import Allowed, AnyExposure, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
 from topo_search.model.proven import at_most, upper_text
-from topo_search.model.room import in_words
+from topo_search.model.room import folds_text
 from topo_search.model.shape import unit as unit_vector
 from topo_search.model.task import Tolerances
 from topo_search.model.value import Vector, is_zero
@@ -225,7 +225,7 @@ def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:
         "separation": f"centres at least {figures(task.separation)} m apart, instead of airflow (ablation)",
     }[search.interference]
     body, search_distance, folds = task.body_clearance, task.centre_distance, task.folds(search.margin)
-    hinges = in_words(folds, "°") if folds else "none: rotors would touch a neighbour or its airflow at any angle"
+    hinges = folds_text(folds, "°") if folds else "none: rotors would touch a neighbour or its airflow at any angle"
     if search.hinge_step_deg is not None:
         hinges += f", in steps of {figures(search.hinge_step_deg)}°"
     if search.hinge_angles_deg is not None:

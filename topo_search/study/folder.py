@@ -20,7 +20,7 @@ from topo_search.model import Audit, BadInput, Design, Proof, ResolvedTask, Task
 from topo_search.model.files import to_toml, validate
 from topo_search.model.task import with_older_defaults
 from topo_search.model.text import csv_text, decode, toml_data
-from topo_search.model.value import faults_of, naming
+from topo_search.model.value import as_bad_input, faults_of
 from topo_search.study.directory import Directory, ReadOnlyFolder, RunFile
 from topo_search.study.ledger import COLUMNS, Ledger, Row
 from topo_search.study.ledger_file import blank
@@ -113,7 +113,7 @@ def _read_task(path: Path, directory: Directory) -> Task:
     content, name = directory.read(RunFile.TASK, max_bytes=LIMITS.task_bytes), str(path / RunFile.TASK)
     if content is None:
         raise BadInput(name, "no such file")
-    with naming(name):
+    with as_bad_input(name):
         data = toml_data(decode(content))
     return validate(Task, with_older_defaults(data), name)
 

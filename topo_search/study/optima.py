@@ -33,7 +33,7 @@ from typing import Any, Literal, get_args
 from topo_search.engine import AuditDesign, Failed, Job, LocalOptima, audit_deadline
 from topo_search.model import Audit, Design, Flight, ResolvedTask, Topology
 from topo_search.model.files import to_json
-from topo_search.model.load_case import PLACES, Failing, centres_of
+from topo_search.model.load_case import POINT_SUFFIXES, Failing, weight_cases
 from topo_search.model.proof import Text
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.search import GOALS, Goal, Level
@@ -199,9 +199,11 @@ def _flight_values(task: ResolvedTask, flight: Flight | None) -> dict[str, Any]:
     if flight is None:
         return {}
     is_level = task.flight.directions == "horizontal"
-    numbers = [number for number, _, _ in centres_of(task, task.flight.around)]
+    numbers = [number for number, _, _ in weight_cases(task, task.flight.around)]
     cases = [flight.cases[number] for number in numbers]
-    names = [f"{'horizontal' if is_level else 'force'}_reserve{point}_N" for point in PLACES[task.flight.at]]
+    names = [
+        f"{'horizontal' if is_level else 'force'}_reserve{point}_N" for point in POINT_SUFFIXES[task.flight.at]
+    ]
     forces: list[float | None] = [getattr(case, name) for case in cases for name in names]
     torques = [case.torque_reserve_Nm for case in cases]
     rotors_out = {"all": flight.rotors_out_all, "hover": flight.rotors_out_hover}

@@ -201,7 +201,7 @@ class Observer(Protocol):
         return
 
 
-class Silent(Observer):
+class SilentObserver(Observer):
     """An observer that ignores everything."""
 
 

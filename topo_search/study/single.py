@@ -20,7 +20,7 @@ from topo_search.engine import (
 )
 from topo_search.model import Audit, Design, Infeasible, ResolvedTask, Task, Topology
 from topo_search.model.text import paragraph
-from topo_search.study.progress import Silent
+from topo_search.study.progress import SilentObserver
 from topo_search.study.relaxing import relax
 from topo_search.study.request import Margins, margins, with_margin
 from topo_search.study.solving import Tools
@@ -104,7 +104,7 @@ def solve_single(
         near: designs that warm-start the first round, in addition to its starts.
     """
     until = math.inf if time_limit is None else time.monotonic() + time_limit
-    tools = Tools(backends, engine, Silent(), until)
+    tools = Tools(backends, engine, SilentObserver(), until)
     task = base_task.resolve(topology.n)
     ladder = Margins([with_margin(task, margin) for margin in margins(task)])
     notes: list[str] = []

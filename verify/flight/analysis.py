@@ -42,7 +42,7 @@ from topo_search.model import (
     Sensitivity,
     Wrench,
 )
-from topo_search.model.load_case import centres_of
+from topo_search.model.load_case import weight_cases
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
 from verify.flight.balls import TORQUES, Ball, PseudoInverse, largest_balls, largest_caps, rotor_failures
@@ -359,7 +359,7 @@ def _required_failures(analysis: CapabilityAnalysis, design: Design) -> RotorsOu
     rotor_out = design.task.flight.rotor_out
     if rotor_out == "none":
         return None
-    numbers = [number for number, _, _ in centres_of(design.task, rotor_out)]
+    numbers = [number for number, _, _ in weight_cases(design.task, rotor_out)]
     wrenches = analysis.wrenches[np.unique(analysis.wrench_index[numbers])]
     yes, no, lower, upper = zip(*(rotor_failures(analysis.A, b, analysis.box) for b in wrenches), strict=True)
     survived, lost = np.all(yes, axis=0), np.any(no, axis=0)

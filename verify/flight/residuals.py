@@ -10,7 +10,7 @@ import numpy as np
 
 from topo_search.model import CaseFlight, Design, Flight, Residual, Sensitivity, Status
 from topo_search.model.audit import WITHIN_TOLERANCES
-from topo_search.model.load_case import AT, PLACES, AskedFlight, centres
+from topo_search.model.load_case import AT, POINT_SUFFIXES, AskedFlight, centres
 from topo_search.model.proven import TOLERANCE
 from verify.flight.joints import inertia
 from verify.kinematics import platform
@@ -24,7 +24,7 @@ def reserve_residuals(design: Design, capability: Flight | None) -> Iterator[Res
     for number, label, _ in centres(task):
         case = None if capability is None else capability.cases[number]
         for field, point, unit, r, scale in (
-            *((side, at, "N", flight.force_reserve, task.force_unit(task.n)) for at in PLACES[flight.at]),
+            *((side, at, "N", flight.force_reserve, task.force_unit(task.n)) for at in POINT_SUFFIXES[flight.at]),
             ("torque", "", "Nm", flight.torque_reserve, task.torque_unit(task.n)),
         ):
             if r > 0:

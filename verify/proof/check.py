@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from topo_search.model import CheckedChunk, Chunk, ResolvedTask, Topology, proven
-from topo_search.model.compiled_code import is_kept, refresh
+from topo_search.model.compiled_code import is_cached, refresh
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count, proof_task
 from topo_search.model.topology import straight_chain
 from verify.bodies import Array
@@ -66,7 +66,7 @@ def check_chunk(
 
 def prepare_check(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     """Compile the check of a chunk unless its cache is up to date; `tell` gets a message if that takes long."""
-    if not is_kept(replay.replay):
+    if not is_cached(replay.replay):
         tell("compiling the checker of proofs (once per installation, about two minutes)")
     check_chunk(task, straight_chain(task.n), 0, 0.0, Chunk.of(0, "closed", b"", ()))
 

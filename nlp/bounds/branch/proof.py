@@ -13,7 +13,7 @@ from nlp.bounds.branch.search import BOX_LIMIT, CLOSED, halves, search
 from nlp.numbers import cholesky
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.compiled_code import is_kept, refresh
+from topo_search.model.compiled_code import is_cached, refresh
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
 from topo_search.model.topology import straight_chain
 
@@ -81,6 +81,6 @@ def chunk_box(task: ResolvedTask, n: int, number: int) -> tuple[Array, Array]:
 
 def prepare(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     """Compile the search of a chunk unless its cache is up to date; `tell` gets a message if that takes long."""
-    if not is_kept(search):
+    if not is_cached(search):
         tell("compiling the prover (once per installation, about two minutes)")
     prove_chunk(task, straight_chain(task.n), 0, 0.0, most_boxes=1)
