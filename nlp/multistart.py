@@ -29,7 +29,6 @@ from nlp.reduced.search import (
     SELECTION,
     STIFF,
     LocalMinimum,
-    Phase,
     descend_all,
     local_minima,
     point_of,
@@ -142,12 +141,29 @@ class ReducedSearch:
         self._in_air = _limits_air(task)
         self._max_merit = None if most_effort is None else most_effort / self.effort_unit
 
-    def minima_of_starts(self, starts: Sequence[int]) -> tuple[Minima, Minima]:
+    def minima_of_starts(self, starts: Sequence[int], *, deep: bool = False) -> tuple[Minima, Minima]:
         """Return the best distinct local minima that the starts reach, and where the other descents were stopped.
 
         Each names the starts that reached it.
+
+        Args:
+            starts: indices of the starts.
+            deep: descend at high prices, from draws of their own, whose hinges turn either way.
         """
-        return self._descend(starts, f"{self._seed}", (FIRST, SECOND))
+        seed = f"{self._seed} deep" if deep else f"{self._seed}"
+        draw_ids = [DRAWS * start + k for start in starts for k in range(DRAWS)]
+        points = draw_starts(self._task, self._topology, self.problem, draw_ids, seed, random_signs=deep)
+        min_minima = POLISHING.constrained.maximum if self._constraints else SELECTION.min_minima
+        if (self._cornered and not deep) or self._max_merit is not None:
+            min_minima = len(points)
+        best, stopped = local_minima(
+            self.problem,
+            points,
+            STIFF if deep else (FIRST, SECOND),
+            min_minima=min_minima,
+            min_starts=SELECTION.min_starts_in_air if self._in_air else SELECTION.min_starts,
+        )
+        return _with_starts(best, starts), _with_starts(stopped, starts)
 
     def minima_of_sources(self, near: Sequence[Design]) -> list[LocalMinimum]:
         """Return the local minima reached from carried-over designs, as the starts -1, -2, ..."""
@@ -173,7 +189,7 @@ class ReducedSearch:
         size = DEEP.batch * self._topology.n
         for batch in range(0, DEEP.max_starts, size):
             starts = range(batch, min(batch + size, DEEP.max_starts))
-            minima += self._descend(starts, f"{self._seed} deep", STIFF, random_signs=True)[0]
+            minima += self.minima_of_starts(starts, deep=True)[0]
             if self._in_air or min(minimum.violation for minimum in minima) <= DEEP.close:
                 break
             least_merits.append(min(minimum.merit for minimum in minima))
@@ -181,18 +197,6 @@ class ReducedSearch:
             if len(least_merits) > 1 and half - least_merits[-1] < DEEP.gain * abs(half):
                 break
         return minima
-
-    def _descend(
-        self, starts: Sequence[int], seed: str, phases: tuple[Phase, Phase], *, random_signs: bool = False
-    ) -> tuple[Minima, Minima]:
-        draw_ids = [DRAWS * start + k for start in starts for k in range(DRAWS)]
-        points = draw_starts(self._task, self._topology, self.problem, draw_ids, seed, random_signs=random_signs)
-        min_minima = POLISHING.constrained.maximum if self._constraints else SELECTION.min_minima
-        if (self._cornered and not random_signs) or self._max_merit is not None:
-            min_minima = len(points)
-        min_starts = SELECTION.min_starts_in_air if self._in_air else SELECTION.min_starts
-        best, stopped = local_minima(self.problem, points, phases, min_minima=min_minima, min_starts=min_starts)
-        return _with_starts(best, starts), _with_starts(stopped, starts)
 
     def polish(self, minima: list[LocalMinimum], plain: PolishLimits | None = None) -> Iterator[StartResult]:
         """Yield the results of the best distinct minima, once for each of their starts.

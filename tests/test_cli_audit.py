@@ -14,6 +14,7 @@ from wording import says
 
 import verify
 from topo_search import compose
+from topo_search.engine import Job
 from topo_search.export.audits import escape, tolerance_lines
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Topology
@@ -96,7 +97,9 @@ def test_designs_come_back_in_order_from_worker_processes_and_a_crash_is_one_des
     task = toy_problem.toy_task(3).resolve(3)
     keys = ["aa00", "a110", "a500", "a300"]
     for key in keys:
-        write(tmp_path / f"{key}.json", toy_problem.solve(task, Topology.from_key(key), starts=range(1), seed=0))
+        write(
+            tmp_path / f"{key}.json", toy_problem.solve(Job(task, Topology.from_key(key), starts=range(1), seed=0))
+        )
     monkeypatch.setenv("TOY_AUDIT_SEGFAULT", "a110")
     monkeypatch.setenv("TOY_VIOLATED", "a300")
     result = invoke("audit", *(f"{key}.json" for key in keys), "--workers", "2", status=1)

@@ -239,11 +239,11 @@ def test_a_full_disk_is_told_from_all_that_can_be_repaired_by_typing(command, mo
 def test_ctrl_c_and_a_scheduler_s_signal_keep_what_was_found(command, tmp_path, monkeypatch, sent):
     solve, calls = toy_problem.solve, []
 
-    def interrupted(task, topology, *, starts, seed, near=()):
-        calls.append(topology.key)
+    def interrupted(job):
+        calls.append(job.topology.key)
         if len(calls) == 3:
             signal.raise_signal(sent)
-        return solve(task, topology, starts=starts, seed=seed)
+        return solve(job)
 
     with monkeypatch.context() as patched:
         patched.setattr(compose.binding, "BACKENDS", replace(toy_problem.BACKENDS, solve=interrupted))

@@ -33,6 +33,7 @@ from topo_search.compose.drawer import (
     share_brackets,
     shared_part,
 )
+from topo_search.engine import Job
 from topo_search.export import palette
 from topo_search.model import Design, Module, Topology
 from topo_search.model.files import read_json
@@ -46,7 +47,7 @@ def made_up(draw: random.Random, n: int, key: str | None = None) -> Design:
     """Return a design of a tree with angles and an effort that are drawn."""
     keys = {3: ["a300", "a500", "a110", "p190"], 4: ["a7000", "a1110"], 5: ["a70010", "ab0040"]}
     tree = Topology.from_key(key or draw.choice(keys[n]))
-    design = toy_problem.solve(toy_task(n).resolve(n), tree, starts=range(1), seed=0)
+    design = toy_problem.solve(Job(toy_task(n).resolve(n), tree, starts=range(1), seed=0))
     angles = tuple(math.radians(draw.choice(ANGLES)) for _ in range(n - 1))
     return design.model_copy(update={"hinge_angles_rad": angles, "objective": draw.uniform(1.0, 1.02)})
 
@@ -142,7 +143,9 @@ def test_a_platform_counted_from_another_root_shares_everything():
     draw = random.Random(3)
     one = made_up(draw, 3, "a120")  # a straight chain
     first, second = one.hinge_angles_rad
-    middle = toy_problem.solve(one.task, Topology(((-1, -1, -1), (0, 0, 2), (0, 2, 0))), starts=range(1), seed=0)
+    middle = toy_problem.solve(
+        Job(one.task, Topology(((-1, -1, -1), (0, 0, 2), (0, 2, 0))), starts=range(1), seed=0)
+    )
     other = middle.model_copy(update={"hinge_angles_rad": (second, -first)})
     part = shared_part(one, other)
     assert part == {0: 2, 1: 0, 2: 1}
@@ -153,9 +156,9 @@ def test_a_platform_counted_from_another_root_shares_everything():
 def bent(angles: dict[str, tuple[float, float]]):
     """Return a solver whose trees have these angles [deg]."""
 
-    def solve(task, topology, **options):
-        design = toy_problem.solve(task, topology, **options)
-        given = angles.get(topology.key, angles.get("*", (11.0, 12.0)))
+    def solve(job):
+        design = toy_problem.solve(job)
+        given = angles.get(job.topology.key, angles.get("*", (11.0, 12.0)))
         return design.model_copy(update={"hinge_angles_rad": tuple(map(math.radians, given))})
 
     return replace(toy_problem.BACKENDS, solve=solve)
@@ -235,11 +238,11 @@ def test_a_change_is_made_step_by_step_in_one_piece(seed):
 def test_local_optima_that_a_run_kept_are_choices(tmp_path):
     """The best designs share no bracket; an optimum 1 % worse does, and is found where it was kept."""
 
-    def optima(task, topology, *, near, **_):
-        if task.name == "push":
-            return list(near)
-        other = near[0].model_copy(update={"hinge_angles_rad": (math.radians(20.0),) * 2})
-        return [*near, scaled(other, 1.01)]
+    def optima(job, max_effort):
+        if job.task.name == "push":
+            return list(job.near)
+        other = job.near[0].model_copy(update={"hinge_angles_rad": (math.radians(20.0),) * 2})
+        return [*job.near, scaled(other, 1.01)]
 
     def scaled(design, factor):
         inputs = tuple(tuple(u * math.sqrt(factor) for u in each) for each in design.rotor_speeds_squared)

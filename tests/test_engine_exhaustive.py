@@ -4,7 +4,7 @@ import pytest
 import toy_problem
 from toy_problem import follow, toy_task
 
-from topo_search.engine import Candidates, ExhaustiveSearch, Tried, merge, scaled_violation
+from topo_search.engine import Candidates, ExhaustiveSearch, Job, Tried, merge, scaled_violation
 from topo_search.model import Design, Infeasible, Topology
 
 SPACE = Candidates(toy_task(6).resolve(6), "c2")
@@ -100,7 +100,7 @@ TASK = toy_problem.toy_task(2).resolve(2)
 
 
 def solve(starts):
-    return toy_problem.solve(TASK, PAIR, starts=starts, seed=0)
+    return toy_problem.solve(Job(TASK, PAIR, starts=starts, seed=0))
 
 
 def test_two_ranges_of_starts_are_worth_their_union():

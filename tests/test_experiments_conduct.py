@@ -13,7 +13,7 @@ from commands import invoke
 from processes import eventually, gone
 
 from topo_search.compose import BACKENDS
-from topo_search.engine import Failed
+from topo_search.engine import Failed, Job
 from topo_search.experiments import Settings, conduct, experiment, results
 from topo_search.experiments.conducting import measure
 from topo_search.experiments.plan import AIRFLOW_ALONE, Variant, plan, trees
@@ -70,7 +70,7 @@ def test_a_cell_is_solved_and_audited_as_alone():
     )
     cell = next(cell for cell in cells if cell.key == "a300")
     row = measure(BACKENDS, cell)
-    alone = BACKENDS.solve(cell.resolve(), Topology.from_key(cell.key), starts=range(3), seed=0)
+    alone = BACKENDS.solve(Job(cell.resolve(), Topology.from_key(cell.key), starts=range(3), seed=0))
     assert isinstance(alone, Design)
     assert (row.status, row.verdict, row.starts) == ("feasible", "clear", 3)
     assert (row.objective, row.lower_bound, row.gap) == (alone.objective, alone.lower_bound, alone.gap)
@@ -84,7 +84,7 @@ def test_without_airflow_constraints_the_row_has_the_metrics_of_the_audit():
     (cell,) = experiment("ablation").cells(Settings((("ten-wrenches", (5,)),), (1, 1), 2))
     row = measure(BACKENDS, cell)
     starts = range(row.starts - 1, row.starts)
-    audit = BACKENDS.audit(BACKENDS.solve(cell.resolve(), Topology.from_key(cell.key), starts=starts, seed=0))
+    audit = BACKENDS.audit(BACKENDS.solve(Job(cell.resolve(), Topology.from_key(cell.key), starts=starts, seed=0)))
     envelope = cell.resolve().module.envelope
     depths = [-pair.analytic_m / (2 * envelope.end_radius) * 100 for pair in audit.pairs if pair.kind == "airflow"]
     assert row.colliding_pairs == sum(depth > 0 for depth in depths) > 0

@@ -23,6 +23,7 @@ from nlp.requirements.balances import required_wrenches, wrench_matrix, wrench_r
 from nlp.units import Units
 from nlp.user_constraints.rows import symbolic_platform
 from topo_search.compose import BACKENDS
+from topo_search.engine import Job
 from topo_search.export.allocation import allocation
 from topo_search.export.mjcf import mjcf
 from topo_search.export.urdf import urdf
@@ -81,7 +82,7 @@ WALL: dict[str, Any] = {
 def held() -> Design:
     """A design of four modules whose rod weighs a twentieth of the platform."""
     task = push(4, **WALL)
-    outcome = BACKENDS.solve(task, Topology.from_key("a3020"), starts=range(1), seed=0)
+    outcome = BACKENDS.solve(Job(task, Topology.from_key("a3020"), starts=range(1), seed=0))
     assert isinstance(outcome, Design)
     assert outcome.task == task.with_rod(outcome.task.end_effector.counted_rod)  # bit by bit, as ledgers compare it
     return outcome
@@ -172,7 +173,7 @@ def test_a_heavy_platform_has_the_accelerations_and_reserves_that_are_asked_for(
     """Its inertia is that of the audit, and reserves in weights grow with the rod's, by either allocator."""
     flight = {"angular_acceleration": [about_x, 3.0, 2.0], "force_reserve": 0.05, "directions": "horizontal"}
     task = push(4, **HEAVY, flight={**flight, "allocator": allocator})
-    design = BACKENDS.solve(task, Topology.from_key("a3020"), starts=range(1), seed=0)
+    design = BACKENDS.solve(Job(task, Topology.from_key("a3020"), starts=range(1), seed=0))
     assert isinstance(design, Design)
     judged = audit(design)
     rows = {row.name: row for row in judged.residuals if row.name.startswith("hover, ") and row.stated}
@@ -185,7 +186,7 @@ def test_a_rod_stays_where_it_counts_though_another_is_nearer_without_its_mass()
     """Solved with the rod at either of two connectors, the other one is nearer: each is a design of its own."""
     fields = {"end_effector": WALL["end_effector"], "load_cases": [{"carries_weight": True}]}
     task = push(4, **fields, flight={"tilt_deg": 3.0})
-    design = BACKENDS.solve(task, Topology.from_key("a3020"), starts=range(1), seed=0)
+    design = BACKENDS.solve(Job(task, Topology.from_key("a3020"), starts=range(1), seed=0))
     assert isinstance(design, Design)
     judged = audit(design)
     assert judged.verdict == Status.CLEAR
@@ -195,7 +196,7 @@ def test_a_rod_stays_where_it_counts_though_another_is_nearer_without_its_mass()
 
 def test_every_local_optimum_counts_its_rod() -> None:
     tree = Topology.from_key("a3020")
-    found = BACKENDS.local_optima(push(4, **HEAVY), tree, starts=range(2), seed=0, most_effort=1.2e14)
+    found = BACKENDS.local_optima(Job(push(4, **HEAVY), tree, range(2), 0), 1.2e14)
     assert len({design.task.end_effector.counted_rod.mass for design in found}) > 1
     assert {audit(design).verdict for design in found} == {Status.CLEAR}
 

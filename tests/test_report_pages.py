@@ -17,6 +17,7 @@ import nlp
 from topo_search.cli.tables import answer_lines
 from topo_search.compose import audit, read_design, write_report
 from topo_search.compose.designs import write_page
+from topo_search.engine import Job
 from topo_search.export import palette
 from topo_search.model import BadInput, Design, Infeasible, Status, Topology
 from topo_search.model.files import read_json, read_task
@@ -316,7 +317,7 @@ def test_ten_thousand_candidates_take_less_than_six_megabytes(tmp_path):
         folder.ledger.add_context(context, lower_bound(context.task), None)
         drawn = list(itertools.islice(candidates(9), NUMBER))
         assert len(drawn) == NUMBER
-        solved = solve(context.task, drawn[0].topology, starts=range(1), seed=0)
+        solved = solve(Job(context.task, drawn[0].topology, starts=range(1), seed=0))
         rows = [result(number, candidate, solved) for number, candidate in enumerate(drawn)]
         ranked = sorted(rows, key=lambda pair: (pair[0].objective or math.inf, pair[0].key))
         shown = {row.key for row, _ in ranked[:SHOWN]}

@@ -18,10 +18,10 @@ from topo_search.topologies import candidates
 def toy_verbs(impossible):
     """The toy problem, with a proof for the trees that `impossible` says so of; each misses next to nothing."""
 
-    def solve(task, topology, **options):
-        if not impossible(topology):
-            return toy_problem.solve(task, topology, **options)
-        return toy_problem.infeasible(topology, "impossible", violation=1e-9)
+    def solve(job):
+        if not impossible(job.topology):
+            return toy_problem.solve(job)
+        return toy_problem.infeasible(job.topology, "impossible", violation=1e-9)
 
     return replace(toy_problem.BACKENDS, solve=solve)
 
@@ -96,8 +96,8 @@ def test_merged_trees_that_were_not_solved_do_not_count_as_feasible(tmp_path):
 
 
 def test_failed_candidates_are_not_among_those_of_which_a_design_is_the_best(tmp_path):
-    def solve(task, topology, **options):
-        return Failed("error", "gone") if topology.key == "a500" else toy_problem.solve(task, topology, **options)
+    def solve(job):
+        return Failed("error", "gone") if job.topology.key == "a500" else toy_problem.solve(job)
 
     (size,) = toy_run(tmp_path / "run", backends=replace(toy_problem.BACKENDS, solve=solve)).sizes
     assert size.statuses == {"feasible": 3, "failed": 1}

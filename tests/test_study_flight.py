@@ -12,6 +12,7 @@ from toy_problem import toy_run
 from wording import says
 
 from topo_search.cli.tables import answer_lines
+from topo_search.engine import Job
 from topo_search.model import Audit, BadInput, CaseFlight, CasePower, Design, Flight, RotorsOut
 from topo_search.model.audit import AirSpeeds, CaseAir, RegionAir
 from topo_search.report.page import render
@@ -57,10 +58,10 @@ def audit(design: Design) -> Audit:
     return toy_problem.audit(design).model_copy(update={"flight": flight, "power": power, "air": air})
 
 
-def solve(task: Any, topology: Any, **options: Any) -> Any:
+def solve(job: Job) -> Any:
     """The toy problem, at costs that are close to each other."""
-    found = toy_problem.solve(task, topology, **options)
-    share = (COSTS[topology.key] / found.objective) ** 0.5
+    found = toy_problem.solve(job)
+    share = (COSTS[job.topology.key] / found.objective) ** 0.5
     inputs = [[share * u for u in row] for row in found.rotor_speeds_squared]
     J = sum(u * u for row in inputs for u in row)
     stated = {"rotor_speeds_squared": inputs, "objective": J, "gap": Design.gap_of(J, toy_problem.BOUND)}

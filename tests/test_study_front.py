@@ -253,10 +253,10 @@ def test_other_goals_are_another_run(tmp_path):
 def test_a_level_without_a_design_is_told(tmp_path, monkeypatch):
     """Its reason stands beside the designs of the others."""
 
-    def solve(task, topology, **options):
-        told = "*" if task.search.margin == 1e-2 else ""
+    def solve(job):
+        told = "*" if job.task.search.margin == 1e-2 else ""
         monkeypatch.setenv("TOY_NONE", told)
-        return toy_problem.solve(task, topology, **options)
+        return toy_problem.solve(job)
 
     task = toy_task().model_copy(update={"goals": GOALS})
     answer = toy_run(tmp_path / "run", task=task, backends=replace(BACKENDS, solve=solve))

@@ -64,9 +64,12 @@ def test_an_optimum_without_a_clear_audit_is_counted_but_not_kept(tmp_path):
 
 
 def test_an_optimum_that_beats_the_best_becomes_the_answer(tmp_path):
-    def better(task, topology, **options):
-        found = toy_problem.local_optima(task, topology, **options)
-        return [found[0].model_copy(update={"objective": 1.5, "rotor_speeds_squared": inputs(task, 1.5)}), *found]
+    def better(job, max_effort):
+        found = toy_problem.local_optima(job, max_effort)
+        return [
+            found[0].model_copy(update={"objective": 1.5, "rotor_speeds_squared": inputs(job.task, 1.5)}),
+            *found,
+        ]
 
     def inputs(task, J):
         return (((J / (4 * task.n)) ** 0.5,) * (4 * task.n),)

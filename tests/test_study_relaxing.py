@@ -10,7 +10,7 @@ from toy_problem import toy_run
 from wording import says
 
 from topo_search.compose import BACKENDS
-from topo_search.engine import Failed
+from topo_search.engine import Failed, Job
 from topo_search.model import Design, Infeasible, Task, Topology
 from topo_search.model.design import STARTS, Relaxation, Relaxed
 from topo_search.model.files import to_json
@@ -80,7 +80,7 @@ def user_task(n=3, **fields):
 def test_what_is_named_gives_the_tree_a_design_when_it_is_solved_again(fields, key, binds):
     tree = Topology.from_key(key)
     task = push(tree.n, **fields)
-    assert isinstance(BACKENDS.solve(task, tree, starts=range(STARTS), seed=0), Infeasible)
+    assert isinstance(BACKENDS.solve(Job(task, tree, starts=range(STARTS), seed=0)), Infeasible)
     found = relaxed_limits(task, key)
     assert found.relaxations
     assert binds in (None, *(one.field for one in found.relaxations))
@@ -89,7 +89,7 @@ def test_what_is_named_gives_the_tree_a_design_when_it_is_solved_again(fields, k
     for one in found.relaxations:
         limit = limit_of(task, one)
         easier = limit.relaxed(one.share).resolve(tree.n)
-        again = BACKENDS.solve(easier, tree, starts=range(STARTS), seed=0)
+        again = BACKENDS.solve(Job(easier, tree, starts=range(STARTS), seed=0))
         assert isinstance(again, Design)
         assert BACKENDS.audit(again).verdict == "clear"
         assert one.enough == limit.value(easier)
@@ -145,9 +145,9 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
 def test_the_number_of_solves_is_bounded_whatever_comes_of_them(monkeypatch, helps):
     task = push(5)
 
-    def solve(task, topology, *, starts, seed, near=()):
-        assert len(starts) <= STARTS
-        return toy_problem.solve(task, topology, starts=starts, seed=seed)
+    def solve(job):
+        assert len(job.starts) <= STARTS
+        return toy_problem.solve(job)
 
     monkeypatch.setenv("TOY_NONE", "" if helps else "*")
     engine = Counting()
@@ -240,16 +240,18 @@ def test_a_tighter_reach_leads_to_a_design_of_the_task_as_it_is():
     """Rods of metres meet these requirements as well, but no start of four reaches one."""
     task = Task.model_validate(BESIDE_A_DECK)
     tighter = next(limit for limit in relaxable(task, 5) if limit.tightens)
-    design = BACKENDS.solve(tighter.relaxed(0.8).resolve(5), Topology.from_key("a11210"), starts=range(2), seed=0)
+    design = BACKENDS.solve(
+        Job(tighter.relaxed(0.8).resolve(5), Topology.from_key("a11210"), starts=range(2), seed=0)
+    )
     assert BACKENDS.audit(design).verdict == "clear"
     assert BACKENDS.audit(design.model_copy(update={"task": task.resolve(5)})).verdict == "clear"
 
 
 def test_a_tighter_reach_is_named_before_what_takes_from_the_task(monkeypatch):
-    def solve(task, topology, **given):
-        helps = task.end_effector.largest_reach < 0.9 or task.module.max_thrust_to_weight > 2.5
+    def solve(job):
+        helps = job.task.end_effector.largest_reach < 0.9 or job.task.module.max_thrust_to_weight > 2.5
         monkeypatch.setenv("TOY_NONE", "" if helps else "*")
-        return toy_problem.solve(task, topology, **given)
+        return toy_problem.solve(job)
 
     fields = {"module": {"max_thrust_to_weight": 2.5}, "end_effector": {"largest_reach": 1.0}}
     found = relaxed_limits(

@@ -35,8 +35,8 @@ TASK = Task.model_validate(
 
 
 def run(path, solve):
-    def only(task, topology, **options):
-        return solve(task, topology, **options) if topology.key == "a20" else Failed("error", "left out")
+    def only(job):
+        return solve(job) if job.topology.key == "a20" else Failed("error", "left out")
 
     return toy_run(path, task=TASK, symmetry="task", backends=replace(BACKENDS, solve=only, audit=audit))
 
@@ -47,7 +47,7 @@ def test_a_clear_design_may_cost_less_than_one_that_meets_its_wrench_exactly():
 
 
 def test_no_figure_that_is_proven_excludes_a_clear_design(tmp_path, log, capsys):
-    run(tmp_path / "run", nlp.solve)
+    run(tmp_path / "run", BACKENDS.solve)
     answer = proven(tmp_path / "run", Prover(refuses=("a10", "a20")), gap=0.005)
     best = answer.best.objective
     assert best > 1.2 * CHEAPER.objective
@@ -75,7 +75,7 @@ def test_no_figure_that_is_proven_excludes_a_clear_design(tmp_path, log, capsys)
 
 def test_a_run_whose_best_design_is_below_the_exact_bound_is_no_damage(tmp_path, log):
     """Its page and its ranking have a gap that the bound leaves."""
-    answer = run(tmp_path / "run", lambda task, topology, **options: CHEAPER.model_copy(update={"task": task}))
+    answer = run(tmp_path / "run", lambda job: CHEAPER.model_copy(update={"task": job.task}))
     assert answer.best.objective == CHEAPER.objective
     assert answer.best.gap == pytest.approx(1 - answer.sizes[0].lower_bound / CHEAPER.objective)
     assert answer.best.gap > 0.1

@@ -16,11 +16,11 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
-from topo_search.engine import Backends, CallingProcess, DaskWorkers, Engine, Workers
+from topo_search.engine import Backends, CallingProcess, DaskWorkers, Engine, Job, Workers
 from topo_search.model import (
     Audit,
     Design,
@@ -63,9 +63,8 @@ def infeasible(topology: Topology | None, status: str = "infeasible", **fields) 
     return Infeasible(topology=topology, topology_key=topology and topology.key, status=status, **missed)
 
 
-def solve(
-    task: ResolvedTask, topology: Topology, *, starts: range, seed: int, near: Sequence[Design] = ()
-) -> Design | Infeasible:
+def solve(job: Job) -> Design | Infeasible:
+    task, topology, starts, seed, near = job.task, job.topology, job.starts, job.seed, job.near
     key, margin = topology.key, task.search.margin
     if log := os.environ.get("TOY_LOG"):
         with Path(log).open("a") as stream:
@@ -158,10 +157,10 @@ def prove_impossible(task: ResolvedTask) -> Infeasible | None:
     return infeasible(None, "impossible", **why)
 
 
-def local_optima(task, topology, *, starts, seed, near=(), most_effort) -> list[Design]:
+def local_optima(job: Job, max_effort: float) -> list[Design]:
     """Each start is an optimum of its own."""
-    found = [solve(task, topology, starts=range(s, s + 1), seed=seed) for s in starts]
-    return sorted((one for one in [*near, *found] if one.objective <= most_effort), key=lambda one: one.objective)
+    optima = [*job.near, *(solve(replace(job, starts=range(s, s + 1), near=())) for s in job.starts)]
+    return sorted((design for design in optima if design.objective <= max_effort), key=lambda one: one.objective)
 
 
 BACKENDS = Backends(

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from toy_problem import BOUND, solve, toy_task
 
-from topo_search.engine import ExhaustiveSearch
+from topo_search.engine import ExhaustiveSearch, Job
 from topo_search.model import Design
 from topo_search.study import Request, RunFolder, SilentObserver
 from topo_search.study.directory import digest_of
@@ -33,7 +33,7 @@ def fill(path: Path, request: Request, n: int) -> None:
     """Write a design for every candidate but the last."""
     context, space = request.contexts(n)[0], request.space(n)
     candidates = islice(space.candidates(), space.count() - 1)
-    first = solve(context.task, next(space.candidates()).topology, starts=range(1), seed=0)
+    first = solve(Job(context.task, next(space.candidates()).topology, starts=range(1), seed=0))
     assert isinstance(first, Design)
     with RunFolder.open(path, request) as folder:
         folder.ledger.add_context(context, BOUND, None)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 
 from topo_search.compose import BACKENDS
+from topo_search.engine import Job
 from topo_search.model import Design
 from topo_search.model.files import read_task
 from topo_search.topologies import sample
@@ -28,7 +29,7 @@ def main() -> None:
         arguments.modules
     )
     for topology in sample(arguments.modules, arguments.trees, seed=arguments.seed):
-        design = BACKENDS.solve(task, topology, starts=range(arguments.starts), seed=0)
+        design = BACKENDS.solve(Job(task, topology, starts=range(arguments.starts), seed=0))
         if not isinstance(design, Design):
             print(f"{topology.key}  no design")
             continue

@@ -13,15 +13,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
-from typing import TypeVar, Unpack, get_args
+from typing import TypeVar, get_args
 
 import cloudpickle
 
 import nlp
 import verify
-from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Workers, computing_versions
+from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Job, Workers, computing_versions
 from topo_search.engine.strategy import OwnSampler, SamplerFactory, TopologySampler
-from topo_search.engine.workers import SolveOptions
 from topo_search.limits import LIMITS
 from topo_search.model import (
     Audit,
@@ -34,7 +33,6 @@ from topo_search.model import (
     ResolvedTask,
     Status,
     Task,
-    Topology,
 )
 from topo_search.model.audit import SpeedEnvelope
 from topo_search.model.module import RegionAirflow, Thrust
@@ -57,17 +55,25 @@ class SolverAndAudit:
 
     constraints: tuple[OwnConstraint, ...] = ()
 
-    def solve(self, task: ResolvedTask, topology: Topology, **options: Unpack[SolveOptions]) -> Design | Infeasible:
+    def solve(self, job: Job) -> Design | Infeasible:
         """Solve one topology."""
-        outcome = nlp.solve(task, topology, constraints=self.constraints, **options)
-        return self._mount_rod(task, outcome) if isinstance(outcome, Design) else outcome
+        outcome = nlp.solve(
+            job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near, constraints=self.constraints
+        )
+        return self._mount_rod(job.task, outcome) if isinstance(outcome, Design) else outcome
 
-    def local_optima(
-        self, task: ResolvedTask, topology: Topology, *, most_effort: float, **options: Unpack[SolveOptions]
-    ) -> list[Design]:
+    def local_optima(self, job: Job, max_effort: float) -> list[Design]:
         """Find the local optima of one topology."""
-        designs = nlp.local_optima(task, topology, constraints=self.constraints, most_effort=most_effort, **options)
-        return [self._mount_rod(task, design) for design in designs]
+        designs = nlp.local_optima(
+            job.task,
+            job.topology,
+            starts=job.starts,
+            seed=job.seed,
+            near=job.near,
+            constraints=self.constraints,
+            most_effort=max_effort,
+        )
+        return [self._mount_rod(job.task, design) for design in designs]
 
     def audit(self, geometry: Geometry) -> Audit:
         """Audit a design, and evaluate the user's constraints at the poses that the audit computes."""

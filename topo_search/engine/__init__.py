@@ -17,7 +17,6 @@ from topo_search.engine.workers import (
     Engine,
     Failed,
     Job,
-    LocalOptima,
     Outcome,
     Workers,
     WorkersLost,
@@ -28,5 +27,4 @@ from topo_search.engine.workers import (
     rounds,
     scaled_violation,
     solve_deadline,
-    solve_job,
 )

@@ -19,7 +19,7 @@ import ssl
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -29,7 +29,7 @@ from multiprocessing import current_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from topo_search.engine.workers import Engine, Failed, Item, Result, Results, Workers, WorkersLost, Workload
+from topo_search.engine.workers import Engine, Failed, Item, Result, Results, Workers, WorkersLost
 from topo_search.limits import quantity
 from topo_search.model import BadInput
 from topo_search.supervisor import tell
@@ -438,13 +438,20 @@ class DaskWorkers(Engine):
                 self._result(future)
             self._poll()
 
-    def process(self, workload: Workload[Item, Result]) -> Results[Item, Result]:
+    def run(
+        self,
+        function: Callable[[Item], Result],
+        jobs: Iterable[Item | None],
+        *,
+        deadline: Callable[[Item], float],
+        until: float = math.inf,
+    ) -> Results[Item, Result]:
         """Yield (job, result) as batches end; about four batches per Dask thread are drawn in advance.
 
         Jobs that a batch had no time to start are sent again, before new ones are drawn. The generator ends when no
         job runs and none is available, even if results would make more available.
         """
-        waiting, suspects, isolated = deque[Item](), deque[Item](), list[Item]()
+        pending, waiting, suspects, isolated = iter(jobs), deque[Item](), deque[Item](), list[Item]()
         running: dict[Future[BatchResult], list[Item]] = {}
         size = 1
 
@@ -454,41 +461,39 @@ class DaskWorkers(Engine):
             if isolated:
                 return []
             batches = 2 * max(1, self._threads)
-            while len(waiting) < batches * size and (job := next(workload.jobs, None)) is not None:
+            while len(waiting) < batches * size and (job := next(pending, None)) is not None:
                 waiting.append(job)
-            if (
-                suspects and not waiting and not running
-            ):  # run on its own, a job is to blame if its Dask worker ends
+            if suspects and not waiting and not running:  # a job on its own is to blame if its Dask worker ends
                 isolated = [suspects.popleft()]
                 return isolated
             return [waiting.popleft() for _ in range(min(size, math.ceil(len(waiting) / batches)))]
 
         batch = draw()
         try:
-            while (batch or running) and time.monotonic() < workload.until:
+            while (batch or running) and time.monotonic() < until:
                 self._poll()
                 while batch and len(running) < 2 * self._threads:
-                    calls = tuple(pickle.dumps((workload.function, job)) for job in batch)
-                    limits = tuple(map(workload.deadline, batch)), workload.until - time.monotonic()
+                    calls = tuple(pickle.dumps((function, job)) for job in batch)
+                    limits = tuple(map(deadline, batch)), until - time.monotonic()
                     running[self._submit(Batch(calls, *limits, self._versions))] = batch
                     batch = draw()
-                pause = min(DURATIONS.poll, max(0.0, workload.until - time.monotonic()))
+                pause = min(DURATIONS.poll, max(0.0, until - time.monotonic()))
                 if not running:
                     time.sleep(pause)  # until a Dask worker joins
                 for future in wait(running, pause, FIRST_COMPLETED).done:
-                    jobs, outcome = running.pop(future), self._result(future)
-                    if isinstance(outcome, Failed) and jobs is isolated:
-                        yield jobs[0], outcome
+                    sent, outcome = running.pop(future), self._result(future)
+                    if isinstance(outcome, Failed) and sent is isolated:
+                        yield sent[0], outcome
                     elif isinstance(outcome, Failed):
-                        suspects.extend(jobs)
+                        suspects.extend(sent)
                     elif outcome.results:
                         fitting = int(DURATIONS.batch * len(outcome.results) / outcome.seconds)
                         size = min(max(1, fitting), 50)  # bounded, since all results of a batch arrive together
                         numbers = {number for number, _ in outcome.results}
-                        waiting.extendleft(jobs[k] for k in reversed(range(len(jobs))) if k not in numbers)
+                        waiting.extendleft(sent[k] for k in reversed(range(len(sent))) if k not in numbers)
                         for number, result in outcome.results:
-                            yield jobs[number], result if isinstance(result, Failed) else pickle.loads(result)
-                    if jobs is isolated:
+                            yield sent[number], result if isinstance(result, Failed) else pickle.loads(result)
+                    if sent is isolated:
                         isolated = []
                 batch = batch or draw()
         finally:

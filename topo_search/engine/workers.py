@@ -14,7 +14,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -25,7 +25,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 from multiprocessing.synchronize import RLock
 from types import FrameType
-from typing import Any, Generic, Literal, NotRequired, Protocol, Self, TypedDict, TypeVar, Unpack
+from typing import Any, Generic, Literal, Protocol, Self, TypeVar
 
 from pebble import ProcessExpired, ProcessPool
 
@@ -43,61 +43,6 @@ from topo_search.supervisor import (
 AuditDesign = Callable[[Geometry], Audit]
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-
-
-class SolveOptions(TypedDict):
-    """Arguments of a solve besides task and topology."""
-
-    starts: range
-    """Indices of the starts."""
-    seed: int
-    """Seed of the random starts."""
-    near: NotRequired[Sequence[Design]]
-    """Designs of other topologies to carry over, each as an additional start before the others."""
-
-
-class Solve(Protocol):
-    """Pure function that solves one topology from some of its starts; it can be sent to another process.
-
-    Start s depends only on (task, topology, s, seed), so results of ranges of starts can be merged.
-    """
-
-    def __call__(
-        self, task: ResolvedTask, topology: Topology, **options: Unpack[SolveOptions]
-    ) -> Design | Infeasible:
-        """Return the best design over the starts, or the result of the start with the smallest violation.
-
-        Args:
-            task: the task.
-            topology: the tree.
-            options: starts, seed and near.
-        """
-
-
-class LocalOptima(Protocol):
-    """Pure function that finds all local optima of one topology up to an effort."""
-
-    def __call__(
-        self, task: ResolvedTask, topology: Topology, *, most_effort: float, **options: Unpack[SolveOptions]
-    ) -> list[Design]:
-        """Return the local optima, lowest effort first.
-
-        Args: same as in `Solve`, and
-            most_effort: largest effort of a design [rad^4/s^4].
-        """
-
-
-@dataclass(frozen=True)
-class Backends:
-    """The functions that compute the physics."""
-
-    solve: Solve
-    audit: AuditDesign
-    lower_bound: Callable[[ResolvedTask], float]
-    """Returns a lower bound of the effort of all designs of this size with a clear audit [rad^4/s^4]."""
-    prove_impossible: Callable[[ResolvedTask], Infeasible | None]
-    """Returns a proof that no topology of this size can do the task, if there is a simple one."""
-    local_optima: LocalOptima
 
 
 @dataclass(frozen=True)
@@ -119,20 +64,6 @@ class WorkersLost(RuntimeError):
 Results = Generator[tuple[Item, Result | Failed], None, None]
 
 
-@dataclass(frozen=True)
-class Workload(Generic[Item, Result]):
-    """Jobs for an engine, with the function that runs them."""
-
-    function: Callable[[Item], Result]
-    """Importable, pure function."""
-    jobs: Iterator[Item | None]
-    """Picklable values, drawn lazily; None while the next job depends on the result of another one."""
-    deadline: Callable[[Item], float]
-    """Returns the time after which a job counts as hung [s]."""
-    until: float
-    """time.monotonic() at which to stop: running jobs are dropped, and no more are started."""
-
-
 class Engine(Protocol):
     """Runs jobs in other processes; results depend neither on the engine nor on its speed."""
 
@@ -144,18 +75,20 @@ class Engine(Protocol):
         deadline: Callable[[Item], float],
         until: float = math.inf,
     ) -> Results[Item, Result]:
-        """Yield (job, result) as jobs end, in any order; jobs are drawn only seconds before a worker is free.
+        """Yield (job, result) as jobs end, in any order.
 
-        A job that crashes its process or exceeds its deadline is tried twice, then its result is Failed. The
-        arguments are the fields of `Workload`.
+        A job that crashes its process or exceeds its deadline is tried twice, then its result is Failed.
+
+        Args:
+            function: importable, pure function.
+            jobs: picklable values, drawn only seconds before a worker is free; None while the next job depends on
+                the result of another one.
+            deadline: returns the time after which a job counts as hung [s].
+            until: time.monotonic() at which to stop: running jobs are dropped, and no more are started.
 
         Raises:
             WorkersLost: no worker can run jobs.
         """
-        return self.process(Workload(function, iter(jobs), deadline, until))
-
-    def process(self, workload: Workload[Item, Result]) -> Results[Item, Result]:
-        """Yield (job, result) as jobs end; see `run`."""
 
     def run_one(self, function: Callable[[Item], Result], job: Item, *, deadline: float) -> Result | Failed:
         """Return the result of a single job."""
@@ -179,12 +112,14 @@ class Job:
 
     task: ResolvedTask
     topology: Topology
-    orbit: int
-    """Number of classes of the exact quotient that the candidate represents."""
     starts: range
+    """Indices of the starts."""
     seed: int
+    """Seed of the random starts."""
     near: tuple[Design, ...] = ()
     """Designs to carry over, each as an additional start before the others."""
+    orbit: int = 1
+    """Number of classes of the exact quotient that the candidate represents."""
 
     @property
     def deadline(self) -> float:
@@ -192,9 +127,22 @@ class Job:
         return solve_deadline(self.topology.n, len(self.near) + len(self.starts))
 
 
-def solve_job(solve: Solve, job: Job) -> Design | Infeasible:
-    """Solve one job (in a worker)."""
-    return solve(job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near)
+@dataclass(frozen=True)
+class Backends:
+    """The functions that compute the physics: pure, so that they can be sent to other processes."""
+
+    solve: Callable[[Job], Design | Infeasible]
+    """Returns the best design over the starts, or the result of the start with the smallest violation.
+
+    Start s depends only on (task, topology, s, seed), so results of ranges of starts can be merged.
+    """
+    audit: AuditDesign
+    lower_bound: Callable[[ResolvedTask], float]
+    """Returns a lower bound of the effort of all designs of this size with a clear audit [rad^4/s^4]."""
+    prove_impossible: Callable[[ResolvedTask], Infeasible | None]
+    """Returns a proof that no topology of this size can do the task, if there is a simple one."""
+    local_optima: Callable[[Job, float], list[Design]]
+    """Returns all local optima of one topology up to an effort [rad^4/s^4], lowest effort first."""
 
 
 def audit_job(audit: AuditDesign, labelled: tuple[object, Geometry]) -> Audit:
@@ -329,17 +277,24 @@ class CallingProcess(_OneThread):
     A job that crashes or hangs takes the caller with it, so this is only for single candidates without user code.
     """
 
-    def process(self, workload: Workload[Item, Result]) -> Results[Item, Result]:
+    def run(
+        self,
+        function: Callable[[Item], Result],
+        jobs: Iterable[Item | None],
+        *,
+        deadline: Callable[[Item], float],
+        until: float = math.inf,
+    ) -> Results[Item, Result]:
         """Yield (job, result) in order."""
-        for job in workload.jobs:
-            if job is None or time.monotonic() >= workload.until:
+        for job in jobs:
+            if job is None or time.monotonic() >= until:
                 return
             result: Result | Failed
             try:
                 with _interrupts_repeated():
-                    result = workload.function(job)
+                    result = function(job)
             except Exception as error:  # noqa: BLE001 (as in a worker, it is the result of the job)
-                result = _failure(error, workload.deadline(job))
+                result = _failure(error, deadline(job))
             yield job, result
 
 
@@ -365,41 +320,48 @@ class Workers(_OneThread):
         if isinstance(error := raised[1], WorkersLost):  # its message is complete; a traceback would not help
             raise error.with_traceback(None) from None
 
-    def process(self, workload: Workload[Item, Result]) -> Results[Item, Result]:
+    def run(
+        self,
+        function: Callable[[Item], Result],
+        jobs: Iterable[Item | None],
+        *,
+        deadline: Callable[[Item], float],
+        until: float = math.inf,
+    ) -> Results[Item, Result]:
         """Yield (job, result) as jobs end; at most two jobs per worker are drawn in advance."""
-        waiting: deque[_Attempt[Item]] = deque()
+        pending, waiting = iter(jobs), deque[_Attempt[Item]]()
         running: dict[Future[Any], _Attempt[Item]] = {}
         try:
-            while time.monotonic() < workload.until:
+            while time.monotonic() < until:
                 if self._pool is not None and not self._pool.active:
                     self._break()
                     waiting.extendleft(running.values())
                     running.clear()
                 while len(running) < 2 * self.count:
                     if not waiting:
-                        if (job := next(workload.jobs, None)) is None:
+                        if (job := next(pending, None)) is None:
                             break
                         waiting.append(_Attempt(job))
                     submitted_at = time.monotonic()
-                    future = self._submit(workload, waiting[0].job)
+                    future = self._submit(function, waiting[0].job, deadline)
                     if future is None:
                         break
                     running[future] = replace(waiting.popleft(), submitted_at=submitted_at)
                 if not running and not waiting:
                     return
-                timeout = min(1.0, max(0.0, workload.until - time.monotonic()))
+                timeout = min(1.0, max(0.0, until - time.monotonic()))
                 for future in wait(running, timeout, FIRST_COMPLETED).done:
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
                         continue  # stays in `running`; the pool is no longer active and is replaced above
                     attempt = running.pop(future)
                     self._breaks = 0
-                    deadline = workload.deadline(attempt.job)
-                    is_early = time.monotonic() - attempt.submitted_at < deadline
+                    allowed = deadline(attempt.job)
+                    is_early = time.monotonic() - attempt.submitted_at < allowed
                     if is_early and isinstance(error, TimeoutError) and error.__cause__ is None:  # the pool's own
                         waiting.appendleft(attempt)  # the pool reads the system clock, which was set forward
                         continue
-                    result = pickle.loads(future.result()) if error is None else _failure(error, deadline)
+                    result = pickle.loads(future.result()) if error is None else _failure(error, allowed)
                     was_killed = isinstance(result, Failed) and result.kind != "error"  # an error would recur
                     if was_killed and attempt.number == 1:
                         waiting.appendleft(_Attempt(attempt.job, attempt.number + 1))
@@ -409,7 +371,9 @@ class Workers(_OneThread):
             if running:
                 self._stop()
 
-    def _submit(self, workload: Workload[Item, Result], job: Item) -> Future[Any] | None:
+    def _submit(
+        self, function: Callable[[Item], Result], job: Item, deadline: Callable[[Item], float]
+    ) -> Future[Any] | None:
         """Submit a job to the pool; return None if the pool has just broken."""
         if self._pool is None:
             self._pool = ProcessPool(
@@ -420,8 +384,8 @@ class Workers(_OneThread):
             if not started:
                 raise WorkersLost("no worker process could be started")
         try:
-            call = pickle.dumps((workload.function, job))
-            future: Future[Any] = self._pool.schedule(call_pickled, args=(call,), timeout=workload.deadline(job))
+            call = pickle.dumps((function, job))
+            future: Future[Any] = self._pool.schedule(call_pickled, args=(call,), timeout=deadline(job))
         except RuntimeError:
             if self._pool.active:
                 raise

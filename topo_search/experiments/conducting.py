@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import nlp
 from topo_search.compose import BACKENDS, available_cores
-from topo_search.engine import Backends, Failed, Workers, audit_deadline, merge, record_of, solve_deadline
+from topo_search.engine import Backends, Failed, Job, Workers, audit_deadline, merge, record_of, solve_deadline
 from topo_search.experiments.plan import IDENTITY, Cell, Settings
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Infeasible, Status, Topology
@@ -349,7 +349,7 @@ def measure(backends: Backends, cell: Cell) -> CellResult:
     clock, solve_s, iterations = Clock(), 0.0, 0
     best: Design | Infeasible | None = None
     for starts in cell.rounds:
-        outcome = backends.solve(task, topology, starts=starts, seed=cell.settings.seed)
+        outcome = backends.solve(Job(task, topology, starts, cell.settings.seed))
         best = outcome if best is None else merge(best, outcome, task)
         solve_s += clock.lap()
         record = record_of(outcome)
@@ -402,6 +402,6 @@ def _audit_columns(audit: Audit) -> dict[str, Any]:
 def _load(backends: Backends, task: str, distance_m: float, n: int) -> None:
     """Solve and audit a small platform once per process, to load compiled code before anything is timed."""
     resolved = read_task(task, (f"modules={n}", f"module.connector_distance={distance_m}")).resolve(n)
-    design = backends.solve(resolved, sample(n, 1, 0)[0], starts=range(1), seed=0)
+    design = backends.solve(Job(resolved, sample(n, 1, 0)[0], range(1), 0))
     if isinstance(design, Design):
         backends.audit(design)

@@ -30,7 +30,7 @@ from functools import partial
 from math import isclose
 from typing import Any, Literal, get_args
 
-from topo_search.engine import AuditDesign, Failed, Job, LocalOptima, audit_deadline
+from topo_search.engine import Backends, Failed, Job, audit_deadline
 from topo_search.model import Audit, Design, Flight, ResolvedTask, Topology
 from topo_search.model.files import to_json
 from topo_search.model.load_case import POINT_SUFFIXES, Failing, weight_cases
@@ -272,10 +272,10 @@ def keep_optima(folder: RunFolder, n: int, percent: float, tools: Tools) -> None
         design = ledger.result(context, row.key)
         warm_starts = (design, *request.near) if isinstance(design, Design) else request.near
         topology = Topology.from_key(row.key)
-        jobs.append(Job(context.task, topology, row.orbit, range(request.starts), context.seed, warm_starts))
+        jobs.append(Job(context.task, topology, range(request.starts), context.seed, warm_starts, row.orbit))
     tools.observer.phase(solving_phase("polishing", contexts[0].task, len(jobs), request.starts))
     results = tools.engine.run(
-        partial(_solve_and_audit, tools.backends.local_optima, tools.backends.audit, max_effort),
+        partial(_solve_and_audit, tools.backends, max_effort),
         jobs,
         deadline=lambda job: job.deadline + len(job.starts) * audit_deadline(n),
         until=tools.until,
@@ -343,11 +343,8 @@ def _record_if_better(folder: RunFolder, row: Row, clear: list[Design]) -> bool:
     return True
 
 
-def _solve_and_audit(
-    local_optima: LocalOptima, audit: AuditDesign, max_effort: float, job: Job
-) -> list[tuple[Design, bool]]:
+def _solve_and_audit(backends: Backends, max_effort: float, job: Job) -> list[tuple[Design, bool]]:
     """Return the local optima of a tree, and whether the audit of each is clear (in a worker)."""
-    optima = local_optima(
-        job.task, job.topology, starts=job.starts, seed=job.seed, near=job.near, most_effort=max_effort
-    )
-    return [(design, audit(design).verdict == "clear") for design in optima]
+    return [
+        (design, backends.audit(design).verdict == "clear") for design in backends.local_optima(job, max_effort)
+    ]

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from heapq import nsmallest
 from itertools import islice
@@ -273,7 +273,7 @@ def relax(task: Task, topologies: Sequence[Topology], tools: Tools, *, starts: i
     timed_out = False
     while not timed_out:
         jobs = [
-            (number, search.rung, Job(search.task_at(search.rung), search.topology, 1, job_starts, seed))
+            (number, search.rung, Job(search.task_at(search.rung), search.topology, job_starts, seed))
             for number, search in enumerate(searches)
             if (not proven or search.is_possible(backends)) and search.rung is not None
         ]
@@ -321,7 +321,7 @@ def _leads_to_design(backends: Backends, numbered_job: tuple[int, int, Job]) -> 
     job = numbered_job[2]
     ladder = Margins([with_margin(job.task, margin) for margin in margins(job.task)])
     while True:
-        design = backends.solve(ladder.task, job.topology, starts=job.starts, seed=job.seed)
+        design = backends.solve(replace(job, task=ladder.task))
         if isinstance(design, Infeasible):
             return False
         audit = backends.audit(design)

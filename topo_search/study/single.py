@@ -118,7 +118,7 @@ def solve_single(
         best: Outcome = Failed("timeout", "time limit reached before the first start finished")
         idle_rounds = 0
         for part in rounds(starts, starts or round_size, timed=time_limit is not None):
-            job = Job(task, topology, 1, part, seed, () if part.start else tuple(near))
+            job = Job(task, topology, part, seed, () if part.start else tuple(near))
             outcome = next((outcome for _, outcome in tools.solve([job])), None)
             if outcome is None:  # time limit reached
                 return best

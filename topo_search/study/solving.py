@@ -32,7 +32,6 @@ from topo_search.engine import (
     audit_job,
     may_beat,
     merge,
-    solve_job,
 )
 from topo_search.model import Design, Infeasible, Topology
 from topo_search.study.folder import RunFolder
@@ -53,8 +52,7 @@ class Tools:
 
     def solve(self, jobs: Iterable[Job | None]) -> Generator[tuple[Job, Outcome], None, None]:
         """Yield each job with its outcome as it ends, in any order; jobs are drawn as workers become free."""
-        solve = partial(solve_job, self.backends.solve)
-        return self.engine.run(solve, jobs, deadline=lambda job: job.deadline, until=self.until)
+        return self.engine.run(self.backends.solve, jobs, deadline=lambda job: job.deadline, until=self.until)
 
 
 def strategy_of(folder: RunFolder, n: int, *, bound: float = -math.inf, timed: bool) -> Strategy:
@@ -151,10 +149,10 @@ class ProposedJobs:
         return Job(
             self._context.task,
             candidate.topology,
-            candidate.orbit,
             range(first + replaced_starts, proposal.starts),
             self._context.seed,
             tuple(result for result in warm_starts if isinstance(result, Design)),
+            candidate.orbit,
         )
 
     def _report(self, key: str, *, known: bool = False) -> None:
@@ -305,7 +303,7 @@ def _jobs(ledger: Ledger, context: Context, rows: Sequence[Row], request: Reques
         if starts:
             warm_starts = () if starts.start else request.near
             topology = Topology.from_key(row.key)
-            jobs.append(Job(context.task, topology, row.orbit, starts, context.seed, warm_starts))
+            jobs.append(Job(context.task, topology, starts, context.seed, warm_starts, row.orbit))
     return jobs
 
 
