@@ -166,7 +166,7 @@ def test_the_command_writes_them(tmp_path, monkeypatch) -> None:
     words = ("export", "mine.json", "--contacts", "--out", "mine.mjcf")
     invoke(*words)
     text = (tmp_path / "mine.mjcf").read_text()
-    assert "Bodies `exposure_K` are the solid regions" in text
+    assert "Bodies `exposure_K` are the task's solid regions" in text
     assert mujoco.MjModel.from_xml_string(text).body("exposure_0").geomnum[0] == 48
 
 
