@@ -5,8 +5,8 @@ a design if all violations are within their tolerances; otherwise the worst viol
 user.
 
 Correction turns Ipopt's result into a point that a file can hold: angles wrapped, inputs exact. If a load case has
-no weight, Ipopt returns any inputs that produce it; correction finds the smallest ones, by one small convex problem
-per load case:
+no weight, Ipopt returns any inputs that produce it; correction finds the smallest ones (`nlp.reduced.inputs`). A
+refit at changed poses solves one small convex problem per load case:
 
 .. math:: \min_{v_{min} \le v \le 1} \tfrac12 \|v\|^2 \quad \text{subject to} \quad A v = b_k
 

@@ -2,8 +2,8 @@
 
 A start is a handful of cheap descents from random points. The best descents of all starts that are searched
 together continue at high prices, and Ipopt polishes the best of their distinct minima on the full problem. Starts
-that reach the same minimum share its design. If no start leads to a design, a deeper search runs before a tree
-counts as infeasible.
+that reach the same minimum share its design. If no start leads to a design, a deeper search runs with the fourth
+start (`DEEP`) before a tree counts as infeasible.
 """
 
 from __future__ import annotations
@@ -106,7 +106,8 @@ class DeepSearch(NamedTuple):
     max_violation: float = 0.1
     """Largest violation of the best local minimum at which the search runs, with limits on air speed.
 
-    The search gave none of 119 trees of push, push-local and push-exterior-60 with five to eight modules a design.
+    Above it the search found no design for any of 119 trees of push, push-local and push-exterior-60 with five to
+    eight modules.
     """
     close: float = 0.005
     """Largest violation of a local minimum that stops the search at once [l_arm, m_t g, l_arm m_t g]."""

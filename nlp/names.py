@@ -1,6 +1,7 @@
 """Names of constraints that several modules use; other names are defined with their requirement.
 
-The audit, which shares no code with the solver, uses the same names; a test compares them.
+The audit, which shares no code with the solver, uses the same names for the clearances that both have; a test
+compares them.
 """
 
 from __future__ import annotations

@@ -67,10 +67,11 @@ def solve(
 ) -> Design | Infeasible:
     """Return the best design of a topology over some starts, or the start that came closest to one.
 
-    Each start depends on its index alone, not on what ran before it. A topology that is proven impossible is not
-    tried. The reduced search is used if it can express the task; it compares the random points of all starts of a
-    call and continues from the best. Otherwise Ipopt solves the full problem from every start. If hinge angles come
-    from a set, both first solve with free angles, then combinations of the set near their results are tried.
+    The random points of a start depend on its index alone, not on what ran before it. A topology that is proven
+    impossible is not tried. The reduced search is used if it can express the task; it compares the random points of
+    all starts of a call and continues from the best. Otherwise Ipopt solves the full problem from every start. If
+    hinge angles come from a set, both first solve with free angles, then combinations of the set near their results
+    are tried.
 
     Args:
         task: the task, resolved for `topology.n` modules.
@@ -92,10 +93,10 @@ def solve(
     if proof := prove_impossible(task, topology):
         return proof
     solve_variant = partial(solve, topology=topology, starts=starts, seed=seed, near=near, constraints=constraints)
-    request = _Request(task, topology, starts, seed, near, constraints)
+    request = _Solve(task, topology, starts, seed, near, constraints)
     results = request.solve_starts()
     for k, source in enumerate(near):
-        results[k] = _best([results[k], *request.carry_over(source, results[k].start)])
+        results[k] = _best([results[k], *request.adopt(source, results[k].start)])
     unweighed, results = _best(results), request.count_rods(results)
     best = _best(results)
     if unweighed.worst.met and not best.worst.met and task.end_effector.counted_rod is None:
@@ -104,7 +105,7 @@ def solve(
     if not best.worst.met and (narrower := _with_default_reach(task, best.point)):
         within_reach = solve_variant(narrower)
         if isinstance(within_reach, Design):
-            best = _best([best, *request.count_rods(request.carry_over(within_reach, best.start))])
+            best = _best([best, *request.count_rods(request.adopt(within_reach, best.start))])
             results = [best if result.start == best.start else result for result in results]
     return request.outcome(best, results)
 
@@ -132,10 +133,10 @@ def local_optima(
         constraints: the user's constraints beyond the task.
         most_effort: largest effort of a returned design [rad^4/s^4].
     """
-    request = _Request(task, topology, starts, seed, near, constraints, most_effort)
+    request = _Solve(task, topology, starts, seed, near, constraints, most_effort)
     results = request.solve_starts()
     for k, source in enumerate(near):
-        results += request.carry_over(source, -1 - k)
+        results += request.adopt(source, -1 - k)
     results = request.count_rods(results)
     groups = list[list[StartResult]]()
     for result in sorted(results, key=lambda result: result.rank):
@@ -150,7 +151,7 @@ def local_optima(
 
 
 @dataclass(frozen=True)
-class _Request:
+class _Solve:
     """Arguments of `solve` and `local_optima`, and the steps they share."""
 
     task: ResolvedTask
@@ -202,8 +203,8 @@ class _Request:
 
         return count_rods(results, self.constraints, self.most_effort)
 
-    def carry_over(self, source: Design, start: int) -> list[StartResult]:
-        """Return a design of the same tree, as it is and polished; nothing if it violates this task.
+    def adopt(self, source: Design, start: int) -> list[StartResult]:
+        """Return a design of the same tree, unchanged and polished; nothing if it violates this task.
 
         A descent at low prices may leave the design it starts from, so Ipopt starts from the design itself.
         """
@@ -277,12 +278,14 @@ def move_rod(design: Design, mount: Mount, constraints: Sequence[OwnConstraint] 
     return _design(moved, record, constraints) if moved.worst.met else design
 
 
-def _with_default_reach(task: ResolvedTask, closest: Point) -> ResolvedTask | None:
-    """Return the task with the default reach if the closest point exceeds it, as it may if reach costs nothing."""
+def _with_default_reach(task: ResolvedTask, least_violated: Point) -> ResolvedTask | None:
+    """Return the task with the default reach if the least violated point exceeds it, as it may at no cost."""
     default_reach = task.declared.end_effector.model_copy(update={"largest_reach": None})
     narrower = task.declared.model_copy(update={"end_effector": default_reach})
     reach, allowed = narrower.largest_reach(task.n), task.largest_reach(task.n)
-    distance = np.linalg.norm(closest.p_E - closest.poses[1], axis=1).min() - task.module.connector_distance
+    distance = (
+        np.linalg.norm(least_violated.p_E - least_violated.poses[1], axis=1).min() - task.module.connector_distance
+    )
     return narrower if reach is not None and reach < min(distance, allowed or np.inf) else None
 
 

@@ -17,7 +17,7 @@ from nlp.problem import problem
 from nlp.reduced.arrays import rows, to_arrays
 from nlp.reduced.clearance import hull_gap
 from nlp.reduced.descent import evaluate
-from nlp.requirements import clearances, exposure
+from nlp.requirements import clearances, exposure_clearances
 from nlp.requirements import statement as s
 from nlp.requirements.balances import required_wrenches, wrench_matrix
 from nlp.requirements.rod import BestRod
@@ -242,7 +242,7 @@ def outside(P, corners):
 @pytest.mark.parametrize("region", [BOX, WEDGE], ids=["box", "wedge"])
 def test_an_envelope_and_a_hull_are_as_far_apart_as_their_nearest_points(region):
     rng, compared = np.random.default_rng(4), 0
-    (formula,) = next(exposure(push(1, exposure=[region]))).formulas
+    (formula,) = next(exposure_clearances(push(1, exposure=[region]))).formulas
     hull = formula.kernels()[0].hull
     a, b = hull.corners[hull.edges].transpose(1, 0, 2)
     d, r_0, dr = np.array([0.3, -1.0, 4.0]), 0.7, 0.5

@@ -1,6 +1,7 @@
 """Solid regions of every shape, wherever they are, against points on all parts and on the rod."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,11 @@ from nlp_cases import as_point
 from numpy.typing import NDArray
 from suites import few
 
+from nlp.evaluation import violations
 from nlp.joints import holder
 from nlp.requirements import clearances
 from nlp.requirements.rod import BestRod
+from nlp.starts.random_starts import draw, generator
 from topo_search.model import Design, Status, Task, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.files import to_toml
@@ -235,6 +238,18 @@ def test_a_wall_right_behind_a_rotor_is_clear_and_one_right_before_it_is_not() -
                 assert found.status is status
             elif least > 0:
                 assert certify_parts_inside(module, cone).status is Status.CLEAR
+
+
+def test_a_hub_inside_its_own_airflow_stays_out_of_a_solid_region_that_air_may_enter() -> None:
+    speck = {"kind": "local", "radius": 0.005, "solid": True, "geometry": False, "speed": 30.0}
+    task = Task.model_validate(
+        {"name": "t", "modules": 2, "load_cases": [{"carries_weight": True}], "exposure": [speck]}
+    ).resolve(2)
+    tree = Topology.from_key("a10")
+    point = draw(task, tree, rng=generator(task, tree, 0, 0))
+    inside = replace(point, p_E=point.poses[1][0])
+    amounts = {row.name: row.amount for row in violations(inside)}
+    assert amounts["module 0 and solid exposure 0"] > speck["radius"]
 
 
 def test_a_region_that_is_not_solid_is_written_and_audited_as_before() -> None:

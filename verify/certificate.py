@@ -12,7 +12,8 @@ A pair is `clear` if NumPy finds the separating plane (lower > 0) and FCL finds 
 `violated` if NumPy finds the common point and FCL finds the inner meshes overlapping. Neither the closed form nor
 FCL decides a verdict alone: if either is wrong, the proof fails. A failed proof is repeated on meshes turned
 towards the witness, which are exact there, and on finer ones. A clearance that stays unproven is `undecided` up to
-FLOOR and `inconsistent` beyond: then the closed form, the meshes and FCL disagree, which is a bug of this tool.
+FLOOR, or if coordinates are out of range, and `inconsistent` beyond: then the closed form, the meshes and FCL
+disagree, which is a bug of this tool.
 
 B may also be a convex region, which is its own exact mesh; d is then that of `verify.hulls`.
 """
@@ -54,7 +55,7 @@ class Certificate:
     analytic: float
     """Closed-form value."""
     level: int
-    """Number of mesh refinements; 0 is the common mesh."""
+    """Index of the mesh on which it was proven; 0 is the first, coarsest one."""
     closest: Array | None = None
     """Nearest points of both sides; for an overlap, one common point twice; shape (2, 3)."""
     evidence: tuple[str, ...] = ()
@@ -174,7 +175,7 @@ def certify_pairs(pairs: Sequence[tuple[Solid, Solid | Hull]]) -> list[Certifica
 
 
 def _prove(A: Solid, B: Solid | Hull, witness: Witness, first: int, level: int) -> tuple[float, bool] | None:
-    """Return the gap across n, between outer meshes or negative between supports, and whether FCL agrees."""
+    """Bound d along n, by outer meshes if clear, else by supports; return it and whether FCL confirms its sign."""
     x, normal = witness.x, witness.n
     clear = witness.d > 0
     mesh_A, mesh_B = (

@@ -188,7 +188,7 @@ def rod_beside_regions(scene: Scene, mount: Mount | None) -> Iterator[Requiremen
     for number, segment, region in _regions(scene):
         distance = _distance(scene.p_E, region)
         tip = TIP * rod.radius if distance <= rod.radius + FLOOR else 0.0
-        if distance <= FLOOR - rod.radius or 0 < tip >= rod.length:
+        if distance <= FLOOR - rod.radius or (tip and tip >= rod.length):
             continue
         share = 1.0 - tip / rod.length if tip else 1.0
         body = Solid(ConeSphere(rod.start, share * rod.path, rod.radius, 0.0))

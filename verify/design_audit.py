@@ -1,4 +1,4 @@
-"""The audit of a whole design, derived again from its topology, angles, p'_E and u alone.
+"""The audit of a whole design, derived again from its task, topology, angles, p'_E, u and mount alone.
 
 The verdict is the worst status among the residuals and the clearances that count. The solver keeps a margin; the
 audit's own threshold is zero.

@@ -1,4 +1,4 @@
-"""Every geometric requirement of a design, as pairs of bodies.
+"""The geometric requirements on envelopes and centres of a design, as pairs of bodies.
 
 Lengths are in l_arm and positions relative to the mean of the module centres, so scenes are centred and tolerances
 mean the same at every scale. A minimum distance d of two points, such as module centres or the end-effector, is the
@@ -84,7 +84,7 @@ class Scene:
         return StraightRod(mount, start, self.p_E - start, radius)
 
     def requirements(self) -> Iterator[Requirement]:
-        """Yield every requirement: airflow, exposure, exclusion, separation."""
+        """Yield the requirements: airflow, exposure, exclusion, separation."""
         task, pairs = self.design.task, list(combinations(range(len(self.centres)), 2))
         kind = task.search.interference
         for a, b in pairs if kind != "parts" else ():

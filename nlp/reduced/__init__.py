@@ -1,8 +1,8 @@
 """The reduced search: `nlp.problem` over angles and end-effector only, with many cheap starts, compiled.
 
-The rotor inputs are eliminated by duality (`inputs`) and clearances are exact (`clearance`). From every random
-point (`nlp.starts.reduced_starts`) a descent on the augmented Lagrangian (`descent`) leads to a local minimum. The
-best distinct minima (`search`) are close to designs, which Ipopt makes exact (`nlp.multistart`).
+The rotor inputs are eliminated by duality (`inputs`) and clearances have closed forms (`clearance`). From every
+random point (`nlp.starts.reduced_starts`) a descent on the augmented Lagrangian (`descent`) leads to a local
+minimum. The best distinct minima (`search`) are close to designs, which Ipopt makes exact (`nlp.multistart`).
 `tests/test_nlp_reduced.py` compares values and derivatives with the printed problem.
 """
 
@@ -23,5 +23,5 @@ def reason_against(task: ResolvedTask) -> str | None:
     if task.n > REDUCED_UP_TO:
         return f"more than {REDUCED_UP_TO} modules are untangled before they descend"
     if len(task.folds(task.search.margin)) != 1:
-        return "hinges have no clear fold, or several between which no descent leads"
+        return "hinges have no clear fold, or several, and no descent crosses from one to another"
     return None

@@ -59,7 +59,7 @@ class Rotors(NamedTuple):
 class Cases(NamedTuple):
     """The load cases."""
 
-    effort: Array
+    weight: Array
     """c_k."""
     f: Array
     """f_k."""

@@ -1,4 +1,4 @@
-r"""Exact clearances of the printed problem in closed form, and their gradients.
+r"""Clearances of the printed problem in closed form, and their gradients.
 
 .. math::
 
@@ -9,7 +9,7 @@ r"""Exact clearances of the printed problem in closed form, and their gradients.
 |---|---|---|
 | P(eta) = o + eta d, r(eta) = r_0 + eta dr | axis and radius of a swept ball | l_arm |
 | R | sum of both end radii | l_arm |
-| g | clearance: same sign as f, exact for balls of equal size, with unit slope in deep overlap, too | l_arm |
+| g | clearance: exact in sign, and in size for balls of equal size; unit slope in deep overlap | l_arm |
 | b | p_E: end-effector from the centre of mass | l_arm |
 
 A row is about two points, two envelopes, parts and an envelope, parts and a region at the end-effector, or an

@@ -46,8 +46,8 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 
-class Descent(NamedTuple):
-    """Settings of a descent."""
+class StepSettings(NamedTuple):
+    """Settings of the steps of a descent."""
 
     near: float = 4.0
     """Clearance below which a row has a gradient [l_arm]: no step closes a larger gap."""
@@ -65,7 +65,7 @@ class Descent(NamedTuple):
     """Smallest curvature along a step in an update, as a share of the model's (Powell's damping)."""
 
 
-DESCENT = Descent()
+DESCENT = StepSettings()
 
 
 class Evaluation(NamedTuple):
@@ -87,7 +87,7 @@ class Evaluation(NamedTuple):
 @njit(cache=True)
 def evaluate(problem: ReducedProblem, x: Array, mu: Array, active: Mask, rho: float) -> Evaluation:
     """Return the reduced problem at x with its active load cases; mu warm-starts the search for the inputs."""
-    N, m, K, n = len(x), len(problem.rows.lower), len(problem.cases.effort), len(problem.tree.parent)
+    N, m, K, n = len(x), len(problem.rows.lower), len(problem.cases.weight), len(problem.tree.parent)
     pose, dV, duals, u = platform(problem, x), np.zeros(N), mu.copy(), np.empty((K, 4 * n))
     V = effort(problem, pose, active, rho, duals, u, dV)
     g, J, is_near, gradients = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 9))

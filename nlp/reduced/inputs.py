@@ -66,7 +66,7 @@ def effort(
     J = inertia(problem.rotors, pose) if any_turn else by_J
     for k in range(len(active)):
         if active[k]:
-            c = problem.cases.effort[k]
+            c = problem.cases.weight[k]
             find_wrench(problem, pose, J, k, w)
             total += c * inputs(problem, A, k, w, rho, mu[k], u[k])
             add_wrench_gradient(problem, k, c, mu[k], E, by_J)
@@ -199,7 +199,7 @@ def _rod_path(rotors: Rotors, pose: Platform) -> Vector:
 @njit(cache=True)
 def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: Array, u: Array) -> float:
     """Return phi / c of load case k, and set mu and u to the maximum of the dual; a dead rotor's input is 0."""
-    price, dead = 2 * rho / problem.cases.effort[k], problem.cases.dead[k]
+    price, dead = 2 * rho / problem.cases.weight[k], problem.cases.dead[k]
     u_min, u_max = problem.rotors.u_min, problem.rotors.u_max
     if dead < 0:
         return dual(A, w, price, u_min, u_max, mu, u)

@@ -1,12 +1,12 @@
-"""Descents of one topology from many starts, and their local minima.
+"""Descents of one topology from many starts, each a single random point here, and their local minima.
 
 All starts descend at low prices of residuals and of missing clearance. After a few steps the worse half is stopped
 (a rung of successive halving: Jamieson and Talwalkar, AISTATS 2016). Minima of equal merit are merged, and only the
 best continue at high prices, with multipliers: they end close to minima of the printed problem.
 
 A corner is a load case that must be possible and costs nothing. With a dead rotor, or around a reserve, there are
-hundreds. Few of them are active, so a descent adds only those that its point violates; those that inputs within
-their limits produce have next to no gradient.
+hundreds. Few of them are active, so a descent adds only those that its point violates; a corner that the rotors can
+already produce has almost no gradient.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple
     if point.active.all():
         return point.active, 0.0
     cases, pose = problem.cases, platform(problem, point.x)
-    K, A = len(cases.effort), columns(problem, pose)
+    K, A = len(cases.weight), columns(problem, pose)
     active, residuals = point.active.copy(), np.zeros(K)
     J = inertia(problem.rotors, pose)
     w, mu, u, set_of_mu = np.empty(6), np.zeros(6), np.empty(len(A)), -1
@@ -71,7 +71,7 @@ def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple
         find_wrench(problem, pose, J, k, w)
         inputs(problem, A, k, w, rho, mu, u)
         for a in range(6):
-            residuals[k] = max(residuals[k], abs(mu[a]) * cases.effort[k] / (2 * rho))
+            residuals[k] = max(residuals[k], abs(mu[a]) * cases.weight[k] / (2 * rho))
     worst, full = residuals.max(), np.zeros(cases.group.max() + 2, np.bool_)
     for _ in range(CORNERS.at_once):
         largest = -1
@@ -86,7 +86,7 @@ def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple
 
 
 class Phase(NamedTuple):
-    """Settings of a descent."""
+    """Prices and limits of one phase of the descents."""
 
     rho: float
     """Price of the wrenches' squared residuals."""
@@ -197,7 +197,7 @@ def local_minima(
         min_starts: smallest number of starts that remain when the worse half is stopped.
     """
     descents = new_descents(starts, np.tile(problem.cases.group < 0, (len(starts), 1)))
-    minima, stopped = _halve(problem, descents, phases[0], min_starts)
+    minima, stopped = _first_phase(problem, descents, phases[0], min_starts)
     count = max(min_minima, math.ceil(SELECTION.share * len(starts)))
     best = minima[:count]
     descents = new_descents(
@@ -208,10 +208,10 @@ def local_minima(
     return merged, minima[count:] + stopped
 
 
-def _halve(
+def _first_phase(
     problem: ReducedProblem, descents: Descents, phase: Phase, min_starts: int
 ) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
-    """Return the distinct minima of the better starts, and where the other starts were stopped."""
+    """Run the first phase; return the distinct minima of the better starts, and where the others were stopped."""
     remaining, stopped = np.arange(len(descents.x)), list[LocalMinimum]()
     if len(remaining) > min_starts:
         descents = descend_all(problem, descents, phase._replace(steps=SELECTION.halving_step))
@@ -275,7 +275,7 @@ def descend_all(problem: ReducedProblem, descents: Descents, phase: Phase) -> De
         phase: settings of the phase.
     """
     count, N = descents.x.shape
-    m, K = len(problem.rows.lower), len(problem.cases.effort)
+    m, K = len(problem.rows.lower), len(problem.cases.weight)
     x, mu, curvature = np.empty((count, N)), np.empty((count, K, 6)), descents.B.copy()
     merits, violations = np.empty(count), np.zeros(count)
     active = np.empty((count, K), np.bool_)
@@ -315,5 +315,5 @@ def violation(problem: ReducedProblem, point: Evaluation, rho: float) -> float:
         largest = max(largest, problem.rows.lower[r] - point.g[r])
     for k in range(len(point.mu)):  # the residual is mu / rho'
         for a in range(6 if point.active[k] else 0):
-            largest = max(largest, abs(point.mu[k, a]) * problem.cases.effort[k] / (2 * rho))
+            largest = max(largest, abs(point.mu[k, a]) * problem.cases.weight[k] / (2 * rho))
     return largest

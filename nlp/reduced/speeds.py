@@ -139,7 +139,7 @@ def speed_rows(
             if not is_near[r]:
                 continue
             if not factored:
-                H[:] = problem.cases.effort[k] / (2 * rho) * np.eye(6)
+                H[:] = problem.cases.weight[k] / (2 * rho) * np.eye(6)
                 for j in range(4 * n):
                     for a in range(6 if free[j] else 0):
                         for b in range(a + 1):

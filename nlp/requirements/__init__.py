@@ -1,4 +1,4 @@
-"""Every requirement of the inner problem, defined once.
+"""Every requirement of the inner problem, stated once.
 
 | room | requirements | of the printed problem |
 |---|---|---|
@@ -9,12 +9,13 @@
 
 A requirement has the constraint's name, the modules, a smooth form for Ipopt, an exact value and a margin. The
 printed problem (`nlp.problem`), its exact evaluation (`nlp.evaluation`), the assembled terms, the untangling of
-starts and the rows of the reduced search are all built from these definitions, without special cases.
+starts and the rows of the reduced search are all built from these statements. The distances themselves are computed
+by `nlp.symbols` (smooth), `nlp.numbers` (exact) and `nlp.reduced.clearance` (compiled).
 
 To add a clearance, write a `Formula` (`statement`): its `local_vectors`, its smooth and exact forms, and its rows
-of the compiled search. Then yield a `Requirement` with it. A body that keeps out of a region at the end-effector is
-an `AtRegion` (`exposure`) of one of the `bodies` and one region. `tests/test_nlp_requirements.py` compares the
-forms.
+of the compiled search; a row of a new kind also needs its distance in `nlp.reduced.clearance`. Then yield a
+`Requirement` with it. A body that keeps out of a region at the end-effector is a `RegionClearance` (`exposure`) of
+one of the `bodies` and one region. `tests/test_nlp_requirements.py` compares the forms.
 """
 
 from __future__ import annotations
@@ -22,17 +23,17 @@ from __future__ import annotations
 from functools import lru_cache
 
 from nlp.requirements.balances import variable_bounds
-from nlp.requirements.exposure import end_effector_clearances, exposure
+from nlp.requirements.exposure import end_effector_clearances, exposure_clearances
 from nlp.requirements.modules import module_clearances
 from nlp.requirements.rod import rod_clearances
 from nlp.requirements.statement import Formula, Requirement
 from topo_search.model import ResolvedTask, Topology
 
-__all__ = ["Formula", "Requirement", "clearances", "exposure", "variable_bounds"]
+__all__ = ["Formula", "Requirement", "clearances", "exposure_clearances", "variable_bounds"]
 
 
 @lru_cache(maxsize=16)
 def clearances(task: ResolvedTask, topology: Topology) -> tuple[Requirement, ...]:
     """Return (4) to (9) of the printed problem, in its order."""
     rod = rod_clearances(task, topology)
-    return (*module_clearances(task, topology), *end_effector_clearances(task), *rod, *exposure(task))
+    return (*module_clearances(task, topology), *end_effector_clearances(task), *rod, *exposure_clearances(task))

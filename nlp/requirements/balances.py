@@ -6,7 +6,7 @@
 | u | inputs of every load case | (K, n, 4) | rad^2/s^2 |
 | J | inertia about the COM, for corners that are angular accelerations | (3, 3) | kg m^2 |
 
-Reserves, cones and sets of wrenches have become load cases before (`topo_search.model.corners`).
+Reserves, cones and sets of wrenches are already load cases here (`topo_search.model.corners`).
 """
 
 from __future__ import annotations

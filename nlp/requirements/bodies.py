@@ -97,8 +97,8 @@ class Rod(NamedTuple):
 class PartBalls:
     """Balls around a module's parts, from the end-effector or from another module.
 
-    Solid regions keep out of all airflow, too, so balls around the parts that reach out of a module's own airflow
-    (`topo_search.model.room`) are enough.
+    If airflow stays out of solid regions as well, balls around the parts that reach out of a module's own airflow
+    are enough (`ResolvedTask.part_cover`).
     """
 
     balls: tuple[tuple[Vector, float], ...]

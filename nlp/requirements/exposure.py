@@ -1,6 +1,6 @@
 r"""Clearances at the end-effector: exclusion, nearby airflow, exposure; (7) to (9) of the printed problem.
 
-Bodies keep out of regions at the end-effector, or inside them (paper, Sec. III-B to III-D). The clearances of the
+Bodies stay outside regions at the end-effector, or inside them (paper, Sec. III-B to III-D). The clearances of the
 rod are in `nlp.requirements.rod`.
 
 | symbol | meaning | unit |
@@ -200,8 +200,8 @@ Region = CapsuleRegion | HullRegion | InfiniteCone
 
 
 @dataclass(frozen=True)
-class AtRegion:
-    """A body keeps out of a region, or inside a cone."""
+class RegionClearance:
+    """Clearance of a body from a region that it stays out of, or of a cone that it stays in."""
 
     body: Body
     region: Region
@@ -228,7 +228,7 @@ class AtRegion:
         return self.body.rows(self.region.kernels())
 
 
-def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> AtRegion:
+def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> RegionClearance:
     """Return the clearance of a body from one shape of a requirement; `unit` is l_arm [m]."""
     region: Region
     match shape:
@@ -241,7 +241,7 @@ def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> At
             region = kind(tuple(divide(corner, unit) for corner in corners))
         case Cone(half_angle_deg=half_angle, axis=axis, apex=apex):
             region = InfiniteCone(math.radians(half_angle), axis, divide(apex, unit))
-    return AtRegion(body, region, segment)
+    return RegionClearance(body, region, segment)
 
 
 def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:
@@ -252,16 +252,16 @@ def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:
         exclusion = Distance(FROM_TIP, task.exclusion_radius / unit, EXCLUSION)
         yield Requirement(7, lambda i, *_: names.exclusion(i), subjects, (exclusion,), margin)
     if task.tip_radius is not None:
-        tip = AtRegion(Air.of(task), CapsuleRegion(task.tip_radius / unit))
+        tip = RegionClearance(Air.of(task), CapsuleRegion(task.tip_radius / unit))
         yield Requirement(8, lambda i, *_: names.tip_airflow(i), subjects, (tip,), margin)
 
 
-def exposure(task: ResolvedTask) -> Iterator[Requirement]:
+def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     """Yield (9), and the smallest length of p_E if some direction follows p_E."""
     unit, subjects = Units.of(task).length, _all_modules(task.n)
     margin = task.search.margin / unit
 
-    def formulas(exposure: AnyExposure, body: Body) -> tuple[AtRegion, ...]:
+    def formulas(exposure: AnyExposure, body: Body) -> tuple[RegionClearance, ...]:
         return tuple(
             to_formula(shape, body, unit, segment_of(exposure, k)) for k, shape in enumerate(exposure.shapes)
         )

@@ -36,8 +36,8 @@ NEAR_ENVELOPE = 6.0
 NEAR_PARTS = 0.3
 """Clearance of parts and the airflow of an unbolted module below which a round has a row for them [l_arm].
 
-If envelopes must not merge, few parts of an otherwise feasible design are in there, so most rounds need no other
-rows. If they may merge, NEAR_ENVELOPE is used instead.
+If envelopes must not merge, few parts of an otherwise feasible design come that close, so most rounds need no more
+rows than these. If they may merge, NEAR_ENVELOPE is used instead.
 """
 
 

@@ -29,7 +29,7 @@ import numpy as np
 from nlp import names
 from nlp.numbers.point import connectors
 from nlp.requirements.bodies import Rod, divide
-from nlp.requirements.exposure import AtRegion, HullRegion, hull_of, to_formula
+from nlp.requirements.exposure import HullRegion, RegionClearance, hull_of, to_formula
 from nlp.requirements.statement import (
     FROM_COM,
     FROM_TIP,
@@ -79,7 +79,7 @@ class WithinReach:
         return (Kernel(REACH, self.largest),)
 
 
-class RodClearance(AtRegion):
+class RodClearance(RegionClearance):
     """A rod, except its tip, keeps out of a solid region."""
 
     def exact(self, y: Sequence[Array]) -> Array:

@@ -27,13 +27,14 @@ from topo_search.model.shape import Hull
 from topo_search.model.value import Vector
 
 AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, HULL, CONE, CONE_COM, OFFSET, PARTS = range(11)
-"""Kinds of rows of the compiled search: two envelopes; two centres; p'_E and a centre; an envelope and a ball, a
-capsule near p'_E, a capsule along p_E, or a hull near p'_E; an end ball of an envelope in a cone with its axis
-fixed or to the COM; the length of p_E; the parts of one module and the envelope of another."""
+"""Kinds of rows of the compiled search. AIR: two envelopes. APART: two centres. EXCLUSION: p'_E and a centre. BALL,
+CAPSULE, ALONG, HULL: an envelope and a ball, a capsule near p'_E, a capsule along p_E, a hull near p'_E. CONE,
+CONE_COM: an end ball of an envelope in a cone with a fixed axis, with its axis to the COM. OFFSET: the length of
+p_E. PARTS: the parts of one module and the envelope of another."""
 PARTS_CONE, PARTS_CONE_COM, PARTS_CAPSULE, PARTS_ALONG, PARTS_HULL, REACH = range(11, 17)
-"""The parts of a module in a cone with its axis fixed or to the COM; outside a capsule near p'_E, a capsule along
-p_E or a hull; p'_E and a free connector. REACH and the rows of regions may be about rods: only the rows of the best
-rod apply."""
+"""PARTS_CONE, PARTS_CONE_COM: the parts of a module in such a cone. PARTS_CAPSULE, PARTS_ALONG, PARTS_HULL: the
+parts outside such a region; PARTS to PARTS_HULL must stay consecutive. REACH: p'_E and a free connector. REACH and
+the rows of regions may be about rods: only the rows of the best rod apply."""
 
 OF_PARTS = {
     BALL: PARTS_CAPSULE, CAPSULE: PARTS_CAPSULE, ALONG: PARTS_ALONG,
@@ -266,7 +267,7 @@ class Requirement:
         return np.stack([np.broadcast_to(gaps, m) for gaps in exact], axis=-1)
 
     def restrict(self, vectors: VectorsByName) -> Requirement:
-        """Return the requirement for a round of Ipopt from a platform: by default, all subjects that are near."""
+        """Return the requirement for one round of Ipopt: only the subjects that are near at this platform."""
         if self.near == math.inf:
             return self
         return replace(self, subjects=self.subjects[(self.gaps(vectors) < self.near).any(axis=1)])

@@ -1,7 +1,7 @@
 """Jobs, and the worker processes that run them, which may crash, hang or be killed without harm.
 
-The better of the results of two ranges of starts is the result of their union. Infeasible results are compared by
-their violation, scaled to the task's units.
+The better of the results of two ranges of starts is the result of both. Infeasible results are compared by their
+violation, scaled to the task's units.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ Results = Generator[tuple[Item, Result | Failed], None, None]
 
 
 class Engine(Protocol):
-    """Runs jobs in other processes; results depend neither on the engine nor on its speed."""
+    """Runs jobs; results depend neither on the engine nor on its speed."""
 
     def run(
         self,
@@ -77,7 +77,7 @@ class Engine(Protocol):
     ) -> Results[Item, Result]:
         """Yield (job, result) as jobs end, in any order.
 
-        A job that crashes its process or exceeds its deadline is tried twice, then its result is Failed.
+        A job that crashes its worker or exceeds its deadline is tried twice, then its result is Failed.
 
         Args:
             function: importable, pure function.
@@ -119,7 +119,7 @@ class Job:
     near: tuple[Design, ...] = ()
     """Designs to carry over, each as an additional start before the others."""
     orbit: int = 1
-    """Number of classes of the exact quotient that the candidate represents."""
+    """Number of trees, up to exact symmetry, that the candidate stands for."""
 
     @property
     def deadline(self) -> float:
@@ -134,7 +134,8 @@ class Backends:
     solve: Callable[[Job], Design | Infeasible]
     """Returns the best design over the starts, or the result of the start with the smallest violation.
 
-    Start s depends only on (task, topology, s, seed), so results of ranges of starts can be merged.
+    The random points of start s depend only on (task, topology, s, seed), so results of ranges of starts can be
+    merged.
     """
     audit: AuditDesign
     lower_bound: Callable[[ResolvedTask], float]

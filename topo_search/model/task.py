@@ -372,11 +372,13 @@ class Task(Value):
 
     @property
     def part_cover(self) -> Balls:
-        """Balls around rigid parts that the search keeps out of other modules' airflow.
+        """Balls around rigid parts that the search keeps out of other modules' airflow and of solid regions.
 
-        If airflows must not merge, parts inside their own module's airflow need no balls.
+        If airflows must neither merge nor enter a solid region, parts inside their own airflow need no balls.
         """
-        return part_cover(self.module) if self.search.interference == "airflow" else whole_cover(self.module)
+        air_enters = any(exposure.solid and not exposure.geometry for exposure in self.exposure)
+        needs_all = air_enters or self.search.interference != "airflow"
+        return whole_cover(self.module) if needs_all else part_cover(self.module)
 
     def folds(self, margin: float = 0.0) -> Folds:
         """Return the folds of hinges that the search allows, within +-pi/2 [rad].
