@@ -127,8 +127,8 @@ def hull_gap(
     """Return g and eta of a swept ball and a hull, and the gradient of g by P.
 
     The point of the hull nearest to an axis outside is on an edge, or inside a face and then nearest to an end of
-    the axis, since the distance from a plane is linear. If the axis enters the hull, the gap is minus the distance
-    by which it must move to be outside some face.
+    the axis, since the distance from a plane is linear. If the axis enters the hull, the gap is minus R and minus
+    the distance by which the axis must move to be outside some face.
 
     Args:
         w: o in the frame of the planes and edges.

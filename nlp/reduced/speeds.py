@@ -1,9 +1,8 @@
 r"""Air speeds over regions as rows of the reduced problem.
 
 For each module, region and load case, a row is the sum of all speeds at one point of the region. In balls and along
-paths it is the point nearest to the module's axis and, among those, nearest to the module. Outside cones and in
-hulls it is chosen from points next to the axis at some depths: where the module's own air is fastest at equal rotor
-inputs.
+paths it is near the module's axis and, among such points, near the module. Outside cones and in hulls it is chosen
+from points next to the axis at some depths: where the module's own air is fastest at equal rotor inputs.
 
 .. math::
 

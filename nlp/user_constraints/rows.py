@@ -42,7 +42,7 @@ def rows(constraint: OwnConstraint, platform: SymbolicPlatform) -> ca.SX:
     """Return the values of a constraint's expression as a column.
 
     Raises:
-        ValueError: the return value is not a CasADi expression.
+        ValueError: the return value is not a CasADi expression, or is empty.
     """
     value = constraint.expression(platform)
     try:

@@ -98,7 +98,7 @@ def dead_rotor(rotor: int, *, counts: bool) -> Scenario:
 
 
 def imbalance(design: Design, case: LoadCase) -> str | None:
-    """Return the reason why a load case is not a steady flight; None if its COM wrench is exactly the weight."""
+    """Return the reason why a load case is not a steady flight; None if its COM wrench balances the weight."""
     task, n = design.task, design.topology.n
     W, unit = task.force_unit(n), task.torque_unit(n)
     force = np.array(case.at_com.force) - [0.0, 0.0, W]

@@ -64,7 +64,7 @@ from topo_search.model import BadInput, Fault, Topology
 from topo_search.supervisor import is_out_of_memory
 
 MIN_RESULTS, RESULT_DIVISOR = 8, 16
-"""The sampler receives results in batches: at least so many, or this fraction of a large round."""
+"""The sampler receives results in batches: at least MIN_RESULTS, and one in RESULT_DIVISOR of a large round."""
 
 
 class OptunaSearch(Strategy):
