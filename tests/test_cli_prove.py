@@ -161,7 +161,7 @@ def test_run_ends_with_4_if_trees_are_open_and_with_0_if_none_is(toy, tmp_path):
     key = json.loads(invoke(*words, tmp_path / "run", "--json").stdout)["best"]["key"]
     toy(Prover(refuses=(key,)))
     done = invoke(*words, tmp_path / "other", status=4)
-    assert "1 open; nothing is proven for the size" in done.output
+    assert "1 open; nothing new is proven for the size" in done.output
     assert f"{key} is the best found of all" in done.output
 
 

@@ -112,7 +112,7 @@ def test_a_tree_that_cannot_be_closed_is_open_and_nothing_is_claimed(run):
     row = table(run)[key]
     assert row["proof"] == "open"
     assert float(row["proven_bound"]) == toy_problem.BOUND
-    assert "1 open; nothing is proven for the size" in answer.sizes[0].proven
+    assert "1 open; nothing new is proven for the size" in answer.sizes[0].proven
     assert f"the same command cannot close {key}: " in answer.sizes[0].proven
     assert not answer.sizes[0].proof_resumable
     again = Prover()

@@ -187,7 +187,7 @@ def task_of(task: str, settings: tuple[str, ...], *, paper: bool = False, **fiel
 
 
 def read_near(files: tuple[str, ...]) -> list[ts.Design]:
-    """Return the designs in some files; BadInput names the first file that holds none."""
+    """Return the designs in some files; BadInput names every fault of the first file that holds none."""
     from topo_search.compose import read_completed
 
     return [read_completed(file) for file in files]

@@ -104,8 +104,8 @@ def search(
             `invariant`, every rooted tree is a candidate.
         topologies: the only candidates: trees, keys, or graphs (see `Topology.graph`). Each is solved as given.
         prove: relative gap within which branch and bound then proves that no tree is better; see `prove`.
-        keep_within: keep every local optimum with a clear audit and at most this much more effort than the best
-        [%].
+        keep_within: keep every local optimum with a clear audit and at most this much more effort than the
+            best [%].
         observer: receives progress.
         live: serve the page to this machine while the search runs; the observer receives its address as a note.
 

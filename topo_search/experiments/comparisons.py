@@ -5,18 +5,15 @@ both; if a variant has several rows for one tree, one for each of its roots, the
 wrenches every tree has its own task, so no tree is the best.
 
 - `placement`: an end-effector at the centre of mass, against one with an optimised position. At the centre of mass
-it
-  must still keep its distance from every module's centre, so the platform needs a hole there; `com, inside allowed`
-  drops that requirement (`end_effector.exclusion = false`), as if it could be inside a module. Exterior
+  it must still keep its distance from every module's centre, so the platform needs a hole there; `com, inside
+  allowed` drops that requirement (`end_effector.exclusion = false`), as if it could be inside a module. Exterior
   requirements cannot take part, as their cone has no axis there.
 - `root`: the paper's root, with two angles within 90 degrees, against a root that turns freely. With a free root
-all
-  roots of a tree give the same design; with the paper's, a tree is tried with each of its modules as the root.
+  all roots of a tree give the same design; with the paper's, a tree is tried with each of its modules as the root.
   Every root gets as many starts as a tree with a free root, so the paper's variant gets n times as many.
 - `body`: frames that keep clear of each other, against the paper's clearances, where only airflow keeps modules
-apart
-  (`airflow only`, `search.body_clearance = false`). `body clearance` requires the default distance between the
-  centres of modules that are not bolted together.
+  apart (`airflow only`, `search.body_clearance = false`). `body clearance` requires the default distance between
+  the centres of modules that are not bolted together.
 - `hinges`: hinge angles from a set, multiples of a step, against any angles.
 """
 

@@ -434,7 +434,7 @@ class CaseAir(Value):
     name: str
     """Name of the load case."""
     tip_m_s: Size
-    """Size at the end-effector [m/s]."""
+    """Speed at the end-effector [m/s]."""
     tip_estimate_m_s: Size
     """Reichardt's estimate at the end-effector [m/s]."""
     regions: tuple[RegionAir, ...] = ()

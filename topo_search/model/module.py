@@ -146,7 +146,7 @@ class EndEffector(Value):
     rod_modulus: Annotated[Positive, omit_if(70e9)] = 70e9
     """Elastic modulus of the rod in its axial direction [Pa]; default: a carbon-fibre tube."""
     rod_deflection: Annotated[Positive, omit_if(0.005)] = 0.005
-    """Deflection of the rod's tip under the task's largest load and the rod's weight [m], which determines the
+    """Deflection of the rod's tip under the task's largest load and the rod's weight [m], which limits the
     default of largest_reach."""
 
     def _broken_rules(self) -> Broken:

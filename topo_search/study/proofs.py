@@ -129,7 +129,7 @@ def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
         verdicts += f", {unsolved} not solved by `run`"
     unproven = [key for key, state in states.items() if state.proof in (OPEN, None)]
     if unproven or unsolved:
-        sentence = f"branch and bound, {number}: {verdicts}; nothing is proven for the size while some are open"
+        sentence = f"branch and bound, {number}: {verdicts}; nothing new is proven for the size while some are open"
         stuck = [key for key in unproven if key in proofs and is_stuck(proofs[key], best.objective)]
         if stuck:
             shown = ", ".join(stuck[:3]) + ", ..." * (len(stuck) > 3)

@@ -419,9 +419,8 @@ def own_candidates(
         places: position of each topology in messages; default: `[0]`, `[1]`, ...
 
     Raises:
-        BadInput: one fault per topology that is invalid, of another size, not allowed by the task or a duplicate,
-        or
-            for a size without topologies; or the list is empty or too long.
+        BadInput: one fault per topology that is invalid, of another size, not allowed by the task or a
+            duplicate, or for a size without topologies; or the list is empty or too long.
     """
     import networkx as nx
 
