@@ -102,7 +102,7 @@ class Row:
         return self.audit == "clear"
 
     @property
-    def is_audited(self) -> bool:
+    def audit_ended(self) -> bool:
         """True if there is a verdict, or the audit failed."""
         return self.audit is not None or self.audit_failure is not None
 

@@ -288,7 +288,7 @@ def _is_pending(ledger: Ledger, contexts: Sequence[Context], key: str, starts: i
     while True:
         context = contexts[margins.step]
         row = ledger.row(context, key)
-        if row is None or (margins.step and row.asked < starts) or (row.feasible and not row.is_audited):
+        if row is None or (margins.step and row.asked < starts) or (row.feasible and not row.audit_ended):
             return True
         audit = ledger.audit(context, key) if row.feasible and not row.clear else None
         if audit is None or not margins.raise_after(audit):
@@ -314,7 +314,7 @@ def _rows(ledger: Ledger, context: Context, rows: Sequence[Row]) -> list[Row]:
 
 def _audit(ledger: Ledger, context: Context, rows: Sequence[Row], tools: Tools) -> None:
     """Audit designs that have no audit yet, and record their verdicts."""
-    keys = [row.key for row in rows if not row.is_audited]
+    keys = [row.key for row in rows if not row.audit_ended]
     if keys:
         tools.observer.phase(audit_phase(context.task.n, len(keys)))
     results = tools.engine.run(
