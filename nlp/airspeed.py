@@ -102,13 +102,13 @@ def fastest(point: Point) -> Iterator[SpeedMaximum]:
         return
     from nlp.numbers.jets import climb, jet_of  # compiled code, which other commands need not load
 
-    (R, p), tip = point.poses, point.p_E / l_arm
+    (R, p), tip = point.poses, point.tip / l_arm
     p = p / l_arm - tip
     jet = jet_of(task.module, task.air_density, task.gravity)
     induced = jet.induced * np.sqrt(point.u / task.module.hover_input(task.gravity))
     for number, exposure in limited:
         regions = [
-            region_of(shape.at(point.p_E - point.p_COM), l_arm, exposure.speed_reach) for shape in exposure.shapes
+            region_of(shape.at(point.tip - point.p_COM), l_arm, exposure.speed_reach) for shape in exposure.shapes
         ]
         for case in range(len(task.declared.load_cases)):
             speeds, points = dict[SpeedPoint, float](), set[SpeedPoint]()

@@ -134,7 +134,7 @@ def _bounds(point: Point) -> Iterator[Violation]:
     if task.search.root == "paper":
         for (name, limit), angle in zip(PAPER_ROOT.items(), point.root.tolist(), strict=True):
             yield Violation(f"root orientation, {name}", abs(angle) - limit, "rad", abs(angle) - limit)
-    offset, position = point.p_E - point.p_COM, task.end_effector.fixed_position
+    offset, position = point.tip - point.p_COM, task.end_effector.fixed_position
     too_far = float(np.linalg.norm(offset)) - task.farthest_end_effector(point.topology.n)
     yield Violation(names.REACH, too_far, "m", too_far / l_arm)
     if position is not None:
@@ -231,13 +231,13 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
         NotPossible: names the first load case that the rotors cannot produce.
     """
     root, alpha = np.array(design.root_orientation_rad), np.array(hinge_angles_rad)
-    topology, p_E = design.topology, np.array(design.end_effector_m)
-    point = weigh_rod(Point(design.task, topology, root, alpha, p_E, design.inputs))
-    task, p_E = point.task, point.p_E
+    topology, tip = design.topology, np.array(design.end_effector_m)
+    point = weigh_rod(Point(design.task, topology, root, alpha, tip, design.inputs))
+    task, tip = point.task, point.tip
     units = np.repeat([task.force_unit(topology.n), task.torque_unit(topology.n)], 3)
     A = wrench_matrix(point) * task.max_input / units[:, None]
     u = task.max_input * _solve_inputs(A, required_wrenches(point) / units, task.min_input / task.max_input)
-    corrected = correct(Point(task, topology, root, alpha, p_E, u.reshape(point.u.shape)))
+    corrected = correct(Point(task, topology, root, alpha, tip, u.reshape(point.u.shape)))
     produced = corrected.u.reshape(len(u), -1) / task.max_input @ A.T
     residuals = np.abs(produced - required_wrenches(point) / units).max(axis=1)
     if residuals.max() > WRENCH_TOLERANCE:
@@ -247,7 +247,7 @@ def refit(design: Design, hinge_angles_rad: Sequence[float]) -> Design:
         update={
             "task": task,
             "hinge_angles_rad": tuple(alpha.tolist()),
-            "end_effector_m": tuple(p_E.tolist()),
+            "end_effector_m": tuple(tip.tolist()),
             "rotor_speeds_squared": tuple(tuple(u_k.ravel().tolist()) for u_k in corrected.u),
             "objective": J,
             "gap": None if design.lower_bound is None else Design.gap_of(J, design.lower_bound),

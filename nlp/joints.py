@@ -83,7 +83,7 @@ def rod_of(point: Point) -> Connector | None:
     starts = p[free[:, 0]] + module.connector_distance * np.einsum(
         "iab,ib->ia", R[free[:, 0]], PORT_DIRECTIONS[free[:, 1]]
     )
-    lengths = np.linalg.norm(starts - point.p_E, axis=1)
+    lengths = np.linalg.norm(starts - point.tip, axis=1)
     # rounded as in the audit, so that a design and its mirror image choose the same connector
     nearest = int(np.argmin(np.round(lengths / module.arm_length, 9)))
     for limits in clearances(point.task, point.topology):
@@ -104,7 +104,7 @@ def holder(point: Point) -> int | None:
     if rod is None:
         return None
     (R, p), radius, path, i = point.poses, point.task.end_effector.rod_radius, rod_path(point, rod), rod[0]
-    start = point.p_E - path
+    start = point.tip - path
     fitting, length = np.zeros((point.topology.n, 1, 1)), float(np.linalg.norm(path))
     fitting[i] = min(1.0, FITTING * radius / max(length, radius))  # the fitting may touch its module
     balls = p[:, None] + np.einsum("iab,mb->ima", R, cover.centres)
@@ -119,7 +119,7 @@ def loads(point: Point) -> Array:
     if not limited:
         return np.zeros(0)
     unit, cases = Units.of(task), len(task.declared.load_cases)
-    plain = Point(task.declared, point.topology, point.root, point.alpha, point.p_E, point.u[:cases])
+    plain = Point(task.declared, point.topology, point.root, point.alpha, point.tip, point.u[:cases])
     sizes = _sizes(task.declared, point.topology, holder(point), limited)
     units = np.array([unit.torque if load.moment else unit.force for load in limited])
     return np.asarray(np.asarray(sizes(plain.pack())).ravel() * units)
@@ -163,8 +163,8 @@ def _vectors(
     unit, module, carried = Units.of(task), task.module, masses(task.module, task.end_effector, topology)
     l_c, m_E = module.connector_distance / unit.length, task.end_effector.mass / module.mass
     variables = Variables.of(task, topology)
-    modules, p_E, p_COM = variables.platform(task, topology)
-    o, q, up = [pose.p - p_COM for pose in modules], p_E - p_COM, ca.DM([0, 0, 1])
+    modules, tip, p_COM = variables.platform(task, topology)
+    o, q, up = [pose.p - p_COM for pose in modules], tip - p_COM, ca.DM([0, 0, 1])
     joints = {i: o[h] + l_c * modules[h].R @ ca.DM(PORT_DIRECTIONS[a]) for h, i, a, _ in topology.edges()}
     inertias, m_J, m_R = (
         [module_inertia(pose.R, module) for pose in modules],

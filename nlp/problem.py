@@ -78,7 +78,7 @@ class Variables:
 
     root: ca.SX
     alpha: ca.SX
-    p_E: ca.SX
+    tip: ca.SX
     """p'_E; empty if the task fixes the position from the COM."""
     u: list[ca.SX]
 
@@ -89,18 +89,18 @@ class Variables:
         return cls(
             root=ca.SX.sym("root", 3),
             alpha=ca.SX.sym("alpha", n - 1),
-            p_E=ca.SX.sym("p_E", 3 if position is None else 0),
+            tip=ca.SX.sym("tip", 3 if position is None else 0),
             u=[ca.SX.sym(f"u_{k}", 4 * n) for k in range(len(task.load_cases))],
         )
 
     def platform(self, task: ResolvedTask, topology: Topology) -> tuple[list[Pose], ca.SX, ca.SX]:
         """Return the poses of all modules, p'_E and p_COM."""
         modules = poses(topology, self.root, self.alpha, task.module.connector_distance / Units.of(task).length)
-        return modules, *tip_and_com(task.module, task.end_effector, topology, modules, self.p_E)
+        return modules, *tip_and_com(task.module, task.end_effector, topology, modules, self.tip)
 
     def vector(self) -> ca.SX:
         """Return all unknowns as one column."""
-        return ca.vertcat(self.root, self.alpha, self.p_E, *self.u)
+        return ca.vertcat(self.root, self.alpha, self.tip, *self.u)
 
 
 @dataclass(frozen=True)
@@ -128,9 +128,9 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
     variables, beta = Variables.of(task, topology), ca.SX.sym("beta")
 
     # the platform
-    modules, p_E, p_COM = variables.platform(task, topology)
+    modules, tip, p_COM = variables.platform(task, topology)
     vectors = {axis: [pose.R[:, column] for pose in modules] for column, axis in enumerate("xyz")}
-    vectors |= {"p": [pose.p for pose in modules], "p'_E": [p_E], "p_COM": [p_COM]}
+    vectors |= {"p": [pose.p for pose in modules], "p'_E": [tip], "p_COM": [p_COM]}
 
     # (1) objective
     weights = [case.weight for case in task.load_cases]
@@ -141,12 +141,12 @@ def problem(task: ResolvedTask, topology: Topology) -> Problem:
 
     # (2)-(3) wrench balance of every load case
     carried = masses(module, task.end_effector, topology)
-    J = platform_inertia([pose.p - p_COM for pose in modules], [pose.R for pose in modules], p_E - p_COM, carried)
+    J = platform_inertia([pose.p - p_COM for pose in modules], [pose.R for pose in modules], tip - p_COM, carried)
     A = wrench_map([pose.R for pose in modules], [pose.p for pose in modules], module)
     constraints: list[Constraint] = []
     turns = angular_accelerations(task)
     for u_k, label, case, turn in zip(variables.u, task.case_labels, task.load_cases, turns, strict=True):
-        residual = A @ u_k - required_wrench(case, unit, p_E=p_E, p_COM=p_COM)
+        residual = A @ u_k - required_wrench(case, unit, tip=tip, p_COM=p_COM)
         residual[3:] -= J @ ca.DM(turn)
         constraints.append(Constraint(names.force(label), residual[:3] / n, 0.0, 0.0))
         constraints.append(Constraint(names.torque(label), residual[3:] / n, 0.0, 0.0))

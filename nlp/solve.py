@@ -284,7 +284,7 @@ def _with_default_reach(task: ResolvedTask, least_violated: Point) -> ResolvedTa
     narrower = task.declared.model_copy(update={"end_effector": default_reach})
     reach, allowed = narrower.largest_reach(task.n), task.largest_reach(task.n)
     distance = (
-        np.linalg.norm(least_violated.p_E - least_violated.poses[1], axis=1).min() - task.module.connector_distance
+        np.linalg.norm(least_violated.tip - least_violated.poses[1], axis=1).min() - task.module.connector_distance
     )
     return narrower if reach is not None and reach < min(distance, allowed or np.inf) else None
 
@@ -301,7 +301,7 @@ def _design(best: StartResult, record: SolverRecord, constraints: Sequence[OwnCo
         topology_key=point.topology.key,
         root_orientation_rad=_vector(point.root),
         hinge_angles_rad=tuple(point.alpha.tolist()),
-        end_effector_m=_vector(point.p_E),
+        end_effector_m=_vector(point.tip),
         mount=rod and Mount(module=rod.module, port=rod.port),
         rotor_speeds_squared=tuple(tuple(u_k) for u_k in inputs.tolist()),
         objective=J,

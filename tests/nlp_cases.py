@@ -240,7 +240,7 @@ def as_design(point: Point) -> Design:
         topology=point.topology,
         root_orientation_rad=tuple(point.root.tolist()),
         hinge_angles_rad=tuple(point.alpha.tolist()),
-        end_effector_m=tuple(point.p_E.tolist()),
+        end_effector_m=tuple(point.tip.tolist()),
         rotor_speeds_squared=tuple(tuple(u_k.ravel().tolist()) for u_k in point.u),
         objective=float(weights @ np.sum(point.u**2, axis=(1, 2))),
     )

@@ -276,7 +276,7 @@ def test_a_surface_has_its_speed_and_is_closed() -> None:
     corners = surface.mesh.vertices[((surface.mesh.vertices > low) & (surface.mesh.vertices < high)).all(axis=1)]
     found = speeds(blown, (corners - placed.poses.p.mean(axis=0)) / scene.l_arm).sum(axis=1)
     assert np.median(found) == pytest.approx(1.5, rel=0.05)
-    at_tip = speeds(blown, scene.p_E[None]).sum()
+    at_tip = speeds(blown, scene.tip[None]).sum()
     assert surface.mesh.contains([design.end_effector_m])[0] == (at_tip > 1.5)
 
 

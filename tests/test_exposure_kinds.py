@@ -66,7 +66,7 @@ def exposed(found):
 def brute_force(point, kind):
     """The least clearance of sampled balls of every envelope from the region as its fields say it, in metres."""
     asked, air, (R, p) = KINDS[kind], point.task.module.region_envelope, point.poses
-    centres = p[:, None] - FINE[:, None] * air.length * R[:, None, :, 2] - point.p_E
+    centres = p[:, None] - FINE[:, None] * air.length * R[:, None, :, 2] - point.tip
     radii = air.start_radius + FINE * air.growth
     if "planes" in asked:
         normals = np.array([plane["normal"] for plane in asked["planes"]])

@@ -48,7 +48,7 @@ def test_the_centre_of_mass_with_joints_is_one_and_the_same_everywhere(n: int, p
     l_c, m, m_E = task.module.connector_distance, task.module.mass, task.end_effector.mass
     joints = [p[i] + l_c * R[i] @ PORT_DIRECTIONS[b] for _, i, _, b in topology.edges()]
     m_t = n * m + m_E + 0.04 * len(joints)
-    expected = (m * p.sum(axis=0) + m_E * point.p_E + 0.04 * np.sum(joints, axis=0)) / m_t
+    expected = (m * p.sum(axis=0) + m_E * point.tip + 0.04 * np.sum(joints, axis=0)) / m_t
     found = platform(as_design(point))
     assert task.total_mass(n) == pytest.approx(m_t, rel=1e-14)
     assert m * masses(task.module, task.end_effector, topology).total == pytest.approx(m_t, rel=1e-14)

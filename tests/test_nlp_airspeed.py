@@ -62,7 +62,7 @@ def test_rows_are_the_speeds_at_their_points() -> None:
     scene = Scene(design)
     air = [blown for _, blown in case_jets(scene)]
     for row, at in zip(stated, points, strict=True):
-        exact = speeds(air[at.case], (scene.p_E + at.from_tip)[None]).sum()
+        exact = speeds(air[at.case], (scene.tip + at.from_tip)[None]).sum()
         assert 2.0 * (TARGET_SHARE - row) == pytest.approx(exact, rel=0.06, abs=0.1)  # bends are rounded
 
 
@@ -161,7 +161,7 @@ def test_air_within_a_distance_of_the_tip_is_found_where_the_region_is_farther_f
     l_arm = task.module.arm_length
     point = random_point(task, random_tree(1, np.random.default_rng(0)), np.random.default_rng(0))
     tip = l_arm * np.array([4.0, 0.0, -6.0])
-    point = replace(point, root=np.zeros(3), p_E=tip, u=np.full((1, 1, 4), 5e5))
+    point = replace(point, root=np.zeros(3), tip=tip, u=np.full((1, 1, 4), 5e5))
     (at,) = fastest(point)
     assert at.speed >= 0.97 * audit(as_design(point)).air.cases[0].regions[0].speed_m_s > 1.0
 
@@ -184,9 +184,9 @@ def test_no_platform_blows_less_over_a_region_than_is_proven(region: dict, tip: 
         thrusts = rng.dirichlet(np.full(4 * n, 0.3)).reshape(1, n, 4) * point.task.force_unit(n)
         u = np.minimum(thrusts / point.task.module.thrust_coefficient, point.task.max_input)
         if tip.get("largest_reach"):  # as far from the tip as the rod allows
-            outwards = point.p_E - point.poses[1][0]
+            outwards = point.tip - point.poses[1][0]
             end = point.poses[1][0] + outwards / np.linalg.norm(outwards) * (0.3 + 0.15)
-            point = replace(point, p_E=end)
+            point = replace(point, tip=end)
         share = u.sum() * point.task.module.thrust_coefficient / point.task.force_unit(n)
         design = as_design(replace(point, u=u / share))
         assert air(Scene(design, platform(design))).cases[0].regions[0].speed_at_most_m_s >= least

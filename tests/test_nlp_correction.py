@@ -50,7 +50,7 @@ def test_corrected_inputs_are_on_the_balance_and_inside_their_bounds():
     task, topology = push(5), Topology.from_key("a11210")
     point = AssembledProgram(task, topology).solve(draw(task, topology, generator(task, topology, 0, seed=0))).point
     u_max = task.module.max_input(task.gravity)
-    rough = type(point)(task, topology, point.root, point.alpha, point.p_E, point.u * (1 + 1e-6))
+    rough = type(point)(task, topology, point.root, point.alpha, point.tip, point.u * (1 + 1e-6))
     done = correct(rough)
     assert residual(rough) > 1e-7
     assert residual(done) < WRENCH_TOLERANCE
@@ -62,7 +62,7 @@ def test_corrected_root_angles_are_in_their_ranges_and_turn_nothing():
     rng = np.random.default_rng(0)
     topology = random_tree(4, rng, aligned=True)
     point = random_point(push(4), topology, rng)
-    wound = type(point)(point.task, topology, np.array([9.0, 2.5, -8.0]), point.alpha, point.p_E, point.u)
+    wound = type(point)(point.task, topology, np.array([9.0, 2.5, -8.0]), point.alpha, point.tip, point.u)
     done = correct(wound)
     assert np.all(np.abs(done.root) <= [math.pi, math.pi / 2, math.pi])
     np.testing.assert_allclose(done.poses[0], wound.poses[0], rtol=0, atol=1e-14)

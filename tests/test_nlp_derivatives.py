@@ -26,6 +26,6 @@ def test_derivatives_stay_finite_where_the_geometry_degenerates(exposure, spread
     hessian, _ = ca.hessian(ca.sum1(rows), x)
     f = ca.Function("f", [x], [rows, ca.jacobian(rows, x), hessian])
     level = random_point(task, topology, np.random.default_rng(0))
-    upright = dataclasses.replace(level, root=np.zeros(3), alpha=np.zeros(3), p_E=np.array([0.0, 0.0, 0.5]))
+    upright = dataclasses.replace(level, root=np.zeros(3), alpha=np.zeros(3), tip=np.array([0.0, 0.0, 0.5]))
     for values in f(upright.pack()):
         assert np.all(np.isfinite(np.array(values)))

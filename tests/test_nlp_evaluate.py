@@ -196,7 +196,7 @@ def test_a_moved_end_effector_breaks_a_fixed_position():
     task = push(2, end_effector={"position": [0.1, 0.0, 0.3]})
     point = random_point(task, Topology.from_key("a10"), np.random.default_rng(0))
     # p_COM follows the end-effector by m_E / m_t
-    moved = dataclasses.replace(point, p_E=point.p_E + np.array([0.0, 0.01, 0.0]))
+    moved = dataclasses.replace(point, tip=point.tip + np.array([0.0, 0.01, 0.0]))
     before, after = (
         next(check for check in violations(p) if check.name == "end-effector position") for p in (point, moved)
     )
@@ -208,7 +208,7 @@ def test_a_moved_end_effector_breaks_a_fixed_position():
 def test_nothing_that_is_not_a_number_meets_a_constraint():
     task, topology = push(2, load_cases=[HOVER], exposure=[{"kind": "local"}]), Topology.from_key("a10")
     good = random_point(task, topology, np.random.default_rng(0))
-    for name in ("root", "alpha", "p_E", "u"):
+    for name in ("root", "alpha", "tip", "u"):
         values = getattr(good, name).copy()
         values.flat[0] = math.nan
         bad = dataclasses.replace(good, **{name: values})

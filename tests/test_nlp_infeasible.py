@@ -225,7 +225,7 @@ def test_what_a_platform_does_is_possible_for_its_tree(seed):
     cases = []
     for wrench in u @ A.T:
         force, tip = wrench[:3], rng.normal(size=3)
-        torque = wrench[3:] - np.cross(point.p_E, tip) - np.cross(point.p_COM, force - tip)
+        torque = wrench[3:] - np.cross(point.tip, tip) - np.cross(point.p_COM, force - tip)
         com = {"force": (force - tip).tolist(), "torque": torque.tolist()}
         cases.append({"units": "SI", "com": com, "end_effector": {"force": tip.tolist()}})
     task = push(n, load_cases=cases, **fixed)
@@ -236,7 +236,7 @@ def test_what_a_platform_does_is_possible_for_its_tree(seed):
 def gaps_of(task, tree, alpha):
     """All clearances between modules, by the solver's independent evaluation."""
     point = random_point(task, tree, np.random.default_rng(0))
-    point = Point(task, tree, point.root, alpha, point.p_E, point.u)
+    point = Point(task, tree, point.root, alpha, point.tip, point.u)
     return [-check.amount for check in violations(point) if check.name.startswith(("airflow", "separation"))]
 
 
@@ -304,7 +304,7 @@ def test_rotors_that_reach_beyond_the_connectors_are_impossible_with_body_cleara
         assert prove_impossible(hover(1, module=module), Topology.from_key("a0")) is None
     for angle in (0.0, 0.5, -1.0, math.pi / 2):
         point = random_point(hover(2, module=module), PAIR, np.random.default_rng(0))
-        design = as_design(Point(point.task, PAIR, point.root, np.array([angle]), point.p_E, point.u))
+        design = as_design(Point(point.task, PAIR, point.root, np.array([angle]), point.tip, point.u))
         (parts,) = [pair for pair in audit(design).pairs if pair.kind == "body"]
         assert (parts.analytic_m < 0) == (over > 0 or angle != 0)
 

@@ -50,7 +50,7 @@ def test_loads_are_those_of_the_audit_at_any_balanced_point(fields: Any, joint_m
         task = push(n, load_cases=TWISTED, flight=asked, end_effector=fields, module=module)
         point = random_point(task, random_tree(n, rng), rng)
         if task.end_effector.fixed_position is None:
-            point = replace(point, p_E=rng.uniform(0.5, 4.0) * point.p_E)
+            point = replace(point, tip=rng.uniform(0.5, 4.0) * point.tip)
         point = balanced(point)
         if wrench_residuals(point).max() > 1e-9:
             continue  # a chain, which cannot produce every wrench

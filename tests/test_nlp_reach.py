@@ -130,8 +130,8 @@ def test_no_proof_stands_against_a_platform_within_its_reach(seed):
     rng = np.random.default_rng(seed)
     topology = random_tree(int(rng.integers(1, 6)), rng, aligned=True)
     point = random_point(hover(topology.n), topology, rng)
-    offset = (point.p_E - point.p_COM).tolist()
-    stand_off = float(np.linalg.norm(point.poses[1] - point.p_E, axis=1).min()) * (1 - 1e-9)
+    offset = (point.tip - point.p_COM).tolist()
+    stand_off = float(np.linalg.norm(point.poses[1] - point.tip, axis=1).min()) * (1 - 1e-9)
     reach = nearest(as_design(point)) * (1 + 1e-9)
     for place in ({"stand_off": stand_off}, {"position": offset}):
         asked = hover(topology.n, end_effector={**place, "exclusion": False, "largest_reach": reach})

@@ -106,7 +106,7 @@ def awkward_points(task, topology, rng):
         lambda m: rng.choice([-1.0, 0.0, 1.0], m) * math.pi / 2,
     ):
         point = random_point(task, topology, rng)
-        yield Point(task, topology, point.root, angles(topology.n - 1), 0.2 * point.p_E, point.u)
+        yield Point(task, topology, point.root, angles(topology.n - 1), 0.2 * point.tip, point.u)
 
 
 @pytest.mark.parametrize("name", few(FEATURES, DISTINCT[::3]))

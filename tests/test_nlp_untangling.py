@@ -228,7 +228,7 @@ def test_the_platform_is_turned_to_where_the_wrenches_cost_least(weights):
     for k in range(DRAWING.turns):
         turn = rotation(force / np.linalg.norm(force), 2 * np.pi * k / DRAWING.turns)
         root = root_of(task, turn @ root_rotation(start.root))
-        p_E = turn @ start.p_E  # the origin is the root's centre
+        p_E = turn @ start.tip  # the origin is the root's centre
         efforts.append(effort(Point(task, topology, root, start.alpha, p_E, start.u)))
     assert min(efforts) == pytest.approx(efforts[0], rel=1e-9)
     assert max(efforts) > 1.01 * efforts[0]
@@ -272,4 +272,4 @@ def test_a_fixed_end_effector_stays_where_it_is():
     task = conical(8, end_effector={"position": [0.0, 0.0, 1.0]})
     topology = sample(8, 1, seed=0)[0]
     start = draw(task, topology, generator(task, topology, 0, 0))
-    np.testing.assert_allclose(start.p_E - start.p_COM, [0.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(start.tip - start.p_COM, [0.0, 0.0, 1.0], atol=1e-12)

@@ -47,7 +47,7 @@ def test_the_same_platform_under_another_root_keeps_every_pose(topology, seed):
     (R, p), (Q, q) = start.poses, as_point(source).poses
     (part,) = common_subtrees(other, topology)
     places = [part[i].module for i in range(other.n)]
-    np.testing.assert_allclose(p - start.p_E, q[places] - source.end_effector_m, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(p - start.tip, q[places] - source.end_effector_m, rtol=0, atol=1e-12)
     np.testing.assert_allclose(R[:, :, 2], Q[places][:, :, 2], rtol=0, atol=1e-12)
 
 
@@ -129,8 +129,8 @@ def test_a_moved_leaf_leaves_the_others_where_they_are():
     places = [part[i].module for i in range(4)]
     np.testing.assert_allclose(p[:4] - p[0], q[places] - q[places[0]], rtol=0, atol=1e-12)
     kept = [(p[0], q[places[0]]), (p.mean(axis=0), q.mean(axis=0))]
-    others = [replace(start, p_E=here + source.end_effector_m - there) for here, there in kept]
-    assert min(np.abs(start.p_E - other.p_E).max() for other in others) < 1e-12
+    others = [replace(start, tip=here + source.end_effector_m - there) for here, there in kept]
+    assert min(np.abs(start.tip - other.tip).max() for other in others) < 1e-12
     assert (
         worst(violations(start)).rank <= min(worst(violations(with_inputs(other))).rank for other in others) + 1e-9
     )
@@ -146,7 +146,7 @@ def test_a_flipped_connector_keeps_the_shape_and_changes_the_spins():
     source = as_design(random_point(task, donor_tree, np.random.default_rng(2)))
     start = warm_start(task, tree, source, np.random.default_rng(3))
     (R, p), (Q, q) = start.poses, as_point(source).poses
-    np.testing.assert_allclose(p - start.p_E, q - source.end_effector_m, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(p - start.tip, q - source.end_effector_m, rtol=0, atol=1e-12)
     np.testing.assert_allclose(R[:, :, 2], Q[:, :, 2], rtol=0, atol=1e-12)
     assert not np.allclose(R[1], Q[1])
 
@@ -167,7 +167,7 @@ def test_a_start_keeps_to_its_own_task(name):
         assert start.root[0] == 0.0
         assert np.abs(start.root).max() <= math.pi / 2
     if name == "fixed end-effector":
-        np.testing.assert_allclose(start.p_E - start.p_COM, [0.1, 0.1, 0.3], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(start.tip - start.p_COM, [0.1, 0.1, 0.3], rtol=0, atol=1e-12)
 
 
 def test_many_modules_stay_where_nothing_overlaps_and_are_disentangled_where_something_does():

@@ -87,7 +87,7 @@ def test_an_odd_kappa_flips_the_yaw_torque_of_the_childs_rotors(kappa, turns_yaw
         random_point(hover(2, search={"connectors": "any"}), Topology(((-1, -1, -1), (0, 0, b))), rng)
         for b in (2, (2 - kappa) % 4)
     )
-    turned = Point(turned.task, turned.topology, aligned.root, aligned.alpha, aligned.p_E, aligned.u)
+    turned = Point(turned.task, turned.topology, aligned.root, aligned.alpha, aligned.tip, aligned.u)
     k_tau = aligned.task.module.torque_coefficient
     drag = {}
     for point in (aligned, turned):

@@ -222,7 +222,7 @@ def test_air_has_the_speeds_of_the_audit_and_the_platform_keeps_its_size(opened:
     cases = list(case_jets(whole))
     page = opened(render(design_page(made, audit(made), "mine.json")))
     for k, (_, blown) in enumerate(cases):
-        in_scene = whole.p_E + (points - at.end_effector) / made.task.module.arm_length
+        in_scene = whole.tip + (points - at.end_effector) / made.task.module.arm_length
         shown = page.evaluate(f"p => p.map(x => new Air(read('view-data'), {k}).at(x))", points.tolist())
         np.testing.assert_allclose(shown, speeds(blown, in_scene).sum(axis=1), rtol=1e-3, atol=1e-3)
 

@@ -160,7 +160,7 @@ def test_rows_are_those_of_points_on_the_parts(shape: str, place: str) -> None:
     pieces = len(outside(given, asked, np.zeros((1, 3))))
     assert rows.keys() == set(product(range(3), range(pieces)))
     for (a, k), pair in rows.items():
-        points = np.concatenate([surface(part, rng) for part in parts.modules[a].parts]) - parts.p_E
+        points = np.concatenate([surface(part, rng) for part in parts.modules[a].parts]) - parts.tip
         least = outside(given, asked, 0.1 * points)[k].min()
         assert pair.analytic_m <= least + 1e-9 or (least < 0 and pair.analytic_m < 0)
         if least < -1e-9:
@@ -247,7 +247,7 @@ def test_a_hub_inside_its_own_airflow_stays_out_of_a_solid_region_that_air_may_e
     ).resolve(2)
     tree = Topology.from_key("a10")
     point = draw(task, tree, rng=generator(task, tree, 0, 0))
-    inside = replace(point, p_E=point.poses[1][0])
+    inside = replace(point, tip=point.poses[1][0])
     amounts = {row.name: row.amount for row in violations(inside)}
     assert amounts["module 0 and solid exposure 0"] > speck["radius"]
 

@@ -186,7 +186,7 @@ def rod_beside_regions(scene: Scene, mount: Mount | None) -> Iterator[Requiremen
     rod = scene.straight_rod(mount)
     counts = scene.design.task.end_effector.rod == "straight"
     for number, segment, region in _regions(scene):
-        distance = _distance(scene.p_E, region)
+        distance = _distance(scene.tip, region)
         tip = TIP * rod.radius if distance <= rod.radius + FLOOR else 0.0
         if distance <= FLOOR - rod.radius or (tip and tip >= rod.length):
             continue
@@ -212,7 +212,7 @@ def tip_distances(design: Design) -> dict[tuple[int, int | None], float]:
     """
     scene = Scene(design)
     regions = _regions(scene)
-    return {(number, segment): scene.l_arm * _distance(scene.p_E, region) for number, segment, region in regions}
+    return {(number, segment): scene.l_arm * _distance(scene.tip, region) for number, segment, region in regions}
 
 
 def rod_keeps_out(scene: Scene, mount: Mount) -> bool:

@@ -40,7 +40,8 @@ class Scene:
         self.l_arm = design.task.module.arm_length
         middle = self.platform.o.mean(axis=0)
         self.centres: Array = (self.platform.o - middle) / self.l_arm
-        self.p_E: Array = (self.platform.p_e - middle) / self.l_arm
+        self.tip: Array = (self.platform.p_e - middle) / self.l_arm
+        """End-effector from the mean of the module centres, as all positions here."""
         self.offset: Array = self.platform.p_e / self.l_arm
         """End-effector from the COM; some requirements take their direction from it."""
 
@@ -73,7 +74,7 @@ class Scene:
     def in_range(self) -> bool:
         """True if all coordinates are precise enough for a proof."""
         return all(module.in_range for module in self.modules) and bool(
-            np.all(np.abs(self.p_E) < LARGEST_COORDINATE / 16)
+            np.all(np.abs(self.tip) < LARGEST_COORDINATE / 16)
         )
 
     def straight_rod(self, mount: Mount) -> StraightRod:
@@ -81,7 +82,7 @@ class Scene:
         module = self.design.task.module
         l_c, radius = module.connector_distance / self.l_arm, self.design.task.end_effector.rod_radius / self.l_arm
         start = self.centres[mount.module] + l_c * self.R[mount.module] @ PORT_DIRECTIONS[mount.port]
-        return StraightRod(mount, start, self.p_E - start, radius)
+        return StraightRod(mount, start, self.tip - start, radius)
 
     def requirements(self) -> Iterator[Requirement]:
         """Yield the requirements: airflow, exposure, exclusion, separation."""
@@ -94,7 +95,7 @@ class Scene:
                 for a, envelope in enumerate(self.region_envelopes):
                     yield Requirement(exposure.kind, a, number, envelope, region, segment)
         if (distance := task.exclusion_radius) is not None:
-            *balls, tip = _balls([*self.centres, self.p_E], distance / self.l_arm / 2)
+            *balls, tip = _balls([*self.centres, self.tip], distance / self.l_arm / 2)
             for a, ball in enumerate(balls):
                 yield Requirement("exclusion", a, -1, ball, tip)
         ablation = kind == "separation"
@@ -122,10 +123,10 @@ class Scene:
         elif isinstance(exposure, Allowed):
             yield from enumerate(self._half_spaces(exposure))
         elif exposure.radius is not None:
-            yield None, Solid(ball(self.p_E, exposure.radius / self.l_arm))
+            yield None, Solid(ball(self.tip, exposure.radius / self.l_arm))
         else:
             for piece, points in enumerate(exposure.polytopes):
-                region = hull(points / self.l_arm).move(self.p_E)  # hull first: coordinates far away lose digits
+                region = hull(points / self.l_arm).move(self.tip)  # hull first: coordinates far away lose digits
                 yield None if exposure.pieces is None else piece, region
 
     def _capsules(self, exposure: Directional) -> list[Solid]:
@@ -139,13 +140,13 @@ class Scene:
                 paths += [(points[k], points[k + 1] - points[k]) for k in range(len(points) - 1)]
         elif exposure.length is not None and (outwards := self._outward_direction()) is not None:
             paths = [(origin, exposure.length / self.l_arm * outwards)]
-        return [Solid(ConeSphere(self.p_E + start, path, r, 0.0)) for start, path in paths]
+        return [Solid(ConeSphere(self.tip + start, path, r, 0.0)) for start, path in paths]
 
     def _half_spaces(self, exposure: Allowed) -> Iterator[Cone]:
         """Yield every allowed half-space, as a cone of 90 degrees with its apex on the plane."""
         for plane in exposure.planes:
             normal = _unit(np.array(plane.normal))
-            yield Cone(self.p_E + plane.offset / self.l_arm * normal, -normal, 90.0)
+            yield Cone(self.tip + plane.offset / self.l_arm * normal, -normal, 90.0)
 
     def _cones(self, exposure: Exterior) -> list[Cone]:
         """Return the allowed cone; empty if its axis is undefined."""
@@ -154,7 +155,7 @@ class Scene:
             axis = None if outwards is None else -outwards
         else:
             axis = _unit(np.array(exposure.axis))
-        return [] if axis is None else [Cone(self.p_E, axis, exposure.half_angle_deg)]
+        return [] if axis is None else [Cone(self.tip, axis, exposure.half_angle_deg)]
 
     def rod(self, mount: Mount | None) -> Iterator[Requirement]:
         """Yield the rod from a mount against every airflow envelope; counts if the task requires a straight rod."""

@@ -27,7 +27,7 @@ class Point:
     """psi, alpha_0, alpha_1, shape (3,) [rad]."""
     alpha: Array
     """Hinge angles, shape (n-1,) [rad]."""
-    p_E: Array
+    tip: Array
     """p'_E, shape (3,) [m]."""
     u: Array
     """Squared rotor speeds, shape (K, n, 4) [rad^2/s^2]."""
@@ -44,7 +44,7 @@ class Point:
         carried = masses(self.task.module, self.task.end_effector, self.topology)
         on_modules = carried.module * _bodies_moment(self.task, carried, *self.poses)
         return np.asarray(
-            (carried.tip_kg * self.p_E + on_modules) / (carried.module * carried.bodies + carried.tip_kg)
+            (carried.tip_kg * self.tip + on_modules) / (carried.module * carried.bodies + carried.tip_kg)
         )
 
     @cached_property
@@ -61,7 +61,7 @@ class Point:
         """
         unit, (R, p) = self.task.module.arm_length, self.poses
         axes = {axis: R[:, :, column] for column, axis in enumerate("xyz")}
-        return {"p": p / unit, **axes, "p'_E": self.p_E[None] / unit, "p_COM": self.p_COM[None] / unit}
+        return {"p": p / unit, **axes, "p'_E": self.tip[None] / unit, "p_COM": self.p_COM[None] / unit}
 
     @property
     def objective(self) -> float:
@@ -72,8 +72,8 @@ class Point:
     def pack(self) -> Array:
         """Return the dimensionless vector of `nlp.problem.Variables`."""
         unit = Units.of(self.task)
-        p_E = self.p_E if self.task.end_effector.fixed_position is None else np.empty(0)
-        return np.concatenate([self.root, self.alpha, p_E / unit.length, self.u.ravel() / unit.input])
+        tip = self.tip if self.task.end_effector.fixed_position is None else np.empty(0)
+        return np.concatenate([self.root, self.alpha, tip / unit.length, self.u.ravel() / unit.input])
 
     @classmethod
     def unpack(cls, task: ResolvedTask, topology: Topology, x: Array) -> Point:
@@ -82,8 +82,8 @@ class Point:
         root, alpha = x[:3], x[3 : n + 2]
         u = x[-4 * n * K :].reshape(K, n, 4) * unit.input
         free = task.end_effector.fixed_position is None
-        p_E = x[n + 2 : n + 5] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
-        return cls(task, topology, root.copy(), alpha.copy(), p_E, u)
+        tip = x[n + 2 : n + 5] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
+        return cls(task, topology, root.copy(), alpha.copy(), tip, u)
 
 
 def fixed_end_effector(task: ResolvedTask, topology: Topology, root: Array, alpha: Array) -> Array:
@@ -136,8 +136,8 @@ def weigh_rod(point: Point, connector: Connector | None = None) -> Point:
             point = replace(point, task=with_rod(point.task, weighed))
         if point.task.end_effector.fixed_position is None:
             break
-        p_E = fixed_end_effector(point.task, point.topology, point.root, point.alpha)
-        shift, point = float(np.linalg.norm(p_E - point.p_E)), replace(point, p_E=p_E)
+        tip = fixed_end_effector(point.task, point.topology, point.root, point.alpha)
+        shift, point = float(np.linalg.norm(tip - point.tip)), replace(point, tip=tip)
         if shift <= WEIGHING.tolerance * point.task.module.arm_length:
             break
     return point
@@ -152,7 +152,7 @@ def connectors(task: ResolvedTask, topology: Topology) -> tuple[Connector, ...]:
 def rod_path(point: Point, connector: Connector) -> Array:
     """Return the vector of a rod from its connector to the end-effector, shape (3,) [m]."""
     (R, p), (i, port) = point.poses, connector
-    return np.asarray(point.p_E - p[i] - point.task.module.connector_distance * R[i] @ PORT_DIRECTIONS[port])
+    return np.asarray(point.tip - p[i] - point.task.module.connector_distance * R[i] @ PORT_DIRECTIONS[port])
 
 
 def with_rod(task: ResolvedTask, rod: CountedRod | None) -> ResolvedTask:

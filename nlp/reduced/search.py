@@ -250,8 +250,8 @@ def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, mi
     effort(problem, pose, minimum.active, SECOND.rho, mu, u, np.zeros(len(x)))
     root, alpha, unit = x[:3].copy(), x[3 : n + 2].copy(), Units.of(task)
     free = task.end_effector.fixed_position is None
-    p_E = x[n + 2 :] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
-    return Point(task, topology, root, alpha, p_E, u[minimum.active].reshape(-1, n, 4) * unit.input)
+    tip = x[n + 2 :] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
+    return Point(task, topology, root, alpha, tip, u[minimum.active].reshape(-1, n, 4) * unit.input)
 
 
 def new_descents(starts: Array, active: Mask) -> Descents:

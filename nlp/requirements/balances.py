@@ -44,7 +44,7 @@ def wrench_residuals(point: Point) -> Array:
     residual[:, 3:] -= np.cross(point.p_COM, residual[:, :3])
     norms = np.linalg.norm(residual.reshape(K, 2, 3), axis=2)
     # a force residual has another lever about p_E
-    at_tip = np.linalg.norm(residual[:, 3:] - np.cross(point.p_E - point.p_COM, residual[:, :3]), axis=1)
+    at_tip = np.linalg.norm(residual[:, 3:] - np.cross(point.tip - point.p_COM, residual[:, :3]), axis=1)
     norms[:, 1] = np.maximum(norms[:, 1], at_tip)
     return np.asarray(norms / (task.force_unit(n), task.torque_unit(n)))
 
@@ -66,12 +66,12 @@ def inertia(point: Point) -> Array:
     module, (R, p) = point.task.module, point.poses
     carried = masses(module, point.task.end_effector, point.topology)
     centres = p + module.arm_length * np.einsum("iab,ib->ia", R[:, :, :2], carried.centres)
-    arms, unit = np.vstack([centres, point.p_E]) - point.p_COM, module.mass * module.arm_length**2
+    arms, unit = np.vstack([centres, point.tip]) - point.p_COM, module.mass * module.arm_length**2
     kg = np.append(module.mass * carried.modules, carried.tip_kg)
     J = kg @ np.sum(arms**2, axis=1) * np.eye(3) - (kg * arms.T) @ arms
     J += unit * np.einsum("iab,ibd,icd->ac", R, carried.inertias, R)
     if (rod := carried.rod).mass:
-        d = (point.p_E - p[rod.module]) / module.arm_length - R[rod.module] @ rod.foot
+        d = (point.tip - p[rod.module]) / module.arm_length - R[rod.module] @ rod.foot
         roll = rod.radius**2 / max(float(d @ d), TINY)
         J += unit * rod.mass * (roll * np.outer(d, d) - point_inertia(d) / 6)
     return np.asarray(J)
@@ -83,7 +83,7 @@ def required_wrenches(point: Point) -> Array:
     at_com = [case.at_com for case in point.task.load_cases]
     f_E, tau_E = np.array([wrench.force for wrench in at_tip]), np.array([wrench.torque for wrench in at_tip])
     f_C, tau_C = np.array([wrench.force for wrench in at_com]), np.array([wrench.torque for wrench in at_com])
-    torque = tau_E + tau_C + np.cross(point.p_E, f_E) + np.cross(point.p_COM, f_C)
+    torque = tau_E + tau_C + np.cross(point.tip, f_E) + np.cross(point.p_COM, f_C)
     if any(map(any, point.task.accelerations)):
         torque += np.array(point.task.accelerations) @ inertia(point)
     return np.concatenate([f_E + f_C, torque], axis=1)

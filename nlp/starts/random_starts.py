@@ -105,9 +105,9 @@ def draw(task: ResolvedTask, topology: Topology, rng: np.random.Generator) -> Po
 
     if cone is None:
         start = start_at(yaw)
-        return with_inputs(replace(start, p_E=_end_effector(start, rng)))
+        return with_inputs(replace(start, tip=_end_effector(start, rng)))
     yaws = yaw + 2 * np.pi / DRAWING.turns * np.arange(DRAWING.turns if task.search.root == "free" else 1)
-    starts = [_with_least_norm(replace(start, p_E=_apex(start, cone))) for start in map(start_at, yaws)]
+    starts = [_with_least_norm(replace(start, tip=_apex(start, cone))) for start in map(start_at, yaws)]
     cheap = min(start.objective for start in starts) * (1.0 + DRAWING.tie)
     return _clip_inputs(next(start for start in starts if start.objective <= cheap))
 

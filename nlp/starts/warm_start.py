@@ -77,16 +77,16 @@ def warm_start(task: ResolvedTask, topology: Topology, source: Design, rng: np.r
         alpha = untangle(task, topology, alpha, rng, leeway=False)
 
     R, _ = poses(topology, np.eye(3), alpha, l_c)
-    p_E_source = np.array(source.end_effector_m)
-    nearest = min(parts[0], key=lambda i: float(np.linalg.norm(p_source[match_of[i].module] - p_E_source)))
+    tip_source = np.array(source.end_effector_m)
+    nearest = min(parts[0], key=lambda i: float(np.linalg.norm(p_source[match_of[i].module] - tip_source)))
     root = root_of(task, Q[nearest] @ R[nearest].T)
     _, p = poses(topology, root_rotation(root), alpha, l_c)
-    from_subtree = p[nearest] + p_E_source - p_source[match_of[nearest].module]
-    positions = [from_subtree, p.mean(axis=0) + p_E_source - p_source.mean(axis=0)]
+    from_subtree = p[nearest] + tip_source - p_source[match_of[nearest].module]
+    positions = [from_subtree, p.mean(axis=0) + tip_source - p_source.mean(axis=0)]
     if task.end_effector.fixed_position is not None:
         positions = [fixed_end_effector(task, topology, root, alpha)]
     no_inputs = np.empty((len(task.load_cases), topology.n, 4))
-    points = [with_inputs(Point(task, topology, root, alpha, p_E, no_inputs)) for p_E in positions]
+    points = [with_inputs(Point(task, topology, root, alpha, tip, no_inputs)) for tip in positions]
     return min(points, key=lambda point: worst(violations(point)).rank)
 
 

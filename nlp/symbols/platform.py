@@ -111,13 +111,13 @@ def wrench_map(orientations: Sequence[ca.SX], positions: Sequence[ca.SX], module
     return ca.horzcat(*columns)
 
 
-def required_wrench(case: LoadCase, unit: Units, *, p_E: ca.SX, p_COM: ca.SX) -> ca.SX:
+def required_wrench(case: LoadCase, unit: Units, *, tip: ca.SX, p_COM: ca.SX) -> ca.SX:
     """Return the required wrench of a load case about W's origin, shape (6,) [m g, l_arm m g]."""
     (f_E, f_C), (tau_E, tau_C) = (
         [scale(getattr(wrench, kind), size) for wrench in (case.at_end_effector, case.at_com)]
         for kind, size in (("force", unit.force), ("torque", unit.torque))
     )
-    return ca.vertcat(f_E + f_C, tau_E + ca.cross(p_E, f_E) + tau_C + ca.cross(p_COM, f_C))
+    return ca.vertcat(f_E + f_C, tau_E + ca.cross(tip, f_E) + tau_C + ca.cross(p_COM, f_C))
 
 
 def scale(vector: Vector, unit: float) -> ca.SX:
@@ -134,8 +134,9 @@ def tip_and_com(
     for pose, M, d in zip(modules, carried.modules, carried.centres, strict=True):
         B += M * (pose.p + pose.R[:, :2] @ ca.DM(d))
     B /= carried.bodies
-    p_E = tip if position is None else B + carried.lever * (ca.SX(ca.DM(position)) / module.arm_length)
-    return p_E, (carried.tip * p_E + carried.bodies * B) / carried.total
+    if position is not None:
+        tip = B + carried.lever * (ca.SX(ca.DM(position)) / module.arm_length)
+    return tip, (carried.tip * tip + carried.bodies * B) / carried.total
 
 
 def point_inertia(o: ca.SX) -> ca.SX:

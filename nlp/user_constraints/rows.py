@@ -57,13 +57,13 @@ def rows(constraint: OwnConstraint, platform: SymbolicPlatform) -> ca.SX:
 
 def symbolic_platform(task: ResolvedTask, topology: Topology, variables: Variables) -> SymbolicPlatform:
     """Return the platform as a function of the unknowns."""
-    unit, (modules, p_E, p_COM) = Units.of(task), variables.platform(task, topology)
+    unit, (modules, tip, p_COM) = Units.of(task), variables.platform(task, topology)
     return SymbolicPlatform(
         task=task.declared,
         topology=topology,
         centres=tuple((pose.p - p_COM) * unit.length for pose in modules),
         orientations=tuple(pose.R for pose in modules),
-        end_effector=(p_E - p_COM) * unit.length,
+        end_effector=(tip - p_COM) * unit.length,
         hinge_angles=variables.alpha,
         inputs=tuple(u_k * unit.input for u_k in variables.u[: len(task.declared.load_cases)]),
     )

@@ -145,7 +145,7 @@ def certificate(options: argparse.Namespace) -> None:
                     seconds = time.process_time() - started
                     sampled = 0.0
                     for scale in (0.1, 1.0, 3.0, 10.0, 30.0):
-                        centres = rng.choice([bound.point, scene.p_E, *scene.centres], options.points // 5)
+                        centres = rng.choice([bound.point, scene.tip, *scene.centres], options.points // 5)
                         points = _points_in(region, centres + rng.normal(0, scale, centres.shape))
                         sums = (speeds(jets, part).sum(axis=1) for part in np.array_split(points, 50))
                         sampled = max(sampled, *(float(part.max()) for part in sums))

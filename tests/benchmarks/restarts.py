@@ -106,7 +106,7 @@ def displace(point: Point, by: float, rng: np.random.Generator) -> Point:
     alpha = nearest_angles(task, topology, point.alpha + by * rng.normal(size=topology.n - 1))
     if topology.n >= DRAWING.untangled_from:
         alpha = untangle(task, topology, alpha, rng)
-    p_E = point.p_E + by * task.module.connector_distance * rng.normal(size=3)
+    p_E = point.tip + by * task.module.connector_distance * rng.normal(size=3)
     if task.search.root == "paper":
         root = np.clip(root, [0.0, -right, -right], [0.0, right, right])
     if task.end_effector.fixed_position is not None:

@@ -98,7 +98,7 @@ class _Air:
         p, z, self._l_arm = poses.p, poses.z, scene.l_arm
         self._middle = p.mean(axis=0)
         self.cases = dict(case_jets(scene))
-        points = np.concatenate([p, p - BELOW * z, [self._middle + self._l_arm * scene.p_E]])
+        points = np.concatenate([p, p - BELOW * z, [self._middle + self._l_arm * scene.tip]])
         self.low, self.high = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
 
     def speeds(self, case: str, x: Array) -> Array:

@@ -194,7 +194,7 @@ DISC = math.sqrt(2 / 3) * np.array([(0.0, 0.0), *((np.cos(a), np.sin(a)) for a i
 def air(scene: Scene) -> AirSpeeds | None:
     """Return the air speeds of a design in every load case; None if its numbers are too large."""
     if not (
-        np.isfinite(scene.design.inputs).all() and np.abs([*scene.centres, scene.p_E]).max() < LARGEST_COORDINATE
+        np.isfinite(scene.design.inputs).all() and np.abs([*scene.centres, scene.tip]).max() < LARGEST_COORDINATE
     ):
         return None
     return AirSpeeds(cases=tuple(_case(name, scene, jets) for name, jets in case_jets(scene)))
@@ -225,7 +225,7 @@ def speed_residuals(design: Design, air_speeds: AirSpeeds | None) -> Iterator[Re
 
 
 def _case(name: str, scene: Scene, jets: Jets) -> CaseAir:
-    at_tip, exposures = speeds(jets, scene.p_E[None])[0], scene.design.task.exposure
+    at_tip, exposures = speeds(jets, scene.tip[None])[0], scene.design.task.exposure
     return CaseAir(
         name=name,
         tip_m_s=clamp(float(at_tip.sum())),
@@ -237,12 +237,12 @@ def _case(name: str, scene: Scene, jets: Jets) -> CaseAir:
 
 def _region(number: int, exposure: Exposure, scene: Scene, jets: Jets) -> RegionAir:
     limit, reach = exposure.speed, exposure.speed_reach
-    within = None if reach is None else ball(scene.p_E, reach / scene.l_arm)
+    within = None if reach is None else ball(scene.tip, reach / scene.l_arm)
     bounds = [
         bound_speed(jets, region, limit=math.inf if limit is None else limit, within=within)
         for _, region in scene.regions(exposure)
     ]
-    largest = max(bounds, key=lambda bound: bound.at_least, default=SpeedBound(0.0, 0.0, scene.p_E))
+    largest = max(bounds, key=lambda bound: bound.at_least, default=SpeedBound(0.0, 0.0, scene.tip))
     at_most = max((bound.at_most for bound in bounds), default=math.inf)
     status: Literal["clear", "undecided", "violated"] | None = None
     if limit is not None:
