@@ -413,7 +413,7 @@ class Infeasible(Value):
     status: Literal["infeasible", "impossible"]
     """`infeasible`: no start reached a feasible point; `impossible`: proven, whatever the start."""
     worst_constraint: str
-    """Most violated constraint of the closest start."""
+    """Most violated constraint of the least violated start."""
     violation: Number
     """Its violation, positive, in `unit`."""
     unit: str
@@ -423,12 +423,12 @@ class Infeasible(Value):
     shortfalls: tuple[Shortfall, ...] = ()
     """Largest violations of all starts by constraint, the most frequent first; empty for a proof."""
     solver: SolverRecord | None = None
-    """Solver record of the closest start; None for a proof."""
+    """Solver record of the least violated start; None for a proof."""
     relaxed: Omitted[Relaxed] = None
     """Limits that make the tree feasible if relaxed one at a time; None if that was not requested."""
 
     def with_starts(self, shortfalls: Iterable[Shortfall], solver: SolverRecord) -> Infeasible:
-        """Return a copy for a closest start that is one of several, with the shortfalls of all."""
+        """Return a copy for the least violated of several starts, with the shortfalls of all."""
         gathered, shown = Shortfall.gather(shortfalls), 3
         closest = f"misses `{self.worst_constraint}` by {_amount(self.violation, 3, self.unit)}"
         parts = [

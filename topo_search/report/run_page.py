@@ -187,7 +187,7 @@ def _near_tie_table(size: SizeAnswer) -> tuple[str, Table]:
 
 
 def _missed_constraints(folder: RunFolder, rows: Iterable[Row]) -> Table | None:
-    """Count the constraints that the closest start of each infeasible candidate violates most.
+    """Count the constraints that the least violated start of each infeasible candidate violates most.
 
     The table also gives the candidate with the smallest violation.
     """

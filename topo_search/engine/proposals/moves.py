@@ -309,7 +309,7 @@ class _Option(NamedTuple):
 
 
 class _Knowledge(NamedTuple):
-    """What the completed trials show."""
+    """Results of the completed trials, sorted for new proposals."""
 
     solved: tuple[Merit, ...]
     """The best trial of each candidate, in ascending order."""
