@@ -1,4 +1,4 @@
-r"""Compiled kinematic chain: poses of the modules, and the axes of all angles.
+r"""Compiled kinematic chain: poses of the modules, and the axes of all angles; vectors as tuples, without arrays.
 
 | symbol | meaning | shape | unit |
 |---|---|---|---|
@@ -25,6 +25,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
 Indices = NDArray[np.int64]
+Vector = tuple[float, float, float]
 
 
 class Tree(NamedTuple):
@@ -50,6 +51,36 @@ def tree_of(topology: Topology) -> Tree:
         moves[3:, i] = moves[3:, h]
         moves[i + 2, i] = True
     return Tree(np.array(topology.parents), port, np.array(topology.kappas, dtype=np.int64), moves)
+
+
+@njit(cache=True, forceinline=True)
+def row(A: Array, i: int, first: int = 0) -> Vector:
+    """Return three numbers of row i; a slice would cost more than a whole clearance."""
+    return A[i, first], A[i, first + 1], A[i, first + 2]
+
+
+@njit(cache=True, forceinline=True)
+def add(a: Vector, t: float, b: Vector) -> Vector:
+    """Return a + t b."""
+    return a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2]
+
+
+@njit(cache=True, forceinline=True)
+def multiply(t: float, a: Vector) -> Vector:
+    """Return t a."""
+    return t * a[0], t * a[1], t * a[2]
+
+
+@njit(cache=True, forceinline=True)
+def dot(a: Vector, b: Vector) -> float:
+    """Return a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, forceinline=True)
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return a x b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(cache=True)

@@ -24,8 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
 from nlp.reduced.arrays import ReducedProblem
-from nlp.reduced.platform import Platform, Vector, add, cross, dot, multiply, rotate, row
+from nlp.reduced.platform import Platform, rotate
 from nlp.requirements.statement import (
     AIR,
     ALONG,

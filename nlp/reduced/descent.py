@@ -36,10 +36,11 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.numbers.cholesky import solve_in_place
+from nlp.numbers.kinematics import dot, row
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
 from nlp.reduced.clearance import clearances
 from nlp.reduced.inputs import effort
-from nlp.reduced.platform import Platform, add_reaction, dot, platform, row
+from nlp.reduced.platform import Platform, add_reaction, platform
 from nlp.reduced.speeds import speed_rows
 from nlp.requirements.statement import AIR, APART, PARTS
 from topo_search.model.arrays import Array

@@ -27,9 +27,10 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.numbers.cholesky import solve_in_place
+from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
 from nlp.numbers.masses import TINY
 from nlp.reduced.arrays import Mask, ReducedProblem, Rotors
-from nlp.reduced.platform import Platform, Vector, add, add_slopes, cross, dot, multiply, rotate, row
+from nlp.reduced.platform import Platform, add_slopes, rotate
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 

@@ -31,12 +31,10 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.numbers import cholesky, jets, kinematics
-from nlp.numbers.kinematics import chain
+from nlp.numbers.kinematics import Vector, add, chain, cross, dot, multiply, row
 from nlp.reduced.arrays import ReducedProblem
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit, refresh
-
-Vector = tuple[float, float, float]
 
 
 class Platform(NamedTuple):
@@ -51,36 +49,6 @@ class Platform(NamedTuple):
     omega: Array
     v: Array
     dC: Array
-
-
-@njit(cache=True, forceinline=True)
-def row(A: Array, i: int, first: int = 0) -> Vector:
-    """Return three numbers of row i; a slice would cost more than a whole clearance."""
-    return A[i, first], A[i, first + 1], A[i, first + 2]
-
-
-@njit(cache=True, forceinline=True)
-def add(a: Vector, t: float, b: Vector) -> Vector:
-    """Return a + t b."""
-    return a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2]
-
-
-@njit(cache=True, forceinline=True)
-def multiply(t: float, a: Vector) -> Vector:
-    """Return t a."""
-    return t * a[0], t * a[1], t * a[2]
-
-
-@njit(cache=True, forceinline=True)
-def dot(a: Vector, b: Vector) -> float:
-    """Return a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(cache=True, forceinline=True)
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @njit(cache=True, forceinline=True)

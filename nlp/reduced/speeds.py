@@ -44,10 +44,11 @@ from nlp.numbers.jets import (
     point_of_ball,
     project_inside,
 )
+from nlp.numbers.kinematics import add, cross, row
 from nlp.reduced.arrays import Mask, ReducedProblem, Speeds
 from nlp.reduced.clearance import GAPS, swept_gap
 from nlp.reduced.inputs import add_gradient, add_inertia_gradient, add_wrench_gradient, columns
-from nlp.reduced.platform import Platform, add, add_slopes, cross, rotate, row
+from nlp.reduced.platform import Platform, add_slopes, rotate
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 

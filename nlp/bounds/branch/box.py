@@ -63,8 +63,9 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem, Indices
-from nlp.bounds.branch.frames import Axes, Frames, Vector, add, cross, dot, moment, vector
+from nlp.bounds.branch.frames import Axes, Frames, moment
 from nlp.bounds.branch.multipliers import best_input, residual
+from nlp.numbers.kinematics import Vector, add, cross, dot, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -228,7 +229,7 @@ def _add_bodies(
             x, y_, z = workspace.wall_sums[i, end]
             if x * x + y_ * y_ + z * z > 0.0:
                 distance = end * L
-                e = add(vector(middle.p, i), -distance, vector(middle.z, i))
+                e = add(row(middle.p, i), -distance, row(middle.z, i))
                 loss += _moment_loss(
                     problem, i, 1.0, e, problem.levers.centre[i], distance, (x, y_, z), axes, rho, workspace
                 )
@@ -264,8 +265,8 @@ def _fill_products(
                 root_y[root, slot, l] = R[0, l] * y[k, 0] + R[1, l] * y[k, 1] + R[2, l] * y[k, 2]
                 root_y[root, slot, 3 + l] = R[0, l] * y[k, 3] + R[1, l] * y[k, 4] + R[2, l] * y[k, 5]
     for v in range(len(wrenches)):
-        z = vector(frames_z, v)
-        about = cross(vector(frames_p, v), z)
+        z = row(frames_z, v)
+        about = cross(row(frames_p, v), z)
         for q in range(4):
             a, b, c = torques[q]
             for l in range(3):
@@ -284,8 +285,8 @@ def _fill_products(
         along = frames_x if port[i] % 2 == 0 else frames_y
         step = l_c if port[i] < 2 else -l_c
         for v in range(first[h + 1] - first[h]):
-            screw, omega = workspace.screws[first[i] + 2 * v], vector(across, first[h] + v)
-            c = add(vector(frames_p, first[h] + v), step, vector(along, first[h] + v))
+            screw, omega = workspace.screws[first[i] + 2 * v], row(across, first[h] + v)
+            c = add(row(frames_p, first[h] + v), step, row(along, first[h] + v))
             screw[0], screw[1], screw[2] = omega
             screw[3], screw[4], screw[5] = cross(c, omega)
 
@@ -300,7 +301,7 @@ def _fill_force_limits(
         nu, mu = _to_root(R, y[k, 0], y[k, 1], y[k, 2]), _to_root(R, y[k, 3], y[k, 4], y[k, 5])
         mu_norm = math.sqrt(dot(mu, mu))
         for a in range(len(workspace.drift)):
-            f = _nu_about(nu, mu, vector(axes.c, a))
+            f = _nu_about(nu, mu, row(axes.c, a))
             workspace.force_limit[slot, a] = math.sqrt(dot(f, f)) + mu_norm * workspace.drift[a]
 
 
@@ -506,10 +507,10 @@ def add_rotor_gains(
             continue
         for i in range(len(middle.p)):
             path, path_length = problem.tree.path[i], problem.tree.depth[i] + 3
-            x, y_, z, p = vector(middle.x, i), vector(middle.y, i), vector(middle.z, i), vector(middle.p, i)
+            x, y_, z, p = row(middle.x, i), row(middle.y, i), row(middle.z, i), row(middle.p, i)
             for level in range(path_length):
                 a = path[level]
-                omega, c = vector(axes.omega, a), vector(axes.c, a)
+                omega, c = row(axes.omega, a), row(axes.c, a)
                 f, T = _nu_about(nu, mu, c), cross(add(p, -1.0, c), z)
                 mu_across, f_across = add(mu, -dot(mu, omega), omega), add(f, -dot(f, omega), omega)
                 mu_turned, f_turned = cross(mu, omega), cross(f, omega)
@@ -557,7 +558,7 @@ def _moment_loss(
     size, total = math.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2), 0.0
     for level in range(path_length):
         a = path[level]
-        omega, d = vector(axes.omega, a), add(m, -w, vector(axes.c, a))
+        omega, d = row(axes.omega, a), add(m, -w, row(axes.c, a))
         alpha, beta = -dot(add(d, -dot(d, omega), omega), s), dot(cross(omega, d), s)
         excess = 0.0
         for other_level in range(path_length):

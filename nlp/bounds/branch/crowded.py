@@ -23,7 +23,8 @@ import math
 
 from nlp.bounds.branch.arrays import BranchProblem
 from nlp.bounds.branch.box import CUBIC
-from nlp.bounds.branch.frames import Axes, Frames, Vector, add, cross, dot, vector
+from nlp.bounds.branch.frames import Axes, Frames
+from nlp.numbers.kinematics import Vector, add, cross, dot, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -79,7 +80,7 @@ def crowding(problem: BranchProblem, middle: Frames, axes: Axes, vertices: Frame
 def _deepest_shares(problem: BranchProblem, frames: Frames, i: int, j: int) -> tuple[float, float]:
     """Return the shares of the two axes at which the envelopes overlap most, approximately."""
     L, growth = problem.separation.length, problem.separation.growth
-    zi, zj, w = vector(frames.z, i), vector(frames.z, j), add(vector(frames.p, i), -1.0, vector(frames.p, j))
+    zi, zj, w = row(frames.z, i), row(frames.z, j), add(row(frames.p, i), -1.0, row(frames.p, j))
     along_i, along_j, cosine = dot(w, zi), dot(w, zj), dot(zi, zj)
     r = 2 * problem.separation.start_radius
     # minimize f = |w - eta L zi + gamma L zj|^2 - (r + (eta + gamma) growth)^2, one share after the other
@@ -119,10 +120,10 @@ def _ball_in_airflow(
     separation = problem.separation
     L, growth = separation.length, separation.growth
     x, y, z, radius = separation.balls[b]
-    w = add(_point(middle, i, (x, y, z)), -1.0, vector(middle.p, j))
+    w = add(_point(middle, i, (x, y, z)), -1.0, row(middle.p, j))
     distance, gamma = separation.start_radius + radius, 1.0
     if growth < L:  # minimize (w + gamma L z)^2 - (distance + gamma growth)^2
-        along = dot(w, vector(middle.z, j))
+        along = dot(w, row(middle.z, j))
         gamma = min(1.0, max(0.0, (distance * growth - L * along) / (L * L - growth * growth)))
     distance += gamma * growth
     distance = math.sqrt(distance * (distance + 2 * separation.margin))
@@ -189,7 +190,7 @@ def _hinge_loss(
     """Return the remainder of the hinge at `level` of a path; A is a point of that module, B of the other."""
     tree, l_c = problem.tree, problem.l_c
     a = tree.path[moving, 3 + level]
-    omega, c = vector(axes.omega, a), vector(axes.c, a)
+    omega, c = row(axes.omega, a), row(axes.c, a)
     A, B = add(A, -1.0, c), add(B, -1.0, c)
     alpha = -2 * (dot(A, B) - dot(A, omega) * dot(B, omega))
     beta = -2 * dot(cross(omega, A), B)
@@ -228,8 +229,8 @@ def _length(q: Vector) -> float:
 
 @njit(cache=True, allocates=False)
 def _point(frames: Frames, frame: int, q: Vector) -> Vector:
-    p = add(vector(frames.p, frame), q[0], vector(frames.x, frame))
-    return add(add(p, q[1], vector(frames.y, frame)), q[2], vector(frames.z, frame))
+    p = add(row(frames.p, frame), q[0], row(frames.x, frame))
+    return add(add(p, q[1], row(frames.y, frame)), q[2], row(frames.z, frame))
 
 
 @njit(cache=True, allocates=False)

@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import Tree
+from nlp.numbers.kinematics import Vector, add, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
-
-Vector = tuple[float, float, float]
 
 
 class Frames(NamedTuple):
@@ -35,30 +34,6 @@ class Axes(NamedTuple):
 
 
 @njit(cache=True, forceinline=True)
-def vector(A: Array, i: int) -> Vector:
-    """Return row i of A."""
-    return A[i, 0], A[i, 1], A[i, 2]
-
-
-@njit(cache=True, forceinline=True)
-def add(a: Vector, t: float, b: Vector) -> Vector:
-    """Return a + t b."""
-    return a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2]
-
-
-@njit(cache=True, forceinline=True)
-def dot(a: Vector, b: Vector) -> float:
-    """Return a . b."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@njit(cache=True, forceinline=True)
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(cache=True, forceinline=True)
 def rotate(R: Array, a: Vector) -> Vector:
     """Return R a."""
     return (
@@ -73,7 +48,7 @@ def moment(frames: Frames, v: int, body: Array) -> Vector:
     """Return the moment of a module's body (`BranchProblem.bodies`) in frame v."""
     w, a, b = body
     p = (w * frames.p[v, 0], w * frames.p[v, 1], w * frames.p[v, 2])
-    return add(add(p, a, vector(frames.x, v)), b, vector(frames.y, v))
+    return add(add(p, a, row(frames.x, v)), b, row(frames.y, v))
 
 
 @njit(cache=True)

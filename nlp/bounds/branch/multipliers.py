@@ -23,8 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Frames, add, cross, moment, rotate, vector
+from nlp.bounds.branch.frames import Frames, moment, rotate
 from nlp.numbers.cholesky import factor, solve_factored
+from nlp.numbers.kinematics import add, cross, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -101,8 +102,8 @@ def fill_wrenches(problem: BranchProblem, R: Array, frames: Frames, newton: Newt
     """Fill a and b, without the torque of p'_E, for a root orientation R and frames."""
     loads, n = problem.loads, len(problem.tree.parent)
     for i in range(n):
-        force = vector(frames.z, i)
-        about = cross(vector(frames.p, i), force)
+        force = row(frames.z, i)
+        about = cross(row(frames.p, i), force)
         for q in range(4):
             ox, oy, oz = problem.rotor_torques[q]
             for k in range(3):
@@ -195,7 +196,7 @@ def enforce_condition(problem: BranchProblem, y: Array) -> None:
     """Make sum_k g_k x mu_k = 0 by the least change of the torque multipliers."""
     loads, q = problem.loads, rotate(problem.loads.condition_inverse, load_residual(problem, y))
     for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
-        change = cross(q, vector(loads.g, k))
+        change = cross(q, row(loads.g, k))
         for l in range(3):
             y[k, 3 + l] -= change[l]
 
@@ -230,10 +231,10 @@ def fill_newton_step(problem: BranchProblem, newton: NewtonWorkspace, y: Array, 
     """
     K, u_min, u_max = len(y), problem.u_min, problem.u_max
     S, q = newton.S, newton.q
-    for row in range(row_count):
-        q[row] = newton.goal[row]
+    for r in range(row_count):
+        q[r] = newton.goal[r]
         for column in range(row_count):
-            S[row, column] = 0.0
+            S[r, column] = 0.0
     for k in range(K):
         weight = max(MIN_WEIGHT, problem.loads.weight[k])
         columns, rows = newton.solved[k], newton.rows[k]
@@ -256,23 +257,23 @@ def fill_newton_step(problem: BranchProblem, newton: NewtonWorkspace, y: Array, 
                     for m in range(l + 1):
                         H[l, m] += newton.a[j, l] * newton.a[j, m] / (2 * weight)
         factor(H, 6)
-        for row in range(row_count):
+        for r in range(row_count):
             for l in range(6):
-                columns[1 + row, l] = rows[row, l]
+                columns[1 + r, l] = rows[r, l]
         for column in range(1 + row_count):
             solve_factored(H, columns[column], 6)
-        for row in range(row_count):
+        for r in range(row_count):
             for l in range(6):
-                q[row] += rows[row, l] * columns[0, l]
-                for column in range(row + 1):
-                    S[row, column] += rows[row, l] * columns[1 + column, l]
+                q[r] += rows[r, l] * columns[0, l]
+                for column in range(r + 1):
+                    S[r, column] += rows[r, l] * columns[1 + column, l]
     trace = S[0, 0] + S[1, 1] + S[2, 2]
-    for row in range(row_count):  # with all g = 0 there is no condition
-        S[row, row] += newton.diagonal[row] if row > 2 else 1e-9 * trace if trace > 0.0 else 1.0
+    for r in range(row_count):  # with all g = 0 there is no condition
+        S[r, r] += newton.diagonal[r] if r > 2 else 1e-9 * trace if trace > 0.0 else 1.0
     factor(S, row_count)
     solve_factored(S, q, row_count)
     for k in range(K):
         for l in range(6):
             newton.step[k, l] = newton.solved[k, 0, l]
-            for row in range(row_count):
-                newton.step[k, l] -= q[row] * newton.solved[k, 1 + row, l]
+            for r in range(row_count):
+                newton.step[k, l] -= q[r] * newton.solved[k, 1 + r, l]

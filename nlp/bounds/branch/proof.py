@@ -10,14 +10,14 @@ import numpy as np
 
 from nlp.bounds.branch.arrays import centre, effort_unit, hinge_angles, reroot, to_arrays, whole_box
 from nlp.bounds.branch.search import BOX_LIMIT, CLOSED, halves, search
-from nlp.numbers import cholesky
+from nlp.numbers import cholesky, kinematics
 from topo_search.model import Chunk, ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import is_cached, refresh
 from topo_search.model.proof import CHUNK_SPLITS, Problem, chunk_count
 from topo_search.model.topology import straight_chain
 
-refresh(search, Path(__file__).parent, Path(cholesky.__file__))
+refresh(search, Path(__file__).parent, Path(cholesky.__file__), Path(kinematics.__file__))
 
 MAX_BOXES = 4_000_000
 """Limit on the boxes of one chunk; beyond it the chunk stays open."""

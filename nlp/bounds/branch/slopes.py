@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Axes, Frames, add, cross, moment, rotate, vector
+from nlp.bounds.branch.frames import Axes, Frames, moment, rotate
 from nlp.bounds.branch.multipliers import (
     MIN_WEIGHT,
     NewtonWorkspace,
@@ -32,6 +32,7 @@ from nlp.bounds.branch.multipliers import (
     enforce_condition,
     fill_newton_step,
 )
+from nlp.numbers.kinematics import add, cross, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -79,7 +80,7 @@ def fill(
         body = rotate(R, moment(middle, i, problem.bodies[i]))
         for level in range(tree.depth[i] + 3):
             a = tree.path[i, level]
-            w, c = rotate(R, vector(axes.omega, a)), rotate(R, vector(axes.c, a))
+            w, c = rotate(R, row(axes.omega, a)), rotate(R, row(axes.c, a))
             velocity = cross(w, add(body, -problem.bodies[i, 0], c))
             for k in range(3):
                 slopes.v[a, k] += velocity[k]

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nlp.bounds.branch.arrays import BranchProblem, Indices
-from nlp.bounds.branch.frames import Frames, add, cross, dot, moment, rotate, vector
+from nlp.bounds.branch.frames import Frames, moment, rotate
 from nlp.bounds.branch.multipliers import MIN_WEIGHT, best_input
+from nlp.numbers.kinematics import add, cross, dot, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -129,8 +130,8 @@ def fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, workspac
         R = roots[1 + root]
         for v in range(len(workspace.module_of_frame)):
             i, a = workspace.module_of_frame[v], workspace.a[root, v]
-            p, x_axis = rotate(R, vector(vertices.p, v)), rotate(R, vector(vertices.x, v))
-            y_axis, z_axis = rotate(R, vector(vertices.y, v)), rotate(R, vector(vertices.z, v))
+            p, x_axis = rotate(R, row(vertices.p, v)), rotate(R, row(vertices.x, v))
+            y_axis, z_axis = rotate(R, row(vertices.y, v)), rotate(R, row(vertices.z, v))
             for q in range(4):
                 x, y, z = problem.rotor_torques[q]
                 torque = add(add(add(cross(p, z_axis), x, x_axis), y, y_axis), z, z_axis)
@@ -141,7 +142,7 @@ def fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, workspac
             for r in range(len(walls.offset)):
                 if walls.module[r] == i:
                     e = add(p, -(walls.end[r] * walls.length), z_axis)
-                    workspace.wall[root, v, r] = dot(vector(walls.normal, r), e)
+                    workspace.wall[root, v, r] = dot(row(walls.normal, r), e)
 
 
 @njit(cache=True, allocates=False)

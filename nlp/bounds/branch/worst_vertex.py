@@ -29,10 +29,11 @@ import math
 from typing import NamedTuple
 
 from nlp.bounds.branch.arrays import BranchProblem
-from nlp.bounds.branch.frames import Frames, cross, vector
+from nlp.bounds.branch.frames import Frames
 from nlp.bounds.branch.multipliers import MIN_WEIGHT, NewtonWorkspace, best_input, copy, residual
 from nlp.bounds.branch.vertices import MAX_VERTICES, VertexWorkspace, fill_frames, smoothed_value
 from nlp.numbers.cholesky import factor, solve_factored
+from nlp.numbers.kinematics import cross, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -268,20 +269,20 @@ def _fill_newton_step(
     wall_gradient[:] = 0.0
     for vertex in range(V):
         root, c = workspace.order[vertex] // C, workspace.order[vertex] % C
-        row, share = 3 + vertex, workspace.q[vertex]
+        index, share = 3 + vertex, workspace.q[vertex]
         for k in range(K):
             if workspace.active[k]:
                 for l in range(6):
                     total = 0.0
                     for i in range(n):
                         total += workspace.module_gradient[root, frames[c, i], k, l]
-                    rows[row, k, l] = total
+                    rows[index, k, l] = total
                     gradient[k, l] += share * total
         for r in range(W):
             total = 0.0
             for i in range(n):
                 total += workspace.wall[root, frames[c, i], r]
-            wall_rows[row, r] = total
+            wall_rows[index, r] = total
             wall_gradient[r] += share * total
     for vertex in range(V):
         scale = math.sqrt(workspace.q[vertex] / T)
@@ -291,15 +292,15 @@ def _fill_newton_step(
         for r in range(W):
             wall_rows[3 + vertex, r] = scale * (wall_rows[3 + vertex, r] - wall_gradient[r])
     for k in range(K):
-        for row in range(3):
+        for index in range(3):
             for l in range(6):
-                rows[row, k, l] = newton.rows[k, row, l]
+                rows[index, k, l] = newton.rows[k, index, l]
         for l in range(3):
             gradient[k, l] += problem.loads.f[k, l] - workspace.ridge[k, l] * y[k, l]
             gradient[k, 3 + l] += problem.loads.t[k, l] - workspace.ridge[k, 3 + l] * y[k, 3 + l]
     for r in range(W):
-        for row in range(3):
-            wall_rows[row, r] = -walls.normal[r, row]
+        for index in range(3):
+            wall_rows[index, r] = -walls.normal[r, index]
         wall_gradient[r] += walls.offset[r] + m / sigma[r]
     _solve_step(3 + V, m, workspace)
 
@@ -344,10 +345,10 @@ def _solve_step(row_count: int, m: float, workspace: VertexWorkspace) -> None:
     y, sigma, step, wall_step = workspace.y, workspace.sigma, workspace.step, workspace.wall_step
     H, S, q, solved = workspace.H, workspace.S, workspace.q, workspace.solved
     rows, wall_rows = workspace.rows, workspace.wall_rows
-    for row in range(row_count):
-        q[row] = 0.0
-        for column in range(row + 1):
-            S[row, column] = 0.0
+    for index in range(row_count):
+        q[index] = 0.0
+        for column in range(index + 1):
+            S[index, column] = 0.0
     for k in range(len(y)):
         if not workspace.active[k]:
             continue
@@ -356,36 +357,36 @@ def _solve_step(row_count: int, m: float, workspace: VertexWorkspace) -> None:
             step[k, l] = workspace.gradient[k, l]
         factor(H[k], 6)
         solve_factored(H[k], step[k], 6)
-        for row in range(row_count):
+        for index in range(row_count):
             for l in range(6):
-                solved[row, k, l] = rows[row, k, l]
-                q[row] += rows[row, k, l] * (step[k, l] + (y[k, l] if row < 3 else 0.0))
-            solve_factored(H[k], solved[row, k], 6)
-            for column in range(row + 1):
+                solved[index, k, l] = rows[index, k, l]
+                q[index] += rows[index, k, l] * (step[k, l] + (y[k, l] if index < 3 else 0.0))
+            solve_factored(H[k], solved[index, k], 6)
+            for column in range(index + 1):
                 total = 0.0
                 for l in range(6):
-                    total += rows[row, k, l] * solved[column, k, l]
-                S[row, column] += total
+                    total += rows[index, k, l] * solved[column, k, l]
+                S[index, column] += total
     for r in range(len(sigma)):
         compliance = sigma[r] ** 2 / m
         wall_step[r] = workspace.wall_gradient[r] * compliance
-        for row in range(row_count):
-            q[row] += wall_rows[row, r] * (wall_step[r] + (sigma[r] if row < 3 else 0.0))
-            for column in range(row + 1):
-                S[row, column] += wall_rows[row, r] * wall_rows[column, r] * compliance
+        for index in range(row_count):
+            q[index] += wall_rows[index, r] * (wall_step[r] + (sigma[r] if index < 3 else 0.0))
+            for column in range(index + 1):
+                S[index, column] += wall_rows[index, r] * wall_rows[column, r] * compliance
     trace = S[0, 0] + S[1, 1] + S[2, 2]
-    for row in range(row_count):  # with all g = 0 there is no condition
-        S[row, row] += 1.0 if row > 2 or trace == 0.0 else 1e-9 * trace
+    for index in range(row_count):  # with all g = 0 there is no condition
+        S[index, index] += 1.0 if index > 2 or trace == 0.0 else 1e-9 * trace
     factor(S, row_count)
     solve_factored(S, q, row_count)
     for k in range(len(y)):
         if workspace.active[k]:
             for l in range(6):
-                for row in range(row_count):
-                    step[k, l] -= q[row] * solved[row, k, l]
+                for index in range(row_count):
+                    step[k, l] -= q[index] * solved[index, k, l]
     for r in range(len(sigma)):
-        for row in range(row_count):
-            wall_step[r] -= q[row] * wall_rows[row, r] * sigma[r] ** 2 / m
+        for index in range(row_count):
+            wall_step[r] -= q[index] * wall_rows[index, r] * sigma[r] ** 2 / m
 
 
 @njit(cache=True, allocates=False)
@@ -445,7 +446,7 @@ def _correct_torques(problem: BranchProblem, y: Array, sigma: Array, all_cases: 
         qx = (qx - b * qy - c * qz) / a
         for k in range(len(y)):  # mu_k -= [g_k]x^T q = q x g_k
             if all_cases or _is_nonzero(y[k]):
-                change = cross((qx, qy, qz), vector(problem.loads.g, k))
+                change = cross((qx, qy, qz), row(problem.loads.g, k))
                 for l in range(3):
                     y[k, 3 + l] -= change[l]
 
