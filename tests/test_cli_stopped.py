@@ -314,6 +314,25 @@ def test_too_little_memory_is_a_line_and_a_status(tmp_path, megabytes, words):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("megabytes", [50, 75, 100])
+def test_too_little_memory_for_the_buffers_of_a_library_is_no_hang(megabytes):
+    code = f"""
+import resource
+from topo_search.supervisor import supervise
+
+def command():
+    import numpy
+    with open("/proc/self/status") as status:
+        size = next(int(line.split()[1]) for line in status if line.startswith("VmSize:")) * 1024
+    resource.setrlimit(resource.RLIMIT_AS, (size + {megabytes} * 2**20, resource.RLIM_INFINITY))
+    import scipy.linalg
+
+supervise(command)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (ExitStatus.OUT_OF_MEMORY, "out of memory\n")
+
+
 @pytest.mark.parametrize("files", few([18, 20], 1))
 def test_too_few_file_descriptors_are_a_line_and_a_status(tmp_path, files):
     done = subprocess.run(

@@ -5,8 +5,9 @@ code that runs out of memory ends its process without a message. So the started 
 its child, forwards Ctrl-C and SIGTERM, kills the child if it does not end, and reports why it crashed. Nothing is
 lost: finished results are in the ledger, which survives a kill at any moment.
 
-Every child process first makes sure that it cannot outlive its parent. This module imports only the standard
-library, so that a child with too little memory for more can still report that.
+Every child process first makes sure that it cannot outlive its parent, and that its imports do not hang when memory
+runs out. This module imports only the standard library, so that a child with too little memory for more can still
+report that.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from enum import IntEnum
+from importlib.abc import MetaPathFinder
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -201,7 +203,7 @@ def _run(command: Callable[[], object], parent: int, stop: Stop) -> NoReturn:
     """Run the command (in the child)."""
     _silence(stop)
     try:
-        die_with_parent(parent)
+        prepare_child(parent)
         command()
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else int(end.code is not None)
@@ -268,21 +270,30 @@ def is_out_of_memory(error: BaseException) -> bool:
             isinstance(current, SystemError) and _address_space_limit() is not None
         ):  # native code failed, unexplained
             return True
-        if isinstance(current, TypeError) and _is_memory_exhausted():  # raised by imports that run out of memory
+        # raised by imports that run out of memory; 32 MB are less than the arrays of one library
+        if isinstance(current, TypeError) and _is_memory_below(32):
             return True
         current = current.__cause__ or current.__context__
     return False
 
 
-def _is_memory_exhausted() -> bool:
-    """True if the address space is limited and nearly used up."""
+def _is_memory_below(megabytes: int) -> bool:
+    """True if the address space is limited and less than this of it is left."""
     if _address_space_limit() is None:
         return False
     try:
-        mmap.mmap(-1, 32 * 2**20).close()  # less than the arrays of one library
+        mmap.mmap(-1, megabytes * 2**20).close()
     except OSError:
         return True
     return False
+
+
+class _ImportGuard(MetaPathFinder):
+    """Refuses to import NumPy and SciPy with too little memory, of which OpenBLAS would ask again forever."""
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:
+        if name.partition(".")[0] in ("numpy", "scipy") and _is_memory_below(128):  # SciPy's library takes 95 MB
+            raise MemoryError(f"too little memory to import {name}")
 
 
 def _open_standard_streams() -> None:
@@ -302,8 +313,8 @@ ONE_THREAD = dict.fromkeys(
 """Environment of a worker: workers share the cores, and several threads would change sums."""
 
 
-def die_with_parent(parent: int) -> None:
-    """End this process when the process `parent` ends, immediately if it already has.
+def prepare_child(parent: int) -> None:
+    """End this process when the process `parent` ends, immediately if it already has, and guard its imports.
 
     On other systems than Linux, a worker whose parent was killed ends when it next reads from the closed pipe.
     """
@@ -315,6 +326,7 @@ def die_with_parent(parent: int) -> None:
             raise OSError(code, f"prctl(PR_SET_PDEATHSIG): {os.strerror(code)}")
     if os.getppid() != parent:  # the parent ended before the call above
         os._exit(1)
+    sys.meta_path.insert(0, _ImportGuard())
 
 
 def call_pickled(call: bytes) -> bytes:

@@ -36,8 +36,8 @@ from topo_search.supervisor import (
     ONE_THREAD,
     STOPS,
     call_pickled,
-    die_with_parent,
     is_out_of_memory,
+    prepare_child,
 )
 
 AuditDesign = Callable[[Geometry], Audit]
@@ -378,7 +378,7 @@ class Workers(_OneThread):
         """Submit a job to the pool; return None if the pool has just broken."""
         if self._pool is None:
             self._pool = ProcessPool(
-                self.count, initializer=die_with_parent, initargs=(os.getpid(),), context=self._context
+                self.count, initializer=prepare_child, initargs=(os.getpid(),), context=self._context
             )
             with _stops_deferred(), _interrupts_blocked():
                 started = self._pool.active
