@@ -296,14 +296,9 @@ def _line_search(
     for _ in range(100):
         value, change = first - t * second, second
         for r in range(len(A)):
-            value_at = v[r] + t * slope[r]
-            if value_at >= u_max:
-                value -= slope[r] * u_max
-            elif value_at > u_min:
-                value -= slope[r] * value_at
-                change += slope[r] * slope[r]
-            else:
-                value -= slope[r] * u_min
+            input_at = v[r] + t * slope[r]
+            value -= slope[r] * min(max(input_at, u_min), u_max)
+            change += slope[r] * slope[r] if u_min < input_at < u_max else 0.0
         step = value / change
         if abs(step) <= 1e-13 * (1.0 + t):
             return t
