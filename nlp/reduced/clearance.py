@@ -22,8 +22,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
 from nlp.reduced.arrays import ReducedProblem
 from nlp.reduced.platform import Platform, rotate
@@ -182,8 +180,8 @@ def face_excess(q: Vector, planes: Array) -> tuple[float, Vector]:
     return excess, row(planes, face)
 
 
-@njit(cache=True)
-def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array) -> None:
+@njit(cache=True, allocates=False)
+def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array, rods: Array) -> None:
     """Compute the clearances of all rows, and their gradients.
 
     Args:
@@ -193,6 +191,7 @@ def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Arr
             its gradient is then undefined.
         gradients: output: F and T of module i, and E, shape (m, 9). For a row of two modules, F and T of module j
             are the opposite, and E is unused.
+        rods: output: largest missing clearance, 0 at first, and length of each rod, shape (rods, 2).
     """
     rows = problem.rows
     kinds, module_i, module_j, data, lower = rows.kind, rows.i, rows.j, rows.data, rows.lower
@@ -202,7 +201,6 @@ def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Arr
     offset, reach = max(GAPS.min_distance, math.sqrt(dot(b, b))), 0.0
     for k in range(len(parts)):
         reach = max(reach, math.sqrt(dot(row(parts, k), row(parts, k))) + parts[k, 3])
-    violations, lengths = np.zeros(problem.rows.rods), np.empty(problem.rows.rods)
     for r in range(len(kinds)):
         kind, i, j = kinds[r], module_i[r], module_j[r]
         o, scale, is_pair = row(centres, i), 0.0, kind in (AIR, APART, PARTS)
@@ -254,7 +252,7 @@ def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Arr
                 w, t = add(w, 1.0, arm), add(t, 1.0, arm)
                 rod_length = max(GAPS.min_distance, math.sqrt(dot(t, t)))
                 r_0, dr, tip_share = data[r, COLUMNS.rod_radius], 0.0, data[r, COLUMNS.tip] / rod_length
-                lengths[rod] = rod_length
+                rods[rod, 1] = rod_length
                 if tip_share >= 1.0:  # the rod is nothing but tip
                     g[r] = math.inf
                     continue
@@ -273,7 +271,7 @@ def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Arr
                 gap, eta, gamma, push = swept_gap(w, d_i, r_0, dr, d, radius, growth)
                 by_d = multiply(-gamma, push)
             if rod >= 0:  # the nearest point is (1 - eta) t + eta tip t / |t|
-                violations[rod] = max(violations[rod], lower[r] - gap)
+                rods[rod, 0] = max(rods[rod, 0], lower[r] - gap)
                 along = eta * tip_share * dot(push, t) / rod_length**2
                 push = add(multiply(1.0 - eta + eta * tip_share, push), -along, t)
             else:
@@ -285,9 +283,9 @@ def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Arr
             across = add(by_d, -dot(by_d, b) / offset**2, b)
             gradients[r, 6], gradients[r, 7], gradients[r, 8] = add(add(E, scale, across), -1.0, push)
     best = 0
-    for rod in range(1, len(violations)):
-        change = violations[rod] - violations[best]
-        if change < 0.0 or (change == 0.0 and lengths[rod] < lengths[best]):
+    for rod in range(1, len(rods)):
+        change = rods[rod, 0] - rods[best, 0]
+        if change < 0.0 or (change == 0.0 and rods[rod, 1] < rods[best, 1]):
             best = rod
     for r in range(len(kinds)):
         if data[r, COLUMNS.rod] >= 0.0 and data[r, COLUMNS.rod] != best:

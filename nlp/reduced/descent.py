@@ -92,14 +92,14 @@ def evaluate(problem: ReducedProblem, x: Array, mu: Array, active: Mask, rho: fl
     pose, dV, duals, u = platform(problem, x), np.zeros(N), mu.copy(), np.empty((K, 4 * n))
     V = effort(problem, pose, active, rho, duals, u, dV)
     g, J, is_near, gradients = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 9))
-    clearances(problem, pose, g, gradients)
+    clearances(problem, pose, g, gradients, np.zeros((problem.rows.rods, 2)))
     _slopes(problem, pose, g, gradients, J, is_near)
     if len(problem.speeds.case):
         speed_rows(problem, pose, rho, duals, u, g, J, is_near)
     return Evaluation(x, V, dV, g, J, is_near, duals, active)
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _slopes(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array, J: Array, is_near: Mask) -> None:
     """Find which rows are near, and their derivatives by the unknowns.
 
@@ -121,7 +121,7 @@ def _slopes(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array,
             add_reaction(problem, pose, F, row(gradients, r, 6), J[r])
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def merit(problem: ReducedProblem, point: Evaluation, multipliers: Array, sigma: float) -> float:
     """Return M."""
     total = point.V
@@ -136,9 +136,10 @@ def merit(problem: ReducedProblem, point: Evaluation, multipliers: Array, sigma:
 @njit(cache=True)
 def estimates(problem: ReducedProblem, point: Evaluation, multipliers: Array, sigma: float) -> Array:
     """Return the first-order multiplier estimates max(0, lambda + sigma (m - g))."""
-    estimate = np.zeros(len(point.g))
-    for r in range(len(estimate)):
-        estimate[r] = max(0.0, multipliers[r] + sigma * (problem.rows.lower[r] - point.g[r]))
+    g, lower = point.g, problem.rows.lower
+    estimate = np.empty(len(g))
+    for r in range(len(g)):
+        estimate[r] = max(0.0, multipliers[r] + sigma * (lower[r] - g[r]))
     return estimate
 
 
@@ -203,7 +204,7 @@ def _model_step(
     N, m = len(point.x), len(point.g)
     s = np.empty(m)
     relevant = np.empty(m, np.int64)
-    rows, J, is_near, g, lower = 0, point.J, point.is_near, point.g, problem.rows.lower
+    rows, dV, J, is_near, g, lower = 0, point.dV, point.J, point.is_near, point.g, problem.rows.lower
     for r in range(m):
         if is_near[r]:
             s[rows] = multipliers[r] + sigma * (lower[r] - g[r])
@@ -216,7 +217,7 @@ def _model_step(
     d, trial = np.zeros(N), np.empty(N)
     gradient, H = np.empty(N), np.empty((N, N))
     free, index = np.empty(N, np.bool_), np.empty(N, np.int64)
-    first = _model(point, B, sigma, s, relevant, rows, d, gradient, H)
+    first = _model(dV, J, B, sigma, s, relevant, rows, d, gradient, H)
     value = first
     y = np.empty(N)
     for _ in range(DESCENT.newton_steps):
@@ -236,7 +237,7 @@ def _model_step(
         for _ in range(20):
             for l in range(N):
                 trial[l] = min(max(d[l] + t * y[l], low[l]), high[l])
-            trial_value = _model(point, B, sigma, s, relevant, rows, trial, gradient, H)
+            trial_value = _model(dV, J, B, sigma, s, relevant, rows, trial, gradient, H)
             if trial_value < value:
                 decreased = True
                 break
@@ -275,9 +276,10 @@ def _newton(
                 free[l], repeat = False, True
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _model(
-    point: Evaluation,
+    dV: Array,
+    J: Array,
     B: Array,
     sigma: float,
     s: Array,
@@ -288,8 +290,7 @@ def _model(
     H: Array,
 ) -> float:
     """Return q(d), with its gradient and the lower half of its Hessian."""
-    N, J, dV = len(d), point.J, point.dV
-    value = 0.0
+    N, value = len(d), 0.0
     for a in range(N):
         Bd = 0.0
         for b in range(N):

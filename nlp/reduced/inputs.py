@@ -78,7 +78,7 @@ def effort(
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def add_wrench_gradient(problem: ReducedProblem, k: int, scale: float, mu: Array, E: Array, by_J: Array) -> None:
     """Add the gradient of scale mu . w of load case k by the end-effector to E, and by J (3, 3) to by_J."""
     scale /= problem.rotors.bodies + problem.rotors.m_E
@@ -92,7 +92,7 @@ def add_wrench_gradient(problem: ReducedProblem, k: int, scale: float, mu: Array
             by_J[a, b] += scale * mu[3 + a] * turn[b]
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def add_gradient(A: Array, scale: float, mu: Array, u: Array, forces: Array) -> None:
     """Subtract the gradient of scale mu . A u by the modules' poses from F and T."""
     by_force, by_torque = (mu[0], mu[1], mu[2]), (mu[3], mu[4], mu[5])
@@ -135,7 +135,7 @@ def add_inertia_gradient(rotors: Rotors, pose: Platform, by_J: Array, forces: Ar
     E[2] += F[2]
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def find_wrench(problem: ReducedProblem, pose: Platform, J: Array, k: int, w: Array) -> None:
     """Compute w of load case k."""
     turn, f = row(problem.cases.turn, k), row(problem.cases.f, k)
@@ -275,7 +275,7 @@ def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, 
     return value
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def _line_search(
     A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, d: Array, v: Array, slope: Array
 ) -> float:

@@ -100,7 +100,7 @@ def platform(problem: ReducedProblem, x: Array) -> Platform:
 refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesky.__file__), Path(jets.__file__))
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=False)
 def add_slopes(problem: ReducedProblem, pose: Platform, forces: Array, E: Array, slopes: Array) -> None:
     """Convert a gradient by poses to one by x, and add it.
 
