@@ -10,13 +10,9 @@ from pydantic import BaseModel
 from wording import says
 
 from topo_search.model import LoadCase, ResolvedTask, Task
-from topo_search.model.exposure import AnyExposure
+from topo_search.model.exposure import EXPOSURE_KINDS, AnyExposure
 from topo_search.model.files import read_task, task_template
 from topo_search.model.module import CountedRod
-
-EXPOSURES = 4
-"""Examples of regions, each under its own heading in comments."""
-
 
 EXAMPLES = "rotor_out_torque|joint_moment|joint_force|tolerances|battery_Wh|speed|hinge_step_deg|hinge_angles_deg"
 """Fields without a default: what the file says of them is an example."""
@@ -50,7 +46,7 @@ def test_fields_that_are_taken_out_of_their_comments_say_what_their_default_was(
     defaults = rf"^# (?!{EXAMPLES})(\w+ = )"
     path.write_text(re.sub(defaults, r"\1", task_template("window").replace("# [", "["), flags=re.MULTILINE))
     after = read_task("window.toml").resolve(5)
-    assert len(after.exposure) == EXPOSURES
+    assert len(after.exposure) == len(EXPOSURE_KINDS)
     module = before.module.model_copy(update={"bracket": before.module.bracket_sizes})  # a table says it is stated
     assert_same(after.model_copy(update={"exposure": ()}), before.model_copy(update={"module": module}))
 

@@ -193,7 +193,7 @@ def _mesh_excess(design: Design) -> tuple[MeshExcess, ...]:
     return tuple(
         MeshExcess(exposure=number, segment=segment, at_most_m=excess)
         for number, exposure in enumerate(design.task.exposure)
-        for segment, excess in exposure.mesh_excesses
+        for segment, excess in exposure.mesh_excesses()
     )
 
 

@@ -75,7 +75,7 @@ Relaxable = tuple[str, float, str, str]
 
 
 class Region(Value):
-    """Fields that all regions share."""
+    """Fields that all regions share; each kind also has `words`, `shapes` and `relaxable` fields."""
 
     speed: Omitted[Positive] = None
     """Largest allowed air speed in the region, in every load case, by the jet model [m/s]."""
@@ -87,14 +87,12 @@ class Region(Value):
         """Distance from the end-effector up to which `speed` applies [m]; None: everywhere in the region."""
         return None
 
-    @property
     def lengths(self) -> Iterator[tuple[str, float, bool]]:
-        """Lengths for `topo_search.model.task_warnings`: field, length [m], and whether it is that of a path."""
+        """Yield lengths that may be in a wrong unit: field, length [m], and whether it is that of a path."""
         yield from ()
 
-    @property
     def mesh_excesses(self) -> Iterator[tuple[int | None, float]]:
-        """Segments (see `segment_of`) that reach beyond the mesh that they replace, and how far [m]."""
+        """Yield the segments (see `segment_of`) that reach beyond the mesh that they replace, and how far [m]."""
         yield from ()
 
     def _broken_rules(self) -> Broken:
@@ -176,7 +174,6 @@ class Local(Region):
         beyond = max(self.mesh_excess or (0.0,))
         return hulls + (f", up to {length(proven.at_most(beyond, 3))} larger than the mesh" if beyond else "")
 
-    @property
     def lengths(self) -> Iterator[tuple[str, float, bool]]:
         """See `Region.lengths`."""
         yield ".radius", self.radius or 0.0, False
@@ -188,7 +185,6 @@ class Local(Region):
         regions = ((name, -1.0, "smaller region", "") for name in ("box", "vertices", "pieces"))
         return (("radius", -1.0, "smaller radius", "m"), *regions)
 
-    @property
     def mesh_excesses(self) -> Iterator[tuple[int | None, float]]:
         """See `Region.mesh_excesses`."""
         excesses = enumerate(self.mesh_excess or ())
@@ -264,7 +260,6 @@ class Directional(Region):
             path = f"{quantity(len(self.polylines), 'bent path')}, from the end-effector: {paths} m"
         return f"capsules of radius {length(self.radius)} along {path}"
 
-    @property
     def lengths(self) -> Iterator[tuple[str, float, bool]]:
         """See `Region.lengths`."""
         yield ".radius", self.radius, False
@@ -349,7 +344,6 @@ class Allowed(UnboundedRegion):
         sides = (f"{vector(unit(plane.normal))} · x ≤ {length(plane.offset)}" for plane in self.planes)
         return f"everything except where {' and '.join(sides)}, with x from the end-effector"
 
-    @property
     def lengths(self) -> Iterator[tuple[str, float, bool]]:
         """See `Region.lengths`."""
         yield from ((f".planes[{k}].offset", abs(plane.offset), False) for k, plane in enumerate(self.planes))

@@ -269,7 +269,7 @@ def _lengths(task: Task, n: int) -> Doubts:
 def _meshes(task: Task) -> Doubts:
     """Yield regions that are larger than their mesh."""
     for e, exposure in enumerate(task.exposure):
-        for piece, excess in exposure.mesh_excesses:
+        for piece, excess in exposure.mesh_excesses():
             yield (
                 f"exposure[{e}]" if piece is None else f"exposure[{e}].pieces[{piece}]",
                 f"reaches up to {upper_text(excess, 3)} m beyond its mesh, because pieces are convex and have "
@@ -302,7 +302,7 @@ def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
     yield "end_effector.stand_off", tip.stand_off, LARGE
     yield "end_effector.largest_reach", tip.largest_reach or 0.0, LARGE
     for e, exposure in enumerate(task.exposure):
-        for name, length, is_path in exposure.lengths:
+        for name, length, is_path in exposure.lengths():
             yield f"exposure[{e}]{name}", length, long_path if is_path else LARGE
 
 
