@@ -9,13 +9,10 @@ from commands import invoke
 from pydantic import BaseModel
 from wording import says
 
-from topo_search.model import Allowed, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
+from topo_search.model import LoadCase, ResolvedTask, Task
+from topo_search.model.exposure import EXPOSURE_KINDS, AnyExposure
 from topo_search.model.files import read_task, task_template
 from topo_search.model.module import CountedRod
-
-EXPOSURES = 4
-"""Examples of regions, each under its own heading in comments."""
-
 
 EXAMPLES = "rotor_out_torque|joint_moment|joint_force|tolerances|battery_Wh|speed|hinge_step_deg|hinge_angles_deg"
 """Fields without a default: what the file says of them is an example."""
@@ -49,7 +46,7 @@ def test_fields_that_are_taken_out_of_their_comments_say_what_their_default_was(
     defaults = rf"^# (?!{EXAMPLES})(\w+ = )"
     path.write_text(re.sub(defaults, r"\1", task_template("window").replace("# [", "["), flags=re.MULTILINE))
     after = read_task("window.toml").resolve(5)
-    assert len(after.exposure) == EXPOSURES
+    assert len(after.exposure) == len(EXPOSURE_KINDS)
     module = before.module.model_copy(update={"bracket": before.module.bracket_sizes})  # a table says it is stated
     assert_same(after.model_copy(update={"exposure": ()}), before.model_copy(update={"module": module}))
 
@@ -83,7 +80,7 @@ def test_every_field_is_explained() -> None:
         return found
 
     missing = {name for name, _ in fields(Task) if not re.search(rf"^#? ?\[*{name}\b", text, re.MULTILINE)}
-    explained = fields(LoadCase).union(*map(fields, (Local, Directional, Exterior, Allowed, CountedRod)))
+    explained = fields(LoadCase).union(*map(fields, (*get_args(AnyExposure), CountedRod)))
     untold = {name for name, meaning in fields(ResolvedTask) - explained if meaning not in words}
     assert untold - missing == {"name", "exposure"}  # they have words of their own
     assert missing == {

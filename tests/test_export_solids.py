@@ -16,7 +16,8 @@ from verify_cases import fan
 from topo_search.export.picture import Picture, figure_of, frame_faces
 from topo_search.export.solids import cone_sphere, frame, glb, join, rotor_discs, stl
 from topo_search.export.task_picture import task_figure
-from topo_search.model import Design, Local, Module, Topology
+from topo_search.model import Design, Module, Topology
+from topo_search.model.exposure import Local
 from topo_search.report.scene import scene
 from topo_search.report.task_facts import requirement
 from verify.kinematics import platform, rotation

@@ -1,7 +1,11 @@
 """The contract of every kind of exposure: solver, audit and brute force agree on every clearance."""
 
+import ast
 import math
+import re
 from itertools import pairwise
+from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -27,9 +31,11 @@ from nlp_cases import (
 )
 from suites import few
 
+import topo_search
 from topo_search.export.poses import shapes
 from topo_search.export.solids import region_mesh
 from topo_search.model import Design, Topology
+from topo_search.model.exposure import EXPOSURE_KINDS, AnyExposure
 from topo_search.model.files import to_json
 from topo_search.report.task_facts import facts
 from verify import audit
@@ -49,7 +55,6 @@ KINDS = {
     "fixed half-space": HALF_SPACE_DOWN,
     "planes": BELOW,
 }
-EXPOSED = ("local", "directional", "exterior", "allowed")
 FINE = np.linspace(0.0, 1.0, 401)
 
 
@@ -60,7 +65,7 @@ def random_design(kind, seed):
 
 
 def exposed(found):
-    return [pair for pair in found.pairs if pair.kind in EXPOSED]
+    return [pair for pair in found.pairs if pair.kind in EXPOSURE_KINDS]
 
 
 def brute_force(point, kind):
@@ -141,6 +146,27 @@ def test_every_kind_is_told_drawn_and_stored(kind):
         if pair.analytic_m > 0:
             assert gap == pytest.approx(pair.analytic_m, abs=1e-9)
         assert math.isfinite(gap)
+
+
+def names_a_kind(node, classes):
+    """Return whether a node of the code is the class of a kind, or its name as a string."""
+    match node:
+        case ast.Name(id=name) | ast.Attribute(attr=name) | ast.alias(name=name):
+            return name in classes
+        case ast.Constant(value=str(text)):
+            return text in EXPOSURE_KINDS
+    return False
+
+
+def test_few_files_name_a_kind():
+    root, classes = Path(topo_search.__file__).parents[1], {kind.__name__ for kind in get_args(AnyExposure)}
+    files = [file for package in ("nlp", "topo_search", "verify") for file in (root / package).rglob("*.py")]
+    codes = {str(file.relative_to(root)): ast.parse(file.read_text(encoding="utf-8")) for file in files}
+    naming = {file for file, code in codes.items() if any(names_a_kind(node, classes) for node in ast.walk(code))}
+    assert naming == {"topo_search/__init__.py", "topo_search/model/exposure.py", "verify/requirements.py"}
+    assert classes <= set(topo_search.__all__)
+    template = (root / "topo_search/model/template.toml").read_text(encoding="utf-8")
+    assert re.findall(r'^# kind = "(\w+)"', template, re.MULTILINE) == list(EXPOSURE_KINDS)
 
 
 def test_a_piece_is_judged_like_a_region_of_its_own():

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from trimesh.creation import annulus, box, cylinder, icosphere
 
 from topo_search.limits import LIMITS
-from topo_search.model import BadInput, Design, Local
+from topo_search.model import BadInput, Design
+from topo_search.model.exposure import Local
 from topo_search.model.files import read_task, to_json, to_toml
 from topo_search.model.proven import upper_text
 from topo_search.model.shape import convex_hull, outer_hull

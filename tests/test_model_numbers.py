@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from topo_search.model import Directional, Exterior, LoadCase, Local, Module, Status, Task, Wrench, ten_wrenches
+from topo_search.model import LoadCase, Module, Status, Task, Wrench, ten_wrenches
+from topo_search.model.exposure import Directional, Exterior, Local
 from topo_search.model.files import read_task
 from topo_search.model.module import Airflow, Body
 

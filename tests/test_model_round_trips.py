@@ -17,17 +17,15 @@ from topo_search.limits import LIMITS
 from topo_search.model import (
     Audit,
     Design,
-    Directional,
-    Exterior,
     Infeasible,
     LoadCase,
-    Local,
     ResolvedTask,
     SolverRecord,
     Task,
     Topology,
     Wrench,
 )
+from topo_search.model.exposure import Directional, Exterior, Local
 from topo_search.model.files import examples, read_json, read_task, to_json, to_toml, validate, write_atomically
 from verify import audit
 

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from verify_cases import FAN, design
 
-from topo_search.model import BadInput, Design, Local, Module
+from topo_search.model import BadInput, Design, Module
+from topo_search.model.exposure import Local
 from topo_search.model.files import read_task, to_json, to_toml
 from topo_search.model.shape import convex_hull
 

@@ -505,3 +505,12 @@ def test_the_same_chunk_is_the_same_record():
     assert one == other
     assert one.outcome == "closed"
     assert len(one.record) == one.boxes
+
+
+def test_no_angle_is_halved_forever_when_multipliers_overflow():
+    planes = [{"normal": [0.0, y, 0.0], "offset": 0.6} for y in (1.0, -1.0)]
+    cases = [{"carries_weight": True, "end_effector": {"force": [0.2, 0.0, 0.0]}}, {"carries_weight": True}]
+    task = push(3, load_cases=cases, exposure=[{"kind": "allowed", "planes": planes}])
+    chunk = prove_chunk(task, Topology.from_key("a500"), 31, 7.63e13, most_boxes=300)
+    lower, upper = np.array(chunk.stuck)
+    assert max(upper - lower) <= 4 * min(upper - lower)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from nlp.numbers.geometry import Swept, hull_clearance
-from topo_search.model import Local
+from topo_search.model.exposure import Local
 from topo_search.model.shape import Hull, convex_hull
 from verify.bodies import ConeSphere as Body
 from verify.hulls import approach, hull

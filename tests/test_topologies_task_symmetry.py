@@ -11,19 +11,8 @@ from nlp_cases import PUSH as PUSH_CASES
 from nlp_cases import push as push_task
 from numpy.typing import NDArray
 
-from topo_search.model import (
-    Allowed,
-    Directional,
-    EndEffector,
-    Exterior,
-    LoadCase,
-    Local,
-    Plane,
-    ResolvedTask,
-    Search,
-    Task,
-    Wrench,
-)
+from topo_search.model import EndEffector, LoadCase, ResolvedTask, Search, Task, Wrench
+from topo_search.model.exposure import Allowed, Directional, Exterior, Local, Plane
 from topo_search.model.files import read_task
 from topo_search.topologies import candidates, count, improper_isometry, resolve_symmetry
 

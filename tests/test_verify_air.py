@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from topo_search.model import Allowed, Audit, Design, Module
+from topo_search.model import Audit, Design, Module
+from topo_search.model.exposure import Allowed
 from topo_search.model.files import read_json, to_json
 from verify import audit
 from verify.air.bound import _rotors, bound_speed

@@ -27,22 +27,17 @@ if TYPE_CHECKING:
     from topo_search.export.audits import clearances, residuals
     from topo_search.export.formats import export_design, register_format
     from topo_search.model import (
-        Allowed,
         Audit,
         BadInput,
         Clearance,
         Design,
-        Directional,
         EndEffector,
-        Exterior,
         Fault,
         Flight,
         Geometry,
         Infeasible,
         LoadCase,
-        Local,
         Module,
-        Plane,
         ResolvedTask,
         Search,
         Status,
@@ -52,6 +47,7 @@ if TYPE_CHECKING:
         Wrench,
     )
     from topo_search.model.design import Stated, StatedCheck
+    from topo_search.model.exposure import Allowed, Directional, Exterior, Local, Plane
     from topo_search.model.files import read_json, read_task, to_json, to_toml
     from topo_search.model.load_case import AskedFlight, ForceCone
     from topo_search.model.mesh_file import ConvexPiece

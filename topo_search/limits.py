@@ -1,4 +1,4 @@
-"""Limits of inputs, listed in the documentation under "Limits of input", and counts in words.
+"""Limits of inputs, listed in the documentation under "Limits of input", and numbers in words.
 
 Inputs within these limits are processed in bounded time and memory. Larger inputs are refused by name before any
 work is done.
@@ -103,3 +103,26 @@ LIMITS = Limits()
 def quantity(number: int, noun: str) -> str:
     """Return a number with its noun, in the plural unless it is 1."""
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def figures(value: float, digits: int = 4) -> str:
+    """Return a number with `digits` significant digits; large and small ones with a power of ten."""
+    text = f"{value:.{digits}g}"
+    if "e" not in text:
+        return text.replace("-", "−")
+    mantissa, exponent = text.split("e")
+    superscripts = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+    return f"{mantissa} × 10{str(int(exponent)).translate(superscripts)}".replace("-", "−")
+
+
+def length(metres: float) -> str:
+    """Return a length in mm, cm or m, whichever suits its size."""
+    if abs(metres) < 0.01:
+        return f"{figures(1000 * metres, 3)} mm"
+    return f"{figures(100 * metres, 3)} cm" if abs(metres) < 1 else f"{figures(metres, 3)} m"
+
+
+def vector(values: tuple[float, ...]) -> str:
+    """Return a vector with three significant digits per entry; entries below 1e-9 of the largest are 0."""
+    smallest = 1e-9 * max(map(abs, values))
+    return f"[{', '.join(figures(x if abs(x) > smallest else 0.0, 3) for x in values)}]"

@@ -20,7 +20,7 @@ from importlib import metadata
 
 import numpy as np
 
-from topo_search.model import Audit, Clearance, Design, Geometry, Interference, Local, Module, Status, segment_of
+from topo_search.model import Audit, Clearance, Design, Geometry, Interference, Module, Status
 from topo_search.model.audit import MeshExcess
 from topo_search.model.design import StatedCheck
 from topo_search.model.value import Vector
@@ -191,11 +191,9 @@ def _describe(check: AnyCheck) -> tuple[str, str]:
 
 def _mesh_excess(design: Design) -> tuple[MeshExcess, ...]:
     return tuple(
-        MeshExcess(exposure=number, segment=segment_of(exposure, piece), at_most_m=excess)
+        MeshExcess(exposure=number, segment=segment, at_most_m=excess)
         for number, exposure in enumerate(design.task.exposure)
-        if isinstance(exposure, Local)
-        for piece, excess in enumerate(exposure.mesh_excess or ())
-        if excess
+        for segment, excess in exposure.mesh_excesses()
     )
 
 

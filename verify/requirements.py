@@ -13,9 +13,9 @@ from itertools import combinations
 
 import numpy as np
 
-from topo_search.model import Allowed, Design, Directional, Exterior, Mount
+from topo_search.model import Design, Mount
 from topo_search.model.arrays import PORT_DIRECTIONS
-from topo_search.model.exposure import Exposure
+from topo_search.model.exposure import Allowed, Directional, Exposure, Exterior
 from topo_search.model.module import AirflowEnvelope
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import ClearanceCheck, Solid
@@ -117,11 +117,15 @@ class Scene:
     def regions(self, exposure: Exposure) -> Iterator[tuple[int | None, Solid | Cone | Hull]]:
         """Yield the volumes of a requirement with their path or plane numbers; a cone is the allowed side."""
         if isinstance(exposure, Exterior):
-            yield from ((None, cone) for cone in self._cones(exposure))
+            outwards = self._outward_direction() if exposure.axis == "com" else -_unit(np.array(exposure.axis))
+            if outwards is not None:
+                yield None, Cone(self.tip, -outwards, exposure.half_angle_deg)
         elif isinstance(exposure, Directional):
             yield from enumerate(self._capsules(exposure))
         elif isinstance(exposure, Allowed):
-            yield from enumerate(self._half_spaces(exposure))
+            for number, (normal, offset) in enumerate(half_spaces(exposure)):
+                outwards = _unit(normal)
+                yield number, Cone(self.tip + offset / self.l_arm * outwards, -outwards, 90.0)
         elif exposure.radius is not None:
             yield None, Solid(ball(self.tip, exposure.radius / self.l_arm))
         else:
@@ -142,21 +146,6 @@ class Scene:
             paths = [(origin, exposure.length / self.l_arm * outwards)]
         return [Solid(ConeSphere(self.tip + start, path, r, 0.0)) for start, path in paths]
 
-    def _half_spaces(self, exposure: Allowed) -> Iterator[Cone]:
-        """Yield every allowed half-space, as a cone of 90 degrees with its apex on the plane."""
-        for plane in exposure.planes:
-            normal = _unit(np.array(plane.normal))
-            yield Cone(self.tip + plane.offset / self.l_arm * normal, -normal, 90.0)
-
-    def _cones(self, exposure: Exterior) -> list[Cone]:
-        """Return the allowed cone; empty if its axis is undefined."""
-        if exposure.axis == "com":
-            outwards = self._outward_direction()
-            axis = None if outwards is None else -outwards
-        else:
-            axis = _unit(np.array(exposure.axis))
-        return [] if axis is None else [Cone(self.tip, axis, exposure.half_angle_deg)]
-
     def rod(self, mount: Mount | None) -> Iterator[Requirement]:
         """Yield the rod from a mount against every airflow envelope; counts if the task requires a straight rod."""
         if mount is None or not self.in_range:
@@ -169,6 +158,15 @@ class Scene:
     def _outward_direction(self) -> Array | None:
         """Return p_E / ||p_E||; None if p_E is almost zero, which the residuals report as a violation."""
         return _unit(self.offset) if np.abs(self.offset).max() > 1e-12 else None
+
+
+def half_spaces(exposure: Exposure) -> list[tuple[Array, float]]:
+    """Return the half-spaces of fixed direction that must hold all airflow: normals of any length, offsets [m]."""
+    if isinstance(exposure, Allowed):
+        return [(np.array(plane.normal), plane.offset) for plane in exposure.planes]
+    if isinstance(exposure, Exterior) and exposure.half_angle_deg == 90 and exposure.axis != "com":
+        return [(-np.array(exposure.axis), 0.0)]
+    return []
 
 
 def _balls(centres: Sequence[Array] | Array, radius: float) -> list[Solid]:

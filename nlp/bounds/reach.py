@@ -41,8 +41,8 @@ from nlp.bounds.refutation import Refutation, bodies_mass, centre_offset, size_t
 from nlp.numbers.geometry import Swept, clearance, rotation
 from topo_search.model import AirflowEnvelope, ResolvedTask, Topology
 from topo_search.model.arrays import Array
-from topo_search.model.exposure import Local
 from topo_search.model.proven import TOLERANCE, excess_texts, lower_text, upper_text
+from topo_search.model.shape import Capsule
 
 
 class PathSearch(NamedTuple):
@@ -211,9 +211,10 @@ def _distances(task: ResolvedTask) -> list[tuple[float, str]]:
         )
     envelope_radius = task.module.region_envelope.start_radius
     for e, exposure in enumerate(task.exposure):
-        if isinstance(exposure, Local) and exposure.radius is not None and exposure.geometry:
-            reason = f"exposure[{e}].radius = {lower_text(exposure.radius)} m keeps every module's airflow off"
-            distances.append((exposure.radius + envelope_radius - l_c, reason))
+        for shape in exposure.shapes if exposure.geometry else ():
+            if isinstance(shape, Capsule) and shape == Capsule(shape.radius):
+                reason = f"exposure[{e}].radius = {lower_text(shape.radius)} m keeps every module's airflow off"
+                distances.append((shape.radius + envelope_radius - l_c, reason))
     if task.end_effector.fixed_position is not None:
         p_E = math.hypot(*task.end_effector.fixed_position)
         q = task.total_mass(n) / bodies_mass(task) * p_E - centre_offset(task)

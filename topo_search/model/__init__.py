@@ -18,17 +18,7 @@ from topo_search.model.audit import (
     WorstCase,
 )
 from topo_search.model.design import Design, Geometry, Infeasible, Relaxed, ShorterRod, Shortfall, SolverRecord
-from topo_search.model.exposure import (
-    LEAST_OFFSET,
-    Allowed,
-    AnyExposure,
-    Directional,
-    Exterior,
-    Local,
-    Plane,
-    needs_offset,
-    segment_of,
-)
+from topo_search.model.exposure import LEAST_OFFSET, AnyExposure, needs_offset, segment_of
 from topo_search.model.flight import CaseFlight, CasePower, Flight, JointLoad, RotorsOut
 from topo_search.model.load_case import LoadCase, Wrench, ten_wrenches
 from topo_search.model.module import AirflowEnvelope, EndEffector, Module, Mount

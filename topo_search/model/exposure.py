@@ -6,14 +6,15 @@ Points are in metres from the end-effector p_E, in the axes of the task frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import pairwise, product
 from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, ValidationInfo, model_validator
 
-from topo_search.limits import LIMITS
+from topo_search.limits import LIMITS, figures, length, quantity, vector
+from topo_search.model import proven
 from topo_search.model.arrays import Array
 from topo_search.model.mesh_file import LARGEST_COORDINATE, convex_pieces, mesh_schema, take_mesh
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape, has_volume, unit
@@ -69,8 +70,12 @@ Solid = Annotated[Flag, OMIT_EMPTY]
 """True if a region is a solid object, such as a wall, so that rigid parts must stay out of it too."""
 
 
+Relaxable = tuple[str, float, str, str]
+"""Field that can be relaxed: name, largest share (negative: the value shrinks), change in words, unit."""
+
+
 class Region(Value):
-    """Fields that all regions share."""
+    """Fields that all regions share; each kind also has `words`, `shapes` and `relaxable` fields."""
 
     speed: Omitted[Positive] = None
     """Largest allowed air speed in the region, in every load case, by the jet model [m/s]."""
@@ -81,6 +86,14 @@ class Region(Value):
     def speed_reach(self) -> float | None:
         """Distance from the end-effector up to which `speed` applies [m]; None: everywhere in the region."""
         return None
+
+    def lengths(self) -> Iterator[tuple[str, float, bool]]:
+        """Yield lengths that may be in a wrong unit: field, length [m], and whether it is that of a path."""
+        yield from ()
+
+    def mesh_excesses(self) -> Iterator[tuple[int | None, float]]:
+        """Yield the segments (see `segment_of`) that reach beyond the mesh that they replace, and how far [m]."""
+        yield from ()
 
     def _broken_rules(self) -> Broken:
         if not self.geometry and self.speed is None:
@@ -148,6 +161,36 @@ class Local(Region):
         return {**data, **shape, "mesh_excess": excess if any(excess) else None}
 
     @property
+    def words(self) -> str:
+        """The region in words."""
+        if self.radius is not None:
+            return f"a ball of radius {length(self.radius)} around the end-effector"
+        if self.box is not None:
+            return f"a box of {vector(self.box)} m along x, y and z, centred at the end-effector"
+        hulls = f"the convex hull of {quantity(len(self.corners), 'point')} about the end-effector"
+        if self.pieces is not None:
+            pieces = quantity(len(self.pieces), "convex piece")
+            hulls = f"{pieces} about the end-effector, with {len(self.corners)} corners in all"
+        beyond = max(self.mesh_excess or (0.0,))
+        return hulls + (f", up to {length(proven.at_most(beyond, 3))} larger than the mesh" if beyond else "")
+
+    def lengths(self) -> Iterator[tuple[str, float, bool]]:
+        """See `Region.lengths`."""
+        yield ".radius", self.radius or 0.0, False
+        yield "", max((math.hypot(*corner) for corner in self.corners.tolist()), default=0.0), False
+
+    @property
+    def relaxable(self) -> tuple[Relaxable, ...]:
+        """Size of the region."""
+        regions = ((name, -1.0, "smaller region", "") for name in ("box", "vertices", "pieces"))
+        return (("radius", -1.0, "smaller radius", "m"), *regions)
+
+    def mesh_excesses(self) -> Iterator[tuple[int | None, float]]:
+        """See `Region.mesh_excesses`."""
+        excesses = enumerate(self.mesh_excess or ())
+        yield from ((segment_of(self, piece), excess) for piece, excess in excesses if excess)
+
+    @property
     def shapes(self) -> tuple[Shape, ...]:
         """Shapes that make up the region."""
         if self.radius is not None:
@@ -206,6 +249,31 @@ class Directional(Region):
             yield (), f"must have either `segments`, or `polylines`, or `along` with `length`, but got {actual}"
 
     @property
+    def words(self) -> str:
+        """The region in words."""
+        path = f"{length(self.length or 0.0)} along p_E, away from the centre of mass"
+        if self.segments is not None:
+            endpoints = ", ".join(vector(end) for end in self.segments)
+            path = f"{quantity(len(self.segments), 'path')} from the end-effector to {endpoints} m"
+        if self.polylines is not None:
+            paths = "; ".join(" to ".join(vector(point) for point in points) for points in self.polylines)
+            path = f"{quantity(len(self.polylines), 'bent path')}, from the end-effector: {paths} m"
+        return f"capsules of radius {length(self.radius)} along {path}"
+
+    def lengths(self) -> Iterator[tuple[str, float, bool]]:
+        """See `Region.lengths`."""
+        yield ".radius", self.radius, False
+        yield from ((f".segments[{k}]", math.hypot(*end), True) for k, end in enumerate(self.segments or ()))
+        for k, points in enumerate(self.polylines or ()):
+            yield f".polylines[{k}]", max(math.hypot(*point) for point in points), True
+        yield ".length", self.length or 0.0, True
+
+    @property
+    def relaxable(self) -> tuple[Relaxable, ...]:
+        """Radius of the capsules."""
+        return (("radius", -1.0, "smaller radius", "m"),)
+
+    @property
     def shapes(self) -> tuple[Shape, ...]:
         """One capsule per straight piece; its index is the `segment` in audits."""
         if self.length is not None:
@@ -224,6 +292,20 @@ class Exterior(UnboundedRegion):
     """d_con: axis, from p_E into the allowed cone; `com`: from p_E to the centre of mass."""
     solid: Solid = False
     """True if rigid parts, and the rod except its tip, must stay inside the cone too."""
+
+    @property
+    def words(self) -> str:
+        """The region in words."""
+        axis = "towards the centre of mass" if self.axis == "com" else f"along {vector(self.axis)}"
+        return (
+            f"everything outside a cone of half-angle {figures(self.half_angle_deg)}° with its apex at the "
+            f"end-effector and its axis {axis}"
+        )
+
+    @property
+    def relaxable(self) -> tuple[Relaxable, ...]:
+        """Half-angle of the cone, up to a half-space."""
+        return (("half_angle_deg", min(1.0, 90 / self.half_angle_deg - 1), "wider cone", "deg"),)
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
@@ -255,6 +337,21 @@ class Allowed(UnboundedRegion):
         if self.speed_within is not None and self.speed_within <= farthest:
             text = f"must be more than every plane's offset, {farthest:g} m at most, but got {self.speed_within:g}"
             yield "speed_within", text
+
+    @property
+    def words(self) -> str:
+        """The region in words."""
+        sides = (f"{vector(unit(plane.normal))} · x ≤ {length(plane.offset)}" for plane in self.planes)
+        return f"everything except where {' and '.join(sides)}, with x from the end-effector"
+
+    def lengths(self) -> Iterator[tuple[str, float, bool]]:
+        """See `Region.lengths`."""
+        yield from ((f".planes[{k}].offset", abs(plane.offset), False) for k, plane in enumerate(self.planes))
+
+    @property
+    def relaxable(self) -> tuple[Relaxable, ...]:
+        """Planes, which move outwards."""
+        return (("planes", 1.0, "of the airflow's length as extra room", ""),)
 
     @property
     def shapes(self) -> tuple[Shape, ...]:

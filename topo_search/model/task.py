@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_validator, model_validator
 
 from topo_search.limits import LIMITS
-from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, Local, needs_offset, segment_of
+from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
 from topo_search.model.load_case import AskedFlight, LoadCase, broken_reserves, broken_rules, labels, ten_wrenches
 from topo_search.model.module import AIR_DENSITY, PRECISION, CountedRod, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
@@ -36,6 +36,7 @@ from topo_search.model.room import (
     whole_cover,
 )
 from topo_search.model.search import GOALS, Goals, Level, Search
+from topo_search.model.shape import Polytope
 from topo_search.model.value import (
     Angle,
     Broken,
@@ -149,7 +150,8 @@ class Task(Value):
             kinds = {region.kind for region in regions}
             names = " and ".join(f"{name}s" for kind, name in PART_NAMES.items() if kind in kinds)
             yield "exposure", f"must have at most {LIMITS.segments} {names} in all, but got {parts:,}"
-        corners = sum(len(region.corners) for region in self.exposure if isinstance(region, Local))
+        shapes = (shape for region in self.exposure for shape in region.shapes)
+        corners = sum(len(shape.corners) for shape in shapes if isinstance(shape, Polytope))
         if corners > LIMITS.all_corners:
             yield "exposure", f"must have at most {LIMITS.all_corners:,} corners in all, but got {corners:,}"
         if self.load_cases != "ten-wrenches" and self.task_seed is not None:

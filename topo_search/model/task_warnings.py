@@ -30,7 +30,6 @@ from itertools import chain, starmap
 from typing import NamedTuple
 
 from topo_search.limits import quantity
-from topo_search.model.exposure import Allowed, Directional, Exterior, Local, segment_of
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Body, Module
 from topo_search.model.proven import excess_texts, upper_text
@@ -207,13 +206,13 @@ def _accessories(task: Task) -> Doubts:
 
 
 def _angles(task: Task) -> Doubts:
-    cones = {f"load_cases[{k}].cone": case.cone.half_angle_deg for k, case in enumerate(task.cases) if case.cone}
-    exteriors = ((e, region) for e, region in enumerate(task.exposure) if isinstance(region, Exterior))
-    cones |= {f"exposure[{e}]": region.half_angle_deg for e, region in exteriors}
+    sets = ((f"load_cases[{k}].cone", case.cone) for k, case in enumerate(task.cases) if case.cone)
+    regions = ((f"exposure[{e}]", exposure) for e, exposure in enumerate(task.exposure))
+    fields = ((f"{path}.{name}", value) for path, part in chain(sets, regions) for name, value in part)
     least = 1.6  # smaller cone angles may be radians: a right angle is 1.571
     angles = (
         ("module.airflow.spread_angle_deg", task.module.airflow.spread_angle_deg, least),
-        *((f"{path}.half_angle_deg", half_angle, least) for path, half_angle in cones.items()),
+        *((path, half_angle, least) for path, half_angle in fields if path.endswith("_deg")),
         ("tolerances.hinge_angle_deg", task.tolerances.hinge_angle_deg, 0.05),  # 1 mm at 1.1 m
     )
     for path, angle, usual in angles:
@@ -270,14 +269,12 @@ def _lengths(task: Task, n: int) -> Doubts:
 def _meshes(task: Task) -> Doubts:
     """Yield regions that are larger than their mesh."""
     for e, exposure in enumerate(task.exposure):
-        for piece, excess in enumerate((isinstance(exposure, Local) and exposure.mesh_excess) or ()):
-            if excess:
-                numbered = segment_of(exposure, piece) is not None
-                yield (
-                    f"exposure[{e}].pieces[{piece}]" if numbered else f"exposure[{e}]",
-                    f"reaches up to {upper_text(excess, 3)} m beyond its mesh, because pieces are convex and have "
-                    "few corners: cut the mesh into closed convex bodies that share no edge to come closer",
-                )
+        for piece, excess in exposure.mesh_excesses():
+            yield (
+                f"exposure[{e}]" if piece is None else f"exposure[{e}].pieces[{piece}]",
+                f"reaches up to {upper_text(excess, 3)} m beyond its mesh, because pieces are convex and have "
+                "few corners: cut the mesh into closed convex bodies that share no edge to come closer",
+            )
 
 
 def _rod(task: Task, n: int) -> Doubts:
@@ -305,20 +302,8 @@ def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
     yield "end_effector.stand_off", tip.stand_off, LARGE
     yield "end_effector.largest_reach", tip.largest_reach or 0.0, LARGE
     for e, exposure in enumerate(task.exposure):
-        prefix = f"exposure[{e}]"
-        if isinstance(exposure, Local | Directional):
-            yield f"{prefix}.radius", exposure.radius or 0.0, LARGE
-        if isinstance(exposure, Local):
-            yield prefix, max((math.hypot(*corner) for corner in exposure.corners.tolist()), default=0.0), LARGE
-        if isinstance(exposure, Directional):
-            for k, end in enumerate(exposure.segments or ()):
-                yield f"{prefix}.segments[{k}]", math.hypot(*end), long_path
-            for k, points in enumerate(exposure.polylines or ()):
-                yield f"{prefix}.polylines[{k}]", max(math.hypot(*point) for point in points), long_path
-            yield f"{prefix}.length", exposure.length or 0.0, long_path
-        if isinstance(exposure, Allowed):
-            for k, plane in enumerate(exposure.planes):
-                yield f"{prefix}.planes[{k}].offset", abs(plane.offset), LARGE
+        for name, length, is_path in exposure.lengths():
+            yield f"exposure[{e}]{name}", length, long_path if is_path else LARGE
 
 
 def _thrust(task: Task, n: int) -> Doubts:

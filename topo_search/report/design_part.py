@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from topo_search.export.audits import flight_lines
+from topo_search.limits import vector
 from topo_search.model import Audit, CaseFlight, Clearance, Design, Flight, Limit, Status
 from topo_search.model.audit import AirSpeeds
 from topo_search.model.design import StatedCheck
@@ -17,7 +18,6 @@ from topo_search.model.proven import at_least, at_most, lower_text, upper_text
 from topo_search.model.topology import PORT_NAMES
 from topo_search.model.value import Vector
 from topo_search.report import Table
-from topo_search.report.task_facts import vector
 from topo_search.report.wording import clearance, figures, length, quantity, rounded_down, rounded_up, sentence
 
 

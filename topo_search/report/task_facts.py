@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from topo_search.model import Allowed, AnyExposure, Directional, Exterior, LoadCase, Local, ResolvedTask, Task
-from topo_search.model.proven import at_most, upper_text
+from topo_search.limits import vector
+from topo_search.model import AnyExposure, LoadCase, ResolvedTask, Task
+from topo_search.model.proven import upper_text
 from topo_search.model.room import folds_text
-from topo_search.model.shape import unit as unit_vector
 from topo_search.model.task import Tolerances
-from topo_search.model.value import Vector, is_zero
+from topo_search.model.value import is_zero
 from topo_search.report.wording import figures, length, modules, quantity
 
 Facts = tuple[str, Sequence[tuple[str, str]]]
@@ -122,54 +122,12 @@ def goals(task: Task) -> Facts:
     return ("goals besides control effort", (*rows, ("searches", quantity(len(task_goals.levels), "level"))))
 
 
-def _region(exposure: Local) -> str:
-    if exposure.radius is not None:
-        return f"a ball of radius {length(exposure.radius)} around the end-effector"
-    if exposure.box is not None:
-        return f"a box of {vector(exposure.box)} m along x, y and z, centred at the end-effector"
-    hulls = f"the convex hull of {quantity(len(exposure.corners), 'point')} about the end-effector"
-    if exposure.pieces is not None:
-        pieces = quantity(len(exposure.pieces), "convex piece")
-        hulls = f"{pieces} about the end-effector, with {len(exposure.corners)} corners in all"
-    beyond = max(exposure.mesh_excess or (0.0,))
-    return hulls + (f", up to {length(at_most(beyond, 3))} larger than the mesh" if beyond else "")
-
-
 def requirement(exposure: AnyExposure) -> str:
     """Return one exposure requirement in words."""
     if exposure.speed is None:
-        return _geometry(exposure)
+        return exposure.words
     reach = "" if exposure.speed_reach is None else f" within {length(exposure.speed_reach)} of the end-effector"
-    return f"{_geometry(exposure)}; air there at most {figures(exposure.speed)} m/s{reach}"
-
-
-def _geometry(exposure: AnyExposure) -> str:
-    match exposure:
-        case Local():
-            return _region(exposure)
-        case Directional():
-            return f"capsules of radius {length(exposure.radius)} along {_path(exposure)}"
-        case Exterior():
-            axis = "towards the centre of mass" if exposure.axis == "com" else f"along {vector(exposure.axis)}"
-            return (
-                f"everything outside a cone of half-angle {figures(exposure.half_angle_deg)}° with its apex at the "
-                f"end-effector and its axis {axis}"
-            )
-        case Allowed():
-            sides = " and ".join(
-                f"{vector(unit_vector(p.normal))} · x ≤ {length(p.offset)}" for p in exposure.planes
-            )
-            return f"everything except where {sides}, with x from the end-effector"
-
-
-def _path(exposure: Directional) -> str:
-    if exposure.segments is not None:
-        endpoints = ", ".join(vector(end) for end in exposure.segments)
-        return f"{quantity(len(exposure.segments), 'path')} from the end-effector to {endpoints} m"
-    if exposure.polylines is not None:
-        paths = "; ".join(" to ".join(vector(point) for point in points) for points in exposure.polylines)
-        return f"{quantity(len(exposure.polylines), 'bent path')}, from the end-effector: {paths} m"
-    return f"{length(exposure.length or 0.0)} along p_E, away from the centre of mass"
+    return f"{exposure.words}; air there at most {figures(exposure.speed)} m/s{reach}"
 
 
 def load_cases(task: ResolvedTask) -> list[list[str]]:
@@ -209,12 +167,6 @@ def _wrench_sets(case: LoadCase) -> Iterator[str]:
     if case.vertices:
         hull = "; ".join(f"force {vector(w.force)} N, torque {vector(w.torque)} N m" for w in case.vertices)
         yield f"in addition, at the end-effector all wrenches between its own and {hull}: {corners}"
-
-
-def vector(values: Vector | tuple[float, ...]) -> str:
-    """Return a vector with three significant digits per entry; entries below 1e-9 of the largest are 0."""
-    smallest = 1e-9 * max(map(abs, values))
-    return f"[{', '.join(figures(x if abs(x) > smallest else 0.0, 3) for x in values)}]"
 
 
 def _search(task: ResolvedTask) -> tuple[tuple[str, str], ...]:

@@ -44,11 +44,11 @@ from topo_search.export.poses import (
     towards_viewer,
 )
 from topo_search.export.solids import join, pose_matrix
+from topo_search.limits import vector as vector_text
 from topo_search.model import Assembly, Audit, Design, LoadCase
 from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
-from topo_search.report.task_facts import vector as vector_text
 from topo_search.report.wording import clearance, figures, length, rounded_down, rounded_up
 from verify.air.jets import MODEL, jets
 from verify.flight.programs import Box

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from topo_search.limits import figures as figures
+from topo_search.limits import length as length
 from topo_search.limits import quantity as quantity
 
 if TYPE_CHECKING:
@@ -26,23 +28,6 @@ def modules(n: int) -> str:
 def sentence(words: str) -> str:
     """Return words as a sentence, with a capital and a full stop."""
     return f"{words[0].upper()}{words[1:]}."
-
-
-def figures(value: float, digits: int = 4) -> str:
-    """Return a number with `digits` significant digits; large and small ones with a power of ten."""
-    text = f"{value:.{digits}g}"
-    if "e" not in text:
-        return text.replace("-", "−")
-    mantissa, exponent = text.split("e")
-    superscripts = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-    return f"{mantissa} × 10{str(int(exponent)).translate(superscripts)}".replace("-", "−")
-
-
-def length(metres: float) -> str:
-    """Return a length in mm, cm or m, whichever suits its size."""
-    if abs(metres) < 0.01:
-        return f"{figures(1000 * metres, 3)} mm"
-    return f"{figures(100 * metres, 3)} cm" if abs(metres) < 1 else f"{figures(metres, 3)} m"
 
 
 def rounded_down(value: float | None, unit: str = "", digits: int = 3) -> str:

@@ -23,7 +23,7 @@ from typing import Any
 from topo_search.engine import Backends, Failed, Job, audit_deadline, scaled_violation
 from topo_search.model import Infeasible, Relaxed, ResolvedTask, Task, Topology
 from topo_search.model.design import STARTS, Relaxation
-from topo_search.model.exposure import Allowed, Exterior, Plane
+from topo_search.model.exposure import Plane
 from topo_search.model.files import to_json
 from topo_search.model.shape import NOWHERE
 from topo_search.study.directory import RunFile
@@ -83,7 +83,7 @@ class Relaxable:
 
 def relaxable(task: Task, n: int) -> list[Relaxable]:
     """Return the limits of a task for n modules that can be relaxed without changing the module or the tree."""
-    limits = (*_numbers(task, n), *_switches(task), *_planes_and_loads(task))
+    limits = (*_numbers(task, n), *_switches(task), *_loads(task))
     return [limit for limit in limits if limit.shares]
 
 
@@ -111,13 +111,9 @@ def _numbers(task: Task, n: int) -> Iterator[Relaxable]:
     ]
     for number, exposure in enumerate(task.exposure):
         limit = f"exposure {number} ({exposure.kind})"
-        wider = min(1.0, 90 / exposure.half_angle_deg - 1) if isinstance(exposure, Exterior) else 0.0
-        table += [
-            (number, "speed", f"air over {limit}", 1.0, "faster air", "m/s"),
-            (number, "half_angle_deg", limit, wider, "wider cone", "deg"),
-            (number, "radius", limit, shrink, "smaller radius", "m"),
-            *((number, shape, limit, shrink, "smaller region", "") for shape in ("box", "vertices", "pieces")),
-        ]
+        table.append((number, "speed", f"air over {limit}", 1.0, "faster air", "m/s"))
+        for name, largest_share, words, unit in exposure.relaxable:
+            table.append((number, name, limit, max(shrink, largest_share), words, unit))
     for part, name, limit, largest_share, words, unit in table:
         read_value = partial(_value, n, part, name)
         if (value := read_value(task)) and value != NOWHERE:
@@ -138,15 +134,22 @@ def _value(n: int, part: str | int, name: str, task: Task) -> Any:
 
 
 def _change(task: Task, part: str | int, name: str, value: Any, sign: float, share: float) -> Task:
-    fields = {name: _scale(value, 1 + sign * share)}
+    fields = {name: _relax_value(value, sign * share, task.module.region_envelope.length)}
     if name == "max_thrust":
         fields["max_thrust_to_weight"] = 4 * fields[name] / (task.module.mass * task.gravity)
     return task.with_fields(part, **fields)
 
 
-def _scale(value: Any, factor: float) -> Any:
-    """Return a number, or all numbers in tuples, scaled and rounded to the digits of `Relaxation.setting`."""
-    return tuple(_scale(x, factor) for x in value) if isinstance(value, tuple) else float(f"{value * factor:.6g}")
+def _relax_value(value: Any, share: float, length: float) -> Any:
+    """Return a number scaled by 1 + share, with the digits of `Relaxation.setting`; in tuples every number.
+
+    Planes move outwards by a share of the airflow's length.
+    """
+    if isinstance(value, tuple):
+        return tuple(_relax_value(x, share, length) for x in value)
+    if isinstance(value, Plane):
+        return value.model_copy(update={"offset": value.offset + share * length})
+    return float(f"{value * (1 + share):.6g}")
 
 
 def _switches(task: Task) -> Iterator[Relaxable]:
@@ -170,13 +173,8 @@ def _return_freed(freed: Task, _: float) -> Task:
     return freed
 
 
-def _planes_and_loads(task: Task) -> Iterator[Relaxable]:
-    """Yield the planes of requirements, moved outwards by a share of the airflow's length, and the load cases."""
-    for number, exposure in enumerate(task.exposure):
-        if isinstance(exposure, Allowed):
-            limit, words = f"exposure {number} ({exposure.kind})", "of the airflow's length as extra room"
-            move = partial(_move_planes, task, number, exposure.planes)
-            yield Relaxable(limit, f"exposure[{number}].planes", words, 1.0, move)
+def _loads(task: Task) -> Iterator[Relaxable]:
+    """Yield the load cases."""
 
     def lighten(x: float) -> Task:
         # the wrench at the centre of mass carries the weight and stays
@@ -186,12 +184,6 @@ def _planes_and_loads(task: Task) -> Iterator[Relaxable]:
     if lighten(0.5).load_cases != task.cases:
         words = "less force and torque at the end-effector"
         yield Relaxable("load cases", "load_cases", words, 1 - RELAXING.remaining, lighten)
-
-
-def _move_planes(task: Task, number: int, planes: Sequence[Plane], x: float) -> Task:
-    length = task.module.region_envelope.length
-    moved = (plane.model_copy(update={"offset": plane.offset + x * length}) for plane in planes)
-    return task.with_fields(number, planes=tuple(moved))
 
 
 @dataclass

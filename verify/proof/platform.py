@@ -37,13 +37,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model import Allowed, Exterior, ResolvedTask, Topology
+from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS
 from topo_search.model.compiled_code import njit
 from topo_search.model.corners import CorneredTask
 from topo_search.model.proof import Problem, proof_task
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
+from verify.requirements import half_spaces
 
 Indices = NDArray[np.int64]
 
@@ -298,14 +299,8 @@ def _bodies(task: ResolvedTask, tree: Topology) -> Array:
 
 def _walls(task: ResolvedTask) -> tuple[Array, Indices, Array, Array]:
     """Return normals, modules, distances and offsets of the walls; none for a fixed end-effector."""
-    planes = list[tuple[Array, float]]()
-    for region in task.exposure:
-        if not region.geometry or task.end_effector.fixed_position is not None:
-            continue
-        if isinstance(region, Allowed):
-            planes += [(np.array(plane.normal), plane.offset) for plane in region.planes]
-        elif isinstance(region, Exterior) and region.half_angle_deg == 90 and region.axis != "com":
-            planes.append((-np.array(region.axis), 0.0))
+    regions = [] if task.end_effector.fixed_position is not None else task.exposure
+    planes = [plane for region in regions if region.geometry for plane in half_spaces(region)]
     air, n, l_arm = task.module.region_envelope, task.n, task.module.arm_length
     end_balls = (0.0, air.start_radius), (air.length, air.end_radius)
     rows = [(normal, i, end, r - offset) for normal, offset in planes for i in range(n) for end, r in end_balls]

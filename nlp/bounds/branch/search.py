@@ -385,12 +385,17 @@ def _crowded_hinge(rho: Array, gain: Array) -> int:
 
 @njit(cache=True, allocates=False)
 def _split_axis(rho: Array, gain: Array) -> int:
-    """Return the angle with the largest gain, without those that are much narrower than others."""
-    min_rho, axis, largest_gain = 0.0, 0, -math.inf
+    """Return the angle with the largest gain, without those that are much narrower than others.
+
+    After an overflow no gain is a number; the widest angle is split then, as one split forever overruns the stack.
+    """
+    widest = 0
     for a in range(len(rho)):
-        min_rho = max(min_rho, rho[a] / BRANCHING.max_aspect)
+        if rho[a] > rho[widest]:
+            widest = a
+    axis, largest_gain = widest, -math.inf
     for a in range(len(rho)):
-        if rho[a] > min_rho and gain[a] > largest_gain:
+        if rho[a] > rho[widest] / BRANCHING.max_aspect and gain[a] > largest_gain:
             axis, largest_gain = a, gain[a]
     return axis
 
