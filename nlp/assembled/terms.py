@@ -129,9 +129,9 @@ def _envelope_pair(air: Air, beta: float) -> Derived:
     l, r_0, dr = air.length, 2 * air.start_radius, air.growth
     A, scale = l**2 - dr**2, 2 * (r_0 + 2 * dr)
     constants = np.array([-2 * dr**2, -2 * r_0 * dr, -2 * r_0 * dr, -(r_0**2)])
-    first, second = (1, 0, 0, 0), (2, 1, 2, 0)
+    first, second = np.array([1, 0, 0, 0]), np.array([2, 1, 2, 0])
     numbers, multiples = np.array([-2 * l**2, -2 * l, 2 * l, 1.0]), np.zeros((4, 3, 3))
-    np.add.at(multiples, ([*range(4)] * 2, first + second, second + first), np.tile(numbers, 2))
+    np.add.at(multiples, ([*range(4)] * 2, [*first, *second], [*second, *first]), np.tile(numbers, 2))
     Q, same_axis = multiples.reshape(4, 9), np.eye(3)[:, None, :]
 
     def differentiate(y: Array) -> Jet:
