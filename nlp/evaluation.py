@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import casadi as ca
@@ -51,8 +51,7 @@ POSITION_TOLERANCE = 1e-9
 """Largest allowed error of a fixed end-effector's position [l_arm]."""
 
 
-@dataclass(frozen=True)
-class Violation:
+class Violation(NamedTuple):
     """Violation of one constraint at a point."""
 
     name: str

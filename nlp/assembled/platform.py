@@ -31,7 +31,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from nlp.numbers.geometry import torque_map
+from nlp.numbers.geometry import cross, torque_map
 from nlp.numbers.kinematics import chain, tree_of
 from nlp.numbers.masses import masses
 from nlp.requirements.statement import LocalVector, PlatformVector
@@ -105,12 +105,12 @@ class Platform:
         force, torques = self.V[3 * n : 4 * n] / (4 * n), R @ layout.torque_map / n
         wrenches = np.empty((n, 4, 6))
         wrenches[:, :, :3] = force[:, None]
-        wrenches[:, :, 3:] = _cross(p, force)[:, None] + torques.transpose(0, 2, 1)
+        wrenches[:, :, 3:] = cross(p, force)[:, None] + torques.transpose(0, 2, 1)
         self.A = wrenches.reshape(-1, 6)
 
     @cached_property
     def _v(self) -> Array:
-        return _cross(self._c, self._omega)
+        return cross(self._c, self._omega)
 
     @cached_property
     def _X(self) -> Array:
@@ -156,9 +156,3 @@ class Platform:
         H = np.zeros((layout.g, layout.g))
         H[:angles, :angles] = (self._X.reshape(36, angles).T @ pushed.reshape(36, angles)) * layout.inward
         return H
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Return a x b for many vectors, several times faster than NumPy."""
-    product: Array = a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
-    return product

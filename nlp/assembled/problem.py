@@ -115,14 +115,14 @@ class AssembledProblem:
     def platform_at(self, variables: Array) -> tuple[Platform, Array]:
         """Return the platform and the inputs; the platform is cached until the geometry changes."""
         x = variables[: self.g]
-        if not np.array_equal(x, self._x):
+        if not (x == self._x).all():
             self._x = x.copy()
             self.platform, self._jets = Platform(self.layout, self._x), None
         return self.platform, variables[self.g :].reshape(self.K, -1)
 
     def _derive(self, platform: Platform) -> list[Jet]:
-        """Return all terms with their derivatives, cached: Ipopt takes Jacobian and Hessian at the same points."""
-        self._jets = self._jets or [term.evaluate(platform, derive=True) for term in self._terms]
+        """Return all terms with their derivatives, cached: Ipopt takes values, Jacobian and Hessian at a point."""
+        self._jets = self._jets or [term.evaluate(platform) for term in self._terms]
         return self._jets
 
     def objective(self, variables: Array) -> float:
@@ -139,7 +139,7 @@ class AssembledProblem:
         """Return (2) to (9)."""
         platform, u = self.platform_at(variables)
         balances = (u @ platform.A).ravel() - (self._wrenches + self._levers @ platform.V[-3:-1].ravel())
-        values = [balances, *(term.evaluate(platform, derive=False)[0] for term in self._terms)]
+        values = [balances, *(value for value, _, _ in self._derive(platform))]
         appended = [np.asarray(rows.values(variables), dtype=float).ravel() for rows, _, _, _ in self._appended]
         return np.concatenate([self._subtract_inertial(np.concatenate(values)), *appended])
 

@@ -17,9 +17,9 @@ mass (`nlp.symbols.platform`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -36,17 +36,12 @@ from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
 from topo_search.model.value import Vector
 
+MAX_BUFFERS = 15
+"""Largest number of cached buffers per expression: one per number of columns."""
 Jet = tuple[Array, ...]
-"""Values (m,), then optionally gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
-MAX_BUFFERS = 30
-"""Largest number of cached buffers per expression: one per number of columns, with and without derivatives."""
-
-
-class Derived(Protocol):
-    """A function of local vectors with its derivatives."""
-
-    def __call__(self, y: Array, *, derive: bool) -> Jet:
-        """Return values and derivatives at local vectors of shape (m, s, 3)."""
+"""Values (m,), gradients (m, s, 3) and Hessians (m, 3 s, 3 s) by y."""
+Derived = Callable[[Array], Jet]
+"""A function of local vectors of shape (m, s, 3) with its derivatives."""
 
 
 class Term:
@@ -77,10 +72,9 @@ class Term:
         self.changing = self.moving & ~layout.turned[involved].all(axis=1)  # rigid turns change nothing
         """Mask of unknowns that change each clearance, shape (m, g)."""
 
-    def evaluate(self, platform: Platform, *, derive: bool) -> Jet:
-        """Return values, and with `derive` derivatives by the local vectors."""
-        V = platform.V
-        return self._derived(V.take(self.plus, 0) - V.take(self.minus, 0), derive=derive)
+    def evaluate(self, platform: Platform) -> Jet:
+        """Return values and derivatives by the local vectors."""
+        return self._derived(platform.V.take(self.plus, 0) - platform.V.take(self.minus, 0))
 
 
 class Mapped:
@@ -91,28 +85,27 @@ class Mapped:
         hessian, gradient = ca.hessian(expression, variables)
         results = [expression, ca.densify(gradient), ca.densify(hessian)]
         self._size = variables.numel()
-        self._functions = [ca.Function("term", [variables], outputs) for outputs in (results[:1], results)]
-        self._buffers: dict[tuple[bool, int], tuple[Any, Any, Array, Jet]] = {}
+        self._function = ca.Function("term", [variables], results)
+        self._buffers: dict[int, tuple[Any, Any, Array, Jet]] = {}
 
-    def __call__(self, y: Array, *, derive: bool) -> Jet:
-        """Return values, and with `derive` gradients and Hessians."""
+    def __call__(self, y: Array) -> Jet:
+        """Return values, gradients and Hessians."""
         m = len(y)
-        if (derive, m) not in self._buffers:
+        if m not in self._buffers:
             while len(self._buffers) >= MAX_BUFFERS:  # evict the oldest
                 del self._buffers[next(iter(self._buffers))]
-            self._buffers[derive, m] = self._buffer(m, derive=derive)
-        _, trigger, inputs, outputs = self._buffers[derive, m]
+            self._buffers[m] = self._buffer(m)
+        _, trigger, inputs, outputs = self._buffers[m]
         inputs[...] = y.reshape(m, -1)
         trigger()
-        shapes = (m,), y.shape, (m, self._size, self._size)
-        return tuple(output.copy().reshape(shape) for output, shape in zip(outputs, shapes, strict=False))
+        return tuple(output.copy() for output in outputs)
 
-    def _buffer(self, m: int, *, derive: bool) -> tuple[Any, Any, Array, Jet]:
+    def _buffer(self, m: int) -> tuple[Any, Any, Array, Jet]:
         """Return CasADi's buffer of the mapped function with its input and output arrays."""
-        function: Any = self._functions[derive].map(m)
+        function: Any = self._function.map(m)
         buffer, trigger = function.buffer()
         inputs = np.zeros((m, self._size))
-        outputs = tuple(np.zeros(m * self._size**axes) for axes in range(3 if derive else 1))
+        outputs = np.zeros(m), np.zeros((m, self._size // 3, 3)), np.zeros((m, self._size, self._size))
         buffer.set_arg(0, inputs.data)
         for number, output in enumerate(outputs):
             buffer.set_res(number, output.data)
@@ -136,19 +129,17 @@ def _envelope_pair(air: Air, beta: float) -> Derived:
     l, r_0, dr = air.length, 2 * air.start_radius, air.growth
     A, scale = l**2 - dr**2, 2 * (r_0 + 2 * dr)
     constants = np.array([-2 * dr**2, -2 * r_0 * dr, -2 * r_0 * dr, -(r_0**2)])
-    first, second = (1, 0, 0, 0), (2, 1, 2, 0)
+    first, second = np.array([1, 0, 0, 0]), np.array([2, 1, 2, 0])
     numbers, multiples = np.array([-2 * l**2, -2 * l, 2 * l, 1.0]), np.zeros((4, 3, 3))
-    np.add.at(multiples, ([*range(4)] * 2, first + second, second + first), np.tile(numbers, 2))
+    np.add.at(multiples, ([*range(4)] * 2, [*first, *second], [*second, *first]), np.tile(numbers, 2))
     Q, same_axis = multiples.reshape(4, 9), np.eye(3)[:, None, :]
 
-    def differentiate(y: Array, *, derive: bool) -> Jet:
+    def differentiate(y: Array) -> Jet:
         m = len(y)
         dots = np.einsum("rka,rka->rk", y.take(first, 1), y.take(second, 1))
         coefficients = numbers * dots + constants
-        psi, by_CDE, curved = smooth_minimum(coefficients, A, beta, derive)
+        psi, by_CDE, curved = smooth_minimum(coefficients, A, beta)
         values = (psi + coefficients[:, 3]) / scale  # F is the same for all candidates
-        if not derive:
-            return (values,)
         weighted = ((by_CDE @ Q[:3] + Q[3]) / scale).reshape(m, 3, 3)
         by_y = (Q[:3].reshape(9, 3) @ y).reshape(m, 3, 9)
         direct = (weighted[:, :, None, :, None] * same_axis).reshape(m, 9, 9)

@@ -187,7 +187,7 @@ def _search(task: ResolvedTask) -> tuple[Array, Array, Array, float, float, floa
     shares = [ratio] if ratio >= BOUND.min_weight else [share for share in BOUND.raised_weights if share > ratio]
     raised_weights = [np.maximum(weights, share * weights.max()) for share in shares]
     candidates = [multipliers(f, w, T, largest=largest, known_bound=known_bound) for w in raised_weights]
-    best = max(candidates, key=lambda nu: dual_value(nu, f, weights, T))
+    best = candidates[0] if len(candidates) == 1 else max(candidates, key=lambda nu: dual_value(nu, f, weights, T))
     return best, f, weights, T, effort_scale, scale
 
 

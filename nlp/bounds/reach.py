@@ -30,8 +30,9 @@ excluded. The path is impossible if no box remains.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from functools import lru_cache
-from itertools import combinations, pairwise
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -92,17 +93,21 @@ def refute_path(task: ResolvedTask, topology: Topology | None = None) -> Refutat
 
 def _paths(topology: Topology) -> set[Turns]:
     """Return the turns of all short paths; a path, its reverse and its mirror images count once."""
-    import networkx as nx
-
-    graph, paths = topology.graph(), set[Turns]()
-    for _, paths_from in nx.all_pairs_shortest_path(graph, SEARCH.max_modules - 1):
-        for path in paths_from.values():
-            if len(path) == 1:
-                continue
-            ports = [(graph[i][j]["ports"][i], graph[i][j]["ports"][j]) for i, j in pairwise(path)]
-            turns = [(out - entry) % 4 for (_, entry), (out, _) in pairwise(ports)]
-            mirror = [(-turn) % 4 for turn in turns]
-            paths.add(min(tuple(t) for t in (turns, turns[::-1], mirror, mirror[::-1])))
+    joints, paths = defaultdict[int, list[tuple[int, int, int]]](list), set[Turns]()
+    for h, i, a, b in topology.edges():
+        joints[h].append((a, i, b))
+        joints[i].append((b, h, a))
+    walks: list[tuple[Turns, int, int]] = [((), i, entry) for sides in joints.values() for _, i, entry in sides]
+    for _ in range(SEARCH.max_modules - 1):
+        for turns, _, _ in walks:
+            mirror = tuple((-turn) % 4 for turn in turns)
+            paths.add(min(turns, turns[::-1], mirror, mirror[::-1]))
+        walks = [
+            ((*turns, (out - entry) % 4), j, next_entry)
+            for turns, i, entry in walks
+            for out, j, next_entry in joints[i]
+            if out != entry
+        ]
     return paths
 
 
@@ -116,7 +121,7 @@ def _is_crowded(
     """
     hinges = len(turns) + 1
     pairs = np.array(list(combinations(range(hinges + 1), 2))).T
-    is_separated = pairs[1] - pairs[0] >= min_separation
+    is_separated, shares = pairs[1] - pairs[0] >= min_separation, np.array(SEARCH.length_shares)[:, None, None]
     alpha, h = np.zeros((1, hinges)), np.full(hinges, math.pi / 2 + TOLERANCE)
     while len(alpha) <= SEARCH.max_boxes and h.max() > SEARCH.min_width:
         z, p = _poses(turns, alpha, l_c)
@@ -127,12 +132,12 @@ def _is_crowded(
         if clear.any():
             return False
         is_open = (distance + _displacements(pairs, h, l_c)[is_separated] >= centre_distance - depth).all(axis=0)
-        for share in SEARCH.length_shares:
-            if air is not None:
-                length = share * air.length
-                radius = air.start_radius - (_displacements(pairs, h, l_c, length) + depth) / 2
-                gaps = _gaps(z, p, pairs, length, radius, share * air.growth)
-                is_open &= ((radius <= 0) | (gaps >= 0)).all(axis=0)
+        if air is not None:
+            lengths = [share * air.length for share in SEARCH.length_shares]
+            moved = np.array([_displacements(pairs, h, l_c, length) for length in lengths])
+            radii, growths = air.start_radius - (moved + depth) / 2, shares * air.growth
+            gaps = _gaps(z, p, pairs, shares[..., None] * air.length, radii, growths)
+            is_open &= ((radii <= 0) | (gaps >= 0)).all(axis=(0, 1))
         alpha = alpha[is_open]
         if not len(alpha):
             return True
@@ -159,7 +164,7 @@ def _displacements(pairs: NDArray[np.intp], h: Array, l_c: float, length: float 
     return np.array([[displacement(i, j)] for i, j in pairs.T.tolist()])
 
 
-def _gaps(z: Array, p: Array, pairs: NDArray[np.intp], length: float, radius: Any, growth: float) -> Array:
+def _gaps(z: Array, p: Array, pairs: NDArray[np.intp], length: Any, radius: Any, growth: Any) -> Array:
     """Return the clearances of two envelopes with this length and start radius, one row per pair [m]."""
     first, second = (Swept(p[side], -length * z[side], radius, growth) for side in pairs)
     return clearance(first, second)
@@ -250,10 +255,7 @@ def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Re
 
 def _squared_distances(topology: Topology) -> int:
     """Return sum_{i<j} d_ij^2."""
-    import networkx as nx
-
-    lengths: dict[int, dict[int, int]] = dict(nx.all_pairs_shortest_path_length(topology.graph()))
-    return sum(d**2 for row in lengths.values() for d in row.values()) // 2
+    return sum(d**2 for row in topology.distances for d in row) // 2
 
 
 def refute_rotors(task: ResolvedTask) -> Refutation | None:

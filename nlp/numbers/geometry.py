@@ -44,6 +44,13 @@ QUARTER_TURNS = np.array(
     [[[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]] for c, s in ((1, 0), (0, 1), (-1, 0), (0, -1))]
 )
 """Rz(kappa pi/2) for kappa = 0..3."""
+YZX, ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
+"""Indices that move the components of a vector."""
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b of vectors (..., 3), several times faster than NumPy."""
+    return np.asarray(a.take(YZX, -1) * b.take(ZXY, -1) - a.take(ZXY, -1) * b.take(YZX, -1))
 
 
 def rotation(axis: ArrayLike, angle: float) -> Array:

@@ -16,6 +16,7 @@ mass, but its inertia about the middle is m_R / 4 times that of a unit mass at d
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -93,6 +94,7 @@ class Masses(NamedTuple):
         return self.total / self.bodies
 
 
+@lru_cache(maxsize=64)
 def masses(module: Module, end_effector: EndEffector, topology: Topology) -> Masses:
     """Return the masses of a platform."""
     modules, moments, unit = np.ones(topology.n), np.zeros((topology.n, 2)), module.arm_length

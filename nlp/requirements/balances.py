@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from nlp.numbers.geometry import ranges
+from nlp.numbers.geometry import cross, ranges
 from nlp.numbers.masses import TINY, masses, point_inertia
 from nlp.numbers.point import Point
 from topo_search.model import ResolvedTask, Topology
@@ -41,10 +41,10 @@ def wrench_residuals(point: Point) -> Array:
     K = len(task.load_cases)
     residual = point.u.reshape(K, -1) @ wrench_matrix(point).T - required_wrenches(point)
     # from W's origin to the COM: a force residual has a torque about the origin
-    residual[:, 3:] -= np.cross(point.p_COM, residual[:, :3])
+    residual[:, 3:] -= cross(point.p_COM, residual[:, :3])
     norms = np.linalg.norm(residual.reshape(K, 2, 3), axis=2)
     # a force residual has another lever about p_E
-    at_tip = np.linalg.norm(residual[:, 3:] - np.cross(point.tip - point.p_COM, residual[:, :3]), axis=1)
+    at_tip = np.linalg.norm(residual[:, 3:] - cross(point.tip - point.p_COM, residual[:, :3]), axis=1)
     norms[:, 1] = np.maximum(norms[:, 1], at_tip)
     return np.asarray(norms / (task.force_unit(n), task.torque_unit(n)))
 
@@ -55,7 +55,7 @@ def wrench_matrix(point: Point) -> Array:
     z = R[:, :, 2]
     rotors = p[:, None] + np.einsum("iab,qb->iqa", R, module.arm_length * ROTOR_DIRECTIONS)
     thrust_axis = np.broadcast_to(z[:, None], rotors.shape)
-    torque = module.thrust_coefficient * np.cross(rotors, thrust_axis)
+    torque = module.thrust_coefficient * cross(rotors, thrust_axis)
     torque += ROTOR_SPINS[:, None] * module.torque_coefficient * thrust_axis
     columns = np.concatenate([module.thrust_coefficient * thrust_axis, torque], axis=-1)
     return columns.reshape(-1, 6).T
@@ -83,7 +83,7 @@ def required_wrenches(point: Point) -> Array:
     at_com = [case.at_com for case in point.task.load_cases]
     f_E, tau_E = np.array([wrench.force for wrench in at_tip]), np.array([wrench.torque for wrench in at_tip])
     f_C, tau_C = np.array([wrench.force for wrench in at_com]), np.array([wrench.torque for wrench in at_com])
-    torque = tau_E + tau_C + np.cross(point.tip, f_E) + np.cross(point.p_COM, f_C)
+    torque = tau_E + tau_C + cross(point.tip, f_E) + cross(point.p_COM, f_C)
     if any(map(any, point.task.accelerations)):
         torque += np.array(point.task.accelerations) @ inertia(point)
     return np.concatenate([f_E + f_C, torque], axis=1)

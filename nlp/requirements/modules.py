@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from nlp import names
+from nlp.numbers.geometry import Swept
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.requirements.bodies import Air, PartBalls
 from nlp.requirements.statement import (
@@ -64,8 +65,10 @@ class AirflowClearance:
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the smallest gap, where f_air is smallest."""
         *vectors, z_j = y
-        (airflow,) = self.air.solids([np.zeros(3), z_j])
-        return np.asarray(np.min([exact_clearance(solid, airflow) for solid in self.body.solids(vectors)], axis=0))
+        (airflow,), solids = self.air.solids([np.zeros(3), z_j]), self.body.solids(vectors)
+        o, d = (np.array([getattr(solid, name) for solid in solids]) for name in "od")
+        radii = np.array([(solid.r_0, solid.dr) for solid in solids]).T[:, :, None]
+        return np.asarray(exact_clearance(Swept(o, d, *radii), airflow).min(axis=0))
 
     def kernels(self) -> tuple[Kernel, ...]:
         """Return one row."""

@@ -171,6 +171,17 @@ class Topology:
         return tuple((i, j) for i, j in permutations(range(self.n), 2) if (min(i, j), max(i, j)) not in self.bolted)
 
     @cached_property
+    def distances(self) -> tuple[tuple[int, ...], ...]:
+        """Number of joints between any two modules."""
+        rows = [[0]]
+        for h, _, _, _ in self.edges():
+            row = [d + 1 for d in rows[h]]
+            for other, d in zip(rows, row, strict=True):
+                other.append(d)
+            rows.append([*row, 0])
+        return tuple(map(tuple, rows))
+
+    @cached_property
     def free_connectors(self) -> tuple[tuple[int, int], ...]:
         """All (module, port) without a joint, in order."""
         occupied = {connector for h, i, a, b in self.edges() for connector in ((h, a), (i, b))}
