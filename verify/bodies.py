@@ -39,6 +39,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+def length(v: Array) -> Array:
+    """Return the lengths of vectors along the last axis, shape (..., k) to (...)."""
+    return np.asarray(np.sqrt(np.add.reduce(v * v, axis=-1)))
+
+
 def nearest_on_axis(w: Array, d: Array, dr: Array | float) -> Array:
     """Return the eta in [0, 1] that minimises |w + eta d| - eta dr, in closed form, shape (...).
 
