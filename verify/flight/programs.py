@@ -50,7 +50,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model.proven import TOLERANCE
-from verify.bodies import Array, length
+from verify.bodies import Array, norms
 from verify.meshes import Indices
 
 Ends = Sequence[int]
@@ -290,7 +290,7 @@ def solve(
         v[active] = x
         below = low[basic] - basics
         violation = np.maximum(below, basics - high[basic])
-        slot = np.argmax(violation / length(inverse), axis=1)
+        slot = np.argmax(violation / norms(inverse), axis=1)
         # tolerance on the bounds, relative to the largest range
         optimal = violation.max(axis=1) <= 1e-11 * width.max(axis=1)
         rho, leaving = inverse[rows, slot], basis[rows, slot]
