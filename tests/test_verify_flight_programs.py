@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 import verify.flight.programs
-from verify.flight.balls import largest_balls
+from verify.flight.balls import Polytopes, largest_balls
 from verify.flight.programs import GAP, Box, SimplexResult, find_solutions, greatest, least_inputs, solve
 from verify.meshes import Indices
 
@@ -72,8 +72,8 @@ def test_wrong_points_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     c, m = rng.normal(size=(5, 12)), rng.uniform(box.low, box.high, size=(5, 12)) @ M.T
     right = greatest(c, M, m, box)
 
-    def wrong(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None) -> SimplexResult:
-        drawn = rng.integers(0, M.shape[1], m.shape)
+    def wrong(c: Array, M: Any, m: Array, low: Array, high: Array, bases: Indices | None, _: Any) -> SimplexResult:
+        drawn = rng.integers(0, c.shape[1], m.shape)
         return (rng.uniform(low, high), rng.normal(size=m.shape), rng.normal(size=m.shape), drawn)
 
     monkeypatch.setattr(verify.flight.programs, "solve", wrong)
@@ -105,7 +105,8 @@ def test_any_basis_is_one_to_start_from(seed: int) -> None:
     bases = np.array([rng.permutation(34)[:4] for _ in c])
     for start in (cold.bases, other.bases, bases):
         assert np.allclose(greatest(c, M, m, box, start).attained, cold.attained, atol=1e-9)
-    *_, again = solve(c, M, m, *(np.broadcast_to(x, c.shape) for x in (box.low, box.high)), cold.bases)
+    limits = (np.broadcast_to(x, c.shape) for x in (box.low, box.high))
+    *_, again = solve(c, [M], m, *limits, cold.bases, [0, len(c)])
     assert np.array_equal(again, cold.bases)
 
 
@@ -144,7 +145,7 @@ def test_the_largest_ball_is_that_of_all_vertices(D: int, seed: int) -> None:
     C, M, box = A[:D], A[D:], Box(np.zeros(N), np.ones(N))
     v = rng.uniform(0.2, 0.8, N)
     g, m = C @ v, M @ v
-    (ball,) = largest_balls(C, M, g[None], m[None], box)
+    ((ball,),) = largest_balls([Polytopes(C, M, g[None], m[None])], box)
     hull = ConvexHull(polytope(C, M, g, m, box))
     assert -hull.equations[:, D].max() == pytest.approx(ball.lower, abs=1e-7)
     assert ball.lower <= ball.upper <= ball.lower + 1e-7
@@ -156,7 +157,7 @@ def test_a_flat_polytope_has_no_ball() -> None:
     rng = np.random.default_rng(1)
     C = np.outer([1.0, 2.0, 2.0], rng.uniform(size=8)) / 3  # all along one line
     M, v = rng.normal(size=(3, 8)), np.full(8, 0.5)
-    (ball,) = largest_balls(C, M, (C @ v)[None], (M @ v)[None], Box(np.zeros(8), np.ones(8)))
+    ((ball,),) = largest_balls([Polytopes(C, M, (C @ v)[None], (M @ v)[None])], Box(np.zeros(8), np.ones(8)))
     assert ball.lower == 0
     assert ball.upper < 1e-7
     assert abs(ball.weakest @ [1.0, 2.0, 2.0]) < 1e-6
@@ -164,7 +165,8 @@ def test_a_flat_polytope_has_no_ball() -> None:
 
 def test_a_centre_on_the_edge_has_no_ball() -> None:
     C, M = np.eye(3), np.zeros((1, 3))
-    (ball,) = largest_balls(C, M, np.array([[0.5, 1.0, 0.5]]), np.zeros((1, 1)), Box(np.zeros(3), np.ones(3)))
+    polytope = Polytopes(C, M, np.array([[0.5, 1.0, 0.5]]), np.zeros((1, 1)))
+    ((ball,),) = largest_balls([polytope], Box(np.zeros(3), np.ones(3)))
     assert (ball.lower, ball.weakest.tolist()) == (0.0, [0.0, 1.0, 0.0])
     assert ball.upper < 1e-7
 

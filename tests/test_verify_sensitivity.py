@@ -52,7 +52,7 @@ def built(
 
     turns = rng.uniform(-1, 1, n - 1)
     scene = deviate(
-        of,
+        Scene(of),
         turns=errors.delta * (np.sign(turns) if worst else turns),
         shifts=errors.delta_p * l_arm * shifts(n),
         tip=errors.delta_p * l_arm * shifts(1)[0],
@@ -121,7 +121,7 @@ def test_adversarial_errors_come_near_the_bound_but_never_below() -> None:
 
         def left(turns: np.ndarray, of: Design = of, name: Any = name, holder: int = holder) -> float:
             still = np.zeros((of.topology.n, 3))
-            scene = deviate(of, turns=turns, shifts=still, tip=still[0], envelope=0.0, holder=holder)
+            scene = deviate(Scene(of), turns=turns, shifts=still, tip=still[0], envelope=0.0, holder=holder)
             return clearance_of(next(r for r in scene.requirements() if (r.kind, r.a, r.b, r.segment) == name))
 
         least = math.inf
@@ -244,7 +244,7 @@ def test_the_pair_that_is_named_breaks_first_of_all_that_hinges_can_break(seed: 
         delta, least = part * math.radians(result.hinge_angle_deg.violated_at), math.inf
         for signs in product((-1.0, 1.0), repeat=4):
             turns = delta * np.array(signs)
-            moved = deviate(of, turns=turns, shifts=still, tip=still[0], envelope=0.0, holder=0)
+            moved = deviate(Scene(of), turns=turns, shifts=still, tip=still[0], envelope=0.0, holder=0)
             least = min(least, *(clearance_of(r) for r in moved.requirements() if r.kind == "airflow"))
         broken.append(least < 0)
     assert broken == [False, True]

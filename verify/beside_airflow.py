@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Status
-from verify.bodies import Array, ConeSpheres, nearest_on_axis
+from verify.bodies import Array, ConeSpheres, nearest_on_axis, norms
 from verify.certificate import BOUND_ROUNDING, TURNED_LEVELS, Certificate, ClearanceCheck, Solid, facing_mesh, judge
 from verify.compounds import Compound
 from verify.convex import Box, Convex, Cylinder, Polyhedron
@@ -196,7 +196,7 @@ def _ball_bounds(part: Convex, K: ConeSpheres) -> tuple[Array, Array]:
     w = K.o - part.centre
     eta = nearest_on_axis(w, K.d, K.dr)
     v = w + eta[:, None] * K.d
-    distance = np.linalg.norm(v, axis=1)
+    distance = norms(v)
     n = -v / np.where(distance > 0, distance, 1.0)[:, None]
     return n @ part.centre - part.radius - K.extents(n, 1).max(axis=1), distance - K.radius(eta)
 
@@ -207,7 +207,7 @@ def _part_clearances(part: Convex, K: ConeSpheres, number: Indices) -> _Clearanc
     P = K.centre(eta)
     x = _nearest_points(part, P)
     v = x - P
-    distance = np.linalg.norm(v, axis=1)
+    distance = norms(v)
     unit_v = v / np.where(distance > 0, distance, 1.0)[:, None]
     n = np.where(distance[:, None] > 0, unit_v, np.array([0.0, 0.0, 1.0]))
     d = distance - K.radius(eta)
@@ -216,7 +216,7 @@ def _part_clearances(part: Convex, K: ConeSpheres, number: Indices) -> _Clearanc
     x_K = P + K.radius(eta)[:, None] * n
     x_inside = _depth(part, x) > -BOUND_ROUNDING
     depth_K = K.depth(x)
-    gap = np.where(x_inside & (K.depth(x_K) > -BOUND_ROUNDING), np.linalg.norm(x - x_K, axis=1), np.nan)
+    gap = np.where(x_inside & (K.depth(x_K) > -BOUND_ROUNDING), norms(x - x_K), np.nan)
     upper = np.where(d > 0, gap, np.where(x_inside & (depth_K > 2 * BOUND_ROUNDING), -depth_K, np.nan))
     return _Clearances(d, lower, upper, x, n, number)
 
@@ -227,7 +227,7 @@ def _nearest_eta(part: Convex, K: ConeSpheres) -> Array:
     def increases(eta: Array, rows: Indices) -> Array:
         P = K.o[rows] + eta[:, None] * K.d[rows]
         v = P - _nearest_points(part, P)
-        distance = np.linalg.norm(v, axis=1)
+        distance = norms(v)
         return np.asarray(np.sum(v * K.d[rows], axis=1) > K.dr[rows] * distance)
 
     all_rows = np.arange(len(K.r))
@@ -251,14 +251,14 @@ def _nearest_points(part: Convex, points: Array) -> Array:
         q = points - part.centre
         along = q @ part.axis
         across = q - along[:, None] * part.axis
-        rho = np.linalg.norm(across, axis=1)
+        rho = norms(across)
         shrunk = np.minimum(1.0, part.disc / np.where(rho > 0, rho, part.disc))
         height = np.clip(along, -part.half, part.half)
         inside = (rho <= part.disc) & (height == along)
         x = part.centre + shrunk[:, None] * across + height[:, None] * part.axis
         return np.where(inside[:, None], points, x)
     if isinstance(part, Box):
-        size = np.linalg.norm(part.half, axis=1)
+        size = norms(part.half)
         axes = part.half / size[:, None]
         q = (points - part.centre) @ axes.T
         inside = np.all(np.abs(q) <= size, axis=1)
@@ -271,7 +271,7 @@ def _nearest_points(part: Convex, points: Array) -> Array:
 
 def _support(part: Convex, u: Array) -> Array:
     """Return the support function of a part for unit vectors, shape (N, 3) to (N,)."""
-    across = np.linalg.norm(u - (u @ part.axis)[:, None] * part.axis, axis=1)
+    across = norms(u - (u @ part.axis)[:, None] * part.axis)
     return np.asarray((u @ part.vertices.T).max(axis=1) + part.disc * across + part.ball)
 
 
@@ -280,7 +280,7 @@ def _depth(part: Convex, x: Array) -> Array:
     if isinstance(part, Cylinder):
         q = x - part.centre
         along = q @ part.axis
-        rho = np.linalg.norm(q - along[:, None] * part.axis, axis=1)
+        rho = norms(q - along[:, None] * part.axis)
         return np.asarray(np.minimum(part.disc - rho, part.half - np.abs(along)))
     assert isinstance(part, Polyhedron)
     normals, offsets = part.faces

@@ -39,6 +39,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+def norms(v: Array) -> Array:
+    """Return the lengths of vectors along the last axis, shape (..., k) to (...)."""
+    return np.asarray(np.sqrt(np.add.reduce(v * v, axis=-1)))
+
+
 def nearest_on_axis(w: Array, d: Array, dr: Array | float) -> Array:
     """Return the eta in [0, 1] that minimises |w + eta d| - eta dr, in closed form, shape (...).
 
@@ -54,7 +59,7 @@ def nearest_on_axis(w: Array, d: Array, dr: Array | float) -> Array:
     L = np.sqrt(L2)
     steep = np.asarray(dr) >= L
     t = -np.sum(w * d, axis=-1) / np.where(steep, 1.0, L2)
-    h = np.linalg.norm(w + t[..., None] * d, axis=-1)
+    h = norms(w + t[..., None] * d)
     slope = np.asarray(dr) / np.where(steep, 1.0, L * np.sqrt(np.where(steep, 1.0, (L - dr) * (L + dr))))
     return np.where(steep, 1.0, np.clip(t + h * slope, 0.0, 1.0))
 
@@ -91,7 +96,7 @@ class ConeSphere:
 
     def support(self, u: Array) -> Array:
         """Return h_K(u) for vectors u of any length, shape (..., 3) to (...)."""
-        length = np.linalg.norm(u, axis=-1)
+        length = norms(u)
         first = u @ self.o + self.r * length
         return np.asarray(np.maximum(first, first + u @ self.d + self.dr * length))
 
@@ -99,7 +104,7 @@ class ConeSphere:
         """Return the largest depth of points inside any of the balls, shape (..., 3) to (...); negative outside."""
         w = self.o - x
         eta = nearest_on_axis(w, np.broadcast_to(self.d, w.shape), self.dr)
-        return np.asarray(self.radius(eta) - np.linalg.norm(w + eta[..., None] * self.d, axis=-1))
+        return np.asarray(self.radius(eta) - norms(w + eta[..., None] * self.d))
 
 
 class ConeSpheres(ConeSphere):
@@ -152,7 +157,7 @@ class Cone:
         q = x - self.apex
         along = q @ self.axis
         across = q - along[..., None] * self.axis
-        return np.asarray(along * sin - np.linalg.norm(across, axis=-1) * cos)
+        return np.asarray(along * sin - norms(across) * cos)
 
     def direction_across(self, x: Array) -> Array:
         """Return the unit vectors from the axis towards points, perpendicular to the axis, shape (..., 3)."""
@@ -196,15 +201,13 @@ def clearances(pairs: Sequence[tuple[ConeSphere, ConeSphere]]) -> Nearest:
 
 def rowwise_clearances(A: ConeSpheres, B: ConeSpheres) -> Nearest:
     """Return the exact signed clearance between corresponding rows of two batches."""
-    w = A.o - B.o
-    candidates = [
-        *((nearest_on_axis(w - gamma * B.d, A.d, A.dr), np.full_like(A.r, gamma)) for gamma in (0.0, 1.0)),
-        *((np.full_like(A.r, eta), nearest_on_axis(-w - eta * A.d, B.d, B.dr)) for eta in (0.0, 1.0)),
-        _stationary(w, A.d, B.d, A.dr, B.dr),
-    ]
-    eta = np.stack([candidate[0] for candidate in candidates])
-    gamma = np.stack([candidate[1] for candidate in candidates])
-    distance = np.linalg.norm(w + eta[..., None] * A.d - gamma[..., None] * B.d, axis=-1)
+    w, ends, (first, last) = A.o - B.o, np.array([[[0.0]], [[1.0]]]), np.broadcast_to([[0.0], [1.0]], (2, len(A.r)))
+    starts = np.concatenate([w - ends * B.d, -w - ends * A.d])
+    from_end = nearest_on_axis(starts, np.array([A.d, A.d, B.d, B.d]), np.array([A.dr, A.dr, B.dr, B.dr]))
+    inner_eta, inner_gamma = _stationary(w, A.d, B.d, A.dr, B.dr)
+    eta = np.array([*from_end[:2], first, last, inner_eta])
+    gamma = np.array([first, last, *from_end[2:], inner_gamma])
+    distance = norms(w + eta[..., None] * A.d - gamma[..., None] * B.d)
     d = distance - A.radius(eta) - B.radius(gamma)
     best = np.argmin(d, axis=0), np.arange(len(A.r))
     return Nearest(d[best], eta[best], gamma[best])
@@ -212,12 +215,12 @@ def rowwise_clearances(A: ConeSpheres, B: ConeSpheres) -> Nearest:
 
 def _stationary(w: Array, d_A: Array, d_B: Array, dr_A: Array, dr_B: Array) -> tuple[Array, Array]:
     """Return the stationary point clipped to the square, or the origin if there is none."""
-    L = np.linalg.norm(d_A, axis=-1)
+    L = norms(d_A)
     q_1 = d_A / np.where(L > 0, L, 1.0)[:, None]
     m = -np.sum(q_1 * d_B, axis=-1)
     v = -d_B - m[:, None] * q_1
     v -= np.sum(q_1 * v, axis=-1)[:, None] * q_1  # orthogonalise twice: nearly parallel axes lose all digits
-    n = np.linalg.norm(v, axis=-1)
+    n = norms(v)
     spans = (L > 0) & (n > 0)
     L, n = np.where(spans, L, 1.0), np.where(spans, n, 1.0)
     q_2 = v / n[:, None]
@@ -226,7 +229,7 @@ def _stationary(w: Array, d_A: Array, d_B: Array, dr_A: Array, dr_B: Array) -> t
     k = y_1 * y_1 + y_2 * y_2
     exists = spans & (k < 1)
     w_1, w_2 = np.sum(q_1 * w, axis=-1), np.sum(q_2 * w, axis=-1)
-    h = np.linalg.norm(w - w_1[:, None] * q_1 - w_2[:, None] * q_2, axis=-1)
+    h = norms(w - w_1[:, None] * q_1 - w_2[:, None] * q_2)
     rho = h / np.sqrt(np.where(exists, 1.0 - k, 1.0))
     gamma = (rho * y_2 - w_2) / n
     eta = (rho * y_1 - w_1 - m * gamma) / L

@@ -26,6 +26,7 @@ Column (i, q) of A is k_f z_i over k_f o_iq x z_i + (-1)^q k_tau z_i. Gravity is
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -95,6 +96,7 @@ def rotation(axis: int, angle: float) -> Array:
     return R
 
 
+@functools.cache
 def quarter_turns(kappa: int) -> Array:
     """Return Rz(kappa pi/2) with entries of exactly 0 and +-1, shape (3, 3)."""
     x, y = PORT_DIRECTIONS[kappa % 4], PORT_DIRECTIONS[(kappa + 1) % 4]

@@ -21,14 +21,14 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from topo_search.model import Design, Limit, Sensitivity, Status, WorstCase
+from topo_search.model import Limit, Sensitivity, Status, WorstCase
 from topo_search.model.module import RegionAirflow
 from verify.bodies import Array, Cone, clearances, cone_clearance
-from verify.certificate import BOUND_ROUNDING
+from verify.certificate import BOUND_ROUNDING, Solid
 from verify.hulls import Hull, approach
 from verify.kinematics import Poses, platform, poses_of
 from verify.requirements import Requirement, Scene
-from verify.tolerance import KINDS, Errors, Tolerance, Weakest
+from verify.tolerance import KINDS, Errors, Example, Tolerance, Weakest
 
 
 class SearchSettings(NamedTuple):
@@ -162,32 +162,31 @@ def _violating_factor(
 
 def _example_clearance(tolerance: Tolerance, weakest: Weakest, errors: Errors) -> float:
     """Return the smallest exact clearance of a pair over its examples, scaled to the errors [l_arm]."""
-    l_arm = tolerance.scene.l_arm
+    l_arm, scene, distinct = tolerance.scene.l_arm, tolerance.scene, dict[bytes, Example]()
+    for example in weakest.examples:
+        shifts, tip = (errors.delta_p * l_arm * x for x in (example.shifts, example.tip))
+        scaled = Example(errors.delta * example.turns, shifts, tip)
+        distinct[b"".join((x + 0.0).tobytes() for x in scaled)] = scaled  # + 0.0: no zero is negative
     scenes = (
-        deviate(
-            tolerance.scene.design,
-            turns=errors.delta * example.turns,
-            shifts=errors.delta_p * l_arm * example.shifts,
-            tip=errors.delta_p * l_arm * example.tip,
-            envelope=errors.delta_e * l_arm,
-            holder=tolerance.holder,
-        )
-        for example in weakest.examples
+        deviate(scene, *x, envelope=errors.delta_e * l_arm, holder=tolerance.holder) for x in distinct.values()
     )
-    return min(clearance_of(scene.counterpart(weakest.requirement)) for scene in scenes)
+    pairs = [scene.counterpart(weakest.requirement) for scene in scenes]
+    solids = [(pair.body.body, pair.against.body) for pair in pairs if isinstance(pair.against, Solid)]
+    return float(min(clearances(solids).d)) if solids else min(map(clearance_of, pairs))
 
 
-def deviate(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope: float, holder: int) -> Scene:
+def deviate(scene: Scene, turns: Array, shifts: Array, tip: Array, *, envelope: float, holder: int) -> Scene:
     """Return the scene of a design built with errors, in the frame of the module that carries the end-effector.
 
     Args:
-        design: the design.
+        scene: the design as drawn.
         turns: errors of the hinge angles, shape (n-1,) [rad].
         shifts: errors of the modules' centres, shape (n, 3) [m].
         tip: error of p'_E, shape (3,) [m].
         envelope: growth of the airflow beyond its envelope [m].
         holder: the module that carries the end-effector; no hinge moves it.
     """
+    design, nominal = scene.design, scene.platform.poses
     module = design.task.module
     larger = {"start_radius": module.start_radius + envelope, "reach": module.reach + envelope}
     airflow = module.airflow.model_copy(update=larger)
@@ -201,7 +200,7 @@ def deviate(design: Design, *, turns: Array, shifts: Array, tip: Array, envelope
     angles = [alpha + turn for alpha, turn in zip(design.hinge_angles_rad, turns.tolist(), strict=True)]
     p_E = tuple(x + error for x, error in zip(design.end_effector_m, tip.tolist(), strict=True))
     built = design.model_copy(update={"task": task, "hinge_angles_rad": tuple(angles), "end_effector_m": p_E})
-    nominal, turned = poses_of(design), poses_of(built)
+    turned = poses_of(built) if turns.any() else nominal
     R = nominal.R[holder] @ turned.R[holder].T
     p = nominal.p[holder] + (turned.p - turned.p[holder]) @ R.T
     return Scene(built, platform(built, Poses(R @ turned.R, p + shifts)))

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import product
 from typing import Any
 
@@ -44,8 +44,9 @@ from topo_search.model import (
 )
 from topo_search.model.load_case import weight_cases
 from topo_search.model.proven import TOLERANCE
+from topo_search.model.value import Vector
 from verify.bodies import Array
-from verify.flight.balls import TORQUES, Ball, PseudoInverse, largest_balls, largest_caps, rotor_failures
+from verify.flight.balls import TORQUES, Ball, Polytopes, PseudoInverse, largest_balls, rotor_failures
 from verify.flight.joints import inertia, joint_loads
 from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest, least_inputs
 from verify.kinematics import Platform, required_wrench, wrench_map
@@ -170,45 +171,55 @@ class CapabilityAnalysis:
         """Return the reserves in hover and in every load case."""
         yes, no = self.solvable.yes, self.solvable.no
         b = self.solvable.v[yes] @ self.A.T
-        reserves = [fields for k in range(0, len(b), CASES) for fields in self._reserves(b[k : k + CASES])]
+        attainable = np.cumsum(yes) - 1  # number of a wrench among those with reserves
+        hover = int(attainable[self.wrench_index[0]])
+        reserves = [row for k in range(0, len(b), CASES) for row in self._reserves(b[k : k + CASES], hover - k)]
+        more_fields = cache(lambda k, force: self._load_factor(b[k], force) | self._com_error(b[k], force))
         rows = []
         for name, case, v, row in zip(self.names, self.load_cases, self.v, self.wrench_index, strict=True):
             possible = True if yes[row] else False if no[row] else None
-            index = np.count_nonzero(yes[:row])
-            fields = {}
+            fields = dict[str, Any]()
             if possible:
-                fields = reserves[index] | self._load_factor(b[index], case) | self._com_error(b[index], case)
-            if possible and name == HOVER:
-                (cap,) = largest_caps(self.A[:3], self.A[3:], b[[index], :3], b[[index], 3:], self.box)
-                fields |= _ball_fields("tilt{}_deg", "tilt_weakest", cap, math.degrees(1.0))
-                fields["tilt_deg_pseudo_inverse"] = math.degrees(self.pseudo_inverse.cap(b[index]))
+                k = int(attainable[row])
+                fields = reserves[k] | more_fields(k, case.at_com.force)
+            if name != HOVER:
+                fields = {field: value for field, value in fields.items() if not field.startswith("tilt")}
             rows.append(CaseFlight(name=name, possible=possible, **fields, **self._input_fields(v)))
         return tuple(rows)
 
-    def _reserves(self, b: Array) -> list[dict[str, Any]]:
+    def _reserves(self, b: Array, hover: int) -> list[dict[str, Any]]:
         """Return the fields of the forces and torques that can be added to attainable wrenches, shape (B, 6).
 
-        About the tip or the COM, some rows of forces or torques vary while others are fixed.
+        About the tip or the COM, some rows of forces or torques vary while others are fixed. The row `hover` also
+        has the fields of the tilt.
         """
-        fields = self._accelerations(b)
+        fields, at_com = self._accelerations(b), np.zeros(3)
         force, side, torque, torque_and_lift = slice(0, 3), slice(0, 2), slice(3, 6), slice(3, 7)
-        for quantity, point, unit, varied, fixed in (
-            ("torque", "", "Nm", torque, force),
-            ("force", "", "N", force, torque),
-            ("horizontal", "", "N", side, torque_and_lift),
-            ("force", "_com", "N", force, torque),
-            ("horizontal", "_com", "N", side, torque_and_lift),
-        ):
-            name, scale = f"{quantity}_reserve{point}{{}}_{unit}", self.force if unit == "N" else self.torque
+        quantities = (
             # an added torque is the same about every point and leaves the force unchanged
-            p = np.zeros(3) if point or quantity == "torque" else self.p_E
+            ("torque", "", "Nm", at_com, torque, force),
+            ("force", "", "N", self.p_E, force, torque),
+            ("horizontal", "", "N", self.p_E, side, torque_and_lift),
+            ("force", "_com", "N", at_com, force, torque),
+            ("horizontal", "_com", "N", at_com, side, torque_and_lift),
+        )
+        groups = list[Polytopes]()
+        for _, _, _, p, varied, fixed in quantities:
             M, w = (np.vstack([W[:3], _torques_about(p, W), W[2:3]]) for W in (self.A, b.T))
-            balls = largest_balls(M[varied], M[fixed], w[varied].T, w[fixed].T, self.box)
+            groups.append(Polytopes(M[varied], M[fixed], w[varied].T, w[fixed].T))
+        level = b[hover : hover + 1] if hover >= 0 else b[:0]
+        groups.append(Polytopes(self.A[force], self.A[torque], level[:, force], level[:, torque], caps=True))
+        *balls, caps = largest_balls(groups, self.box)
+        for (quantity, point, unit, p, varied, _), row_balls in zip(quantities, balls, strict=True):
+            name, scale = f"{quantity}_reserve{point}{{}}_{unit}", self.force if unit == "N" else self.torque
             E = np.eye(6)
             E[3:, :3] = np.cross(p, np.eye(3)).T
-            for row, ball, wrench in zip(fields, balls, b, strict=True):
+            for row, ball, wrench in zip(fields, row_balls, b, strict=True):
                 row |= _ball_fields(name, f"{quantity}_weakest{point}", ball, scale)
                 row[f"{name.format('')}_pseudo_inverse"] = self.pseudo_inverse.ball(wrench, E[:, varied]) * scale
+        for cap in caps:
+            fields[hover] |= _ball_fields("tilt{}_deg", "tilt_weakest", cap, math.degrees(1.0))
+            fields[hover]["tilt_deg_pseudo_inverse"] = math.degrees(self.pseudo_inverse.cap(b[hover]))
         return fields
 
     def _accelerations(self, b: Array) -> list[dict[str, Any]]:
@@ -272,13 +283,13 @@ class CapabilityAnalysis:
             yes[start : start + len(dead)], no[start : start + len(dead)] = solvable.yes, solvable.no
         return yes.reshape(K, N)[self.wrench_index], no.reshape(K, N)[self.wrench_index]
 
-    def _load_factor(self, b: Array, case: LoadCase) -> dict[str, float]:
+    def _load_factor(self, b: Array, force: Vector) -> dict[str, float]:
         """Return the load factor, the greatest s for which A v = w + s (b - w) has a solution.
 
         w is the weight if the case carries it at the COM and exerts more than that, else zero.
         """
         w = np.zeros(6)
-        w[2] = float(case.at_com.force[2] >= self.force * (1 - TOLERANCE))
+        w[2] = float(force[2] >= self.force * (1 - TOLERANCE))
         if np.abs(b - w).max() <= TOLERANCE:
             w[2] = 0.0
         load = b - w
@@ -288,9 +299,9 @@ class CapabilityAnalysis:
         at_most = {"load_factor_at_most": clamp(upper)}
         return at_most if math.isinf(lower) else {"load_factor": lower, **at_most}
 
-    def _com_error(self, b: Array, case: LoadCase) -> dict[str, float]:
+    def _com_error(self, b: Array, force: Vector) -> dict[str, float]:
         """Return the largest error of the centre of mass, at the vertices of a box; it adds a torque."""
-        torques = np.cross(CUBE, case.at_com.force) / self.force
+        torques = np.cross(CUBE, force) / self.force
         directions = np.hstack([np.zeros_like(torques), torques])[torques.any(axis=1)]
         if not len(directions):
             return {}

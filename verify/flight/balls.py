@@ -45,8 +45,10 @@ a dead rotor are zero, even if the smallest input of a running rotor is not.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +56,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
-from verify.flight.programs import Box, find_solutions, greatest
+from verify.flight.programs import Box, find_solutions, greatest, times
 from verify.meshes import Indices
 
 ACCURACY = 1e-7
@@ -75,22 +77,59 @@ class Ball:
     """Unit vector, shape (D,)."""
 
 
-def largest_balls(C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball]:
-    """Return the largest ball around zero in each polytope.
+class Polytopes(NamedTuple):
+    """B polytopes that differ only in the centre and the right-hand side."""
+
+    C: Array
+    M: Array
+    """Shape (k, N)."""
+    g: Array
+    """Shape (B, D)."""
+    m: Array
+    """Shape (B, k)."""
+    caps: bool = False
+    """True if the largest caps are computed, not the largest balls."""
+
+
+def largest_balls(groups: Sequence[Polytopes], box: Box) -> list[list[Ball]]:
+    """Return the largest ball around zero, or the largest cap, in each polytope of every group.
 
     Args:
-        C: shape (D, N).
-        M: shape (k, N).
-        g: centres of the balls, shape (B, D).
-        m: shape (B, k).
+        groups: the polytopes; those with as many dimensions and equations are refined at once.
         box: bounds on the variables, common or one row per polytope.
     """
-    return _refine([_Polytope(len(C)) for _ in g], C, M, g, m, box)
+    shapes, balls = [(len(group.C), len(group.M)) for group in groups], dict[int, list[Ball]]()
+    for shape in set(shapes):
+        alike = [k for k in range(len(groups)) if shapes[k] == shape]
+        balls |= zip(alike, _refine([groups[k] for k in alike], box), strict=True)
+    return [balls[k] for k in range(len(groups))]
 
 
-def largest_caps(C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball]:
-    """Return the largest cap in each polytope; the arguments are those of `largest_balls`."""
-    return _refine([_Polytope(len(C), centre) for centre in g], C, M, g, m, box)
+def _refine(groups: list[Polytopes], box: Box) -> list[list[Ball]]:
+    """Refine all polytopes at once, one batch of linear programs per round."""
+    C, M = [group.C for group in groups], [group.M for group in groups]
+    g, m = (np.concatenate(rows) for rows in zip(*((group.g, group.m) for group in groups), strict=True))
+    centres = [(centre if group.caps else None) for group in groups for centre in group.g]
+    number, bounds = np.repeat(np.arange(len(C)), [len(group.g) for group in groups]), box.rows(len(g))
+    search = [_Polytope(len(C[0]), centre) for centre in centres]
+    unfinished = list(range(len(g)))
+    for _ in range(ROUNDS):
+        queries = {row: d for row in unfinished if len(d := search[row].next_directions())}
+        unfinished = list(queries)
+        if not unfinished:
+            break
+        rows, d = np.repeat(unfinished, [len(d) for d in queries.values()]), np.concatenate(list(queries.values()))
+        bases = None
+        if len(search[rows[0]].directions):
+            bases = np.concatenate([search[row].warm_starts(d) for row, d in queries.items()])
+        ends = np.searchsorted(number[rows], np.arange(len(C) + 1)).tolist()
+        optima = greatest(times(d, C, ends), M, m[rows], Box(bounds.low[rows], bounds.high[rows]), bases, ends)
+        x, feasible = times(optima.v, [matrix.T for matrix in C], ends) - g[rows], np.isfinite(optima.attained)
+        upper = optima.upper - np.sum(d * g[rows], axis=1)
+        for row in unfinished:
+            belongs = slice(*np.searchsorted(rows, [row, row + 1]))
+            search[row].add(d[belongs], x[belongs][feasible[belongs]], upper[belongs], optima.bases[belongs])
+    return [[search[row].ball() for row in np.flatnonzero(number == k)] for k in range(len(C))]
 
 
 def half_angles(normals: Array, offsets: Array, g: Array) -> Array:
@@ -108,27 +147,6 @@ def half_angles(normals: Array, offsets: Array, g: Array) -> Array:
     return np.where(s >= 1, np.pi, angles)
 
 
-def _refine(polytopes: list[_Polytope], C: Array, M: Array, g: Array, m: Array, box: Box) -> list[Ball]:
-    """Refine all polytopes at once, one batch of linear programs per round."""
-    bounds = box.rows(len(g))
-    for _ in range(ROUNDS):
-        queries = [(row, polytope.next_directions()) for row, polytope in enumerate(polytopes)]
-        if not any(len(d) for _, d in queries):
-            break
-        rows = np.concatenate([np.full(len(d), row) for row, d in queries])
-        d = np.concatenate([d for _, d in queries])
-        bases = None
-        if len(polytopes[rows[0]].directions):
-            bases = np.concatenate([polytopes[row].warm_starts(d) for row, d in queries])
-        optima = greatest(d @ C, M, m[rows], Box(bounds.low[rows], bounds.high[rows]), bases)
-        x, shift = optima.v @ C.T - g[rows], np.sum(d * g[rows], axis=1)
-        for row, polytope in enumerate(polytopes):
-            belongs = rows == row
-            feasible = np.isfinite(optima.attained) & belongs
-            polytope.add(d[belongs], x[feasible], optima.upper[belongs] - shift[belongs], optima.bases[belongs])
-    return [polytope.ball() for polytope in polytopes]
-
-
 @dataclass(eq=False)
 class _Polytope:
     """Known points and supporting half-spaces of one polytope."""
@@ -142,7 +160,8 @@ class _Polytope:
     """Final bases of the programs, one row per direction."""
     upper: float = math.inf
     weakest: Array = field(init=False)
-    lower: float = 0.0
+    hulls: list[tuple[float, Array, Array]] = field(default_factory=list)
+    """Size of the largest ball, or cap, within the facets of each hull of the points, their normals and corners."""
 
     def __post_init__(self) -> None:
         self.points, self.directions = np.empty((0, self.D)), np.empty((0, self.D))
@@ -157,7 +176,10 @@ class _Polytope:
         self.directions = np.concatenate([self.directions, d])
         self.bases = bases if self.bases is None else np.concatenate([self.bases, bases])
         points = np.concatenate([self.points, points])
-        self.points = points[np.unique(np.round(points, 10), axis=0, return_index=True)[1]]
+        rounded = np.round(points, 10)
+        order = np.lexsort(rounded.T[::-1])
+        rounded = rounded[order]
+        self.points = points[order[np.append(True, np.any(rounded[1:] != rounded[:-1], axis=1))[: len(order)]]]
         sizes = self.size(d, upper)
         if len(d) and sizes.min() < self.upper:
             best = int(np.argmin(sizes))
@@ -176,9 +198,10 @@ class _Polytope:
             return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True))
         if self.upper <= ACCURACY or not len(self.points):
             return np.empty((0, self.D))
-        _, sizes, axes = np.linalg.svd(np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))]))
-        if sizes[-1] <= ACCURACY / 10:  # the points are flat along the last axis
-            return self._new_directions(np.stack([axes[-1], -axes[-1]]))
+        vectors = np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))])
+        if np.linalg.svdvals(vectors)[-1] <= ACCURACY / 10:
+            axis = np.linalg.svd(vectors)[2][-1]  # the points are flat along it
+            return self._new_directions(np.stack([axis, -axis]))
         try:
             hull = ConvexHull(self.points)
         except QhullError:
@@ -187,24 +210,24 @@ class _Polytope:
         corners = self.points[hull.simplices]
         offsets = np.einsum("fd,fkd->fk", normals, corners).min(axis=1)
         sizes = self.size(normals, offsets)
-        self.lower = max(self.lower, float(sizes.min()) if _surrounds(normals, corners) else 0.0)
+        self.hulls.append((float(sizes.min()), normals, corners))
         nearest = np.flatnonzero(sizes < self.upper - ACCURACY)
         return self._new_directions(normals[nearest[np.argsort(sizes[nearest], kind="stable")]])
 
     def _new_directions(self, normals: Array) -> Array:
         """Return up to 12 of the normals, without repetitions."""
-        selected: list[Array] = []
-        for n in normals:
-            known = np.concatenate([self.directions, *[d[None] for d in selected]])
-            if not np.any(known @ n > 1 - 1e-13):  # closer normals are equal up to rounding
-                selected.append(n)
-            if len(selected) == 12:
-                break
-        return np.array(selected).reshape(-1, self.D)
+        alike = 1 - 1e-13  # closer normals are equal up to rounding
+        normals = normals[np.all(normals @ self.directions.T <= alike, axis=1)]
+        known, selected = normals @ normals.T > alike, list[int]()
+        for k, row in enumerate(known):
+            if not row[selected].any():
+                selected.append(k)
+        return normals[selected[:12]]
 
     def ball(self) -> Ball:
         """Return the proven bounds."""
-        return Ball(min(self.lower, max(self.upper, 0.0)), self.upper, self.weakest)
+        sizes = (size for size, *facets in sorted(self.hulls, key=lambda hull: -hull[0]) if _surrounds(*facets))
+        return Ball(min(max(next(sizes, 0.0), 0.0), max(self.upper, 0.0)), self.upper, self.weakest)
 
 
 def _surrounds(normals: Array, corners: Array) -> bool:
@@ -286,6 +309,7 @@ def rotor_failures(A: Array, b: Array, box: Box) -> tuple[NDArray[np.bool_], NDA
     survivable = np.flatnonzero(solvable.yes)
     for dead in np.array_split(survivable, math.ceil(len(survivable) / 20) or 1):  # 20 polytopes per batch
         produced = solvable.v[dead] @ A.T  # within the audit's tolerance of b, and attained exactly
-        balls = largest_balls(A[3:], A[:3], produced[:, 3:], produced[:, :3], Box(low[dead], high[dead]))
+        torques = Polytopes(A[3:], A[:3], produced[:, 3:], produced[:, :3])
+        (balls,) = largest_balls([torques], Box(low[dead], high[dead]))
         lower[dead], upper[dead] = [ball.lower for ball in balls], [max(ball.upper, 0.0) for ball in balls]
     return solvable.yes, solvable.no, lower, upper

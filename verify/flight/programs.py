@@ -43,15 +43,17 @@ of steps hardly grows with N. The result need not be trusted, because it is chec
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from topo_search.model.proven import TOLERANCE
-from verify.bodies import Array
+from verify.bodies import Array, norms
 from verify.meshes import Indices
 
+Ends = Sequence[int]
 SimplexResult = tuple[Array, Array, Array, Indices]
 
 LARGEST = 1e6
@@ -98,19 +100,24 @@ class Maxima:
     """Final bases, warm starts for slightly different costs, shape (B, k)."""
 
 
-def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = None) -> Maxima:
+def greatest(
+    c: Array, M: Array | list[Array], m: Array, box: Box, bases: Indices | None = None, ends: Ends = ()
+) -> Maxima:
     """Return the greatest c . v of each program.
 
     Args:
         c: shape (B, N).
-        M: shape (k, N).
+        M: shape (k, N), or one for each of G groups of consecutive programs.
         m: shape (B, k).
         box: bounds on the variables of all programs.
         bases: initial bases, shape (B, k).
+        ends: number of the first program of every group, then B; needed if there are groups.
     """
     bounds = box.rows(len(c))
-    v, y, _, bases = solve(c, M, m, bounds.low, bounds.high, bases)
-    maxima = _bracket(c, M, m, bounds, v, y, bases)
+    if isinstance(M, np.ndarray):
+        M, ends = [M], (0, len(c))
+    v, y, _, bases = solve(c, M, m, bounds.low, bounds.high, bases, ends)
+    maxima = _bracket(c, M, m, bounds, v, y, bases, ends)
     loose = np.flatnonzero(~(maxima.upper - maxima.attained <= GAP))
     if not len(loose):
         return maxima
@@ -118,13 +125,15 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
 
     v, y = v.copy(), y.copy()
     for row in loose:
-        solution = linprog(
-            -c[row], A_eq=M, b_eq=m[row], bounds=np.stack([bounds.low[row], bounds.high[row]], axis=1)
+        group, limits = (
+            np.searchsorted(ends, row, side="right") - 1,
+            np.stack([bounds.low[row], bounds.high[row]], 1),
         )
+        solution = linprog(-c[row], A_eq=M[group], b_eq=m[row], bounds=limits)
         if solution.status == 0:
             v[row] = np.clip(solution.x, bounds.low[row], bounds.high[row])
             y[row] = -solution.eqlin.marginals
-    by_highs = _bracket(c, M, m, bounds, v, y, bases)
+    by_highs = _bracket(c, M, m, bounds, v, y, bases, ends)
     better = by_highs.attained > maxima.attained
     return Maxima(
         np.where(better[:, None], by_highs.v, maxima.v),
@@ -134,11 +143,13 @@ def greatest(c: Array, M: Array, m: Array, box: Box, bases: Indices | None = Non
     )
 
 
-def _bracket(c: Array, M: Array, m: Array, box: Box, v: Array, y: Array, bases: Indices) -> Maxima:
+def _bracket(
+    c: Array, M: list[Array], m: Array, box: Box, v: Array, y: Array, bases: Indices, ends: Ends
+) -> Maxima:
     """Return the proven bounds that primal and dual points give."""
-    is_feasible = np.abs(v @ M.T - m).max(axis=1, initial=0.0) <= RESIDUAL
-    y_m = np.sum(y * m, axis=1) + SUM_ROUNDING * M.shape[0] * np.sum(np.abs(y * m), axis=1)
-    upper = box.greatest(c - y @ M) + y_m
+    is_feasible = np.abs(times(v, [matrix.T for matrix in M], ends) - m).max(axis=1, initial=0.0) <= RESIDUAL
+    y_m = np.sum(y * m, axis=1) + SUM_ROUNDING * m.shape[1] * np.sum(np.abs(y * m), axis=1)
+    upper = box.greatest(c - times(y, M, ends)) + y_m
     attained = np.where(is_feasible, np.sum(c * v, axis=1), -np.inf)
     return Maxima(v, attained, np.where(np.isnan(upper), np.inf, upper), bases)
 
@@ -162,7 +173,7 @@ def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -
     bounds = box.rows(len(m))
     # any costs would do; distinct ones make the solution a unique vertex
     c = np.broadcast_to(-1.0 - np.arange(M.shape[1]) / M.shape[1], (len(m), M.shape[1]))
-    v, _, rays, bases = solve(c, M, m, bounds.low, bounds.high, bases)
+    v, _, rays, bases = solve(c, [M], m, bounds.low, bounds.high, bases, (0, len(c)))
     yes, no = _is_solution(M, m, v), _is_infeasible(M, m, bounds, rays)
     for row in np.flatnonzero(~yes & ~no):
         v[row], y = nearest(M, m[row], bounds.low[row], bounds.high[row])
@@ -231,67 +242,75 @@ def least_inputs(A: Array, b: Array, box: Box) -> Array | None:
     return None
 
 
-def solve(c: Array, M: Array, m: Array, low: Array, high: Array, bases: Indices | None = None) -> SimplexResult:
+def times(x: Array, M: Sequence[Array] | Array, ends: Ends) -> Array:
+    """Return the products x_i M of the rows (B, a) with the G matrices (a, b) of their groups, shape (B, b)."""
+    return np.concatenate([x[i:j] @ matrix for i, j, matrix in zip(ends, ends[1:], M, strict=False)])
+
+
+def solve(
+    c: Array, M: list[Array], m: Array, low: Array, high: Array, bases: Indices | None, ends: Ends
+) -> SimplexResult:
     """Run the dual simplex method on a batch of programs.
 
     Args:
         c: shape (B, N).
-        M: shape (k, N).
+        M: one for each of G groups of programs, shape (k, N).
         m: shape (B, k).
         low: finite, shape (B, N).
         high: finite, at least `low`, shape (B, N).
-        bases: initial bases, shape (B, k); default: the slack basis.
+        bases: initial bases, shape (B, k); None: the slack basis.
+        ends: number of the first program of every group, then B.
 
     Returns:
         Variables within their bounds, (B, N); multipliers, (B, k); dual rays that prove infeasibility, zero if none
         was found, (B, k); final bases, warm starts for slightly different costs, (B, k).
     """
-    (programs, N), k, box = c.shape, len(M), (low, high)
-    M, zeros = np.concatenate([M, np.eye(k)], axis=1), np.zeros((programs, k))
-    c, low, high = (np.concatenate([x, zeros], axis=1) for x in (c, low, high))
+    (programs, N), k, box, firsts = c.shape, m.shape[1], (low, high), ends
+    matrices, zeros = np.array([np.hstack([matrix, np.eye(k)]) for matrix in M]), np.zeros((programs, k))
+    columns, group = matrices.swapaxes(1, 2), np.repeat(np.arange(len(M)), np.diff(ends))
+    data = np.array([np.hstack([x, zeros]) for x in (c, low, high, high - low)])
     basis = np.tile(np.arange(N, N + k), (programs, 1)) if bases is None else bases.copy()
     bases, active = basis.copy(), np.arange(programs)
-    v, y, rays, at_high = np.zeros_like(c), zeros.copy(), zeros.copy(), np.zeros(c.shape, dtype=bool)
+    v, y, rays = np.zeros((programs, N + k)), zeros, zeros.copy()
     for step in range(100 + k + N // 10):  # 100 more than one per equation and per ten variables
-        rows = np.arange(len(active))
+        (c, low, high, width), rows = data, np.arange(len(active))
         basic = rows[:, None], basis
         try:
-            inverse = np.linalg.inv(M.T[basis].transpose(0, 2, 1))
+            inverse = np.linalg.inv(columns[group[active, None], basis].transpose(0, 2, 1))
         except np.linalg.LinAlgError:  # a singular basis
             break
-        y[active] = (c[basic][:, None] @ inverse)[:, 0]
-        r = c - y[active] @ M
+        y[active] = multipliers = (c[basic][:, None] @ inverse)[:, 0]
+        r = c - times(multipliers, matrices, ends)
         r[basic] = 0.0
         if step == 0:
             at_high = r > 0
-        v_nonbasic = np.where(at_high, high, low)
-        v_nonbasic[basic] = 0.0
-        v_basic = (inverse @ (m - v_nonbasic @ M.T)[:, :, None])[:, :, 0]
-        v[active] = v_nonbasic
-        v[active[:, None], basis] = v_basic
-        below = low[basic] - v_basic
-        violation = np.maximum(below, v_basic - high[basic])
-        scale = (high - low).max(axis=1)
-        slot = np.argmax(violation / np.linalg.norm(inverse, axis=2), axis=1)
+        x = np.where(at_high, high, low)
+        x[basic] = 0.0
+        x[basic] = basics = (inverse @ (m - times(x, columns, ends))[:, :, None])[:, :, 0]
+        v[active] = x
+        below = low[basic] - basics
+        violation = np.maximum(below, basics - high[basic])
+        slot = np.argmax(violation / norms(inverse), axis=1)
         # tolerance on the bounds, relative to the largest range
-        optimal = violation.max(axis=1) <= 1e-11 * scale
-        rho = inverse[rows, slot]
-        sign = np.where(below[rows, slot] > 0, 1.0, -1.0)
-        alpha = sign[:, None] * (rho @ M)
-        free = high > low
+        optimal = violation.max(axis=1) <= 1e-11 * width.max(axis=1)
+        rho, leaving = inverse[rows, slot], basis[rows, slot]
+        sign = np.where(below[rows, slot] > 0, 1.0, -1.0)[:, None]
+        alpha = sign * times(rho, matrices, ends)
+        free = width > 0
         free[basic] = False
-        entering, passed, enters = _breakpoints(r, alpha, violation[rows, slot], at_high, free, high - low)
+        entering, passed, enters = _breakpoints(r, alpha, violation[rows, slot], at_high, free, width)
         move = ~optimal & enters
-        rays[active] = np.where((~optimal & ~enters)[:, None], -sign[:, None] * rho, 0.0)
-        at_high ^= passed & move[:, None]
-        at_high[rows[move], basis[rows, slot][move]] = sign[move] < 0
-        basis[rows[move], slot[move]] = entering[move]
+        at_high ^= passed
+        at_high[rows, leaving] = sign[:, 0] < 0
+        basis[rows, slot] = np.where(move, entering, leaving)
         bases[active] = basis
-        active = active[move]
-        if not len(active):
-            break
         if not move.all():
-            c, m, low, high, basis, at_high = (x[move] for x in (c, m, low, high, basis, at_high))
+            stuck, rows = ~(optimal | enters), np.flatnonzero(move)
+            rays[active[stuck]] = (-sign * rho)[stuck]
+            active, m, basis, at_high, data = active[rows], m[rows], basis[rows], at_high[rows], data[:, rows]
+            ends = np.searchsorted(active, firsts).tolist()
+            if not len(active):
+                break
     return np.clip(v[:, :N], *box), y, rays, bases
 
 
@@ -308,6 +327,6 @@ def _breakpoints(
     reduction = np.cumsum(np.where(blocks, rate * width, 0.0)[rows, order], axis=1)
     is_enough = reduction >= (1 - 1e-10) * violation[:, None]  # no further flips for mere rounding
     first = np.argmax(is_enough, axis=1)
-    rank = np.empty_like(order)
-    rank[rows, order] = np.arange(order.shape[1])
-    return order[rows[:, 0], first], blocks & (rank < first[:, None]), is_enough[:, -1]
+    passed = np.empty_like(blocks)
+    passed[rows, order] = np.arange(order.shape[1]) < first[:, None]
+    return order[rows[:, 0], first], blocks & passed, is_enough[:, -1]

@@ -23,7 +23,7 @@ from topo_search.model.flight import Capability, Vehicle
 from topo_search.model.load_case import labels
 from verify.bodies import Array
 from verify.flight.analysis import CapabilityAnalysis
-from verify.flight.balls import largest_balls
+from verify.flight.balls import Polytopes, largest_balls
 from verify.flight.programs import Box, greatest
 from verify.residuals import clamp
 
@@ -52,7 +52,7 @@ def capability(vehicle: Vehicle, task: Task | None = None) -> Capability | None:
     if not analysis.in_range:
         return None
     F, T = analysis.A[:3], analysis.A[3:]
-    ball = largest_balls(F, T, np.zeros((1, 3)), np.zeros((1, 3)), box)[0]
+    ((ball,),) = largest_balls([Polytopes(F, T, np.zeros((1, 3)), np.zeros((1, 3)))], box)
     rows, hull = analysis.cases(), force_hull(F, T, np.zeros(3), box)
     # relative to the largest, smaller singular values count as zero
     return Capability(
