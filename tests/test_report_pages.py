@@ -221,7 +221,7 @@ def test_a_solid_plane_is_a_wall_beside_the_platform():
     at = platform(made)
     (wall,) = (part for part in scene(made, at) if part.kind == "walls")
     assert wall.name == "wall"
-    assert wall.mesh.bounds[0, 0] == pytest.approx(at.end_effector[0])  # it begins where the platform ends
+    assert wall.mesh.vertices[:, 0].min() == pytest.approx(at.end_effector[0])  # it begins where the platform ends
 
 
 def luminance(colour: str) -> float:

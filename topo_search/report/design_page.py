@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.sheet import STYLE
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, Status
 from topo_search.model.arrays import Array
@@ -183,6 +182,8 @@ def vehicle_page(name: str, rotors: int, capability: Capability) -> str:
         rotors: number of rotors.
         capability: its forces, reserves and failure cases.
     """
+    from topo_search.export.sheet import STYLE  # slow to import, and other pages do not need it
+
     summary, *others = (text.replace(" of module 0", "") for text in flight_sentences(capability.flight))
     reserves = cases(capability.flight)
     verdict = {True: "meets every load case of the task.", False: "does not meet the task.", None: ""}[

@@ -29,9 +29,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import trimesh
 from markupsafe import Markup
-from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.allocation import thrust_matrix
@@ -43,9 +41,10 @@ from topo_search.export.poses import (
     rotation_to,
     towards_viewer,
 )
-from topo_search.export.solids import join, pose_matrix
+from topo_search.export.solids import Mesh, cylinder, join
 from topo_search.model import Assembly, Audit, Design, LoadCase
 from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
+from topo_search.model.shape import Indices
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
 from topo_search.report.task_facts import vector as vector_text
@@ -89,8 +88,7 @@ def _contact(design: Design, case: LoadCase, poses: Platform, longest: float) ->
     weight = design.task.force_unit(design.topology.n)
     if not f.any() or case.at_com.force[2] < 0.999 * weight:  # not hovering unless the rotors carry the weight
         return
-    disc = trimesh.creation.cylinder(radius=0.35 * longest, height=0.002, sections=48)
-    disc.apply_transform(pose_matrix(rotation_to(f / np.linalg.norm(f)), poses.end_effector))
+    disc = cylinder(0.35 * longest, 0.002, 48).moved(rotation_to(f / np.linalg.norm(f)), poses.end_effector)
     yield Part("contact", "contact plane", palette.CONTACT, disc, opacity=0.5)
 
 
@@ -107,7 +105,7 @@ def longest_arrow(design: Design, poses: Platform) -> float:
     return 0.6 * reach
 
 
-def force_polytope(design: Design, poses: Platform) -> tuple[Array, Array] | None:
+def force_polytope(design: Design, poses: Platform) -> tuple[Array, Indices] | None:
     """Return vertices, (m, 3) [N], and triangles, (t, 3) vertex indices, of the polytope of forces.
 
     None if the platform cannot hover, or if all forces lie in a plane.
@@ -177,7 +175,7 @@ def _forces(design: Design, poses: Platform, audit: Audit | None) -> dict[str, A
         return None
     vertices, triangles = polytope
     scale = metres_per_newton(design, poses)
-    corners = Trimesh(poses.end_effector + scale * vertices, triangles, process=False)
+    corners = Mesh(poses.end_effector + scale * vertices, triangles)
     words = "feasible forces"
     parts = [Part("forces", words, palette.OFFSET, corners, opacity=0.35)]
     caption = "All forces that the tip can exert in hover, to the scale of the load cases' arrows."
