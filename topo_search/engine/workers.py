@@ -19,6 +19,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.machinery import ModuleSpec
 from multiprocessing import popen_spawn_posix, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
@@ -62,6 +63,9 @@ class WorkersLost(RuntimeError):
 
 
 Results = Generator[tuple[Item, Result | Failed], None, None]
+Note = Callable[[str], None]
+Preparation = Callable[[Item, Note], object]
+"""Compiles code for a task; calls a function with a message before what takes long."""
 
 
 class Engine(Protocol):
@@ -94,6 +98,10 @@ class Engine(Protocol):
         """Return the result of a single job."""
         ((_, result),) = self.run(function, [job], deadline=lambda _: deadline)
         return result
+
+    def prepare(self, function: Preparation[Item], task: Item, note: Note) -> None:
+        """Compile code before the first job, so that workers need not compile the same code at the same time."""
+        function(task, note)
 
 
 def solve_deadline(n: int, starts: int) -> float:
@@ -372,6 +380,16 @@ class Workers(_OneThread):
             if running:
                 self._stop()
 
+    def prepare(self, function: Preparation[Item], task: Item, note: Note) -> None:
+        """Compile code before the first job; a single worker does it itself, as it needs the compiler anyway."""
+        if self.count > 1:
+            function(task, note)
+            return
+        told = 0
+        while isinstance(text := self.run_one(partial(_announce, function, told), task, deadline=math.inf), str):
+            note(text)
+            told += 1
+
     def _submit(
         self, function: Callable[[Item], Result], job: Item, deadline: Callable[[Item], float]
     ) -> Future[Any] | None:
@@ -467,6 +485,25 @@ def _stops_deferred() -> Iterator[None]:
             signal.signal(number, handler)
         if received:
             signal.raise_signal(received[0])
+
+
+class _Announcement(Exception):
+    """A message before something that takes long."""
+
+
+def _announce(function: Preparation[Item], told: int, task: Item) -> str | None:
+    """Prepare a task (in a worker) up to the first message after `told` ones, and return it; None after the end."""
+    messages = iter(range(told))
+
+    def tell(text: str) -> None:
+        if next(messages, None) is None:
+            raise _Announcement(text)
+
+    try:
+        function(task, tell)
+    except _Announcement as announcement:
+        return str(announcement)
+    return None
 
 
 def _failure(error: BaseException, deadline: float) -> Failed:
