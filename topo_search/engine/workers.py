@@ -159,6 +159,15 @@ def audit_job(audit: AuditDesign, labelled: tuple[object, Geometry]) -> Audit:
     return audit(labelled[1])
 
 
+def bounds_job(
+    lower_bound: Callable[[ResolvedTask], float],
+    prove_impossible: Callable[[ResolvedTask], Infeasible | None],
+    task: ResolvedTask,
+) -> tuple[float, Infeasible | None]:
+    """Compute the bounds of a size (in a worker)."""
+    return lower_bound(task), prove_impossible(task)
+
+
 def rounds(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:
     """Yield the ranges of starts that are solved one after the other; with a time limit they grow from one start.
 

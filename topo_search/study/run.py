@@ -111,7 +111,7 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
     context, bound = contexts[0], ledger.bound(contexts[0])
     if bound is None:
         tools.observer.phase(proof_phase(n))
-        bound = tools.backends.lower_bound(context.task), tools.backends.prove_impossible(context.task)
+        bound = tools.bounds(context.task)
         ledger.add_context(context, *bound)
     lower_bound, impossible = bound
     if not quotient.exact:
