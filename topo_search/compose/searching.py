@@ -185,7 +185,7 @@ def search(
             workers=engine.count if isinstance(engine, Workers) else None,
             time_limit=time_limit,
             prepare=prepare,
-            report=write_page,
+            report=lambda folder: write_page(folder, engine),
             prove=None if prove is None else lambda: prove_best(prove),
             keep_within=keep_within,
         )
@@ -253,7 +253,12 @@ def prove(
 def _prove(path: Path, engine: Workers | DaskWorkers, observer: Observer, **options: Any) -> Answer:
     """Prove with the solver's bounds; options as for `topo_search.study.prove`."""
     prepare = partial(engine.prepare, nlp.prepare_proof, note=observer.note)
-    options |= {"engine": engine, "observer": observer, "prepare": prepare, "report": write_page}
+    options |= {
+        "engine": engine,
+        "observer": observer,
+        "prepare": prepare,
+        "report": lambda folder: write_page(folder, engine),
+    }
     return prove_run(path, nlp.prove_chunk, nlp.proof_root, **options)
 
 
