@@ -84,6 +84,14 @@ def test_moving_the_root_away_and_back_keeps_the_key(topology: Topology, data: s
     assert sorted(home) == sorted(rooted_at(topology, i).key for i in range(topology.n))
 
 
+@given(trees())
+def test_ways_and_distances_are_those_of_the_graph(topology: Topology) -> None:
+    ways = dict(nx.all_pairs_shortest_path(topology.graph()))
+    for i in range(topology.n):
+        assert [topology.path(i, j) for j in range(topology.n)] == [ways[i][j] for j in range(topology.n)]
+        assert topology.distances[i].tolist() == [len(ways[i][j]) - 1 for j in range(topology.n)]
+
+
 def test_a_hand_made_key() -> None:
     # a chain along +x with a module at the +y port of its middle: right of west is north in the slots of module 1
     assert Topology((ROOT, (0, 0, 2), (1, 0, 2), (1, 1, 3))).key == "a1600"

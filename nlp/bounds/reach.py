@@ -92,17 +92,13 @@ def refute_path(task: ResolvedTask, topology: Topology | None = None) -> Refutat
 
 def _paths(topology: Topology) -> set[Turns]:
     """Return the turns of all short paths; a path, its reverse and its mirror images count once."""
-    import networkx as nx
-
-    graph, paths = topology.graph(), set[Turns]()
-    for _, paths_from in nx.all_pairs_shortest_path(graph, SEARCH.max_modules - 1):
-        for path in paths_from.values():
-            if len(path) == 1:
-                continue
-            ports = [(graph[i][j]["ports"][i], graph[i][j]["ports"][j]) for i, j in pairwise(path)]
-            turns = [(out - entry) % 4 for (_, entry), (out, _) in pairwise(ports)]
-            mirror = [(-turn) % 4 for turn in turns]
-            paths.add(min(tuple(t) for t in (turns, turns[::-1], mirror, mirror[::-1])))
+    paths = set[Turns]()
+    ports = {joint: ends for h, i, a, b in topology.edges() for joint, ends in (((h, i), (a, b)), ((i, h), (b, a)))}
+    for i, j in np.argwhere(np.triu(topology.distances < SEARCH.max_modules, 1)).tolist():
+        joints = [ports[joint] for joint in pairwise(topology.path(i, j))]
+        turns = [(out - entry) % 4 for (_, entry), (out, _) in pairwise(joints)]
+        mirror = [(-turn) % 4 for turn in turns]
+        paths.add(min(tuple(t) for t in (turns, turns[::-1], mirror, mirror[::-1])))
     return paths
 
 
@@ -249,10 +245,7 @@ def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Re
 
 def _squared_distances(topology: Topology) -> int:
     """Return sum_{i<j} d_ij^2."""
-    import networkx as nx
-
-    lengths: dict[int, dict[int, int]] = dict(nx.all_pairs_shortest_path_length(topology.graph()))
-    return sum(d**2 for row in lengths.values() for d in row.values()) // 2
+    return int(np.square(topology.distances).sum()) // 2
 
 
 def refute_rotors(task: ResolvedTask) -> Refutation | None:

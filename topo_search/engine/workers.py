@@ -26,9 +26,7 @@ from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 from multiprocessing.synchronize import RLock
 from types import FrameType
-from typing import Any, Generic, Literal, Protocol, Self, TypeVar
-
-from pebble import ProcessExpired, ProcessPool
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, Self, TypeVar
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, Geometry, Infeasible, ResolvedTask, SolverRecord, Topology
@@ -40,6 +38,9 @@ from topo_search.supervisor import (
     is_out_of_memory,
     prepare_child,
 )
+
+if TYPE_CHECKING:
+    from pebble import ProcessPool
 
 AuditDesign = Callable[[Geometry], Audit]
 Item = TypeVar("Item")
@@ -403,6 +404,8 @@ class Workers(_OneThread):
         self, function: Callable[[Item], Result], job: Item, deadline: Callable[[Item], float]
     ) -> Future[Any] | None:
         """Submit a job to the pool; return None if the pool has just broken."""
+        from pebble import ProcessPool  # slow to import, and many commands start no worker
+
         if self._pool is None:
             self._pool = ProcessPool(
                 self.count, initializer=prepare_child, initargs=(os.getpid(),), context=self._context
@@ -517,6 +520,8 @@ def _announce(function: Preparation[Item], told: int, task: Item) -> str | None:
 
 def _failure(error: BaseException, deadline: float) -> Failed:
     """Return the failure that an exception of a job stands for."""
+    from pebble import ProcessExpired
+
     if isinstance(error, ProcessExpired):
         code = error.exitcode
         if code >= 0:
