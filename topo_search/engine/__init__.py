@@ -22,7 +22,6 @@ from topo_search.engine.workers import (
     WorkersLost,
     audit_deadline,
     audit_job,
-    bounds_job,
     merge,
     record_of,
     rounds,

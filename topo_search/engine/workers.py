@@ -154,19 +154,14 @@ class Backends:
     local_optima: Callable[[Job, float], list[Design]]
     """Returns all local optima of one topology up to an effort [rad^4/s^4], lowest effort first."""
 
+    def bounds(self, task: ResolvedTask) -> tuple[float, Infeasible | None]:
+        """Return the lower bound of a size and its proof of impossibility (in a worker, which needs both later)."""
+        return self.lower_bound(task), self.prove_impossible(task)
+
 
 def audit_job(audit: AuditDesign, labelled: tuple[object, Geometry]) -> Audit:
     """Audit a design that comes with a label (in a worker)."""
     return audit(labelled[1])
-
-
-def bounds_job(
-    lower_bound: Callable[[ResolvedTask], float],
-    prove_impossible: Callable[[ResolvedTask], Infeasible | None],
-    task: ResolvedTask,
-) -> tuple[float, Infeasible | None]:
-    """Compute the bounds of a size (in a worker)."""
-    return lower_bound(task), prove_impossible(task)
 
 
 def rounds(starts: int | None, size: int, *, timed: bool) -> Iterator[range]:
@@ -395,10 +390,10 @@ class Workers(_OneThread):
         if self.count > 1:
             function(task, note)
             return
-        told = 0
+        told: list[str] = []
         while isinstance(text := self.run_one(partial(_announce, function, told), task, deadline=math.inf), str):
             note(text)
-            told += 1
+            told.append(text)
 
     def _submit(
         self, function: Callable[[Item], Result], job: Item, deadline: Callable[[Item], float]
@@ -503,12 +498,11 @@ class _Announcement(Exception):
     """A message before something that takes long."""
 
 
-def _announce(function: Preparation[Item], told: int, task: Item) -> str | None:
-    """Prepare a task (in a worker) up to the first message after `told` ones, and return it; None after the end."""
-    messages = iter(range(told))
+def _announce(function: Preparation[Item], told: list[str], task: Item) -> str | None:
+    """Prepare a task (in a worker) up to the first message that was not told yet; return it, or None at the end."""
 
     def tell(text: str) -> None:
-        if next(messages, None) is None:
+        if text not in told:
             raise _Announcement(text)
 
     try:

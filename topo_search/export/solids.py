@@ -19,7 +19,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,6 @@ from topo_search.model.shape import Capsule, Cone, Indices, Polytope, Shape
 from verify.kinematics import Platform, platform, rotation
 
 if TYPE_CHECKING:
-    from trimesh.visual import TextureVisuals
-
     from topo_search.export.air_field import AirSurface
 
 Parts = Literal["all", "platform", "airflow"]
@@ -51,7 +49,7 @@ class Mesh(NamedTuple):
     faces: Indices
     """Vertices of the triangles, counter-clockwise seen from outside, (f, 3)."""
 
-    def moved(self, R: Array, p: Array) -> Mesh:
+    def move(self, R: Array, p: Array) -> Mesh:
         """Return the mesh turned by R, (3, 3), then shifted by p, (3,)."""
         return Mesh(self.vertices @ R.T + p, self.faces)
 
@@ -92,7 +90,7 @@ def stl(design: Design, parts: Parts = "platform") -> bytes:
     from trimesh import Trimesh
 
     copies = [
-        solid.mesh.moved(pose[:3, :3], pose[:3, 3]) for solid in _solids(design, parts) for pose in solid.poses
+        solid.mesh.move(pose[:3, :3], pose[:3, 3]) for solid in _solids(design, parts) for pose in solid.poses
     ]
     content: bytes = Trimesh(*join(copies), process=False).apply_scale(1000).export(file_type="stl")
     return content
@@ -131,7 +129,7 @@ def _region(design: Design, number: int, poses: Platform) -> Solid:
     return Solid(f"exposure_{number}", surface, palette.EXPOSURE, [tip], opacity=opacity)
 
 
-def _material(solid: Solid) -> TextureVisuals:
+def _material(solid: Solid) -> Any:
     """Return the material of a solid for glTF, whose colours are linear; visible from both sides."""
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
@@ -161,14 +159,14 @@ def frame(module: Module) -> Mesh:
     l_arm, w = module.arm_length, module.body.arm_width
     if module.body.frame is not None:
         return join([Mesh(np.array(piece.vertices), np.array(piece.triangles)) for piece in module.body.frame])
-    bars = [box((2 * l_arm, w, w)).moved(rotation(2, angle), np.zeros(3)) for angle in ROTOR_ANGLES[:2]]
+    bars = [box((2 * l_arm, w, w)).move(rotation(2, angle), np.zeros(3)) for angle in ROTOR_ANGLES[:2]]
     return join([box(module.body.hub), *bars])
 
 
 def rotor_discs(module: Module, *, sides: int = SIDES) -> list[Mesh]:
     """Return the rotor discs in the module frame."""
     disc = cylinder(module.body.rotor_radius, module.body.rotor_height, sides)
-    return [disc.moved(np.eye(3), hub) for hub in module.arm_length * ROTOR_DIRECTIONS]
+    return [disc.move(np.eye(3), hub) for hub in module.arm_length * ROTOR_DIRECTIONS]
 
 
 def airflow(module: Module, *, sides: int = SIDES) -> Mesh:
@@ -186,7 +184,7 @@ def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = 
     profile[[0, -1], 0] = 0.0  # the poles lie on the axis
     apart = np.linalg.norm(np.diff(profile, axis=0), axis=1) > 1e-8 * max(r_0, r_1)
     profile = profile[np.append(True, apart)]  # no slivers where the arcs meet
-    return revolve(profile[::-1], sides).moved(rotation_to(a / L) if L else np.eye(3), P_0)
+    return revolve(profile[::-1], sides).move(rotation_to(a / L) if L else np.eye(3), P_0)
 
 
 def revolve(profile: Array, sides: int) -> Mesh:

@@ -99,7 +99,7 @@ def figure(design: Design, poses: Platform, nearest: Clearance | None, assembly:
     for part in scene(design, poses, nearest, assembly):
         mesh = part.mesh
         if isinstance(mesh, str):
-            mesh = join([shared[mesh].moved(poses.R[i], poses.p[i]) for i in part.modules])
+            mesh = join([shared[mesh].move(poses.R[i], poses.p[i]) for i in part.modules])
         drawn.add_mesh3d(
             **dict(zip("xyzijk", (*mesh.vertices.astype(np.float32).T, *mesh.faces.T), strict=True)),
             name=part.name,
@@ -178,7 +178,7 @@ def _regions(design: Design, poses: Platform) -> Iterator[Part]:
         if isinstance(shape, Cone) and solid and shape.half_angle_deg == 90:
             yield _wall(shape, poses)
             continue
-        surface = region_mesh(shape, cone_slant(design, poses)).moved(np.eye(3), poses.end_effector)
+        surface = region_mesh(shape, cone_slant(design, poses)).move(np.eye(3), poses.end_effector)
         if isinstance(shape, Cone):
             look = "cones", region_words(shape), 0.15
         elif solid:
@@ -195,7 +195,7 @@ def _wall(shape: Cone, poses: Platform) -> Part:
     inwards = np.array(shape.axis)
     width = 1.2 * float(np.linalg.norm(poses.p - poses.end_effector, axis=1).max())
     R = rotation_to(inwards)
-    slab = box((width, width, 0.02 * width)).moved(R, poses.end_effector + shape.apex - 0.01 * width * inwards)
+    slab = box((width, width, 0.02 * width)).move(R, poses.end_effector + shape.apex - 0.01 * width * inwards)
     return Part("walls", "ground" if inwards @ UP > 0.9 else "wall", palette.WALL, slab, opacity=0.6)
 
 
@@ -279,9 +279,9 @@ def straight_arrow(start: Array, direction: Array, length: float, thick: float) 
         thick: radius of the shaft [m].
     """
     head = min(5 * thick, length / 2)
-    shaft = cylinder(thick, length - head, 10).moved(np.eye(3), (length - head) / 2 * UP)
-    tip = arrow_head(thick, head).moved(np.eye(3), (length - head) * UP)
-    return join([shaft, tip]).moved(rotation_to(direction), start), start + length * direction
+    shaft = cylinder(thick, length - head, 10).move(np.eye(3), (length - head) / 2 * UP)
+    tip = arrow_head(thick, head).move(np.eye(3), (length - head) * UP)
+    return join([shaft, tip]).move(rotation_to(direction), start), start + length * direction
 
 
 def ring(centre: Array, axis: Array, radius: float, thick: float) -> tuple[Mesh, Array]:
@@ -291,10 +291,10 @@ def ring(centre: Array, axis: Array, radius: float, thick: float) -> tuple[Mesh,
     chords = np.diff(path, axis=0)
     length = float(np.linalg.norm(chords[0]))
     step = cylinder(thick, length, 8)
-    steps = [step.moved(rotation_to(chord / length), p + chord / 2) for p, chord in zip(path, chords, strict=False)]
+    steps = [step.move(rotation_to(chord / length), p + chord / 2) for p, chord in zip(path, chords, strict=False)]
     forward = np.array([-math.sin(TURN), math.cos(TURN), 0.0])
-    head = arrow_head(thick, 5 * thick).moved(rotation_to(forward), path[-1])
-    return join([*steps, head]).moved(rotation_to(axis), centre), centre + rotation_to(axis) @ path[0]
+    head = arrow_head(thick, 5 * thick).move(rotation_to(forward), path[-1])
+    return join([*steps, head]).move(rotation_to(axis), centre), centre + rotation_to(axis) @ path[0]
 
 
 def arrow_head(thick: float, length: float) -> Mesh:

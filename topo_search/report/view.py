@@ -87,7 +87,7 @@ def _contact(design: Design, case: LoadCase, poses: Platform, longest: float) ->
     weight = design.task.force_unit(design.topology.n)
     if not f.any() or case.at_com.force[2] < 0.999 * weight:  # not hovering unless the rotors carry the weight
         return
-    disc = cylinder(0.35 * longest, 0.002, 48).moved(rotation_to(f / np.linalg.norm(f)), poses.end_effector)
+    disc = cylinder(0.35 * longest, 0.002, 48).move(rotation_to(f / np.linalg.norm(f)), poses.end_effector)
     yield Part("contact", "contact plane", palette.CONTACT, disc, opacity=0.5)
 
 

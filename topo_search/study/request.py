@@ -275,17 +275,16 @@ class Request:
             return False
         return len({all_trees.key_of(candidate.topology) for candidate in listed.candidates()}) == total
 
-    def contexts(self, n: int) -> list[Context]:
-        """Return the contexts of n modules: the task's own margin, then each larger one."""
-        return self._contexts_of(n)
-
     @cached_property
-    def _contexts_of(self) -> Callable[[int], list[Context]]:
+    def contexts(self) -> Callable[[int], list[Context]]:
+        """Returns the contexts of n modules: the task's own margin, then each larger one."""
+
+        @cache
         def contexts(n: int) -> list[Context]:
             fixed, task = (self.seed, self.versions, self.level, self.user_inputs), self.task.resolve(n)
             return [Context(with_margin(task, margin), k, *fixed) for k, margin in enumerate(margins(task))]
 
-        return cache(contexts)
+        return contexts
 
 
 LARGER_MARGINS = 3

@@ -28,14 +28,12 @@ from topo_search.engine import (
     Proposal,
     Strategy,
     Tried,
-    WorkersLost,
     audit_deadline,
     audit_job,
-    bounds_job,
     may_beat,
     merge,
 )
-from topo_search.model import Design, Infeasible, ResolvedTask, Topology
+from topo_search.model import Design, Infeasible, Topology
 from topo_search.study.folder import RunFolder
 from topo_search.study.ledger import FLIGHT, Ledger, Row, row_of, score_of
 from topo_search.study.progress import AUDITED, Observer, PhaseName, audit_phase, solving_phase
@@ -55,18 +53,6 @@ class Tools:
     def solve(self, jobs: Iterable[Job | None]) -> Generator[tuple[Job, Outcome], None, None]:
         """Yield each job with its outcome as it ends, in any order; jobs are drawn as workers become free."""
         return self.engine.run(self.backends.solve, jobs, deadline=lambda job: job.deadline, until=self.until)
-
-    def bounds(self, task: ResolvedTask) -> tuple[float, Infeasible | None]:
-        """Return the lower bound of a size and its proof of impossibility, from a worker, which will need both.
-
-        Raises:
-            WorkersLost: no worker can compute them.
-        """
-        job = partial(bounds_job, self.backends.lower_bound, self.backends.prove_impossible)
-        result = self.engine.run_one(job, task, deadline=audit_deadline(task.n))
-        if isinstance(result, Failed):
-            raise WorkersLost(f"the bounds for {task.n} modules failed: {result.reason}")
-        return result
 
 
 def strategy_of(folder: RunFolder, n: int, *, bound: float = -math.inf, timed: bool) -> Strategy:
