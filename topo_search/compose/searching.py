@@ -253,12 +253,8 @@ def prove(
 def _prove(path: Path, engine: Workers | DaskWorkers, observer: Observer, **options: Any) -> Answer:
     """Prove with the solver's bounds; options as for `topo_search.study.prove`."""
     prepare = partial(engine.prepare, nlp.prepare_proof, note=observer.note)
-    options |= {
-        "engine": engine,
-        "observer": observer,
-        "prepare": prepare,
-        "report": lambda folder: write_page(folder, engine),
-    }
+    options |= {"engine": engine, "observer": observer, "prepare": prepare}
+    options["report"] = lambda folder: write_page(folder, engine)
     return prove_run(path, nlp.prove_chunk, nlp.proof_root, **options)
 
 
