@@ -59,7 +59,7 @@ def test_every_dask_worker_prepares_once_and_says_once_where_compiled_code_is(tm
         eventually(lambda: len(workers.threads()) == 2)
         marks = tmp_path / "marks"
         marks.mkdir()
-        workers.prepare(mark, marks)
+        workers.prepare(mark, marks, noted.append)
         assert len(list(marks.iterdir())) == 2
         assert (tmp_path / "worker.log").read_text().count("marking") == 2
         assert noted == ["preparing 2 Dask workers"]

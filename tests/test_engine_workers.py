@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from engine_jobs import LONG, environment, misbehave, raise_timeout, report_pid, square
+from engine_jobs import LONG, environment, mark, misbehave, raise_timeout, report_pid, square
 from processes import eventually, gone
 
 from topo_search.engine import CallingProcess, Failed, Workers, WorkersLost
@@ -51,6 +51,20 @@ def test_no_worker_is_left_behind_after_an_error_of_the_caller(tmp_path):
     with pytest.raises(RuntimeError, match="the caller's own"):
         caller()
     eventually(lambda: all(gone(int(path.name)) for path in tmp_path.iterdir()))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_what_compiles_is_told_before_and_a_single_worker_does_it(tmp_path, count):
+    told = []
+
+    def note(text):
+        told.append((text, len(list(tmp_path.iterdir()))))
+
+    with Workers(count) as workers:
+        workers.prepare(mark, tmp_path, note)
+    assert told == [("marking", 0)]
+    (marked,) = tmp_path.iterdir()
+    assert (marked.name == str(os.getpid())) == (count > 1)
 
 
 def test_threads_are_as_many_as_before_outside_of_workers():

@@ -78,11 +78,18 @@ def test_moving_the_root_away_and_back_keeps_the_key(topology: Topology, data: s
     module = data.draw(st.integers(0, topology.n - 1))
     away = rooted_at(topology, module)
     distances = nx.single_source_shortest_path_length(topology.graph(), module)
-    assert dict(enumerate(topology.distances[module])) == dict(distances)
     assert sorted(nx.single_source_shortest_path_length(away.graph(), 0).values()) == sorted(distances.values())
     home = [rooted_at(away, i).key for i in range(topology.n)]
     assert topology.key in home
     assert sorted(home) == sorted(rooted_at(topology, i).key for i in range(topology.n))
+
+
+@given(trees())
+def test_ways_and_distances_are_those_of_the_graph(topology: Topology) -> None:
+    ways = dict(nx.all_pairs_shortest_path(topology.graph()))
+    for i in range(topology.n):
+        assert [topology.path(i, j) for j in range(topology.n)] == [ways[i][j] for j in range(topology.n)]
+        assert topology.distances[i].tolist() == [len(ways[i][j]) - 1 for j in range(topology.n)]
 
 
 def test_a_hand_made_key() -> None:

@@ -13,7 +13,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 from topo_search.report.scene import closest, figure, meshes, ring, scene, shared_meshes, straight_arrow
-from topo_search.report.view import arrows, force_polytope, longest_arrow, metres_per_newton, view
+from topo_search.report.view import arrows, force_polytope, forces_of, longest_arrow, metres_per_newton, view
 from verify import audit
 from verify.kinematics import platform, wrench_map
 
@@ -168,8 +168,9 @@ def test_a_push_while_hovering_has_its_contact_plane_across_the_force(audited: t
     push, other = arrows(made, at)
     assert push["name"] == "load case 0 (push)"
     (plane,) = (part.mesh for part in push["parts"] if part.kind == "contact")
-    assert plane.extents[0] < 0.01 < plane.extents[1]
-    assert plane.bounds[:, 0].mean() == pytest.approx(at.end_effector[0], abs=1e-3)
+    low, high = plane.vertices.min(axis=0), plane.vertices.max(axis=0)
+    assert high[0] - low[0] < 0.01 < high[1] - low[1]
+    assert (low[0] + high[0]) / 2 == pytest.approx(at.end_effector[0], abs=1e-3)
     assert all(part.kind != "contact" for part in other["parts"])
 
 
@@ -224,10 +225,9 @@ def test_what_cannot_hover_has_none() -> None:
 
 def test_the_picture_has_the_scale_of_the_arrows(able: Design) -> None:
     at, found = platform(able), audit(able)
-    shown = view(able, at, found, forces=True)
-    assert shown["forces"]
-    assert not view(able, at, found)["forces"]
-    value = shown["forces"]
+    shown, value = view(able, at, found), forces_of((able, at, found))
+    assert value
+    assert shown["forces"] is None
     assert "in any direction" in value["description"]
     assert [part["kind"] for part in value["parts"]] == ["forces", "forces"]
     scale = metres_per_newton(able, at)

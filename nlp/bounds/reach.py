@@ -30,9 +30,8 @@ excluded. The path is impossible if no box remains.
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -93,21 +92,13 @@ def refute_path(task: ResolvedTask, topology: Topology | None = None) -> Refutat
 
 def _paths(topology: Topology) -> set[Turns]:
     """Return the turns of all short paths; a path, its reverse and its mirror images count once."""
-    joints, paths = defaultdict[int, list[tuple[int, int, int]]](list), set[Turns]()
-    for h, i, a, b in topology.edges():
-        joints[h].append((a, i, b))
-        joints[i].append((b, h, a))
-    walks: list[tuple[Turns, int, int]] = [((), i, entry) for sides in joints.values() for _, i, entry in sides]
-    for _ in range(SEARCH.max_modules - 1):
-        for turns, _, _ in walks:
-            mirror = tuple((-turn) % 4 for turn in turns)
-            paths.add(min(turns, turns[::-1], mirror, mirror[::-1]))
-        walks = [
-            ((*turns, (out - entry) % 4), j, next_entry)
-            for turns, i, entry in walks
-            for out, j, next_entry in joints[i]
-            if out != entry
-        ]
+    paths = set[Turns]()
+    ports = {joint: ends for h, i, a, b in topology.edges() for joint, ends in (((h, i), (a, b)), ((i, h), (b, a)))}
+    for i, j in np.argwhere(np.triu(topology.distances < SEARCH.max_modules, 1)).tolist():
+        joints = [ports[joint] for joint in pairwise(topology.path(i, j))]
+        turns = [(out - entry) % 4 for (_, entry), (out, _) in pairwise(joints)]
+        mirror = [(-turn) % 4 for turn in turns]
+        paths.add(min(tuple(t) for t in (turns, turns[::-1], mirror, mirror[::-1])))
     return paths
 
 
@@ -255,7 +246,7 @@ def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Re
 
 def _squared_distances(topology: Topology) -> int:
     """Return sum_{i<j} d_ij^2."""
-    return sum(d**2 for row in topology.distances for d in row) // 2
+    return int(np.square(topology.distances).sum()) // 2
 
 
 def refute_rotors(task: ResolvedTask) -> Refutation | None:

@@ -7,9 +7,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
-
 from topo_search.engine import Failed, Outcome
 from topo_search.export.audits import flight_lines, power_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Status
@@ -158,6 +155,9 @@ def run_lines(runs: Sequence[tuple[Path, Answer]]) -> Iterator[str]:
 
 
 def _table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[str]:
+    from rich.console import Console  # slow to import, and most commands print no table
+    from rich.table import Table
+
     table = Table(box=None, pad_edge=False)
     for name in columns:
         table.add_column(name, justify="left" if name in ("", "key", "audit", "run") else "right")

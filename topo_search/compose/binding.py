@@ -15,8 +15,6 @@ from functools import cache
 from itertools import islice
 from typing import TypeVar, get_args
 
-import cloudpickle
-
 import nlp
 import verify
 from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Job, Workers, computing_versions
@@ -218,6 +216,8 @@ def _sendable(constraint: OwnConstraint) -> OwnConstraint:
     with suppress(AttributeError, TypeError, pickle.PicklingError):
         if b"__main__" not in pickle.dumps(constraint.expression):
             return constraint
+    import cloudpickle  # slow to import, and few runs have constraints
+
     return replace(constraint, expression=ByValue(cloudpickle.dumps(constraint.expression)))
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import nlp
 import verify
@@ -26,7 +26,7 @@ from topo_search.compose.binding import (
 from topo_search.compose.designs import write_page
 from topo_search.engine import Certificates, DaskWorkers, Workers
 from topo_search.limits import LIMITS
-from topo_search.model import BadInput, Design, Fault, ResolvedTask, Task
+from topo_search.model import BadInput, Design, Fault, Task
 from topo_search.model.files import read_task
 from topo_search.model.proof import Problem
 from topo_search.protocols import OwnConstraint
@@ -48,8 +48,6 @@ from topo_search.study.progress import solving_seconds
 from topo_search.study.proving import refuse_unprovable
 from topo_search.study.request import digest
 from topo_search.topologies import OwnTopology, Symmetry, improper_isometry, own_candidates
-
-AnyTask = TypeVar("AnyTask", Task, ResolvedTask)
 
 
 def search(
@@ -166,7 +164,7 @@ def search(
 
     def prepare() -> None:
         nonlocal deadline
-        _compiler(nlp.prepare, engine, observer)(base_task)
+        engine.prepare(nlp.prepare, base_task, observer.note)
         deadline = time.monotonic() + time_limit
 
     def prove_best(gap: float) -> Answer:
@@ -187,7 +185,7 @@ def search(
             workers=engine.count if isinstance(engine, Workers) else None,
             time_limit=time_limit,
             prepare=prepare,
-            report=write_page,
+            report=lambda folder: write_page(folder, engine),
             prove=None if prove is None else lambda: prove_best(prove),
             keep_within=keep_within,
         )
@@ -254,8 +252,9 @@ def prove(
 
 def _prove(path: Path, engine: Workers | DaskWorkers, observer: Observer, **options: Any) -> Answer:
     """Prove with the solver's bounds; options as for `topo_search.study.prove`."""
-    prepare = _compiler(nlp.prepare_proof, engine, observer)
-    options |= {"engine": engine, "observer": observer, "prepare": prepare, "report": write_page}
+    prepare = partial(engine.prepare, nlp.prepare_proof, note=observer.note)
+    options |= {"engine": engine, "observer": observer, "prepare": prepare}
+    options["report"] = lambda folder: write_page(folder, engine)
     return prove_run(path, nlp.prove_chunk, nlp.proof_root, **options)
 
 
@@ -298,17 +297,8 @@ def check_proofs(
             key=topology,
             engine=engine,
             observer=observer,
-            prepare=_compiler(verify.prepare_check, engine, observer),
+            prepare=partial(engine.prepare, verify.prepare_check, note=observer.note),
         )
-
-
-def _compiler(
-    prepare: Callable[[AnyTask, Callable[[str], None]], None], engine: Workers | DaskWorkers, observer: Observer
-) -> Callable[[AnyTask], None]:
-    """Return a function that compiles code before the jobs, on this machine or on every one of a cluster."""
-    if isinstance(engine, DaskWorkers):
-        return partial(engine.prepare, prepare)
-    return lambda task: prepare(task, observer.note)
 
 
 def _versions(folder: str | Path) -> Mapping[str, str]:

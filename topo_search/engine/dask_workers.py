@@ -29,7 +29,17 @@ from multiprocessing import current_process
 from pathlib import Path
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from topo_search.engine.workers import Engine, Failed, Item, Result, Results, Workers, WorkersLost
+from topo_search.engine.workers import (
+    Engine,
+    Failed,
+    Item,
+    Note,
+    Preparation,
+    Result,
+    Results,
+    Workers,
+    WorkersLost,
+)
 from topo_search.limits import quantity
 from topo_search.model import BadInput
 from topo_search.supervisor import tell
@@ -253,7 +263,7 @@ def _call(numbered_call: tuple[int, bytes]) -> bytes | WorkersLost:
     return pickle.dumps(function(job))
 
 
-def _prepare(call: tuple[Callable[[Item, Callable[[str], None]], object], Item]) -> None:
+def _prepare(call: tuple[Preparation[Item], Item]) -> None:
     function, task = call
     function(task, tell)
 
@@ -417,14 +427,14 @@ class DaskWorkers(Engine):
         future.add_done_callback(lambda f: dask_future.cancel() if f.cancelled() else None)
         return future
 
-    def prepare(self, function: Callable[[Item, Callable[[str], None]], object], task: Item) -> None:
-        """Compile on every current Dask worker, before a time limit counts; messages go to the worker's log.
+    def prepare(self, function: Preparation[Item], task: Item, note: Note) -> None:
+        """Compile on every current Dask worker, before the first job; its messages go to the worker's log.
 
         A worker that joins later, or takes over ten minutes, compiles with its first job.
         """
         self._poll()
         if self._workers:
-            self._note(f"preparing {quantity(len(self._workers), 'Dask worker')}")
+            note(f"preparing {quantity(len(self._workers), 'Dask worker')}")
         batch = Batch(
             (pickle.dumps((_prepare, (function, task))),),
             (DURATIONS.preparation,),

@@ -19,15 +19,14 @@ from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.machinery import ModuleSpec
 from multiprocessing import popen_spawn_posix, resource_tracker
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 from multiprocessing.synchronize import RLock
 from types import FrameType
-from typing import Any, Generic, Literal, Protocol, Self, TypeVar
-
-from pebble import ProcessExpired, ProcessPool
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, Self, TypeVar
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, Geometry, Infeasible, ResolvedTask, SolverRecord, Topology
@@ -39,6 +38,9 @@ from topo_search.supervisor import (
     is_out_of_memory,
     prepare_child,
 )
+
+if TYPE_CHECKING:
+    from pebble import ProcessPool
 
 AuditDesign = Callable[[Geometry], Audit]
 Item = TypeVar("Item")
@@ -62,6 +64,9 @@ class WorkersLost(RuntimeError):
 
 
 Results = Generator[tuple[Item, Result | Failed], None, None]
+Note = Callable[[str], None]
+Preparation = Callable[[Item, Note], object]
+"""Compiles code for a task; calls a function with a message before what takes long."""
 
 
 class Engine(Protocol):
@@ -94,6 +99,10 @@ class Engine(Protocol):
         """Return the result of a single job."""
         ((_, result),) = self.run(function, [job], deadline=lambda _: deadline)
         return result
+
+    def prepare(self, function: Preparation[Item], task: Item, note: Note) -> None:
+        """Compile code before the first job, so that workers need not compile the same code at the same time."""
+        function(task, note)
 
 
 def solve_deadline(n: int, starts: int) -> float:
@@ -144,6 +153,10 @@ class Backends:
     """Returns a proof that no topology of this size can do the task, if there is a simple one."""
     local_optima: Callable[[Job, float], list[Design]]
     """Returns all local optima of one topology up to an effort [rad^4/s^4], lowest effort first."""
+
+    def bounds(self, task: ResolvedTask) -> tuple[float, Infeasible | None]:
+        """Return the lower bound of a size and its proof of impossibility (in a worker, which needs both later)."""
+        return self.lower_bound(task), self.prove_impossible(task)
 
 
 def audit_job(audit: AuditDesign, labelled: tuple[object, Geometry]) -> Audit:
@@ -372,10 +385,22 @@ class Workers(_OneThread):
             if running:
                 self._stop()
 
+    def prepare(self, function: Preparation[Item], task: Item, note: Note) -> None:
+        """Compile code before the first job; a single worker does it itself, as it needs the compiler anyway."""
+        if self.count > 1:
+            function(task, note)
+            return
+        told: list[str] = []
+        while isinstance(text := self.run_one(partial(_announce, function, told), task, deadline=math.inf), str):
+            note(text)
+            told.append(text)
+
     def _submit(
         self, function: Callable[[Item], Result], job: Item, deadline: Callable[[Item], float]
     ) -> Future[Any] | None:
         """Submit a job to the pool; return None if the pool has just broken."""
+        from pebble import ProcessPool  # slow to import, and many commands start no worker
+
         if self._pool is None:
             self._pool = ProcessPool(
                 self.count, initializer=prepare_child, initargs=(os.getpid(),), context=self._context
@@ -469,8 +494,28 @@ def _stops_deferred() -> Iterator[None]:
             signal.raise_signal(received[0])
 
 
+class _Announcement(Exception):
+    """A message before something that takes long."""
+
+
+def _announce(function: Preparation[Item], told: list[str], task: Item) -> str | None:
+    """Prepare a task (in a worker) up to the first message that was not told yet; return it, or None at the end."""
+
+    def tell(text: str) -> None:
+        if text not in told:
+            raise _Announcement(text)
+
+    try:
+        function(task, tell)
+    except _Announcement as announcement:
+        return str(announcement)
+    return None
+
+
 def _failure(error: BaseException, deadline: float) -> Failed:
     """Return the failure that an exception of a job stands for."""
+    from pebble import ProcessExpired
+
     if isinstance(error, ProcessExpired):
         code = error.exitcode
         if code >= 0:

@@ -16,24 +16,23 @@ Vertices lie on the true surface, so the mesh of a round volume lies inside it, 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from itertools import product
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-import trimesh
-from trimesh import Scene, Trimesh
-from trimesh.visual import TextureVisuals
-from trimesh.visual.material import PBRMaterial
 
 from topo_search.export import palette
-from topo_search.export.air_field import AirSurface
 from topo_search.export.poses import ROTOR_ANGLES, cone, cone_slant, hull, rod_of, rotation_to, shapes
-from topo_search.model.arrays import Array
+from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
 from topo_search.model.design import Design
 from topo_search.model.module import Module
-from topo_search.model.shape import Capsule, Cone, Polytope, Shape
+from topo_search.model.shape import Capsule, Cone, Indices, Polytope, Shape
 from verify.kinematics import Platform, platform, rotation
+
+if TYPE_CHECKING:
+    from topo_search.export.air_field import AirSurface
 
 Parts = Literal["all", "platform", "airflow"]
 """Solids to write; `all` is platform, airflow, exposure regions, and marks of end-effector and centre of mass."""
@@ -42,12 +41,25 @@ SIDES = 48
 """Sides of a circle: its sagitta is 0.21 % of the radius."""
 
 
+class Mesh(NamedTuple):
+    """A surface of triangles."""
+
+    vertices: Array
+    """(v, 3) [m]."""
+    faces: Indices
+    """Vertices of the triangles, counter-clockwise seen from outside, (f, 3)."""
+
+    def move(self, R: Array, p: Array) -> Mesh:
+        """Return the mesh turned by R, (3, 3), then shifted by p, (3,)."""
+        return Mesh(self.vertices @ R.T + p, self.faces)
+
+
 @dataclass(frozen=True)
 class Solid:
     """A mesh and the poses of its copies."""
 
     name: str
-    mesh: Trimesh
+    mesh: Mesh
     colour: str
     poses: list[Array]
     """Homogeneous matrices, (4, 4) [m]."""
@@ -56,15 +68,16 @@ class Solid:
 
 def glb(design: Design, parts: Parts = "all", air: AirSurface | None = None) -> bytes:
     """Return a design, with `air` if given, as the content of a binary glTF file."""
+    from trimesh import Scene, Trimesh  # slow to import, and pages need only the meshes
+
     solids = list(_solids(design, parts))
     if air is not None:
-        solids.append(Solid("air", air.mesh, palette.AIR, [np.eye(4)], opacity=0.3))
+        surface = Mesh(air.mesh.vertices, air.mesh.faces)
+        solids.append(Solid("air", surface, palette.AIR, [np.eye(4)], opacity=0.3))
     scene = Scene(base_frame="world")
     scene.graph.update("platform", "world", matrix=pose_matrix(rotation(0, -math.pi / 2), np.zeros(3)))
     for solid in solids:
-        mesh = solid.mesh.copy()
-        mesh.visual = _material(solid)
-        scene.geometry[solid.name] = mesh
+        scene.geometry[solid.name] = Trimesh(*solid.mesh, process=False, visual=_material(solid))
         for i, pose in enumerate(solid.poses):
             node = f"{solid.name}_{i}"
             scene.graph.update(node, "platform", matrix=pose, geometry=solid.name)
@@ -74,8 +87,12 @@ def glb(design: Design, parts: Parts = "all", air: AirSurface | None = None) -> 
 
 def stl(design: Design, parts: Parts = "platform") -> bytes:
     """Return a design as the content of a binary STL file, in millimetres."""
-    copies = [solid.mesh.copy().apply_transform(pose) for solid in _solids(design, parts) for pose in solid.poses]
-    content: bytes = join(copies).apply_scale(1000).export(file_type="stl")
+    from trimesh import Trimesh
+
+    copies = [
+        solid.mesh.move(pose[:3, :3], pose[:3, 3]) for solid in _solids(design, parts) for pose in solid.poses
+    ]
+    content: bytes = Trimesh(*join(copies), process=False).apply_scale(1000).export(file_type="stl")
     return content
 
 
@@ -112,8 +129,11 @@ def _region(design: Design, number: int, poses: Platform) -> Solid:
     return Solid(f"exposure_{number}", surface, palette.EXPOSURE, [tip], opacity=opacity)
 
 
-def _material(solid: Solid) -> TextureVisuals:
+def _material(solid: Solid) -> Any:
     """Return the material of a solid for glTF, whose colours are linear; visible from both sides."""
+    from trimesh.visual import TextureVisuals
+    from trimesh.visual.material import PBRMaterial
+
     linear = [_linear(int(solid.colour[k : k + 2], 16) / 255) for k in (1, 3, 5)]
     mode = "OPAQUE" if solid.opacity == 1 else "BLEND"
     material = PBRMaterial(
@@ -131,48 +151,66 @@ def _linear(s: float) -> float:
     return float(s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4)
 
 
-def frame(module: Module) -> Trimesh:
+def frame(module: Module) -> Mesh:
     """Return hub and arms, or the module's own frame, as closed shells that may intersect.
 
     Opposite arms are one bar: shells that share vertices would no longer be closed once vertices are merged.
     """
     l_arm, w = module.arm_length, module.body.arm_width
     if module.body.frame is not None:
-        return join([Trimesh(piece.vertices, piece.triangles, process=False) for piece in module.body.frame])
-    hub = trimesh.creation.box(extents=module.body.hub)
-    bars = []
-    for angle in ROTOR_ANGLES[:2]:
-        turned = pose_matrix(rotation(2, angle), np.zeros(3))
-        bars.append(trimesh.creation.box(extents=(2 * l_arm, w, w), transform=turned))
-    return join([hub, *bars])
+        return join([Mesh(np.array(piece.vertices), np.array(piece.triangles)) for piece in module.body.frame])
+    bars = [box((2 * l_arm, w, w)).move(rotation(2, angle), np.zeros(3)) for angle in ROTOR_ANGLES[:2]]
+    return join([box(module.body.hub), *bars])
 
 
-def rotor_discs(module: Module, *, sides: int = SIDES) -> list[Trimesh]:
+def rotor_discs(module: Module, *, sides: int = SIDES) -> list[Mesh]:
     """Return the rotor discs in the module frame."""
-    body, l_arm = module.body, module.arm_length
-    disc = trimesh.creation.cylinder(radius=body.rotor_radius, height=body.rotor_height, sections=sides)
-    hubs = ((l_arm * math.cos(angle), l_arm * math.sin(angle), 0) for angle in ROTOR_ANGLES)
-    return [disc.copy().apply_translation(hub) for hub in hubs]
+    disc = cylinder(module.body.rotor_radius, module.body.rotor_height, sides)
+    return [disc.move(np.eye(3), hub) for hub in module.arm_length * ROTOR_DIRECTIONS]
 
 
-def airflow(module: Module, *, sides: int = SIDES) -> Trimesh:
+def airflow(module: Module, *, sides: int = SIDES) -> Mesh:
     """Return the airflow envelope in the module frame."""
     envelope, far = module.envelope, np.array([0.0, 0.0, -module.envelope.length])
     return cone_sphere(np.zeros(3), envelope.start_radius, far, envelope.end_radius, sides=sides)
 
 
-def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = SIDES) -> Trimesh:
+def cone_sphere(P_0: Array, r_0: float, P_1: Array, r_1: float, *, sides: int = SIDES) -> Mesh:
     """Return the hull of two balls: a capsule if the radii are equal, a ball if one ball contains the other."""
     a = P_1 - P_0
     L = float(np.linalg.norm(a))
     theta_t = math.acos(max(-1.0, min(1.0, (r_0 - r_1) / L))) if L else math.pi
     profile = np.concatenate([_arc(0.0, theta_t, r_1, L, sides), _arc(theta_t, math.pi, r_0, 0.0, sides)])
     profile[[0, -1], 0] = 0.0  # the poles lie on the axis
-    size = max(r_0, r_1)  # trimesh merges vertices within 1e-8, so small bodies are built large
-    mesh: Trimesh = trimesh.creation.revolve(profile[::-1] / size, sections=sides)
-    mesh.apply_scale(size)
-    mesh.apply_transform(pose_matrix(rotation_to(a / L) if L else np.eye(3), P_0))
-    return mesh
+    apart = np.linalg.norm(np.diff(profile, axis=0), axis=1) > 1e-8 * max(r_0, r_1)
+    profile = profile[np.append(True, apart)]  # no slivers where the arcs meet
+    return revolve(profile[::-1], sides).move(rotation_to(a / L) if L else np.eye(3), P_0)
+
+
+def revolve(profile: Array, sides: int) -> Mesh:
+    """Return the surface of a profile turned about z; rows (distance from the axis, height), at both ends on it."""
+    angles, m = np.linspace(0.0, 2 * math.pi, sides, endpoint=False), len(profile)
+    across = np.stack([np.cos(angles), np.sin(angles)], axis=-1)[:, None] * profile[:, :1]
+    points = np.concatenate([across, np.broadcast_to(profile[:, 1:], (sides, m, 1))], axis=-1)
+    here = np.arange(m) + (m - 2) * np.arange(sides)[:, None] + 1  # the ends are vertices of the first turn only
+    here[0], here[:, 0], here[:, -1] = np.arange(m), 0, m - 1
+    after = np.roll(here, -1, axis=0)
+    quads = [here[:, :-1], after[:, :-1], here[:, 1:], here[:, 1:], after[:, :-1], after[:, 1:]]
+    faces = np.stack(quads, axis=-1).reshape(sides, -1, 3)[:, 1:-1]  # at the ends a quad is one triangle
+    return Mesh(np.concatenate([points[0], points[1:, 1:-1].reshape(-1, 3)]), faces.reshape(-1, 3))
+
+
+def cylinder(radius: float, height: float, sides: int) -> Mesh:
+    """Return a cylinder about z, with its middle at the origin."""
+    top = height / 2
+    return revolve(np.array([[0.0, -top], [radius, -top], [radius, top], [0.0, top]]), sides)
+
+
+def box(size: Sequence[float]) -> Mesh:
+    """Return a box of a size, (3,), with its middle at the origin."""
+    corners = np.array(list(product((-0.5, 0.5), repeat=3)))
+    faces = "130 410 032 240 173 514 571 372 642 276 654 756"
+    return Mesh(corners * size, np.array([[*map(int, face)] for face in faces.split()]))
 
 
 def pose_matrix(R: Array, p: Array) -> Array:
@@ -182,11 +220,11 @@ def pose_matrix(R: Array, p: Array) -> Array:
     return pose
 
 
-def join(meshes: list[Trimesh]) -> Trimesh:
+def join(meshes: Sequence[Mesh]) -> Mesh:
     """Return several meshes as one, each still a shell of its own."""
-    mesh = trimesh.util.concatenate(meshes)
-    assert isinstance(mesh, Trimesh)  # concatenate() may also return other classes
-    return mesh
+    vertices, faces = zip(*meshes, strict=True)
+    first = np.cumsum([0, *map(len, vertices)])
+    return Mesh(np.concatenate(vertices), np.concatenate([f + k for f, k in zip(faces, first, strict=False)]))
 
 
 def _arc(start: float, end: float, r: float, height: float, sides: int) -> Array:
@@ -196,14 +234,15 @@ def _arc(start: float, end: float, r: float, height: float, sides: int) -> Array
     return np.stack([r * np.sin(theta), height + r * np.cos(theta)], axis=1)
 
 
-def region_mesh(shape: Shape, slant: float) -> Trimesh:
+def region_mesh(shape: Shape, slant: float) -> Mesh:
     """Return the surface of a shape; a cone is cut off at a slant height."""
     match shape:
         case Capsule():
             return cone_sphere(np.array(shape.start), shape.radius, np.array(shape.end), shape.radius)
         case Polytope():
             convex_hull = hull(shape)
-            return Trimesh(convex_hull.corners, convex_hull.triangles)
+            return Mesh(convex_hull.corners, convex_hull.triangles)
         case Cone():
-            triangles = cone(shape, slant)
-            return Trimesh(triangles.reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3))
+            apex, *rims = cone(shape, slant).transpose(1, 0, 2)
+            k = np.arange(len(apex)) + 1
+            return Mesh(np.concatenate([apex[:1], rims[0]]), np.stack([0 * k, k, np.roll(k, -1)], axis=1))

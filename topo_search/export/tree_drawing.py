@@ -11,7 +11,6 @@ from collections.abc import Collection
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
-import networkx as nx
 import numpy as np
 
 from topo_search.export import palette
@@ -43,6 +42,8 @@ def flat_layout(topology: Topology) -> tuple[Array, list[int]]:
 
 def layered_layout(topology: Topology) -> Array:
     """Return positions in layers, (n, 2): leaves side by side, every parent above the middle of its children."""
+    import networkx as nx  # slow to import, and few trees need layers
+
     tree = topology.graph()
     depth = nx.shortest_path_length(tree, 0)
     leaves = itertools.count()

@@ -24,6 +24,9 @@ from itertools import permutations
 from numbers import Integral
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 if TYPE_CHECKING:
     import networkx as nx
 
@@ -171,21 +174,26 @@ class Topology:
         return tuple((i, j) for i, j in permutations(range(self.n), 2) if (min(i, j), max(i, j)) not in self.bolted)
 
     @cached_property
-    def distances(self) -> tuple[tuple[int, ...], ...]:
-        """Number of joints between any two modules."""
-        rows = [[0]]
-        for h, _, _, _ in self.edges():
-            row = [d + 1 for d in rows[h]]
-            for other, d in zip(rows, row, strict=True):
-                other.append(d)
-            rows.append([*row, 0])
-        return tuple(map(tuple, rows))
-
-    @cached_property
     def free_connectors(self) -> tuple[tuple[int, int], ...]:
         """All (module, port) without a joint, in order."""
         occupied = {connector for h, i, a, b in self.edges() for connector in ((h, a), (i, b))}
         return tuple((i, port) for i in range(self.n) for port in range(4) if (i, port) not in occupied)
+
+    @cached_property
+    def distances(self) -> NDArray[np.int_]:
+        """Number of joints between any two modules, shape (n, n)."""
+        distances = np.zeros((self.n, self.n), dtype=int)
+        for i in range(1, self.n):
+            distances[i, :i] = distances[:i, i] = distances[self.parents[i], :i] + 1
+        return distances
+
+    def path(self, i: int, j: int) -> list[int]:
+        """Return the modules on the way from module i to module j, both included."""
+        start, end = [i], [j]
+        while start[-1] != end[-1]:  # a parent has a lower number than its children
+            later = start if start[-1] > end[-1] else end
+            later.append(self.parents[later[-1]])
+        return start + end[-2::-1]
 
     def graph(self) -> nx.Graph[int]:
         """Return the tree as a networkx graph whose edges have `ports = {module: port}`.

@@ -5,15 +5,16 @@ from __future__ import annotations
 import base64
 import functools
 import gzip
+import io
 import json
 import re
-from importlib import resources
+import zipfile
+from importlib import metadata, resources
+from pathlib import Path
 from typing import Any
 
 import jinja2
-import trimesh
 from markupsafe import Markup, escape
-from trimesh.viewer import scene_to_html
 
 from topo_search.export import palette
 from topo_search.export.poses import poses_to_draw
@@ -43,7 +44,9 @@ def render(page: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    absent = dict.fromkeys(("key", "design", "audit", "task", "bound", "reproduction", "run", "front", "compared"))
+    absent = dict.fromkeys(
+        ("key", "design", "audit", "forces", "task", "bound", "reproduction", "run", "front", "compared")
+    )
     page = {**absent, "simulated": None, "notes": (), **page}
     design, audit = page["design"], page["audit"]
     # in order of execution
@@ -53,7 +56,7 @@ def render(page: dict[str, Any]) -> str:
         page=page,
         design=design,
         audit=audit,
-        drawn=None if design is None else view(design, poses_to_draw(design), audit, forces=True),
+        drawn=None if design is None else view(design, poses_to_draw(design), audit) | {"forces": page["forces"]},
         # modules and functions that the template calls
         charts=charts,
         design_part=design_part,
@@ -70,7 +73,7 @@ def render(page: dict[str, Any]) -> str:
         FIRST_TILES=6,  # as many as fit beside the view
         style=_template("page.css"),
         script=Markup("\n").join(_template(f"{name}.js") for name in scripts),
-        look={"template": json.loads(_plotly_file("templates/plotly_white.json")), **PLOTLY_LAYOUT},
+        look={"template": json.loads(_content("plotly", "templates/plotly_white.json")), **PLOTLY_LAYOUT},
         libraries=_libraries(),
     )
 
@@ -81,16 +84,19 @@ def _libraries() -> str:
 
     three.js is taken from the page of trimesh's viewer, where it is a licence comment followed by a line of code.
     """
-    viewer = scene_to_html(trimesh.Scene(trimesh.creation.box()))
+    with zipfile.ZipFile(io.BytesIO(_content("trimesh", "templates/viewer.zip"))) as archive:
+        viewer = archive.read("viewer.html.template").decode()
     match = re.search(r"/\*\*\s+\* @license[^/]*Three\.js Authors[^/]*\*/\n.+", viewer)
     assert match is not None  # in every version of trimesh that the project allows
-    code = f"{_plotly_file('plotly.min.js')}\n{match.group()}"
+    code = f"{_content('plotly', 'plotly.min.js').decode()}\n{match.group()}"
     compressed = gzip.compress(code.encode(), 6, mtime=0)  # a higher level takes longer and gains 0.2 %
     return base64.b64encode(compressed).decode()
 
 
-def _plotly_file(name: str) -> str:
-    return (resources.files("plotly") / "package_data" / name).read_text(encoding="utf-8")
+def _content(package: str, file: str) -> bytes:
+    """Return the content of a data file of plotly or trimesh without importing them, which takes long."""
+    folder = {"plotly": "plotly/package_data", "trimesh": "trimesh/resources"}[package]
+    return Path(str(metadata.distribution(package).locate_file(f"{folder}/{file}"))).read_bytes()
 
 
 def mark_code(text: str) -> Markup:

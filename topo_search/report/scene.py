@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import trimesh
-from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.poses import azimuth_deg, cone_slant, region_words, rotation_to, shapes, towards_viewer
-from topo_search.export.solids import airflow, cone_sphere, frame, join, pose_matrix, region_mesh, rotor_discs
+from topo_search.export.solids import (
+    Mesh,
+    airflow,
+    box,
+    cone_sphere,
+    cylinder,
+    frame,
+    join,
+    region_mesh,
+    revolve,
+    rotor_discs,
+)
 from topo_search.model import Assembly, Audit, Clearance, Design
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SPINS, Array
 from topo_search.model.module import Module
@@ -40,7 +48,7 @@ class Part(NamedTuple):
     name: str
     """Name in the legend."""
     colour: str
-    mesh: Trimesh | str
+    mesh: Mesh | str
     """The mesh itself; for copies, the name of a mesh that all modules share."""
     modules: Sequence[int] = ()
     """Module of each copy."""
@@ -91,8 +99,7 @@ def figure(design: Design, poses: Platform, nearest: Clearance | None, assembly:
     for part in scene(design, poses, nearest, assembly):
         mesh = part.mesh
         if isinstance(mesh, str):
-            transforms = [pose_matrix(poses.R[i], poses.p[i]) for i in part.modules]
-            mesh = join([shared[mesh].copy().apply_transform(transform) for transform in transforms])
+            mesh = join([shared[mesh].move(poses.R[i], poses.p[i]) for i in part.modules])
         drawn.add_mesh3d(
             **dict(zip("xyzijk", (*mesh.vertices.astype(np.float32).T, *mesh.faces.T), strict=True)),
             name=part.name,
@@ -127,7 +134,7 @@ def closest_words(nearest: Clearance) -> str:
     return f"The closest pair: {clearance(nearest)}{spare}, {nearest.name}."
 
 
-def meshes(module: Module, *, sides: int) -> dict[str, Trimesh]:
+def meshes(module: Module, *, sides: int) -> dict[str, Mesh]:
     """Return the meshes that all modules share, in the module frame, by name.
 
     Args:
@@ -165,13 +172,13 @@ def sides(n: int) -> int:
 
 def _regions(design: Design, poses: Platform) -> Iterator[Part]:
     """Yield the exposure regions: solid objects, keep-out regions, and cones that must contain all airflow."""
-    groups: dict[tuple[str, str, float], list[Trimesh]] = {}
+    groups: dict[tuple[str, str, float], list[Mesh]] = {}
     for number, shape in shapes(design.task, poses.p_e):
         solid = design.task.exposure[number].solid
         if isinstance(shape, Cone) and solid and shape.half_angle_deg == 90:
             yield _wall(shape, poses)
             continue
-        surface = region_mesh(shape, cone_slant(design, poses)).apply_translation(poses.end_effector)
+        surface = region_mesh(shape, cone_slant(design, poses)).move(np.eye(3), poses.end_effector)
         if isinstance(shape, Cone):
             look = "cones", region_words(shape), 0.15
         elif solid:
@@ -187,8 +194,8 @@ def _wall(shape: Cone, poses: Platform) -> Part:
     """Return part of the plane that bounds a half-space, scaled to the platform's distance from its tip."""
     inwards = np.array(shape.axis)
     width = 1.2 * float(np.linalg.norm(poses.p - poses.end_effector, axis=1).max())
-    slab = trimesh.creation.box((width, width, 0.02 * width)).apply_translation((0.0, 0.0, -0.01 * width))
-    slab.apply_transform(pose_matrix(rotation_to(inwards), poses.end_effector + shape.apex))
+    R = rotation_to(inwards)
+    slab = box((width, width, 0.02 * width)).move(R, poses.end_effector + shape.apex - 0.01 * width * inwards)
     return Part("walls", "ground" if inwards @ UP > 0.9 else "wall", palette.WALL, slab, opacity=0.6)
 
 
@@ -229,27 +236,40 @@ def _end_effector(design: Design, poses: Platform, assembly: Assembly | None) ->
     yield Part("offset", "centre of mass to tip", palette.OFFSET, line, steps=last)
 
 
-def triangles_of(mesh: Trimesh) -> dict[str, list[float]]:
+def triangles_of(mesh: Mesh) -> dict[str, list[float]]:
     """Return a mesh as JSON data for the page, with vertices duplicated at sharp edges."""
+    first, second, third = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+    normals = np.cross(second - first, third - first)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    sides = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)) @ [len(mesh.vertices), 1]
+    _, edges, counts = np.unique(sides, return_inverse=True, return_counts=True)
+    order = np.argsort(edges, kind="stable")
+    one, other = (order[counts[edges[order]] == 2] // 3).reshape(-1, 2).T  # adjacent triangles
     # 46 deg: adjacent sides of an octagon are shaded smoothly
-    smooth = mesh.face_adjacency[mesh.face_adjacency_angles < math.radians(46)]
-    parts = trimesh.graph.connected_component_labels(smooth, len(mesh.faces)).repeat(3)
-    corners, faces = np.unique(parts * len(mesh.vertices) + mesh.faces.ravel(), return_inverse=True)
-    vertices = mesh.vertices[corners % len(mesh.vertices)]
-    return {"corners": vertices.round(5).ravel().tolist(), "faces": faces.tolist()}
+    smooth = np.einsum("fx,fx->f", normals[one], normals[other]) > math.cos(math.radians(46))
+    one, other = one[smooth], other[smooth]
+    parts = np.arange(len(mesh.faces))  # each triangle's smooth part, by the first triangle of the part
+    while np.any(parts[one] != parts[other]):
+        least = np.minimum(parts[one], parts[other])
+        np.minimum.at(parts, parts[one], least)
+        np.minimum.at(parts, parts[other], least)
+        parts = parts[parts]
+    size = len(mesh.vertices)
+    corners, faces = np.unique(parts.repeat(3) * size + mesh.faces.ravel(), return_inverse=True)
+    return {"corners": mesh.vertices[corners % size].round(5).ravel().tolist(), "faces": faces.tolist()}
 
 
-def ball(centre: Array, radius: float) -> Trimesh:
+def ball(centre: Array, radius: float) -> Mesh:
     """Return a ball."""
     return cone_sphere(centre, radius, centre, radius, sides=16)
 
 
-def tube(start: Array, end: Array, radius: float) -> Trimesh:
+def tube(start: Array, end: Array, radius: float) -> Mesh:
     """Return a tube with round ends."""
     return cone_sphere(start, radius, end, radius, sides=12)
 
 
-def straight_arrow(start: Array, direction: Array, length: float, thick: float) -> tuple[Trimesh, Array]:
+def straight_arrow(start: Array, direction: Array, length: float, thick: float) -> tuple[Mesh, Array]:
     """Return a straight arrow and its tip, (3,) [m].
 
     Args:
@@ -259,24 +279,24 @@ def straight_arrow(start: Array, direction: Array, length: float, thick: float) 
         thick: radius of the shaft [m].
     """
     head = min(5 * thick, length / 2)
-    shaft = trimesh.creation.cylinder(radius=thick, height=length - head, sections=10)
-    shaft.apply_translation((0, 0, (length - head) / 2))
-    cone = trimesh.creation.cone(radius=2.4 * thick, height=head, sections=10)
-    cone.apply_translation((0, 0, length - head))
-    mesh = join([shaft, cone]).apply_transform(pose_matrix(rotation_to(direction), start))
-    return mesh, start + length * direction
+    shaft = cylinder(thick, length - head, 10).move(np.eye(3), (length - head) / 2 * UP)
+    tip = arrow_head(thick, head).move(np.eye(3), (length - head) * UP)
+    return join([shaft, tip]).move(rotation_to(direction), start), start + length * direction
 
 
-def ring(centre: Array, axis: Array, radius: float, thick: float) -> tuple[Trimesh, Array]:
+def ring(centre: Array, axis: Array, radius: float, thick: float) -> tuple[Mesh, Array]:
     """Return an arrow along a ring about an axis, by the right-hand rule, and its start, (3,) [m]."""
     angles = np.linspace(0.0, TURN, 25)
     path = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
-    steps = [
-        trimesh.creation.cylinder(radius=thick, segment=[one, other], sections=8)
-        for one, other in itertools.pairwise(path)
-    ]
+    chords = np.diff(path, axis=0)
+    length = float(np.linalg.norm(chords[0]))
+    step = cylinder(thick, length, 8)
+    steps = [step.move(rotation_to(chord / length), p + chord / 2) for p, chord in zip(path, chords, strict=False)]
     forward = np.array([-math.sin(TURN), math.cos(TURN), 0.0])
-    head = trimesh.creation.cone(radius=2.4 * thick, height=5 * thick, sections=10)
-    head.apply_transform(pose_matrix(rotation_to(forward), path[-1]))
-    mesh = join([*steps, head]).apply_transform(pose_matrix(rotation_to(axis), centre))
-    return mesh, centre + rotation_to(axis) @ path[0]
+    head = arrow_head(thick, 5 * thick).move(rotation_to(forward), path[-1])
+    return join([*steps, head]).move(rotation_to(axis), centre), centre + rotation_to(axis) @ path[0]
+
+
+def arrow_head(thick: float, length: float) -> Mesh:
+    """Return the head of an arrow along z with a shaft of radius `thick`, from the origin."""
+    return revolve(np.array([[0.0, 0.0], [2.4 * thick, 0.0], [0.0, length]]), 10)

@@ -29,9 +29,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import trimesh
 from markupsafe import Markup
-from trimesh import Trimesh
 
 from topo_search.export import palette
 from topo_search.export.allocation import thrust_matrix
@@ -43,16 +41,16 @@ from topo_search.export.poses import (
     rotation_to,
     towards_viewer,
 )
-from topo_search.export.solids import join, pose_matrix
+from topo_search.export.solids import Mesh, cylinder, join
 from topo_search.limits import vector as vector_text
 from topo_search.model import Assembly, Audit, Design, LoadCase
 from topo_search.model.arrays import ROTOR_DIRECTIONS, Array
+from topo_search.model.shape import Indices
 from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
 from topo_search.report.wording import clearance, figures, length, rounded_down, rounded_up
 from verify.air.jets import MODEL, jets
 from verify.flight.programs import Box
-from verify.flight.vehicle import force_hull
 from verify.kinematics import Platform
 
 
@@ -89,8 +87,7 @@ def _contact(design: Design, case: LoadCase, poses: Platform, longest: float) ->
     weight = design.task.force_unit(design.topology.n)
     if not f.any() or case.at_com.force[2] < 0.999 * weight:  # not hovering unless the rotors carry the weight
         return
-    disc = trimesh.creation.cylinder(radius=0.35 * longest, height=0.002, sections=48)
-    disc.apply_transform(pose_matrix(rotation_to(f / np.linalg.norm(f)), poses.end_effector))
+    disc = cylinder(0.35 * longest, 0.002, 48).move(rotation_to(f / np.linalg.norm(f)), poses.end_effector)
     yield Part("contact", "contact plane", palette.CONTACT, disc, opacity=0.5)
 
 
@@ -107,11 +104,13 @@ def longest_arrow(design: Design, poses: Platform) -> float:
     return 0.6 * reach
 
 
-def force_polytope(design: Design, poses: Platform) -> tuple[Array, Array] | None:
+def force_polytope(design: Design, poses: Platform) -> tuple[Array, Indices] | None:
     """Return vertices, (m, 3) [N], and triangles, (t, 3) vertex indices, of the polytope of forces.
 
     None if the platform cannot hover, or if all forces lie in a plane.
     """
+    from verify.flight.vehicle import force_hull  # slow to import, and most pictures have no polytope
+
     module, weight = design.task.module, design.task.force_unit(design.topology.n)
     scale = np.repeat([weight, weight * module.arm_length], 3)[:, None]
     largest = module.max_input(design.task.gravity) * module.thrust_coefficient
@@ -124,14 +123,13 @@ def force_polytope(design: Design, poses: Platform) -> tuple[Array, Array] | Non
     return None if polytope is None else (weight * (polytope.points - carried), polytope.simplices)
 
 
-def view(design: Design, poses: Platform, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
-    """Return the data of the 3-D view of a design, which the page's script draws.
+def view(design: Design, poses: Platform, audit: Audit | None) -> dict[str, Any]:
+    """Return the data of the 3-D view of a design, which the page's script draws; `forces_of` returns `forces`.
 
     Args:
         design: any design.
         poses: its poses.
         audit: its audit.
-        forces: whether to add the forces that it can exert in hover, which takes a second or more.
     """
     assembly = None if audit is None else audit.assembly
     nearest = closest(audit)
@@ -149,7 +147,7 @@ def view(design: Design, poses: Platform, audit: Audit | None, *, forces: bool =
         "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in arrows(design, poses)],
         "closest": None if nearest is None else closest_words(nearest),
         "steps": _steps(design, assembly),
-        "forces": _forces(design, poses, audit) if forces else None,
+        "forces": None,
     }
 
 
@@ -170,14 +168,15 @@ def _air(design: Design) -> dict[str, Any]:
     }
 
 
-def _forces(design: Design, poses: Platform, audit: Audit | None) -> dict[str, Any] | None:
-    """Return the forces that can be exerted at the end-effector in hover, to the scale of the arrows."""
+def forces_of(drawn: tuple[Design, Platform, Audit | None]) -> dict[str, Any] | None:
+    """Return the forces that a design can exert at the end-effector in hover, to the scale of the arrows."""
+    design, poses, audit = drawn
     polytope = force_polytope(design, poses)
     if polytope is None:
         return None
     vertices, triangles = polytope
     scale = metres_per_newton(design, poses)
-    corners = Trimesh(poses.end_effector + scale * vertices, triangles, process=False)
+    corners = Mesh(poses.end_effector + scale * vertices, triangles)
     words = "feasible forces"
     parts = [Part("forces", words, palette.OFFSET, corners, opacity=0.35)]
     caption = "All forces that the tip can exert in hover, to the scale of the load cases' arrows."

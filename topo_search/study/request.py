@@ -11,9 +11,9 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import metadata
 from typing import Any, Literal, get_args
 
@@ -227,11 +227,15 @@ class Request:
 
     def space(self, n: int) -> Candidates:
         """Return the candidates of n modules."""
-        return self._resolve_candidates(n)[0]
+        return self._candidates_of(n)[0]
 
     def quotient(self, n: int) -> Resolution:
         """Return which trees are merged into one candidate, whether that is exact, and why."""
-        return self._resolve_candidates(n)[1]
+        return self._candidates_of(n)[1]
+
+    @cached_property
+    def _candidates_of(self) -> Callable[[int], tuple[Candidates, Resolution]]:
+        return cache(self._resolve_candidates)
 
     def _resolve_candidates(self, n: int) -> tuple[Candidates, Resolution]:
         task, inputs = self.task.resolve(n), self.user_inputs
@@ -271,13 +275,16 @@ class Request:
             return False
         return len({all_trees.key_of(candidate.topology) for candidate in listed.candidates()}) == total
 
-    def contexts(self, n: int) -> list[Context]:
-        """Return the contexts of n modules: the task's own margin, then each larger one."""
-        task = self.task.resolve(n)
-        return [
-            Context(with_margin(task, margin), step, self.seed, self.versions, self.level, self.user_inputs)
-            for step, margin in enumerate(margins(task))
-        ]
+    @cached_property
+    def contexts(self) -> Callable[[int], list[Context]]:
+        """Returns the contexts of n modules: the task's own margin, then each larger one."""
+
+        @cache
+        def contexts(n: int) -> list[Context]:
+            fixed, task = (self.seed, self.versions, self.level, self.user_inputs), self.task.resolve(n)
+            return [Context(with_margin(task, margin), k, *fixed) for k, margin in enumerate(margins(task))]
+
+        return contexts
 
 
 LARGER_MARGINS = 3
