@@ -97,17 +97,13 @@ def _paths(topology: Topology) -> set[Turns]:
     for h, i, a, b in topology.edges():
         joints[h].append((a, i, b))
         joints[i].append((b, h, a))
-    walks: list[tuple[Turns, int, int]] = [((), i, entry) for sides in joints.values() for _, i, entry in sides]
+    # turns so far, last module, port of entry
+    walks: list[tuple[Turns, int, int]] = [((), i, b) for sides in joints.values() for _, i, b in sides]
     for _ in range(SEARCH.max_modules - 1):
         for turns, _, _ in walks:
             mirror = tuple((-turn) % 4 for turn in turns)
             paths.add(min(turns, turns[::-1], mirror, mirror[::-1]))
-        walks = [
-            ((*turns, (out - entry) % 4), j, next_entry)
-            for turns, i, entry in walks
-            for out, j, next_entry in joints[i]
-            if out != entry
-        ]
+        walks = [((*turns, (a - b) % 4), j, c) for turns, i, b in walks for a, j, c in joints[i] if a != b]
     return paths
 
 
@@ -133,8 +129,7 @@ def _is_crowded(
             return False
         is_open = (distance + _displacements(pairs, h, l_c)[is_separated] >= centre_distance - depth).all(axis=0)
         if air is not None:
-            lengths = [share * air.length for share in SEARCH.length_shares]
-            moved = np.array([_displacements(pairs, h, l_c, length) for length in lengths])
+            moved = np.array([_displacements(pairs, h, l_c, share * air.length) for share in SEARCH.length_shares])
             radii, growths = air.start_radius - (moved + depth) / 2, shares * air.growth
             gaps = _gaps(z, p, pairs, shares[..., None] * air.length, radii, growths)
             is_open &= ((radii <= 0) | (gaps >= 0)).all(axis=(0, 1))
@@ -234,7 +229,7 @@ def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Re
     n, position, required = task.n, task.end_effector.fixed_position, task.end_effector.stand_off
     if position is None:
         return None
-    squares = n**2 * (n**2 - 1) / 12 if topology is None else _squared_distances(topology)
+    squares = n**2 * (n**2 - 1) / 12 if topology is None else sum(d**2 for d in topology.distances.values()) / 2
     share = task.total_mass(n) / bodies_mass(task)
     q = share * math.hypot(*position) + centre_offset(task)
     farthest = math.hypot(q, 2 * task.module.connector_distance / n * math.sqrt(squares))
@@ -250,11 +245,6 @@ def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Re
         f"fixed {upper_text(math.hypot(*position))} m from the centre of mass, some module centre is within "
         f"{distance_text} m of it in any shape",
     )
-
-
-def _squared_distances(topology: Topology) -> int:
-    """Return sum_{i<j} d_ij^2."""
-    return sum(d**2 for row in topology.distances for d in row) // 2
 
 
 def refute_rotors(task: ResolvedTask) -> Refutation | None:

@@ -220,7 +220,7 @@ def refute_torque(task: ResolvedTask, topology: Topology | None = None) -> Refut
     if task.heaviest_rod:  # its weight has a torque about any point, with an unknown lever
         return None
     n, module = task.n, task.module
-    distances = n * (n**2 - 1) // 3 if topology is None else sum(map(sum, topology.distances))
+    distances = n * (n**2 - 1) // 3 if topology is None else sum(topology.distances.values())
     lever = 2 * module.connector_distance * distances / n**2 + centre_offset(task) + module.arm_length
     limit = largest_thrust(task) * (lever + module.torque_coefficient / module.thrust_coefficient)
     required = [_least_torque(task, case) for case in task.load_cases]

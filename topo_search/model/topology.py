@@ -171,15 +171,12 @@ class Topology:
         return tuple((i, j) for i, j in permutations(range(self.n), 2) if (min(i, j), max(i, j)) not in self.bolted)
 
     @cached_property
-    def distances(self) -> tuple[tuple[int, ...], ...]:
-        """Number of joints between any two modules."""
-        rows = [[0]]
-        for h, _, _, _ in self.edges():
-            row = [d + 1 for d in rows[h]]
-            for other, d in zip(rows, row, strict=True):
-                other.append(d)
-            rows.append([*row, 0])
-        return tuple(map(tuple, rows))
+    def distances(self) -> Mapping[tuple[int, int], int]:
+        """Number of joints between modules i and j, by (i, j)."""
+        distances = {(0, 0): 0}
+        for h, i, _, _ in self.edges():
+            distances |= {pair: distances[h, j] + 1 for j in range(i) for pair in ((i, j), (j, i))} | {(i, i): 0}
+        return distances
 
     @cached_property
     def free_connectors(self) -> tuple[tuple[int, int], ...]:
