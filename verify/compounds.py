@@ -44,7 +44,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Status
-from verify.bodies import Array
+from verify.bodies import Array, norms
 from verify.certificate import BOUND_ROUNDING, FLOOR, Certificate, judge
 from verify.convex import Convex, Polyhedron
 from verify.gjk import ITERATION, Cores, Flags, cores, nearest
@@ -89,6 +89,14 @@ class Compound:
         """Return a copy rotated by R, shape (3, 3), then translated by p, shape (3,)."""
         parts, source = tuple(part.place(R, p) for part in self.parts), (self, R, p)
         return Compound(parts, self.bounds.place(R, p), self.frame, self.outer_pieces, source)
+
+    def place_like(self, copy: Compound) -> Compound:
+        """Return a copy at the pose of another body's copy, sharing the parts that the bodies have in common."""
+        assert copy.source is not None
+        whole, R, p = copy.source
+        placed = dict(zip(whole.parts, copy.parts, strict=True))
+        parts = tuple(placed.get(part) or part.place(R, p) for part in self.parts)
+        return Compound(parts, copy.bounds, self.frame, self.outer_pieces)
 
     @functools.cached_property
     def reach(self) -> float:
@@ -156,21 +164,19 @@ class _Batch:
     """The parts of several bodies as arrays."""
 
     def __init__(self, bodies: list[Compound], measured: bool) -> None:
-        self.bodies, self.measured = bodies, measured
-        flat = [part for body in bodies for part in body.parts]
-        max_parts = max(len(body.parts) for body in bodies)
-        self.cores = cores(flat)
-        self.ball = np.array([part.ball for part in flat])
-        self.first = np.cumsum([0] + [len(body.parts) for body in bodies[:-1]])
+        self.measured = measured
+        number = {part: k for k, part in enumerate(dict.fromkeys(part for body in bodies for part in body.parts))}
+        self.parts, max_parts = list(number), max(len(body.parts) for body in bodies)
+        self.cores = cores(self.parts)
+        self.ball = np.array([part.ball for part in self.parts])
         self.count = np.array([len(body.parts) for body in bodies])
         self.frame = np.array([body.frame for body in bodies])
         self.outer_pieces = np.array([body.outer_pieces for body in bodies])
         self.centre = np.array([body.bounds.centre for body in bodies])
-        self.middle = np.array([part.centre for part in flat])
-        self.radius = np.array([part.radius for part in flat])
+        self.middle = np.array([part.centre for part in self.parts])
         # Bodies with fewer parts repeat their first one.
-        k = np.arange(max_parts)
-        self.part = self.first[:, None] + np.where(k < self.count[:, None], k, 0)
+        repeated = ((*body.parts, *body.parts[:1] * (max_parts - len(body.parts))) for body in bodies)
+        self.part = np.array([[number[part] for part in parts] for parts in repeated])
         self.coordinates = 3 * max_parts * self.cores.vertices.shape[1]
 
     def reach(self, part: Indices, n: Array) -> Array:
@@ -253,7 +259,7 @@ class _Batch:
         r_A, r_B = self.ball[A], self.ball[B]
         enough = np.inf if self.measured else r_A + r_B + 2 * FLOOR
         result = nearest(self.cores.take(A), self.cores.take(B), n, enough)
-        size = np.linalg.norm(result.v, axis=1)
+        size = norms(result.v)
         # Cores within the accuracy of the search may as well overlap; their v is rounding.
         overlaps = result.overlap | (size <= ITERATION.accuracy)
         n = np.where(overlaps[:, None], n, -result.v / np.where(size > 0, size, 1.0)[:, None])
@@ -261,8 +267,7 @@ class _Batch:
         x_A, x_B = result.x_A + r_A[:, None] * n, result.x_B - r_B[:, None] * n
         overlap = np.flatnonzero(overlaps)
         if len(overlap) and self.measured:
-            flat = [part for body in self.bodies for part in body.parts]
-            n[overlap], x_A[overlap] = touch([(flat[A[k]], flat[B[k]]) for k in overlap])
+            n[overlap], x_A[overlap] = touch([(self.parts[A[k]], self.parts[B[k]]) for k in overlap])
             n[overlap], x_B[overlap] = self.escape_normals(A[overlap], B[overlap], n[overlap]), x_A[overlap]
         g = self.gap(A, B, n)
         loose = np.flatnonzero(~overlaps & (g < d - SETTINGS.least_gain) & self.measured)
@@ -277,7 +282,7 @@ class _Batch:
         away along n restores them.
         """
         n, g = n.copy(), g.copy()
-        size = (self.radius[A] + self.radius[B])[:, None]
+        size = np.array([[self.parts[a].radius + self.parts[b].radius] for a, b in zip(A, B, strict=True)])
         for separation in SETTINGS.separations if len(n) else ():
             moved = self.cores.take(B)
             moved = moved._replace(vertices=moved.vertices + (separation * size * n)[:, None])
@@ -321,7 +326,7 @@ def touch(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:
         width += np.sum((c_B[active] - B.take(active).support(-n[active])) * n[active], axis=1) + r_B[active]
         s[active] = np.maximum(s[active], np.sum((c_B - c_A)[active] * n[active], axis=1) / width)
         result = nearest(_scale(A, c_A, s, active), _scale(B, c_B, s, active), n[active])
-        size = np.linalg.norm(result.v, axis=1)
+        size = norms(result.v)
         x[active] = (result.x_A + result.x_B + (s * (r_A - r_B))[active, None] * n[active]) / 2
         disjoint = ~result.overlap & (size - (s * (r_A + r_B))[active] > SETTINGS.touching * (1 - s[active]))
         active = active[disjoint]

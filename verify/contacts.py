@@ -39,6 +39,7 @@ on a path, the rod has to reach into K and is not checked. Lengths are in l_arm.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Sequence
 from itertools import combinations, product
 from typing import Any
@@ -72,12 +73,12 @@ def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyCheck]:
     counts = task.body_clearance is not None
     needs_rod = counts or task.end_effector.rod == "straight"
     joints = {(h, i): ports for h, i, *ports in scene.design.topology.edges()}
-    sides = {port: _side_at(scene, port) for port in {port for ports in joints.values() for port in ports}}
+    l_c = task.module.connector_distance / scene.l_arm
     for a, b in combinations(range(len(modules)), 2):
         body, against = modules[a], modules[b]
         if (a, b) in joints:
-            ports = zip((a, b), joints[a, b], strict=True)
-            body, against = (sides[port].place(scene.R[i], scene.centres[i]) for i, port in ports)
+            ports = zip((body, against), joints[a, b], strict=True)
+            body, against = (_side_at(scene.body, port, l_c).place_like(module) for module, port in ports)
         yield ClearanceCheck("body", a, b, body, against, counts=counts, bolted=(a, b) in joints)
     if mount is None:
         return
@@ -88,15 +89,14 @@ def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyCheck]:
             yield ClearanceCheck("rod", a, -1, module, rod_body, counts=needs_rod)
 
 
-def _side_at(scene: Scene, port: int) -> Compound:
+@functools.lru_cache(maxsize=16)
+def _side_at(whole: Compound, port: int, l_c: float) -> Compound:
     """Return a module, in its own frame, as it is checked against its neighbour at a port.
 
     The parts of the frame that come near the connector are first; the pieces of these that are not near it are
     last.
     """
-    module, whole = scene.design.task.module, scene.body
-    l_c, outwards = module.connector_distance / module.arm_length, PORT_DIRECTIONS[port]
-    inner, outer = (1 - INWARDS) * l_c, (1 + OUTWARDS) * l_c
+    inner, outer, outwards = (1 - INWARDS) * l_c, (1 + OUTWARDS) * l_c, PORT_DIRECTIONS[port]
     near_parts, other_parts, outer_pieces = list[Convex](), list[Convex](), list[Convex]()
     for part in whole.parts[: whole.frame]:
         assert isinstance(part, Polyhedron)

@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from verify.bodies import Array
+from verify.bodies import Array, norms
 from verify.convex import Convex
 from verify.meshes import Indices
 
@@ -76,8 +76,8 @@ class Cores(NamedTuple):
         across = u
         for _ in range(2):  # twice: if u is along the axis, one projection leaves a rounding error along it
             across = across - np.sum(across * self.axis, axis=1, keepdims=True) * self.axis
-        length = np.linalg.norm(across, axis=1)
-        sideways = length > 1e-15 * np.linalg.norm(u, axis=1)
+        length = norms(across)
+        sideways = length > 1e-15 * norms(u)
         reach = np.where(sideways, self.disc / np.where(sideways, length, 1.0), 0.0)
         return np.asarray(self.vertices[np.arange(len(farthest)), farthest] + reach[:, None] * across)
 
@@ -123,7 +123,7 @@ def nearest(A: Cores, B: Cores, towards: Array, enough: Array | float = np.inf) 
     scale = np.abs(v).max(axis=1) + np.abs(X_A[:, 0]).max(axis=1) + A.disc + B.disc
     active = np.arange(N)
     for _ in range(ITERATION.most_steps):
-        size = np.linalg.norm(v[active], axis=1)
+        size = norms(v[active])
         touching = ~(size > 1e-14 * (1 + scale[active]))  # includes NaN
         overlap[active[touching]] = True
         active, size = active[~touching], size[~touching]
@@ -139,7 +139,7 @@ def nearest(A: Cores, B: Cores, towards: Array, enough: Array | float = np.inf) 
         Y_A[rows, slot], Y_B[rows, slot] = a, b
         new_weights, inside = least_weights(Y_A - Y_B)
         v_ = np.einsum("nj,njx->nx", new_weights, Y_A - Y_B)
-        nearer = inside | (np.linalg.norm(v_, axis=1) < size)
+        nearer = inside | (norms(v_) < size)
         overlap[active[inside]] = True
         improved = active[nearer]
         X_A[improved], X_B[improved] = Y_A[nearer], Y_B[nearer]
@@ -167,18 +167,18 @@ def least_weights(Y: Array) -> tuple[Array, Flags]:
     t = np.clip(t, 0.0, 1.0)  # the ends repeat the vertices' proposals
     edge = np.arange(4, 4 + len(TETRAHEDRON.edges))
     proposals[:, edge, i], proposals[:, edge, j] = 1.0 - t, t
-    a, b, c = (Y[:, TETRAHEDRON.triangles[:, k]] for k in range(3))
+    corners = Y[:, TETRAHEDRON.triangles]
+    a, b, c = (corners[:, :, k] for k in range(3))
     normal = _cross(b - a, c - a)
     area2 = np.sum(normal * normal, axis=-1)
     area2 = np.where(area2 > 0, area2, 1.0)
-    shares = np.stack([np.sum(normal * _cross(p, q), axis=-1) for p, q in ((b, c), (c, a), (a, b))], axis=-1)
-    shares /= area2[..., None]
+    opposite_edges = _cross(corners[:, :, [1, 2, 0]], corners[:, :, [2, 0, 1]])
+    shares = np.sum(normal[:, :, None] * opposite_edges, axis=-1) / area2[..., None]
     total = shares.sum(axis=-1)
     inner = np.all(shares >= 0, axis=-1) & (total > 0.5)  # the edges of flat triangles propose instead
     shares = np.where(inner[..., None], shares / np.where(inner, total, 1.0)[..., None], np.array([1.0, 0.0, 0.0]))
     face = 4 + len(TETRAHEDRON.edges) + np.arange(len(TETRAHEDRON.triangles))
-    for k in range(3):
-        proposals[:, face, TETRAHEDRON.triangles[:, k]] += shares[..., k]
+    proposals[:, face[:, None], TETRAHEDRON.triangles] += shares
     points = proposals @ Y
     best = np.argmin(np.sum(points * points, axis=-1), axis=1)
     weights = proposals[np.arange(N), best]
@@ -190,8 +190,8 @@ def least_weights(Y: Array) -> tuple[Array, Flags]:
     barycentric = np.empty_like(weights)
     barycentric[:, TETRAHEDRON.opposite] = shares / np.where(inside, shares.sum(axis=1), 1.0)[:, None]
     # The heights of coplanar points are mere rounding: the origin is inside only if these weights reproduce it.
-    miss = np.linalg.norm(np.einsum("nj,njx->nx", barycentric, Y), axis=1)
-    inside &= miss < 0.5 * np.linalg.norm(points[np.arange(N), best], axis=1)
+    miss = norms(np.einsum("nj,njx->nx", barycentric, Y))
+    inside &= miss < 0.5 * norms(points[np.arange(N), best])
     return np.where(inside[:, None], barycentric, weights), inside
 
 

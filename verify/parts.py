@@ -18,6 +18,7 @@ Lengths are in l_arm and positions relative to the mean of the module centres.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -33,6 +34,7 @@ from verify.convex import Convex, Polyhedron, box, capsule, cylinder
 UP = np.array([0.0, 0.0, 1.0])
 
 
+@functools.lru_cache(maxsize=4)
 def module_body(module: Module) -> Compound:
     """Return a module's rigid body in its own frame: hub and arms, which form the frame, then rotors [l_arm]."""
     frame, rotors = module_parts(module)

@@ -178,8 +178,8 @@ class _Polytope:
         points = np.concatenate([self.points, points])
         rounded = np.round(points, 10)
         order = np.lexsort(rounded.T[::-1])
-        rounded = rounded[order]
-        self.points = points[order[np.append(True, np.any(rounded[1:] != rounded[:-1], axis=1))[: len(order)]]]
+        repeated = np.flatnonzero(np.all(rounded[order[1:]] == rounded[order[:-1]], axis=1)) + 1
+        self.points = points[np.delete(order, repeated)]
         sizes = self.size(d, upper)
         if len(d) and sizes.min() < self.upper:
             best = int(np.argmin(sizes))

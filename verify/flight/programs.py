@@ -43,6 +43,7 @@ of steps hardly grows with N. The result need not be trusted, because it is chec
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -125,10 +126,7 @@ def greatest(
 
     v, y = v.copy(), y.copy()
     for row in loose:
-        group, limits = (
-            np.searchsorted(ends, row, side="right") - 1,
-            np.stack([bounds.low[row], bounds.high[row]], 1),
-        )
+        group, limits = bisect_right(ends, row) - 1, np.stack([bounds.low[row], bounds.high[row]], axis=1)
         solution = linprog(-c[row], A_eq=M[group], b_eq=m[row], bounds=limits)
         if solution.status == 0:
             v[row] = np.clip(solution.x, bounds.low[row], bounds.high[row])
