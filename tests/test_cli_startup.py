@@ -33,8 +33,19 @@ def loaded_after(statement, names):
         ("import topo_search.cli", [*HEAVY, "pydantic", "numpy", "topo_search.model"]),
         (
             "import topo_search.compose",
-            ["manifold3d", "networkx", "numba", "optuna", "pandas", "scipy.spatial", "trimesh"],
+            [
+                "cloudpickle",
+                "manifold3d",
+                "networkx",
+                "numba",
+                "optuna",
+                "pandas",
+                "pebble",
+                "scipy.spatial",
+                "trimesh",
+            ],
         ),
+        ("import topo_search.report.run_page", ["manifold3d", "networkx", "scipy", "trimesh"]),
     ],
 )
 def test_what_is_not_needed_is_not_loaded(statement, names):
