@@ -226,7 +226,7 @@ def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Re
     n, position, required = task.n, task.end_effector.fixed_position, task.end_effector.stand_off
     if position is None:
         return None
-    squares = n**2 * (n**2 - 1) / 12 if topology is None else _squared_distances(topology)
+    squares = n**2 * (n**2 - 1) / 12 if topology is None else np.square(topology.distances).sum() / 2
     share = task.total_mass(n) / bodies_mass(task)
     q = share * math.hypot(*position) + centre_offset(task)
     farthest = math.hypot(q, 2 * task.module.connector_distance / n * math.sqrt(squares))
@@ -242,11 +242,6 @@ def refute_stand_off(task: ResolvedTask, topology: Topology | None = None) -> Re
         f"fixed {upper_text(math.hypot(*position))} m from the centre of mass, some module centre is within "
         f"{distance_text} m of it in any shape",
     )
-
-
-def _squared_distances(topology: Topology) -> int:
-    """Return sum_{i<j} d_ij^2."""
-    return int(np.square(topology.distances).sum()) // 2
 
 
 def refute_rotors(task: ResolvedTask) -> Refutation | None:
