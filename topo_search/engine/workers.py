@@ -390,10 +390,12 @@ class Workers(_OneThread):
         if self.count > 1:
             function(task, note)
             return
-        told: list[str] = []
-        while isinstance(text := self.run_one(partial(_announce, function, told), task, deadline=math.inf), str):
+        messages: list[str] = []
+        while isinstance(
+            text := self.run_one(partial(_announce, function, messages), task, deadline=math.inf), str
+        ):
             note(text)
-            told.append(text)
+            messages.append(text)
 
     def _submit(
         self, function: Callable[[Item], Result], job: Item, deadline: Callable[[Item], float]
@@ -498,15 +500,15 @@ class _Announcement(Exception):
     """A message before something that takes long."""
 
 
-def _announce(function: Preparation[Item], told: list[str], task: Item) -> str | None:
-    """Prepare a task (in a worker) up to the first message that was not told yet; return it, or None at the end."""
+def _announce(function: Preparation[Item], earlier: list[str], task: Item) -> str | None:
+    """Prepare a task (in a worker) up to its first message that is not an earlier one; return it, or None."""
 
-    def tell(text: str) -> None:
-        if text not in told:
+    def note(text: str) -> None:
+        if text not in earlier:
             raise _Announcement(text)
 
     try:
-        function(task, tell)
+        function(task, note)
     except _Announcement as announcement:
         return str(announcement)
     return None

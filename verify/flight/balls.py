@@ -122,9 +122,9 @@ def _refine(groups: list[Polytopes], box: Box) -> list[list[Ball]]:
         bases = None
         if len(search[rows[0]].directions):
             bases = np.concatenate([search[row].warm_starts(d) for row, d in queries.items()])
-        ends = np.searchsorted(number[rows], np.arange(len(C) + 1)).tolist()
-        optima = greatest(times(d, C, ends), M, m[rows], Box(bounds.low[rows], bounds.high[rows]), bases, ends)
-        x, feasible = times(optima.v, [matrix.T for matrix in C], ends) - g[rows], np.isfinite(optima.attained)
+        splits = np.searchsorted(number[rows], np.arange(len(C) + 1)).tolist()
+        optima = greatest(times(d, C, splits), M, m[rows], Box(bounds.low[rows], bounds.high[rows]), bases, splits)
+        x, feasible = times(optima.v, [matrix.T for matrix in C], splits) - g[rows], np.isfinite(optima.attained)
         upper = optima.upper - np.sum(d * g[rows], axis=1)
         for row in unfinished:
             belongs = slice(*np.searchsorted(rows, [row, row + 1]))
@@ -218,8 +218,8 @@ class _Polytope:
         """Return up to 12 of the normals, without repetitions."""
         alike = 1 - 1e-13  # closer normals are equal up to rounding
         normals = normals[np.all(normals @ self.directions.T <= alike, axis=1)]
-        known, selected = normals @ normals.T > alike, list[int]()
-        for k, row in enumerate(known):
+        similar, selected = normals @ normals.T > alike, list[int]()
+        for k, row in enumerate(similar):
             if not row[selected].any():
                 selected.append(k)
         return normals[selected[:12]]

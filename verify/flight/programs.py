@@ -54,7 +54,7 @@ from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array, norms
 from verify.meshes import Indices
 
-Ends = Sequence[int]
+Splits = Sequence[int]
 SimplexResult = tuple[Array, Array, Array, Indices]
 
 LARGEST = 1e6
@@ -102,7 +102,7 @@ class Maxima:
 
 
 def greatest(
-    c: Array, M: Array | list[Array], m: Array, box: Box, bases: Indices | None = None, ends: Ends = ()
+    c: Array, M: Array | list[Array], m: Array, box: Box, bases: Indices | None = None, splits: Splits = ()
 ) -> Maxima:
     """Return the greatest c . v of each program.
 
@@ -112,13 +112,13 @@ def greatest(
         m: shape (B, k).
         box: bounds on the variables of all programs.
         bases: initial bases, shape (B, k).
-        ends: number of the first program of every group, then B; needed if there are groups.
+        splits: number of the first program of every group, then B; needed if there are groups.
     """
     bounds = box.rows(len(c))
     if isinstance(M, np.ndarray):
-        M, ends = [M], (0, len(c))
-    v, y, _, bases = solve(c, M, m, bounds.low, bounds.high, bases, ends)
-    maxima = _bracket(c, M, m, bounds, v, y, bases, ends)
+        M, splits = [M], (0, len(c))
+    v, y, _, bases = solve(c, M, m, bounds.low, bounds.high, bases, splits)
+    maxima = _bracket(c, M, m, bounds, v, y, bases, splits)
     loose = np.flatnonzero(~(maxima.upper - maxima.attained <= GAP))
     if not len(loose):
         return maxima
@@ -126,12 +126,12 @@ def greatest(
 
     v, y = v.copy(), y.copy()
     for row in loose:
-        group, limits = bisect_right(ends, row) - 1, np.stack([bounds.low[row], bounds.high[row]], axis=1)
+        group, limits = bisect_right(splits, row) - 1, np.stack([bounds.low[row], bounds.high[row]], axis=1)
         solution = linprog(-c[row], A_eq=M[group], b_eq=m[row], bounds=limits)
         if solution.status == 0:
             v[row] = np.clip(solution.x, bounds.low[row], bounds.high[row])
             y[row] = -solution.eqlin.marginals
-    by_highs = _bracket(c, M, m, bounds, v, y, bases, ends)
+    by_highs = _bracket(c, M, m, bounds, v, y, bases, splits)
     better = by_highs.attained > maxima.attained
     return Maxima(
         np.where(better[:, None], by_highs.v, maxima.v),
@@ -142,12 +142,12 @@ def greatest(
 
 
 def _bracket(
-    c: Array, M: list[Array], m: Array, box: Box, v: Array, y: Array, bases: Indices, ends: Ends
+    c: Array, M: list[Array], m: Array, box: Box, v: Array, y: Array, bases: Indices, splits: Splits
 ) -> Maxima:
     """Return the proven bounds that primal and dual points give."""
-    is_feasible = np.abs(times(v, [matrix.T for matrix in M], ends) - m).max(axis=1, initial=0.0) <= RESIDUAL
+    is_feasible = np.abs(times(v, [matrix.T for matrix in M], splits) - m).max(axis=1, initial=0.0) <= RESIDUAL
     y_m = np.sum(y * m, axis=1) + SUM_ROUNDING * m.shape[1] * np.sum(np.abs(y * m), axis=1)
-    upper = box.greatest(c - times(y, M, ends)) + y_m
+    upper = box.greatest(c - times(y, M, splits)) + y_m
     attained = np.where(is_feasible, np.sum(c * v, axis=1), -np.inf)
     return Maxima(v, attained, np.where(np.isnan(upper), np.inf, upper), bases)
 
@@ -240,13 +240,13 @@ def least_inputs(A: Array, b: Array, box: Box) -> Array | None:
     return None
 
 
-def times(x: Array, M: Sequence[Array] | Array, ends: Ends) -> Array:
+def times(x: Array, M: Sequence[Array] | Array, splits: Splits) -> Array:
     """Return the products x_i M of the rows (B, a) with the G matrices (a, b) of their groups, shape (B, b)."""
-    return np.concatenate([x[i:j] @ matrix for i, j, matrix in zip(ends, ends[1:], M, strict=False)])
+    return np.concatenate([x[i:j] @ matrix for i, j, matrix in zip(splits, splits[1:], M, strict=False)])
 
 
 def solve(
-    c: Array, M: list[Array], m: Array, low: Array, high: Array, bases: Indices | None, ends: Ends
+    c: Array, M: list[Array], m: Array, low: Array, high: Array, bases: Indices | None, splits: Splits
 ) -> SimplexResult:
     """Run the dual simplex method on a batch of programs.
 
@@ -257,15 +257,15 @@ def solve(
         low: finite, shape (B, N).
         high: finite, at least `low`, shape (B, N).
         bases: initial bases, shape (B, k); None: the slack basis.
-        ends: number of the first program of every group, then B.
+        splits: number of the first program of every group, then B.
 
     Returns:
         Variables within their bounds, (B, N); multipliers, (B, k); dual rays that prove infeasibility, zero if none
         was found, (B, k); final bases, warm starts for slightly different costs, (B, k).
     """
-    (programs, N), k, box, firsts = c.shape, m.shape[1], (low, high), ends
+    (programs, N), k, box, firsts = c.shape, m.shape[1], (low, high), splits
     matrices, zeros = np.array([np.hstack([matrix, np.eye(k)]) for matrix in M]), np.zeros((programs, k))
-    columns, group = matrices.swapaxes(1, 2), np.repeat(np.arange(len(M)), np.diff(ends))
+    columns, group = matrices.swapaxes(1, 2), np.repeat(np.arange(len(M)), np.diff(splits))
     data = np.array([np.hstack([x, zeros]) for x in (c, low, high, high - low)])
     basis = np.tile(np.arange(N, N + k), (programs, 1)) if bases is None else bases.copy()
     bases, active = basis.copy(), np.arange(programs)
@@ -278,13 +278,13 @@ def solve(
         except np.linalg.LinAlgError:  # a singular basis
             break
         y[active] = multipliers = (c[basic][:, None] @ inverse)[:, 0]
-        r = c - times(multipliers, matrices, ends)
+        r = c - times(multipliers, matrices, splits)
         r[basic] = 0.0
         if step == 0:
             at_high = r > 0
         x = np.where(at_high, high, low)
         x[basic] = 0.0
-        x[basic] = basics = (inverse @ (m - times(x, columns, ends))[:, :, None])[:, :, 0]
+        x[basic] = basics = (inverse @ (m - times(x, columns, splits))[:, :, None])[:, :, 0]
         v[active] = x
         below = low[basic] - basics
         violation = np.maximum(below, basics - high[basic])
@@ -293,7 +293,7 @@ def solve(
         optimal = violation.max(axis=1) <= 1e-11 * width.max(axis=1)
         rho, leaving = inverse[rows, slot], basis[rows, slot]
         sign = np.where(below[rows, slot] > 0, 1.0, -1.0)[:, None]
-        alpha = sign * times(rho, matrices, ends)
+        alpha = sign * times(rho, matrices, splits)
         free = width > 0
         free[basic] = False
         entering, passed, enters = _breakpoints(r, alpha, violation[rows, slot], at_high, free, width)
@@ -306,7 +306,7 @@ def solve(
             stuck, rows = ~(optimal | enters), np.flatnonzero(move)
             rays[active[stuck]] = (-sign * rho)[stuck]
             active, m, basis, at_high, data = active[rows], m[rows], basis[rows], at_high[rows], data[:, rows]
-            ends = np.searchsorted(active, firsts).tolist()
+            splits = np.searchsorted(active, firsts).tolist()
             if not len(active):
                 break
     return np.clip(v[:, :N], *box), y, rays, bases
