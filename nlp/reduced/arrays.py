@@ -180,7 +180,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         tree_of(topology),
         rotors,
         _cases(task, n, unit),
-        *_columns(list(rows(task, topology)), len(speeds.case)),
+        *_tabulate(list(rows(task, topology)), len(speeds.case)),
         speeds,
         (air.length / unit.length, air.start_radius / unit.length, air.growth / unit.length),
         np.column_stack(task.part_cover) / unit.length,
@@ -218,7 +218,7 @@ def rows(task: ResolvedTask, topology: Topology) -> Iterator[NamedRow]:
                 yield NamedRow(name, subject[kernel.subject], subject[1], requirement.margin, kernel)
 
 
-def _columns(named_rows: list[NamedRow], speeds: int) -> tuple[Rows, Hulls]:
+def _tabulate(named_rows: list[NamedRow], speeds: int) -> tuple[Rows, Hulls]:
     kind = np.array([row.kernel.kind for row in named_rows], dtype=np.int64)
     i, j = (np.array([row[k] for row in named_rows], dtype=np.int64) for k in (1, 2))
     data = np.array([row.kernel.numbers() for row in named_rows]).reshape(-1, COLUMNS.width)

@@ -62,7 +62,7 @@ def effort(
         u: output: the inputs, shape (K, 4n).
         gradient: increased by the gradient, shape (N,).
     """
-    A, w, total, any_turn = columns(problem, pose), np.empty(6), 0.0, problem.cases.turn.any()
+    A, w, total, any_turn = rotor_wrenches(problem, pose), np.empty(6), 0.0, problem.cases.turn.any()
     forces, E, by_J = np.zeros((len(pose.p), 6)), np.zeros(3), np.zeros((3, 3))
     J = inertia(problem.rotors, pose) if any_turn else by_J
     for k in range(len(active)):
@@ -213,8 +213,8 @@ def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: 
 
 
 @njit(cache=True)
-def columns(problem: ReducedProblem, pose: Platform) -> Array:
-    """Return A transposed, shape (4n, 6)."""
+def rotor_wrenches(problem: ReducedProblem, pose: Platform) -> Array:
+    """Return the wrench of each rotor at unit input, A transposed, shape (4n, 6)."""
     R, axes, centres, torques = pose.R, pose.z, pose.o, problem.rotors.torques
     m = problem.rotors.bodies + problem.rotors.m_E
     A = np.empty((4 * len(R), 6))

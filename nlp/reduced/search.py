@@ -20,7 +20,7 @@ import numpy as np
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
 from nlp.reduced.descent import Evaluation, descend, estimates, evaluate, merit
-from nlp.reduced.inputs import columns, effort, find_wrench, inertia, inputs
+from nlp.reduced.inputs import effort, find_wrench, inertia, inputs, rotor_wrenches
 from nlp.reduced.platform import platform
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -58,7 +58,7 @@ def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple
     if point.active.all():
         return point.active, 0.0
     cases, pose = problem.cases, platform(problem, point.x)
-    K, A = len(cases.weight), columns(problem, pose)
+    K, A = len(cases.weight), rotor_wrenches(problem, pose)
     active, residuals = point.active.copy(), np.zeros(K)
     J = inertia(problem.rotors, pose)
     w, mu, u, set_of_mu = np.empty(6), np.zeros(6), np.empty(len(A)), -1

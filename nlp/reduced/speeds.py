@@ -47,7 +47,7 @@ from nlp.numbers.jets import (
 from nlp.numbers.kinematics import add, cross, row
 from nlp.reduced.arrays import Mask, ReducedProblem, Speeds
 from nlp.reduced.clearance import GAPS, swept_gap
-from nlp.reduced.inputs import add_gradient, add_inertia_gradient, add_wrench_gradient, columns
+from nlp.reduced.inputs import add_gradient, add_inertia_gradient, add_wrench_gradient, rotor_wrenches
 from nlp.reduced.platform import Platform, add_slopes, rotate
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -87,7 +87,7 @@ def speed_rows(
     """
     air, rotors, n = problem.speeds, problem.rotors, len(pose.p)
     cases, first = air.case[-1] + 1, len(g) - len(air.case)
-    points, jet, A = len(air.case) // cases, air.jet, columns(problem, pose)
+    points, jet, A = len(air.case) // cases, air.jet, rotor_wrenches(problem, pose)
     p, z, no_direction = np.empty(3), np.empty(3), np.zeros(3)
     x, by_point, share = np.empty((points, 3)), np.zeros((points, 3, 9)), np.zeros(points)
     q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, 9)), np.empty((0, 3))

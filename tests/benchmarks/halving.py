@@ -20,6 +20,7 @@ from unittest.mock import patch
 from reduced import mean_and_largest, within
 
 import nlp
+from nlp import multistart
 from nlp.reduced import search
 from topo_search.model import Design
 from topo_search.model.files import read_task
@@ -58,12 +59,9 @@ def main() -> None:
     for seed in range(arguments.seeds):
         for tree in trees:
             for schedule in schedules:
+                selection = search.SELECTION._replace(halving_step=schedule.steps, min_starts=schedule.least)
                 started = time.process_time()
-                with patch.object(
-                    search,
-                    "SELECTION",
-                    search.SELECTION._replace(halving_step=schedule.steps, min_starts=schedule.least),
-                ):
+                with patch.object(search, "SELECTION", selection), patch.object(multistart, "SELECTION", selection):
                     outcome = nlp.solve(resolved, tree, starts=range(schedule.starts), seed=seed)
                 seconds[schedule] += time.process_time() - started
                 if isinstance(outcome, Design):
