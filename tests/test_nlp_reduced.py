@@ -58,13 +58,13 @@ def printed_gaps(task, topology):
 
 def lengths_of(row, stated):
     """The least and the largest R, the length by which the printed problem divides a square."""
-    kind = row.kernel.kind
-    _, start, growth = stated.air if kind in (s.AIR, s.PARTS) else row.kernel.envelope
-    end, radius = start + growth, row.kernel.path.radius
+    kind = row.search_row.kind
+    _, start, growth = stated.air if kind in (s.AIR, s.PARTS) else row.search_row.envelope
+    end, radius = start + growth, row.search_row.path.radius
     if kind == s.PARTS:
         return end + stated.parts[:, 3].min(), end + stated.parts[:, 3].max()
     regions = dict.fromkeys((s.BALL, s.CAPSULE, s.ALONG), end + radius)
-    R = {s.AIR: 2 * end, **regions}.get(kind, row.kernel.distance)
+    R = {s.AIR: 2 * end, **regions}.get(kind, row.search_row.distance)
     return R, R
 
 
@@ -85,10 +85,10 @@ def of_best_rod(listed, found):
     """The least finite gap of each limit of rods, all of one rod."""
     least, numbers = {}, set()
     for row, g in zip(listed, found, strict=True):
-        if row.kernel.rod.number >= 0 and math.isfinite(g):
+        if row.search_row.rod.number >= 0 and math.isfinite(g):
             least[row.name] = min(g, least.get(row.name, math.inf))
-            numbers.add(row.kernel.rod.number)
-    assert len(numbers) == any(row.kernel.rod.number >= 0 for row in listed)
+            numbers.add(row.search_row.rod.number)
+    assert len(numbers) == any(row.search_row.rod.number >= 0 for row in listed)
     return least
 
 
@@ -132,19 +132,19 @@ def test_clearances_are_those_of_the_printed_problem(name):
                     assert min(printed[limit]) > 0
             for row, g in zip(listed, found, strict=True):
                 values = printed[row.name]
-                if row.kernel.rod.number >= 0:  # of a rod
+                if row.search_row.rod.number >= 0:  # of a rod
                     continue
-                if s.PARTS_CONE <= row.kernel.kind <= s.PARTS_HULL:
+                if s.PARTS_CONE <= row.search_row.kind <= s.PARTS_HULL:
                     assert g == pytest.approx(exact[row.name], abs=1e-6)
                     assert (min(values) > 0) == (g > 0) or abs(g) < 0.05
                     continue
-                if row.kernel.kind == s.HULL:
+                if row.search_row.kind == s.HULL:
                     assert (g > 0) == (exact[row.name] > 0) or abs(g) < 1e-6
                     assert g < 0 or values[1] > 0.0  # the centre is outside
                     assert (g > 0) == (min(values) > 0) or abs(g) < 0.05
                     continue
-                if row.kernel.kind in (s.CONE, s.CONE_COM):
-                    assert g == pytest.approx(values[int(row.kernel.cone.end)], abs=1e-4)
+                if row.search_row.kind in (s.CONE, s.CONE_COM):
+                    assert g == pytest.approx(values[int(row.search_row.cone.end)], abs=1e-4)
                     continue
                 least, most = sorted(as_length(values[0], R) for R in lengths_of(row, stated))
                 assert least - 3e-5 <= g
@@ -243,7 +243,7 @@ def outside(P, corners):
 def test_an_envelope_and_a_hull_are_as_far_apart_as_their_nearest_points(region):
     rng, compared = np.random.default_rng(4), 0
     (formula,) = next(exposure_clearances(push(1, exposure=[region]))).formulas
-    hull = formula.kernels()[0].hull
+    hull = formula.search_rows()[0].hull
     a, b = hull.corners[hull.edges].transpose(1, 0, 2)
     d, r_0, dr = np.array([0.3, -1.0, 4.0]), 0.7, 0.5
     for _ in range(40):

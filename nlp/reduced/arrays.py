@@ -25,7 +25,7 @@ from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.balances import angular_accelerations
-from nlp.requirements.statement import COLUMNS, Kernel
+from nlp.requirements.statement import COLUMNS, SearchRow
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -154,7 +154,7 @@ class NamedRow(NamedTuple):
     i: int
     j: int
     lower: float
-    kernel: Kernel
+    search_row: SearchRow
 
 
 def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
@@ -214,18 +214,18 @@ def rows(task: ResolvedTask, topology: Topology) -> Iterator[NamedRow]:
     """Yield (4) to (9) of the printed problem, in its order."""
     for requirement in clearances(task, topology):
         for name, subject, formula in requirement.rows():
-            for kernel in formula.kernels():
-                yield NamedRow(name, subject[kernel.subject], subject[1], requirement.margin, kernel)
+            for search_row in formula.search_rows():
+                yield NamedRow(name, subject[search_row.subject], subject[1], requirement.margin, search_row)
 
 
 def _tabulate(named_rows: list[NamedRow], speeds: int) -> tuple[Rows, Hulls]:
-    kind = np.array([row.kernel.kind for row in named_rows], dtype=np.int64)
+    kind = np.array([row.search_row.kind for row in named_rows], dtype=np.int64)
     i, j = (np.array([row[k] for row in named_rows], dtype=np.int64) for k in (1, 2))
-    data = np.array([row.kernel.numbers() for row in named_rows]).reshape(-1, COLUMNS.width)
+    data = np.array([row.search_row.numbers() for row in named_rows]).reshape(-1, COLUMNS.width)
     planes, edges, ranges = [np.empty((0, 4))], [np.empty((0, 6))], dict[int, list[int]]()
     face_count = edge_count = 0
     for row, numbers in zip(named_rows, data, strict=True):
-        hull = row.kernel.hull
+        hull = row.search_row.hull
         if hull is None:
             continue
         if id(hull) not in ranges:  # modules share a hull
@@ -236,7 +236,7 @@ def _tabulate(named_rows: list[NamedRow], speeds: int) -> tuple[Rows, Hulls]:
             _, face_count, _, edge_count = ranges[id(hull)]
         numbers[COLUMNS.planes : COLUMNS.planes + 4] = ranges[id(hull)]
     tables = Hulls(np.concatenate(planes), np.concatenate(edges))
-    rods = max((row.kernel.rod.number for row in named_rows), default=-1) + 1
+    rods = max((row.search_row.rod.number for row in named_rows), default=-1) + 1
     lower = np.array([row.lower for row in named_rows] + [-math.log(TARGET_SHARE)] * speeds)
     return Rows(kind, i, j, data, lower, rods), tables
 

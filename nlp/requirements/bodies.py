@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlp.numbers.geometry import Ball, Swept
-from nlp.requirements.statement import FROM_TIP, OF_PARTS, X_I, Y_I, Z_I, Kernel, LocalVector, RodRow
+from nlp.requirements.statement import FROM_TIP, OF_PARTS, X_I, Y_I, Z_I, LocalVector, RodRow, SearchRow
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.module import AirflowEnvelope
@@ -56,9 +56,9 @@ class Air(NamedTuple):
         o, z = y
         return [Swept(o, -self.length * z, self.start_radius, self.growth)]
 
-    def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
+    def rows(self, search_rows: tuple[SearchRow, ...]) -> tuple[SearchRow, ...]:
         """Return the rows with the sizes of this body."""
-        return tuple(row._replace(envelope=(self.length, self.start_radius, self.growth)) for row in kernels)
+        return tuple(row._replace(envelope=(self.length, self.start_radius, self.growth)) for row in search_rows)
 
 
 class Rod(NamedTuple):
@@ -88,9 +88,9 @@ class Rod(NamedTuple):
             tip_share = np.minimum(self.tip / length, 1.0)
         return [Swept(start, (tip_share - 1) * start, self.radius)]
 
-    def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
+    def rows(self, search_rows: tuple[SearchRow, ...]) -> tuple[SearchRow, ...]:
         """Return the rows with the sizes of this body."""
-        return tuple(row._replace(rod=RodRow(radius=self.radius, tip=self.tip)) for row in kernels)
+        return tuple(row._replace(rod=RodRow(radius=self.radius, tip=self.tip)) for row in search_rows)
 
 
 @dataclass(frozen=True)
@@ -116,9 +116,9 @@ class PartBalls:
         q, X, Y, Z = y
         return [Ball(q + (a * X + b * Y + c * Z), radius) for (a, b, c), radius in self.balls]
 
-    def rows(self, kernels: tuple[Kernel, ...]) -> tuple[Kernel, ...]:
+    def rows(self, search_rows: tuple[SearchRow, ...]) -> tuple[SearchRow, ...]:
         """Return one row for all balls, in place of one for each end of an envelope."""
-        return (kernels[0]._replace(kind=OF_PARTS[kernels[0].kind]),)
+        return (search_rows[0]._replace(kind=OF_PARTS[search_rows[0].kind]),)
 
 
 Body = Air | Rod | PartBalls

@@ -44,10 +44,10 @@ from nlp.requirements.statement import (
     ORIGIN,
     ConeRow,
     Distance,
-    Kernel,
     LocalVector,
     PathRow,
     Requirement,
+    SearchRow,
     Subjects,
 )
 from nlp.symbols.clearance import clearance, clearance_of_all, hull_clearances
@@ -105,12 +105,12 @@ class CapsuleRegion:
             path = self.length * towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
         return exact_clearance(swept, Swept(np.array(self.start), path, self.radius))
 
-    def kernels(self) -> tuple[Kernel, ...]:
+    def search_rows(self) -> tuple[SearchRow, ...]:
         """Return one row."""
         if self.length is not None:
-            return (Kernel(ALONG, path=PathRow(self.radius, length=self.length)),)
+            return (SearchRow(ALONG, path=PathRow(self.radius, length=self.length)),)
         kind = CAPSULE if any(self.path) else BALL
-        return (Kernel(kind, origin=self.start, path=PathRow(self.radius, self.path)),)
+        return (SearchRow(kind, origin=self.start, path=PathRow(self.radius, self.path)),)
 
 
 @dataclass(frozen=True)
@@ -128,9 +128,9 @@ class HullRegion:
         """Return the gap where f is smallest."""
         return hull_clearance(swept, np.zeros(3), hull_of(self.corners))
 
-    def kernels(self) -> tuple[Kernel, ...]:
+    def search_rows(self) -> tuple[SearchRow, ...]:
         """Return one row."""
-        return (Kernel(HULL, hull=hull_of(self.corners)),)
+        return (SearchRow(HULL, hull=hull_of(self.corners)),)
 
 
 class HullFaces(HullRegion):
@@ -188,11 +188,11 @@ class InfiniteCone:
             axis = -towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
         return cone_clearance(swept, np.array(self.apex), axis, self.half_angle)
 
-    def kernels(self) -> tuple[Kernel, ...]:
+    def search_rows(self) -> tuple[SearchRow, ...]:
         """Return a row for each end ball."""
         kind, axis = (CONE_COM, ORIGIN) if self.axis is None else (CONE, self.axis)
         sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
-        return tuple(Kernel(kind, origin=self.apex, cone=ConeRow(sine, cosine, axis, end)) for end in (0.0, 1.0))
+        return tuple(SearchRow(kind, origin=self.apex, cone=ConeRow(sine, cosine, axis, end)) for end in (0.0, 1.0))
 
 
 Region = CapsuleRegion | HullRegion | InfiniteCone
@@ -223,9 +223,9 @@ class RegionClearance:
         gaps = [self.region.exact(swept, y[count:]) for swept in self.body.solids(y[:count])]
         return np.asarray(np.min(gaps, axis=0))
 
-    def kernels(self) -> tuple[Kernel, ...]:
+    def search_rows(self) -> tuple[SearchRow, ...]:
         """Return the body's rows."""
-        return self.body.rows(self.region.kernels())
+        return self.body.rows(self.region.search_rows())
 
 
 def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> RegionClearance:

@@ -20,9 +20,9 @@ from nlp.requirements.statement import (
     PARTS,
     Z_J,
     Distance,
-    Kernel,
     LocalVector,
     Requirement,
+    SearchRow,
     Subjects,
 )
 from nlp.symbols.clearance import clearance, clearance_of_all
@@ -70,9 +70,9 @@ class AirflowClearance:
         radii = np.array([(solid.r_0, solid.dr) for solid in solids]).T[:, :, None]
         return np.asarray(exact_clearance(Swept(o, d, *radii), airflow).min(axis=0))
 
-    def kernels(self) -> tuple[Kernel, ...]:
+    def search_rows(self) -> tuple[SearchRow, ...]:
         """Return one row."""
-        return (Kernel(AIR if isinstance(self.body, Air) else PARTS),)
+        return (SearchRow(AIR if isinstance(self.body, Air) else PARTS),)
 
 
 def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:

@@ -36,10 +36,10 @@ from nlp.requirements.statement import (
     REACH,
     X_I,
     Formula,
-    Kernel,
     LocalVector,
     PlatformVector,
     Requirement,
+    SearchRow,
     VectorsByName,
 )
 from nlp.units import Units
@@ -74,9 +74,9 @@ class WithinReach:
         """Return L - ||c||."""
         return np.asarray(self.largest - np.linalg.norm(y[0] + self.l_c * y[1], axis=-1))
 
-    def kernels(self) -> tuple[Kernel, ...]:
+    def search_rows(self) -> tuple[SearchRow, ...]:
         """Return one row."""
-        return (Kernel(REACH, self.largest),)
+        return (SearchRow(REACH, self.largest),)
 
 
 class RodClearance(RegionClearance):
@@ -139,15 +139,15 @@ class LimitOfBestRod:
         # rounded as in the audit, so that a design and its mirror image choose the same connector
         return int(np.lexsort((np.round(lengths, 9), np.round(violations, 9)))[0]), gaps
 
-    def kernels(self) -> tuple[Kernel, ...]:
+    def search_rows(self) -> tuple[SearchRow, ...]:
         """Return the rows of every connector; only those of the best one apply."""
         return tuple(
-            kernel._replace(
+            search_row._replace(
                 subject=i,
-                rod=kernel.rod._replace(number=number, connector=divide(self.l_c * PORT_DIRECTIONS[port], 1.0)),
+                rod=search_row.rod._replace(number=number, connector=divide(self.l_c * PORT_DIRECTIONS[port], 1.0)),
             )
             for number, (i, port) in enumerate(self.free)
-            for kernel in self.limits[self.segment].kernels()
+            for search_row in self.limits[self.segment].search_rows()
         )
 
 

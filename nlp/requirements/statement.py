@@ -79,7 +79,7 @@ class RodRow(NamedTuple):
     """Length of its tip, which may touch regions."""
 
 
-class Kernel(NamedTuple):
+class SearchRow(NamedTuple):
     """A row of the compiled search; its kind determines which fields it uses."""
 
     kind: int
@@ -106,7 +106,7 @@ class Kernel(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """First column of each number, pair or vector of a `Kernel`."""
+    """First column of each number, pair or vector of a `SearchRow`."""
 
     distance: int = 0
     origin: int = 1
@@ -200,7 +200,7 @@ class Formula(Hashable, Protocol):
     def exact(self, y: Sequence[Array]) -> Array:
         """Return g with its exact sign, shape (m,), for local vectors of shape (m, 3) each."""
 
-    def kernels(self) -> tuple[Kernel, ...]:
+    def search_rows(self) -> tuple[SearchRow, ...]:
         """Return the rows of the compiled search."""
 
 
@@ -233,9 +233,9 @@ class Distance:
         """Return ||y|| - d."""
         return np.asarray(np.linalg.norm(y[0], axis=-1) - self.minimum)
 
-    def kernels(self) -> tuple[Kernel, ...]:
+    def search_rows(self) -> tuple[SearchRow, ...]:
         """Return one row."""
-        return (Kernel(self.kind, self.minimum),)
+        return (SearchRow(self.kind, self.minimum),)
 
 
 @dataclass(frozen=True, eq=False)
