@@ -33,7 +33,7 @@ torque_coefficient = 3.1e-9
 def command(in_process, tmp_path, monkeypatch):
     """The command line on the toy problem, in this process, in an empty folder with a task file, without pages."""
     monkeypatch.setattr(compose.binding, "BACKENDS", toy_problem.BACKENDS)
-    monkeypatch.setattr(compose.searching, "write_page", lambda *_: None)
+    monkeypatch.setattr(compose.searching, "write_page", lambda folder: None)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "toy.toml").write_text(TOY)
     return invoke

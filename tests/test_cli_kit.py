@@ -287,7 +287,7 @@ def test_the_commands_of_the_tutorial_make_what_it_shows(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(searching, "backends", lambda _: bent({"*": (30.0, -45.0)}))
     monkeypatch.setattr(searching, "open_engine", lambda *_: toy_problem.InProcess(1))
-    monkeypatch.setattr(searching, "write_page", lambda *_: None)
+    monkeypatch.setattr(searching, "write_page", lambda _: None)
     commands = [shlex.split(block.replace("\\\n", " ")) for block in blocks("sh", "tutorials/one-drawer.md")]
     assert [words[:2] for words in commands] == [["topo-search", "kit"]] * 2
     for words in commands:

@@ -27,7 +27,7 @@ def stand_in(monkeypatch, prover):
     monkeypatch.setattr("nlp.prove_chunk", prover)
     monkeypatch.setattr("nlp.prepare_proof", lambda *_: None)
     monkeypatch.setattr(compose.searching, "open_engine", lambda *_: InProcess(1))
-    monkeypatch.setattr(compose.searching, "write_page", lambda *_: None)
+    monkeypatch.setattr(compose.searching, "write_page", lambda folder: None)
 
 
 def prove(monkeypatch, prover, *arguments, status=0):

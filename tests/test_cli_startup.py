@@ -45,7 +45,7 @@ def loaded_after(statement, names):
                 "trimesh",
             ],
         ),
-        ("import topo_search.report.run_page", ["manifold3d", "networkx", "scipy", "trimesh"]),
+        ("import topo_search.report.run_page", ["manifold3d", "networkx", "trimesh"]),
     ],
 )
 def test_what_is_not_needed_is_not_loaded(statement, names):

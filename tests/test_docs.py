@@ -93,7 +93,7 @@ def test_the_recipes_of_the_command_line_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(searching, "backends", lambda _: BACKENDS)
     monkeypatch.setattr(searching, "open_engine", lambda *_: InProcess(1))
-    monkeypatch.setattr(searching, "write_page", lambda *_: None)
+    monkeypatch.setattr(searching, "write_page", lambda _: None)
     called = list(map(json.loads, log.read_text().splitlines()))
     assert [words[0] for words in called] == ["run", "run", "run", "compare", "topologies", "run", "run"]
     for words in called:

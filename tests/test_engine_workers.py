@@ -67,6 +67,26 @@ def test_what_compiles_is_told_before_and_a_single_worker_does_it(tmp_path, coun
     assert (marked.name == str(os.getpid())) == (count > 1)
 
 
+def die_elsewhere(caller, note):
+    """Die, except in the caller."""
+    if os.getpid() != caller:
+        os.kill(os.getpid(), signal.SIGKILL)
+    note("compiling")
+
+
+def divide_by(number, note):
+    return 1 / number
+
+
+def test_the_caller_compiles_what_a_worker_cannot():
+    messages = []
+    with Workers(1) as workers:
+        workers.prepare(die_elsewhere, os.getpid(), messages.append)
+        with pytest.raises(ZeroDivisionError):
+            workers.prepare(divide_by, 0, messages.append)
+    assert messages == ["compiling"]
+
+
 def test_threads_are_as_many_as_before_outside_of_workers():
     before = dict(os.environ)
     with Workers(1) as workers:

@@ -33,7 +33,7 @@ def search_in_this_process():
     from topo_search.experiments import conducting
 
     binding.Workers = conducting.Workers = InProcess
-    searching.write_page = lambda *_: None
+    searching.write_page = lambda folder: None
 
 def check_figures():
     from matplotlib.backend_bases import FigureCanvasBase

@@ -17,7 +17,7 @@ import nlp
 from topo_search.cli.tables import answer_lines
 from topo_search.compose import audit, read_design, write_report
 from topo_search.compose.designs import write_page
-from topo_search.engine import CallingProcess, Job
+from topo_search.engine import Job
 from topo_search.export import palette
 from topo_search.model import BadInput, Design, Infeasible, Status, Topology
 from topo_search.model.files import read_json, read_task
@@ -271,15 +271,15 @@ def test_the_gap_of_a_design_is_computed_and_not_read_from_its_file(tmp_path):
 def test_a_page_is_written_again_only_if_it_would_show_something_else(tmp_path, monkeypatch):
     page, pages = tmp_path / "run" / "report.html", []
 
-    def spy(folder, engine):
+    def spy(folder):
         pages.append(folder)
-        write_run_page(folder, engine)
+        write_run_page(folder)
 
     monkeypatch.setattr("topo_search.report.run_page.write_run_page", spy)
 
     def count(starts):
         pages.clear()
-        toy_run(tmp_path / "run", starts=starts, report=lambda folder: write_page(folder, CallingProcess()))
+        toy_run(tmp_path / "run", starts=starts, report=write_page)
         return len(pages)
 
     assert (count(4), count(4), count(5), count(5)) == (1, 0, 1, 0)

@@ -154,7 +154,7 @@ def test_a_design_to_start_from_belongs_to_the_run(hover, tmp_path):
 @pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")  # what Optuna says of its own
 @pytest.mark.parametrize("sampler", few([MINE, Fewest(), make_random, make_qmc, lambda seed: Fewest()], 2))
 def test_any_sampler_proposes(hover, tmp_path, monkeypatch, sampler):
-    monkeypatch.setattr("topo_search.compose.searching.write_page", lambda *_: None)
+    monkeypatch.setattr("topo_search.compose.searching.write_page", lambda folder: None)
     given = {"strategy": "optuna", "trials": 2, "starts": 1, "workers": 1, "sampler": sampler}
     assert len(search(hover, out=tmp_path / "run", **given).candidates) == 2
     if isinstance(sampler, OwnSampler):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import nlp
 import verify
 from topo_search.compose.binding import backends, enclose_speed, own_constraints, processes, starting_points
-from topo_search.engine import Engine, Failed, Outcome, audit_deadline, audit_job
+from topo_search.engine import Failed, Outcome, audit_deadline, audit_job
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Fault, Geometry, Status, Task
 from topo_search.model.files import load_json, read_task, to_geometry, write_atomically
@@ -308,13 +308,13 @@ def _judge(design: Design) -> tuple[Design, Audit]:
     return with_bound(design, nlp.proven_bound(design.task)), audit(design)
 
 
-def write_page(folder: RunFolder, engine: Engine) -> None:
+def write_page(folder: RunFolder) -> None:
     """Write a run's page unless it is current; the import is here because only the coordinator needs it."""
     if folder.page_is_current():
         return
     from topo_search.report.run_page import write_run_page
 
-    write_run_page(folder, engine)
+    write_run_page(folder)
 
 
 def plot_platform(design: Design, audited: Audit | None = None) -> Any:

@@ -185,7 +185,7 @@ def search(
             workers=engine.count if isinstance(engine, Workers) else None,
             time_limit=time_limit,
             prepare=prepare,
-            report=lambda folder: write_page(folder, engine),
+            report=write_page,
             prove=None if prove is None else lambda: prove_best(prove),
             keep_within=keep_within,
         )
@@ -253,8 +253,7 @@ def prove(
 def _prove(path: Path, engine: Workers | DaskWorkers, observer: Observer, **options: Any) -> Answer:
     """Prove with the solver's bounds; options as for `topo_search.study.prove`."""
     prepare = partial(engine.prepare, nlp.prepare_proof, note=observer.note)
-    options |= {"engine": engine, "observer": observer, "prepare": prepare}
-    options["report"] = lambda folder: write_page(folder, engine)
+    options |= {"engine": engine, "observer": observer, "prepare": prepare, "report": write_page}
     return prove_run(path, nlp.prove_chunk, nlp.proof_root, **options)
 
 

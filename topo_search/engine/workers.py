@@ -154,10 +154,6 @@ class Backends:
     local_optima: Callable[[Job, float], list[Design]]
     """Returns all local optima of one topology up to an effort [rad^4/s^4], lowest effort first."""
 
-    def bounds(self, task: ResolvedTask) -> tuple[float, Infeasible | None]:
-        """Return the lower bound of a size and its proof of impossibility (in a worker, which needs both later)."""
-        return self.lower_bound(task), self.prove_impossible(task)
-
 
 def audit_job(audit: AuditDesign, labelled: tuple[object, Geometry]) -> Audit:
     """Audit a design that comes with a label (in a worker)."""
@@ -391,11 +387,13 @@ class Workers(_OneThread):
             function(task, note)
             return
         messages: list[str] = []
-        while isinstance(
-            text := self.run_one(partial(_announce, function, messages), task, deadline=math.inf), str
-        ):
-            note(text)
-            messages.append(text)
+        job = partial(_announce, function, messages)
+        while (result := self.run_one(job, task, deadline=math.inf)) is not None:
+            if isinstance(result, Failed):
+                function(task, note)  # which raises the error, if it was one
+                return
+            note(result)
+            messages.append(result)
 
     def _submit(
         self, function: Callable[[Item], Result], job: Item, deadline: Callable[[Item], float]

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import poses_to_draw
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, Status
 from topo_search.model.arrays import Array
@@ -26,7 +25,6 @@ from topo_search.report.charts import MAX_POINTS, level, line
 from topo_search.report.design_part import cases, flight_sentences
 from topo_search.report.headline import Compared, card, headline
 from topo_search.report.scene import shared_meshes
-from topo_search.report.view import forces_of
 from topo_search.report.wording import EFFORT, figures, modules, rounded_down
 from topo_search.simulation.result import CELLS, FlightResult, ScenarioResult, digest_of, word
 
@@ -53,7 +51,6 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         "user_task": task,
         "design": design,
         "audit": audit,
-        "forces": forces_of((design, poses_to_draw(design), audit)),
         "reproduction": _reproduction(design, audit, file),
         "simulated": simulated,
     }

@@ -44,9 +44,7 @@ def render(page: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    absent = dict.fromkeys(
-        ("key", "design", "audit", "forces", "task", "bound", "reproduction", "run", "front", "compared")
-    )
+    absent = dict.fromkeys(("key", "design", "audit", "task", "bound", "reproduction", "run", "front", "compared"))
     page = {**absent, "simulated": None, "notes": (), **page}
     design, audit = page["design"], page["audit"]
     # in order of execution
@@ -56,7 +54,7 @@ def render(page: dict[str, Any]) -> str:
         page=page,
         design=design,
         audit=audit,
-        drawn=None if design is None else view(design, poses_to_draw(design), audit) | {"forces": page["forces"]},
+        drawn=None if design is None else view(design, poses_to_draw(design), audit, forces=True),
         # modules and functions that the template calls
         charts=charts,
         design_part=design_part,

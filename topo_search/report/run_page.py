@@ -7,8 +7,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Any
 
-from topo_search.engine import CallingProcess, Engine, Failed, audit_deadline
-from topo_search.export.poses import poses_to_draw
 from topo_search.model import Infeasible
 from topo_search.model.design import NOT_CERTIFIED
 from topo_search.model.proven import at_least, gap_percent, upper_text
@@ -17,7 +15,6 @@ from topo_search.report.charts import AXES, front_chart, length_or_none, progres
 from topo_search.report.design_page import bound, title
 from topo_search.report.headline import cards, compared_designs, headline, ranking
 from topo_search.report.page import render
-from topo_search.report.view import forces_of
 from topo_search.report.wording import NEAR_TIES, figures, modules, near_tie_cells, quantity, rounded_down, sentence
 from topo_search.study import (
     NEAR_BEST,
@@ -34,17 +31,17 @@ from topo_search.study import (
 from topo_search.study.ledger import kind_of
 
 
-def write_run_page(folder: RunFolder, engine: Engine | None = None) -> None:
+def write_run_page(folder: RunFolder) -> None:
     """Write `report.html` into a run's folder."""
-    folder.write_file(RunFile.REPORT, render(run_page(folder, engine)) + folder.page_mark())
+    folder.write_file(RunFile.REPORT, render(run_page(folder)) + folder.page_mark())
 
 
-def run_page(folder: RunFolder, engine: Engine | None = None) -> dict[str, Any]:
-    """Return the page of a run; the engine computes the forces that its best design can exert."""
+def run_page(folder: RunFolder) -> dict[str, Any]:
+    """Return the page of a run."""
     answer, goals = answer_of(folder), folder.request.task.goals
     if not answer.levels:
-        return _page(folder, answer, engine or CallingProcess())
-    page = _page(folder.levels[answer.level], answer.at_level, engine or CallingProcess())
+        return _page(folder, answer)
+    page = _page(folder.levels[answer.level], answer.at_level)
     words = answer.levels[answer.level].level.words
     note = f"Everything on this page except the front refers to level {answer.level} of the goals: {words}."
     return {
@@ -55,7 +52,7 @@ def run_page(folder: RunFolder, engine: Engine | None = None) -> dict[str, Any]:
     }
 
 
-def _page(folder: RunFolder, answer: Answer, engine: Engine) -> dict[str, Any]:
+def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
     """Return the page of a run without goals, or of one level of a run with goals."""
     request = folder.request
     shown = answer.shown
@@ -63,11 +60,7 @@ def _page(folder: RunFolder, answer: Answer, engine: Engine) -> dict[str, Any]:
     size = next(size for size in answer.sizes if size.modules == n)
     design, audit = (None, None) if shown is None else folder.result_of(shown)
     tiles: tuple[Tile, ...] = ()
-    forces = None
     if design is not None and shown is not None:
-        forces = engine.run_one(forces_of, (design, poses_to_draw(design), audit), deadline=audit_deadline(n))
-        if isinstance(forces, Failed):
-            raise RuntimeError(f"the forces of {shown.key} cannot be drawn: {forces.reason}")
         compared = f"{quantity(sum(size.settled for size in answer.sizes), 'candidate')} solved"
         tiles = (*headline(design, audit, size.gap_of(shown), compared, scoped=size.proven_gap is not None),)
     return {
@@ -88,7 +81,6 @@ def _page(folder: RunFolder, answer: Answer, engine: Engine) -> dict[str, Any]:
         "user_task": request.task,
         "design": design,
         "audit": audit,
-        "forces": forces,
         "run": _run_part(folder, answer, shown),
         "reproduction": _reproduction(folder),
     }

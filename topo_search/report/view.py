@@ -51,6 +51,7 @@ from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_word
 from topo_search.report.wording import clearance, figures, length, rounded_down, rounded_up
 from verify.air.jets import MODEL, jets
 from verify.flight.programs import Box
+from verify.flight.vehicle import force_hull
 from verify.kinematics import Platform
 
 
@@ -109,8 +110,6 @@ def force_polytope(design: Design, poses: Platform) -> tuple[Array, Indices] | N
 
     None if the platform cannot hover, or if all forces lie in a plane.
     """
-    from verify.flight.vehicle import force_hull  # slow to import, and most pictures have no polytope
-
     module, weight = design.task.module, design.task.force_unit(design.topology.n)
     scale = np.repeat([weight, weight * module.arm_length], 3)[:, None]
     largest = module.max_input(design.task.gravity) * module.thrust_coefficient
@@ -123,13 +122,14 @@ def force_polytope(design: Design, poses: Platform) -> tuple[Array, Indices] | N
     return None if polytope is None else (weight * (polytope.points - carried), polytope.simplices)
 
 
-def view(design: Design, poses: Platform, audit: Audit | None) -> dict[str, Any]:
-    """Return the data of the 3-D view of a design, which the page's script draws; `forces_of` returns `forces`.
+def view(design: Design, poses: Platform, audit: Audit | None, *, forces: bool = False) -> dict[str, Any]:
+    """Return the data of the 3-D view of a design, which the page's script draws.
 
     Args:
         design: any design.
         poses: its poses.
         audit: its audit.
+        forces: whether to add the forces that it can exert in hover, which takes a second or more.
     """
     assembly = None if audit is None else audit.assembly
     nearest = closest(audit)
@@ -147,7 +147,7 @@ def view(design: Design, poses: Platform, audit: Audit | None) -> dict[str, Any]
         "cases": [{**case, "parts": [part.dump() for part in case["parts"]]} for case in arrows(design, poses)],
         "closest": None if nearest is None else closest_words(nearest),
         "steps": _steps(design, assembly),
-        "forces": None,
+        "forces": _forces(design, poses, audit) if forces else None,
     }
 
 
@@ -168,9 +168,8 @@ def _air(design: Design) -> dict[str, Any]:
     }
 
 
-def forces_of(drawn: tuple[Design, Platform, Audit | None]) -> dict[str, Any] | None:
-    """Return the forces that a design can exert at the end-effector in hover, to the scale of the arrows."""
-    design, poses, audit = drawn
+def _forces(design: Design, poses: Platform, audit: Audit | None) -> dict[str, Any] | None:
+    """Return the forces that can be exerted at the end-effector in hover, to the scale of the arrows."""
     polytope = force_polytope(design, poses)
     if polytope is None:
         return None

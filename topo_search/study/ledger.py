@@ -17,12 +17,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import astuple, dataclass, fields, replace
-from functools import lru_cache
 from itertools import starmap
 from pathlib import Path
-from typing import Any, Self
-
-from pydantic import BaseModel
+from typing import Self
 
 from topo_search.engine import Failed, Outcome, Tried, record_of, scaled_violation
 from topo_search.model import Audit, Design, Flight, Infeasible, ResolvedTask
@@ -188,12 +185,6 @@ def score_of(row: Row, task: ResolvedTask) -> Tried:
 def kind_of(constraint: str) -> str:
     """Return the name of a constraint without module numbers."""
     return re.sub(r"\bmodule \d+", "a module", re.sub(r"\bmodules \d+ and \d+", "two modules", constraint))
-
-
-@lru_cache(maxsize=32)
-def _value(path: Path, model: type[BaseModel], text: str) -> Any:
-    """Return the value of a result's or an audit's text; answer and page show the same ones several times."""
-    return parse(path, model, "texts", text, strict=False)
 
 
 class _Sql:
@@ -371,15 +362,13 @@ class Ledger:
         text = self.result_text(context, key)
         if text is None:
             return None
-        result: Design | Infeasible
-        result = _value(self.path, Design if '"topo-search/design"' in text[:60] else Infeasible, text)
-        return result
+        model: type[Design] | type[Infeasible] = Design if '"topo-search/design"' in text[:60] else Infeasible
+        return parse(self.path, model, "texts", text, strict=False)
 
     def audit(self, context: Context, key: str) -> Audit | None:
         """Return the audit of a candidate's design."""
         text = self._text("audit", context, key)
-        audit: Audit | None = None if text is None else _value(self.path, Audit, text)
-        return audit
+        return None if text is None else parse(self.path, Audit, "texts", text, strict=False)
 
     def result_text(self, context: Context, key: str) -> str | None:
         """Return a candidate's result as JSON text."""

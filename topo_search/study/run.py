@@ -16,7 +16,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-from topo_search.engine import Backends, Engine, Failed, Strategy, WorkersLost, audit_deadline
+from topo_search.engine import Backends, Engine, Strategy, WorkersLost
 from topo_search.study.answer import Answer, quotient_remark
 from topo_search.study.directory import ReadOnlyFolder
 from topo_search.study.folder import RunFolder
@@ -111,8 +111,7 @@ def search_size(folder: RunFolder, n: int, tools: Tools) -> None:
     context, bound = contexts[0], ledger.bound(contexts[0])
     if bound is None:
         tools.observer.phase(proof_phase(n))
-        computed = tools.engine.run_one(tools.backends.bounds, context.task, deadline=audit_deadline(n))
-        bound = tools.backends.bounds(context.task) if isinstance(computed, Failed) else computed
+        bound = tools.backends.lower_bound(context.task), tools.backends.prove_impossible(context.task)
         ledger.add_context(context, *bound)
     lower_bound, impossible = bound
     if not quotient.exact:
