@@ -13,7 +13,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.report.design_page import design_page
 from topo_search.report.page import render
 from topo_search.report.scene import closest, figure, meshes, ring, scene, shared_meshes, straight_arrow
-from topo_search.report.view import arrows, force_polytope, forces_of, longest_arrow, metres_per_newton, view
+from topo_search.report.view import arrows, force_polytope, longest_arrow, metres_per_newton, view
 from verify import audit
 from verify.kinematics import platform, wrench_map
 
@@ -225,9 +225,10 @@ def test_what_cannot_hover_has_none() -> None:
 
 def test_the_picture_has_the_scale_of_the_arrows(able: Design) -> None:
     at, found = platform(able), audit(able)
-    shown, value = view(able, at, found), forces_of((able, at, found))
-    assert value
-    assert shown["forces"] is None
+    shown = view(able, at, found, forces=True)
+    assert shown["forces"]
+    assert not view(able, at, found)["forces"]
+    value = shown["forces"]
     assert "in any direction" in value["description"]
     assert [part["kind"] for part in value["parts"]] == ["forces", "forces"]
     scale = metres_per_newton(able, at)
