@@ -413,7 +413,7 @@ class Infeasible(Value):
     status: Literal["infeasible", "impossible"]
     """`infeasible`: no start reached a feasible point; `impossible`: proven, whatever the start."""
     worst_constraint: str
-    """Most violated constraint of the least violated start."""
+    """Constraint that the best start violates most."""
     violation: Number
     """Its violation, positive, in `unit`."""
     unit: str

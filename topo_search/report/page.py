@@ -71,7 +71,10 @@ def render(page: dict[str, Any]) -> str:
         FIRST_TILES=6,  # as many as fit beside the view
         style=_template("page.css"),
         script=Markup("\n").join(_template(f"{name}.js") for name in scripts),
-        look={"template": json.loads(_content("plotly", "templates/plotly_white.json")), **PLOTLY_LAYOUT},
+        look={
+            "template": json.loads(_content("plotly", "package_data/templates/plotly_white.json")),
+            **PLOTLY_LAYOUT,
+        },
         libraries=_libraries(),
     )
 
@@ -82,19 +85,18 @@ def _libraries() -> str:
 
     three.js is taken from the page of trimesh's viewer, where it is a licence comment followed by a line of code.
     """
-    with zipfile.ZipFile(io.BytesIO(_content("trimesh", "templates/viewer.zip"))) as archive:
+    with zipfile.ZipFile(io.BytesIO(_content("trimesh", "resources/templates/viewer.zip"))) as archive:
         viewer = archive.read("viewer.html.template").decode()
     match = re.search(r"/\*\*\s+\* @license[^/]*Three\.js Authors[^/]*\*/\n.+", viewer)
     assert match is not None  # in every version of trimesh that the project allows
-    code = f"{_content('plotly', 'plotly.min.js').decode()}\n{match.group()}"
+    code = f"{_content('plotly', 'package_data/plotly.min.js').decode()}\n{match.group()}"
     compressed = gzip.compress(code.encode(), 6, mtime=0)  # a higher level takes longer and gains 0.2 %
     return base64.b64encode(compressed).decode()
 
 
 def _content(package: str, file: str) -> bytes:
     """Return the content of a data file of plotly or trimesh without importing them, which takes long."""
-    folder = {"plotly": "plotly/package_data", "trimesh": "trimesh/resources"}[package]
-    return Path(str(metadata.distribution(package).locate_file(f"{folder}/{file}"))).read_bytes()
+    return Path(str(metadata.distribution(package).locate_file(f"{package}/{file}"))).read_bytes()
 
 
 def mark_code(text: str) -> Markup:
