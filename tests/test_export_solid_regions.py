@@ -52,7 +52,7 @@ def names(model: Any, data: Any) -> list[set[str]]:
 @pytest.mark.parametrize(
     ("region", "above", "rests_at"),
     [
-        ({"kind": "allowed", "planes": [{"normal": [0.0, 0.0, -2.0], "offset": 0.05}]}, 0.0, -0.05 + RADIUS),
+        ({"kind": "allowed", "planes": [{"normal": [0.0, 0.0, -2.0], "offset": 0.05}]}, 0.0, -0.025 + RADIUS),
         ({"kind": "local", "box": [0.2, 0.3, 0.1]}, 0.0, 0.05 + RADIUS),
         ({"kind": "local", "radius": 0.15}, 0.0, 0.15 + RADIUS),
         ({"kind": "local", "vertices": FRUSTUM}, 0.05, 0.07 + RADIUS),

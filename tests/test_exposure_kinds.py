@@ -35,7 +35,7 @@ import topo_search
 from topo_search.export.poses import shapes
 from topo_search.export.solids import region_mesh
 from topo_search.model import Design, Topology
-from topo_search.model.exposure import EXPOSURE_KINDS, AnyExposure
+from topo_search.model.exposure import EXPOSURE_KINDS, Allowed, AnyExposure
 from topo_search.model.files import to_json
 from topo_search.report.task_facts import facts
 from verify import audit
@@ -77,7 +77,7 @@ def brute_force(point, kind):
         normals = np.array([plane["normal"] for plane in asked["planes"]])
         lengths = np.linalg.norm(normals, axis=1)
         offsets = np.array([plane["offset"] for plane in asked["planes"]])
-        return (offsets - centres @ (normals / lengths[:, None]).T - radii[:, None]).min(axis=1)
+        return ((offsets - centres @ normals.T) / lengths - radii[:, None]).min(axis=1)
     gaps = []
     for path in asked["polylines"]:
         for start, end in pairwise(path):
@@ -95,6 +95,19 @@ def test_the_audit_agrees_with_brute_force(kind, seed):
     for pair in exposed(audit(as_design(point))):
         assert pair.analytic_m == pytest.approx(sampled[pair.a, pair.segment], abs=2e-3)
         assert pair.analytic_m <= sampled[pair.a, pair.segment] + 1e-12
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plane_means_normal_x_at_most_offset_whatever_the_length_of_its_normal(seed):
+    rng = np.random.default_rng(seed)
+    normal, offset = rng.normal(size=3) * 10.0 ** rng.uniform(-3, 3), rng.normal()
+    plane = {"normal": normal.tolist(), "offset": offset * float(np.linalg.norm(normal))}
+    task = push(2, exposure=[{"kind": "allowed", "planes": [plane]}])
+    (kept,), (cone,) = task.exposure[0].planes, task.exposure[0].shapes
+    assert np.array(kept.normal) * np.linalg.norm(normal) == pytest.approx(normal)
+    assert kept.offset == pytest.approx(offset)
+    assert normal @ np.array(cone.apex) == pytest.approx(plane["offset"])
+    assert Allowed.model_validate_json(task.exposure[0].model_dump_json()) == task.exposure[0]
 
 
 def test_a_plane_through_the_end_effector_is_the_half_space_of_a_cone():

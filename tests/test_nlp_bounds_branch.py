@@ -91,7 +91,8 @@ def half_spaces(task):
     """Outward normal and offset [m] of what envelopes are to stay within."""
     for asked in task.exposure:
         if asked.kind == "allowed":
-            yield from ((np.array(one.normal) / np.linalg.norm(one.normal), one.offset) for one in asked.planes)
+            lengths = (np.linalg.norm(one.normal) for one in asked.planes)
+            yield from ((np.array(one.normal) / a, one.offset / a) for one, a in zip(asked.planes, lengths, strict=True))
         if asked.kind == "exterior" and asked.axis != "com":
             yield -np.array(asked.axis) / np.linalg.norm(asked.axis), 0.0
 

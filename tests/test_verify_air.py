@@ -292,7 +292,7 @@ def test_without_geometry_the_speed_alone_is_asked_for() -> None:
         ({"speed_within": 3.0}, "`speed` must be given"),
         (
             {"speed": 1.0, "speed_within": 0.1, "planes": [{"normal": [1, 0, 0], "offset": 0.2}]},
-            "every plane's offset",
+            "distance of every plane",
         ),
     ],
 )

@@ -66,7 +66,7 @@ def region(shape: str, apart: float) -> dict[str, Any] | None:
         corners = [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
         return {"kind": "local", "vertices": corners}
     if shape == "plane":
-        return {"kind": "allowed", "planes": [{"normal": (3 * ACROSS).tolist(), "offset": apart}]}
+        return {"kind": "allowed", "planes": [{"normal": (3 * ACROSS).tolist(), "offset": 3 * apart}]}
     if shape in ("box", "ball", "along"):  # about the end-effector, or from there
         if apart >= 0:
             return None
@@ -92,7 +92,7 @@ def outside(design: Design, asked: dict[str, Any], x: Array) -> Array:
     if asked["kind"] == "allowed":
         (plane,) = asked["planes"]
         n = np.array(plane["normal"])
-        return (plane["offset"] - x @ n / np.linalg.norm(n))[None]
+        return ((plane["offset"] - x @ n) / np.linalg.norm(n))[None]
     if asked["kind"] == "directional":
         end = asked.get("length", 0.0) * offset / np.linalg.norm(offset)
         points = np.array(asked["polylines"][0] if "polylines" in asked else [[0.0, 0.0, 0.0], end])

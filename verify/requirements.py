@@ -7,6 +7,7 @@ requirement that balls of radius d / 2 around them keep apart.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import combinations
@@ -123,8 +124,7 @@ class Scene:
         elif isinstance(exposure, Directional):
             yield from enumerate(self._capsules(exposure))
         elif isinstance(exposure, Allowed):
-            for number, (normal, offset) in enumerate(half_spaces(exposure)):
-                outwards = _unit(normal)
+            for number, (outwards, offset) in enumerate(half_spaces(exposure)):
                 yield number, Cone(self.tip + offset / self.l_arm * outwards, -outwards, 90.0)
         elif exposure.radius is not None:
             yield None, Solid(ball(self.tip, exposure.radius / self.l_arm))
@@ -161,11 +161,12 @@ class Scene:
 
 
 def half_spaces(exposure: Exposure) -> list[tuple[Array, float]]:
-    """Return the half-spaces of fixed direction that must hold all airflow: normals of any length, offsets [m]."""
+    """Return the half-spaces of fixed direction that must hold all airflow: unit normals and distances [m]."""
     if isinstance(exposure, Allowed):
-        return [(np.array(plane.normal), plane.offset) for plane in exposure.planes]
+        planes = ((np.array(plane.normal), plane.offset) for plane in exposure.planes)
+        return [(_unit(normal), offset / math.hypot(*normal)) for normal, offset in planes]
     if isinstance(exposure, Exterior) and exposure.half_angle_deg == 90 and exposure.axis != "com":
-        return [(-np.array(exposure.axis), 0.0)]
+        return [(-_unit(np.array(exposure.axis)), 0.0)]
     return []
 
 

@@ -6,6 +6,7 @@ Points are in metres from the end-effector p_E, in the axes of the task frame.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterable, Iterator
 from itertools import pairwise, product
 from typing import Annotated, Any, Literal, get_args
@@ -314,19 +315,29 @@ class Exterior(UnboundedRegion):
 
 
 class Plane(Value):
-    """Half-space: normal . x is at most the offset, with x from p_E and the normal as a unit vector."""
+    """Half-space: normal . x is at most the offset, with x from p_E [m]; a region keeps it with a unit normal."""
 
     normal: Direction
-    """Normal that points out of the half-space; of any length."""
+    """Normal that points out of the half-space; of any length, which divides the offset."""
     offset: Annotated[float, Field(strict=True, ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)] = 0.0
-    """Distance of the plane from p_E along the normal [m]; negative where p_E is outside."""
+    """Largest normal . x: with a unit normal, the distance from p_E [m]; negative where p_E is outside."""
+
+
+def _with_unit_normal(plane: Plane) -> Plane:
+    size = math.hypot(*plane.normal)
+    if abs(size - 1) <= 4 * sys.float_info.epsilon:  # a unit vector, which keeps its digits
+        return plane
+    return Plane(normal=unit(plane.normal), offset=plane.offset / size)
+
+
+UnitPlane = Annotated[Plane, AfterValidator(_with_unit_normal)]
 
 
 class Allowed(UnboundedRegion):
     """Everything outside a convex polyhedron, which may be unbounded; all envelopes stay inside it."""
 
     kind: Literal["allowed"] = "allowed"
-    planes: Annotated[tuple[Plane, ...], at_most(LIMITS.segments, "planes"), NonEmpty]
+    planes: Annotated[tuple[UnitPlane, ...], at_most(LIMITS.segments, "planes"), NonEmpty]
     """Half-spaces whose intersection is the polyhedron."""
     solid: Solid = False
     """True if rigid parts, and the rod except its tip, must stay inside too."""
@@ -335,13 +346,13 @@ class Allowed(UnboundedRegion):
         yield from super()._broken_rules()
         farthest = max(plane.offset for plane in self.planes)
         if self.speed_within is not None and self.speed_within <= farthest:
-            text = f"must be more than every plane's offset, {farthest:g} m at most, but got {self.speed_within:g}"
-            yield "speed_within", text
+            rule = f"must be more than the distance of every plane, {farthest:g} m at most"
+            yield "speed_within", f"{rule}, but got {self.speed_within:g}"
 
     @property
     def words(self) -> str:
         """The region in words."""
-        sides = (f"{vector(unit(plane.normal))} · x ≤ {length(plane.offset)}" for plane in self.planes)
+        sides = (f"{vector(plane.normal)} · x ≤ {length(plane.offset)}" for plane in self.planes)
         return f"everything except where {' and '.join(sides)}, with x from the end-effector"
 
     def lengths(self) -> Iterator[tuple[str, float, bool]]:
@@ -356,9 +367,9 @@ class Allowed(UnboundedRegion):
     @property
     def shapes(self) -> tuple[Shape, ...]:
         """One half-space per plane; its index is the `segment` in audits."""
-        planes = [(unit(plane.normal), plane.offset) for plane in self.planes]
+        planes = ((*plane.normal, plane.offset) for plane in self.planes)
         return tuple(
-            Cone(90.0, axis=(-x, -y, -z), apex=(offset * x, offset * y, offset * z)) for (x, y, z), offset in planes
+            Cone(90.0, axis=(-x, -y, -z), apex=(offset * x, offset * y, offset * z)) for x, y, z, offset in planes
         )
 
 

@@ -305,7 +305,7 @@ def _walls(task: ResolvedTask) -> tuple[Array, Indices, Array, Array]:
     end_balls = (0.0, air.start_radius), (air.length, air.end_radius)
     rows = [(normal, i, end, r - offset) for normal, offset in planes for i in range(n) for end, r in end_balls]
     return (
-        np.array([normal / np.linalg.norm(normal) for normal, *_ in rows]).reshape(-1, 3),
+        np.array([normal for normal, *_ in rows]).reshape(-1, 3),
         np.array([i for _, i, _, _ in rows], np.int64),
         np.array([end for _, _, end, _ in rows]) / l_arm,
         np.array([offset for *_, offset in rows]) / l_arm,
