@@ -2,6 +2,7 @@
 
 import json
 import math
+from itertools import islice
 
 import pytest
 import toy_problem
@@ -34,9 +35,36 @@ class Prover:
         return Chunk.of(number, "closed", bytes([2, 0, 1]))
 
 
+class Bounded(Prover):
+    """Cannot close one tree above a cut."""
+
+    def __init__(self, key, cut):
+        super().__init__()
+        self.key, self.cut = key, cut
+
+    def __call__(self, task, topology, number, cut, problem):
+        found = super().__call__(task, topology, number, cut, problem)
+        if topology.key == self.key and cut > self.cut and number == 5:
+            return Chunk.of(number, "stuck", b"", ((0.0,), (1.0,)))
+        return found
+
+
 def proven(path, prover, **options):
     given = {"gap": 0.01, "key": None, "engine": InProcess(1), "observer": SilentObserver(), **options}
     return prove(path, prover, lambda task, tree: 0, **given)
+
+
+class Stopped(InProcess):
+    """Runs some jobs, then raises an exception, or without one stops as at a time limit."""
+
+    def __init__(self, jobs, error):
+        super().__init__(1)
+        self.jobs, self.error = jobs, error
+
+    def run(self, function, jobs, *, deadline, until=math.inf):
+        yield from super().run(function, islice(jobs, self.jobs), deadline=deadline, until=until)
+        if self.error is not None:
+            raise self.error
 
 
 @pytest.fixture
@@ -85,16 +113,9 @@ def test_what_compiles_is_called_once_before_the_first_chunk_and_spends_no_time_
 
 
 def test_a_stopped_proof_goes_on_where_it_was(run):
-    class Stopped(InProcess):
-        def run(self, function, jobs, *, deadline, until=math.inf):
-            for number, job in enumerate(jobs):
-                if number == 40:
-                    raise KeyboardInterrupt
-                yield job, function(job)
-
     first, rest, whole = Prover(), Prover(), Prover()
     with pytest.raises(KeyboardInterrupt):
-        proven(run, first, engine=Stopped(1))
+        proven(run, first, engine=Stopped(40, KeyboardInterrupt))
     assert "open" in {row["proof"] for row in table(run).values()}
     with RunFolder.load(run) as folder:
         assert answer_of(folder).sizes[0].proof_resumable
@@ -104,6 +125,42 @@ def test_a_stopped_proof_goes_on_where_it_was(run):
     other = proven(run.parent / "other", whole)
     assert set(first.asked) | set(rest.asked) == set(whole.asked)
     assert answer.sizes == other.sizes
+
+
+@pytest.mark.parametrize("gap", [0.01, 0.0025])
+def test_a_complete_proof_stays_until_one_of_a_smaller_gap_is_complete(run, gap):
+    first, rest = Prover(), Prover()
+    earlier = proven(run, Prover(), gap=0.03)
+    rows = table(run)
+    with pytest.raises(RuntimeError):  # as if it were killed: nothing is written after the last chunk
+        proven(run, first, gap=gap, engine=Stopped(40, RuntimeError))
+    with RunFolder.load(run) as folder:
+        answer = answer_of(folder)
+        shown = {row.key: (state.proof, state.proven_bound) for row, state, _ in folder.candidates(3)}
+    assert shown == {key: (row["proof"], pytest.approx(float(row["proven_bound"]))) for key, row in rows.items()}
+    assert answer.sizes[0].candidates_gap == earlier.sizes[0].candidates_gap == pytest.approx(0.03)
+    assert not (stopped := proven(run, Prover(), gap=gap, engine=Stopped(0, None))).proven
+    assert set(stopped.sizes[0].proof_open) & set(stopped.sizes[0].proof_resumable)
+    assert proven(run, none := Prover(), gap=0.03).proven
+    assert not none.asked
+    assert (answer := proven(run, rest, gap=gap)).proven
+    assert answer.sizes[0].candidates_gap == pytest.approx(gap)
+    assert first.asked
+    assert not set(first.asked) & set(rest.asked)
+    assert all(float(table(run)[key]["proven_bound"]) >= float(rows[key]["proven_bound"]) for key in rows)
+    assert not [*(run / "proof-unfinished").iterdir()]
+
+
+def test_a_gap_that_cannot_be_closed_takes_nothing_from_a_larger_one(run):
+    earlier = proven(run, Prover(), gap=0.03)
+    key = earlier.best.key
+    answer = proven(run, Prover(refuses=(key,)), gap=0.01)
+    assert answer.sizes[0].candidates_gap == earlier.sizes[0].candidates_gap
+    assert answer.sizes[0].proof_open == (key,)
+    assert not answer.proven
+    assert key not in answer.sizes[0].proof_resumable
+    assert proven(run, again := Prover(), gap=0.01).sizes == answer.sizes
+    assert not again.asked
 
 
 def test_a_tree_that_cannot_be_closed_is_open_and_nothing_is_claimed(run):
@@ -122,17 +179,8 @@ def test_a_tree_that_cannot_be_closed_is_open_and_nothing_is_claimed(run):
 
 def test_a_tree_that_cannot_be_excluded_is_held_to_the_gap_under_the_best(run):
     """As where exposure, which no bound knows, is what keeps a tree from beating the best."""
-    key = list(table(run))[-1]
-
-    class Relaxed(Prover):
-        def __call__(self, task, topology, number, cut, problem):
-            found = super().__call__(task, topology, number, cut, problem)
-            if topology.key == key and cut > 0.99 * best and number == 5:
-                return Chunk.of(number, "stuck", b"", ((0.0,), (1.0,)))
-            return found
-
-    best = min(float(row["objective"]) for row in table(run).values())
-    prover = Relaxed()
+    key, best = list(table(run))[-1], min(float(row["objective"]) for row in table(run).values())
+    prover = Bounded(key, 0.99 * best)
     answer = proven(run, prover)
     row = table(run)[key]
     assert row["proof"] == "within"
@@ -140,8 +188,13 @@ def test_a_tree_that_cannot_be_excluded_is_held_to_the_gap_under_the_best(run):
     assert "no 3-module topology is more than 1.00 % better" in answer.sizes[0].proven
     assert {cut for asked, _, cut in prover.asked if asked == key} == {best, 0.99 * best}
     assert Proof.model_validate_json((run / "proof" / key).read_text()).complete
-    again = Relaxed()
+    again = Bounded(key, 0.99 * best)
     assert proven(run, again).sizes == answer.sizes
+    assert not again.asked
+    for prover in (Bounded(key, 0.99 * best), again):  # a larger gap takes nothing back
+        assert proven(run, prover, gap=0.02).proven
+        assert {cut for _, _, cut in prover.asked} <= {best}
+        assert float(table(run)[key]["proven_bound"]) == pytest.approx(0.99 * best)
     assert not again.asked
 
 

@@ -178,6 +178,7 @@ def prove(
     value = {"sentences": sentences, "candidates": rows}
     options.echo_answer(value, (*lines, *(text for text in sentences if text is not None)))
     settled = table["proof"].isin(["excluded", "within", "impossible"]).all()
+    settled &= not any(topology in (None, key) for size in answer.sizes for key in size.proof_open)
     if not settled or (topology is None and not answer.proven):
         resumable = any(topology in (None, key) for size in answer.sizes for key in size.proof_resumable)
         note("some trees are still open" + "; run the same command to continue" * resumable)

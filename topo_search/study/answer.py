@@ -81,7 +81,9 @@ class SizeAnswer:
     candidates_gap: float | None = None
     """The same for the candidates alone."""
     proof_resumable: tuple[str, ...] = ()
-    """Open trees for which the same `prove` could prove more."""
+    """Trees with an incomplete proof that the same `prove` could complete."""
+    proof_open: tuple[str, ...] = ()
+    """In the answer of `prove`: trees for which less is proven than requested."""
 
     @property
     def counts(self) -> str:
@@ -282,7 +284,7 @@ class Answer:
     def proven(self) -> bool:
         """True if branch and bound has closed all candidates of every size with a best design."""
         sizes = [size for size in self.sizes if size.best is not None]
-        return bool(sizes) and all(size.candidates_gap is not None for size in sizes)
+        return bool(sizes) and all(size.candidates_gap is not None and not size.proof_open for size in sizes)
 
     @property
     def complete(self) -> bool:

@@ -50,6 +50,8 @@ class RunFile:
     """Folders with a file per candidate."""
     PROOFS = "proof"
     """The folder of the proofs, one file per candidate."""
+    UNFINISHED = "proof-unfinished"
+    """The folder of incomplete proofs that would show more than the complete one of their candidate."""
     OPTIMA = "optima"
     """The folder of local optima."""
     OPTIMA_RECORD = "optima.json"

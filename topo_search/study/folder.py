@@ -298,6 +298,17 @@ class RunFolder:
         task = self.request.contexts(n)[0].task
         return {proof.topology_key: proof for proof in self._sound_proofs(n) if proof.task == task}
 
+    def unfinished_proofs(self, n: int) -> dict[str, Proof]:
+        """Return the incomplete proofs of candidates of n modules that also have a complete one, by key.
+
+        Raises:
+            BadInput: one of them is damaged.
+        """
+        task = self.request.contexts(n)[0].task
+        return {
+            key: proof for key, proof in self.read_files(RunFile.UNFINISHED, Proof).items() if proof.task == task
+        }
+
     def proofs_for(self, task: ResolvedTask) -> dict[str, Proof]:
         """Return the complete proofs that also hold for a task of another run, by key, with that task.
 

@@ -105,7 +105,7 @@ class ProofSummary(NamedTuple):
     gap: float | None = None
     """Largest share by which a design of this size can improve on the best; None while trees are open."""
     resumable: tuple[str, ...] = ()
-    """Open trees for which the same command could prove more."""
+    """Trees with an incomplete proof that the same command could complete."""
 
 
 def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
@@ -118,7 +118,7 @@ def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
     counts = Counter(state.proof or "not examined" for state in states.values())
     words = {
         EXCLUDED: "cannot beat the best",
-        WITHIN: "proven to within the requested gap",
+        WITHIN: "proven to within a gap",
         IMPOSSIBLE: "impossible",
         OPEN: "open",
         "not examined": "not examined",
@@ -128,21 +128,24 @@ def summarize(folder: RunFolder, n: int, best: Row | None) -> ProofSummary:
     if unsolved:
         verdicts += f", {unsolved} not solved by `run`"
     unproven = [key for key, state in states.items() if state.proof in (OPEN, None)]
+    unfinished = folder.unfinished_proofs(n)
+    latest, incomplete = {**proofs, **unfinished}, (*unproven, *unfinished)
+    stuck = [key for key in incomplete if key in latest and is_stuck(latest[key], best.objective)]
+    resumable = tuple(key for key in incomplete if key not in stuck)
     if unproven or unsolved:
         sentence = f"branch and bound, {number}: {verdicts}; nothing new is proven for the size while some are open"
-        stuck = [key for key in unproven if key in proofs and is_stuck(proofs[key], best.objective)]
         if stuck:
             shown = ", ".join(stuck[:3]) + ", ..." * (len(stuck) > 3)
             sentence += (
                 f"; the same command cannot close {shown}: some boxes may contain a better design, or there are "
                 "too many; try a larger --gap or --problem solver"
             )
-        return ProofSummary(sentence, None, tuple(key for key in unproven if key not in stuck))
+        return ProofSummary(sentence, None, resumable)
     bounds = [state.proven_bound for state in states.values() if state.proven_bound is not None]
     gap, claim, scope = claim_of(
         folder, best, bounds, [proof.problem for key, proof in proofs.items() if key in states]
     )
-    return ProofSummary(f"proven by branch and bound: {claim} ({number}: {verdicts}); {scope}", gap)
+    return ProofSummary(f"proven by branch and bound: {claim} ({number}: {verdicts}); {scope}", gap, resumable)
 
 
 def claim_of(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from topo_search.engine import AuditDesign, Candidates, Engine, Failed, WorkersL
 from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
 from topo_search.model.files import to_json
 from topo_search.model.proof import Aim, Problem, chunk_count
-from topo_search.model.proven import gap_percent
+from topo_search.model.proven import gap_percent, lower_text
 from topo_search.study.answer import Answer
 from topo_search.study.directory import CHANGED, RunFile
 from topo_search.study.folder import RunFolder
@@ -56,6 +56,8 @@ class _SizeProofs:
     floor: float
     """Lowest cut, `gap` under the run's best, for trees with no proof at a higher one [rad^4/s^4]."""
     proofs: dict[str, Proof] = field(default_factory=dict)
+    complete: dict[str, Proof] = field(default_factory=dict)
+    """Complete proofs at the start; each stays until a better one is complete."""
     written_at: float = 0.0
     unwritten: set[str] = field(default_factory=set)
     """Keys of the proofs with chunks that are not written yet."""
@@ -84,17 +86,45 @@ class _SizeProofs:
             self.write()
         if proof.complete:
             self.observer.note(f"{key}: {_claim(proof, self.floor)}, {proof.boxes:,} boxes")
-        elif result.outcome != "closed" and proof.cut > self.floor:
+        elif result.outcome != "closed" and self.can_lower(proof):
             self.proofs[key] = _lower(proof, self.floor)
             self.observer.note(f"{key}: {_cause(result)}; proving a gap of {gap_percent(proof.gap)} instead")
         elif result.outcome != "closed" and not was_open:
             state = "impossible, but without a proof to check" if key in self.impossible else "open"
+            if key in self.complete:
+                state = f"no more than before is proven (J >= {lower_text(self.complete[key].cut)} rad^4/s^4)"
             self.observer.note(f"{key}: {state}: {_cause(result)}")
 
+    def can_lower(self, proof: Proof) -> bool:
+        """True if a proof at the lowest cut would show more than what is complete."""
+        return proof.cut > self.floor and self.gains(_lower(proof, self.floor))
+
+    def gains(self, proof: Proof) -> bool:
+        """True if a proof, once complete, shows more than the one that is complete."""
+        complete = self.complete.get(proof.topology_key)
+        return complete is None or not _shows(complete, proof.cut, proof.problem)
+
+    @property
+    def open_trees(self) -> tuple[str, ...]:
+        """Keys of the trees for which less is proven than requested."""
+        possible = (proof for key, proof in self.proofs.items() if key not in self.impossible)
+        return tuple(
+            proof.topology_key
+            for proof in possible
+            if not (
+                proof.complete or (proof.open_at is not None and proof.cut > self.floor)
+            )  # its lowest cut is shown
+        )
+
     def write(self) -> None:
-        """Write the proofs that have new chunks."""
+        """Write the proofs that have new chunks: beside a complete one until they are complete."""
         for key in sorted(self.unwritten):
-            self.folder.write_file(f"{RunFile.PROOFS}/{key}", to_json(self.proofs[key]))
+            proof, unfinished = self.proofs[key], f"{RunFile.UNFINISHED}/{key}"
+            if proof.complete or key not in self.complete:
+                self.folder.write_file(f"{RunFile.PROOFS}/{key}", to_json(proof))
+                self.folder.write_file(unfinished, None)
+            else:
+                self.folder.write_file(unfinished, to_json(proof))
         self.unwritten.clear()
         self.written_at = time.monotonic()
 
@@ -141,20 +171,26 @@ def prove(
     with RunFolder.load(path, writes=True) as folder, detect_loss(folder):
         refuse_unprovable(folder.request, str(path))
         sizes = sizes_with_best(folder, key, rule="has no audited design to prove against")
+        open_trees = dict[int, tuple[str, ...]]()
         try:
             for n, incumbent, best, rows in sizes:
                 rows.sort(key=lambda row: row.status == IMPOSSIBLE)  # last: only `--check` uses their proofs
                 impossible = frozenset(row.key for row in rows if row.status == IMPOSSIBLE)
                 size = _SizeProofs(folder, observer, best * (1 - gap), impossible=impossible)
                 task = folder.request.contexts(n)[0].task
-                stored_proofs, reusable_proofs = folder.proofs(n), _reusable_proofs(source_run, task)
+                reusable_proofs = _reusable_proofs(source_run, task)
+                stored_proofs = folder.proofs(n)
+                size.complete = {key: proof for key, proof in stored_proofs.items() if proof.complete}
+                unfinished_proofs = folder.unfinished_proofs(n)
                 for row in rows:
                     aim, cut = target(row, best, gap)
-                    proof, other = stored_proofs.get(row.key), reusable_proofs.get(row.key)
-                    if proof is not None and _is_sufficient(proof, cut, size.floor, gap, problem):
-                        if proof.open_at is not None and proof.cut > size.floor:
+                    stored = (proofs.get(row.key) for proofs in (stored_proofs, unfinished_proofs))
+                    sufficient = (p for p in stored if p and _is_sufficient(p, cut, size.floor, gap, problem))
+                    proof, other = next(sufficient, None), reusable_proofs.get(row.key)
+                    if proof is not None:
+                        if proof.open_at is not None and size.can_lower(proof):
                             proof = _lower(proof, size.floor)
-                    elif other is not None and other.cut >= size.floor and other.problem in ("task", problem):
+                    elif other is not None and _shows(other, size.floor, problem) and size.gains(other):
                         reached: Aim = "excluded" if other.cut >= best else "within"
                         proof = other.model_copy(update={"aim": reached, "gap": gap})
                         size.unwritten.add(row.key)
@@ -180,6 +216,7 @@ def prove(
                             observer.settled(incumbent)
                     finally:
                         size.write()
+                open_trees[n] = size.open_trees
         except (KeyboardInterrupt, WorkersLost) as stop:
             folder.write()
             stop.add_note(KEPT)
@@ -187,7 +224,9 @@ def prove(
         folder.write()
         report(folder)
         folder.ledger.require()
-        return answer_of(folder)
+        answer = answer_of(folder)
+        answered = (replace(size, proof_open=open_trees.get(size.modules, ())) for size in answer.sizes)
+        return replace(answer, sizes=tuple(answered))
 
 
 def _search(prove_chunk: ProveChunk, job: tuple[Proof, int]) -> Chunk:
@@ -218,9 +257,13 @@ def _refuse_goals(request: Request, name: str) -> None:
 def _is_sufficient(proof: Proof, cut: float, floor: float, gap: float, problem: Problem) -> bool:
     """True if a stored proof shows at least what is requested, is a part of that, or all that this gap led to."""
     if proof.complete:
-        reaches_cut = proof.cut >= cut or (proof.gap == gap and proof.cut >= floor)
-        return reaches_cut and proof.problem in ("task", problem)
+        return _shows(proof, floor if proof.gap == gap else cut, problem)
     return proof.cut in (cut, floor) and proof.problem == problem
+
+
+def _shows(proof: Proof, cut: float, problem: Problem) -> bool:
+    """True if a complete proof excludes all designs of a problem below a cut."""
+    return proof.cut >= cut and proof.problem in ("task", problem)
 
 
 def _reusable_proofs(source_run: Path | None, task: ResolvedTask) -> dict[str, Proof]:
