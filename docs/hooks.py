@@ -106,8 +106,7 @@ def _flight(name: str) -> str:
     rows = "\n".join(_scenario_row(scenario) for scenario in result.scenarios)
     summary = (
         f"In hover the platform can push sideways with {100 * result.weakest_force_share:.3g} % of its weight in "
-        f"the weakest direction, and survives {result.rotors_out} of {result.rotors} single rotor failures in "
-        f"hover, each detected after {result.options.get('detection_time_s', 0.1):g} s."
+        f"the weakest direction; it {result.statics}."
     )
     plot = f"![Error, tilt and largest thrust of every flight](../pictures/flight-{name}.png)"
     return f"{head}\n{rows}\n\n{summary}\n\n{plot}"

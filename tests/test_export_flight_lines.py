@@ -37,6 +37,7 @@ def test_the_lines_are_rounded_to_the_side_on_which_they_are_proven() -> None:
         ({"possible": False}, {}, "cannot hover"),
         ({"possible": None}, {}, "leaves undecided whether it can hover"),
         ({}, {"undecided": ((0, 1),)}, "hovers; survives 7 of 8 single rotor failures, once known (1 undecided)"),
+        ({}, {"hover_only": 1}, "hovers; survives 7 of 8 single rotor failures, once known; can only hover: 1"),
     ],
 )
 def test_what_is_not_proven_is_not_claimed(hover: dict, out: dict, words: str) -> None:

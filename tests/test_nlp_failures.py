@@ -123,7 +123,9 @@ def test_the_audit_judges_by_what_it_measures_itself() -> None:
         flight = {"units": "SI", "rotor_out": "hover", "rotor_out_torque": share * left}
         judged = changed(design, task={**design.task.model_dump(mode="json"), "flight": flight})
         assert rows(judged)["hover, any rotor dead, torque reserve"].status is status
-        assert audit(judged).verdict is status
+        judgement = audit(judged)
+        assert judgement.verdict is status
+        assert (judgement.flight.rotors_out_asked.survive == 12) == (status is Status.CLEAR)
 
 
 def test_a_design_that_loses_a_rotor_is_violated_and_one_without_proof_undecided(

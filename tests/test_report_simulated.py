@@ -30,7 +30,7 @@ def test_the_section_has_verdicts_course_and_what_a_simulation_cannot_know(audit
     assert "Flight in simulation: saturated" in page.text
     assert "load case 0, wall saturated 1.23 cm 3.25° 6.0 % 50.0 % 100.0 % drifted" in page.text
     assert "load case 1 not flown not a steady flight" in page.text
-    assert "0.5 N in the weakest direction (-y), 2 % of the weight; hover survives 3 of 4" in page.text
+    assert "0.5 N in the weakest direction (-y), 2 % of the weight; it hovers statically after 3 of 4" in page.text
     assert "motor lag 50 ms, sensor noise × 1, model error 2 %, seed 7." in page.text
     assert NO_DOWNWASH in page.text
     assert "It does not affect the audit's verdict." in page.text

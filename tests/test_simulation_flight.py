@@ -203,7 +203,8 @@ def test_files_and_answer_of_the_command(command, tmp_path, monkeypatch) -> None
     assert result.stderr == "return from +x: recovered\n"
     read = FlightResult.model_validate_json((tmp_path / "flight/flight.json").read_text())
     assert (read.options["seed"], read.options["detection_time_s"], read.options["wake_loss_share"]) == (3, 0.2, 0)
-    assert "survives 20 of 20 single rotor failures, known after 0.2 s" in result.stdout
+    assert "hovers statically after 20 of 20 single rotor failures, 20 of them with torque left" in result.stdout
+    assert "survive" not in result.stdout
     rows = list(csv.DictReader(io.StringIO((tmp_path / "flight/flight.csv").read_text())))
     assert {row["scenario"] for row in rows} == {"return from +x"}
     assert [float(row["time_s"]) for row in rows] == pytest.approx(np.arange(250) * 0.02)

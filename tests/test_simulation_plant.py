@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from topo_search.model import Design, Topology
-from topo_search.simulation.campaign import hardest_rotor, hover_residual, weakest_force
+from topo_search.simulation.campaign import hover_residual, static_failures, weakest_force
 from topo_search.simulation.controller import (
     EFFORT,
     TORQUE_FIRST,
@@ -20,6 +20,7 @@ from topo_search.simulation.controller import (
     Reference,
 )
 from topo_search.simulation.plant import Errors, Plant, Wall, nominal
+from verify import audit
 from verify.kinematics import platform
 
 Array = NDArray[np.float64]
@@ -169,7 +170,10 @@ def test_authority_in_hover_tells_a_weak_design_from_a_strong_one(solved_push: D
         wrench = np.array([*(share * force * d[:2]), strong.weight, 0, 0, 0])
         missing = np.abs(allocator.thrusts(wrench)[1]).max() / strong.weight
         assert (missing < 1e-3) == possible
-    assert hardest_rotor(strong)[1] == 20
+    assert static_failures(strong, None).survive == 20
+    judged = audit(solved_push).flight.rotors_out_hover
+    assert static_failures(nominal(solved_push, rod_mass=False), None) == judged
+    assert judged.hover_only > 0
     assert hover_residual(strong)[0] < 1e-4
 
 

@@ -157,7 +157,7 @@ def test_a_ledger_of_an_older_version_is_refused_and_left_as_it_is(tmp_path):
     path = tmp_path / "run" / "ledger.sqlite"
     damaged(tmp_path / "run", "PRAGMA user_version = 3")
     content = path.read_bytes()
-    with pytest.raises(BadInput, match=r"has version 3, but this program reads version 7; it is left unchanged"):
+    with pytest.raises(BadInput, match=r"has version 3, but this program reads version 8; it is left unchanged"):
         toy_run(tmp_path / "run")
     assert path.read_bytes() == content
 

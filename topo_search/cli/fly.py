@@ -129,9 +129,7 @@ def _lines(result: FlightResult) -> Iterator[str]:
     x, y, _ = result.weakest_direction
     yield (
         f"side force in hover: {result.weakest_force_N:.3g} N in the weakest direction [{x:.2f}, {y:.2f}], "
-        f"{100 * result.weakest_force_share:.3g} % of the weight; "
-        f"survives {result.rotors_out} of {result.rotors} single rotor failures, known after "
-        f"{result.options.get('detection_time_s', 0.1):g} s"
+        f"{100 * result.weakest_force_share:.3g} % of the weight; {result.statics}"
     )
     if result.rod_mass_kg > 0:
         mass = f"{1000 * result.rod_mass_kg:.3g} g"

@@ -186,8 +186,9 @@ def flight_lines(flight: Flight) -> Iterator[str]:
     if factors:
         factor, name = min(factors)
         yield f"load factor until a rotor saturates: {lower_text(factor, 4)}, in {name}"
-    yield f"hover with one rotor known to be dead: {_rotors_out(flight.rotors_out_hover)}"
-    yield f"hover and all load cases with one rotor known to be dead: {_rotors_out(flight.rotors_out_all)}"
+    dead = "with one rotor known to be dead"
+    yield f"hover {dead}: {_rotors_out(flight.rotors_out_hover, 'can only hover')}"
+    yield f"hover and all load cases {dead}: {_rotors_out(flight.rotors_out_all, 'without control')}"
     loads = [load for load in flight.joints if load.case != hover.name]
     if loads:
         worst = max(loads, key=lambda load: load.moment_Nm)
@@ -214,11 +215,12 @@ def power_lines(audit: Audit) -> Iterator[str]:
         )
 
 
-def _rotors_out(out: RotorsOut) -> str:
+def _rotors_out(out: RotorsOut, uncontrolled: str) -> str:
     words = f"survives {out.survive} of {out.of}"
     if 0 < len(out.lost) <= NAMED_ROTORS:
         words += f", not {_rotors(out.lost)}"
-    return f"{words}, undecided {_rotors(out.undecided)}" if out.undecided else words
+    words += f", undecided {_rotors(out.undecided)}" if out.undecided else ""
+    return f"{words}; {uncontrolled}: {out.hover_only}" if out.hover_only else words
 
 
 def _rotors(rotors: tuple[tuple[int, int], ...]) -> str:

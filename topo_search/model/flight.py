@@ -115,10 +115,16 @@ class CaseFlight(Value):
 
 
 class RotorsOut(Value):
-    """Single rotor failures."""
+    """Single rotor failures, once known.
+
+    One is survived if every wrench remains possible, and any torque of `flight.rotor_out_torque`, or its default,
+    can be added to it: less does not control the attitude.
+    """
 
     survive: Index
     """Number of failures proven survivable."""
+    hover_only: Index = 0
+    """Number of failures that leave every wrench possible, but provably less torque: it can only hover."""
     of: Index
     """Number of rotors."""
     lost: tuple[tuple[Index, Index], ...] = ()
@@ -176,9 +182,9 @@ class Flight(Value):
     cases: tuple[CaseFlight, ...]
     """Hover, then every load case."""
     rotors_out_hover: RotorsOut
-    """Rotor failures after which the platform can still hover."""
+    """Rotor failures that hover survives."""
     rotors_out_all: RotorsOut
-    """Rotor failures after which it can also exert every load case."""
+    """Rotor failures that hover and every load case survive."""
     rotors_out_asked: Omitted[RotorsOut] = None
     """Rotor failures by the cases of `flight.rotor_out`; None if not required."""
     joints: tuple[JointLoad, ...]
@@ -229,6 +235,7 @@ class Flight(Value):
             facts.append(f"weakest side force at the tip {lower_text(hover.horizontal_reserve_N, 3)} N{towards}")
         undecided = f" ({len(out.undecided)} undecided)" if out.undecided else ""
         facts.append(f"survives {out.survive} of {out.of} single rotor failures, once known{undecided}")
+        facts += [f"can only hover: {out.hover_only}"] if out.hover_only else []
         return "; ".join(facts)
 
 

@@ -244,6 +244,8 @@ POINT_SUFFIXES: dict[str, tuple[PointSuffix, ...]] = {"tip": ("",), "com": ("_co
 """Suffixes of a force reserve's name in an audit, by `flight.at`: at the end-effector, at the centre of mass."""
 AT: dict[PointSuffix, str] = {"": "", "_com": " at the centre of mass"}
 """Words for the point of action, after those for the reserve."""
+ROTOR_OUT_TORQUE = 0.01
+"""Default of `flight.rotor_out_torque` [l_arm m_t g]."""
 ReserveCentre = tuple[int, str, LoadCase]
 """Centre of a reserve: number (0: hover, k + 1: load case k), label, load case."""
 
@@ -317,7 +319,7 @@ class AskedFlight(Value):
         }
         if self.rotor_out != "none":
             torque = self.rotor_out_torque
-            changed["rotor_out_torque"] = 0.01 * torque_unit if torque is None else torque * t
+            changed["rotor_out_torque"] = ROTOR_OUT_TORQUE * torque_unit if torque is None else torque * t
         return self.model_copy(update=changed)
 
     def regrow(self, ratio: float) -> AskedFlight:

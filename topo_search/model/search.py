@@ -119,7 +119,7 @@ GOALS = {
     "peak_input": Goal("search.peak_input", "u_max", 1.0e-5, 1),
     "force_reserve": Goal("flight.force_reserve", "N", 1.0e-4),
     "torque_reserve": Goal("flight.torque_reserve", "N m", 1.0e-5),
-    "rotor_out": Goal("flight.rotor_out", "any one rotor dead", 0.5),  # counts what is possible
+    "rotor_out": Goal("flight.rotor_out", "any one rotor dead", 0.5),  # counts cases that survive
     "joint_moment": Goal("flight.joint_moment", "N m", 1.0e-5, 1),
     "hinge_angle_deg": Goal("tolerances.hinge_angle_deg", "deg", 1.0e-3),
     "speed": Goal("exposure.speed", "m/s", 1.0e-3, 1),

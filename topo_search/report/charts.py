@@ -210,7 +210,7 @@ AXES = {
     "peak_input": ("peak input", "largest rotor input / u_max", 1.0),
     "force_reserve": ("force reserve", "force reserve at the end-effector in any direction [N]", 1.0),
     "torque_reserve": ("torque reserve", "torque reserve in any direction [N m]", 1.0),
-    "rotor_out": ("failures", "possible with any one rotor dead", 1.0),
+    "rotor_out": ("failures", "any one rotor failure survived in", 1.0),
     "joint_moment": ("joint moment", "largest moment in a joint [N m]", 1.0),
     "hinge_angle_deg": ("hinge error", "tolerated error of every hinge angle [deg]", 1.0),
     "speed": ("air speed", "air speed in the regions, proven bound [m/s]", 1.0),
@@ -245,7 +245,7 @@ def _describe(point: FrontPoint) -> Iterator[str]:
     yield f"J = {figures(point.row.objective or 0.0, 5)} rad⁴/s⁴"
     yield f"clearance {length_or_none(point.clearance)}, stand-off {length_or_none(point.stand_off)}"
     yield f"largest input {upper_text(point.peak_input, 4)} u_max"
-    yield f"any one rotor dead: {point.rotor_out}"
+    yield f"any one rotor failure survived in: {point.rotor_out}"
     yield f"level {point.number}: {point.level.words}"
 
 

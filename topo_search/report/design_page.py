@@ -117,8 +117,7 @@ def read_simulated(folder: Path, design: Design) -> dict[str, Any]:
         f"model error {100 * options.get('model_error', 0.0):g} %, seed {options.get('seed', 0.0):g}.",
         f"Side force in hover: {figures(result.weakest_force_N, 3)} N in the weakest direction "
         f"({direction(result.weakest_direction)}), {figures(100 * result.weakest_force_share, 3)} % of the weight; "
-        f"hover survives {result.rotors_out} of {result.rotors} single rotor failures, each known after "
-        f"{options.get('detection_time_s', 0.1):g} s.",
+        f"it {result.statics}.",
         *result.notes,
         "This is evidence from a simulation. It does not affect the audit's verdict.",
     )

@@ -100,6 +100,7 @@ def headline(
     out = flight.rotors_out_hover
     open_ = f" ({len(out.undecided)} undecided)" if out.undecided else ""
     meaning = f"single rotor failures survived in hover, once known{open_}"
+    meaning += f"; can only hover: {out.hover_only}" if out.hover_only else ""
     yield Tile("Rotor failures", f"{out.survive} of {out.of}", meaning)
     if design.task.end_effector.rod != "none":
         yield _rod(flight, audit)

@@ -112,7 +112,7 @@ def goals(task: Task) -> Facts:
         ("largest rotor input", [f"{figures(x)} u_max" for x in task_goals.peak_input]),
         ("force reserve", [f"{x:g} {force}" for x in task_goals.force_reserve]),
         ("torque reserve", [f"{x:g} {torque}" for x in task_goals.torque_reserve]),
-        ("possible with any one rotor dead", list(task_goals.rotor_out)),
+        ("any one rotor failure survived in", list(task_goals.rotor_out)),
         ("largest moment in a joint", [f"{x:g} N m" for x in task_goals.joint_moment]),
         ("hinge tolerance", [f"{x:g}°" for x in task_goals.hinge_angle_deg]),
         ("air speed in all regions", [f"{x:g} m/s" for x in task_goals.speed]),

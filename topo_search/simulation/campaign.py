@@ -16,6 +16,7 @@ from scipy.optimize import linprog
 
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
+from topo_search.model.flight import RotorsOut
 from topo_search.model.load_case import labels
 from topo_search.model.value import BadInput, Fault
 from topo_search.simulation import scenarios
@@ -24,6 +25,8 @@ from topo_search.simulation.fly import Options, Track, Watch, fly, judge
 from topo_search.simulation.plant import Nominal, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, Outcome, ScenarioResult, digest_of
 from verify.air.bound import air
+from verify.flight.analysis import CapabilityAnalysis
+from verify.flight.programs import Box
 from verify.requirements import Scene
 
 HOVER_TOLERANCE = 1e-3
@@ -68,12 +71,24 @@ def hover_residual(nominal: Nominal, dead: int | None = None) -> tuple[float, fl
     return float(residual.max()), float(T.max()) / nominal.largest_thrust
 
 
-def hardest_rotor(nominal: Nominal) -> tuple[int, int]:
-    """Return the rotor whose failure is hardest on hover, and the number of single failures that hover survives."""
+def hardest_rotor(nominal: Nominal) -> int:
+    """Return the rotor whose failure is hardest on hover."""
     residuals = [hover_residual(nominal, rotor) for rotor in range(nominal.B.shape[1])]
-    survived = sum(residual <= HOVER_TOLERANCE for residual, _ in residuals)
     severity = [(max(residual, HOVER_TOLERANCE), largest_input) for residual, largest_input in residuals]
-    return max(range(len(residuals)), key=severity.__getitem__), survived
+    return max(range(len(residuals)), key=severity.__getitem__)
+
+
+def static_failures(nominal: Nominal, torque: float | None) -> RotorsOut:
+    """Return the single rotor failures that hover survives by statics, as the audit counts them.
+
+    Args:
+        nominal: the model of the platform.
+        torque: `flight.rotor_out_torque` [N m]; None: its default.
+    """
+    N, units = nominal.B.shape[1], (nominal.weight, nominal.arm)
+    box = Box(np.full(N, nominal.least_share), np.ones(N))
+    A = nominal.B * nominal.largest_thrust
+    return CapabilityAnalysis(A, nominal.tip, units, box, {}, [None], None, torque).rotors_out([0])
 
 
 def wake_losses(design: Design) -> tuple[float, ...]:
@@ -139,7 +154,7 @@ def fly_all(
     losses = wake_losses(design) if options.wake else ()
     options = replace(options, errors=replace(options.errors, losses=losses))
     force, d = weakest_force(model)
-    rotor, survived = hardest_rotor(model)
+    rotor, out = hardest_rotor(model), static_failures(model, design.task.flight.rotor_out_torque)
     results: list[ScenarioResult] = []
     flown: list[FlownScenario] = []
     for planned in plan(design, rotor, rotor_out):
@@ -172,7 +187,8 @@ def fly_all(
             weakest_force_N=force,
             weakest_force_share=force / model.weight,
             weakest_direction=(float(d[0]), float(d[1]), float(d[2])),
-            rotors_out=survived,
+            rotors_out=out.survive,
+            hover_only=out.hover_only,
             rotors=model.B.shape[1],
             mass_kg=model.mass,
             rod_mass_kg=rod_mass,

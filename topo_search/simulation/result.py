@@ -77,7 +77,9 @@ class FlightResult(Value):
     """Weakest force over the weight."""
     weakest_direction: Vector
     rotors_out: Index
-    """Number of single rotor failures that hover survives, by the same least squares as in flight."""
+    """Number of single rotor failures that hover survives by statics, as in an audit but with the simulated rod."""
+    hover_only: Index | None = None
+    """Number of those after which it can only hover; None in older files, whose `rotors_out` includes them."""
     rotors: Index
     mass_kg: Number
     """Simulated mass, rod included."""
@@ -86,6 +88,13 @@ class FlightResult(Value):
     options: dict[str, Number]
     versions: dict[str, str]
     notes: tuple[str, ...] = ()
+
+    @property
+    def statics(self) -> str:
+        """Single rotor failures by statics, in words that no flight stands for."""
+        hovers = f"hovers statically after {self.rotors_out + (self.hover_only or 0)} of {self.rotors}"
+        controls = "" if self.hover_only is None else f", {self.rotors_out} of them with torque left for control"
+        return f"{hovers} single rotor failures{controls} (computed, not flown)"
 
     def _repr_html_(self) -> str:
         """Return the HTML table for notebooks."""

@@ -42,7 +42,7 @@ KEY = re.compile(r"[ap][0-9a-f]+")
 """Pattern of a topology's key, which is also used in file names."""
 APPLICATION_ID = 0x746F706F
 """`topo`, in the header of the file."""
-VERSION = 7
+VERSION = 8
 SCHEMA = f"""
 BEGIN;
 PRAGMA application_id = {APPLICATION_ID};

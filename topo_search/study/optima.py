@@ -12,7 +12,7 @@ The front consists of audited designs none of which dominates another.
 | stand-off | smallest distance of p_E from a module's centre, maximized | m |
 | peak input | largest rotor input of all load cases over u_max, minimized | |
 | reserves | sizes of the force and the torque that can be added in any direction, maximized | N, N m |
-| rotor out | what is proven to be possible with any one rotor dead: none, hover, all load cases | |
+| rotor out | what is proven to survive any single rotor failure: none, hover, all load cases | |
 | joint moment | largest moment in a joint over all load cases, minimized | N m |
 | hinge error | error of all hinge angles that is proven to lose no clearance, maximized | deg |
 | modules | n, minimized | |
@@ -74,7 +74,7 @@ class FrontPoint:
     torque_reserve: float | None = None
     """Proven reserve of torque [N m]; None if nothing is proven."""
     rotor_out: Failing = "none"
-    """Load cases proven to be possible with any one rotor dead."""
+    """Load cases proven to survive any single rotor failure."""
     joint_moment: float | None = None
     """Largest moment in a joint [N m]; None without joints."""
     hinge_angle_deg: float | None = None

@@ -42,11 +42,19 @@ from topo_search.model import (
     Sensitivity,
     Wrench,
 )
-from topo_search.model.load_case import weight_cases
+from topo_search.model.load_case import ROTOR_OUT_TORQUE, weight_cases
 from topo_search.model.proven import TOLERANCE
 from topo_search.model.value import Vector
 from verify.bodies import Array
-from verify.flight.balls import TORQUES, Ball, Polytopes, PseudoInverse, largest_balls, rotor_failures
+from verify.flight.balls import (
+    TORQUES,
+    Ball,
+    Polytopes,
+    PseudoInverse,
+    RotorFailures,
+    largest_balls,
+    rotor_failures,
+)
 from verify.flight.joints import inertia, joint_loads
 from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest, least_inputs
 from verify.kinematics import Platform, required_wrench, wrench_map
@@ -58,8 +66,6 @@ CUBE = np.array(list(product((-1.0, 1.0), repeat=3)))
 """Vertices of a cube, shape (8, 3)."""
 CASES = 20
 """Number of cases whose reserves are computed in one batch."""
-FAILURES = 200
-"""Number of combinations of dead rotor and case in one batch."""
 
 
 def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitivity | None) -> Flight | None:
@@ -85,6 +91,7 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
             dict(zip(task.case_labels, task.load_cases, strict=True)),
             inputs,
             inertia(design, platform),
+            task.flight.rotor_out_torque,
         )
 
     analysis = with_com_error(np.zeros(3))
@@ -100,9 +107,11 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
     span = max(float(np.linalg.norm(rotors - rotor, axis=1).max()) for rotor in rotors)
     return Flight(
         cases=cases,
-        rotors_out_hover=analysis.rotors_out(1),
-        rotors_out_all=analysis.rotors_out(len(analysis.names)),
-        rotors_out_asked=_required_failures(analysis, design),
+        rotors_out_hover=analysis.rotors_out([0]),
+        rotors_out_all=analysis.rotors_out(range(len(analysis.names))),
+        rotors_out_asked=None
+        if task.flight.rotor_out == "none"
+        else analysis.rotors_out([number for number, _, _ in weight_cases(task, task.flight.rotor_out)]),
         joints=_joint_loads(analysis, design, platform, None if sheet.mount is None else sheet.mount.module),
         hinge_tolerance_deg=None if angle is None else angle.tolerated,
         hover_input=analysis.hover_input,
@@ -124,6 +133,8 @@ class CapabilityAnalysis:
         cases: load cases in SI by name.
         inputs: inputs in hover and in every case, shape (N,) each; None: those of least effort.
         J: inertia about the COM, shape (3, 3) [kg m^2]; None: unknown.
+        rotor_out_torque: torque of any direction that must be left after a rotor failure [N m], which is then
+            computed; None: the default decides which failures are survived.
     """
 
     def __init__(
@@ -135,12 +146,16 @@ class CapabilityAnalysis:
         cases: dict[str, LoadCase],
         inputs: Sequence[Array | None],
         J: Array | None,
+        rotor_out_torque: float | None = None,
     ) -> None:
         self.force, arm = units
         self.torque = arm * self.force
         unit = np.repeat([self.force, self.torque], 3)
         self.A, self.p_E, self.box, self.inputs = A / unit[:, None], p_E / arm, box, inputs
         self.J = None if J is None else J / self.torque
+        self.is_left_computed = rotor_out_torque is not None
+        left = ROTOR_OUT_TORQUE if rotor_out_torque is None else rotor_out_torque / self.torque
+        self.enough_left = left - TOLERANCE
         hover = LoadCase(units="SI", com=Wrench(force=(0.0, 0.0, self.force)))
         self.load_cases, self.names = (hover, *cases.values()), (HOVER, *cases)
         self.b = np.array([required_wrench(case, p_E) / unit for case in self.load_cases])
@@ -262,26 +277,33 @@ class CapabilityAnalysis:
         """Reserves of a pseudo-inverse allocator."""
         return PseudoInverse(self.A, self.box)
 
-    def rotors_out(self, cases: int) -> RotorsOut:
-        """Return the single rotors whose failure the first `cases` cases survive."""
-        possible, impossible = self._failures
-        survived, lost = np.asarray(possible[:cases].all(axis=0)), np.asarray(impossible[:cases].any(axis=0))
-        undecided = _rotors(~survived & ~lost)
-        return RotorsOut(survive=int(survived.sum()), of=survived.size, lost=_rotors(lost), undecided=undecided)
+    def rotors_out(self, cases: Sequence[int]) -> RotorsOut:
+        """Return the single rotors whose failure cases survive, given their numbers (0: hover)."""
+        failures = [self._failures[row] for row in np.unique(self.wrench_index[list(cases)])]
+        possible = np.all([row.possible for row in failures], axis=0)
+        lost: NDArray[np.bool_] = np.any([row.impossible for row in failures], axis=0)
+        lower, upper = (np.min([row[side] for row in failures], axis=0) for side in (2, 3))
+        survived, hover_only = possible & (lower >= self.enough_left), possible & (upper < self.enough_left)
+        left = dict[str, Any]()
+        if self.is_left_computed:
+            weakest = int(np.argmin(lower))
+            left["torque_reserve_Nm"] = float(lower[weakest]) * self.torque
+            left["torque_reserve_at_most_Nm"] = clamp(float(upper.min()) * self.torque)
+            left["weakest"] = weakest // 4, weakest % 4
+        return RotorsOut(
+            survive=int(survived.sum()),
+            hover_only=int(hover_only.sum()),
+            of=survived.size,
+            lost=_rotors(lost),
+            undecided=_rotors(~(survived | hover_only | lost)),
+            **left,
+        )
 
     @cached_property
-    def _failures(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """True if a case (row) with a dead rotor (column) is proven possible, and if it is proven impossible."""
-        N, K = self.A.shape[1], len(self.wrenches)
-        yes, no = np.zeros(N * K, dtype=bool), np.zeros(N * K, dtype=bool)
-        for start in range(0, N * K, FAILURES):
-            case, dead = np.divmod(np.arange(start, min(start + FAILURES, N * K)), N)
-            is_alive = np.ones((len(dead), N))
-            is_alive[np.arange(len(dead)), dead] = 0.0
-            box = Box(self.box.low * is_alive, self.box.high * is_alive)
-            solvable = find_solutions(self.A, self.wrenches[case], box, self.solvable.bases[case])
-            yes[start : start + len(dead)], no[start : start + len(dead)] = solvable.yes, solvable.no
-        return yes.reshape(K, N)[self.wrench_index], no.reshape(K, N)[self.wrench_index]
+    def _failures(self) -> list[RotorFailures]:
+        """The distinct wrenches with each single rotor dead."""
+        level = None if self.is_left_computed else self.enough_left
+        return [rotor_failures(self.A, b, self.box, level) for b in self.wrenches]
 
     def _load_factor(self, b: Array, force: Vector) -> dict[str, float]:
         """Return the load factor, the greatest s for which A v = w + s (b - w) has a solution.
@@ -363,28 +385,6 @@ def _worst_case(nominal: CaseFlight, *off_centre: CaseFlight) -> CaseFlight:
             smallest = np.min(values, axis=0).tolist()
             worst[name] = tuple(smallest) if isinstance(smallest, list) else smallest
     return nominal.model_copy(update=worst)
-
-
-def _required_failures(analysis: CapabilityAnalysis, design: Design) -> RotorsOut | None:
-    """Return the rotor failures survived in the cases that the task names, and the remaining torque reserve."""
-    rotor_out = design.task.flight.rotor_out
-    if rotor_out == "none":
-        return None
-    numbers = [number for number, _, _ in weight_cases(design.task, rotor_out)]
-    wrenches = analysis.wrenches[np.unique(analysis.wrench_index[numbers])]
-    yes, no, lower, upper = zip(*(rotor_failures(analysis.A, b, analysis.box) for b in wrenches), strict=True)
-    survived, lost = np.all(yes, axis=0), np.any(no, axis=0)
-    lower, upper = np.min(lower, axis=0), np.min(upper, axis=0)
-    weakest = int(np.argmin(lower))
-    return RotorsOut(
-        survive=int(survived.sum()),
-        of=survived.size,
-        lost=_rotors(lost),
-        undecided=_rotors(~survived & ~lost),
-        torque_reserve_Nm=float(lower[weakest]) * analysis.torque,
-        torque_reserve_at_most_Nm=clamp(float(upper.min()) * analysis.torque),
-        weakest=(weakest // 4, weakest % 4),
-    )
 
 
 def _joint_loads(

@@ -91,27 +91,28 @@ class Polytopes(NamedTuple):
     """True if the largest caps are computed, not the largest balls."""
 
 
-def largest_balls(groups: Sequence[Polytopes], box: Box) -> list[list[Ball]]:
+def largest_balls(groups: Sequence[Polytopes], box: Box, level: float | None = None) -> list[list[Ball]]:
     """Return the largest ball around zero, or the largest cap, in each polytope of every group.
 
     Args:
         groups: the polytopes; those with as many dimensions and equations are refined at once.
         box: bounds on the variables, common or one row per polytope.
+        level: bounds are refined only until both are on one side of it; None: until they agree.
     """
     shapes, balls = [(len(group.C), len(group.M)) for group in groups], dict[int, list[Ball]]()
     for shape in set(shapes):
         alike = [k for k in range(len(groups)) if shapes[k] == shape]
-        balls |= zip(alike, _refine([groups[k] for k in alike], box), strict=True)
+        balls |= zip(alike, _refine([groups[k] for k in alike], box, level), strict=True)
     return [balls[k] for k in range(len(groups))]
 
 
-def _refine(groups: list[Polytopes], box: Box) -> list[list[Ball]]:
+def _refine(groups: list[Polytopes], box: Box, level: float | None) -> list[list[Ball]]:
     """Refine all polytopes at once, one batch of linear programs per round."""
     C, M = [group.C for group in groups], [group.M for group in groups]
     g, m = (np.concatenate(rows) for rows in zip(*((group.g, group.m) for group in groups), strict=True))
     centres = [(centre if group.caps else None) for group in groups for centre in group.g]
     number, bounds = np.repeat(np.arange(len(C)), [len(group.g) for group in groups]), box.rows(len(g))
-    search = [_Polytope(len(C[0]), centre) for centre in centres]
+    search = [_Polytope(len(C[0]), centre, level) for centre in centres]
     unfinished = list(range(len(g)))
     for _ in range(ROUNDS):
         queries = {row: d for row in unfinished if len(d := search[row].next_directions())}
@@ -154,6 +155,7 @@ class _Polytope:
     D: int
     g: Array | None = None
     """Vector from the sphere's centre to that of the cap; None for a ball."""
+    level: float | None = None
     points: Array = field(init=False)
     directions: Array = field(init=False)
     bases: Indices | None = None
@@ -196,7 +198,7 @@ class _Polytope:
             grid = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=self.D) if any(d)])
             grid = grid[np.abs(grid).sum(axis=1) != 2] if self.D == 3 else grid
             return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True))
-        if self.upper <= ACCURACY or not len(self.points):
+        if self.upper <= (ACCURACY if self.level is None else self.level) or not len(self.points):
             return np.empty((0, self.D))
         vectors = np.concatenate([self.points - self.points[0], np.zeros((self.D, self.D))])
         if np.linalg.svdvals(vectors)[-1] <= ACCURACY / 10:
@@ -211,7 +213,8 @@ class _Polytope:
         offsets = np.einsum("fd,fkd->fk", normals, corners).min(axis=1)
         sizes = self.size(normals, offsets)
         self.hulls.append((float(sizes.min()), normals, corners))
-        nearest = np.flatnonzero(sizes < self.upper - ACCURACY)
+        enough = self.upper - ACCURACY
+        nearest = np.flatnonzero(sizes < (enough if self.level is None else min(enough, self.level)))
         return self._new_directions(normals[nearest[np.argsort(sizes[nearest], kind="stable")]])
 
     def _new_directions(self, normals: Array) -> Array:
@@ -288,28 +291,37 @@ class PseudoInverse:
         return min(float(half_angles(n, h, b[:3]).min()) for n, h in ((normals, up), (-normals, down)))
 
 
-def rotor_failures(A: Array, b: Array, box: Box) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array, Array]:
-    """Return whether a wrench survives the failure of each single rotor, and the remaining torque reserve.
+class RotorFailures(NamedTuple):
+    """A wrench with each single rotor dead, shape (N,) each."""
+
+    possible: NDArray[np.bool_]
+    """True if the wrench is proven possible."""
+    impossible: NDArray[np.bool_]
+    """True if it is proven impossible."""
+    lower: Array
+    """Lower bound on the radius of the ball of added torques [l_arm m_t g]; 0 if unproven."""
+    upper: Array
+    """Upper bound."""
+
+
+def rotor_failures(A: Array, b: Array, box: Box, level: float | None = None) -> RotorFailures:
+    """Return whether a wrench is possible after the failure of each single rotor, and the remaining torque reserve.
 
     Args:
         A: wrench map, shape (6, N).
         b: the wrench, shape (6,).
         box: bounds on the inputs of running rotors, shape (N,) each.
-
-    Returns:
-        For each dead rotor, shape (N,) each: True if the wrench is proven possible, True if it is proven
-        impossible, lower bound (0 if unproven) and upper bound on the radius of the ball of added torques [l_arm
-        m_t g].
+        level: as in `largest_balls`.
     """
     N = A.shape[1]
     is_alive = 1.0 - np.eye(N)
     low, high = box.low * is_alive, box.high * is_alive
     solvable = find_solutions(A, np.tile(b, (N, 1)), Box(low, high))
     lower, upper = np.zeros(N), np.where(solvable.no, 0.0, np.inf)
-    survivable = np.flatnonzero(solvable.yes)
-    for dead in np.array_split(survivable, math.ceil(len(survivable) / 20) or 1):  # 20 polytopes per batch
+    possible = np.flatnonzero(solvable.yes)
+    for dead in np.array_split(possible, math.ceil(len(possible) / 20) or 1):  # 20 polytopes per batch
         produced = solvable.v[dead] @ A.T  # within the audit's tolerance of b, and attained exactly
         torques = Polytopes(A[3:], A[:3], produced[:, 3:], produced[:, :3])
-        (balls,) = largest_balls([torques], Box(low[dead], high[dead]))
+        (balls,) = largest_balls([torques], Box(low[dead], high[dead]), level)
         lower[dead], upper[dead] = [ball.lower for ball in balls], [max(ball.upper, 0.0) for ball in balls]
-    return solvable.yes, solvable.no, lower, upper
+    return RotorFailures(solvable.yes, solvable.no, lower, upper)
