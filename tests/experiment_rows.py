@@ -2,11 +2,10 @@
 
 import csv
 import tempfile
-from dataclasses import astuple
 from pathlib import Path
 
 from topo_search.experiments import results
-from topo_search.experiments.conducting import COLUMNS, CellResult
+from topo_search.experiments.study import COLUMNS, METHOD
 
 
 def frame(*rows):
@@ -14,19 +13,14 @@ def frame(*rows):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "results.csv"
         with path.open("w", newline="") as stream:
-            csv.writer(stream).writerows([COLUMNS, *map(astuple, rows)])
+            writer = csv.DictWriter(stream, COLUMNS)
+            writer.writeheader()
+            writer.writerows(rows)
         return results(path)
 
 
 def measured(n, *, status="feasible", task="ten-wrenches", variant="airflow", key="a300", **values):
-    clear = {"verdict": "clear"} if status == "feasible" else {}
-    return CellResult(
-        variant=variant,
-        task=task,
-        distance_m=values.pop("distance_m", 0.3),
-        n=n,
-        key=key,
-        task_seed=0 if task.startswith("ten-wrenches") else None,
-        status=status,
-        **{**clear, **values},
-    )
+    row = {"variant": variant, "task": task, "distance_m": 0.3, "n": n, "key": key, "status": status}
+    row |= {"task_seed": 0 if task.startswith("ten-wrenches") else None, "method": METHOD, "starts": 0}
+    row |= {"solve_s": 0.0, "iterations": 0, "verdict": "clear" if status == "feasible" else None}
+    return row | values

@@ -3,6 +3,7 @@ import json
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -72,7 +73,7 @@ def test_the_direct_formulation_s_rows_are_those_of_the_scaling_study(
     measure()
     rows = results(out)
     asked = experiment("scaling")
-    planned = asked.cells(asked.full.override(tasks=(("ten-wrenches", (3,)),), topologies=(2, 2)))
+    planned = asked.cells(replace(asked.full, tasks=(("ten-wrenches", (3,)),), topologies=(2, 2)))
     assert list(rows["key"]) == [cell.key for cell in planned]
     assert list(rows["task_seed"]) == [cell.task_seed for cell in planned]
     assert set(rows["method"]) == {"direct"}

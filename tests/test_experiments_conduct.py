@@ -3,9 +3,9 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from unittest.mock import patch
 
 import pytest
 import toy_problem
@@ -15,25 +15,18 @@ from processes import eventually, gone
 from topo_search.compose import BACKENDS
 from topo_search.engine import Failed, Job
 from topo_search.experiments import Settings, conduct, experiment, results
-from topo_search.experiments.conducting import measure
-from topo_search.experiments.plan import AIRFLOW_ALONE, Variant, plan, trees
+from topo_search.experiments.study import AIRFLOW_ALONE, COLUMNS, Variant, identity, measure, recorded, roots, trees
 from topo_search.model import BadInput, Design, Topology
 from topo_search.topologies import candidates
 
-TASKS = (("push", (3, 4)), ("push-local", (4,)))
-TOY = Settings(tasks=TASKS, topologies=(3, 3), starts=2)
+TOY = Settings(tasks=(("push", (3, 4)), ("push-local", (4,))), topologies=(3, 3), starts=2)
 TOY_SCRIPT = """
 import sys, toy_problem
-from topo_search.experiments import Settings, conduct, experiment
-tasks = (("push", (3, 4)), ("push-local", (4,)))
-conduct(experiment("scaling"), Settings(tasks, (3, 3), 2), sys.argv[1], workers=1, backends=toy_problem.BACKENDS)
+from test_experiments_conduct import TOY
+from topo_search.experiments import conduct, experiment
+conduct(experiment("scaling"), TOY, sys.argv[1], workers=1, backends=toy_problem.BACKENDS)
 """
-MEASURED = ("solve_s", "audit_s", "peak_mb")
-
-
-def toy_rows(folder, settings=TOY, name="scaling"):
-    with patch("topo_search.experiments.conducting.Workers", toy_problem.InProcess):
-        return conduct(experiment(name), settings, folder, backends=toy_problem.BACKENDS)
+MEASURED = ["solve_s", "audit_s", "peak_mb"]
 
 
 def table(folder):
@@ -41,11 +34,15 @@ def table(folder):
         return list(csv.DictReader(stream))
 
 
+def planned(settings, *variants, name="scaling"):
+    return replace(experiment(name), variants=variants or experiment(name).variants).cells(settings)
+
+
 def test_a_plan_has_every_tree_under_every_condition():
-    variants = (Variant("one"), Variant("two", ("search.margin=0",)))
-    cells = plan(Settings((("push", (3,)), ("ten-wrenches", (3, 4))), (4, 4), 1, (0.2, 0.3)), variants, first=True)
+    settings = Settings((("push", (3,)), ("ten-wrenches", (3, 4))), (4, 4), 1, (0.2, 0.3))
+    cells = planned(settings, Variant("one"), Variant("two", ("search.margin=0",)))
     assert len(cells) == (4 * 2 + 4) * 2 * 2
-    assert len({tuple(cell.identity.values()) for cell in cells}) == len(cells)
+    assert len({identity(cell.row) for cell in cells}) == len(cells)
     assert [cell.n for cell in cells] == sorted(cell.n for cell in cells)
     assert {cell.key for cell in cells if cell.n == 3} == {candidate.key for candidate in candidates(3)}
     assert {cell.task_seed for cell in cells if cell.task == "push"} == {None}
@@ -64,104 +61,106 @@ def test_trees_are_all_or_as_many_different_ones_as_asked_for():
     assert drawn[:5] == trees(4, 5, 0) != trees(4, 5, 1)
 
 
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_the_roots_of_all_trees_are_all_rooted_trees(n):
+    found = [key for tree in candidates(n) for key in roots(tree.key)]
+    assert sorted(found) == [rooted.key for rooted in candidates(n, symmetry="none", root="paper")]
+
+
+def test_the_paper_s_root_is_tried_at_every_module_of_the_sampled_trees():
+    cells = planned(Settings((("push", (5,)),), (3, 3), 1), name="root")
+    free, paper = ([cell for cell in cells if cell.variant.name == name] for name in ("free root", "paper root"))
+    assert [cell.key for cell in paper] == [key for cell in free for key in roots(cell.key)]
+    assert {cell.resolve().search.root for cell in paper} == {"paper"}
+
+
+@pytest.mark.parametrize("name", ["scaling", "ablation"])
+def test_the_full_setting_is_the_paper_s(name):
+    full = experiment(name).full
+    assert {n for _, of in full.tasks for n in of} == set(range(10, 101, 10))
+    assert full.topologies == (50, 10)
+    assert len(experiment("scaling").full.tasks) == 4
+
+
 def test_a_cell_is_solved_and_audited_as_alone():
-    cells = plan(
-        Settings((("push", (3,)),), (4, 4), 3, (0.2,)), (Variant("airflow", (AIRFLOW_ALONE,)),), first=False
-    )
-    cell = next(cell for cell in cells if cell.key == "a300")
-    row = measure(BACKENDS, cell)
+    settings = Settings((("push", (3,)),), (4, 4), 3, (0.2,))
+    cell = next(cell for cell in planned(settings, Variant("airflow", (AIRFLOW_ALONE,))) if cell.key == "a300")
+    row = measure(BACKENDS, settings, False, cell)
     alone = BACKENDS.solve(Job(cell.resolve(), Topology.from_key(cell.key), starts=range(3), seed=0))
     assert isinstance(alone, Design)
-    assert (row.status, row.verdict, row.starts) == ("feasible", "clear", 3)
-    assert (row.objective, row.lower_bound, row.gap) == (alone.objective, alone.lower_bound, alone.gap)
-    assert (row.colliding_pairs, row.largest_cluster, row.deepest_percent, row.depths_percent) == (0, 0, 0.0, None)
-    assert row.solve_s > 0
-    assert row.audit_s > 0
-    assert 10 < row.peak_mb < 10_000
+    assert (row["status"], row["verdict"], row["starts"]) == ("feasible", "clear", 3)
+    assert (row["objective"], row["lower_bound"], row["gap"]) == (alone.objective, alone.lower_bound, alone.gap)
+    assert (row["colliding_pairs"], row["largest_cluster"], row["depths_percent"]) == (0, 0, "")
+    assert row["solve_s"] > 0
+    assert row["audit_s"] > 0
+    assert 10 < row["peak_mb"] < 10_000
+    assert set(row) <= set(COLUMNS)
 
 
 def test_without_airflow_constraints_the_row_has_the_metrics_of_the_audit():
-    (cell,) = experiment("ablation").cells(Settings((("ten-wrenches", (5,)),), (1, 1), 2))
-    row = measure(BACKENDS, cell)
-    starts = range(row.starts - 1, row.starts)
+    settings = Settings((("ten-wrenches", (5,)),), (1, 1), 2)
+    (cell,) = planned(settings, name="ablation")
+    row = measure(BACKENDS, settings, True, cell)
+    starts = range(row["starts"] - 1, row["starts"])
     audit = BACKENDS.audit(BACKENDS.solve(Job(cell.resolve(), Topology.from_key(cell.key), starts=starts, seed=0)))
     envelope = cell.resolve().module.envelope
     depths = [-pair.analytic_m / (2 * envelope.end_radius) * 100 for pair in audit.pairs if pair.kind == "airflow"]
-    assert row.colliding_pairs == sum(depth > 0 for depth in depths) > 0
-    assert row.deepest_percent == pytest.approx(max(depths))
-    told = [float(depth) for depth in row.depths_percent.split()]
+    assert row["colliding_pairs"] == sum(depth > 0 for depth in depths) > 0
+    assert row["deepest_percent"] == pytest.approx(max(depths))
+    told = [float(depth) for depth in row["depths_percent"].split()]
     assert told == pytest.approx(sorted((depth for depth in depths if depth > 0), reverse=True), abs=0.06)
-    assert 2 <= row.largest_cluster <= 5
-    assert row.verdict == "clear"
+    assert 2 <= row["largest_cluster"] <= 5
+    assert row["verdict"] == "clear"
 
 
-def test_the_first_design_ends_a_cell_only_if_it_is_asked_to(monkeypatch):
+def test_the_first_design_or_the_time_limit_ends_a_cell_if_asked_to(monkeypatch):
     settings = Settings((("push", (3,)),), (1, 1), 4)
-    first, every = (plan(settings, (Variant("airflow"),), first=first)[0] for first in (True, False))
-    assert measure(toy_problem.BACKENDS, first).starts == 1
-    assert measure(toy_problem.BACKENDS, every).starts == 4
+    (cell,) = planned(settings)
+    assert measure(toy_problem.BACKENDS, settings, True, cell)["starts"] == 1
+    assert measure(toy_problem.BACKENDS, settings, False, cell)["starts"] == 4
     monkeypatch.setenv("TOY_NONE", "*")
-    row = measure(toy_problem.BACKENDS, first)
-    assert (row.status, row.starts, row.iterations, row.unit) == ("infeasible", 4, 4, "N m")
-    assert row.worst_constraint.startswith("load case")
+    row = measure(toy_problem.BACKENDS, settings, True, cell)
+    assert (row["status"], row["starts"], row["iterations"], row["unit"]) == ("infeasible", 4, 4, "N m")
+    assert measure(toy_problem.BACKENDS, replace(settings, time_limit=1e-9), True, cell)["starts"] == 1
 
 
-def test_no_start_is_begun_after_the_time_limit(monkeypatch):
-    monkeypatch.setenv("TOY_NONE", "*")
-    settings = Settings((("push", (3,)),), (1, 1), 4, time_limit=1e-9)
-    (cell,) = plan(settings, (Variant("airflow"),), first=True)
-    assert measure(toy_problem.BACKENDS, cell).starts == 1
-
-
-@pytest.mark.parametrize("failing", ["some", "all"])
-def test_a_failed_cell_counts_nowhere_and_is_tried_again(tmp_path, monkeypatch, failing):
-    key = trees(3, 3, 0)[0]
+def test_a_failed_cell_counts_nowhere_and_is_tried_again(tmp_path, monkeypatch):
+    key = trees(3, 2, 0)[0]
 
     class Failing(toy_problem.InProcess):
         def run(self, function, jobs, **limits):
             for job in jobs:
-                yield (
-                    job,
-                    Failed("memory", "out of memory") if failing == "all" or job.key == key else function(job),
-                )
+                yield job, Failed("memory", "out of memory") if job.key in failing else function(job)
 
-    asked = experiment("scaling")
     monkeypatch.setattr("topo_search.experiments.conduct", partial(conduct, backends=toy_problem.BACKENDS))
+    monkeypatch.setattr("topo_search.experiments.study.Workers", Failing)
     command = ["experiment", "scaling", "--small", "--task", "ten-wrenches:3", "--out", str(tmp_path)]
-    with monkeypatch.context() as broken:
-        broken.setattr("topo_search.experiments.conducting.Workers", Failing)
-        done = invoke(*command, status=70 if failing == "all" else 0)
+    failing = trees(3, 2, 0)
+    assert "all 2 cells failed: out of memory" in invoke(*command, status=70).output
+    failing = [key]
+    assert "1 of 2 cells failed and are left out" in invoke(*command).output
     rows = results(tmp_path)
-    failed = (rows["status"] == "failed").sum()
-    if failing == "all":
-        assert f"all {len(rows)} cells failed: out of memory" in done.output
-    else:
-        assert 0 < failed < len(rows)
-        assert set(rows[rows["status"] == "failed"]["worst_constraint"]) == {"out of memory"}
-        answered = rows[rows["status"] != "failed"]
-        assert asked.summary(answered)["share_solved"].eq(1.0).all()
-        assert f"{failed} of {len(rows)} cells failed and are left out" in done.output
-        assert f"{len(answered)} of {len(answered)} problems have a design" in done.output
-    monkeypatch.setattr("topo_search.experiments.conducting.Workers", toy_problem.InProcess)
+    assert rows[rows["status"] == "failed"]["worst_constraint"].tolist() == ["out of memory"]
+    failing = []
     invoke(*command)
-    assert (results(tmp_path)["status"] == "feasible").sum() == len(rows) == len(results(tmp_path))
+    assert results(tmp_path)["status"].tolist() == ["feasible"] * 2
 
 
 def test_a_variant_that_does_not_fit_its_task_is_refused_before_any_work(tmp_path):
-    bad = (Variant("no such", ("search.nothing=1",)),)
-    asked = experiment("scaling")
-    wrong = type(asked)(**{**vars(asked), "cells": lambda settings: plan(settings, bad, first=True)})
+    wrong = replace(experiment("scaling"), variants=(Variant("no such", ("search.nothing=1",)),))
     with pytest.raises(BadInput, match="nothing"):
         conduct(wrong, TOY, tmp_path / "out", backends=toy_problem.BACKENDS)
     assert not (tmp_path / "out").exists()
 
 
-def test_a_killed_experiment_goes_on_where_it_was(tmp_path):
+def test_a_killed_experiment_skips_finished_rows_and_a_torn_one_is_cut_off(tmp_path, monkeypatch):
     whole, killed, log = tmp_path / "whole", tmp_path / "killed", tmp_path / "log"
-    expected = toy_rows(whole)
-    here = {**os.environ, "PYTHONPATH": str(Path(__file__).parent), "TOY_LOG": str(log), "TOY_SLEEP": "0.3"}
+    with monkeypatch.context() as here:
+        here.setattr("topo_search.experiments.study.Workers", toy_problem.InProcess)
+        expected = conduct(experiment("scaling"), TOY, whole, backends=toy_problem.BACKENDS)
+    here = {**os.environ, "PYTHONPATH": f"{Path(__file__).parent}:{os.environ.get('PYTHONPATH', '')}"}
     command = [sys.executable, "-c", TOY_SCRIPT, str(killed)]
-    process = subprocess.Popen(command, env=here)
+    process = subprocess.Popen(command, env={**here, "TOY_LOG": str(log), "TOY_SLEEP": "0.3"})
     eventually(lambda: (killed / "results.csv").exists() and len(table(killed)) >= 2)
     pids = {int(line.split()[2]) for line in log.read_text().splitlines()}
     os.kill(process.pid, signal.SIGKILL)
@@ -169,43 +168,64 @@ def test_a_killed_experiment_goes_on_where_it_was(tmp_path):
     eventually(lambda: all(map(gone, pids)))
     done = table(killed)
     assert 2 <= len(done) < len(expected)
-    before = len(toy_problem.solved_keys(log))
-    subprocess.run(command, env={**here, "TOY_SLEEP": "0"}, check=True)
+    with (killed / "results.csv").open("a") as stream:
+        stream.write("airflow,push,0.15,3,a3")
+    subprocess.run(command, env=here, check=True)
     assert table(killed)[: len(done)] == done
-    ended = results(killed).drop(columns=list(MEASURED))
-    assert ended.sort_values(["n", "task", "key"], ignore_index=True).equals(
-        expected.drop(columns=list(MEASURED)).sort_values(["n", "task", "key"], ignore_index=True)
+    by = ["n", "task", "key"]
+    ended, expected = (
+        rows.drop(columns=MEASURED).sort_values(by, ignore_index=True) for rows in (results(killed), expected)
     )
-    loads = 3  # a new worker loads what it needs for a task and size
-    assert len(toy_problem.solved_keys(log)) - before <= len(expected) - len(done) + loads
+    assert ended.equals(expected)
+
+
+def test_a_folder_of_other_conditions_is_refused_by_their_name_and_left_as_it_is(tmp_path):
+    def refused(words, name="scaling", **changes):
+        with pytest.raises(BadInput, match=words), recorded(tmp_path, name, replace(TOY, **changes), "command"):
+            pass
+
+    with recorded(tmp_path, "scaling", TOY, "command"):
+        pass
+    before = {path: path.read_bytes() for path in tmp_path.glob("*.*")}
+    refused("has rows with starts 2, not 7", starts=7)
+    refused('has rows with experiment "scaling", not "ablation"', name="ablation")
+    assert {path: path.read_bytes() for path in tmp_path.glob("*.*")} == before
+    (tmp_path / "about.json").write_text("[1]")
+    refused("has rows with experiment null")
+    (tmp_path / "about.json").unlink()
+    refused("but no about.json")
+
+
+def test_results_of_another_program_are_left_as_they_are(tmp_path):
+    with recorded(tmp_path, "scaling", TOY, "command"):
+        pass
+    (tmp_path / "results.csv").write_text("a,b\n1,2")
+    with pytest.raises(BadInput, match="with other columns"), recorded(tmp_path, "scaling", TOY, "command"):
+        pass
+    assert (tmp_path / "results.csv").read_text() == "a,b\n1,2"
 
 
 def test_the_command_prints_the_summary_draws_and_resumes(tmp_path, monkeypatch):
-    monkeypatch.setattr("topo_search.experiments.conducting.Workers", toy_problem.InProcess)
+    monkeypatch.setattr("topo_search.experiments.study.Workers", toy_problem.InProcess)
     command = ["experiment", "ablation", "--small", "--topologies", "1", "--out", str(tmp_path / "a")]
     picture = tmp_path / "a.svg"
     assert "share_colliding" in invoke(*command, "--picture", picture).output
     assert picture.read_text().count("modules") >= 3
     before = (tmp_path / "a" / "results.csv").read_bytes()
-    assert '"findings"' in invoke(*command, "--json").stdout
+    assert '"summary"' in invoke(*command, "--json").stdout
     assert (tmp_path / "a" / "results.csv").read_bytes() == before
-    assert "holds an experiment with starts 2, not 7" in invoke(*command, "--starts", "7", status=2).output
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--sizes", "ten"], "must be comma-separated numbers"),
+        (["--sizes", "ten"], "must be N,..., each above 0"),
+        (["--sizes", "0"], "must be N,..., each above 0"),
         (["--topologies", "1,2,3"], "must be one or two numbers, but got 3"),
-        (["--task", "push"], "must be TASK:N,N,..., but got push"),
-        (["--task", "push:3", "--task", "push:4"], "--task: must have no value twice, but got push 2 times"),
-        (["--distances", "0.3,0.3"], "--distances: must have no value twice, but got 0.3 2 times"),
-        (["--time-limit", "inf"], "inf is not in the range 0<x<=1000000000"),
-        (["--time-limit", "nan"], "'--time-limit': must be a number, but got nan"),
-        (["--sizes", "0"], "--sizes: must be positive and finite, but got 0"),
-        (["--topologies", "0,1"], "--topologies: must be positive and finite, but got 0"),
-        (["--distances", "nan"], "--distances: must be positive and finite, but got nan"),
-        (["--task", "pusch:3"], "--task: must name a shipped example, but got pusch; did you mean `push`"),
+        (["--task", "push"], "must be TASK:N,N,..., each N at most 200, but got push"),
+        (["--task", "push:0"], "must be TASK:N,N,..., each N at most 200, but got push:0"),
+        (["--task", "pusch:3"], "nor a shipped example; did you mean `push`"),
+        (["--distances", "nan"], "must be D,..., each above 0"),
         (["--picture", "a.jpg"], "must end in .png or .svg, but got a.jpg"),
     ],
 )

@@ -12,9 +12,8 @@ from benchmarks import keep_results
 
 from topo_search.cli.experiment import NAMES
 from topo_search.experiments import Settings, experiment, results
-from topo_search.experiments.conducting import COLUMNS, METHOD
 from topo_search.experiments.paper import FULLY, REACHED
-from topo_search.experiments.plan import IDENTITY
+from topo_search.experiments.study import COLUMNS, IDENTITY, METHOD, identity
 from topo_search.model.proven import gap_percent
 
 FOLDER = Path(__file__).parents[1] / "notebooks" / "results"
@@ -45,21 +44,13 @@ def test_rows_are_those_of_the_command(path):
         assert about["command"].startswith("python tests/benchmarks/direct_scaling.py --tasks ")
     assert {"date", "versions"} <= set(about)
     assert list(rows.columns) == list(COLUMNS)
-    planned = {tuple(cell.identity.values()) for cell in asked.cells(settings)}
+    planned = {identity(cell.row) for cell in asked.cells(settings)}
     known = rows[list(IDENTITY)].astype(object).where(rows[list(IDENTITY)].notna(), None)
-    found = {tuple(row) for row in known.itertuples(index=False)}
+    found = {identity(row) for row in known.to_dict("records")}
     assert found <= planned
     assert len(found) == len(rows)
     assert about["command"] in TEXT
     assert f"{path.stem}.csv, {len(rows)} of {len(planned)} problems" in re.sub(r"[`*]", "", TEXT)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_text_says_what_the_rows_say(name):
-    """Rows of another method stand beside those of the solver."""
-    rows = pd.concat([results(path) for path in sorted(FOLDER.glob(f"{name}*.csv"))], ignore_index=True)
-    for sentence in experiment(name).findings(rows):
-        assert sentence in TEXT
 
 
 def test_a_run_is_kept_and_the_text_is_the_one_that_belongs_to_the_rows(tmp_path, monkeypatch):

@@ -1,16 +1,17 @@
-from dataclasses import replace
-
 import pandas as pd
 import pytest
 from experiment_rows import frame, measured
-from wording import says
 
 from topo_search.cli.experiment import NAMES
 from topo_search.experiments import experiment
-from topo_search.experiments.paper import EXPOSURES, growth, slowdown
+from topo_search.experiments.comparisons import tree_of
+from topo_search.experiments.paper import EXPOSURES, growth
+from topo_search.experiments.study import roots
 
-SOLVED = ((10, "a300", 1.0), (10, "a500", 2.0), (20, "a300", 5.0))
-"""Size, topology and seconds."""
+
+def push(key, variant, objective=None, gap=None):
+    status = "infeasible" if objective is None else "feasible"
+    return measured(5, task="push", key=key, variant=variant, status=status, objective=objective, gap=gap)
 
 
 def test_growth_is_the_exponent_of_the_power_law():
@@ -20,7 +21,6 @@ def test_growth_is_the_exponent_of_the_power_law():
         measured(10, solve_s=5.0, task="ten-wrenches-directional"),
         measured(60, status="infeasible", solve_s=500.0),
     )
-    assert "the time to a design grows as n^1.0 to n^2.0, " in experiment("scaling").findings(rows)[1]
     table = growth(rows).set_index("task")
     assert table.loc["ten-wrenches", "exponent"] == pytest.approx(2.0)
     assert table.loc["ten-wrenches", "seconds_at_100"] == pytest.approx(2.0)
@@ -35,83 +35,18 @@ def test_scaling_counts_all_topologies_but_times_designs_alone():
         measured(10, solve_s=3.0, starts=2, iterations=30, peak_mb=300.0, gap=0.3, verdict="violated"),
         measured(10, solve_s=99.0, starts=5, iterations=99, peak_mb=400.0, status="infeasible"),
         measured(10, status="failed"),
+        measured(20, status="infeasible", solve_s=9.0),
     )
-    (row,) = experiment("scaling").summary(rows).to_dict(orient="records")
-    assert row["trees"] == 4
-    assert row["share_solved"] == 0.5
-    assert row["share_clear"] == 0.25
+    row, larger = experiment("scaling").summary(rows).to_dict(orient="records")
+    assert (row["trees"], row["share_solved"], row["share_clear"]) == (4, 0.5, 0.25)
     assert (row["seconds_median"], row["seconds_max"], row["iterations_median"]) == (2.0, 3.0, 20.0)
     assert row["peak_mb"] == 400.0
     assert row["gap_median"] == pytest.approx(0.2)
-    assert says(experiment("scaling").findings(rows)[0], "0.30 m: 2 of 4", "1 of", "clear", "10 modules 2 of 4")
+    assert larger["share_solved"] == 0.0
+    assert pd.isna(larger["seconds_median"])
 
 
-def test_another_method_is_compared_on_the_problems_that_both_solve():
-    rows = frame(
-        *(measured(n, key=key, solve_s=seconds, peak_mb=200.0) for n, key, seconds in SOLVED),
-        measured(10, key="a600", status="infeasible", solve_s=9.0, peak_mb=250.0),
-        *(
-            measured(
-                n, key=key, method="direct", solve_s=4 * seconds, build_s=6 * seconds, peak_mb=500.0, verdict=None
-            )
-            for n, key, seconds in SOLVED[1:]
-        ),
-        measured(10, key="a600", method="direct", solve_s=1.0, build_s=1.0, peak_mb=500.0, verdict=None),
-    )
-    (ten, twenty) = slowdown(rows).to_dict(orient="records")
-    assert (ten["method"], ten["n"], ten["problems"], twenty["n"], twenty["problems"]) == ("direct", 10, 1, 20, 1)
-    assert ten["times_median"] == twenty["times_median"] == pytest.approx(10.0)
-    assert ten["memory_median"] == pytest.approx(2.5)
-    told = experiment("scaling").findings(rows)
-    assert says(told[0], "topo-search, 0.30 m: 3 of 4", "3 of", "clear")
-    assert any(says(one, "direct, 0.30 m: 3 of 3", "20 modules 1 of 1") for one in told)
-    assert says(
-        told[-1], "direct", "2 problems", "median 10.0 with 10 modules, 10.0 with 20", "2.5 times the memory"
-    )
-    (upper, _) = experiment("scaling").figure(rows).axes
-    assert [text.get_text() for text in upper.get_legend().get_texts()] == ["ten-wrenches", "ten-wrenches, direct"]
-
-
-def test_a_method_is_compared_under_the_same_wrenches_alone():
-    ours, other = measured(10, solve_s=1.0), measured(10, solve_s=9.0, method="direct")
-    assert len(slowdown(frame(ours, other))) == 1
-    assert slowdown(frame(ours, replace(other, task_seed=1))).empty
-
-
-def test_both_methods_are_drawn_in_all_exposure_settings():
-    rows = frame(
-        *(
-            measured(10, solve_s=1.0, task=task, method=method)
-            for task in EXPOSURES
-            for method in ("topo-search", "direct")
-        )
-    )
-    (upper, lower) = experiment("scaling").figure(rows).axes
-    assert len(upper.get_legend().get_texts()) == 8
-    assert len({(line.get_color(), line.get_marker()) for line in lower.get_lines()}) == 8
-
-
-def test_exposure_settings_are_of_a_similar_range_up_to_a_factor_of_three():
-    for factor, word in ((2.9, "is confirmed"), (3.1, "is not confirmed")):
-        rows = frame(
-            *(measured(n, solve_s=1.0) for n in (10, 20)),
-            *(measured(n, solve_s=factor, task="ten-wrenches-local") for n in (10, 20)),
-        )
-        assert f"differ by a factor of {factor} in the median over sizes, {factor} at most" in " ".join(
-            experiment("scaling").findings(rows)
-        )
-        assert word in " ".join(experiment("scaling").findings(rows))
-
-
-def test_a_size_without_designs_stands_in_the_table_without_times():
-    rows = frame(measured(10, solve_s=1.0), measured(20, status="infeasible", solve_s=9.0))
-    table = experiment("scaling").summary(rows).set_index("n")
-    assert table.loc[20, "share_solved"] == 0.0
-    assert pd.isna(table.loc[20, "seconds_median"])
-    experiment("scaling").figure(rows).canvas.draw_idle()
-
-
-def test_the_ablation_s_metrics_and_findings():
+def test_the_ablation_s_metrics():
     def overlap(n, cluster, *depths):
         return measured(
             n,
@@ -138,50 +73,97 @@ def test_the_ablation_s_metrics_and_findings():
     assert (ten["pair_depth_median_percent"], ten["share_pairs_reached"]) == (35.0, 0.2)
     assert twenty["pair_depth_median_percent"] == 60.5
     assert (twenty["trees"], twenty["designs"], twenty["cluster_share_median"]) == (2, 1, 0.9)
-    told = experiment("ablation").findings(rows)
-    share, deepest, cluster, depths, pairs = told
-    assert says(share, "75% of 4")
-    assert says(
-        deepest, "95 %", "50%", "99.9 % in 25%", "median is 88 %", "least 0 %", "confirmed", "95 %", "confirmed"
-    )
-    assert says(cluster, "55%", "median", "40% to 60%", "50%", "more in 25%", "confirmed")
-    assert says(depths, "19 colliding pairs", "60 %", "median", "16%", "95 %")
-    assert says(pairs, "4 with 10 modules", "9 with 20", "n^0.9", "confirmed")
-    assert not any("not confirmed" in one for one in told)
 
 
-def test_that_the_deepest_overlap_is_reached_rests_on_what_counts_as_reached():
-    """Nearly all of it is not all of it: 97 % is confirmed at 95 %, and not at 99.9 %."""
-    overlap = {"variant": "separation", "colliding_pairs": 1, "largest_cluster": 2, "depths_percent": "97.0"}
-    rows = frame(*(measured(10, deepest_percent=97.0, key=key, **overlap) for key in ("a300", "a500")))
-    assert says(experiment("ablation").findings(rows)[1], "is confirmed", "95 %", "not confirmed", "99.9 %")
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_an_experiment_without_any_design_says_so_and_can_be_drawn(name):
-    variants = {cell.variant.name for cell in experiment(name).cells(experiment(name).small)}
+def test_a_comparison_is_made_tree_by_tree():
     rows = frame(
-        *(measured(3, status="infeasible", variant=variant) for variant in variants),
-        *(measured(4, status="failed", key="a3040", variant=variant) for variant in variants),
+        push("a300", "airflow only", 10.0, 0.1),
+        push("a300", "body clearance", 11.0, 0.2),
+        push("a500", "airflow only", 8.0, 0.05),
+        push("a500", "body clearance"),
+        push("a600", "airflow only"),
+        push("a600", "body clearance"),
+        push("aa00", "airflow only", 9.0, 0.3),
+        push("aa00", "body clearance", 9.0, 0.3),
     )
-    asked = experiment(name)
-    assert asked.findings(rows)
-    assert len(asked.summary(rows)) == 2 * len(variants)
-    asked.figure(rows)
+    reference, other = experiment("body").summary(rows).to_dict(orient="records")
+    assert (reference["variant"], other["variant"]) == ("airflow only", "body clearance")
+    assert (reference["trees_solved"], other["trees_solved"], other["trees"]) == (3, 2, 4)
+    assert (reference["effort_ratio_median"], reference["best_ratio"]) == (1.0, 1.0)
+    assert other["trees_compared"] == 2
+    assert other["effort_ratio_median"] == pytest.approx(1.05)
+    assert other["effort_ratio_max"] == pytest.approx(1.1)
+    assert other["best_ratio"] == pytest.approx(9 / 8)
+    assert (reference["best_gap"], other["best_gap"]) == (0.05, 0.3)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_figures_have_titles_axes_and_units(name):
-    overlaps = {"colliding_pairs": 1, "largest_cluster": 2, "deepest_percent": 50.0, "depths_percent": "50.0"}
-    variants = {cell.variant.name for cell in experiment(name).cells(experiment(name).small)}
+def test_with_the_paper_s_root_a_tree_has_the_effort_of_its_best_root():
+    keys = roots("a3010")
+    assert {tree_of(key) for key in keys} == {tree_of("a3010")}
+    efforts = [20.0, 13.0, *[None] * (len(keys) - 2)]
+    rows = frame(
+        push("a3010", "free root", 10.0, 0.1),
+        push("a300", "free root"),
+        *(push(key, "paper root", effort, 0.5) for key, effort in zip(keys, efforts, strict=True)),
+    )
+    free_root, paper_root = experiment("root").summary(rows).to_dict(orient="records")
+    assert (free_root["topologies"], free_root["trees"], free_root["trees_solved"]) == (2, 2, 1)
+    assert (paper_root["topologies"], paper_root["trees"], paper_root["trees_solved"]) == (len(keys), 1, 1)
+    assert paper_root["share_solved"] == pytest.approx(2 / len(keys))
+    assert paper_root["effort_ratio_median"] == pytest.approx(1.3)
+
+
+def test_trees_with_wrenches_of_their_own_have_no_best():
     rows = frame(
         *(
-            measured(n, key=key, solve_s=float(n), objective=float(n), variant=variant, **overlaps)
+            measured(10, key=key, variant=variant, objective=effort, gap=gap)
+            for key, variant, effort, gap in (("a300", "free", 10.0, 0.1), ("a300", "com", 12.0, 0.2))
+        ),
+    )
+    table = experiment("placement").summary(rows).set_index("variant")
+    assert table["best_ratio"].isna().all()
+    assert table["best_gap"].isna().all()
+    assert table.loc["com", "effort_ratio_median"] == pytest.approx(1.2)
+
+
+def test_shares_stand_in_the_figure_beside_their_problem():
+    rows = frame(
+        push("a300", "free", 10.0, 0.1),
+        push("a500", "free"),
+        push("a300", "com", 11.0, 0.2),
+        measured(6, task="push", variant="com", objective=3.0, gap=0.1),
+    )
+    _, shares = experiment("placement").figure(rows).axes
+    bars = {round(bar.get_x() + bar.get_width() / 2, 2): bar.get_height() for bar in shares.patches}
+    width = 0.8 / 3
+    assert bars[round(0.5 * width - 0.4, 2)] == 50.0
+    assert bars[round(1.5 * width - 0.4, 2)] == bars[round(1 + 1.5 * width - 0.4, 2)] == 100.0
+
+
+def test_both_methods_are_drawn_in_all_exposure_settings():
+    methods = ("topo-search", "direct")
+    rows = frame(*(measured(10, solve_s=1.0, task=task, method=method) for task in EXPOSURES for method in methods))
+    (upper, lower) = experiment("scaling").figure(rows).axes
+    assert len(upper.get_legend().get_texts()) == 8
+    assert len({(line.get_color(), line.get_marker()) for line in lower.get_lines()}) == 8
+
+
+@pytest.mark.parametrize("status", ["feasible", "infeasible"])
+@pytest.mark.parametrize("name", NAMES)
+def test_figures_have_titles_axes_and_units_even_without_designs(name, status):
+    overlaps = {"colliding_pairs": 1, "largest_cluster": 2, "deepest_percent": 50.0, "depths_percent": "50.0"}
+    values = {"solve_s": 3.0, "objective": 2.0, **overlaps} if status == "feasible" else {}
+    asked = experiment(name)
+    rows = frame(
+        *(
+            measured(n, key=key, variant=variant.name, status=status, **values)
             for n, key in ((3, "a300"), (4, "a3040"))
-            for variant in variants
+            for variant in asked.variants
         )
     )
-    figure = experiment(name).figure(rows)
+    assert len(asked.summary(rows)) == 2 * len(asked.variants)
+    figure = asked.figure(rows)
+    figure.canvas.draw()
     assert figure.get_suptitle()
     labels = [axes.get_ylabel() for axes in figure.axes]
     assert all(labels)

@@ -16,7 +16,6 @@ import trimesh
 from commands import invoke
 from mutations import ended_in_time
 
-from topo_search.experiments.conducting import Results, identify
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Task
 from topo_search.model.files import read_json, read_task, validate, write_atomically
@@ -69,20 +68,11 @@ def _frame(path: Path) -> None:
     read_task(task)
 
 
-def _experiment(path: Path) -> None:
-    folder = path.parent / "experiment"
-    folder.mkdir()
-    path.rename(folder / "about.json")
-    with Results.open(folder, identify("scaling", {}, "")):
-        pass
-
-
 READERS: dict[str, tuple[Callable[[Path], None], str, int]] = {
     "task": (_task, "in.toml", LIMITS.task_bytes),
     "design": (_design, "in.json", LIMITS.design_bytes),
     "region": (_region, "in.obj", LIMITS.mesh_bytes),
     "frame": (_frame, "in.stl", LIMITS.mesh_bytes),
-    "experiment": (_experiment, "in.json", LIMITS.result_bytes),
 }
 
 
@@ -108,11 +98,7 @@ def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path: Path, r
                 listening.bind(str(path))
             case _:
                 path.symlink_to("/dev/zero")
-        linked = reader == "experiment" and path.is_symlink()
-        rule = (
-            "has a symbolic link in place of its about.json" if linked else f"must be a regular file, but is {kind}"
-        )
-        assert rule in refusal(read, path)
+        assert f"must be a regular file, but is {kind}" in refusal(read, path)
 
 
 @pytest.mark.parametrize("reader", READERS)
@@ -123,7 +109,7 @@ def test_a_file_beyond_its_size_is_not_read(tmp_path: Path, reader: str) -> None
     assert f"must have at most {most:,} bytes, but has {2**40:,}" in refusal(read, tmp_path / name)
 
 
-@pytest.mark.parametrize("reader", ["task", "design", "experiment"])
+@pytest.mark.parametrize("reader", ["task", "design"])
 @pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
 def test_the_first_byte_that_is_no_text_is_told(tmp_path: Path, reader: str, mark: bytes) -> None:
     read, name, _ = READERS[reader]

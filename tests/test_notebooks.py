@@ -30,9 +30,9 @@ def search_in_this_process():
     from toy_problem import InProcess
 
     from topo_search.compose import binding, searching
-    from topo_search.experiments import conducting
+    from topo_search.experiments import study
 
-    binding.Workers = conducting.Workers = InProcess
+    binding.Workers = study.Workers = InProcess
     searching.write_page = lambda folder: None
 
 def check_figures():

@@ -84,8 +84,6 @@ class Limits:
     """User constraints in one run."""
     trees: int = 10_000
     """Trees of one size in an experiment."""
-    cells: int = 20_000
-    """Cells of an experiment; its table stays within `result_bytes`."""
     seconds: int = 1_000_000_000
     """Time limit [s]: 31 years."""
     gaps: tuple[float, float] = (1e-4, 0.5)

@@ -14,13 +14,13 @@ import argparse
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from attempts import TaskChoice, attempts
-from children import Child, Row
+from children import Child
 
 from topo_search.experiments import experiment
-from topo_search.experiments.conducting import CellResult, Results, identify
-from topo_search.experiments.plan import Cell
+from topo_search.experiments.study import Cell, identity, recorded
 
 METHOD = "direct"
 
@@ -37,7 +37,9 @@ def main() -> None:
     parser.add_argument("--cap", type=int, default=600, help="largest CPU time of each topology [s]")
     arguments = parser.parse_args()
     os.environ["OMP_NUM_THREADS"] = "1"  # for the child processes
-    settings = experiment("scaling").full.override(
+    study = experiment("scaling")
+    settings = replace(
+        study.full,
         tasks=tuple((task, tuple(arguments.sizes)) for task in arguments.tasks),
         topologies=(arguments.topologies, arguments.topologies),
         distances=(arguments.distance,),
@@ -49,41 +51,31 @@ def main() -> None:
         f"--sizes {' '.join(map(str, arguments.sizes))} --topologies {arguments.topologies} "
         f"--distance {arguments.distance} --starts {arguments.starts} --cap {arguments.cap}"
     )
-    with Results.open(arguments.out, identify(experiment("scaling").name, settings.as_json(), command)) as rows:
-        for cell in experiment("scaling").cells(settings):
-            if not rows.has(cell):
-                rows.add(cell_result(cell, arguments.cap))
+    with recorded(arguments.out, study.name, settings, command) as (done, add):
+        for cell in study.cells(settings):
+            if identity(cell.row) not in done:
+                add(row_of(cell, arguments.starts, arguments.cap))
 
 
-def cell_result(cell: Cell, cap: int) -> CellResult:
+def row_of(cell: Cell, starts: int, cap: int) -> dict[str, Any]:
     """Solve one topology and return its row."""
     overrides = (*cell.variant.overrides, f"module.connector_distance={cell.distance_m}")
     choice = TaskChoice(cell.task, cell.n, (*overrides, f"task_seed={cell.task_seed}"))
-    row = CellResult(**cell.identity, status="infeasible", method=METHOD)
-    with Child(attempts, METHOD, "ours", choice, [cell.key], range(cell.settings.starts), cap=cap) as child:
-        while row.status == "infeasible" and (answer := next(child, None)) is not None:
-            row = _add_start(row, answer)
-    if not row.starts:
-        return replace(row, status="failed", worst_constraint=f"no start was finished within {cap} s of CPU time")
-    return row
-
-
-def _add_start(row: CellResult, answer: Row) -> CellResult:
-    """Return a row with one more start added."""
-    updated = replace(
-        row,
-        starts=row.starts + 1,
-        build_s=round((row.build_s or 0.0) + answer["build"], 4),
-        solve_s=round(row.solve_s + answer["draw"] + answer["solve"], 4),
-        iterations=row.iterations + answer["iterations"],
-        peak_mb=round(answer["peak_mb"], 1),
-    )
-    if answer["J"] is None:
-        missed = {"worst_constraint": answer["missed"], "violation": answer["by"], "unit": answer["unit"]}
-        return replace(updated, **missed)
-    return replace(
-        updated, status="feasible", objective=answer["J"], worst_constraint=None, violation=None, unit=None
-    )
+    row = cell.row | {"method": METHOD, "build_s": 0.0}
+    with Child(attempts, METHOD, "ours", choice, [cell.key], range(starts), cap=cap) as child:
+        for start in child:
+            row["starts"] += 1
+            row["build_s"] = round(row["build_s"] + start["build"], 4)
+            row["solve_s"] = round(row["solve_s"] + start["draw"] + start["solve"], 4)
+            row["iterations"] += start["iterations"]
+            row["peak_mb"] = round(start["peak_mb"], 1)
+            if start["J"] is not None:
+                return row | {"status": "feasible", "objective": start["J"]}
+            missed = {"worst_constraint": start["missed"], "violation": start["by"], "unit": start["unit"]}
+    if not row["starts"]:
+        reason = f"no start was finished within {cap} s of CPU time"
+        return row | {"status": "failed", "worst_constraint": reason}
+    return row | {"status": "infeasible"} | missed
 
 
 if __name__ == "__main__":

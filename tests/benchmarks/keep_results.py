@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,7 @@ Rows of `topo-search experiment NAME`, one file per experiment, with the command
 of the same name; rows of the method `direct` are from a direct implementation of the paper's formulation. With the
 same solver the command, followed by `--out DIR`, makes the same rows, except for seconds and megabytes, in
 `DIR/results.csv`; `python tests/benchmarks/keep_results.py NAME=DIR` copies them here, writes this text and draws
-the pictures of the documentation. `topo_search/experiments/conducting.py` explains the columns. To plot the rows in
+the pictures of the documentation. `topo_search/experiments/study.py` explains the columns. To plot the rows in
 Python:
 
 ```python
@@ -89,7 +88,6 @@ def section(name: str) -> str:
         about = json.loads(table.with_suffix(".json").read_text(encoding="utf-8"))
         planned = len(study.cells(settings_of(about["settings"])))
         parts.append(f"\n`{table.name}`, {len(rows)} of {planned} problems of\n\n    {about['command']}\n")
-    parts += ["\n", *(f"{bullet(finding)}\n" for finding in study.findings(rows_of(name)))]
     return "".join(parts)
 
 
@@ -101,13 +99,6 @@ def tables(name: str) -> list[Path]:
 def rows_of(name: str) -> pd.DataFrame:
     """Return the rows of all methods."""
     return pd.concat([results(table) for table in tables(name)], ignore_index=True)
-
-
-def bullet(text: str) -> str:
-    """Return a text as a list item, without breaking numbers or words."""
-    return textwrap.fill(
-        text, 116, initial_indent="- ", subsequent_indent="  ", break_on_hyphens=False, break_long_words=False
-    )
 
 
 if __name__ == "__main__":

@@ -11,24 +11,43 @@ import click
 import topo_search as ts
 from topo_search.cli import options
 from topo_search.cli.errors import command
+from topo_search.limits import LIMITS
 
 NAMES = ("scaling", "ablation", "placement", "root", "body", "hinges")
 
 
-def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
-    """Return an option callback that parses `A,B,...` as numbers of one type."""
+def _parse(kind: Callable[[str], Any], largest: float, text: str) -> tuple[Any, ...]:
+    """Return different positive numbers of one type from `A,B,...`; ValueError if it is anything else."""
+    numbers = tuple(dict.fromkeys(map(kind, text.split(","))))
+    if not all(0 < number <= largest for number in numbers):
+        raise ValueError
+    return numbers
+
+
+def _numbers(option: str, kind: Callable[[str], Any], largest: float, text: str, form: str) -> Callable[..., Any]:
+    """Return an option for positive comma-separated numbers of one type."""
 
     def parse(context: click.Context, parameter: click.Parameter, value: str | None) -> tuple[Any, ...] | None:
-        if value is None:
-            return None
         try:
-            return tuple(kind(part) for part in value.split(","))
+            return None if value is None else _parse(kind, largest, value)
         except ValueError:
-            text = value if len(value) <= 80 else f"{value[:80]}..."
-            rule = f"must be comma-separated numbers, but got {text!r}"
+            rule = f"must be {form}, each above 0 and at most {largest:,}, but got {value!r:.80}"
             raise click.BadParameter(rule, context, parameter) from None
 
-    return parse
+    return click.option(option, callback=parse, metavar=form, help=text)
+
+
+def _tasks(texts: tuple[str, ...]) -> dict[str, tuple[int, ...]]:
+    """Return the sizes of each task from texts such as `ten-wrenches:10,20`."""
+    tasks: dict[str, tuple[int, ...]] = {}
+    for text in texts:
+        name, _, sizes = text.partition(":")
+        try:
+            tasks[name] = tasks.get(name, ()) + _parse(int, LIMITS.modules, sizes)
+        except ValueError:
+            rule = f"must be TASK:N,N,..., each N at most {LIMITS.modules}, but got {text:.80}"
+            raise ts.BadInput("--task", rule) from None
+    return tasks
 
 
 @command(
@@ -44,16 +63,15 @@ def _numbers(kind: Callable[[str], Any]) -> Callable[..., Any]:
     metavar="TASK:N,...",
     help="A shipped example and its sizes (repeatable; default: the experiment's).",
 )
-@click.option("--sizes", callback=_numbers(int), metavar="N,...", help="Sizes for all tasks.")
-@click.option(
+@_numbers("--sizes", int, LIMITS.modules, "Sizes for all tasks.", "N,...")
+@_numbers(
     "--topologies",
-    callback=_numbers(int),
-    metavar="M[,M]",
-    help="Trees per size; a second number holds above 40 modules (default: the experiment's).",
+    int,
+    LIMITS.trees,
+    "Trees per size; a second number holds above 40 modules (default: the experiment's).",
+    "M[,M]",
 )
-@click.option(
-    "--distances", callback=_numbers(float), metavar="D,...", help="Connector distances in m (default: the task's)."
-)
+@_numbers("--distances", float, 1e6, "Connector distances in m (default: the task's).", "D,...")
 @options.starts("Starts per topology (default: the experiment's).")
 @options.seed
 @options.workers
@@ -87,20 +105,20 @@ def experiment(
 
     Exit status: 0 done; 2 bad input; 70 all cells failed.
     """  # noqa: D301 (\b is click's)
+    from dataclasses import replace
+
     from topo_search.cli.progress import shown_progress
-    from topo_search.experiments import Settings, conduct
+    from topo_search.experiments import conduct
     from topo_search.experiments import experiment as find_experiment
 
     study = find_experiment(name)
     settings = study.small if small else study.full
-    task_sizes = tuple(Settings.task_of(text) for text in tasks) or settings.tasks
-    if sizes is not None:
-        task_sizes = tuple((task, sizes) for task, _ in task_sizes)
     if topologies is not None and len(topologies) > 2:
-        rule = f"must be one or two numbers, but got {len(topologies)}"
-        raise click.BadParameter(rule, param_hint="--topologies")
-    tree_counts = None if topologies is None else (topologies[0], topologies[-1])
-    settings = settings.override(tasks=task_sizes, topologies=tree_counts, **option_values)
+        raise ts.BadInput("--topologies", f"must be one or two numbers, but got {len(topologies)}")
+    task_sizes = _tasks(tasks) or dict(settings.tasks)
+    option_values["tasks"] = tuple((task, sizes or its_own) for task, its_own in task_sizes.items())
+    option_values["topologies"] = topologies and (topologies[0], topologies[-1])
+    settings = replace(settings, **options.without_none(option_values))
     if picture is not None:
         options.require_drawable(picture)
     with shown_progress(incumbent=False) as observer:
@@ -109,20 +127,17 @@ def experiment(
     answered = rows[~failed]  # a failed cell does not mean that no design exists
     if answered.empty:
         raise ts.WorkersLost(f"all {len(rows)} cells failed: {rows['worst_constraint'].iloc[0]}")
-    findings = study.findings(answered)
+    lines = [f"all rows are in {out / 'results.csv'}"]
     if failed.any():
         number = f"{failed.sum()} of {len(rows)} cells"
-        findings.append(f"{number} failed and are left out; run the command again to retry them")
+        lines.append(f"{number} failed and are left out; run the command again to retry them")
     if picture is not None:
         from topo_search.export.picture import save
 
         save(study.figure(answered), picture)
+        lines.append(f"the picture is in {picture}")
     summary = study.summary(answered)
     table = summary.astype(object).where(summary.notna(), None).to_dict(orient="records")
-    lines = [
-        summary.to_string(index=False, line_width=200, float_format=lambda value: f"{value:.4g}"),
-        *findings,
-        f"all rows are in {out / 'results.csv'}",
-        *([] if picture is None else [f"the picture is in {picture}"]),
-    ]
-    options.echo_answer({"folder": str(out), "summary": table, "findings": findings}, lines)
+    text = summary.to_string(index=False, line_width=200, float_format=lambda value: f"{value:.3g}")
+    value = {"folder": str(out), "summary": table, "failed": int(failed.sum())}
+    options.echo_answer(value, [text, *lines])

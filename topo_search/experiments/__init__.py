@@ -1,15 +1,14 @@
 """The paper's studies and further ones: many topologies solved under varied conditions, measured and summarised.
 
-An experiment is a list of cells, each one topology under one condition. Cells are measured in worker processes, and
-each row is written to disk at once, so that a stopped experiment can be resumed.
+A study is a list of cells, each one topology under one condition. `conduct` solves, audits and times them in worker
+processes; every row goes to disk at once. A study's `summary` and `figure` are functions of its rows.
 """
 
-from topo_search.experiments.conducting import Experiment, conduct, results
-from topo_search.experiments.plan import Settings
+from topo_search.experiments.study import Settings, Study, conduct, results
 
 
-def experiment(name: str) -> Experiment:
-    """Return an experiment: `scaling`, `ablation`, `placement`, `root`, `body` or `hinges`."""
+def experiment(name: str) -> Study:
+    """Return a study: `scaling`, `ablation`, `placement`, `root`, `body` or `hinges`."""
     from topo_search.experiments.comparisons import COMPARISONS
     from topo_search.experiments.paper import PAPER_STUDIES
 

@@ -20,17 +20,14 @@ wrenches every tree has its own task, so no tree is the best.
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from topo_search.experiments.conducting import Experiment
-from topo_search.experiments.plan import AIRFLOW_ALONE, Settings, Variant, plan
+from topo_search.experiments.study import AIRFLOW_ALONE, Settings, Study, Variant
 from topo_search.export import palette
 from topo_search.model import Topology
-from topo_search.model.proven import gap_percent
 from topo_search.topologies import candidate_of
 
 if TYPE_CHECKING:
@@ -45,17 +42,17 @@ def comparison(
     tasks: tuple[tuple[str, tuple[int, ...]], ...],
     variants: tuple[Variant, ...],
     title: str,
-) -> Experiment:
-    """Return the experiment that solves every tree under all variants; the first variant is the reference."""
+) -> Study:
+    """Return the study that solves every tree under all variants; the first variant is the reference."""
     names = [variant.name for variant in variants]
-    return Experiment(
+    return Study(
         name=name,
         question=question,
         full=Settings(tasks, topologies=(50, 10), starts=24),
         small=Settings(tasks=(("push", (3,)),), topologies=(4, 4), starts=2),
-        cells=partial(plan, variants=variants, first=False),
+        variants=variants,
+        first=False,
         summary=partial(summary, names=names),
-        findings=partial(findings, names=names),
         figure=partial(figure, names=names, title=title),
     )
 
@@ -69,15 +66,13 @@ def summary(rows: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """
     table = []
     for problem, group in rows.groupby(PROBLEM):
-        trees = best_of_trees(group)
-        reference = trees[names[0]] if names[0] in trees else pd.Series(dtype=float)
+        best = best_of_trees(group, names)
+        same_task = 1.0 if group["task_seed"].isna().all() else math.nan
         for name in names:
-            solved = group[group["variant"] == name]
+            solved, efforts = group[group["variant"] == name], best[name]
             if solved.empty:
                 continue
-            efforts = trees[name]
-            ratio = (efforts / reference).dropna()
-            same_task, best = bool(group["task_seed"].isna().all()), solved.nsmallest(1, "objective")
+            ratio = (efforts / best[names[0]]).dropna()
             table.append(
                 {
                     **dict(zip(PROBLEM, problem, strict=True)),
@@ -90,8 +85,8 @@ def summary(rows: pd.DataFrame, names: list[str]) -> pd.DataFrame:
                     "trees_compared": len(ratio),
                     "effort_ratio_median": ratio.median(),
                     "effort_ratio_max": ratio.max(),
-                    "best_ratio": efforts.min() / reference.min() if same_task else math.nan,
-                    "best_gap": best["gap"].min() if same_task else math.nan,
+                    "best_ratio": same_task * efforts.min() / best[names[0]].min(),
+                    "best_gap": same_task * solved.nsmallest(1, "objective")["gap"].min(),
                     "gap_median": solved["gap"].median(),
                     "offset_median_m": solved["offset_m"].median(),
                 }
@@ -99,62 +94,24 @@ def summary(rows: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-def findings(rows: pd.DataFrame, names: list[str]) -> list[str]:
-    """Return a sentence about the cost of each variant, for each problem."""
-    sentences = []
-    for (task, distance, n), group in summary(rows, names).groupby(PROBLEM):
-        reference, *variants = group.to_dict(orient="records")
-        if reference["variant"] == names[0]:  # otherwise the reference has no rows yet
-            sentences += [f"{task}, {n} modules at {distance:.2f} m: {_cost(row, reference)}" for row in variants]
-    return sentences
-
-
-def _cost(row: dict[Hashable, Any], reference: dict[Hashable, Any]) -> str:
-    """Return the cost of a variant in words."""
-    name, reference_name = row["variant"], reference["variant"]
-    number = f"{row['trees_solved']} of {row['trees']} trees"
-    solved = f"{name}: {number} have a design, {reference_name}: {reference['trees_solved']}"
-    if not row["trees_compared"]:
-        return f"{solved}."
-    both = (
-        f"{solved}; where both have one, {name} takes {_percent(row['effort_ratio_median'])} effort in the median "
-        f"({_percent(row['effort_ratio_max'])} at most)"
-    )
-    which = "gap_median" if pd.isna(row["best_ratio"]) else "best_gap"
-    gap, reference_gap = (gap_percent(values[which], decimals=1) for values in (row, reference))
-    if which == "gap_median":
-        return f"{both}; median gap {gap}, {reference_name}: {reference_gap}."
-    return f"{both}; its best design takes {_percent(row['best_ratio'])}, gap {gap} instead of {reference_gap}."
-
-
-def _percent(ratio: float) -> str:
-    return f"{round(ratio - 1, 3) + 0.0:+.1%}"  # adding zero turns -0.0 into 0.0
-
-
 def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
     """Plot the ratios of effort, one point per tree, and the shares of trees with a design, as bars."""
     from matplotlib.figure import Figure
 
-    table = summary(rows, names)
-    positions = table.groupby(PROBLEM).ngroup()
-    problems = list(rows.groupby(PROBLEM))
+    table, problems = summary(rows, names), list(rows.groupby(PROBLEM))
     figure = Figure(figsize=(8.0 + 1.6 * len(problems), 4.6), layout="constrained")
     effort, share = figure.subplots(1, 2, sharex=True)
-    trees = [best_of_trees(group).reindex(columns=names) for _, group in problems]
-    for number, name in enumerate(names[1:], start=1):
-        ratios = [(100 * (best[name] / best[names[0]] - 1)).dropna() for best in trees]
-        shift = 0.8 * ((number - 0.5) / (len(names) - 1) - 0.5)
-        points = [(position + shift, value) for position, values in enumerate(ratios) for value in values]
-        x, y = [x for x, _ in points], [y for _, y in points]
-        effort.plot(x, y, "osD^"[number % 4], color=palette.SERIES[number], alpha=0.5, label=name)
-    effort.axhline(0.0, color="black", linewidth=1, label=names[0])
-    effort.set(title="Effort of trees with a design under both", ylabel=f"effort J above {names[0]} [%]")
     width = 0.8 / len(names)
     for number, name in enumerate(names):
-        rows_of_variant = table[table["variant"] == name]
-        shares = 100 * rows_of_variant["trees_solved"] / rows_of_variant["trees"]
-        left = positions[rows_of_variant.index] + (number + 0.5) * width - 0.4
-        share.bar(left, shares, 0.9 * width, color=palette.SERIES[number], label=name)
+        look = {"color": palette.SERIES[number], "label": name}
+        places = [place + (number + 0.5) * width - 0.4 for place in range(len(problems))]
+        efforts = [best_of_trees(group, names) for _, group in problems]
+        above = [(100 * (best[name] / best[names[0]] - 1)).dropna() for best in efforts]
+        points = [(place, value) for place, values in zip(places, above, strict=True) for value in values]
+        effort.plot([x for x, _ in points], [y for _, y in points], "osD^v<"[number], alpha=0.5, **look)
+        shown = table[table["variant"] == name].set_index(PROBLEM).reindex([problem for problem, _ in problems])
+        share.bar(places, 100 * shown["trees_solved"] / shown["trees"], 0.9 * width, **look)
+    effort.set(title="Effort of trees with a design under both", ylabel=f"effort J above {names[0]} [%]")
     share.set(title="Trees with a design", ylabel="share of all trees [%]", ylim=(0, 105))
     labels = [f"{task}\n$n$ = {n}, {distance:.2f} m" for (task, distance, n), _ in problems]
     for axes in (effort, share):
@@ -166,10 +123,10 @@ def figure(rows: pd.DataFrame, names: list[str], title: str) -> Figure:
     return figure
 
 
-def best_of_trees(rows: pd.DataFrame) -> pd.DataFrame:
+def best_of_trees(rows: pd.DataFrame, names: list[str]) -> pd.DataFrame:
     """Return the least effort of every tree (index) under every variant (columns); NaN where it has no design."""
-    trees = rows.assign(tree=rows["key"].map(tree_of))
-    return trees.groupby(["tree", "variant"])["objective"].min().unstack("variant")
+    trees = rows["key"].map(tree_of).rename("tree")
+    return rows.groupby([trees, "variant"])["objective"].min().unstack("variant").reindex(columns=names)
 
 
 def tree_of(key: str) -> str:
