@@ -16,7 +16,6 @@ from topo_search import compose
 from topo_search.model import Assembly, Design, EndEffectorSheet, Infeasible
 from topo_search.model.files import examples, read_json, read_task
 from topo_search.model.search import Search
-from topo_search.study.directory import Directory
 from topo_search.topologies import candidates, count, sample
 
 TOY = """
@@ -228,7 +227,7 @@ def test_a_full_disk_is_told_from_all_that_can_be_repaired_by_typing(command, mo
         raise error
 
     with monkeypatch.context() as patched:
-        patched.setattr(Directory, "write", full)
+        patched.setattr("topo_search.study.directory.write_atomically", full)
         result = command("run", "toy.toml", "--out", "out", status=74)
         assert said in result.stderr
         assert "the same command" in result.stderr

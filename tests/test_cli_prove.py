@@ -5,7 +5,7 @@ import json
 import pytest
 import toy_problem
 from commands import invoke
-from ledger_edit import forged
+from ledger_edit import altered
 from processes import table
 from test_study_checking import Checker
 from test_study_proving import Prover
@@ -92,7 +92,7 @@ def test_only_what_the_same_command_can_prove_is_to_be_continued(run, monkeypatc
     key, *_ = table(run)
     done = prove(monkeypatch, Prover(refuses=(key,)), run, "--topology", key, status=4)
     assert "some trees are still open\n" in done.stderr
-    forged(run, ("DELETE FROM candidates WHERE key = ?", (list(table(run))[-1],)))
+    altered(run, ("DELETE FROM candidates WHERE key = ?", (list(table(run))[-1],)))
     done = prove(monkeypatch, Prover(), run, status=4)
     assert "1 not solved by `run`" in done.stdout
     assert "some trees are still open\n" in done.stderr

@@ -92,7 +92,9 @@ def half_spaces(task):
     for asked in task.exposure:
         if asked.kind == "allowed":
             lengths = (np.linalg.norm(one.normal) for one in asked.planes)
-            yield from ((np.array(one.normal) / a, one.offset / a) for one, a in zip(asked.planes, lengths, strict=True))
+            yield from (
+                (np.array(one.normal) / a, one.offset / a) for one, a in zip(asked.planes, lengths, strict=True)
+            )
         if asked.kind == "exterior" and asked.axis != "com":
             yield -np.array(asked.axis) / np.linalg.norm(asked.axis), 0.0
 

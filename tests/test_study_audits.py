@@ -4,7 +4,7 @@ import tomllib
 from contextlib import closing
 
 import pytest
-from ledger_edit import forged
+from ledger_edit import altered
 from processes import table
 from toy_problem import toy_run, toy_solved, toy_task
 
@@ -126,7 +126,7 @@ def test_after_the_time_limit_nothing_is_solved_again_but_audits_go_on(tmp_path,
     toy_run(tmp_path / "run", modules=4)
     keys = list(table(tmp_path / "run"))
     monkeypatch.setenv("TOY_VIOLATED", ",".join(keys[:10]))
-    forged(tmp_path / "run", "UPDATE candidates SET audit = NULL, audit_checksum = NULL")
+    altered(tmp_path / "run", "UPDATE candidates SET audit = NULL, audit_checksum = NULL")
     answer = toy_run(tmp_path / "run", modules=4, time_limit=1e-9)
     assert answer.best.key == keys[10]
     assert margins_of(tmp_path / "run", keys[0]) == [1e-4]

@@ -5,7 +5,7 @@ import json
 import zlib
 
 import pytest
-from ledger_edit import forged, rewritten
+from ledger_edit import altered, rewritten
 from processes import table
 from test_study_proving import Prover, proven
 from toy_problem import BACKENDS, InProcess, audit, infeasible, solve, toy_run
@@ -206,7 +206,7 @@ def test_a_check_looks_which_trees_there_are(run, other):
     proof = json.loads((run / "proof" / key).read_text())
     (run / "proof" / key).unlink()
     other = other.ljust(len(key), "0")
-    forged(run, ("UPDATE candidates SET key = ? WHERE key = ?", (other, key)))
+    altered(run, ("UPDATE candidates SET key = ? WHERE key = ?", (other, key)))
     with RunFolder.load(run, writes=True) as folder:
         folder.write_file(f"proof/{other}", to_json(Proof.model_validate(proof | {"topology_key": other})))
     found = checked(run)
@@ -223,13 +223,13 @@ def test_a_replaced_best_design_is_refused(run):
     looser = design.model_copy(update={"task": design.task.model_copy(update={"gravity": 1.0})})
     for other in (looser, design.model_copy(update={"objective": design.objective * 0.9})):
         replaced = to_json(other).encode()
-        forged(
+        altered(
             run,
             ("UPDATE texts SET result = ? WHERE key = ?", (replaced, best)),
             ("UPDATE candidates SET result_checksum = ? WHERE key = ?", (zlib.crc32(replaced), best)),
         )
         (fault,) = checked(run).faults
-        assert says(fault, best, "is not that of its design")
+        assert says(fault, best, "of another tree, task or objective")
 
 
 def test_what_a_record_says_beside_its_cut_proves_nothing(run):
@@ -245,7 +245,7 @@ def test_what_a_record_says_beside_its_cut_proves_nothing(run):
 
 def test_candidates_that_are_not_solved_yet_leave_a_check_open(run):
     key = list(table(run))[-1]
-    forged(run, ("DELETE FROM candidates WHERE key = ?", (key,)))
+    altered(run, ("DELETE FROM candidates WHERE key = ?", (key,)))
     (run / "proof" / key).unlink()
     found = checked(run)
     assert found.sentences == ["3 of 4 trees checked, 1 not examined"]

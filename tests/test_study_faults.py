@@ -2,33 +2,29 @@
 
 import csv
 import errno
+import fcntl
 import hashlib
 import os
 import platform
-import random
 import re
 import resource
-import shutil
 import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from collections import Counter
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-import failing_disk
 import pytest
 from dask_cluster import Cluster
+from ledger_edit import altered
 from processes import HERE, Coordinator, eventually, processes_with, ranking, recorded
-from suites import few
-from toy_problem import COMMAND, InProcess, solved_keys, toy_run, toy_task
+from toy_problem import COMMAND, solved_keys, toy_run, toy_task
 
 from topo_search.model import BadInput
 from topo_search.model.files import to_toml
-from topo_search.study import COLUMNS, Request, RunFolder, answer_of
-from topo_search.study.directory import RunFile
+from topo_search.study import COLUMNS, Request, RunFolder
 
 SHARE = 0.02
 """Of the candidates that crash, and of those that hang."""
@@ -88,8 +84,8 @@ def found(folder, failed):
         return [[row[name] for name in names] for row in csv.DictReader(stream) if row["key"] not in failed]
 
 
-@pytest.mark.parametrize("modules", [5, pytest.param(7, marks=pytest.mark.slow)])
-def test_every_candidate_ends_exactly_once(tmp_path, modules):
+def test_every_candidate_ends_exactly_once(tmp_path):
+    modules = 5
     with faulty(tmp_path, modules, "--deadline", "4") as (coordinator, crash, hang):
         count = len(keys_of(modules))
         for quarter in (1, 2, 3):
@@ -125,12 +121,14 @@ def test_every_candidate_ends_exactly_once_on_a_cluster_that_loses_workers_too(t
 def test_a_disk_that_fills_up_ends_the_command_with_nothing_lost(tmp_path):
     (tmp_path / "toy.toml").write_text(to_toml(toy_task(4)))
     log = tmp_path / "log"
-    environment = {**os.environ, "PYTHONPATH": str(HERE), "TOY_LOG": str(log)}
+    paths = os.pathsep.join([str(HERE), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": paths, "TOY_LOG": str(log)}
+    command = f"import nlp; nlp.prepare = lambda *_: None\n{COMMAND}"  # nothing to compile in a toy problem
 
     def run(room):
         """Run the command with a disk on which no file can get larger than this."""
         return subprocess.run(
-            [sys.executable, "-c", COMMAND, "run", "toy.toml", "--symmetry", "c2", "--out", "run"],
+            [sys.executable, "-c", command, "run", "toy.toml", "--symmetry", "c2", "--out", "run"],
             cwd=tmp_path,
             env=environment,
             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
@@ -150,271 +148,12 @@ def test_a_disk_that_fills_up_ends_the_command_with_nothing_lost(tmp_path):
     assert set(recorded(tmp_path / "run")) == set(keys_of(4))
 
 
-# ---- Campaigns of faults against a small run: whatever happens, nothing is lost, false, endless, or a traceback.
-# The fast part of each is an ordinary test; the rest is marked `slow`, and prints its counts (`pytest -m slow
-# -s`).
-
-RAN, ENDED, ODD = 0, 3, 99
-"""Exit statuses of a child: it came to its end, it said why not, or something happened that nobody reckons with."""
-
-
-def in_child(use, *, seconds=60):
-    """Return the exit status of a function in a child process, which must end in time."""
-    pid = os.fork()
-    if pid == 0:
-        status = ODD
-        try:
-            use()
-            status = RAN
-        except (OSError, sqlite3.OperationalError):
-            status = ENDED
-        except BadInput as error:  # the folder cannot be made, nor written to
-            status = ENDED if any(os.strerror(code) in str(error) for code in (errno.ENOSPC, errno.EIO)) else ODD
-            sys.stderr.write(f"{error}\n")
-        except BaseException as error:  # noqa: BLE001 (whatever it is, the parent must hear of it)
-            sys.stderr.write(f"{type(error).__name__}: {error}\n")
-        finally:
-            os._exit(status)
-    end = time.monotonic() + seconds
-    while (ended := os.waitpid(pid, os.WNOHANG))[0] == 0:
-        if time.monotonic() > end:
-            os.kill(pid, signal.SIGKILL)
-            os.waitpid(pid, 0)
-            pytest.fail(f"it did not end within {seconds} s")
-        time.sleep(0.001)
-    return os.waitstatus_to_exitcode(ended[1])
-
-
-def listing(folder):
-    """All files but what SQLite keeps beside its own."""
-    found = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
-    return {name for name in found if not name.endswith(("-wal", "-shm"))}
-
-
-def writes_of(folder, modules):
-    """Return how many writes a run takes."""
-    count = folder.with_name("count")
-
-    def use():
-        disk = failing_disk.Disk(0, failing_disk.full)
-        toy_run(folder, modules=modules)
-        count.write_text(str(disk.count))
-
-    assert in_child(use) == RAN
-    return int(count.read_text())
-
-
-def check_every_write(tmp_path, monkeypatch, act, *, modules, once=False, step=1):
-    """Fail at every write of a run in turn, take it up again, and return how the runs ended."""
-    log = tmp_path / "log"
-    monkeypatch.setenv("TOY_LOG", str(log))
-    log.touch()
-    writes, whole = writes_of(tmp_path / "whole", modules), tmp_path / "whole"
-    keys = solved_keys(log)
-    ends = Counter()
-    for at in range(1, writes + 1, step):
-        run = tmp_path / f"run{at}"
-        log.write_text("")
-
-        def use(at=at, run=run):
-            failing_disk.Disk(at, act, once=once)
-            toy_run(run, modules=modules)
-
-        status = in_child(use)
-        assert status in ((9,) if act is failing_disk.dies else (RAN, ENDED)), (at, status)
-        ends["complete" if status == RAN else "ended with a reason" if status == ENDED else "killed"] += 1
-        answer = toy_run(run, modules=modules)
-        assert answer.complete, at
-        assert len(solved_keys(log)) <= len(keys) + 1, at  # at most the solve whose result could not be written
-        assert ranking(run) == ranking(whole), at
-        assert (run / "best.json").read_bytes() == (whole / "best.json").read_bytes(), at
-        assert listing(run) == listing(whole), at
-        shutil.rmtree(run)
-    return ends
-
-
-ACTS = {
-    "full": (failing_disk.full, False),
-    "fails once": (failing_disk.broken, True),
-    "dies": (failing_disk.dies, False),
-}
-
-
-@pytest.mark.parametrize("act", ACTS)
-def test_a_fault_at_every_write_of_a_small_run(tmp_path, monkeypatch, act):
-    what, once = ACTS[act]
-    assert check_every_write(tmp_path, monkeypatch, what, modules=1, once=once, step=16).total() > 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("act", ACTS)
-def test_a_fault_at_every_write_of_a_run(tmp_path, monkeypatch, act):
-    what, once = ACTS[act]
-    ends = check_every_write(tmp_path, monkeypatch, what, modules=3, once=once)
-    print(f"\n{act}: {ends.total()} writes: {dict(ends)}")
-
-
-def harmed(content, generator):
-    """Return a file with one bit flipped, or cut off somewhere."""
-    if generator.random() < 0.1:
-        return content[: generator.randrange(len(content))]
-    place, bit = generator.randrange(len(content)), generator.randrange(8)
-    return content[:place] + bytes([content[place] ^ 1 << bit]) + content[place + 1 :]
-
-
-def damage(tmp_path, number, seed):
-    """Damage a finished run's ledger, and count the outcomes: the same answer, or named damage."""
-    run = tmp_path / "run"
-    expected = toy_run(run, engine=InProcess(1))
-    ledger, files = run / "ledger.sqlite", listing(run)
-    content, best = ledger.read_bytes(), (run / "best.json").read_bytes()
-    generator, ends = random.Random(seed), Counter()
-    for turn in range(number):
-        ledger.write_bytes(harmed(content, generator))
-        began = time.monotonic()
-        use = "run" if turn % 4 == 0 else "read"
-        try:
-            if use == "run":
-                answer = toy_run(run, engine=InProcess(1))
-            else:
-                with RunFolder.load(run) as folder:
-                    answer = answer_of(folder)
-        except BadInput as error:
-            named, answer = str(error), expected
-        else:
-            named = ""
-        assert ("ledger.sqlite" in named) == bool(named), (turn, named)
-        assert answer == expected, turn
-        ends[f"{use}: {'named' if named else 'same answer'}"] += 1
-        assert time.monotonic() - began < 10, turn
-        assert (run / "best.json").read_bytes() == best, turn
-        assert listing(run) == files, turn
-        for beside in run.glob("ledger.sqlite-*"):
-            beside.unlink()
-    return ends
-
-
-def test_a_flipped_bit_or_a_lost_end_is_named_or_harmless(tmp_path):
-    ends = damage(tmp_path, 30, seed=1)
-    assert sum(number for end, number in ends.items() if "named" in end) > 6
-
-
-@pytest.mark.slow
-def test_ten_thousand_flipped_bits_and_lost_ends(tmp_path):
-    print(f"\n{dict(damage(tmp_path, 10_000, seed=2))}")
-
-
-def test_a_ledger_of_which_an_end_is_lost_at_every_page(tmp_path):
-    toy_run(tmp_path / "run")
-    ledger = tmp_path / "run" / "ledger.sqlite"
-    content = ledger.read_bytes()
-    for size in range(0, len(content), 4096):
-        ledger.write_bytes(content[:size])
-        with pytest.raises(BadInput, match=r"ledger\.sqlite: is damaged"):
-            toy_run(tmp_path / "run")
-
-
-REPORT = "from topo_search.compose import write_report\nimport sys\nwrite_report(sys.argv[1])"
-
-
-def ended(coordinator):
-    """True if a coordinator has ended."""
-    return coordinator.process.poll() is not None
-
-
-def is_worker(pid):
-    """Neither the coordinator nor Python's own resource tracker, which prints a traceback where it was killed."""
-    try:
-        return b"--multiprocessing-fork" in Path(f"/proc/{pid}/cmdline").read_bytes()
-    except (FileNotFoundError, ProcessLookupError):
-        return False
-
-
-def kill_campaign(tmp_path, kills, seed):
-    """Kill coordinators, workers and reports at random moments; return how many of each."""
-    generator, counts = random.Random(seed), Counter()
-    toy_run(tmp_path / "whole", modules=4)
-    number = len(ranking(tmp_path / "whole"))
-    coordinator = Coordinator(tmp_path, "--modules", "4", TOY_SLEEP="0.1")
-    while counts.total() < kills:
-        known, logged = set(recorded(coordinator.folder)), len(solved_keys(coordinator.log))
-        if known and generator.random() < 0.2:
-            report = subprocess.Popen(
-                [sys.executable, "-c", REPORT, str(coordinator.folder)],
-                env=coordinator.environment,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
-            time.sleep(generator.uniform(0.0, 4.0))
-            report.kill()
-            report.wait()
-            counts["report"] += 1
-            continue
-        coordinator.start()
-        if generator.random() < 0.3:  # while it starts
-            time.sleep(generator.uniform(0.1, 3.0))
-        else:  # while it solves, audits, and writes its files
-            fresh = min(len(known) + 1, number)
-            eventually(lambda fresh=fresh: len(recorded(coordinator.folder)) >= fresh or ended(coordinator))
-            time.sleep(generator.choice([0.0, 0.1, 0.5, 2.0]) * generator.random())
-        worker = generator.random() < 0.3
-        alive = [pid for pid in processes_with(str(coordinator.log)) if is_worker(pid)]
-        if worker and alive:
-            with_pid = generator.choice(alive)
-            try:
-                os.kill(with_pid, signal.SIGKILL)
-                counts["worker"] += 1
-            except ProcessLookupError:
-                pass
-            time.sleep(generator.uniform(0.0, 0.5))
-        coordinator.process.kill()
-        _, err = coordinator.process.communicate(timeout=60)
-        counts["run" if not known else "resume"] += 1
-        assert b"Traceback" not in err, err.decode()
-        eventually(lambda: not processes_with(str(coordinator.log)), 10)
-        assert not known & set(solved_keys(coordinator.log)[logged:])  # nothing is lost
-        assert known <= set(recorded(coordinator.folder))
-        if len(known) == number and coordinator.process.returncode == 0:  # it was over: begin anew
-            shutil.rmtree(coordinator.folder)
-            coordinator.log.write_text("")
-            counts["complete runs"] += 1
-    coordinator.start()
-    status, _, err = coordinator.finish()
-    assert status == 0, err.decode()
-    assert ranking(coordinator.folder) == ranking(tmp_path / "whole")
-    assert not (coordinator.folder / RunFile.PARTIAL).exists()
-    assert not [name for name in listing(coordinator.folder) - listing(tmp_path / "whole") if name != "report.html"]
-    return counts
-
-
-@pytest.mark.slow
-def test_a_hundred_kills_at_random_moments(tmp_path):
-    print(f"\n{dict(kill_campaign(tmp_path, 110, seed=3))}")
-
-
-@pytest.mark.parametrize("seed", few(range(3), 1))
-def test_clocks_that_jump_change_nothing(tmp_path, monkeypatch, seed):
-    generator, real = random.Random(seed), time.time
-    toy_run(tmp_path / "whole", modules=4)
-    monkeypatch.setattr(time, "time", lambda: real() + generator.choice([-1e9, -3600, 0, 3600, 1e9]))
-    first = toy_run(tmp_path / "run", modules=4, time_limit=1e6)
-    assert ranking(tmp_path / "run") == ranking(tmp_path / "whole")
-    with RunFolder.load(tmp_path / "run") as folder:
-        assert answer_of(folder) == first
-        logged = list(folder.ledger.solves(4))
-    assert sorted({solve.key for solve in logged}) == sorted(row[0] for row in ranking(tmp_path / "run"))
-
-
-@pytest.mark.parametrize("without", [False, True])
-def test_of_two_coordinators_one_works(tmp_path, without):
-    (tmp_path / "toy.toml").write_text(to_toml(toy_task(4)))
+def test_of_two_coordinators_one_works(tmp_path):
     coordinator = Coordinator(tmp_path, "--modules", "4", "--workers", "1", TOY_SLEEP="0.1")
     coordinator.start()
     try:
         coordinator.wait_for(2)
-        if without:
-            (coordinator.folder / ".lock").unlink()
-        holder = "" if without else f" (process {coordinator.process.pid} on {platform.node()})"
+        holder = f" (process {coordinator.process.pid} on {platform.node()})"
         for _ in range(2):
             with pytest.raises(BadInput, match=re.escape(f"another run is using this folder{holder}")):
                 toy_run(coordinator.folder, modules=4)
@@ -424,3 +163,78 @@ def test_of_two_coordinators_one_works(tmp_path, without):
         coordinator.process.kill()
     toy_run(tmp_path / "whole", modules=4)
     assert ranking(coordinator.folder) == ranking(tmp_path / "whole")
+
+
+def test_a_disk_without_locks_is_refused_with_the_reason_and_what_to_do(tmp_path, monkeypatch):
+    def none_left(handle, operation):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", none_left)
+    with pytest.raises(BadInput, match="No locks available on its disk; choose another folder with --out"):
+        toy_run(tmp_path / "run")
+
+
+# ---- files that are not a ledger, or a damaged one: each is named and left as it is
+
+
+def test_a_ledger_of_which_an_end_is_lost_at_every_page(tmp_path):
+    toy_run(tmp_path / "run")
+    ledger = tmp_path / "run" / "ledger.sqlite"
+    content = ledger.read_bytes()
+    for size in range(0, len(content), 4096):
+        ledger.write_bytes(content[:size])
+        with pytest.raises(
+            BadInput, match=r"ledger\.sqlite: is damaged .* it is left unchanged: choose another folder"
+        ):
+            toy_run(tmp_path / "run")
+        assert ledger.read_bytes() == content[:size]
+
+
+def of_another_program(path):
+    with closing(sqlite3.connect(path)) as database:
+        database.execute("CREATE TABLE accounts (owner TEXT)")
+
+
+@pytest.mark.parametrize(
+    ("make", "what"),
+    [
+        (of_another_program, "is an SQLite file of another program"),
+        (lambda path: path.write_text("a ledger is a list of accounts\n" * 100), "file is not a database"),
+        (Path.mkdir, "is not a regular file"),
+    ],
+)
+def test_a_file_that_is_no_ledger(tmp_path, make, what):
+    make(path := tmp_path / "ledger.sqlite")
+    before = path.is_file() and path.read_bytes()
+    with pytest.raises(BadInput, match=rf"ledger\.sqlite: .*{what}.*it is left unchanged: choose another folder"):
+        toy_run(tmp_path)
+    assert (path.is_file() and path.read_bytes()) == before
+
+
+@pytest.mark.parametrize("column", ["result", "audit"])
+@pytest.mark.parametrize(
+    "harm", ["DELETE FROM texts", "UPDATE texts SET {0} = CAST(replace({0}, '1', '2') AS BLOB)"]
+)
+def test_a_text_that_is_not_what_was_written_is_named(tmp_path, column, harm):
+    key = toy_run(tmp_path / "run").best.key
+    altered(tmp_path / "run", (f"{harm.format(column)} WHERE key = ?", (key,)))
+    with RunFolder.load(tmp_path / "run") as folder:
+        read = {"result": folder.ledger.result, "audit": folder.ledger.audit}[column]
+        with pytest.raises(BadInput, match=rf"is damaged .its entry {key} has changed"):
+            read(folder.request.contexts(3)[0], key)
+    with pytest.raises(BadInput, match=key):
+        toy_run(tmp_path / "run")
+
+
+def test_versions_that_are_not_what_was_written_are_named(tmp_path):
+    toy_run(tmp_path / "run")
+    altered(tmp_path / "run", "UPDATE contexts SET fixed_by = replace(fixed_by, 'numpy', 'numpi')")
+    with pytest.raises(BadInput, match=r"is damaged \(its entry for context [0-9a-f]{16} has changed"):
+        RunFolder.load(tmp_path / "run").__enter__()
+
+
+def test_an_objective_under_the_bound_is_not_given_as_an_answer(tmp_path):
+    key = toy_run(tmp_path / "run").best.key
+    altered(tmp_path / "run", ("UPDATE candidates SET objective = 0.9 * lower_bound WHERE key = ?", (key,)))
+    with pytest.raises(BadInput, match="under the bound"):
+        toy_run(tmp_path / "run")

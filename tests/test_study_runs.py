@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import pytest
 import toy_problem
-from ledger_edit import forge
 from processes import ranking, table
 from toy_problem import solved_keys, toy_run
 from wording import says
@@ -223,7 +222,7 @@ def test_a_finished_run_answers_from_a_read_only_folder(tmp_path, log, protected
     answer = toy_run(tmp_path / "run")
     shutil.copytree(tmp_path / "run", tmp_path / "killed")
     database = sqlite3.connect(tmp_path / "run" / "ledger.sqlite", isolation_level=None)
-    forge(database, "UPDATE candidates SET seconds = 7")
+    database.execute("UPDATE candidates SET seconds = 7")
     for name in ("ledger.sqlite", "ledger.sqlite-wal", "ledger.sqlite-shm"):  # as after kill -9
         shutil.copy(tmp_path / "run" / name, tmp_path / "killed" / name)
     database.close()

@@ -4,7 +4,7 @@ import time
 
 import pytest
 import toy_problem
-from ledger_edit import damaged
+from ledger_edit import altered
 from processes import table
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
@@ -155,9 +155,9 @@ def test_more_starts_that_fail_leave_what_was_known(tmp_path, monkeypatch):
 def test_a_ledger_of_an_older_version_is_refused_and_left_as_it_is(tmp_path):
     toy_run(tmp_path / "run")
     path = tmp_path / "run" / "ledger.sqlite"
-    damaged(tmp_path / "run", "PRAGMA user_version = 3")
+    altered(tmp_path / "run", "PRAGMA user_version = 3")
     content = path.read_bytes()
-    with pytest.raises(BadInput, match=r"has version 3, but this program reads version 8; it is left unchanged"):
+    with pytest.raises(BadInput, match=r"has version 3, but this program reads version 9; it is left unchanged"):
         toy_run(tmp_path / "run")
     assert path.read_bytes() == content
 

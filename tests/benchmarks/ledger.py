@@ -47,7 +47,7 @@ def fill(path: Path, request: Request, n: int) -> None:
                 )
                 rows.append((row, design))
             folder.ledger.record(context, rows)
-            digests = [(f"designs/{row.key}.json", digest_of(row.key.encode()), None) for row, _ in rows]
+            digests = [(f"designs/{row.key}.json", digest_of(row.key.encode())) for row, _ in rows]
             folder._files.record(digests)
 
 

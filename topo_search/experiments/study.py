@@ -44,11 +44,11 @@ from topo_search.compose import BACKENDS, available_cores
 from topo_search.engine import Backends, Failed, Job, Workers, audit_deadline, merge, record_of, solve_deadline
 from topo_search.limits import LIMITS
 from topo_search.model import Design, Infeasible, ResolvedTask, Status, Topology
-from topo_search.model.files import load_json, load_text, read_task
+from topo_search.model.files import load_json, load_text, read_task, write_atomically
 from topo_search.model.text import escape_formula
 from topo_search.model.value import as_bad_input, show
 from topo_search.study import Observer, Phase, SilentObserver
-from topo_search.study.directory import Directory
+from topo_search.study.directory import lock
 from topo_search.study.folder import make_folder, refusal
 from topo_search.study.ledger_file import KEPT
 from topo_search.study.request import installed_versions
@@ -280,7 +280,7 @@ def recorded(
         "versions": installed_versions(),
     }
     make_folder(out)
-    with Directory.open(out) as directory, directory.lock():
+    with lock(out):
         if (out / ABOUT).exists():
             held = _conditions(load_json(out / ABOUT))
             for condition, value in _conditions(about).items():
@@ -296,7 +296,7 @@ def recorded(
                 "machine": platform.machine(),
                 "cores": os.cpu_count(),
             }
-            directory.write(ABOUT, f"{json.dumps(about | machine, indent=1)}\n".encode())
+            write_atomically(out / ABOUT, f"{json.dumps(about | machine, indent=1)}\n")
         text = load_text(out / RESULTS, most_bytes=LIMITS.result_bytes) if (out / RESULTS).exists() else ""
         text = text[: text.rfind("\n") + 1]  # without a row that was cut off by a kill
         if text and tuple(text.partition("\n")[0].split(",")) != COLUMNS:

@@ -144,14 +144,13 @@ def to_json(value: BaseModel) -> str:
     return value.model_dump_json(indent=1, ensure_ascii=True) + "\n"
 
 
-def write_atomically(path: Path, content: str | bytes) -> None:
+def write_atomically(path: Path, content: str | bytes, *, durable: bool = True) -> None:
     """Write a file so that readers see either the old or the complete new content, even after a crash.
-
-    The content is on disk on return.
 
     Args:
         path: file to write.
         content: new content; text is encoded as UTF-8.
+        durable: whether it is on disk on return; otherwise a power cut may leave the file empty.
 
     Raises:
         OSError: names `path`, which cannot be written or is not a regular file.
@@ -168,7 +167,8 @@ def write_atomically(path: Path, content: str | bytes) -> None:
             with os.fdopen(handle, "wb") as stream:
                 stream.write(content if isinstance(content, bytes) else content.encode("utf-8"))
                 stream.flush()
-                os.fsync(stream.fileno())
+                if durable:
+                    os.fsync(stream.fileno())
                 if not partial.exists():  # unnamed; with src_dir_fd, link() follows symlinks
                     os.link(DESCRIPTORS / str(stream.fileno()), partial, src_dir_fd=stream.fileno())
             partial.replace(path)

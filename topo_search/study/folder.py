@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -17,11 +17,11 @@ from pydantic import BaseModel, ValidationError
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, BadInput, Design, Proof, ResolvedTask, Task
-from topo_search.model.files import to_toml, validate
+from topo_search.model.files import load_text, to_toml, validate, write_atomically
 from topo_search.model.task import with_older_defaults
-from topo_search.model.text import csv_text, decode, toml_data
+from topo_search.model.text import csv_text, toml_data
 from topo_search.model.value import as_bad_input, faults_of
-from topo_search.study.directory import Directory, ReadOnlyFolder, RunFile
+from topo_search.study.directory import ReadOnlyFolder, RunFile, lock
 from topo_search.study.ledger import COLUMNS, Ledger, Row
 from topo_search.study.ledger_file import blank
 from topo_search.study.proofs import ProofState, cells, proof_state, proofs_hold_for
@@ -30,26 +30,21 @@ from topo_search.study.request import NO_INPUTS, Request, UserInputs, installed_
 Model = TypeVar("Model", bound=BaseModel)
 
 
-def is_run_folder(directory: Directory) -> bool:
+def is_run_folder(folder: Path) -> bool:
     """Return whether a folder has a ledger, False if it is empty; refuse any other."""
-    names = directory.names()
+    names = sorted(os.listdir(folder))
     if RunFile.LEDGER in names:
         return True
-    files = [name for name in names if name not in (RunFile.LOCK, RunFile.PARTIAL)]
+    # a run that was killed as it began leaves its lock, and a part of its ledger
+    files = [name for name in names if name != RunFile.LOCK and not name.startswith(f".{RunFile.LEDGER}.")]
     if not files:
         return False
-    unchanged = "it is left unchanged"
     shown = ", ".join(files[:3]) + (", ..." if len(files) > 3 else "")
-    if any(
-        name in (*RunFile.RESULTS, *RunFile.PARTS) or name.startswith((RunFile.LEDGER, "best-n")) for name in files
-    ):
-        missing = f"has {shown} but no {RunFile.LEDGER}"
-        rule = f"{missing}: the ledger was removed, or this is not a run folder; {unchanged}"
-        raise refusal(directory.path, rule)
-    raise refusal(directory.path, f"is not a run folder, and not empty: it has {shown}; {unchanged}")
+    what = f"has {shown} but no {RunFile.LEDGER}: the ledger was removed, or this is not a run folder"
+    raise refusal(folder, f"{what}; it is left unchanged")
 
 
-def stored_request(path: Path, directory: Directory, ledger: Ledger) -> Request:
+def stored_request(path: Path, ledger: Ledger) -> Request:
     """Return the latest request of a ledger's run."""
     identity = ledger.identity()
     starts, trials = ledger.last_request()
@@ -57,7 +52,7 @@ def stored_request(path: Path, directory: Directory, ledger: Ledger) -> Request:
         raise BadInput(str(path), "has no run yet")
     try:
         return Request(
-            _read_task(path, directory),
+            _read_task(path),
             identity.symmetry,
             starts,
             identity.seed,
@@ -108,13 +103,12 @@ def refusal(path: Path, what: str) -> BadInput:
     return BadInput(str(path), f"{what}; choose another folder with --out")
 
 
-def _read_task(path: Path, directory: Directory) -> Task:
+def _read_task(path: Path) -> Task:
     """Return the task as the run wrote it; it refers to no other file."""
-    content, name = directory.read(RunFile.TASK, max_bytes=LIMITS.task_bytes), str(path / RunFile.TASK)
-    if content is None:
-        raise BadInput(name, "no such file")
+    name = str(path / RunFile.TASK)
+    text = load_text(name, most_bytes=LIMITS.task_bytes)
     with as_bad_input(name):
-        data = toml_data(decode(content))
+        data = toml_data(text)
     return validate(Task, with_older_defaults(data), name)
 
 
@@ -132,13 +126,12 @@ def _describe_stored(name: str, stored: Any, requested: Any) -> str:
 class RunFolder:
     """The folder of one request."""
 
-    def __init__(self, path: Path, request: Request, ledger: Ledger, directory: Directory, level: str = "") -> None:
+    def __init__(self, path: Path, request: Request, ledger: Ledger, level: str = "") -> None:
         """Wrap a folder whose ledger is open; `level`: subfolder of one level of the goals, such as `levels/0/`."""
-        self.path = path
+        self.path = path / level
         self.request = request
         self.ledger = ledger.ranking_only(context for n in request.task.sizes for context in request.contexts(n))
-        self._directory = directory
-        self._files = ledger.files_in(directory)
+        self._files = ledger.files_in(path)
         self._level = level
 
     @classmethod
@@ -151,14 +144,13 @@ class RunFolder:
             BadInput: it holds another run or other files, or another process uses it; it is left unchanged.
         """
         make_folder(path)
-        with Directory.open(path) as directory:
-            if not is_run_folder(directory):
-                with directory.lock():
-                    if not is_run_folder(directory):  # another process may have been faster
-                        identity = request.identity.model_dump_json(exclude_defaults=True)
-                        directory.write(RunFile.LEDGER, blank(identity))
+        if not is_run_folder(path):
+            with lock(path):
+                if not is_run_folder(path):  # another process may have been faster
+                    write_atomically(
+                        path / RunFile.LEDGER, blank(request.identity.model_dump_json(exclude_defaults=True))
+                    )
         with cls.load(path, request, writes=True) as folder:
-            folder._directory.remove_partial()
             folder._files.require((*RunFile.RESULTS, *(f"best-n{n}.json" for n in request.task.sizes)))
             folder.ledger.set_request(request.starts, request.trials)
             folder.write_file(RunFile.TASK, to_toml(request.task))
@@ -178,21 +170,20 @@ class RunFolder:
             ReadOnlyFolder: files are to be written, but cannot be.
             BadInput: it is not a run folder, or another process uses it.
         """
-        with Directory.open(path) as directory:
-            if RunFile.LEDGER not in directory.names():
-                raise BadInput(str(path), f"is not a run folder: it has no {RunFile.LEDGER}")
-            if writes and not os.access(path / RunFile.LEDGER, os.W_OK):
-                raise ReadOnlyFolder(path, f"{RunFile.LEDGER} is read-only")
-            with ExitStack() as stack:
-                if writes:
-                    stack.enter_context(directory.lock())
-                ledger = stack.enter_context(Ledger.open(path / RunFile.LEDGER, read_only=not writes))
-                if request is None:
-                    request = stored_request(path, directory, ledger)
-                else:
-                    require_versions(path, ledger)
-                require_same(path, request, ledger)
-                yield cls(path, request, ledger, directory)
+        if not (path / RunFile.LEDGER).exists():
+            raise BadInput(str(path), f"is not a run folder: it has no {RunFile.LEDGER}")
+        if writes and not os.access(path / RunFile.LEDGER, os.W_OK):
+            raise ReadOnlyFolder(path, f"{RunFile.LEDGER} is read-only")
+        with (
+            lock(path) if writes else nullcontext(),
+            Ledger.open(path / RunFile.LEDGER, read_only=not writes) as ledger,
+        ):
+            if request is None:
+                request = stored_request(path, ledger)
+            else:
+                require_versions(path, ledger)
+            require_same(path, request, ledger)
+            yield cls(path, request, ledger)
 
     @cached_property
     def levels(self) -> tuple[RunFolder, ...]:
@@ -200,8 +191,8 @@ class RunFolder:
         if not self.request.task.goals.names:
             return (self,)
         return tuple(
-            RunFolder(self.path / level, request, self.ledger, self._directory, level)
-            for level, request in ((f"levels/{k}/", request) for k, request in enumerate(self.request.levels))
+            RunFolder(self.path, request, self.ledger, f"levels/{k}/")
+            for k, request in enumerate(self.request.levels)
         )
 
     def write_file(self, name: str, content: str | None) -> None:
@@ -226,22 +217,14 @@ class RunFolder:
 
     def page_is_current(self) -> bool:
         """Return whether the page exists, is unmodified, and shows the ledger's latest state."""
-        page = self._directory.read(RunFile.REPORT)
-        return (
-            page is not None
-            and page.endswith(self.page_mark().encode())
-            and not self._files.is_changed(RunFile.REPORT, page)
-        )
+        with suppress(BadInput):
+            page = self._files.read(RunFile.REPORT)
+            return page is not None and page.endswith(self.page_mark().encode())
+        return False
 
     def journal(self, name: str) -> Path:
-        """Return the path for a journal that a library creates, appends to and locks.
-
-        Raises:
-            BadInput: a file of this name exists that the run did not create.
-        """
-        if self._level:
-            self._directory.make_folder(self._level.rstrip("/"))
-        self._files.adopt(self._level + name, f"{self._level}{name}.lock")
+        """Return the path for a journal that a library creates, appends to and locks."""
+        self.path.mkdir(parents=True, exist_ok=True)
         return self.path / name
 
     def write(self) -> None:
@@ -253,7 +236,7 @@ class RunFolder:
         self.write_table("candidates.csv", COLUMNS, (row for n in self.request.task.sizes for row in self.cells(n)))
         self._write_best()
         for part in RunFile.PARTS:
-            self._directory.make_folder(self._level + part)
+            (self.path / part).mkdir(parents=True, exist_ok=True)
         valid = set[str]()
 
         def contents() -> Iterator[tuple[str, bytes]]:
@@ -331,7 +314,7 @@ class RunFolder:
                     f"proves J >= {proof.cut!r} rad^4/s^4 of a tree with an audited design of {design!r}: "
                     "remove it, and run `topo-search prove` again"
                 )
-                raise BadInput(str(self._directory.path / RunFile.PROOFS / name), rule)
+                raise BadInput(str(self.path / RunFile.PROOFS / name), rule)
             yield proof
 
     def read_files(self, part: str, model: type[Model]) -> dict[str, Model]:
@@ -356,7 +339,7 @@ class RunFolder:
         try:
             return model.model_validate_json(content)
         except ValidationError as error:
-            raise BadInput(str(self._directory.path / path), faults_of(error, model)) from None
+            raise BadInput(str(self.path / name), faults_of(error, model)) from None
 
     def remove_files(self, part: str) -> None:
         """Remove the run's files from one of its folders."""

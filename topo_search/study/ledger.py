@@ -1,20 +1,20 @@
 """The ledger of a run: an SQLite file with one row per candidate, from which everything else derives.
 
 A row's key is its context (a digest of the task with its margin, the seed and the library versions) and its
-topology's key. Each row is on disk, with a checksum (`ledger_file`), before the next job's result is processed
-(WAL, synchronous = FULL); after each write the ledger makes sure that its file still exists. `candidates.csv` shows
-the same rows.
+topology's key. Each row is on disk before the next job's result is processed (WAL, synchronous = FULL); after each
+write the ledger makes sure that its file still exists. `candidates.csv` shows the same rows.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import sqlite3
 import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from copy import copy
 from dataclasses import astuple, dataclass, fields, replace
 from itertools import starmap
@@ -25,7 +25,7 @@ from topo_search.engine import Failed, Outcome, Tried, record_of, scaled_violati
 from topo_search.model import Audit, Design, Flight, Infeasible, ResolvedTask
 from topo_search.model.files import to_json
 from topo_search.model.proven import lower_text, upper_text
-from topo_search.study.directory import Directory, RunFiles, digest_of
+from topo_search.study.directory import RunFiles
 from topo_search.study.ledger_file import LedgerLost, checked_text, damage, open_database, parse
 from topo_search.study.request import Context, Identity, digest, installed_versions
 
@@ -202,7 +202,6 @@ class Ledger:
     def __init__(self, database: sqlite3.Connection, path: Path) -> None:
         self._database = database
         self.path = path
-        self._paths = [Path(f"{path.absolute()}{suffix}") for suffix in ("", "-wal")]
         self._opened_files = self._file_identities()
         self._contexts = "[]"
         """Names of the contexts that rankings cover: those of one request and its library versions (JSON)."""
@@ -242,40 +241,28 @@ class Ledger:
         """Make sure that the path still leads to the file that was opened.
 
         Raises:
-            LedgerLost: the file, or the folder, was removed, moved, replaced or emptied.
+            LedgerLost: the file, or the folder, was removed, moved or replaced.
         """
         if self._file_identities() != self._opened_files:
             raise LedgerLost(self.path)
 
-    def _file_identities(self) -> list[tuple[int, int, bool] | None]:
-        """Return device and inode of the ledger's files, and whether the first is not empty."""
-        identities: list[tuple[int, int, bool] | None] = []
-        for path in self._paths:
-            try:
-                status = path.lstat()
-            except OSError:
-                identities.append(None)
-            else:
-                identities.append((status.st_dev, status.st_ino, bool(identities) or status.st_size > 0))
-        return identities
+    def _file_identities(self) -> list[tuple[float, ...] | None]:
+        """Return inode and device of the ledger and of its write-ahead log; None for a missing file."""
+        paths = self.path, self.path.with_name(f"{self.path.name}-wal")
+        return [path.stat()[1:3] if path.exists() else None for path in paths]
 
     def identity(self) -> Identity:
-        """Return the identity of the ledger's run.
-
-        Raises:
-            BadInput: it is missing or unreadable.
-        """
-        rows = self._database.execute("SELECT identity FROM run").fetchall()
-        if len(rows) != 1:
-            raise damage(self.path, f"its table run has {len(rows)} rows instead of one")
-        return parse(self.path, Identity, "run", rows[0][0])
+        """Return the identity of the ledger's run; BadInput if it is unreadable."""
+        return parse(self.path, Identity, "run", self._database.execute("SELECT identity FROM run").fetchone()[0])
 
     def fingerprint(self, *, but: str) -> str:
         """Return a digest of all rows, all files of the run except one, and the installed versions."""
-        tallies = self._database.execute("SELECT * FROM tallies ORDER BY name").fetchall()
-        query = "SELECT name, digest FROM files WHERE name <> ? ORDER BY name"
-        files = self._database.execute(query, (but,)).fetchall()
-        return digest_of(repr((tallies, files, installed_versions())).encode()).hex()
+        mark = hashlib.blake2b(repr(installed_versions()).encode(), digest_size=16)
+        for table in ("run", "contexts", "candidates", "solves", "files"):
+            for row in self._database.execute(f"SELECT * FROM {table} ORDER BY 1, 2"):
+                if row[0] != but:
+                    mark.update(repr(row).encode())
+        return mark.hexdigest()
 
     def set_request(self, starts: int, trials: int | None) -> None:
         """Record the latest request: starts per candidate, and number of proposals."""
@@ -294,15 +281,11 @@ class Ledger:
         if values is None:
             return None
         context, text = values
-        try:
-            fixed_by = json.loads(text)
-            name = digest(fixed_by)
-        except (ValueError, RecursionError):
-            fixed_by, name = None, None
-        versions = fixed_by.get("versions") if isinstance(fixed_by, dict) and name == context else None
-        if not isinstance(versions, dict) or not all(isinstance(value, str) for value in versions.values()):
-            raise damage(self.path, f"its entry for context {context} has changed since it was written")
-        return versions
+        with suppress(ValueError):
+            if digest(fixed_by := json.loads(text)) == context:
+                versions: dict[str, str] = fixed_by["versions"]
+                return versions
+        raise damage(self.path, f"its entry for context {context} has changed since it was written")
 
     def bound(self, context: Context) -> tuple[float, Infeasible | None] | None:
         """Return the lower bound and the proof of impossibility of a context; None if the ledger lacks it."""
@@ -317,7 +300,7 @@ class Ledger:
         """Record a context with its lower bound and its proof of impossibility, if there is one."""
         values = (context.name, context.task.n, context.step, context.margin, json.dumps(context.fixed_by))
         bounds = lower_bound, None if proof is None else to_json(proof)
-        insert = "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?, NULL, NULL, 0)"
+        insert = "INSERT OR IGNORE INTO contexts VALUES (?, ?, ?, ?, ?, ?, ?, NULL, NULL)"
         self._write(insert, (*values, *bounds))
 
     def mark_complete(self, context: Context, starts: int, trials: int | None) -> None:
@@ -393,10 +376,10 @@ class Ledger:
         A candidate is ranked by its last row with a design, or else by its first row. Its audit is kept if `row`
         still has the verdict. `failed`: the latest solve failed; the row holds the result of earlier ones.
         """
-        columns = (*ROW_FIELDS, "context", "standing", "result_checksum", "checksum")
+        columns = (*ROW_FIELDS, "context", "standing", "result_checksum")
         unrank = f"UPDATE candidates SET standing = 0 WHERE key = ? AND {_Sql.in_contexts}"
         write_row = f"""
-        INSERT INTO candidates ({", ".join(columns)}) VALUES ({", ".join("?" * (len(columns) - 1))}, 0)
+        INSERT INTO candidates ({", ".join(columns)}) VALUES ({", ".join("?" * len(columns))})
         ON CONFLICT (context, key) DO UPDATE SET {", ".join(f"{name} = excluded.{name}" for name in columns)},
         audit_checksum = CASE WHEN excluded.audit IS NULL THEN NULL ELSE audit_checksum END
         """
@@ -417,8 +400,8 @@ class Ledger:
                     score = score_of(row, context.task)
                     score = replace(score, status="failed") if failed else score
                     number = self._database.execute("SELECT coalesce(max(number), 0) + 1 FROM solves").fetchone()[0]
-                    event = (number, time.time(), context.name, *astuple(score), 0)
-                    self._database.execute(f"INSERT INTO solves VALUES ({', '.join('?' * 9)})", event)
+                    event = (number, time.time(), context.name, *astuple(score))
+                    self._database.execute("INSERT INTO solves VALUES (?, ?, ?, ?, ?, ?, ?, ?)", event)
 
     def record_audit(self, context: Context, key: str, audit: Audit) -> None:
         """Write the audit of a candidate's design."""
@@ -439,9 +422,9 @@ class Ledger:
         """Write why the audit of a candidate's design failed."""
         self._write(f"UPDATE candidates SET audit_failure = ? WHERE {_Sql.row_key}", (reason, context.name, key))
 
-    def files_in(self, directory: Directory) -> RunFiles:
-        """Return the run's files in its directory."""
-        return RunFiles(self._database, directory)
+    def files_in(self, folder: Path) -> RunFiles:
+        """Return the run's files in its folder."""
+        return RunFiles(self._database, folder)
 
     def ranking_only(self, contexts: Iterable[Context]) -> Self:
         """Return the same ledger, whose rankings cover only the rows of these contexts."""

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from topo_search.engine import AuditDesign, Candidates, Engine, Failed, WorkersLost, audit_deadline
-from topo_search.model import BadInput, CheckedChunk, Chunk, Design, Fault, Proof, ResolvedTask, Topology
+from topo_search.model import BadInput, CheckedChunk, Chunk, Fault, Proof, ResolvedTask, Topology
 from topo_search.model.files import to_json
 from topo_search.model.proof import Aim, Problem, chunk_count
 from topo_search.model.proven import gap_percent, lower_text
@@ -26,7 +26,7 @@ from topo_search.study.ledger_file import KEPT
 from topo_search.study.progress import EXPECTED, Observer, Phase
 from topo_search.study.proofs import IMPOSSIBLE, claim_of, sizes_with_best, target
 from topo_search.study.request import Request
-from topo_search.study.summary import answer_of, check_designs, detect_loss
+from topo_search.study.summary import answer_of, detect_loss
 
 ProveChunk = Callable[[ResolvedTask, Topology, int, float, Problem], Chunk]
 """Pure function that searches one chunk of a tree for designs below a cut [rad^4/s^4]."""
@@ -480,10 +480,16 @@ def _check(check_chunk: CheckChunk, job: _CheckJob) -> CheckedChunk:
 def _best_fault(folder: RunFolder, best: Row, audit: AuditDesign, engine: Engine) -> str | None:
     """Say what is wrong with the best design, to which the proofs refer."""
     try:
-        check_designs(folder, [best])
-        design = Design.model_validate_json(folder.design_text(best) or "")
+        design, _ = folder.result_of(best)
     except BadInput as error:
         return str(error)
+    task = folder.request.contexts(best.modules)[best.step].task
+    if (
+        design is None
+        or (design.topology.key, design.objective) != (best.key, best.objective)
+        or design.task != task.with_rod(design.task.end_effector.counted_rod)
+    ):
+        return f"{best.key}: its design is of another tree, task or objective"
     verdict = engine.run_one(audit, design, deadline=audit_deadline(best.modules))
     if isinstance(verdict, Failed):
         return f"{best.key}: the audit of the best design failed: {verdict.reason}"
