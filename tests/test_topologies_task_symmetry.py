@@ -1,20 +1,24 @@
 """Which tasks are their own mirror image, and what follows for the candidates."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import chain, combinations
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from nlp_cases import HOVER
 from nlp_cases import PUSH as PUSH_CASES
 from nlp_cases import push as push_task
 from numpy.typing import NDArray
 
-from topo_search.model import EndEffector, LoadCase, ResolvedTask, Search, Task, Wrench
+from nlp import solve
+from topo_search.model import Design, EndEffector, LoadCase, ResolvedTask, Search, Task, Topology, Wrench
 from topo_search.model.exposure import Allowed, Directional, Exterior, Local, Plane
 from topo_search.model.files import read_task
 from topo_search.topologies import candidates, count, improper_isometry, resolve_symmetry
+from topo_search.topologies.rooted import image, key_of, rooted_of, text_of
 
 Array = NDArray[np.float64]
 PUSH = (([0.5, 0, 0.5], None), ([0, 0.5, 0.5], None))
@@ -244,7 +248,7 @@ def test_a_fixed_end_effector_stays_where_it_is(position: Any, symmetric: bool) 
         ((bent(((0.5, 0, 0), (0, 0.6, 0))),), False),
         ((bent(((0.5, 0, 0), (1, 0, 1)), ((0, 1, 1), (0, 0.5, 0))),), True),
         ((bent(((0.5, 0, 0), (1, 0, 1)), ((0, 1, 1), (0, 0.5, 0.1))),), False),
-        ((below((1, 0, 0, 0.1), (0, 2, 0, 0.1)),), True),
+        ((below((1, 0, 0, 0.1), (0, 2, 0, 0.2)),), True),
         ((below((1, 0, 0, 0.1), (0, 1, 0, 0.2)),), False),
         ((below((1, 1, 0, -0.1)), Exterior(axis=(-1.0, -1.0, 0.0))), True),
         ((Local(box=(0.4, 0.4, 0.2)),), True),
@@ -376,3 +380,121 @@ def test_reserves_failures_sets_and_weightless_cases_are_part_of_what_a_mirror_k
     cases: list[Any], flight: dict[str, Any], mirrored: bool
 ) -> None:
     assert (improper_isometry(push_task(3, load_cases=cases, flight=flight)) is not None) == mirrored
+
+
+OBLIQUE = [{"end_effector": {"force": force}} for force in ([0.3, 0.0, 0.9], [0.0, -0.4, 0.8])]
+"""Two forces, and so a mirror in their plane, which turns gravity."""
+AT_COM = [
+    {"end_effector": {"force": [0.2, 0.0, 0.0]}, "com": {"force": [0.0, 0.0, 1.0]}},
+    {"end_effector": {"force": [0.0, 0.0, 0.3]}, "com": {"force": [0.2, 0.1, 0.7]}},
+]
+OPTIONS: dict[str, Any] = {
+    "units": "SI",
+    "around": "all",
+    "at": "both",
+    "directions": "horizontal",
+    "allocator": "pseudo-inverse",
+    "force_reserve": 0.1,
+    "torque_reserve": 0.01,
+    "com_error": 0.005,
+    "tilt_deg": 5.0,
+    "angular_acceleration": (4.0, 3.0, 1.0),
+    "rotor_out": "hover",
+    "rotor_out_torque": 0.02,
+    "joint_moment": 2.0,
+    "joint_force": 40.0,
+    "tolerances": True,
+}
+PAIRS = [{first: OPTIONS[first], second: OPTIONS[second]} for first, second in combinations(OPTIONS, 2)]
+NEEDS_A_FAILURE = "rotor_out_torque"
+
+
+def tasks_with(flight: dict[str, Any], n: int) -> Iterator[ResolvedTask]:
+    """Tasks with these requirements, and some mirror or none."""
+    if NEEDS_A_FAILURE in flight:
+        flight = {"rotor_out": "hover", **flight}
+    tolerances = {"tolerances": {"hinge_angle_deg": 0.1}} if "tolerances" in flight else {}
+    for cases, position in (
+        (OBLIQUE, "free"),
+        ([carried(*ALONG), HOVER], "free"),
+        (AT_COM, "com"),
+    ):
+        fields = {"end_effector": {"position": position, "exclusion": False, "rod": "none"}, **tolerances}
+        yield push_task(n, load_cases=cases, flight=flight, exposure=[], **fields)
+
+
+def requirements_keep(O: Array, task: ResolvedTask) -> bool:
+    """Straight from the definition of each requirement, whether the isometry changes none."""
+    flight, axes = task.flight, np.abs(np.round(O, 9))
+    needs_hover = flight.keeps_reserves or flight.tilt_deg > 0 or flight.rotor_out != "none"
+    a = np.array(flight.angular_acceleration)
+    loads = [
+        np.concatenate([case.at_end_effector.force, case.at_com.force]) for case in task.load_cases
+    ]  # without torques
+    images = [np.concatenate([O @ load[:3], O @ load[3:]]) for load in loads]
+    apart = task.end_effector.fixed_position is None or task.joint_limits != (None, None)
+    points = np.eye(6) if apart else np.hstack([np.eye(3), np.eye(3)])
+    return (
+        (not needs_hover or np.allclose(O[:, 2], [0, 0, 1]))
+        and (not a.any() or np.allclose(axes @ np.diag(a), np.diag(a) @ axes))
+        and (not (a.any() or flight.com_error) or np.all((axes < 1e-9) | (np.abs(axes - 1) < 1e-9)))
+        and all(any(np.allclose(points @ (image - load), 0, atol=1e-9) for load in loads) for image in images)
+    )
+
+
+def test_a_mirror_keeps_all_that_each_pair_of_flight_requirements_asks() -> None:
+    mirrored = 0
+    for task in chain.from_iterable(tasks_with(flight, 1) for flight in PAIRS):
+        O = improper_isometry(task)
+        mirrored += O is not None
+        assert O is None or requirements_keep(O, task), (task.flight, O)
+    assert mirrored > len(PAIRS)
+
+
+def test_a_tilt_by_the_pseudo_inverse_distinguishes_trees_that_a_mirror_of_gravity_would_merge() -> None:
+    for flight, classes in (({}, 3), ({"tilt_deg": 5.0, "allocator": "pseudo-inverse"}, 4)):
+        task = push_task(3, load_cases=OBLIQUE, flight=flight, exposure=[])
+        assert count(3, symmetry="task", task=task) == classes
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flight", PAIRS, ids="-".join)
+def test_trees_that_a_task_merges_cost_the_same_when_solved_apart(flight: dict[str, Any]) -> None:
+    for task in tasks_with(flight, 3):
+        if improper_isometry(task) is None:
+            continue
+        costs = []
+        for key in ("a300", key_of(text_of(image(rooted_of("a300"), (0, True))))):
+            solved = solve(task, Topology.from_key(key), starts=range(6), seed=0)
+            costs.append(solved.objective if isinstance(solved, Design) else None)
+        assert costs[0] == (None if costs[1] is None else pytest.approx(costs[1], rel=1e-3)), task.load_cases
+
+
+def block(size: float, *at: float) -> dict[str, Any]:
+    """A convex piece of a frame: a cube somewhere in the plane of the rotors."""
+    cube = trimesh.creation.box([size] * 3).apply_translation([*at, 0.0])
+    return {"vertices": cube.vertices.tolist(), "triangles": cube.faces.tolist()}
+
+
+CUBE, BAY, OTHER_BAY = block(0.08, 0.0, 0.0), block(0.02, 0.05, 0.01), block(0.02, -0.05, -0.01)
+
+
+@pytest.mark.parametrize(
+    ("frame", "group"),
+    [([CUBE], "d2"), ([CUBE, BAY, OTHER_BAY], "c2"), ([CUBE, BAY], "c1")],
+)
+def test_a_frame_that_a_turn_or_mirror_changes_distinguishes_trees(frame: list[Any], group: Any) -> None:
+    body = {"frame": frame, "inertia": [0.001, 0.001, 0.002]}
+    for connectors in ("aligned", "any"):
+        task = push_task(4, module={"body": body}, search={"connectors": connectors})
+        found = resolve_symmetry(task)
+        assert (found.group, found.exact) == (group, True)
+        listed = list(candidates(4, symmetry="task", connectors=connectors, task=task))
+        assert len(listed) == count(4, symmetry="task", connectors=connectors, task=task)
+        plain = {"d2": "task", "c2": "c2", "c1": "none"}[group]
+        # with spins of two senses, no two rooted trees are the same platform
+        root = "paper" if group == "c1" and connectors == "any" else "free"
+        frameless = push_task(4, search={"connectors": connectors})
+        assert len(listed) == count(4, symmetry=plain, connectors=connectors, root=root, task=frameless)
+        assert resolve_symmetry(task, "c2").exact == (group != "c1")
+        assert resolve_symmetry(task, "none").exact == (group != "c1" or connectors == "aligned")

@@ -26,7 +26,7 @@ from topo_search.model import Audit, Design, ResolvedTask, Task
 from topo_search.model.design import Stated, Versioned
 from topo_search.model.search import Level
 from topo_search.model.value import Value
-from topo_search.topologies import Resolution, Symmetry, resolve_symmetry
+from topo_search.topologies import Resolution, Symmetry, exact_group, resolve_symmetry
 
 StrategyName = Literal["exhaustive", "optuna"]
 Sampler = Literal["moves", "tpe", "nsga2", "random"]
@@ -246,7 +246,7 @@ class Request:
         if self.symmetry == "task" and by_number is not None:
             reason = f"every rooted tree is a candidate: {by_number!r} may depend on module numbers"
             return Candidates(task, "none", rooted=True), Resolution("c1", True, reason)
-        rotations_only = free and self.symmetry == "task" and by_mirror is not None
+        rotations_only = free and self.symmetry == "task" and by_mirror is not None and exact_group(task) != "c1"
         symmetry: Symmetry = "c2" if rotations_only else self.symmetry
         resolution = resolve_symmetry(task, symmetry)
         violator = by_number if free else None

@@ -12,4 +12,4 @@ from topo_search.topologies.candidates import (
     sample,
 )
 from topo_search.topologies.rooted import Connectors, Root, Symmetry
-from topo_search.topologies.task_symmetry import Resolution, improper_isometry, resolve_symmetry
+from topo_search.topologies.task_symmetry import Resolution, exact_group, improper_isometry, resolve_symmetry

@@ -61,7 +61,7 @@ from topo_search.topologies.rooted import (
     text_of,
     turn,
 )
-from topo_search.topologies.task_symmetry import improper_isometry
+from topo_search.topologies.task_symmetry import exact_group
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -247,11 +247,13 @@ class Family:
         """
         if n < 1:
             raise ValueError(f"`n >= 1` must hold, but got n = {n}")
-        mirrors = None if task is None or symmetry != "task" else improper_isometry(task) is not None
+        exact = None if task is None else exact_group(task)
+        if (symmetry, exact, connectors) == ("task", "c1", "any"):
+            root = "paper"  # seen from a module of the other spin, frames are half a turn off
         self.n, self.symmetry, self.connectors, self.root = n, symmetry, connectors, root
-        self.group = group_of(symmetry, connectors=connectors, root=root, mirrors=mirrors)
+        self.group = group_of(symmetry, connectors=connectors, root=root, exact=exact)
         """Turns and mirrors under which trees are equivalent."""
-        self._exact: Group = "c1" if root == "paper" or self.group == "c1" else "c2"
+        self._exact: Group = "c1" if "c1" in (self.group, exact) or root == "paper" else "c2"
 
     def candidates(self) -> Iterator[Candidate]:
         """Yield all candidates in ascending order of keys; their orbits add up to `classes`."""

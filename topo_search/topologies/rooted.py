@@ -236,17 +236,17 @@ GROUPS: dict[Group, tuple[Element, ...]] = {
 """Elements (q, mirror) of each group, the identity first."""
 
 
-def group_of(symmetry: Symmetry, *, connectors: Connectors, root: Root, mirrors: bool | None = None) -> Group:
+def group_of(symmetry: Symmetry, *, connectors: Connectors, root: Root, exact: Group | None = None) -> Group:
     """Return the group under which keys are one candidate.
 
     Args:
         symmetry: requested symmetry.
         connectors: with `any`, all names except `none` and `task` mean the quarter turn with spin flip.
         root: with `paper`, `task` means the identity, the only exact symmetry.
-        mirrors: True if an improper isometry maps the task onto itself; required by `task` with a free root.
+        exact: largest exact group of the task; required by `task` with a free root.
 
     Raises:
-        ValueError: an unknown name, or `task` without `mirrors`.
+        ValueError: an unknown name, or `task` without `exact`.
     """
     for name, value, names in (
         ("symmetry", symmetry, Symmetry),
@@ -260,9 +260,9 @@ def group_of(symmetry: Symmetry, *, connectors: Connectors, root: Root, mirrors:
     if symmetry == "task":
         if root == "paper":
             return "c1"
-        if mirrors is None:
+        if exact is None:
             raise ValueError('symmetry "task" requires a task, but none was given')
-        return "d2" if mirrors else "c2"
+        return exact
     return "c2" if connectors == "any" else symmetry
 
 

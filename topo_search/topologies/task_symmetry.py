@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from topo_search.model import LoadCase, ResolvedTask
+from topo_search.model import LoadCase, Module, ResolvedTask
 from topo_search.model.corners import to_corners
 from topo_search.model.shape import NOWHERE, Capsule, Cone, Polytope
 from topo_search.topologies.rooted import Group, Symmetry, group_of
@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1.0e-9
 """Largest difference of two vectors that count as equal, relative to the longer one."""
+HALF_TURN, MIRROR = (-1.0, -1.0, 1.0), (1.0, -1.0, 1.0)
+"""Half turn of a module about its thrust axis, and its mirror that exchanges the ports +y and -y: diagonals."""
 REGION = "region"
 """Kind of a feature with unordered vectors: a convex target region."""
 
@@ -99,15 +101,14 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
 
     It must map load cases and corners of sets onto ones with the same weight (equal load cases count as one, with
     the sum of their weights), and segments, convex regions, cones with fixed axes, planes, axes of acceleration and
-    a fixed p_E onto themselves. Balls, paths along p_E and cones towards the COM allow every isometry. Among
-    several isometries the one closest to a plain reflection is returned.
+    a fixed p_E onto themselves, and the weight if hover is required. Balls, paths along p_E and cones towards the
+    COM allow every isometry. Among several isometries the one closest to a plain reflection is returned. There is
+    none if the module is no mirror image of itself.
     """
+    if not has_symmetry(task.module, MIRROR):
+        return None
     features = _features(to_corners(task))
-    groups: dict[tuple[str, int, int], list[_Feature]] = {}
-    for feature in features:
-        groups.setdefault((feature.kind, len(feature.polar), len(feature.axial)), []).append(feature)
-    kinds = [_Kind.of(group) for group in groups.values()]
-    best = None
+    kinds, best = _kinds(features), None
     for P in _rotations(features):
         nearer = best is None or np.trace(P) < np.trace(best) - TOLERANCE
         if nearer and all(kind.maps_onto_itself(P) for kind in kinds):
@@ -117,6 +118,26 @@ def improper_isometry(task: ResolvedTask) -> Array | None:
     O = -best
     O.flags.writeable = False
     return O
+
+
+@lru_cache(maxsize=16)
+def has_symmetry(module: Module, symmetry: tuple[float, float, float]) -> bool:
+    """True if a custom frame is mapped onto itself, piece by piece; hub, arms and rotors always are.
+
+    Args:
+        module: the module.
+        symmetry: HALF_TURN or MIRROR.
+    """
+    corners = [np.array(piece.vertices) for piece in module.body.frame or ()]
+    pieces = [_Feature(REGION, (), _clean(V, float(np.abs(V).max())), np.zeros((0, 3))) for V in corners]
+    return all(kind.maps_onto_itself(-np.diag(symmetry)) for kind in _kinds(pieces))
+
+
+def _kinds(features: list[_Feature]) -> list[_Kind]:
+    groups: dict[tuple[str, int, int], list[_Feature]] = {}
+    for feature in features:
+        groups.setdefault((feature.kind, len(feature.polar), len(feature.axial)), []).append(feature)
+    return [_Kind.of(group) for group in groups.values()]
 
 
 def _features(task: ResolvedTask) -> list[_Feature]:
@@ -140,7 +161,10 @@ def _features(task: ResolvedTask) -> list[_Feature]:
                 case Cone(axis=(_, _, _)):
                     vectors = _clean(np.array([shape.axis, shape.apex]), l_arm)
                     features.append(_Feature("axis", (shape.half_angle_deg, *needs), vectors, none))
-    for axis, a in zip(np.eye(3), task.declared.flight.angular_acceleration, strict=True):
+    flight = task.declared.flight
+    if flight.keeps_reserves or flight.tilt_deg or flight.rotor_out != "none":
+        features.append(_Feature("hover", (), np.array([[0.0, 0.0, 1.0]]), none))
+    for axis, a in zip(np.eye(3), flight.angular_acceleration, strict=True):
         if a:
             features += [_Feature("acceleration", (a,), none, axial[None]) for axial in (axis, -axis)]
     if p_E is not None:
@@ -150,14 +174,16 @@ def _features(task: ResolvedTask) -> list[_Feature]:
 
 def _load_cases(task: ResolvedTask) -> list[_Feature]:
     """Return the load cases, with equal ones merged."""
-    at_com = task.end_effector.fixed_position == (0.0, 0.0, 0.0)
+    # what the end-effector exerts loads the joints in another way than what the rotors do at the COM
+    apart = task.declared.joint_limits != (None, None)
+    at_com = task.end_effector.fixed_position == (0.0, 0.0, 0.0) and not apart
     features: list[_Feature] = []
     # wrenches are required for every dead rotor alike, so it does not matter that a mirror exchanges rotors
     base_cases = [(case, dead) for case, dead in zip(task.load_cases, task.dead_rotors, strict=True) if not dead]
-    cases = [(case, *_wrench(case, at_com)) for case, _ in base_cases]
+    cases = [(case, *_wrench(case, at_com, apart)) for case, _ in base_cases]
     kinds = ["load case" if dead is None else "with a rotor dead" for _, dead in base_cases]
     force, torque = task.force_unit(task.n), task.torque_unit(task.n)
-    cleaned = [(case, _clean(f, force), _clean(tau[None], torque)) for case, f, tau in cases]
+    cleaned = [(case, _clean(f, force), _clean(tau, torque)) for case, f, tau in cases]
     vectors = np.array([np.vstack([f, tau]) for _, f, tau in cleaned])
     representatives: list[int] = []
     for k, (case, f, tau) in enumerate(cleaned):
@@ -172,11 +198,16 @@ def _load_cases(task: ResolvedTask) -> list[_Feature]:
     return features
 
 
-def _wrench(case: LoadCase, at_com: bool) -> tuple[Array, Array]:
-    """Return f_E and f_C, shape (2, 3) [N] (their sum alone, (1, 3), if p_E is the COM), and tau, (3,) [N m]."""
+def _wrench(case: LoadCase, at_com: bool, apart: bool) -> tuple[Array, Array]:
+    """Return forces and torques at the end-effector and at the COM, shape (2, 3) each [N], [N m].
+
+    Their sum alone, (1, 3): forces if p_E is the COM, torques unless both are to be kept apart.
+    """
     forces = np.array([case.at_end_effector.force, case.at_com.force])
-    torque = np.array(case.at_end_effector.torque) + np.array(case.at_com.torque)
-    return (forces.sum(axis=0, keepdims=True) if at_com else forces), torque
+    torques = np.array([case.at_end_effector.torque, case.at_com.torque])
+    if not apart:
+        torques = torques.sum(axis=0, keepdims=True)
+    return (forces.sum(axis=0, keepdims=True) if at_com else forces), torques
 
 
 def _are_same(first: Array, second: Array) -> NDArray[np.bool_]:
@@ -245,6 +276,13 @@ def _frame(along: Array, beside: Array) -> Array:
     return np.column_stack([x, np.cross(z, x), z])
 
 
+def exact_group(task: ResolvedTask) -> Group:
+    """Return the largest group under which trees have the same optimum, with the free root."""
+    if not has_symmetry(task.module, HALF_TURN):
+        return "c1"
+    return "c2" if improper_isometry(task) is None else "d2"
+
+
 @dataclass(frozen=True)
 class Resolution:
     """Symmetry applied to a task."""
@@ -260,24 +298,28 @@ class Resolution:
 def resolve_symmetry(task: ResolvedTask, symmetry: Symmetry = "task") -> Resolution:
     """Apply a symmetry to a task; ValueError for an unknown symmetry."""
     connectors, root = task.search.connectors, task.search.root
-    isometry = improper_isometry(task)
-    group = group_of(symmetry, connectors=connectors, root=root, mirrors=isometry is not None)
+    isometry, exact = improper_isometry(task), exact_group(task)
+    group = group_of(symmetry, connectors=connectors, root=root, exact=exact)
     if root == "paper":
         if group == "c1":
             return Resolution(group, True, "with the paper's root no two rooted trees are the same design")
         return Resolution(group, False, "lossy: with the paper's root only the identity is exact")
+    changed = "half a turn changes the module's frame"
+    if exact == "c1" and symmetry != "task" and (group != "c1" or connectors == "any"):
+        return Resolution(group, False, f"lossy: {changed}")
     if group == "c1":
-        return Resolution(group, True, "every tree is a candidate")
+        return Resolution(group, True, f"every tree is a candidate{f': {changed}' if symmetry == 'task' else ''}")
     if group in ("c4", "d4"):
         return Resolution(group, False, "lossy: a quarter turn reverses every rotor's spin")
     turns = "turning modules by " + ("180 deg" if connectors == "aligned" else "90 deg, with opposite spin,")
     merged = f"trees that differ only by {turns} are merged"
+    lacking = "the task" if has_symmetry(task.module, MIRROR) else "the module's frame"
     if group == "c2":
         if symmetry != "task":
             return Resolution(group, True, merged)
-        return Resolution(group, True, f"{merged}; the task has no mirror symmetry")
+        return Resolution(group, True, f"{merged}; {lacking} has no mirror symmetry")
     if isometry is None:
-        return Resolution(group, False, "lossy: the task has no mirror symmetry")
+        return Resolution(group, False, f"lossy: {lacking} has no mirror symmetry")
     mirror = f"the task is symmetric under {describe(isometry)}, so mirror images are merged too"
     return Resolution(group, True, f"{merged}; {mirror}")
 
