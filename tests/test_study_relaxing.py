@@ -141,6 +141,19 @@ def test_every_limit_of_a_task_is_relaxed_towards_what_is_easier():
     assert limits["load_cases"].relaxed(0.5).load_cases[-1] == task.load_cases[-1]  # hover stays
 
 
+@pytest.mark.parametrize(("reach", "last"), [(0.5, 0.4), (0.05, 0.04), (0.01, None)])
+def test_no_step_leads_to_a_task_that_is_refused(tmp_path, monkeypatch, reach, last):
+    """A plane stays nearer than the distance up to which its speed applies: it moves by less, or not at all."""
+    monkeypatch.setenv("TOY_NONE", "*")
+    planes = {"kind": "allowed", "planes": [{"normal": [0.0, 0.0, -1.0]}], "speed": 0.5, "geometry": False}
+    task = Task.model_validate(user_task(exposure=[{**planes, "speed_within": reach}]))
+    steps = {limit.limit: limit.shares[-1] for limit in relaxable(task, 3)}
+    assert steps["air over exposure 0 (allowed)"] == 1.0
+    assert steps.get("exposure 0 (allowed)") == last
+    (size,) = toy_run(tmp_path / "run", task=task).sizes
+    assert len(size.relaxed.in_vain) == len(steps)
+
+
 @pytest.mark.parametrize("helps", [True, False])
 def test_the_number_of_solves_is_bounded_whatever_comes_of_them(monkeypatch, helps):
     task = push(5)

@@ -288,9 +288,8 @@ class RunFolder:
             BadInput: one of them is damaged.
         """
         task = self.request.contexts(n)[0].task
-        return {
-            key: proof for key, proof in self.read_files(RunFile.UNFINISHED, Proof).items() if proof.task == task
-        }
+        proofs = self.read_files(RunFile.UNFINISHED, Proof)
+        return {key: proof for key, proof in proofs.items() if proof.task == task}
 
     def proofs_for(self, task: ResolvedTask) -> dict[str, Proof]:
         """Return the complete proofs that also hold for a task of another run, by key, with that task.

@@ -107,14 +107,10 @@ class _SizeProofs:
     @property
     def open_trees(self) -> tuple[str, ...]:
         """Keys of the trees for which less is proven than requested."""
-        possible = (proof for key, proof in self.proofs.items() if key not in self.impossible)
-        return tuple(
-            proof.topology_key
-            for proof in possible
-            if not (
-                proof.complete or (proof.open_at is not None and proof.cut > self.floor)
-            )  # its lowest cut is shown
-        )
+        incomplete = [proof for proof in self.proofs.values() if not proof.complete]
+        # a proof that is stuck at a higher cut was not lowered: the lowest one is proven
+        open_keys = (p.topology_key for p in incomplete if p.open_at is None or p.cut <= self.floor)
+        return tuple(key for key in open_keys if key not in self.impossible)
 
     def write(self) -> None:
         """Write the proofs that have new chunks: beside a complete one until they are complete."""

@@ -15,10 +15,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from heapq import nsmallest
 from itertools import islice
 from typing import Any
+
+from pydantic import ValidationError
 
 from topo_search.engine import Backends, Failed, Job, audit_deadline, scaled_violation
 from topo_search.model import Infeasible, Relaxed, ResolvedTask, Task, Topology
@@ -52,6 +54,8 @@ RELAXING = Relaxing()
 class Relaxable:
     """A limit that can be relaxed."""
 
+    modules: int
+    """Number of modules."""
     limit: str
     """Name of the limit."""
     field: str
@@ -69,12 +73,22 @@ class Relaxable:
     tightens: bool = False
     """True if the limit gets stricter: its designs also satisfy the original task, whose search may miss them."""
 
-    @property
+    @cached_property
     def shares(self) -> tuple[float, ...]:
-        """The shares to try, in ascending order."""
-        if self.is_switch:
-            return (self.largest_share,)
-        return tuple(x for x in RELAXING.shares if x <= self.largest_share)
+        """The shares to try, in ascending order: those with which the task is valid."""
+        ladder = (self.largest_share,) if self.is_switch else RELAXING.shares
+        return tuple(x for x in ladder if x <= self.largest_share and self._is_valid(x))
+
+    def _is_valid(self, share: float) -> bool:
+        try:
+            self.task_at(share)
+        except ValidationError:  # for example a plane farther away than `speed_within`
+            return False
+        return True
+
+    def task_at(self, share: float) -> ResolvedTask:
+        """Return the task with the limit relaxed by a share; ValidationError if other fields rule it out."""
+        return self.relaxed(share).resolve(self.modules)
 
     def change(self, share: float) -> str:
         """Return the change by a share in words."""
@@ -83,7 +97,7 @@ class Relaxable:
 
 def relaxable(task: Task, n: int) -> list[Relaxable]:
     """Return the limits of a task for n modules that can be relaxed without changing the module or the tree."""
-    limits = (*_numbers(task, n), *_switches(task), *_loads(task))
+    limits = (*_numbers(task, n), *_switches(task, n), *_loads(task, n))
     return [limit for limit in limits if limit.shares]
 
 
@@ -121,7 +135,9 @@ def _numbers(task: Task, n: int) -> Iterator[Relaxable]:
             change = partial(_change, task, part, name, value, math.copysign(1.0, largest_share))
             read_number = (lambda _: None) if isinstance(value, tuple) else read_value
             tightens = name == "largest_reach" and largest_share < 0
-            yield Relaxable(limit, field, words, abs(largest_share), change, read_number, unit, tightens=tightens)
+            yield Relaxable(
+                n, limit, field, words, abs(largest_share), change, read_number, unit, tightens=tightens
+            )
 
 
 def _value(n: int, part: str | int, name: str, task: Task) -> Any:
@@ -152,7 +168,7 @@ def _relax_value(value: Any, share: float, length: float) -> Any:
     return float(f"{value * (1 + share):.6g}")
 
 
-def _switches(task: Task) -> Iterator[Relaxable]:
+def _switches(task: Task, n: int) -> Iterator[Relaxable]:
     """Yield the limits that can only be kept or dropped."""
     search = task.search
     field_of_set = "hinge_step_deg" if search.hinge_angles_deg is None else "hinge_angles_deg"
@@ -166,14 +182,14 @@ def _switches(task: Task) -> Iterator[Relaxable]:
         ("position of the end-effector", 'end_effector.position = "free"', is_fixed, free_tip),
     ):
         if applies:
-            yield Relaxable(limit, field, "freeing it", 1.0, partial(_return_freed, freed), is_switch=True)
+            yield Relaxable(n, limit, field, "freeing it", 1.0, partial(_return_freed, freed), is_switch=True)
 
 
 def _return_freed(freed: Task, _: float) -> Task:
     return freed
 
 
-def _loads(task: Task) -> Iterator[Relaxable]:
+def _loads(task: Task, n: int) -> Iterator[Relaxable]:
     """Yield the load cases."""
 
     def lighten(x: float) -> Task:
@@ -183,7 +199,7 @@ def _loads(task: Task) -> Iterator[Relaxable]:
 
     if lighten(0.5).load_cases != task.cases:
         words = "less force and torque at the end-effector"
-        yield Relaxable("load cases", "load_cases", words, 1 - RELAXING.remaining, lighten)
+        yield Relaxable(n, "load cases", "load_cases", words, 1 - RELAXING.remaining, lighten)
 
 
 @dataclass
@@ -211,7 +227,7 @@ class _Bisection:
 
     def task_at(self, rung: int) -> ResolvedTask:
         """Return the task with the limit relaxed to a rung."""
-        return self.limit.relaxed(self.limit.shares[rung]).resolve(self.topology.n)
+        return self.limit.task_at(self.limit.shares[rung])
 
     def change(self, rung: int) -> str:
         """Return the limit and its change at a rung in words."""
