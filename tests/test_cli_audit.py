@@ -4,18 +4,17 @@ import csv
 import json
 import os
 from functools import partial
-from itertools import pairwise
 
 import pytest
 import toy_problem
 from commands import invoke, refused
-from verify_cases import changed, fan
+from verify_cases import fan
 from wording import says
 
 import verify
 from topo_search import compose
 from topo_search.engine import Job
-from topo_search.export.audits import escape, tolerance_lines
+from topo_search.export.audits import tolerance_lines
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Topology
 from topo_search.model.files import to_json
@@ -132,45 +131,18 @@ def test_the_table_holds_every_clearance_of_every_design(command, tmp_path):
         assert [row["lower_m"] == "" for row in mine] == [pair.status == "violated" for pair in pairs]
 
 
-def test_the_summary_names_what_is_wrong_and_by_how_much(command, tmp_path):
-    write(tmp_path / "good.json")
-    write(tmp_path / "bad.json", changed(OVERLAPPING, objective=2 * OVERLAPPING.objective))
-    (tmp_path / "half.json").write_text("{")
-    command("good.json", "bad.json", "half.json", "--markdown", "audit.md", status=2)
-    text = (tmp_path / "audit.md").read_text()
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:1] == "|"]
-    overview = {row[0]: row[1:] for row in rows[2:4]}
-    assert overview["good.json"][:2] == ["clear", "3"]
-    assert overview["good.json"][-3:] == ["0", "", ""]
-    assert overview["bad.json"][0] == "violated"
-    assert overview["bad.json"][-3] == "2"
-    assert overview["bad.json"][-1] == "3"
-    (objective,) = (row for row in rows if row[0] == "control effort J")
-    stated, derived = (float(cell) for cell in objective[-2:])
-    assert stated == pytest.approx(2 * derived)
-    shares = {row[0]: row[-1] for row in rows if row[0].startswith("airflow of modules") and row[1] == "violated"}
-    depth = 100 * (1 - 0.3 / (2 * OVERLAPPING.task.module.envelope.end_radius))
-    assert shares == dict.fromkeys(shares, f"{-depth:.3g} %")
-    assert {row[0] for row in rows if row[1:2] == ["violated"]} >= {
-        "airflow of modules 0 and 1",
-        "airflow of modules 0 and 2",
-    }
-    assert "## Not audited\n\n- half.json: is not a JSON file" in text
-
-
 def test_that_no_straight_rod_reaches_is_told(command, tmp_path):
     inside = fan({"end_effector": {"exclusion": False}}, end_effector=(0.0, 0.0, 0.0))
     write(tmp_path / "inside.json", inside)
     note = "no straight rod reaches the end-effector: every free connector is blocked"
-    assert f"  note: {note}\n" in command("inside.json", "--markdown", "audit.md").output
-    assert f"\nNote: {note}.\n" in (tmp_path / "audit.md").read_text()
+    assert f"  note: {note}\n" in command("inside.json").output
 
 
 @pytest.mark.parametrize("required", [True, False])
-def test_what_errors_a_design_survives_is_told_and_in_the_summary(command, tmp_path, required):
+def test_what_errors_a_design_survives_is_told(command, tmp_path, required):
     given = fan({"tolerances": {"hinge_angle_deg": 0.1}, "flight": {"tolerances": required}})
     write(tmp_path / "good.json", given)
-    told = command("good.json", "--markdown", "audit.md").output
+    told = command("good.json").output
     audited = verify.audit(given)
     found, lines = audited.sensitivity, list(tolerance_lines(audited))
     assert len(lines) == 4
@@ -179,30 +151,11 @@ def test_what_errors_a_design_survives_is_told_and_in_the_summary(command, tmp_p
     assert lines[3].startswith("within the task's tolerances: clear, smallest clearance")
     assert lines[3].endswith("; measured, not required") is not required
     assert "".join(f"  {line}\n" for line in lines) in told
-    assert "\n" + "".join(f"- {line}\n" for line in lines) in (tmp_path / "audit.md").read_text()
 
 
-def test_tables_have_as_many_cells_in_every_row(command, tmp_path):
-    write(tmp_path / "a|b `c` <b>*_x_.json", changed(OVERLAPPING, objective=1.0))
-    command("a|b `c` <b>*_x_.json", "--markdown", "audit.md", status=1)
-    table = []
-    for line in (tmp_path / "audit.md").read_text().splitlines():
-        if line.startswith("|"):
-            table.append(line.replace("\\|", "").count("|"))
-        else:
-            assert all(one == other for one, other in pairwise(table))
-            table = []
-            assert "<b>" not in line
-
-
-def test_text_of_others_is_no_markup():
-    assert escape("a|b\n# c `d` [e](f) <g>") == r"a\|b # c \`d\` \[e\](f) \<g\>"
-
-
-@pytest.mark.parametrize("option", ["--csv", "--markdown"])
-def test_an_output_that_cannot_be_written_is_refused_before_the_work(command, tmp_path, option):
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(command, tmp_path):
     write(tmp_path / "one.json")
-    assert refused("audit", "one.json", option, "one.json/deeper").startswith(f"{option}: must be writable")
+    assert refused("audit", "one.json", "--csv", "one.json/deeper").startswith("--csv: must be writable")
 
 
 # ---- files that mean harm
@@ -287,13 +240,12 @@ def test_names_of_files_cannot_write_to_the_terminal(command, tmp_path):
     for name in hostile:
         write(tmp_path / "in" / name)
     (tmp_path / "in" / "\x1b[2Jbad.json").write_text("{")
-    result = command("in", "--csv", "pairs.csv", "--markdown", "audit.md", status=2)
+    result = command("in", "--csv", "pairs.csv", status=2)
     assert "in/new\\nline.json: clear" in result.stdout
     assert "in/\\x1b[31mred.json: clear" in result.stdout
     assert "in/\ufffd.json: clear" in result.stdout
     assert result.stderr.startswith("in/\\x1b[2Jbad.json: ")
-    for written in ("pairs.csv", "audit.md"):
-        assert "\x1b" not in (tmp_path / written).read_text(encoding="utf-8")
+    assert "\x1b" not in (tmp_path / "pairs.csv").read_text(encoding="utf-8")
 
 
 def test_the_json_of_one_file_is_the_audit_and_reads_back(command, tmp_path):

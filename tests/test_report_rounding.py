@@ -20,7 +20,6 @@ from topo_search.cli.tables import _front, _rows, audit_lines
 from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
 from topo_search.compose.designs import compare_audits
-from topo_search.export.audits import AuditedDesign, markdown
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.audit import WorstCase
 from topo_search.model.design import Relaxation
@@ -88,7 +87,6 @@ def test_clearances(audited, status, capsys):
             capsys.readouterr().out,
             compare_audits(only, only),
             [cell for row in rows for cell in row],
-            markdown([AuditedDesign("mine", made, only)], []),
             only._repr_html_(),
             pointed,
         ):
@@ -119,10 +117,9 @@ def test_errors_that_are_harmless_and_what_is_not_met(audited, capsys):
         )
         print(*audit_lines("mine", changed), sep="\n")
         printed, checked = capsys.readouterr().out, residuals(changed).rows[0]
-        summary = markdown([AuditedDesign("mine", made, changed)], [])
-        for text in (printed, summary, *errors(changed).rows, findings(made, changed)):
+        for text in (printed, *errors(changed).rows, findings(made, changed)):
             check(text, least=x, most=3 * x)
-        for text in (printed, summary, checked, changed._repr_html_()):
+        for text in (printed, checked, changed._repr_html_()):
             check(text, most=9 * x)
         check(checked, least=81 * x, most=27 * x)
 

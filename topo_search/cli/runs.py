@@ -134,13 +134,12 @@ def _figures(design: Compared) -> dict[str, object]:
     }
 
 
-@command(epilog="Example: topo-search audit runs/push-*/best.json --markdown audit.md")
+@command(epilog="Example: topo-search audit runs/push-*/best.json --csv pairs.csv")
 @click.argument("designs", nargs=-1, required=True, metavar="DESIGN.json|FOLDER...")
 @options.as_json
 @options.out("--csv", "table", "Write all clearances to a CSV table.")
-@options.out("--markdown", "summary", "Write a summary in Markdown.")
 @options.workers
-def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, workers: int | None) -> None:
+def audit(designs: tuple[str, ...], table: Path | None, workers: int | None) -> None:
     """Audit designs exactly, from the design files alone.
 
     Given a folder, every .json file below it is audited; audits in a run's folder are skipped.
@@ -151,39 +150,36 @@ def audit(designs: tuple[str, ...], table: Path | None, summary: Path | None, wo
     from topo_search.cli.tables import audit_lines, tally_lines
     from topo_search.compose import audits, available_cores
     from topo_search.engine import Failed
-    from topo_search.export.audits import AuditedDesign, clearances_of, csv, markdown
+    from topo_search.export.audits import clearances_of, csv
     from topo_search.model.files import write_atomically
 
-    for option, out in (("--csv", table), ("--markdown", summary)):
-        options.require_writable(out, option)
+    options.require_writable(table, "--csv")
     loaded, refused, skipped = _read_designs(designs)
-    judged: list[AuditedDesign] = []
-    failed: list[tuple[str, str]] = []
-    files = len(loaded) + len(refused) + skipped
+    judged = list[tuple[str, ts.Audit]]()
+    failures = 0
+    files = len(loaded) + refused + skipped
     processes = min(workers or available_cores(), files) if files > 1 else 0
     results = audits((design for _, design in loaded), workers=processes)
-    for (name, design), result in zip(loaded, results, strict=True):
+    for (name, _), result in zip(loaded, results, strict=True):
         if isinstance(result, Failed):
-            failed.append((name, f"the audit failed: {result.reason}"))
-            note(": ".join(failed[-1]))
+            failures += 1
+            note(f"{name}: the audit failed: {result.reason}")
             continue
-        judged.append(AuditedDesign(name, design, result))
+        judged.append((name, result))
         if not options.is_json():
             options.echo_lines(audit_lines(name, result))
-    verdicts = [entry.audit.verdict for entry in judged]
+    verdicts = [audit.verdict for _, audit in judged]
     if options.is_json():
-        values = [{"file": entry.name, **entry.audit.model_dump(mode="json")} for entry in judged]
+        values = [{"file": name, **audit.model_dump(mode="json")} for name, audit in judged]
         single = len(designs) == len(values) == 1 and not Path(designs[0]).is_dir()
         options.echo_answer(values[0] if single else values, ())
     elif files > 1:
-        options.echo_lines(tally_lines(verdicts, len(failed), len(refused), skipped))
+        options.echo_lines(tally_lines(verdicts, failures, refused, skipped))
     if table is not None:
-        write_atomically(table, csv(clearances_of([(entry.name, entry.audit) for entry in judged])))
-    if summary is not None:
-        write_atomically(summary, markdown(judged, [*failed, *refused]))
+        write_atomically(table, csv(clearances_of(judged)))
     if refused:
         raise SystemExit(ExitStatus.BAD_INPUT)
-    if failed or any(verdict != ts.Status.CLEAR for verdict in verdicts):
+    if failures or any(verdict != ts.Status.CLEAR for verdict in verdicts):
         raise SystemExit(1)
 
 
@@ -191,8 +187,8 @@ AUDIT_FORMAT = "topo-search/audit"
 """Value of `format` in the file of an audit."""
 
 
-def _read_designs(sources: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]], list[tuple[str, str]], int]:
-    """Return designs and faults of other files, each with its file name, and the number of audits skipped.
+def _read_designs(sources: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]], int, int]:
+    """Return designs with their file names, and the numbers of files refused and of audits skipped.
 
     A folder stands for all `*.json` below it, sorted; audits that a run keeps beside its designs are skipped.
     A symbolic link to a folder is followed only if it is one of the arguments.
@@ -201,8 +197,7 @@ def _read_designs(sources: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]]
     from topo_search.model.value import to_printable
 
     loaded: list[tuple[str, ts.Geometry]] = []
-    refused: list[tuple[str, str]] = []
-    skipped = 0
+    refused = skipped = 0
     for source in sources:
         in_folder = Path(source).is_dir()
         for path, fault in _find_files(source) if in_folder else [(source, None)]:
@@ -216,7 +211,7 @@ def _read_designs(sources: Sequence[str]) -> tuple[list[tuple[str, ts.Geometry]]
                 else:
                     loaded.append((name, to_geometry(data, name)))
             except ts.BadInput as error:
-                refused.append((name, "; ".join(map(str, error.faults))))
+                refused += 1
                 note("\n".join(f"{name}: {each}" for each in error.faults))
     return loaded, refused, skipped
 

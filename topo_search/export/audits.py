@@ -1,15 +1,13 @@
-"""Audits to share: a Markdown summary, lines for a reader, and data frames with their CSV and Parquet files."""
+"""Audits to share: lines for a reader, and data frames with their CSV and Parquet files."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import groupby
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 
-from topo_search.model import Audit, Clearance, Flight, Geometry, Residual, RotorsOut, Status
+from topo_search.model import Audit, Clearance, Flight, Residual, RotorsOut, Status
 from topo_search.model.flight import direction
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.text import escape_formula
@@ -17,111 +15,8 @@ from topo_search.model.text import escape_formula
 if TYPE_CHECKING:
     import pandas as pd
 
-LISTED = 50
-"""Rows shown per design in each list of the summary; the data frames hold all."""
 NAMED_ROTORS = 8
 """Largest number of rotors listed by name; of more only the count is given."""
-DIGITS = 9
-"""Significant digits of bounds, and of numbers that are compared."""
-
-
-class AuditedDesign(NamedTuple):
-    """A design with its audit."""
-
-    name: str
-    """Name in the summary: the file name."""
-    design: Geometry
-    audit: Audit
-
-
-def markdown(designs: Sequence[AuditedDesign], skipped: Sequence[tuple[str, str]]) -> str:
-    """Return a Markdown summary of audits.
-
-    Args:
-        designs: the audited designs.
-        skipped: the names of files that were not audited, each with the reason.
-    """
-    lines = ["# Audit of designs", "", *_overview(designs)]
-    if skipped:
-        lines += ["", "## Not audited", "", *(f"- {escape(name)}: {escape(reason)}" for name, reason in skipped)]
-    for entry in designs:
-        lines += ["", *_section(entry)]
-    return "\n".join(lines) + "\n"
-
-
-def escape(text: str) -> str:
-    """Return a text on one line, with everything escaped that Markdown or HTML would interpret."""
-    line = re.sub(r"([\\`*_\[\]<>|&~])", r"\\\1", " ".join(text.split()))
-    return re.sub(r"^(\d*)([=+@#-]|(?<=\d)[.)](?= |$))", r"\1\\\2", line)  # no list, no heading, no formula
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return [f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows)]
-
-
-def _overview(designs: Sequence[AuditedDesign]) -> list[str]:
-    rows = []
-    for name, design, audit in designs:
-        nearest_cells, overlap_cells = ["", ""], ["", "", ""]
-        if audit.pairs:
-            nearest = min(audit.pairs, key=lambda pair: pair.analytic_m)
-            nearest_cells = [lower_text(nearest.analytic_m), escape(nearest.name)]
-        if (clash := audit.interference) is not None:
-            deepest = f"{upper_text(clash.deepest_percent, 3)} %" if clash.colliding_pairs else ""
-            sizes = ", ".join(str(len(cluster)) for cluster in clash.clusters)
-            overlap_cells = [str(clash.colliding_pairs), deepest, sizes]
-        rows.append([escape(name), audit.verdict, str(design.topology.n), *nearest_cells, *overlap_cells])
-    head = ["design", "verdict", "modules", "smallest clearance [m]", "between"]
-    return _table([*head, "overlapping pairs", "deepest overlap", "clusters"], rows)
-
-
-def _section(audited: AuditedDesign) -> Iterator[str]:
-    name, _, audit = audited
-    versions = ", ".join(" ".join(item) for item in audit.versions.items())
-    yield from (f"## {escape(name)}", "", f"Verdict: **{audit.verdict}**. Versions: {versions}.", "")
-    if audit.inputs_words is not None:
-        yield from (f"Inputs: {escape(audit.inputs_words)}.", "")
-    rows = []
-    for kind, group in groupby(sorted(audit.pairs, key=lambda pair: pair.kind), key=lambda pair: pair.kind):
-        pairs = list(group)
-        nearest = min(pairs, key=lambda pair: pair.analytic_m)
-        counts = [str(sum(pair.status == status for pair in pairs)) for status in Status]
-        rows.append([kind, *counts, lower_text(nearest.analytic_m), escape(nearest.name)])
-    yield from _table(["kind", *Status, "smallest clearance [m]", "between"], rows)
-    not_clear = [pair for pair in audit.pairs if pair.status != Status.CLEAR]
-    head = ["clearance", "status", "closed form [m]", "at least [m]", "at most [m]", "share of deepest possible"]
-    yield from _list_rows(head, [_clearance_row(pair) for pair in not_clear], "clearances that are not clear")
-    off_rows = [
-        [escape(row.words), row.status, upper_text(row.value), row.unit]
-        + ["" if x is None else f"{x:.{DIGITS}g}" for x in (row.stated, row.derived)]
-        for row in audit.residuals
-        if row.status != Status.CLEAR
-    ]
-    head = ["number", "status", "off by", "unit", "stated", "derived"]
-    yield from _list_rows(head, off_rows, "numbers that are off")
-    if audit.sensitivity is not None:
-        yield from ("", *(f"- {line}" for line in tolerance_lines(audit)))
-    if audit.flight is not None:
-        yield from ("", *(f"- {line}" for line in (*flight_lines(audit.flight), *power_lines(audit))))
-    if audit.air is not None:
-        yield from ("", *(f"- {line}" for line in audit.air.sentences()))
-    end_effector = audit.assembly.end_effector
-    notes = [larger.words for larger in audit.mesh_excess]
-    if end_effector is not None and end_effector.note is not None:
-        notes.append(end_effector.note)
-    for note in notes:
-        yield from ("", f"Note: {escape(note)}.")
-    for pair in not_clear[:LISTED]:
-        if pair.evidence:
-            yield from ("", f"Evidence on the {escape(pair.name)}:", "")
-            yield from (f"    {finding}" for finding in pair.evidence)
-
-
-def _list_rows(head: list[str], rows: list[list[str]], words: str) -> Iterator[str]:
-    if rows:
-        yield from ("", *_table(head, rows[:LISTED]))
-    if len(rows) > LISTED:
-        yield from ("", f"{len(rows) - LISTED} more {words}.")
 
 
 def tolerance_lines(audit: Audit) -> Iterator[str]:
@@ -149,13 +44,6 @@ def broken_lines(audit: Audit) -> Iterator[str]:
     for row in audit.residuals:
         if row.status != Status.CLEAR:
             yield f"{row.words}: short by {upper_text(row.value, 3)} {row.unit} ({row.status})"
-
-
-def _clearance_row(pair: Clearance) -> list[str]:
-    lower = "" if pair.lower_m is None else lower_text(pair.lower_m, DIGITS)
-    upper = "" if pair.upper_m is None else upper_text(pair.upper_m, DIGITS)
-    share = "" if pair.percent is None else f"{lower_text(pair.percent, 3)} %"
-    return [escape(pair.name), pair.status, lower_text(pair.analytic_m), lower, upper, share]
 
 
 def flight_lines(flight: Flight) -> Iterator[str]:
