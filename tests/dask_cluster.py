@@ -19,7 +19,7 @@ def free_port():
 class Cluster:
     """A scheduler, and as many Dask workers as are asked for; `with` ends all of them."""
 
-    def __init__(self, folder, certificates=None, **environment):
+    def __init__(self, folder, **environment):
         paths = filter(None, [str(HERE), os.environ.get("PYTHONPATH")])
         self.environment = {
             **os.environ,
@@ -31,9 +31,9 @@ class Cluster:
             **environment,
         }
         self.folder = folder
-        self.certificates = certificates
-        self.address = f"{'tls' if certificates else 'tcp'}://127.0.0.1:{free_port()}"
-        self.scheduler = self.start_scheduler()
+        self.address = f"tcp://127.0.0.1:{free_port()}"
+        port = self.address.rsplit(":", 1)[1]
+        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", port)
         self.workers = []
 
     def __enter__(self):
@@ -44,13 +44,6 @@ class Cluster:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
 
-    def start_scheduler(self):
-        """Start a scheduler at the address."""
-        port = self.address.rsplit(":", 1)[1]
-        encrypted = ("--protocol", "tls") if self.certificates else ()
-        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", port, *encrypted)
-        return self.scheduler
-
     def add_worker(self, *options):
         """Start a Dask worker of one thread, without waiting for it."""
         given = ("--nthreads", "1", "--local-directory", str(self.folder), *options)
@@ -59,9 +52,6 @@ class Cluster:
 
     def _start(self, role, *arguments):
         command = [sys.executable, "-m", "dask", role, *arguments, "--no-dashboard"]
-        if self.certificates:
-            ca, cert, key = self.certificates
-            command += ["--tls-ca-file", ca, "--tls-cert", cert, "--tls-key", key]
         with (self.folder / f"{role}.log").open("a") as log:
             return subprocess.Popen(
                 command, env=self.environment, stdout=log, stderr=log, start_new_session=True, cwd=self.folder

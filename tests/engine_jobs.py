@@ -21,8 +21,6 @@ def misbehave(job):
         os.kill(os.getpid(), signal.SIGKILL)
     if kind == "parent":
         os.kill(os.getppid(), signal.SIGKILL)
-    if kind == "memory":
-        raise MemoryError
     if kind == "raise":
         raise ValueError("`x > 0` must hold,\nbut got x = 0")
     while kind == "hang":
@@ -64,15 +62,6 @@ def mark(folder, tell):
     report_pid((folder, 0.0))
 
 
-def cache_folder(seconds):
-    """Where numba keeps compiled functions, after time for other children to start."""
-    from topo_search.model.compiled_code import CACHE_DIR, choose_cache_folder
-
-    choose_cache_folder()
-    time.sleep(seconds)
-    return os.environ.get(CACHE_DIR)
-
-
 def report_pid(job):
     path, seconds = job
     (Path(path) / str(os.getpid())).touch()
@@ -89,7 +78,3 @@ def timed(function, job):
     wall, own = time.perf_counter(), time.process_time()
     result = function(job)
     return result, time.perf_counter() - wall, time.process_time() - own
-
-
-def raise_timeout(job):
-    raise TimeoutError("the job's own")

@@ -61,7 +61,6 @@ def test_one_tree_that_is_proven_ends_with_0_whatever_the_rest(run, monkeypatch)
         (["nowhere"], "nowhere"),
         (["RUN", "--topology", "a999"], "has no candidate a999"),
         (["RUN", "--gap", "0"], "--gap"),
-        (["RUN", "--dask-ca", "ca.pem"], "require --dask"),
     ],
 )
 def test_bad_input_ends_with_2(run, monkeypatch, arguments, told):

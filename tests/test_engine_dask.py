@@ -1,18 +1,18 @@
-"""Dask workers that end, misfit or never come: nothing is lost, and the message says what to do."""
+"""A run on a Dask cluster: the same answer as on this machine; what ends there costs no result, and is told."""
 
-import importlib
 import os
 import signal
+import subprocess
+import sys
 import threading
-from collections import Counter
 
-import distributed
 import pytest
 from dask_cluster import Cluster, free_port
-from engine_jobs import LONG, cache_folder, environment, mark, misbehave, report_pid, square
-from processes import eventually, gone
+from engine_jobs import LONG, environment, mark, misbehave, report_pid, square
+from processes import eventually, gone, ranking, recorded
+from toy_problem import solved_keys, toy_run
 
-from topo_search.engine import DaskWorkers, Failed, WorkersLost, dask_workers
+from topo_search.engine import DaskWorkers, Failed, WorkersLost
 from topo_search.model import BadInput
 
 
@@ -22,7 +22,7 @@ def parent_of(pid):
 
 
 def test_killing_a_dask_worker_loses_nothing_and_leaves_no_child(cluster, tmp_path):
-    with DaskWorkers(cluster.address, {}) as workers:
+    with DaskWorkers(cluster.address) as workers:
         results = workers.run(report_pid, [(tmp_path, 0.2)] * 12, deadline=lambda _: LONG)
         child = next(results)[1]
         os.kill(parent_of(child), signal.SIGKILL)
@@ -32,132 +32,101 @@ def test_killing_a_dask_worker_loses_nothing_and_leaves_no_child(cluster, tmp_pa
         eventually(lambda: gone(child))
 
 
-def children(workers, folder):
-    return [child for _, child in workers.run(report_pid, [(folder, 0.1)] * 4, deadline=lambda _: LONG)]
-
-
-def test_quick_jobs_do_not_make_one_worker_take_all_the_slow_ones(cluster, tmp_path):
-    jobs = [*[(tmp_path, 0.0)] * 20, *[(tmp_path, 0.2)] * 24]
-    with DaskWorkers(cluster.address, {}) as workers:
-        eventually(lambda: len(set(children(workers, tmp_path))) == 2)  # both have started
-        results = workers.run(report_pid, jobs, deadline=lambda _: LONG)
-        shares = Counter(child for (_, seconds), child in results if seconds)
-    assert shares.total() == 24
-    assert len(shares) == 2
-    assert min(shares.values()) >= 8
-
-
-def test_every_dask_worker_prepares_once_and_says_once_where_compiled_code_is(tmp_path):
-    """Two threads have two children; nothing can be kept where only NUMBA_CACHE_DIR would do, which is not set."""
-    noted, nowhere = [], {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator", "TMPDIR": str(tmp_path)}
-    with (
-        Cluster(tmp_path, **nowhere) as cluster,
-        DaskWorkers(cluster.address, {}, note=noted.append) as workers,
-    ):
-        for _ in range(2):
-            cluster.add_worker("--nthreads", "2")
-        eventually(lambda: len(workers.threads()) == 2)
-        marks = tmp_path / "marks"
-        marks.mkdir()
-        workers.prepare(mark, marks, noted.append)
-        assert len(list(marks.iterdir())) == 2
-        assert (tmp_path / "worker.log").read_text().count("marking") == 2
-        assert noted == ["preparing 2 Dask workers"]
-        folders = [folder for _, folder in workers.run(cache_folder, [0.2] * 8, deadline=lambda _: LONG)]
-    assert set(folders) == {str(tmp_path / f"topo-search-{os.getuid()}")}
-    assert (tmp_path / "worker.log").read_text().count("compiled functions are kept in") == 2
-
-
-def test_a_child_keeps_memory_for_its_next_job(cluster):
-    trim = "MALLOC_TRIM_THRESHOLD_"
-    assert trim in distributed.config["distributed"]["nanny"]["pre-spawn-environ"]
-    with DaskWorkers(cluster.address, {}) as workers:
+def test_dask_workers_prepare_and_keep_memory_for_the_next_job(cluster, tmp_path):
+    noted, trim = [], "MALLOC_TRIM_THRESHOLD_"
+    with DaskWorkers(cluster.address) as workers:
+        workers.prepare(mark, tmp_path, noted.append)
+        assert list(tmp_path.iterdir())
         assert workers.run_one(environment, (trim,), deadline=LONG) == {trim: None}
+    assert noted == ["preparing the Dask workers"]
 
 
-def test_a_worker_that_joins_late_is_waited_for(tmp_path):
+def test_a_job_that_ends_its_dask_worker_fails_and_the_next_one_runs(tmp_path):
+    """A worker that joins late is waited for."""
     noted = []
-    with Cluster(tmp_path) as cluster, DaskWorkers(cluster.address, {}, note=noted.append) as workers:
-        joins = threading.Timer(0.1, lambda: (eventually(lambda: noted), cluster.add_worker()))
+    with Cluster(tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0") as cluster:
+        joins = threading.Thread(target=lambda: (eventually(lambda: noted), cluster.add_worker()))
         joins.start()
-        assert workers.run_one(square, 3, deadline=LONG) == 9
+        with DaskWorkers(cluster.address, note=noted.append) as workers:
+            failed = workers.run_one(misbehave, ("parent", 0), deadline=LONG)
+            assert workers.run_one(square, 3, deadline=LONG) == 9
         joins.join()
+    assert (failed.kind, failed.reason) == ("crash", "the Dask worker that ran it ended, 1 times in a row")
     assert len(noted) == 1
     assert f"{cluster.address} has no workers; waiting" in noted[0]
 
 
-def test_no_scheduler_at_an_address(monkeypatch):
-    monkeypatch.setattr(dask_workers, "DURATIONS", dask_workers.Durations(answer=1.0))
-    address = f"tcp://127.0.0.1:{free_port()}"
-    with DaskWorkers(address, {}) as workers:
-        assert list(workers.run(square, [], deadline=lambda _: LONG)) == []  # nothing to do, nobody to ask
-        with pytest.raises(WorkersLost, match=f"no Dask scheduler answers at {address}"):
-            workers.run_one(square, 3, deadline=LONG)
-
-
-@pytest.mark.parametrize("address", ["", "cluster", "127.0.0.1:8786", "http://127.0.0.1:80", "tcp://node"])
+@pytest.mark.parametrize("address", ["", "127.0.0.1:8786", "http://127.0.0.1:80"])
 def test_what_is_no_address(address):
     with pytest.raises(BadInput, match=f"tcp://HOST:PORT, but got '{address}'"):
-        DaskWorkers(address, {})
+        DaskWorkers(address)
 
 
 def test_dask_workers_that_may_have_no_child_are_refused_with_what_to_set(tmp_path):
     with Cluster(tmp_path, DASK_DISTRIBUTED__WORKER__DAEMON="True") as cluster:
         cluster.add_worker()
-        with (
-            DaskWorkers(cluster.address, {}) as workers,
-            pytest.raises(WorkersLost, match="set DASK_DISTRIBUTED__WORKER__DAEMON=False in"),
-        ):
+        with DaskWorkers(cluster.address) as workers, pytest.raises(WorkersLost, match="WORKER__DAEMON=False"):
             workers.run_one(square, 3, deadline=LONG)
 
 
-def test_dask_workers_without_this_package_are_refused(tmp_path):
-    (tmp_path / "lacking.py").write_text('import sys\nsys.modules["topo_search"] = None\n')
-    with Cluster(tmp_path) as cluster:
-        cluster.add_worker("--preload", "lacking.py", "--no-nanny")
-        lacks = r"the Dask worker tcp://\S+ lacks topo-search-by-another-name: .* 0\.1"
-        versions = {"topo-search-by-another-name": "0.1"}  # the metadata of topo-search itself is still to be seen
-        with DaskWorkers(cluster.address, versions) as workers, pytest.raises(WorkersLost, match=lacks):
-            workers.run_one(square, 3, deadline=LONG)
+@pytest.mark.parametrize("options", [{"modules": 4}, {"modules": 6, "strategy": "optuna", "trials": 24}])
+def test_the_toy_problem_has_the_same_answer_on_both_engines(cluster, tmp_path, options):
+    toy_run(tmp_path / "here", workers=2, **options)
+    with DaskWorkers(cluster.address) as engine:
+        toy_run(tmp_path / "there", engine=engine, **options)
+    assert ranking(tmp_path / "here") == ranking(tmp_path / "there")
+    assert (tmp_path / "here" / "best.json").read_text() == (tmp_path / "there" / "best.json").read_text()
 
 
-def test_a_function_that_dask_workers_lack_ends_the_run_and_fails_no_job(cluster, tmp_path, monkeypatch):
-    (tmp_path / "only_here.py").write_text("def double(x):\n    return 2 * x\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    double = importlib.import_module("only_here").double
-    lacking = "Dask workers cannot import what they must run: No module named 'only_here'"
-    with DaskWorkers(cluster.address, {}) as workers, pytest.raises(WorkersLost, match=lacking):
-        workers.run_one(double, 3, deadline=LONG)
-
-
-@pytest.fixture(scope="module")
-def strict(tmp_path_factory):
-    """A scheduler that forgives no job the end of its worker, with one worker."""
-    with Cluster(tmp_path_factory.mktemp("strict"), DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0") as cluster:
+def test_a_scheduler_that_ends_loses_nothing_and_the_run_goes_on_without_it(tmp_path, monkeypatch):
+    log, folder = tmp_path / "log", tmp_path / "run"
+    monkeypatch.setenv("TOY_LOG", str(log))
+    with Cluster(tmp_path, TOY_SLEEP="0.3") as cluster:
         cluster.add_worker()
-        yield cluster
+
+        def end():
+            eventually(lambda: len(recorded(folder)) >= 3)
+            os.kill(cluster.scheduler.pid, signal.SIGKILL)
+
+        threading.Thread(target=end).start()
+        gone = f"the Dask scheduler at {cluster.address} is gone"
+        with DaskWorkers(cluster.address) as engine, pytest.raises(WorkersLost, match=gone):
+            toy_run(folder, modules=4, engine=engine)
+    kept = recorded(folder)
+    assert {row[0] for row in ranking(folder)} == set(kept)
+    log.write_text("")
+    toy_run(folder, modules=4)
+    assert not set(kept) & set(solved_keys(log))
+    toy_run(tmp_path / "whole", modules=4)
+    assert ranking(folder) == ranking(tmp_path / "whole")
 
 
-def test_a_job_that_ends_its_dask_worker_takes_no_other_with_it(strict):
-    jobs = [*("fine",) * 60, "parent", *("fine",) * 60]
-    with DaskWorkers(strict.address, {}) as workers:
-        found = dict(workers.run(misbehave, [(kind, x) for x, kind in enumerate(jobs)], deadline=lambda _: LONG))
-    assert len(found) == 121
-    failed = found.pop(("parent", 60))
-    assert (failed.kind, failed.reason) == ("crash", "the Dask worker that ran it ended, 1 times in a row")
-    assert found == {("fine", x): x for x in range(121) if x != 60}
+def test_the_command_searches_on_a_cluster_and_answers_without_it_once_it_has_ended(cluster, run_toy):
+    first = run_toy("--dask", cluster.address)
+    assert run_toy("--dask", f"tcp://127.0.0.1:{free_port()}").stdout == first.stdout
 
 
-def test_what_waits_for_a_job_that_ends_its_dask_worker_goes_on_when_that_has_failed(strict):
-    found = []
+def test_no_scheduler_is_a_line_and_a_status(tmp_path):
+    address = f"tcp://127.0.0.1:{free_port()}"
+    done = subprocess.run(
+        [sys.executable, "-m", "topo_search", "run", "push", "--modules", "2", "--dask", address],
+        cwd=tmp_path,
+        env={**os.environ, "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": "0.5s"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 70, done.stderr
+    assert f"no Dask scheduler answers at {address}: " in done.stderr.splitlines()[-1]
+    assert "the same command" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
 
-    def chain():
-        for x, kind in enumerate(["parent", "fine"]):
-            while len(found) < x:
-                yield None
-            yield kind, x
 
-    with DaskWorkers(strict.address, {}) as workers:
-        for _, result in workers.run(misbehave, chain(), deadline=lambda _: LONG):
-            found.append(isinstance(result, Failed))
-    assert found == [True, False]
+def test_workers_are_not_chosen_with_a_scheduler(run_toy):
+    assert (
+        "workers: cannot be chosen with dask" in run_toy("--dask", "tcp://a:1", "--workers", "2", status=2).stderr
+    )
+
+
+def test_without_the_extra_the_message_names_it(run_toy, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert 'pip install "topo-search[cluster]"' in run_toy("--dask", "tcp://node7:8786", status=2).stderr

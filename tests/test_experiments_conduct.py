@@ -130,17 +130,17 @@ def test_a_failed_cell_counts_nowhere_and_is_tried_again(tmp_path, monkeypatch):
     class Failing(toy_problem.InProcess):
         def run(self, function, jobs, **limits):
             for job in jobs:
-                yield job, Failed("memory", "out of memory") if job.key in failing else function(job)
+                yield job, Failed("crash", "ended by SIGKILL") if job.key in failing else function(job)
 
     monkeypatch.setattr("topo_search.experiments.conduct", partial(conduct, backends=toy_problem.BACKENDS))
     monkeypatch.setattr("topo_search.experiments.study.Workers", Failing)
     command = ["experiment", "scaling", "--small", "--task", "ten-wrenches:3", "--out", str(tmp_path)]
     failing = trees(3, 2, 0)
-    assert "all 2 cells failed: out of memory" in invoke(*command, status=70).output
+    assert "all 2 cells failed: ended by SIGKILL" in invoke(*command, status=70).output
     failing = [key]
     assert "1 of 2 cells failed and are left out" in invoke(*command).output
     rows = results(tmp_path)
-    assert rows[rows["status"] == "failed"]["worst_constraint"].tolist() == ["out of memory"]
+    assert rows[rows["status"] == "failed"]["worst_constraint"].tolist() == ["ended by SIGKILL"]
     failing = []
     invoke(*command)
     assert results(tmp_path)["status"].tolist() == ["feasible"] * 2

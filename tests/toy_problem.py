@@ -266,7 +266,7 @@ def main():
     parser.add_argument("--deadline", type=float)
     given = vars(parser.parse_args())
     address, deadline, count = (given.pop(name) for name in ("dask", "deadline", "workers"))
-    with DaskWorkers(address, {}) if address else Workers(count) as engine:
+    with DaskWorkers(address) if address else Workers(count) as engine:
         answer = toy_run(**given, engine=Hasty(engine, deadline) if deadline else engine)
     sys.exit(answer.exit_status)
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
         solve,
         write_report,
     )
-    from topo_search.engine import Certificates, WorkersLost
+    from topo_search.engine import WorkersLost
     from topo_search.engine.strategy import Candidates, OwnSampler, TopologySampler, Tried
     from topo_search.export.audits import clearances, residuals
     from topo_search.export.formats import export_design, register_format
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Airflow", "Allowed", "Answer", "AskedFlight", "Audit", "BadInput", "Body", "Bracket", "Candidates",
-    "Certificates", "Clearance", "ConvexPiece", "CountedRod", "Design", "Directional", "EndEffector", "Exterior",
+    "Clearance", "ConvexPiece", "CountedRod", "Design", "Directional", "EndEffector", "Exterior",
     "Fault", "Flight", "ForceCone", "Geometry", "Goals", "Infeasible", "Jet", "LedgerLost", "Lines", "LoadCase",
     "Local", "Module", "Observer", "OwnConstraint", "OwnFormat", "OwnSampler", "Plane", "RegionAirflow",
     "ResolvedTask", "Row", "Search", "SizeAnswer", "Solved", "Stated", "StatedCheck", "Status", "SymbolicPlatform",

@@ -12,13 +12,8 @@ def main() -> NoReturn:
 
 def _command() -> None:
     import logging
-    import os
 
     logging.disable()  # libraries log, for example, the traceback of a lost connection
-
-    from topo_search.supervisor import ONE_THREAD
-
-    os.environ.update(ONE_THREAD)  # before NumPy loads: threads are slower here, and change sums
 
     from topo_search.cli import main as command
 

@@ -112,7 +112,7 @@ def main() -> None:
         engines = (
             ("one worker", Workers(1), local),
             ("two workers", Workers(2), local),
-            ("two Dask workers", DaskWorkers(cluster.address, request.versions), lambda: dask),
+            ("two Dask workers", DaskWorkers(cluster.address), lambda: dask),
         )
         rows = [(name, TimedEngine(stack.enter_context(engine)), processes) for name, engine, processes in engines]
         for number in range(arguments.rounds + 1):

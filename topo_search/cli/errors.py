@@ -7,7 +7,6 @@ import os
 import signal
 import sqlite3
 from collections.abc import Iterator
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import partial
 from typing import Any, NoReturn
@@ -15,7 +14,7 @@ from typing import Any, NoReturn
 import click
 
 import topo_search as ts
-from topo_search.supervisor import ExitStatus, Stop, is_out_of_memory
+from topo_search.supervisor import ExitStatus, Stop
 
 
 @contextmanager
@@ -41,7 +40,6 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
     Args:
         resumes: True if the same command, typed again, resumes from the results that are finished.
     """
-    BadInput, WorkersLost, LedgerLost = ts.BadInput, ts.WorkersLost, ts.LedgerLost  # loaded now: memory may run out
     hint = "; finished results are safe; run the same command to continue" if resumes else ""
     current = signal.getsignal(signal.SIGTERM)
     stop = current if isinstance(current, Stop) else Stop()
@@ -52,21 +50,17 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
     except KeyboardInterrupt as error:
         _exit(_explain_stop(error), ExitStatus.INTERRUPTED)
     except Exception as error:
-        if isinstance(error, LedgerLost):
+        if isinstance(error, ts.LedgerLost):
             _exit(str(error), ExitStatus.INPUT_OUTPUT)
         if stop.signalled:  # code turned the interrupt into another error
             _exit(_explain_stop(error), ExitStatus.INTERRUPTED)
-        if isinstance(error, BadInput):
+        if isinstance(error, ts.BadInput):
             _exit(str(error), ExitStatus.BAD_INPUT)
-        if isinstance(error, WorkersLost):
+        if isinstance(error, ts.WorkersLost):
             _exit(f"{error}{hint}", ExitStatus.SOFTWARE)
-        if is_out_of_memory(error):
-            _exit(f"out of memory{hint}", ExitStatus.OUT_OF_MEMORY)
         if isinstance(error, sqlite3.OperationalError):
             text = f"cannot write the ledger: {error}; its contents are safe; run the same command to continue"
             _exit(text, ExitStatus.INPUT_OUTPUT)
-        if isinstance(error, BrokenProcessPool) and isinstance(error.__cause__, OSError):
-            error = error.__cause__  # why no worker started
         # only errors of files have a number; EPIPE: the reader of our output has gone
         if isinstance(error, OSError) and error.errno not in (None, errno.EPIPE):
             file = f" ({error.filename})" if error.filename else ""

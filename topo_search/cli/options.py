@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import math
 import re
@@ -125,32 +124,9 @@ def _sizes(context: click.Context, parameter: click.Parameter, value: str | None
 modules = click.option("--modules", callback=_sizes, metavar="N|LO-HI", help="Number of modules.")
 
 
-def dask(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options for a Dask cluster; the command gets the certificates as `dask_tls`."""
-
-    @functools.wraps(command)
-    def with_certificates(
-        *, dask: str | None, dask_ca: Path | None, dask_cert: Path | None, dask_key: Path | None, **values: Any
-    ) -> None:
-        tls = None
-        if dask_ca or dask_cert or dask_key:
-            if dask is None:
-                raise click.UsageError("--dask-ca, --dask-cert and --dask-key require --dask")
-            if not (dask_ca and dask_cert and dask_key):
-                raise click.UsageError("--dask-ca, --dask-cert and --dask-key must be given together")
-            tls = ts.Certificates(dask_ca, dask_cert, dask_key)
-        command(dask=dask, dask_tls=tls, **values)
-
-    function: Callable[..., Any] = with_certificates
-    for name, text in (
-        ("key", "client private key (PEM)"),
-        ("cert", "client certificate (PEM)"),
-        ("ca", "certificate (PEM) of the signing authority"),
-    ):
-        function = click.option(f"--dask-{name}", type=PATH, metavar="FILE", help=f"With tls://: {text}.")(function)
-    return click.option(
-        "--dask", metavar="tcp|tls://HOST:PORT", help="Dask scheduler whose workers solve the candidates."
-    )(function)
+dask = click.option(
+    "--dask", metavar="tcp|tls://HOST:PORT", help="Dask scheduler whose workers solve the candidates."
+)
 
 
 def without_none(options: dict[str, Any]) -> dict[str, Any]:

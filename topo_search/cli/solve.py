@@ -160,7 +160,7 @@ def prove(
         for name, option in (("--time-limit", "time_limit"), ("--from", "lender")):
             if option_values[option] is not None:
                 raise click.UsageError(f"{name} cannot be combined with --check")
-        engine = {name: option_values[name] for name in ("workers", "dask", "dask_tls")}
+        engine = {name: option_values[name] for name in ("workers", "dask")}
         _check(folder, topology=topology, **engine)
         return
     from topo_search.cli.progress import shown_progress

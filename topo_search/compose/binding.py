@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import pickle
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -17,7 +17,7 @@ from typing import TypeVar, get_args
 
 import nlp
 import verify
-from topo_search.engine import Backends, CallingProcess, Certificates, DaskWorkers, Job, Workers, computing_versions
+from topo_search.engine import Backends, CallingProcess, DaskWorkers, Job, Workers
 from topo_search.engine.strategy import OwnSampler, SamplerFactory, TopologySampler
 from topo_search.limits import LIMITS
 from topo_search.model import (
@@ -116,22 +116,13 @@ _PLAIN = SolverAndAudit()
 BACKENDS = Backends(_PLAIN.solve, _PLAIN.audit, nlp.proven_bound, nlp.prove_impossible, _PLAIN.local_optima)
 
 
-def open_engine(
-    workers: int | None,
-    dask: str | None,
-    certificates: Certificates | None,
-    versions: Mapping[str, str],
-    observer: Observer,
-) -> Workers | DaskWorkers:
-    """Return local workers, or those of a Dask scheduler, which must have the same versions of the libraries."""
+def open_engine(workers: int | None, dask: str | None, observer: Observer) -> Workers | DaskWorkers:
+    """Return local workers, or those of a Dask scheduler."""
     if dask is None:
-        if certificates is not None:
-            raise BadInput("dask_tls", "certificates need the address of a Dask scheduler, in dask")
         return Workers(workers or available_cores())
     if workers is not None:
         raise BadInput("workers", "cannot be chosen with dask: all workers of the scheduler are used")
-    required = {**computing_versions(), **versions}
-    return DaskWorkers(dask, required, note=observer.note, certificates=certificates)
+    return DaskWorkers(dask, note=observer.note)
 
 
 def processes(workers: int) -> Workers | CallingProcess:

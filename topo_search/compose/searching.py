@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from decimal import Decimal
 from functools import partial
@@ -24,7 +24,7 @@ from topo_search.compose.binding import (
     starting_points,
 )
 from topo_search.compose.designs import write_page
-from topo_search.engine import Certificates, DaskWorkers, Workers
+from topo_search.engine import DaskWorkers, Workers
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design, Fault, Task
 from topo_search.model.files import read_task
@@ -36,7 +36,6 @@ from topo_search.study import (
     Checked,
     Observer,
     Request,
-    RunFolder,
     SilentObserver,
     StrategyName,
     UserInputs,
@@ -64,7 +63,6 @@ def search(
     seed: int = 0,
     workers: int | None = None,
     dask: str | None = None,
-    dask_tls: Certificates | None = None,
     time_limit: float = math.inf,
     near: Iterable[Design] = (),
     constraints: Iterable[OwnConstraint] = (),
@@ -94,8 +92,8 @@ def search(
         seed: random seed of starts and proposals.
         workers: worker processes; default: the cores available. Results do not depend on it.
         dask: address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT, whose workers replace local
-            processes. Plain tcp is not authenticated, although results are unpickled.
-        dask_tls: certificates for tls; default: those of Dask's own configuration.
+            processes. Plain tcp is not authenticated, although results are unpickled; tls needs certificates in
+            Dask's configuration.
         time_limit: stop solving, or proving, after this time [s].
         near: designs of any trees; each adds one start to every candidate.
         constraints: your own constraints on designs. They are evaluated, not certified; unless they are declared
@@ -175,7 +173,7 @@ def search(
         from topo_search.report.live import serve_live
 
         live_page = serve_live(path, observer)
-    with open_engine(workers, dask, dask_tls, request.versions, observer) as engine, live_page as listener:
+    with open_engine(workers, dask, observer) as engine, live_page as listener:
         return run(
             request,
             path,
@@ -200,7 +198,6 @@ def prove(
     lender: str | Path | None = None,
     workers: int | None = None,
     dask: str | None = None,
-    dask_tls: Certificates | None = None,
     time_limit: float = math.inf,
     observer: Observer | None = None,
 ) -> Answer:
@@ -220,7 +217,6 @@ def prove(
             where they suffice for `gap`.
         workers: worker processes; default: the cores available. Results do not depend on it.
         dask: as for `search`.
-        dask_tls: as for `search`.
         time_limit: stop after this time and keep the proofs so far [s].
         observer: receives progress.
 
@@ -237,7 +233,7 @@ def prove(
     """
     _refuse_gap("gap", gap)
     observer = observer or SilentObserver()
-    with open_engine(workers, dask, dask_tls, _versions(folder), observer) as engine:
+    with open_engine(workers, dask, observer) as engine:
         return _prove(
             Path(folder),
             engine,
@@ -270,7 +266,6 @@ def check_proofs(
     topology: str | None = None,
     workers: int | None = None,
     dask: str | None = None,
-    dask_tls: Certificates | None = None,
     observer: Observer | None = None,
 ) -> Checked:
     """Check the proofs of a run with code that shares nothing with the prover, and write nothing.
@@ -280,7 +275,6 @@ def check_proofs(
         topology: key of a single tree to check; default: all trees.
         workers: as for `search`.
         dask: as for `search`.
-        dask_tls: as for `search`.
         observer: receives progress.
 
     Raises:
@@ -288,7 +282,7 @@ def check_proofs(
         WorkersLost: as for `search`.
     """
     observer = observer or SilentObserver()
-    with open_engine(workers, dask, dask_tls, _versions(folder), observer) as engine:
+    with open_engine(workers, dask, observer) as engine:
         return check_run(
             Path(folder),
             verify.check_chunk,
@@ -298,14 +292,6 @@ def check_proofs(
             observer=observer,
             prepare=partial(engine.prepare, verify.prepare_check, note=observer.note),
         )
-
-
-def _versions(folder: str | Path) -> Mapping[str, str]:
-    """Return the versions of the libraries that a run was computed with."""
-    if not Path(folder).is_dir():
-        raise BadInput(str(folder), "is not a run folder: it does not exist")
-    with RunFolder.load(Path(folder)) as run:
-        return run.request.versions
 
 
 def _refuse_too_long(request: Request, longest: float) -> None:

@@ -1,6 +1,6 @@
 """The search engine: search strategies, and workers that run jobs in other processes; it stores nothing."""
 
-from topo_search.engine.dask_workers import Certificates, DaskWorkers, computing_versions
+from topo_search.engine.dask_workers import DaskWorkers
 from topo_search.engine.strategy import (
     Candidates,
     ExhaustiveSearch,

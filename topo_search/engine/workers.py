@@ -18,26 +18,15 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
-from importlib.machinery import ModuleSpec
-from multiprocessing import popen_spawn_posix, resource_tracker
+from dataclasses import dataclass
+from multiprocessing import current_process, popen_spawn_posix, resource_tracker, spawn
 from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
-from multiprocessing.synchronize import RLock
-from types import FrameType
-from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeVar
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, Geometry, Infeasible, ResolvedTask, SolverRecord, Topology
-from topo_search.supervisor import (
-    INTERRUPT_DELAY_S,
-    ONE_THREAD,
-    STOPS,
-    call_pickled,
-    is_out_of_memory,
-    prepare_child,
-)
+from topo_search.supervisor import call_pickled, interrupt, prepare_child
 
 if TYPE_CHECKING:
     from pebble import ProcessPool
@@ -51,7 +40,7 @@ Result = TypeVar("Result")
 class Failed:
     """The result of a job that failed."""
 
-    kind: Literal["crash", "timeout", "memory", "error"]
+    kind: Literal["crash", "timeout", "error"]
     reason: str
     """Cause in one line."""
 
@@ -222,70 +211,49 @@ def scaled_violation(violation: float, unit: str, task: ResolvedTask) -> float:
     return violation / scales.get(unit, 1.0)
 
 
-class _Process(SpawnProcess):
-    """A process that does not import the script that started the run."""
+class _Worker(SpawnProcess):
+    """A process that ends at once when it has to, and does not import the script that started the run."""
 
+    terminate = SpawnProcess.kill  # one that is still starting would print a traceback
     _launch = threading.Lock()
 
     @staticmethod
     def _Popen(process_obj: BaseProcess) -> popen_spawn_posix.Popen:
-        script = sys.modules["__main__"]
-        with _Process._launch:
-            spec, script.__spec__ = script.__spec__, ModuleSpec("__main__", None)  # `__main__` is not imported
+        with _Worker._launch:
+            standard, spawn.get_preparation_data = spawn.get_preparation_data, _preparation
             try:
                 return SpawnProcess._Popen(process_obj)
             finally:
-                script.__spec__ = spec
+                spawn.get_preparation_data = standard
 
 
-class _PersistentLocks(SpawnContext):
-    """A context for starting processes that keeps its locks alive.
-
-    A stopping pool drops its locks before it ends its workers, which removes them from the system. A worker that is
-    just starting would not find them and end with a traceback.
-    """
-
-    Process = _Process
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._locks: list[object] = []
-
-    def RLock(self) -> RLock:
-        lock = super().RLock()
-        self._locks.append(lock)
-        return lock
+def _preparation(name: str) -> dict[str, Any]:
+    """Return what a worker has to know, which is nothing of `__main__`, whatever that may be."""
+    return {
+        "name": name,
+        "authkey": current_process().authkey,
+        "sys_path": sys.path,
+        "sys_argv": sys.argv,
+        "dir": os.getcwd(),
+        "start_method": "spawn",
+    }
 
 
-@dataclass
-class _Attempt(Generic[Item]):
-    job: Item
-    number: int = 1
-    submitted_at: float = 0.0
-    """time.monotonic() of its submission to the pool."""
+class _Context(SpawnContext):
+    Process = _Worker
 
 
-class _OneThread(Engine):
-    """An engine that limits the libraries of its jobs to one thread; several would change sums."""
-
-    def __enter__(self) -> Self:
-        self._environment = {name: os.environ.get(name) for name in ONE_THREAD}
-        os.environ.update(ONE_THREAD)
-        return self
-
-    def __exit__(self, *raised: object) -> None:
-        for name, value in self._environment.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-class CallingProcess(_OneThread):
+class CallingProcess(Engine):
     """Runs jobs one by one in the calling process, without the cost of starting another but without deadlines.
 
     A job that crashes or hangs takes the caller with it, so this is only for single candidates without user code.
     """
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        pass
 
     def run(
         self,
@@ -301,18 +269,18 @@ class CallingProcess(_OneThread):
                 return
             result: Result | Failed
             try:
-                with _interrupts_repeated():
+                with _interrupts_arrive():
                     result = function(job)
             except Exception as error:  # noqa: BLE001 (as in a worker, it is the result of the job)
                 result = _failure(error, deadline(job))
             yield job, result
 
 
-class Workers(_OneThread):
+class Workers(Engine):
     """A pool of worker processes, started with the first job and stopped at the end of the `with` block.
 
-    A job that crashes its worker (segmentation fault, kill, out of memory) or exceeds its deadline is tried twice,
-    then its result is Failed; the other jobs go on. A single worker is a process too, so that it can be stopped.
+    A job that crashes its worker (segmentation fault, kill) or exceeds its deadline is tried twice, then its result
+    is Failed; the other jobs go on. A single worker is a process too, so that it can be stopped.
     """
 
     def __init__(self, count: int) -> None:
@@ -320,15 +288,12 @@ class Workers(_OneThread):
             raise ValueError(f"`1 <= workers <= {LIMITS.workers}` must hold, but got {count:,}")
         self.count = count
         self._pool: ProcessPool | None = None
-        self._context = _PersistentLocks()
-        self._breaks = 0
-        """Number of times in a row that the pool broke."""
+
+    def __enter__(self) -> Self:
+        return self
 
     def __exit__(self, *raised: object) -> None:
         self._stop()
-        super().__exit__(*raised)
-        if isinstance(error := raised[1], WorkersLost):  # its message is complete; a traceback would not help
-            raise error.with_traceback(None) from None
 
     def run(
         self,
@@ -339,24 +304,30 @@ class Workers(_OneThread):
         until: float = math.inf,
     ) -> Results[Item, Result]:
         """Yield (job, result) as jobs end; at most two jobs per worker are drawn in advance."""
-        pending, waiting = iter(jobs), deque[_Attempt[Item]]()
-        running: dict[Future[Any], _Attempt[Item]] = {}
+        pending, breaks = iter(jobs), 0
+        waiting, running = deque[tuple[Item, bool]](), dict[Future[Any], tuple[Item, bool]]()
         try:
             while time.monotonic() < until:
-                if self._pool is not None and not self._pool.active:
-                    self._break()
+                if self._pool is not None and not self._pool.active:  # it lost an idle worker, or could start none
+                    self._stop()
+                    if (breaks := breaks + 1) > 2:
+                        raise WorkersLost(
+                            f"{breaks} times in a row worker processes ended before they finished a job"
+                        )
                     waiting.extendleft(running.values())
                     running.clear()
                 while len(running) < 2 * self.count:
                     if not waiting:
                         if (job := next(pending, None)) is None:
                             break
-                        waiting.append(_Attempt(job))
-                    submitted_at = time.monotonic()
-                    future = self._submit(function, waiting[0].job, deadline)
-                    if future is None:
+                        waiting.append((job, False))
+                    job, pool = waiting[0][0], self._started()
+                    call = pickle.dumps((function, job))
+                    try:
+                        future: Future[Any] = pool.schedule(call_pickled, args=(call,), timeout=deadline(job))
+                    except RuntimeError:  # the pool has just broken
                         break
-                    running[future] = replace(waiting.popleft(), submitted_at=submitted_at)
+                    running[future] = waiting.popleft()
                 if not running and not waiting:
                     return
                 timeout = min(1.0, max(0.0, until - time.monotonic()))
@@ -364,67 +335,37 @@ class Workers(_OneThread):
                     error = future.exception()
                     if isinstance(error, BrokenProcessPool):
                         continue  # stays in `running`; the pool is no longer active and is replaced above
-                    attempt = running.pop(future)
-                    self._breaks = 0
-                    allowed = deadline(attempt.job)
-                    is_early = time.monotonic() - attempt.submitted_at < allowed
-                    if is_early and isinstance(error, TimeoutError) and error.__cause__ is None:  # the pool's own
-                        waiting.appendleft(attempt)  # the pool reads the system clock, which was set forward
-                        continue
-                    result = pickle.loads(future.result()) if error is None else _failure(error, allowed)
-                    was_killed = isinstance(result, Failed) and result.kind != "error"  # an error would recur
-                    if was_killed and attempt.number == 1:
-                        waiting.appendleft(_Attempt(attempt.job, attempt.number + 1))
+                    job, is_retry = running.pop(future)
+                    breaks = 0
+                    result = pickle.loads(future.result()) if error is None else _failure(error, deadline(job))
+                    if isinstance(result, Failed) and result.kind != "error" and not is_retry:
+                        waiting.appendleft((job, True))
                     else:
-                        yield attempt.job, result
+                        yield job, result
         finally:
             if running:
                 self._stop()
 
-    def prepare(self, function: Preparation[Item], task: Item, note: Note) -> None:
-        """Compile code before the first job; a single worker does it itself, as it needs the compiler anyway."""
-        if self.count > 1:
-            function(task, note)
-            return
-        messages: list[str] = []
-        job = partial(_announce, function, messages)
-        while (result := self.run_one(job, task, deadline=math.inf)) is not None:
-            if isinstance(result, Failed):
-                function(task, note)  # which raises the error, if it was one
-                return
-            note(result)
-            messages.append(result)
-
-    def _submit(
-        self, function: Callable[[Item], Result], job: Item, deadline: Callable[[Item], float]
-    ) -> Future[Any] | None:
-        """Submit a job to the pool; return None if the pool has just broken."""
-        from pebble import ProcessPool  # slow to import, and many commands start no worker
-
+    def _started(self) -> ProcessPool:
+        """Return the pool, started if necessary."""
         if self._pool is None:
-            self._pool = ProcessPool(
-                self.count, initializer=prepare_child, initargs=(os.getpid(),), context=self._context
-            )
-            with _stops_deferred(), _interrupts_blocked():
-                started = self._pool.active
-            if not started:
-                raise WorkersLost("no worker process could be started")
-        try:
-            call = pickle.dumps((function, job))
-            future: Future[Any] = self._pool.schedule(call_pickled, args=(call,), timeout=deadline(job))
-        except RuntimeError:
-            if self._pool.active:
-                raise
-            return None
-        return future
+            from pebble import ProcessPool  # slow to import, and many commands start no worker
 
-    def _break(self) -> None:
-        """Drop a pool that lost an idle worker or could not start one."""
-        self._stop()
-        self._breaks += 1
-        if self._breaks > 2:
-            cause = "all worker processes ended before they finished a job: no memory?"
-            raise WorkersLost(f"{self._breaks} times in a row {cause}")
+            if current_process().daemon:
+                rule = (
+                    "a daemonic process may start no workers: use concurrent.futures.ProcessPoolExecutor for "
+                    "multiprocessing.Pool, and start Dask workers with DASK_DISTRIBUTED__WORKER__DAEMON=False"
+                )
+                raise WorkersLost(rule)
+            self._pool = ProcessPool(
+                self.count, initializer=prepare_child, initargs=(os.getpid(),), context=_Context()
+            )
+            try:
+                with _interrupts_blocked():
+                    self._pool.active  # noqa: B018 (starts it)
+            except BrokenProcessPool as error:
+                raise (error.__cause__ or error) from None
+        return self._pool
 
     def _stop(self) -> None:
         if self._pool is not None:
@@ -435,26 +376,18 @@ class Workers(_OneThread):
 
 
 @contextmanager
-def _interrupts_repeated() -> Iterator[None]:
-    """Repeat KeyboardInterrupt in a script until it arrives: CasADi treats it as a failed evaluation."""
-    if (
-        threading.current_thread() is not threading.main_thread()
-        or signal.getsignal(signal.SIGINT) is not signal.default_int_handler  # a command's supervisor kills it
-    ):
+def _interrupts_arrive() -> Iterator[None]:
+    """Let Ctrl-C in a script arrive: CasADi treats KeyboardInterrupt as a failed evaluation."""
+    is_default = signal.getsignal(signal.SIGINT) is signal.default_int_handler  # a command has another handler
+    if not is_default or threading.current_thread() is not threading.main_thread():
         yield
         return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        signal.setitimer(signal.ITIMER_REAL, INTERRUPT_DELAY_S)
-        raise KeyboardInterrupt
-
-    handlers = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGALRM)}
+    signal.signal(signal.SIGINT, interrupt)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @contextmanager
@@ -471,58 +404,14 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
-@contextmanager
-def _stops_deferred() -> Iterator[None]:
-    """Defer Ctrl-C and SIGTERM until all processes have started.
-
-    An interrupt between the start of a process and the first data sent to it would leave a process that ends with a
-    traceback.
-    """
-    if threading.current_thread() is not threading.main_thread():  # signals do not interrupt other threads
-        yield
-        return
-    received: list[int] = []
-    handlers = {number: handler for number in STOPS if callable(handler := signal.getsignal(number))}
-    for number in handlers:
-        signal.signal(number, lambda number, frame: received.append(number))
-    try:
-        yield
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        if received:
-            signal.raise_signal(received[0])
-
-
-class _Announcement(Exception):
-    """A message before something that takes long."""
-
-
-def _announce(function: Preparation[Item], earlier: list[str], task: Item) -> str | None:
-    """Prepare a task (in a worker) up to its first message that is not an earlier one; return it, or None."""
-
-    def note(text: str) -> None:
-        if text not in earlier:
-            raise _Announcement(text)
-
-    try:
-        function(task, note)
-    except _Announcement as announcement:
-        return str(announcement)
-    return None
-
-
 def _failure(error: BaseException, deadline: float) -> Failed:
     """Return the failure that an exception of a job stands for."""
     from pebble import ProcessExpired
 
     if isinstance(error, ProcessExpired):
         code = error.exitcode
-        if code >= 0:
-            return Failed("crash", f"the worker process ended with status {code}")
-        return Failed("crash", f"the worker process was ended by {signal.Signals(-code).name}")
+        end = f"ended with status {code}" if code >= 0 else f"was ended by {signal.Signals(-code).name}"
+        return Failed("crash", f"the worker process {end}")
     if isinstance(error, TimeoutError):
         return Failed("timeout", f"still running at its deadline of {deadline:.0f} s")
-    if is_out_of_memory(error):
-        return Failed("memory", "out of memory")
     return Failed("error", " ".join(f"{type(error).__name__}: {error}".split()))

@@ -15,7 +15,6 @@ from topo_search.model.design import Design
 from topo_search.model.files import write_atomically
 from topo_search.model.value import BadInput
 from topo_search.protocols import DesignWriter, OwnFormat
-from topo_search.supervisor import is_out_of_memory
 
 GROUP = "topo_search.formats"
 """Group of entry points of other packages."""
@@ -147,7 +146,7 @@ def content(design: Design, file_format: OwnFormat, **options: Any) -> bytes:
     except ValueError as error:
         raise BadInput(file_format.name, str(error)) from error
     except Exception as error:
-        if file_format in BUILT_IN or is_out_of_memory(error):
+        if file_format in BUILT_IN:
             raise
         rule = f"cannot write {design.topology.key}: {type(error).__name__}: {error}"
         raise BadInput(file_format.name, rule) from error

@@ -1,10 +1,7 @@
-"""numba's on-disk cache of compiled functions: invalidation, checksums and location.
+"""numba's on-disk cache of compiled functions: invalidation and location.
 
 numba invalidates a cached function by the date of its source file only, not of the files that it calls or takes
 constants from. So the cache is marked with a digest of all of these sources.
-
-numba trusts cached files: a damaged one would fail every solve, or run wrong machine code. So each file ends with a
-digest, and a damaged one is compiled again.
 
 numba refuses to compile if neither NUMBA_CACHE_DIR, the installation nor the user's cache is writable, as in a
 container without a home directory. Then a temporary folder is used.
@@ -13,18 +10,16 @@ container without a home directory. Then a temporary folder is used.
 from __future__ import annotations
 
 import hashlib
-import io
 import os
 import stat
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.caching import FunctionCache
 from numba.core.types import unliteral
 
 from topo_search.supervisor import tell
@@ -38,7 +33,7 @@ CACHE_DIR = "NUMBA_CACHE_DIR"
 def njit(
     *, cache: bool, literals: bool = True, allocates: bool = True, **options: Any
 ) -> Callable[[Function], Function]:
-    """Return a decorator like `numba.njit` whose cache is checksummed and always has a folder.
+    """Return a decorator like `numba.njit` whose cache always has a folder.
 
     Args:
         cache: True to cache the function on disk.
@@ -67,50 +62,14 @@ def _call_without_literals(call: Callable[..., Any], types: tuple[Any, ...], nam
     return call(tuple(map(unliteral, types)), {name: unliteral(type_) for name, type_ in named.items()})
 
 
-class _CheckedFiles(IndexDataCacheFile):
-    """Cache files of a function, each followed by the digest of its content, which pickle ignores."""
-
-    def _load_index(self) -> Any:
-        return super()._load_index() if _is_whole(self._index_path) else {}  # type: ignore[no-untyped-call]
-
-    def _load_data(self, name: str) -> Any:
-        if not _is_whole(os.path.join(self._cache_path, name)):
-            raise FileNotFoundError(name)  # numba then compiles again and overwrites it
-        return super()._load_data(name)  # type: ignore[no-untyped-call]
-
-    @contextmanager
-    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
-        contents = io.BytesIO()
-        yield contents
-        with super()._open_for_write(filepath) as file:
-            file.write(contents.getvalue() + hashlib.sha256(contents.getvalue()).digest())
-
-
-def _is_whole(path: str) -> bool:
-    """True if a file is readable and ends with the digest of its content."""
-    size = hashlib.sha256().digest_size
-    try:
-        contents = Path(path).read_bytes()
-    except OSError:
-        return False
-    return hashlib.sha256(contents[:-size]).digest() == contents[-size:]
-
-
 def _cache_of(function: Callable[..., Any]) -> FunctionCache:
     """Return the cache of a function."""
     try:
-        cache = FunctionCache(function)
+        return FunctionCache(function)
     except RuntimeError:  # numba has no folder
         os.environ[CACHE_DIR] = _temporary_folder()  # inherited by child processes
         numba.config.reload_config()
-        cache = FunctionCache(function)
-    cache._cache_file.__class__ = _CheckedFiles
-    return cache
-
-
-def choose_cache_folder() -> None:
-    """Choose numba's cache folder, for this process and its children."""
-    _cache_of(choose_cache_folder)
+        return FunctionCache(function)
 
 
 def _temporary_folder() -> str:
@@ -136,10 +95,9 @@ def _temporary_folder() -> str:
 
 
 def is_cached(dispatcher: Any) -> bool:
-    """True if a function is cached for this machine, without damaged files."""
-    files, machine = dispatcher._cache._cache_file, dispatcher.targetctx.codegen().magic_tuple()
-    paths = [files._data_path(name) for (_, target, _), name in files._load_index().items() if target == machine]
-    return bool(paths) and all(map(_is_whole, paths))
+    """True if a function is cached for this machine."""
+    machine = dispatcher.targetctx.codegen().magic_tuple()
+    return any(target == machine for _, target, _ in dispatcher._cache._cache_file._load_index())
 
 
 def refresh(dispatcher: Any, room: Path, *others: Path) -> bool:

@@ -61,7 +61,6 @@ from topo_search.engine.strategy import (
 )
 from topo_search.engine.workers import rounds
 from topo_search.model import BadInput, Fault, Topology
-from topo_search.supervisor import is_out_of_memory
 
 MIN_RESULTS, RESULT_DIVISOR = 8, 16
 """The sampler receives results in batches: at least MIN_RESULTS, and one in RESULT_DIVISOR of a large round."""
@@ -385,8 +384,6 @@ def _faults_named(sampler: object, method: str, rule: str = "raised an error") -
     try:
         yield
     except Exception as error:
-        if is_out_of_memory(error):
-            raise
         kind = getattr(sampler, "__qualname__", type(sampler).__name__)
         text = " ".join(f"{rule}: {type(error).__name__}: {error}".split())
         raise BadInput("sampler", [Fault(f"{kind}.{method}".rstrip("."), text)]) from error
