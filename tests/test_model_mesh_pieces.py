@@ -10,7 +10,7 @@ import trimesh
 from commands import invoke
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from trimesh.creation import annulus, box, cylinder, icosphere
+from trimesh.creation import annulus, box, capsule, cylinder, icosphere
 
 from topo_search.limits import LIMITS
 from topo_search.model import BadInput, Design
@@ -18,6 +18,7 @@ from topo_search.model.exposure import Local
 from topo_search.model.files import read_task, to_json, to_toml
 from topo_search.model.proven import upper_text
 from topo_search.model.shape import convex_hull, outer_hull
+from topo_search.model.task_warnings import task_warnings
 
 CUBE = np.array(list(product((-0.5, 0.5), repeat=3)))
 TASK = """\
@@ -168,6 +169,36 @@ def test_how_far_a_hull_exceeds_a_body_is_known(tmp_path: Path, mesh: trimesh.Tr
     """The lid of a channel 0.8 wide is 0.4 from its walls, that of a ring 0.5 from its hole's edge."""
     (excess,) = region(tmp_path, mesh).mesh_excess or (0.0,)
     assert least <= excess <= least + 0.15
+
+
+@pytest.mark.parametrize("digits", ["%.6f", "%.5g", "%.3f"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_frame_keeps_what_rounding_makes_concave(tmp_path: Path, digits: str, seed: int) -> None:
+    """The hull takes the place of each part, and reaches beyond it by about what rounding moved its corners."""
+    rng, scale = np.random.default_rng(seed), 1e-3 if digits == "%.3f" else 1.0
+    arm = capsule(0.1 / scale, 0.01 / scale, count=[12, 12])
+    arm.apply_transform(trimesh.transformations.random_rotation_matrix(rng.random(3)))
+    corners = "".join(f"v {' '.join(digits % x for x in corner)}\n" for corner in arm.vertices)
+    facets = "".join(f"f {i + 1} {j + 1} {k + 1}\n" for i, j, k in arm.faces)
+    (tmp_path / "arm.obj").write_text(corners + facets)
+    path = tmp_path / "case.toml"
+    path.write_text(TASK.format(frame=f'mesh = "arm.obj"\nscale = {scale}', region=""))
+    body = read_task(path).module.body
+    assert 1e-8 < body.frame_excess < 3e-6
+    (piece,), given = body.frame, np.loadtxt(corners.splitlines(), usecols=(1, 2, 3)) * scale
+    hull = convex_hull(np.array(piece.vertices))
+    assert (given @ hull.normals.T - hull.offsets).max() < 1e-12
+    assert "module.body.frame" in {warning.path for warning in task_warnings(read_task(path))}
+    arm.vertices[0] *= 0.9
+    arm.export(tmp_path / "arm.obj")
+    with pytest.raises(BadInput, match=r"module\.body\.mesh: must have convex pieces, but piece 0 is up to 0\.0"):
+        read_task(path)
+
+
+def test_a_body_far_away_is_no_more_concave_than_its_digits(tmp_path: Path) -> None:
+    pipe = cylinder(0.02, 0.5, sections=64).apply_translation([300.0, 0.0, 0.0])
+    (excess,) = region(tmp_path, pipe).mesh_excess
+    assert 1e-6 < excess < 1e-4
 
 
 def test_inconsistent_winding_does_not_make_a_body_concave(tmp_path: Path) -> None:

@@ -1,18 +1,18 @@
 """STL and OBJ files that a task names: surfaces, convex pieces that contain them, and custom module frames.
 
-trimesh reads both formats, but skips what it does not understand, and resolves negative indices of an OBJ from the
-end of the file instead of the line. So the text is checked first and reduced to what trimesh reads correctly:
-vertices and facets. No other file is opened. Free-form surfaces are refused, because facets do not describe them.
+Only vertices and facets are read, and no other file is opened. Free-form surfaces are refused, because facets do
+not describe them.
 """
 
 from __future__ import annotations
 
-import io
 import math
 import re
 from codecs import BOM_UTF8
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Never, TypeVar
 
@@ -22,7 +22,7 @@ from pydantic import AfterValidator
 
 from topo_search.limits import LIMITS
 from topo_search.model.arrays import Array
-from topo_search.model.shape import has_volume, outer_hull
+from topo_search.model.shape import convex_hull, has_volume, outer_hull
 from topo_search.model.text import read_regular
 from topo_search.model.value import (
     Broken,
@@ -42,9 +42,14 @@ Result = TypeVar("Result")
 
 LARGEST_COORDINATE = 1e15
 """Largest absolute value of a coordinate [m]."""
-HEADER, FACET = 84, 50
-"""Sizes of a binary STL's header and of each facet [bytes]."""
-NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?"
+HEADER = 84
+"""Size of a binary STL's header [bytes]."""
+FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+"""Facet of a binary STL."""
+LOOP = rb"outer\s+loop" + 3 * rb"\s+vertex\s+(\S+)\s+(\S+)\s+(\S+)" + rb"\s+endloop"
+"""Facet of a text STL."""
+CONVEX = 1e-6
+"""Distance of a corner beyond a face, over the size, up to which a body is convex: single precision."""
 NO_VOLUME = "must be the mesh of a body with a volume"
 
 
@@ -116,7 +121,7 @@ def take_mesh(
         return convert(surface(path, file.scale, file.offset))
     except OSError as error:
         refuse_mesh(f"must be a file that can be read ({to_printable(path)}: {error.strerror})")
-    except ValueError as error:
+    except (OverflowError, ValueError) as error:
         refuse_mesh(str(error))
 
 
@@ -136,32 +141,70 @@ def surface(path: Path, scale: float = 1.0, offset: Vector = (0.0, 0.0, 0.0)) ->
     if form not in (".stl", ".obj"):
         raise ValueError("must be an .stl or .obj file")
     content = read_regular(path, most_bytes=LIMITS.mesh_bytes).removeprefix(BOM_UTF8)
-    content, facets = _obj(content) if form == ".obj" else _stl(content)
-    if facets > LIMITS.facets:
-        raise ValueError(f"must have at most {LIMITS.facets:,} facets, but has {facets:,}")
-    if not facets:
-        raise ValueError(NO_VOLUME)
-    import trimesh  # slow to import, and few tasks need it
-
-    mesh = trimesh.load_mesh(io.BytesIO(content), file_type=form[1:], process=False)
-    if len(mesh.faces) != facets:
-        rule = f"must have three corners per facet: {facets:,} facets"
-        raise ValueError(f"{rule}, but has {len(mesh.faces):,} triangles")
-    result = _compact(mesh.vertices * scale + np.array(offset), np.asarray(mesh.faces, dtype=np.intp))
-    if not np.all(np.abs(result.vertices) <= LARGEST_COORDINATE):  # false for NaN, too
+    vertices, triangles = _obj(content) if form == ".obj" else _stl(content)
+    if len(triangles) > LIMITS.facets:
+        raise ValueError(f"must have at most {LIMITS.facets:,} facets, but has {len(triangles):,}")
+    if triangles.size and not 0 <= triangles.min() <= triangles.max() < len(vertices):
+        raise ValueError(f"must have corners 1 to {len(vertices)}, the number of vertices, in every facet")
+    result = _compact(vertices * scale + np.array(offset), triangles)
+    if not len(triangles) or not np.all(np.abs(result.vertices) <= LARGEST_COORDINATE):  # false for NaN, too
         raise ValueError(NO_VOLUME)
     return result
+
+
+def _obj(content: bytes) -> tuple[Array, Triangles]:
+    """Return the vertices and triangles of an OBJ; a negative index counts back from the last vertex so far."""
+    vertices, triangles = list[list[float]](), list[tuple[int, ...]]()
+    for line in re.sub(rb"\\\r?\n", b" ", content).splitlines():
+        word, *arguments = line.split(b"#")[0].split() or [b""]
+        if word in (b"curv", b"curv2", b"surf"):
+            raise ValueError(f"must be an OBJ of vertices and facets, but has `{word.decode()}`")
+        try:
+            if word == b"v":  # weights or colours may follow
+                x, y, z, *_ = map(float, arguments)
+                vertices.append([x, y, z])
+            elif word == b"f":  # a texture coordinate and a normal may follow each corner
+                numbers = (int(corner.split(b"/")[0]) for corner in arguments)
+                first, *others = (k + len(vertices) if k < 0 else k - 1 for k in numbers)
+                triangles += [(first, *side) for side in pairwise(others)]
+        except ValueError:
+            rule = "must have three numbers per vertex, and numbers of vertices in every facet"
+            raise ValueError(f"{rule}, but got {show(line[:100].decode(errors='replace'))}") from None
+    return np.array(vertices).reshape(-1, 3), np.array(triangles, dtype=np.intp).reshape(-1, 3)
+
+
+def _stl(content: bytes) -> tuple[Array, Triangles]:
+    """Return the vertices, three per facet, and the triangles of an STL; a binary one may begin with `solid`."""
+    stated, facets = int.from_bytes(content[80:HEADER], "little"), (len(content) - HEADER) // FACET.itemsize
+    if stated == facets:
+        corners = np.frombuffer(content, FACET, facets, HEADER)["corners"].astype(float)
+    else:
+        loops, begun = re.findall(LOOP, content.lower()), len(re.findall(rb"(?i)\bfacet\s+normal\b", content))
+        if not loops or len(loops) != begun:
+            is_text = begun > 0 or content.isascii()
+            whole, due, place = (len(loops), begun, "text") if is_text else (facets, stated, "header")
+            raise ValueError(f"must be a whole STL file, but has {whole:,} whole facets of {due:,} in its {place}")
+        try:
+            corners = np.array(loops, dtype=float)
+        except ValueError as error:
+            raise ValueError(f"must have three numbers per vertex, but {error}") from None
+    return corners.reshape(-1, 3), np.arange(corners.size // 3).reshape(-1, 3)
 
 
 def parts_of(mesh: Surface) -> list[Surface]:
     """Return the closed parts of a surface in the file's order, then all open ones as a single part.
 
-    Parts share no edge. Vertices are identified by their index if that closes all parts, otherwise by position.
-    Degenerate triangles are dropped.
+    Parts share no edge. Vertices are identified by their index if that closes all parts, otherwise by position, and
+    a facet that occurs twice counts once if that closes them. Degenerate triangles are dropped.
     """
     unique, number = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    parts = _parts(mesh.vertices, mesh.triangles)
-    return parts if parts and parts[-1].closed else _parts(unique, number.reshape(-1)[mesh.triangles])
+    by_position = number.reshape(-1)[mesh.triangles]
+    _, first = np.unique(np.sort(by_position), axis=0, return_index=True)
+    by_index, *others = (
+        _parts(*given)
+        for given in ((mesh.vertices, mesh.triangles), (unique, by_position), (unique, by_position[np.sort(first)]))
+    )
+    return next((parts for parts in (by_index, *others) if parts and parts[-1].closed), others[0])
 
 
 def convex_pieces(mesh: Surface) -> tuple[list[Array], list[float]]:
@@ -187,7 +230,7 @@ def convex_pieces(mesh: Surface) -> tuple[list[Array], list[float]]:
         raise ValueError(f"must have at most {LIMITS.pieces} bodies, but has {len(bodies):,}")
     bodies = _without_inner(bodies)
     outer = [outer_hull(body.vertices, min(LIMITS.corners, LIMITS.all_corners // len(bodies))) for body in bodies]
-    excess = [beyond + _concavity(body) for body, (_, beyond) in zip(bodies, outer, strict=True)]
+    excess = [beyond + _excess(body) for body, (_, beyond) in zip(bodies, outer, strict=True)]
     return [corners for corners, _ in outer], excess
 
 
@@ -219,19 +262,14 @@ def _parts(vertices: Array, triangles: Triangles) -> list[Surface]:
 
 
 def _without_inner(bodies: list[Surface]) -> list[Surface]:
-    """Return the bodies whose hulls are not inside another's; the first of equal ones."""
-    hulls = [_hull(body) for body in bodies]
-
-    def is_inside(inner: int, outer: int) -> bool:
-        normals, offsets = hulls[outer].equations[:, :3], hulls[outer].equations[:, 3]
-        heights = hulls[inner].points[hulls[inner].vertices] @ normals.T + offsets
-        return bool(heights.max() <= 1e-12 * np.ptp(hulls[outer].points, axis=0).max())  # up to rounding
-
-    def is_inner(number: int) -> bool:
-        others = (other for other in range(len(bodies)) if other != number and is_inside(number, other))
-        return any(other < number or not is_inside(other, number) for other in others)
-
-    return [body for number, body in enumerate(bodies) if not is_inner(number)]
+    """Return the bodies whose hulls are not inside another's, one of equal ones."""
+    hulls, outer = [_hull(body) for body in bodies], list[int]()
+    for number in sorted(range(len(bodies)), key=lambda number: -hulls[number].volume):
+        corners = np.column_stack([bodies[number].vertices, np.ones(len(bodies[number].vertices))])
+        size = 1e-12 * np.ptp(corners)  # up to rounding
+        if all((corners @ hulls[other].equations.T).max() > size for other in outer):
+            outer.append(number)
+    return [bodies[number] for number in sorted(outer)]
 
 
 def _hull(body: Surface) -> Any:
@@ -240,143 +278,44 @@ def _hull(body: Surface) -> Any:
     return ConvexHull(body.vertices)
 
 
-def _concavity(body: Surface) -> float:
+def _excess(body: Surface) -> float:
     """Return an upper bound for the distance of the hull's surface from the body [m]; 0 for a convex body.
 
-    Both surfaces are sampled; every point of the hull is within h / sqrt(3) of a sample, h being the longest edge.
+    If no facet of a closed body is deeper in its hull than d, the body contains all that is deeper, and the bound
+    is the largest distance of the hull's corners from there. Otherwise points of body and hull are compared: every
+    point of the hull is within h / sqrt(3) of one, h being their longest edge.
     """
     import trimesh
-    from scipy.spatial import cKDTree
+    from scipy.spatial import HalfspaceIntersection, QhullError, cKDTree
 
-    mesh, hull = trimesh.Trimesh(*body[:2], process=False), _hull(body)
-    if body.closed:
-        trimesh.repair.fix_winding(mesh)
-        if hull.volume <= abs(mesh.volume) * (1 + 1e-5):  # convex, within single precision
+    body = body._replace(vertices=body.vertices - body.vertices.mean(axis=0))
+    mesh, hull = trimesh.Trimesh(body.vertices, body.triangles, process=False), _hull(body)
+    trimesh.repair.fix_winding(mesh)
+    if body.closed and abs(mesh.volume) > hull.volume / 2:
+        points, pieces, face, _ = _sample(body.vertices, hull.simplices, 20_000)
+        corners, near = mesh.triangles, cKDTree(points[pieces].mean(axis=1))
+        planes = hull.equations[face[near.query(corners.mean(axis=1), k=8)[1]]]  # of faces close to each facet
+        heights = np.einsum("fpx,fcx->fpc", planes[..., :3], corners) + planes[..., 3:]
+        deepest = float(-heights.min(axis=2).max(axis=1).min())
+        if deepest <= CONVEX * np.ptp(body.vertices, axis=0).max():
             return 0.0
-    body_samples, _ = _sample(*body[:2])
-    hull_samples, h = _sample(body.vertices, hull.simplices)
-    return float(cKDTree(body_samples).query(hull_samples)[0].max()) + h / math.sqrt(3)
+        with suppress(QhullError):  # nothing is that deep
+            inner = HalfspaceIntersection(hull.equations + np.array([0, 0, 0, deepest]), np.zeros(3)).intersections
+            return float(cKDTree(inner).query(body.vertices[hull.vertices])[0].max())
+    points, *_ = _sample(body.vertices, body.triangles, 200_000)
+    hull_points, *_, h = _sample(body.vertices, hull.simplices, 200_000)
+    return float(cKDTree(points).query(hull_points)[0].max()) + h / math.sqrt(3)
 
 
-def _sample(vertices: Array, triangles: Triangles) -> tuple[Array, float]:
-    """Return about 200,000 points of a surface, and the largest length of the edges between them."""
+def _sample(vertices: Array, triangles: Triangles, count: int) -> tuple[Array, Triangles, Triangles, float]:
+    """Return a surface as about `count` points and small triangles, the triangle of each, and the longest edge."""
     from trimesh.remesh import subdivide_to_size
 
     sides = vertices[triangles] - vertices[np.roll(triangles, 1, axis=1)]
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    h = max(float(longest.max()) / 100, math.sqrt(float(np.sum(longest**2)) / 200_000))
-    points, _ = subdivide_to_size(vertices, triangles, max_edge=h)
-    return np.asarray(points), h
-
-
-def _stl(content: bytes) -> tuple[bytes, int]:
-    """Return an STL in a form that trimesh reads correctly, and its number of facets.
-
-    A file is binary if it is at least as long as the header says, whatever its first word; trailing bytes are cut.
-    """
-    facets = int.from_bytes(content[80:HEADER], "little") if len(content) >= HEADER else -1
-    if facets >= 0 and HEADER + FACET * facets <= len(content):
-        if _is_facet(content[HEADER + FACET * facets :][:FACET]):
-            raise ValueError(f"must have as many facets as its header says, {facets:,}, but has more")
-        return content[: HEADER + FACET * facets], facets
-    if not re.match(rb"(?i)\s*solid\b", content):
-        actual = "too few bytes for a header" if facets < 0 else f"{len(content):,} bytes for {facets:,} facets"
-        raise ValueError(f"must be a whole STL file: {HEADER} bytes and {FACET} per facet; this one has {actual}")
-    body = re.sub(rb"(?im)^[ \t]*(?:end)?solid\b.*$", b"", content.replace(b"\r", b"\n"))
-    # one statement per line: trimesh reads a vertex to the end of its line
-    body = re.sub(rb"(?i)\s+(facet|vertex|endloop|endfacet)\b", rb"\n\1", body)
-    words = (b"facet", b"endfacet", b"vertex")
-    facets, ends, vertices = (len(re.findall(rb"(?im)^%b\b" % word, body)) for word in words)
-    not_a_vertex = rb"(?im)^vertex(?!(?:[ \t]+%b){3}[ \t]*$).*" % NUMBER
-    if ends <= LIMITS.facets and (wrong := re.search(not_a_vertex, body)):
-        raise ValueError(f"must have three numbers per vertex, but got {show(_text(wrong[0]))}")
-    if ends <= LIMITS.facets and not vertices == 3 * facets == 3 * ends:
-        counts = f"{facets:,} `facet`, {vertices:,} `vertex` and {ends:,} `endfacet`"
-        raise ValueError(f"must be a whole ASCII STL, with three vertices per facet, but has {counts}")
-    # without normals: trimesh fails if they are not numbers
-    return b"\n".join([b"solid", *re.findall(rb"(?im)^vertex.*$", body), b"endsolid\n"]), ends
-
-
-def _is_facet(content: bytes) -> bool:
-    """True if bytes look like a facet of a binary STL: a unit or zero normal, and distinct corners."""
-    if len(content) < FACET or any(content[48:]):
-        return False
-    normal, *corners = np.frombuffer(content[:48], "<f4").reshape(4, 3).astype(float)
-    if not np.all(np.isfinite([normal, *corners])) or np.abs(corners).max() > LARGEST_COORDINATE:
-        return False
-    length = np.linalg.norm(normal)
-    return bool((length == 0 or abs(length - 1) < 0.01) and np.ptp(corners, axis=0).any())
-
-
-def _obj(content: bytes) -> tuple[bytes, int]:
-    """Return an OBJ reduced to vertices and facets with positive indices, and its number of triangles."""
-    ignored = frozenset(
-        b"vt vn vp o g s mg l p end usemtl mtllib usemap maplib bevel c_interp d_interp lod shadow_obj "
-        b"trace_obj".split()
-    )
-    lines, statements = list[bytes](), ignored | {b"v", b"f"}
-    vertices = facets = 0
-    for number, line in enumerate(_lines(content.rstrip(b"\0\x1a\r\n")), start=1):
-        word, *arguments = line.split() or [b""]
-        try:
-            if word == b"v":
-                if len(arguments) < 3:
-                    raise ValueError(f"must have three numbers per vertex, but got {len(arguments)}")
-                if extra := statements.intersection(arguments[3:]):  # weights and colours are numbers
-                    raise ValueError(f"must have a line per vertex and facet, but got {show(_text(min(extra)))}")
-                lines.append(b"v " + b" ".join(map(_coordinate, arguments[:3])))
-                vertices += 1
-            elif word == b"f":
-                if len(arguments) < 3:
-                    raise ValueError(f"must have at least three corners per facet, but got {len(arguments)}")
-                lines.append(b"f " + b" ".join(b"%d" % _corner(corner, vertices) for corner in arguments))
-                facets += len(arguments) - 2
-            elif word and word not in ignored:
-                raise ValueError(f"must be an OBJ of vertices and facets, but has {show(_text(word))}")
-        except ValueError as error:
-            raise ValueError(f"{error} (line {number})") from None
-        if vertices > 3 * LIMITS.facets or facets > LIMITS.facets:
-            most = f"{LIMITS.facets:,} facets and {3 * LIMITS.facets:,} vertices"
-            raise ValueError(f"must have at most {most}, but has more")
-    return b"\n".join(lines), facets
-
-
-def _lines(content: bytes) -> Iterator[bytes]:
-    """Yield the lines without comments; lines continued by a backslash are joined into the last of them."""
-    most_lines, most_bytes = 10 * LIMITS.facets, 10_000  # room for texture coordinates and normals; per line
-    if content.count(b"\n") + content.count(b"\r") > most_lines:
-        raise ValueError(f"must have at most {most_lines:,} lines, but has more")
-    unfinished = b""
-    for line in content.splitlines():
-        text = unfinished + line.split(b"#", 1)[0]
-        if len(text) > most_bytes:
-            raise ValueError(f"must have at most {most_bytes:,} bytes per line, but has {len(text):,}")
-        unfinished = text[:-1] + b" " if text.endswith(b"\\") else b""
-        yield b"" if unfinished else text
-    yield unfinished
-
-
-def _coordinate(word: bytes) -> bytes:
-    if len(word) > 64 or re.fullmatch(NUMBER, word) is None:
-        raise ValueError(f"must have numbers for coordinates, but got {show(_text(word))}")
-    return word
-
-
-def _corner(word: bytes, vertices: int) -> int:
-    """Return the index of a facet's vertex, from 1; negative ones count back from the last vertex so far."""
-    # indices of a texture coordinate and a normal may follow
-    match = re.fullmatch(rb"([+-]?\d{1,9})(?:/[+-]?\d{0,9}){0,2}", word)
-    if match is None:
-        raise ValueError(f"must have the number of a vertex for a corner, but got {show(_text(word))}")
-    index = int(match[1])
-    corner = index + vertices + 1 if index < 0 else index
-    if not 1 <= corner <= vertices or index == 0:
-        raise ValueError(f"must have the number of a vertex before it, 1 to {vertices}, but got {index}")
-    return corner
-
-
-def _text(word: bytes) -> str:
-    return word[:100].decode("utf-8", "replace")
+    h = max(float(longest.max()) / 100, math.sqrt(float(np.sum(longest**2)) / count))
+    points, pieces, triangle = subdivide_to_size(vertices, triangles, max_edge=h, return_index=True)
+    return np.asarray(points), pieces, triangle, h
 
 
 def _distinct_corners(value: tuple[int, ...]) -> tuple[int, int, int]:
@@ -409,7 +348,7 @@ class ConvexPiece(Value):
             yield "triangles", f"{closed}; pieces of a mesh that share an edge count as one, so let them overlap"
         elif np.abs(self.vertices).max() > LARGEST_COORDINATE:
             yield "vertices", f"must be at most {LARGEST_COORDINATE:g} m away"
-        elif (beyond := _beyond_faces(np.array(self.vertices), faces)) > 1e-6:  # single precision
+        elif (beyond := _beyond_faces(np.array(self.vertices), faces)) > CONVEX:
             yield "triangles", f"must be convex, but a corner lies {100 * beyond:.3g} % of its size beyond a face"
 
 
@@ -429,11 +368,29 @@ def _beyond_faces(vertices: Array, faces: Any) -> float:
     return float(beyond.max()) / size
 
 
-def frame_of(mesh: Surface) -> list[dict[str, Any]]:
-    """Return the convex pieces of a mesh, as data of `ConvexPiece`; ValueError if there are too many."""
+def frame_of(mesh: Surface) -> tuple[list[dict[str, Any]], float]:
+    """Return the hulls of a mesh's pieces, as data of `ConvexPiece`, and how far they reach beyond the mesh [m].
+
+    Raises:
+        ValueError: there are too many triangles or pieces, or one is not closed, or not convex within rounding.
+    """
     if len(mesh.triangles) > LIMITS.frame_triangles:
         raise ValueError(f"must have at most {LIMITS.frame_triangles:,} triangles, but has {len(mesh.triangles):,}")
     parts = parts_of(mesh)
     if len(parts) > LIMITS.frame_pieces:
         raise ValueError(f"must have at most {LIMITS.frame_pieces} pieces, but has {len(parts):,}")
-    return [{"vertices": part.vertices.tolist(), "triangles": part.triangles.tolist()} for part in parts]
+    share = "pieces of a mesh that share an edge count as one, so let them overlap"
+    if not (parts and parts[-1].closed):
+        raise ValueError(f"must be closed surfaces; {share}")
+    if not all(has_volume(part.vertices) for part in parts):
+        raise ValueError(NO_VOLUME)
+    excess = [_excess(part) for part in parts]
+    for number, (part, beyond) in enumerate(zip(parts, excess, strict=True)):
+        if beyond > max(1e-4, 1e-3 * np.ptp(part.vertices, axis=0).max()):  # rounding of files: 0.1 mm, or 0.1 %
+            raise ValueError(
+                f"must have convex pieces, but piece {number} is up to {beyond:.3g} m inside its hull; {share}"
+            )
+    hulls = [convex_hull(part.vertices) for part in parts]
+    return [{"vertices": hull.corners.tolist(), "triangles": hull.triangles.tolist()} for hull in hulls], max(
+        excess
+    )

@@ -304,6 +304,8 @@ class Body(Value):
     """Edges of the hub along x, y, z [m]."""
     frame: Omitted[Annotated[tuple[ConvexPiece, ...], at_most(LIMITS.frame_pieces, "pieces"), NonEmpty]] = None
     """Convex pieces that replace hub and arms; a task file may name a `mesh` instead."""
+    frame_excess: Annotated[NonNegative, omit_if(0.0)] = 0.0
+    """Upper bound for the excess of the pieces over their source mesh [m]."""
     inertia: PositiveVector | None = None
     """Ixx, Iyy, Izz about the module's centre [kg m^2]; default: from the shapes at uniform density."""
 
@@ -314,12 +316,13 @@ class Body(Value):
         if not isinstance(data, dict):
             return data
         frame, data = data.get("frame"), dict(data)
-        pieces = take_mesh(data, "frame", info.context, frame_of)
-        if pieces is None:
+        mesh = take_mesh(data, "frame", info.context, frame_of)
+        if mesh is None:
             return data
         if frame is not None:
             refuse(("mesh", "must be left out if `frame` is given"))
-        return {**data, "frame": pieces}
+        pieces, excess = mesh
+        return {**data, "frame": pieces, "frame_excess": excess}
 
     def _broken_rules(self) -> Broken:
         if (triangles := sum(len(piece.triangles) for piece in self.frame or ())) > LIMITS.frame_triangles:

@@ -267,7 +267,12 @@ def _lengths(task: Task, n: int) -> Doubts:
 
 
 def _meshes(task: Task) -> Doubts:
-    """Yield regions that are larger than their mesh."""
+    """Yield a frame and regions that are larger than their mesh."""
+    if beyond := task.module.body.frame_excess:
+        yield (
+            "module.body.frame",
+            f"reaches up to {upper_text(beyond, 3)} m beyond its mesh, because pieces are convex",
+        )
     for e, exposure in enumerate(task.exposure):
         for piece, excess in exposure.mesh_excesses():
             yield (

@@ -49,6 +49,8 @@ def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
         content = stream.read(most_bytes + 1)
     if content is None:  # a kernel log claims to be a regular file
         raise NotReadable("must be a regular file, but reading it would wait")
+    if content.startswith(b"version https://git-lfs"):
+        raise NotReadable("must be the file itself, but is a pointer of Git LFS: `git lfs pull` fetches the file")
     if len(content) > most_bytes:  # the file is growing
         raise NotReadable(f"must have at most {most_bytes:,} bytes, but has more")
     return content
