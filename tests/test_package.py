@@ -5,17 +5,31 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from jsonschema import Draft202012Validator
+
+from topo_search.compose.drawer import Change, SharedKit
+from topo_search.export.allocation import allocation
+from topo_search.model import Design
+from topo_search.model.design import Relaxation, Relaxed
+from topo_search.model.files import examples, read_json, read_task, task_template, to_json, to_toml
+from topo_search.model.flight import Vehicle
+from topo_search.simulation.result import FlightResult
+from verify import audit
+from verify.flight.vehicle import capability
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests/benchmarks"))
 
-from keep_schemas import FOLDER, schemas  # noqa: E402
+from keep_schemas import FOLDER, MODELS, schemas  # noqa: E402
 
+ROTOR = {"z_m": 0.0, "ax": 0, "ay": 0, "az": 1, "k_f": 1.0, "k_tau": 0.1, "u_max": 5.0}
+CHANGE = Change(before="a", after="b", undo=0, bolt=0, undo_steps=(), bolt_steps=(), stay=((0, 1),))
 PACKAGES = ("topo_search", "nlp", "verify")
 
 
@@ -36,6 +50,42 @@ def test_the_schemas_are_those_of_the_models():
     kept = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in FOLDER.glob("*.json")}
     due = {name: json.loads(text) for name, text in schemas().items()}
     assert without_words(kept) == without_words(due), "stale: run python tests/benchmarks/keep_schemas.py"
+
+
+def written_files():
+    """Yield files of every kind as the package writes them, each with the name of its schema."""
+    yield from (("task", tomllib.loads(task_template("task"))),)
+    yield from (("task", tomllib.loads(to_toml(read_task(name)))) for name in examples())
+    designs = [read_json(Design, path) for path in sorted((ROOT / "tests/designs").glob("*.json"))]
+    wall_push = read_json(Design, ROOT / "tests/designs/wall-push.json")
+    rotors = [
+        {**ROTOR, "x_m": x, "y_m": y, "spin": spin}
+        for x, y, spin in ((1, 0, 1), (0, 1, -1), (-1, 0, 1), (0, -1, -1))
+    ]
+    relaxation = Relaxation(topology_key="a10", limit="rod", change="10 %", field="end_effector.rod", share=0.1)
+    yield from (("design", json.loads(to_json(design))) for design in designs)
+    values = {
+        "audit": audit(wall_push),
+        "allocation": allocation(wall_push),
+        "capability": capability(Vehicle(rotors=rotors)),
+        "flight": read_json(FlightResult, ROOT / "notebooks/results/flight-wall-push.json"),
+        "relaxed": Relaxed(modules=2, starts=8, relaxations=(relaxation,), in_vain=("rotor limits",)),
+        "kit": SharedKit(
+            within_percent=2.0, modules=2, tasks=(), brackets=(), changes=(CHANGE,), designs_kept=(1, 1)
+        ),
+    }
+    yield from ((name, json.loads(to_json(value))) for name, value in values.items())
+
+
+def test_the_schemas_allow_what_is_written():
+    kept = {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in FOLDER.glob("*.json")}
+    found = {name: [] for name in kept}
+    for name, data in written_files():
+        found[name] += [error.message for error in Draft202012Validator(kept[name]).iter_errors(data)]
+    assert found == {name: [] for name in MODELS}
+    for schema in kept.values():
+        Draft202012Validator.check_schema(schema)
+        assert not Draft202012Validator(schema).is_valid({"format": "another"})
 
 
 @pytest.fixture(scope="module")

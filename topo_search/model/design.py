@@ -106,7 +106,7 @@ def _topology(value: Any) -> Any:
 
 TopologyRows = Annotated[
     Topology,
-    BeforeValidator(_topology),
+    BeforeValidator(_topology, json_schema_input_type=list[Joint]),
     PlainSerializer(lambda topology: [list(joint) for joint in topology.joints], return_type=list[list[int]]),
 ]
 """Topology; files store it as rows [parent, parent_port, child_port]."""
