@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet
 import pytest
 import toy_problem
 from commands import invoke
@@ -58,6 +59,20 @@ def test_files_read_back_as_they_were(audited: Audit) -> None:
     pd.testing.assert_frame_equal(pd.read_parquet(io.BytesIO(parquet(frame))), frame, check_dtype=False)
     again = pd.read_csv(io.StringIO(tables.csv(frame)), dtype={"segment": "Int64"})
     pd.testing.assert_frame_equal(again, frame, check_dtype=False, rtol=1e-14)
+
+
+def test_parquet_files_of_all_runs_have_the_same_columns(tmp_path, monkeypatch) -> None:
+    """Whether or not any candidate has a constraint, an audit or a proof."""
+    monkeypatch.setenv("TOY_NONE", "aa00")
+    frame = toy_run(tmp_path / "run", modules=(2, 3)).candidates
+    rows = (
+        frame,
+        *(frame[frame.status == status] for status in ("feasible", "infeasible")),
+        frame.assign(audit=None),
+    )
+    schema, *others = (pyarrow.parquet.read_schema(io.BytesIO(parquet(each))) for each in rows)
+    assert all(other.equals(schema) for other in others)
+    assert "null" not in map(str, schema.types)
 
 
 def test_an_audit_without_pairs_is_an_empty_table(audited: Audit) -> None:

@@ -158,10 +158,15 @@ def csv(frame: pd.DataFrame) -> str:
 
 
 def parquet(frame: pd.DataFrame) -> bytes:
-    """Return a data frame as the content of a Parquet file; ModuleNotFoundError if pyarrow is not installed."""
+    """Return a data frame as the content of a Parquet file; columns without numbers are texts, even if empty.
+
+    Raises:
+        ModuleNotFoundError: pyarrow is not installed.
+    """
     import pyarrow  # noqa: F401 (pandas would raise another exception if it is missing)
 
-    return frame.to_parquet(None, engine="pyarrow", index=False)
+    texts = frame.select_dtypes(exclude="number").columns
+    return frame.astype(dict.fromkeys(texts, "string")).to_parquet(None, engine="pyarrow", index=False)
 
 
 def _frame(kind: type[BaseModel], values: Iterable[BaseModel]) -> pd.DataFrame:
