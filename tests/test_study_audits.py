@@ -2,14 +2,16 @@ import itertools
 import sqlite3
 import tomllib
 from contextlib import closing
+from dataclasses import replace
 
 import pytest
+import toy_problem
 from ledger_edit import altered
 from processes import table
 from toy_problem import toy_run, toy_solved, toy_task
 
 from topo_search.cli.tables import answer_lines
-from topo_search.model import BadInput, Design, Task, Tolerances
+from topo_search.model import Assembly, BadInput, BoltedJoint, Clearance, Design, Status, Task, Tolerances
 from topo_search.model.files import read_json
 from topo_search.model.load_case import AskedFlight
 from topo_search.model.task import with_older_defaults
@@ -61,6 +63,28 @@ def test_a_design_that_fails_is_solved_again_with_a_larger_margin_and_ranked_ane
     assert any(
         remark.startswith(f"{keys[0]}: solved again with margin 0.01 m") for remark in answer.sizes[0].remarks
     )
+
+
+@pytest.mark.parametrize(("neighbour", "attempts"), [(0, 1), (1, 1), (2, 4)])
+def test_a_bracket_that_does_not_fit_its_own_joint_is_named_and_not_solved_again(tmp_path, neighbour, attempts):
+    """The solver leaves brackets out: a margin moves only other modules away from them."""
+    pair = {"kind": "bracket-airflow", "a": 1, "b": neighbour, "segment": None, "status": "violated"}
+    clearance = Clearance(**pair, lower_m=None, upper_m=-0.01, analytic_m=-0.01, level=0)
+    joint = BoltedJoint(module=0, port=0, child=1, child_port=2, angle_deg=0.0)
+
+    def audit(design):
+        sheet = Assembly(joints=(joint,))
+        return toy_problem.audit(design).model_copy(
+            update={"verdict": Status.VIOLATED, "pairs": (clearance,), "assembly": sheet}
+        )
+
+    answer = toy_run(tmp_path / "run", backends=replace(toy_problem.BACKENDS, audit=audit))
+    assert {len(margins_of(tmp_path / "run", key)) for key in table(tmp_path / "run")} == {attempts}
+    assert answer.complete
+    assert answer.exit_status == 1
+    name = f"the bracket of module 1 and airflow of module {neighbour}"
+    assert name in answer.sizes[0].failure
+    assert f"{answer.sizes[0].top[0].key}: {name}" in list(answer_lines(answer))[-2]
 
 
 def test_a_design_that_never_passes_is_passed_over_visibly(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from verify_cases import FAN, FREE_ABOVE, HOVER, changed, design, failing, fan
 
 from topo_search.model import Audit, Design, Status, Topology
+from topo_search.model.audit import counts
 from topo_search.model.files import read_json, to_json
 from verify import audit
 from verify.kinematics import objective, platform
@@ -19,6 +20,29 @@ BELOW = (0.0, 0.0, -0.3)
 
 
 # ---- by hand
+
+
+@pytest.mark.parametrize("interference", ["airflow", "parts", "separation"])
+@pytest.mark.parametrize("rod", ["straight", "none"])
+@pytest.mark.parametrize("clearance", [0.3, False])
+def test_the_failure_that_is_named_is_one_that_the_verdict_counts(interference, rod, clearance):
+    search = {"interference": interference, "body_clearance": interference != "separation" and clearance}
+    task = {"search": search, "end_effector": {"rod": rod, "exclusion": False}}
+    for hinges, tip in (
+        ((0.6, -0.6), (0.1, 0.0, -0.4)),
+        ((0.0, 0.0), (0.0, 0.0, -1.0)),
+        ((1.5, 1.5), (0.1, 0.0, 0.3)),
+    ):
+        folded = fan(task, hinges=hinges, end_effector=tip)
+        result = audit(folded)
+        judged = [pair for pair in result.pairs if counts(pair.kind, folded.task)]
+        assert result.verdict == Status.worst(
+            [*(p.status for p in judged), *(row.status for row in result.residuals)]
+        )
+        bad = [pair.name for pair in judged if pair.status is not Status.CLEAR]
+        failure = result.failure(folded.task) or ""
+        assert any(failure.startswith(name) for name in bad) == bool(bad)
+        assert bool(failure) == (result.verdict is not Status.CLEAR)
 
 
 def test_one_module_hovers_at_a_quarter_of_the_weight_a_rotor():

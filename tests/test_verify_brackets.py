@@ -1,5 +1,7 @@
 """Brackets in the audit: those that the kit prints, brute force, and both verdicts."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import trimesh
@@ -9,6 +11,8 @@ from verify_cases import design
 from topo_search.export.brackets import MILLIMETRES, TURNS, bracket, connector_turn
 from topo_search.model import Design, Status, Task, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model.room import bracket_obstacle
+from topo_search.model.task_warnings import task_warnings
 from verify import audit
 from verify.contacts import bracket_hulls
 from verify.kinematics import platform
@@ -95,6 +99,33 @@ def test_they_count_where_they_are_stated_and_are_not_looked_at_elsewhere() -> N
     assert stated.verdict is Status.VIOLATED
     row = next(pair for pair in stated.pairs if pair.kind == "bracket-rotor")
     assert row.name == "the bracket of module 1 and rotors of module 0"
+
+
+WIDE_ROTORS = {"body": {"rotor_radius": 0.0675}, "airflow": {"start_radius": 0.05, "spread_angle_deg": 1.0}}
+
+
+@pytest.mark.parametrize(
+    ("module", "obstacle"),
+    [
+        ({"bracket": {}}, None),
+        ({"bracket": {"bolt_circle": 0.03, "wall": 0.002}}, None),
+        ({"bracket": {"bolt_circle": 0.08}}, "the airflow"),
+        ({"bracket": {"thickness": 0.04}}, "the airflow"),
+        ({"bracket": {"bolt_circle": 0.24}}, "the airflow"),
+        ({"bracket": {"bolt_circle": 24.0, "bolt_diameter": 3.2, "thickness": 4.0, "wall": 3.0}}, "the centre"),
+        ({"bracket": {}, **WIDE_ROTORS}, None),
+        ({"bracket": {"bolt_circle": 0.06, "thickness": 0.0005, "wall": 0.0005}, **WIDE_ROTORS}, "the rotors"),
+    ],
+)
+def test_a_bracket_that_fits_at_no_hinge_angle_is_told_from_one_that_fits(
+    module: dict[str, Any], obstacle: str | None
+) -> None:
+    task = design(PAIR, {"module": module}, hinges=(0.0,)).task
+    assert bracket_obstacle(task.module) == obstacle
+    assert any(warning.path == "module.bracket" for warning in task_warnings(task)) == (obstacle is not None)
+    for hinge in (0.0, 0.5, -0.5, 1.5) if obstacle in ("the airflow", "the rotors") else (0.0,):
+        bent = audit(design(PAIR, {"module": module}, hinges=(hinge,)))
+        assert any(p.kind in KINDS and p.status is not Status.CLEAR for p in bent.pairs) == (obstacle is not None)
 
 
 def test_brackets_that_are_stated_stay_stated_in_a_design() -> None:

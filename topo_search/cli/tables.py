@@ -45,7 +45,7 @@ def result_lines(answer: Answer) -> Iterator[str]:
             yield f"note on {best.key}: {note}"
         yield f"{line}, {_effort(best)}, audit {best.audit}{rod}"
     elif answer.exit_status == 1:
-        yield "designs were found, but none passed its audit"
+        yield answer.failure
     else:
         yield "no design was found"
 

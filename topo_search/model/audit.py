@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
@@ -20,6 +20,9 @@ from topo_search.model.module import Mount
 from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.text import csv_text, heading, paragraph, table
 from topo_search.model.value import OMIT_EMPTY, Flag, Index, NonNegative, Number, Omitted, Value, Vector
+
+if TYPE_CHECKING:
+    from topo_search.model.task import ResolvedTask
 
 
 class BoltedJoint(Value):
@@ -213,6 +216,20 @@ class Clearance(Pair):
     rounding, or if the file does not say."""
 
 
+def counts(kind: Kind, task: ResolvedTask) -> bool:
+    """True if a clearance of a kind that is not clear affects the verdict on a design for a task."""
+    needs_rod = task.end_effector.rod == "straight"
+    conditions = {
+        "airflow": task.search.interference == "airflow",
+        "body": task.body_clearance is not None,
+        "rod": needs_rod or task.body_clearance is not None,
+        "rod-airflow": needs_rod,
+        "rod-region": needs_rod,
+        "rotor-airflow": task.parts_off_airflow,
+    }
+    return conditions.get(kind, True)
+
+
 class Interference(Value):
     """Severity of overlaps of airflow envelopes: the metrics of the paper's ablation (Sec. IV)."""
 
@@ -350,6 +367,17 @@ class Audit(Value):
     """Versions of the libraries."""
     seconds: NonNegative
     """Wall-clock time of the audit [s]."""
+
+    def failure(self, task: ResolvedTask) -> str | None:
+        """Return the first check that keeps the audit of a design for a task from being clear, in words."""
+        judged = [pair for pair in self.pairs if pair.status is not Status.CLEAR and counts(pair.kind, task)]
+        if judged:
+            worst = min(judged, key=lambda pair: pair.analytic_m)
+            return f"{worst.name} ({worst.status}, clearance {upper_text(worst.analytic_m, 3)} m)"
+        for row in self.residuals:
+            if row.status is not Status.CLEAR:
+                return f"{row.words} ({row.status}, off by {upper_text(row.value, 3)} {row.unit})"
+        return next((f"{row.name} ({row.words})" for row in self.stated if row.status == "missed"), None)
 
     @property
     def inputs_words(self) -> str | None:

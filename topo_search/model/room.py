@@ -114,6 +114,26 @@ def frame_reach(module: Module) -> float:
     return float(np.abs(_frame_edges(module)[..., :2]).max())
 
 
+def bracket_obstacle(module: Module) -> str | None:
+    """Return what of its own module a bracket's flange reaches: its centre, airflow or rotors; None if it is clear.
+
+    A flange is fixed to its module whatever the hinge angle. With flat hinges the rest of the bracket is farther
+    out, so one that is clear fits at least there.
+    """
+    sizes, air = module.bracket_sizes, module.envelope
+    x, r = module.connector_distance - sizes.set_back, sizes.half_width
+    growth = air.growth / air.length  # of the radius along the axis
+    slope = math.sqrt(max(0.0, 1 - growth**2))
+    depth = min(air.length, r + x * growth / slope) if slope else air.length  # where the side is nearest the flange
+    if x <= 0:
+        return "the centre"
+    if math.hypot(x, max(0.0, depth - r)) < air.start_radius + growth * depth:
+        return "the airflow"
+    rotor = module.arm_length / math.sqrt(2)
+    beside = max(x - rotor, 0.0), max(rotor - r, 0.0)
+    return "the rotors" if math.hypot(*beside) < module.body.rotor_radius else None
+
+
 def largest_hinge_angle(module: Module, margin: float = 0.0) -> float:
     """Return the hinge angle up to which no rotor of one module can meet the other module [rad].
 

@@ -33,7 +33,7 @@ from topo_search.limits import quantity
 from topo_search.model.load_case import LoadCase
 from topo_search.model.module import Body, Module
 from topo_search.model.proven import excess_texts, upper_text
-from topo_search.model.room import LARGE, OUTWARDS, folds_text, frame_reach, packed_width
+from topo_search.model.room import LARGE, OUTWARDS, bracket_obstacle, folds_text, frame_reach, packed_width
 from topo_search.model.task import Task
 from topo_search.model.value import show
 
@@ -195,6 +195,15 @@ def _accessories(task: Task) -> Doubts:
     weight = task.force_unit(task.sizes[-1])
     yield from _usual("end_effector.rod_modulus", tip.rod_modulus, 1e8, 1e12, "Pa")
     yield from _usual("end_effector.rod_deflection", tip.rod_deflection, 0.0, arm, "m", ", the length of an arm")
+    for name, low, high in (
+        ("bolt_circle", 0.02, 1.0),
+        ("bolt_diameter", 0.004, 0.5),
+        ("thickness", 0.002, 0.5),
+        ("wall", 0.002, 0.5),
+    ):
+        size, basis = getattr(module.bracket_sizes, name), f", usual with arms of {arm:g} m"
+        if module.bracket is not None:
+            yield from _usual(f"module.bracket.{name}", size, low * arm, high * arm, "m", basis)
     for name in ("position", "envelope"):
         error = getattr(task.tolerances, name)
         yield from _usual(f"tolerances.{name}", error, 0.0, arm, "m", ", the length of an arm")
@@ -224,7 +233,9 @@ def _angles(task: Task) -> Doubts:
 def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
     """Return the warnings about a task, in the order of the task file."""
     n = task.sizes[-1]
-    parts = chain(_gravity(task), doubts(task), _module(task.module), _rod(task, n), _lengths(task, n))
+    parts = chain(
+        _gravity(task), doubts(task), _module(task.module), _bracket(task.module), _rod(task, n), _lengths(task, n)
+    )
     requirements = chain(_meshes(task), _thrust(task, n), _load_cases(task, n), _search(task))
     return tuple(starmap(TaskWarning, chain(parts, requirements)))
 
@@ -252,6 +263,19 @@ def _module(module: Module) -> Doubts:
             f"hub and arms reach {reach:.3g} m out, past the connector at {module.connector_distance:g} m: those "
             "of two modules that are bolted together may overlap, and the search does not prevent that",
         )
+
+
+def _bracket(module: Module) -> Doubts:
+    """Yield a bracket that fits at no hinge angle."""
+    if module.bracket is None or (obstacle := bracket_obstacle(module)) is None:
+        return
+    sizes = module.bracket
+    yield (
+        "module.bracket",
+        f"does not fit between the modules at any hinge angle: its flanges, {2 * sizes.half_width:.3g} m wide and "
+        f"{sizes.set_back:.3g} m from the connector, reach {obstacle} of their own module: make it smaller, or "
+        "connector_distance larger",
+    )
 
 
 def _lengths(task: Task, n: int) -> Doubts:

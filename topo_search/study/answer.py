@@ -62,6 +62,8 @@ class SizeAnswer:
     """Remarks on designs whose audit was not clear, and on candidates that failed."""
     reason: str | None
     """Why there is no design, if there is none."""
+    failure: str | None
+    """What keeps the audit of the best design from being clear, if no audit is."""
     covers_size: bool
     """True if the candidates represent all topologies of this size that the task allows, which listed topologies or
     those of a lossy symmetry need not."""
@@ -152,10 +154,16 @@ class Answer:
             gap = "" if self.best.gap is None else f", gap {gap_percent(self.best.gap)}"
             words = f"{self.best.key}, {self.best.modules} modules, J = {self.best.objective:.6g} rad^4/s^4{gap}"
             return f"{words}, audit {self.best.audit}; everything is in {self.folder}"
-        if any(size.feasible for size in self._all_sizes):
-            return f"designs were found, but none passed its audit; everything is in {self.folder}"
+        if self.exit_status == 1:
+            return f"{self.failure}; everything is in {self.folder}"
         reasons = "; ".join(f"{size.modules} modules: {size.reason}" for size in self._all_sizes)
         return f"no design was found: {reasons}; everything is in {self.folder}"
+
+    @property
+    def failure(self) -> str:
+        """That no design passed its audit, and why the best one of each size did not, in words."""
+        failures = [f"{size.top[0].key}: {size.failure}" for size in self._all_sizes if size.failure is not None]
+        return "; ".join(["designs were found, but none passed its audit", *failures])
 
     @property
     def found(self) -> bool:

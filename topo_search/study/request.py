@@ -319,6 +319,13 @@ def with_margin(task: ResolvedTask, margin: float) -> ResolvedTask:
     return task.model_copy(update={"search": task.search.model_copy(update={"margin": margin})})
 
 
+def _is_beyond_margins(audit: Audit) -> bool:
+    """True if a bracket is not clear of a module that it joins: the solver leaves brackets out."""
+    parents = {joint.child: joint.module for joint in audit.assembly.joints}
+    brackets = (pair for pair in audit.pairs if pair.kind in ("bracket-airflow", "bracket-rotor"))
+    return any(p.status != "clear" and p.b in (p.a, parents.get(p.a)) for p in brackets)
+
+
 @dataclass
 class Margins:
     """The margins of one design: raised until its audit is clear, at most `LARGER_MARGINS` times."""
@@ -335,7 +342,9 @@ class Margins:
         return self.tasks[self.step]
 
     def raise_after(self, audit: Audit) -> bool:
-        """Raise the margin as an audit requires; return False if none is large enough or no attempt remains."""
+        """Raise the margin as an audit requires; return False if none can help or no attempt remains."""
+        if _is_beyond_margins(audit):
+            return False
         step = self._next_step(audit)
         if step == len(self.tasks) or self._raised == LARGER_MARGINS:
             return False

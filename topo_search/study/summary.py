@@ -134,7 +134,9 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
     if is_complete and settled < candidates:
         number = f"{candidates - settled} of {candidates} candidates"
         remarks.append(f"{number} were never proposed: nothing is known about them")
-    proven = summarize(folder, n, best)
+    proven, failure = summarize(folder, n, best), None
+    if best is None and top and (audit := folder.result_of(top[0])[1]) is not None:
+        failure = audit.failure(contexts[0].task)
     words = None if best is None else statement(best, settled - statuses["failed"], candidates)
     return SizeAnswer(
         modules=n,
@@ -152,6 +154,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         near_ties_unaudited=sum(row.audit is None for row in near_best),
         remarks=tuple(remarks),
         reason=None if feasible else reason(impossible, closest, statuses),
+        failure=failure,
         covers_size=covers,
         impossible=impossible is not None or (covers and statuses["impossible"] == candidates),
         statement=words if proven.gap is None else proven_statement(candidates, proven.gap),
