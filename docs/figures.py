@@ -32,7 +32,7 @@ from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_DIRECTIONS, ROTOR_SP
 from topo_search.model.files import read_json
 from topo_search.model.module import Bracket
 from topo_search.model.topology import PORT_NAMES
-from verify.air.jets import jets, speeds
+from verify.air.jets import jets, speeds, wakes
 from verify.kinematics import platform as poses_of
 from verify.kinematics import poses, rotation
 
@@ -462,6 +462,25 @@ def jet(figure: Figure) -> None:
         axes.plot(sign * l_arm + np.array([-1, 1]) * MODULE.body.rotor_radius, [0, 0], color=INK, linewidth=3)
     axes.set(xlabel="distance from the axis [m]", ylabel="height [m]", aspect="equal")
     axes.legend(loc="lower right", fontsize=7)
+
+
+@drawing(4.6, 2.8, panels=0)
+def momentum(figure: Figure) -> None:
+    """Momentum of a module's jet over its thrust by depth, for rotors of four sizes."""
+    axes, s = figure.subplots(), np.linspace(0.1, 4.0, 79)
+    x = (np.arange(160) + 0.5) / 20
+    x, y = (side.ravel() for side in np.meshgrid(x, x))  # points of a quadrant, which has one rotor [l_arm]
+    for ratio, colour in zip((3, 4, 5, 6), palette.SERIES, strict=False):
+        module = Module.model_validate({"body": {"rotor_radius": 2 * MODULE.arm_length / ratio}})
+        air = jets(module, 1.2, np.zeros((1, 3)), np.eye(3)[None], ROTOR_DIRECTIONS[None], np.ones((1, 4)))
+        squares = [(wakes(air, np.column_stack([x, y, 0 * x - 2 * depth])) ** 2).sum() for depth in s]
+        thrust = 2 * math.pi * air.radius**2 * air.induced[0, 0] ** 2 * 20**2
+        axes.plot(
+            s, np.array(squares) / thrust, color=colour, label=f"L/R = {ratio}, f = {module.jet_momentum:.2f}"
+        )
+    axes.axhline(1.0, color=PALE, linewidth=0.8, zorder=0)
+    axes.set(xlabel="depth s [L]", ylabel="momentum of the jet over thrust", xlim=(0, 4), ylim=(0, 2.4))
+    axes.legend(fontsize=7)
 
 
 @drawing(6.6, 2.4, panels=3)

@@ -5,25 +5,33 @@ Lengths are in l_arm; s = depth / 2, in distances of opposite rotors.
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | v_q | speed that disc q induces, sqrt(k_f u_q / (2 rho pi R^2)) | | m/s |
-| U_H | root mean square of the v_q | | m/s |
 | s, r | depth below the module, distance from its axis | | 2 l_arm, l_arm |
 | z, r_q, d_q | depth in l_arm; distance from rotor q's axis; from its disc | | l_arm |
+| c, M | share and speed of the merged jets (Bauersfeld et al., arXiv 2403.13321) | | |
+| S_q | speed of a disc's own slipstream (momentum theory with a shear layer) over v_q | | |
+| delta, r_2 | half-width of its shear layer, its outer radius | | l_arm |
+| H_q | flow towards the discs | | |
 | D, s_0, b | `module.airflow.jet` | | |
 
-A module's air speed is the largest of three parts: the merged jets (Bauersfeld et al., arXiv 2403.13321), a disc's
-own slipstream (momentum theory, with a shear layer of 0.1 (z + R)), and the flow towards the discs:
+The square of a module's air speed is linear in its inputs:
 
 .. math::
 
-    U &= \max\Big(\frac{D U_H \min(1, s / 2.5)}{s' + s_0} \big(1 + (\sqrt 2 - 1) \tfrac{r^2}{r_h^2}\big)^{-2},\;
-        v_q g\, c_z c_r,\; \sum_q \frac{v_q}{(1 + \sqrt 2 d_q / R)^2}\Big) \\
-    s' &= \max(s, 2.5), \quad r_h = 2 b (s' + s_0), \quad g = 1 + z / \sqrt{R^2 + z^2} \\
-    c_z &= \min(1, (2.5 - s) / 1.5), \quad c_r = \tfrac12 + (R / \sqrt g - r_q) / (0.2 (z + R)) \in [0, 1]
+    U^2 &= \sum_q v_q^2 \max(G_q, H_q), \quad G_q = (1 - c) S_q^2 + \tfrac{c}{4} M^2,
+        \quad H_q = k_q \sum_p k_p, \quad k_q = (1 + \sqrt 2 d_q / R)^{-2} \\
+    M &= \frac{D}{s' + s_0} \big(1 + (\sqrt 2 - 1) \tfrac{r^2}{r_h^2}\big)^{-2},
+        \quad c = \tfrac{s - 1}{1.5} \in [0, 1], \quad s' = \max(s, 2.5), \quad r_h = 2 b (s' + s_0) \\
+    S_q &= g\,\tfrac{r_2 - r_q}{2 \delta}, \quad \tfrac{r_2 - r_q}{2 \delta} \in [0, 1],
+        \quad g = 1 + z / \sqrt{R^2 + z^2}, \quad \delta = 0.1 (z + R), \quad a = R^2 / g \\
+    r_2 &= \tfrac43 \delta + \sqrt{a - \tfrac29 \delta^2} \text{ if } a \ge \tfrac23 \delta^2,
+        \text{ else } (24 \delta^2 a)^{1/4}
+
+The slipstream carries g / 2 of its rotor's thrust as momentum, the rest is pressure. S_q is zero above the disc.
+The inflow is at least the sum of four sinks, and equal to it for equal rotors (Cauchy's inequality).
 
 The air speed at a point is the sum over all modules. A program has rows for points of the region where air is
-fastest, added once a solve violates the limit there. In rows the 8-norm of the parts replaces their maximum, which
-is no larger. Points of a ball move with a module, since otherwise the platform would turn away from them at no
-cost; other points are fixed relative to the end-effector.
+fastest, added once a solve violates the limit there. Points of a ball move with a module, since otherwise the
+platform would turn away from them at no cost; other points are fixed relative to the end-effector.
 """
 
 from __future__ import annotations
@@ -105,7 +113,7 @@ def fastest(point: Point) -> Iterator[SpeedMaximum]:
     (R, p), tip = point.poses, point.tip / l_arm
     p = p / l_arm - tip
     jet = jet_of(task.module, task.air_density, task.gravity)
-    induced = jet.induced * np.sqrt(point.u / task.module.hover_input(task.gravity))
+    u = point.u / task.module.hover_input(task.gravity)
     for number, exposure in limited:
         regions = [
             region_of(shape.at(point.tip - point.p_COM), l_arm, exposure.speed_reach) for shape in exposure.shapes
@@ -113,7 +121,7 @@ def fastest(point: Point) -> Iterator[SpeedMaximum]:
         for case in range(len(task.declared.load_cases)):
             speeds, points = dict[SpeedPoint, float](), set[SpeedPoint]()
             for region in regions:
-                maxima = climb(jet, R, p, induced[case], region, DEPTHS, DIRECTIONS)
+                maxima = climb(jet, R, p, u[case], region, DEPTHS, DIRECTIONS)
                 for i, (*x, speed) in enumerate(maxima.tolist()):
                     if speed < 0.0:
                         continue

@@ -13,6 +13,7 @@ from nlp.airspeed import TARGET_SHARE, SpeedPoint, fastest
 from nlp.assembled.air import SpeedRows
 from nlp.assembled.problem import AssembledProblem
 from nlp.ipopt import BETA
+from nlp.numbers.jets import jet_of, total_speed
 from nlp.reduced.arrays import to_arrays
 from nlp.reduced.descent import Evaluation, evaluate
 from nlp.reduced.search import LocalMinimum, point_of
@@ -49,6 +50,25 @@ def test_the_fastest_air_over_a_region_is_what_the_audit_finds(region: dict) -> 
             proven = found.cases[at.case].regions[0]
             assert at.speed <= proven.speed_at_most_m_s * (1 + 1e-9)
             assert at.speed >= 0.97 * proven.speed_m_s
+
+
+@pytest.mark.parametrize("ratio", [1.5, 3.0, 6.0, 30.0])
+def test_both_sides_have_the_same_speeds(ratio: float) -> None:
+    """All over, in slipstreams that still have a core, and in those that have none."""
+    rng, n = np.random.default_rng(8), 3
+    task = push(n, module={"body": {"rotor_radius": 0.2 / ratio}})
+    point = random_point(task, random_tree(n, rng), rng)
+    point = replace(point, u=np.abs(point.u) * (rng.random(point.u.shape) < 0.8))
+    scene = Scene(as_design(point))
+    (_, audited), *_ = case_jets(scene)
+    solved = jet_of(task.module, task.air_density, task.gravity)
+    u = point.u[0] / task.module.hover_input(task.gravity)
+    discs = audited.rotors.reshape(-1, 3)[rng.integers(4 * n, size=2000)]
+    axes = np.repeat(audited.axes, 4, axis=0)[rng.integers(4 * n, size=2000)]
+    below = discs - rng.exponential(3, (2000, 1)) * axes + rng.normal(0, 0.5, (2000, 3))
+    x = np.concatenate([rng.normal(0, 6, (2000, 3)), below])
+    found = [total_speed(solved, audited.poses, audited.centres, u, at) for at in x]
+    np.testing.assert_allclose(found, speeds(audited, x).sum(axis=1), rtol=1e-8)
 
 
 def test_rows_are_the_speeds_at_their_points() -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from nlp.airspeed import TARGET_SHARE, SpeedPoint
 from nlp.assembled.platform import Indices
 from nlp.assembled.problem import AssembledProblem
-from nlp.numbers.jets import JETS, ROUNDED, Jet, curvature, induced_speeds, jet_of, point_of_ball, speed
+from nlp.numbers.jets import JETS, ROUNDED, Jet, curvature, find_factors, jet_of, point_of_ball, speed
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
@@ -106,7 +106,8 @@ def derive_speeds(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> t
     m = len(y)
     values, gradients = np.empty(m), np.zeros((m if order else 0, 22))
     hessians = np.zeros((m if order > 1 else 0, 22, 22))
-    x, q, v, slopes, second = np.empty(3), np.empty(3), np.empty(4), np.empty(7), np.empty((7, 7))
+    x, q, slopes, second = np.empty(3), np.empty(3), np.empty(7), np.empty((7, 7))
+    C, dC = np.empty(4), np.empty((4 if order else 0, 3))
     by_ball, by_y, d = np.empty((3, 6)), np.zeros((7, 22)), np.empty(3)
     for r in range(m):
         point_of_ball(numbers[r, :3], numbers[r, 6], numbers[r, 3:6], y[r, 4], y[r, 5], x, by_ball)
@@ -114,9 +115,9 @@ def derive_speeds(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> t
             d[a] = x[a] - y[r, 0, a]
         for a in range(3):
             q[a] = y[r, 1 + a, 0] * d[0] + y[r, 1 + a, 1] * d[1] + y[r, 1 + a, 2] * d[2]
-        induced_speeds(jet, u[r], v)
+        find_factors(jet, q, ROUNDED, C, dC)
         inverse_limit = numbers[r, 7]
-        values[r] = inverse_limit * speed(jet, q, v, ROUNDED, slopes)
+        values[r] = inverse_limit * speed(jet, C, dC, u[r], slopes if order else slopes[:0])
         if order == 0:
             continue
         for a in range(3):
@@ -128,15 +129,13 @@ def derive_speeds(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> t
                 for b in range(3):
                     by_y[a, 12 + c] += y[r, 1 + a, b] * by_ball[b, c]
         for k in range(4):
-            by_y[3 + k, 18 + k] = jet.induced**2 / (2 * v[k])
+            by_y[3 + k, 18 + k] = 1.0
         gradients[r] = inverse_limit * (slopes @ by_y)
         if order == 1:
             continue
-        curvature(jet, q, v, second)
+        curvature(jet, q, u[r], second)
         H = hessians[r]
         H[:] = by_y.T @ second @ by_y
-        for k in range(4):
-            H[18 + k, 18 + k] -= slopes[3 + k] * jet.induced**4 / (4 * v[k] ** 3)
         for a in range(3):
             for b in range(3):
                 H[b, 3 + 3 * a + b] -= slopes[a]

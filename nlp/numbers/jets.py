@@ -3,8 +3,10 @@ r"""Air speed of a module at a point, with derivatives, and the fastest air of a
 | symbol | meaning | shape | unit |
 |---|---|---|---|
 | q | the point from the module, in its frame | (3,) | l_arm |
-| v | induced speed of each disc, sqrt(k_f u_q / (2 rho pi R^2)) | (4,) | m/s |
-| U | speed of the air | | m/s |
+| u | inputs of the module | (4,) | u_hover |
+| v_0 | induced speed of a disc at u_hover | | m/s |
+| C | max(G, H) of `nlp.airspeed`, a factor for each rotor | (4,) | |
+| U | speed of the air, v_0 sqrt(C . u) | | m/s |
 | epsilon | width over which kinks are rounded | | - |
 
 The formulas are those of `nlp.airspeed`, with min and max rounded:
@@ -14,8 +16,8 @@ The formulas are those of `nlp.airspeed`, with min and max rounded:
     \max(a, b) = \tfrac12 \big(a + b + \sqrt{(a - b)^2 + \epsilon^2}\big), \qquad
     \min(1, \max(0, t)) = c(t) / c(1), \quad c(t) = \sqrt{t^2 + \epsilon^2} - \sqrt{(t - 1)^2 + \epsilon^2} + 1
 
-The largest of a module's three parts is rounded to their 8-norm, which is no smaller. Gradients are exact; second
-derivatives are central differences, accurate enough for Newton's method.
+The larger of jet and inflow is rounded to their 4-norm, which is no smaller. Gradients are exact; in second
+derivatives those of C are central differences, accurate enough for Newton's method.
 """
 
 from __future__ import annotations
@@ -35,10 +37,14 @@ class JetRounding(NamedTuple):
 
     merged_at: float = 2.5
     """Depth at which the jets of a module have merged [2 l_arm]."""
+    merges_over: float = 1.5
+    """Range of depth before that over which they merge [2 l_arm]."""
+    shear: float = 0.1
+    """Growth of the shear layer's half-width per depth."""
     idle: float = 1e-6
-    """Input added to all inputs, so that their roots have a slope at 0 [u_hover]."""
+    """Input added to all inputs, so that the speed of an idle module has a slope [u_hover]."""
     difference: float = 1e-5
-    """Step of differences [l_arm, m/s]."""
+    """Step of differences [l_arm]."""
 
 
 JETS = JetRounding()
@@ -114,14 +120,6 @@ def clip(t: float, epsilon: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def speed(jet: Jet, q: Array, v: Array, epsilon: float, slopes: Array) -> float:
-    """Return U, and write its gradient by q and v to `slopes`, shape (7,); no gradient if that is empty."""
-    C, dC = np.empty(9), np.empty((9 if len(slopes) else 0, 3))
-    find_parts(jet, q, epsilon, C, dC)
-    return join_parts(C, dC, v, epsilon, slopes)
-
-
-@njit(cache=True)
 def merged_jets(jet: Jet, q: Array, S: float) -> tuple[float, float, float]:
     """Return the speed of merged jets over U_H, and the curvature and value of their profile; S is s' + s_0."""
     curve = (math.sqrt(2) - 1) / (2 * jet.half_width * S) ** 2
@@ -130,92 +128,90 @@ def merged_jets(jet: Jet, q: Array, S: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def find_parts(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
-    """Compute the speed of merged jets over U_H, and those of slipstreams and inflow, four each, over v.
+def find_factors(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
+    """Compute C and its derivatives.
 
     Args:
         jet: jet of the module.
         q: the point from the module, shape (3,).
         epsilon: width of rounding.
-        C: output: the nine coefficients, shape (9,).
-        dC: output: derivatives of C by q, shape (9, 3); empty: none are computed.
+        C: output, shape (4,).
+        dC: output: derivatives of C by q, shape (4, 3); empty: none are computed.
     """
-    R, z, s = jet.radius, -q[2], -q[2] / 2
-    onset, onset_t = clip(s / JETS.merged_at, epsilon)
-    S, S_s = larger(s, JETS.merged_at, epsilon)
+    R, z = jet.radius, -q[2]
+    k_total, d_total, d_far = 0.0, np.zeros(3), np.empty(3)
+    for k in range(4):  # inflow, before it is multiplied by its sum
+        x, y = q[0] - DISCS[k, 0], q[1] - DISCS[k, 1]
+        r = math.sqrt(x * x + y * y + 1e-12)
+        beyond, beyond_r = larger(r - R, 0.0, epsilon)
+        d = math.sqrt(beyond * beyond + z * z + 1e-12)
+        C[k] = 1 / (1 + math.sqrt(2) * d / R) ** 2
+        k_total += C[k]
+        if len(dC):
+            by_d = -2 * math.sqrt(2) / R * C[k] / (1 + math.sqrt(2) * d / R)
+            by_r = by_d * beyond * beyond_r / d
+            dC[k, 0], dC[k, 1], dC[k, 2] = by_r * x / r, by_r * y / r, -by_d * z / d
+            d_total += dC[k]
+
+    unmerged = (JETS.merged_at - z / 2) / JETS.merges_over
+    share, share_t = clip(1 - unmerged, epsilon)
+    own_share, own_share_t = clip(unmerged, epsilon)
+    share_z, own_share_z = share_t / (2 * JETS.merges_over), -own_share_t / (2 * JETS.merges_over)
+    S, S_s = larger(z / 2, JETS.merged_at, epsilon)
     S += jet.origin
     merged, curve, profile = merged_jets(jet, q, S)
-    C[0] = onset * merged
-    if len(dC):
-        dC[0, 0], dC[0, 1] = -4 * C[0] * curve / profile * q[0], -4 * C[0] * curve / profile * q[1]
-        by_s = onset_t / JETS.merged_at * merged + C[0] * S_s / S * (4 * (profile - 1) / profile - 1)
-        dC[0, 2] = -by_s / 2
+    far = share * merged * merged / 4
+    d_far[:2] = -8 * far * curve / profile * q[:2]
+    d_far[2] = -share_z * merged * merged / 4 - far * S_s / S * (4 * (profile - 1) / profile - 1)
 
-    below = 2 * JETS.merged_at * onset
-    root = math.sqrt(R * R + below * below)
-    g, g_z = 1 + below / root, R * R / root**3 * onset_t
-    unmerged, unmerged_s = clip((JETS.merged_at - s) / 1.5, epsilon)
+    below, below_z = larger(z, 0.0, epsilon)
     below_disc, below_disc_z = clip(1 + z / epsilon, epsilon)
-    fade, fade_z = unmerged * below_disc, unmerged * below_disc_z / epsilon - unmerged_s / 3 * below_disc
-    width, edge = 0.2 * (below + R), R / math.sqrt(g)
+    root = math.sqrt(R * R + below * below)
+    g, g_z = 1 + below / root, R * R / root**3 * below_z
+    delta, delta_z, area = JETS.shear * (below + R), JETS.shear * below_z, R * R / g
+    if area >= 2 / 3 * delta * delta:
+        core = math.sqrt(area - 2 / 9 * delta * delta)
+        outer, by_delta, by_area = 4 / 3 * delta + core, 4 / 3 - 2 / 9 * delta / core, 1 / (2 * core)
+    else:
+        outer = (24 * delta * delta * area) ** 0.25
+        by_delta, by_area = outer / (2 * delta), outer / (4 * area)
+    outer_z = by_delta * delta_z - by_area * area * g_z / g
+    fade = own_share * below_disc
+    fade_z = own_share * below_disc_z / epsilon + own_share_z * below_disc
     for k in range(4):
         x, y = q[0] - DISCS[k, 0], q[1] - DISCS[k, 1]
         r = math.sqrt(x * x + y * y + 1e-12)
-        t = 0.5 + (edge - r) / width
+        t = (outer - r) / (2 * delta)
         inside, by_t = clip(t, epsilon)
-        C[1 + k] = g * fade * inside
-        beyond, beyond_r = larger(r - R, 0.0, epsilon)
-        d = math.sqrt(beyond * beyond + z * z + 1e-12)
-        C[5 + k] = 1 / (1 + math.sqrt(2) * d / R) ** 2
+        jet_k, inflow_k = fade * (g * inside) ** 2 + far, C[k] * k_total
+        rounded = max(jet_k, inflow_k)
+        if epsilon > SHARP:
+            rounded *= math.sqrt(math.sqrt((jet_k / rounded) ** 4 + (inflow_k / rounded) ** 4))
         if len(dC):
-            t_z = -edge * g_z / (2 * g * width) - (t - 0.5) * onset_t / (below + R)
-            by_r = -g * fade * by_t / width
-            dC[1 + k, 0], dC[1 + k, 1] = by_r * x / r, by_r * y / r
-            dC[1 + k, 2] = -(g_z * fade * inside + g * fade_z * inside + g * fade * by_t * t_z)
-            by_d = -2 * math.sqrt(2) / R * C[5 + k] / (1 + math.sqrt(2) * d / R)
-            by_r = by_d * beyond * beyond_r / d
-            dC[5 + k, 0], dC[5 + k, 1], dC[5 + k, 2] = by_r * x / r, by_r * y / r, -by_d * z / d
+            by_jet, by_inflow = (jet_k / rounded) ** 3, (inflow_k / rounded) ** 3
+            by_r = -2 * fade * g * g * inside * by_t / (2 * delta)
+            t_z = outer_z / (2 * delta) - t * delta_z / delta
+            by_z = fade_z * (g * inside) ** 2 + 2 * fade * g * inside * (g_z * inside + g * by_t * t_z)
+            dC[k] = by_inflow * (dC[k] * k_total + C[k] * d_total) + by_jet * d_far
+            dC[k, 0] += by_jet * by_r * x / r
+            dC[k, 1] += by_jet * by_r * y / r
+            dC[k, 2] -= by_jet * by_z
+        C[k] = rounded
 
 
 @njit(cache=True)
-def join_parts(C: Array, dC: Array, v: Array, epsilon: float, slopes: Array) -> float:
-    """Return U, and compute its gradient unless epsilon is SHARP.
-
-    Args:
-        C: same as in `find_parts`.
-        dC: same as in `find_parts`.
-        v: induced speeds, shape (4,).
-        epsilon: width of rounding.
-        slopes: output: the gradient by q and v, shape (7,); empty: none is computed.
-    """
-    squares = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] + v[3] * v[3]
-    mean = math.sqrt(squares / 4)
-    merged, inflow = C[0] * mean, C[5] * v[0] + C[6] * v[1] + C[7] * v[2] + C[8] * v[3]
-    U: float = max(merged, inflow, C[1] * v[0], C[2] * v[1], C[3] * v[2], C[4] * v[3])
-    if epsilon == SHARP:
-        return U
-    total = (merged / U) ** 8 + (inflow / U) ** 8
+def speed(jet: Jet, C: Array, dC: Array, u: Array, slopes: Array) -> float:
+    """Return U, and write its gradient by q and u to `slopes`, shape (7,); no gradient if that is empty."""
+    square = 0.0
     for k in range(4):
-        total += (C[1 + k] * v[k] / U) ** 8
-    U *= math.sqrt(math.sqrt(math.sqrt(total)))
-    if len(slopes) == 0:
-        return U
-    by_merged, by_inflow = (merged / U) ** 7, (inflow / U) ** 7
-    for axis in range(3):
-        slopes[axis] = by_merged * mean * dC[0, axis]
-    for k in range(4):
-        by_slipstream = (C[1 + k] * v[k] / U) ** 7
-        for axis in range(3):
-            slopes[axis] += v[k] * (by_slipstream * dC[1 + k, axis] + by_inflow * dC[5 + k, axis])
-        slopes[3 + k] = by_merged * merged * v[k] / squares + by_slipstream * C[1 + k] + by_inflow * C[5 + k]
+        square += C[k] * (u[k] + JETS.idle)
+    U = jet.induced * math.sqrt(square)
+    if len(slopes):
+        slopes[:3] = 0.0
+        for k in range(4):
+            slopes[:3] += jet.induced**2 / (2 * U) * (u[k] + JETS.idle) * dC[k]
+            slopes[3 + k] = jet.induced**2 / (2 * U) * C[k]
     return U
-
-
-@njit(cache=True)
-def induced_speeds(jet: Jet, u: Array, v: Array) -> None:
-    """Compute v from the inputs of a module."""
-    for k in range(4):
-        v[k] = jet.induced * math.sqrt(u[k] + JETS.idle)
 
 
 class Region(NamedTuple):
@@ -345,27 +341,27 @@ def _project(normal: Array, slopes: Array) -> None:
 
 
 @njit(cache=True)
-def total_speed(jet: Jet, R: Array, p: Array, v: Array, x: Array) -> float:
-    """Return the sum of all modules' speeds at a point.
+def total_speed(jet: Jet, R: Array, p: Array, u: Array, x: Array) -> float:
+    """Return the sum of all modules' speeds at a point, not rounded.
 
     Args:
         jet: jet of the modules.
         R: orientations of the modules, shape (n, 3, 3).
         p: positions of the modules, shape (n, 3) [l_arm].
-        v: induced speeds, shape (n, 4).
+        u: inputs, shape (n, 4) [u_hover].
         x: the point, shape (3,) [l_arm].
     """
-    q, C, no_dC, no_slopes, total = np.empty(3), np.empty(9), np.empty((0, 3)), np.empty(0), 0.0
+    q, C, no_dC, total = np.empty(3), np.empty(4), np.empty((0, 3)), 0.0
     for i in range(len(p)):
         for k in range(3):
             q[k] = R[i, 0, k] * (x[0] - p[i, 0]) + R[i, 1, k] * (x[1] - p[i, 1]) + R[i, 2, k] * (x[2] - p[i, 2])
-        find_parts(jet, q, SHARP, C, no_dC)
-        total += join_parts(C, no_dC, v[i], SHARP, no_slopes)
+        find_factors(jet, q, SHARP, C, no_dC)
+        total += jet.induced * math.sqrt(C[0] * u[i, 0] + C[1] * u[i, 1] + C[2] * u[i, 2] + C[3] * u[i, 3])
     return total
 
 
 @njit(cache=True)
-def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array, directions: Array) -> Array:
+def climb(jet: Jet, R: Array, p: Array, u: Array, region: Region, depths: Array, directions: Array) -> Array:
     """Search for the fastest air over a region by pattern search, one search for each module.
 
     A search starts below its module or one of its discs. Searches that meet are merged.
@@ -374,7 +370,7 @@ def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array,
         jet: same as in `total_speed`.
         R: same as in `total_speed`.
         p: same as in `total_speed`.
-        v: same as in `total_speed`.
+        u: same as in `total_speed`.
         region: the region.
         depths: depths where a search may start, shape (d,) [l_arm].
         directions: directions of steps, shape (k, 3).
@@ -393,11 +389,11 @@ def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array,
                     if disc < 4:
                         x[a] += DISCS[disc, 0] * R[i, a, 0] + DISCS[disc, 1] * R[i, a, 1]
                 if project_inside(region, x, no_slopes):
-                    own_speed = total_speed(jet, R[i : i + 1], p[i : i + 1], v[i : i + 1], x)
+                    own_speed = total_speed(jet, R[i : i + 1], p[i : i + 1], u[i : i + 1], x)
                     if own_speed > best_own:
                         best_own, best[:] = own_speed, x
             if best_own > 0.0:
-                total = total_speed(jet, R, p, v, best)
+                total = total_speed(jet, R, p, u, best)
                 if total > maxima[i, 3]:
                     maxima[i, :3], maxima[i, 3] = best, total
     merged_into, last_direction, step = np.arange(n), np.zeros(n, np.int64), CLIMB.step
@@ -414,7 +410,7 @@ def climb(jet: Jet, R: Array, p: Array, v: Array, region: Region, depths: Array,
                             x[a] += step * R[i, a, b] * directions[k, b]
                     if not project_inside(region, x, no_slopes):
                         continue
-                    total = total_speed(jet, R, p, v, x)
+                    total = total_speed(jet, R, p, u, x)
                     if total > maxima[i, 3] * (1 + CLIMB.gain):
                         maxima[i, :3], maxima[i, 3], last_direction[i], moved = x, total, k, True
                         break
@@ -493,16 +489,23 @@ def point_of_ball(
 
 
 @njit(cache=True)
-def curvature(jet: Jet, q: Array, v: Array, hessian: Array) -> None:
-    """Compute the Hessian of a rounded speed by q and v, shape (7, 7)."""
-    above, below = np.empty(7), np.empty(7)
-    for k in range(7):
-        array, index = (q, k) if k < 3 else (v, k - 3)
-        middle = array[index]
-        array[index] = middle + JETS.difference
-        speed(jet, q, v, ROUNDED, above)
-        array[index] = middle - JETS.difference
-        speed(jet, q, v, ROUNDED, below)
-        array[index] = middle
-        for column in range(7):
-            hessian[k, column] = (above[column] - below[column]) / (2 * JETS.difference)
+def curvature(jet: Jet, q: Array, u: Array, hessian: Array) -> None:
+    """Compute the Hessian of a rounded speed by q and u, shape (7, 7), from that of its square."""
+    C, dC, above, below = np.empty(4), np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
+    slopes, square = np.empty(7), jet.induced**2
+    find_factors(jet, q, ROUNDED, C, dC)
+    U = speed(jet, C, dC, u, slopes)
+    hessian[:] = 0.0
+    hessian[3:, :3], hessian[:3, 3:] = square * dC, square * dC.T
+    for a in range(3):
+        middle = q[a]
+        q[a] = middle + JETS.difference
+        find_factors(jet, q, ROUNDED, C, above)
+        q[a] = middle - JETS.difference
+        find_factors(jet, q, ROUNDED, C, below)
+        q[a] = middle
+        for k in range(4):
+            hessian[a, :3] += square * (u[k] + JETS.idle) * (above[k] - below[k]) / (2 * JETS.difference)
+    for a in range(7):
+        for b in range(7):
+            hessian[a, b] = (hessian[a, b] / 2 - slopes[a] * slopes[b]) / U

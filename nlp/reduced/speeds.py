@@ -8,13 +8,12 @@ from points next to the axis at some depths: where the module's own air is faste
 
     g = -\ln \Big(\frac{1}{U_{max}} \sum_i U_i(x, u(x))\Big)
 
-The inputs are those of minimum effort, u = clip(A^T mu). In U_i their kink at u_min is rounded, with slopes b_j,
-since the speed of a disc is steepest near zero input. mu changes with the free inputs f, those within their bounds:
+The inputs are those of minimum effort, u = clip(A^T mu), and mu changes with the free ones f, within their bounds:
 
 .. math::
 
-    dg &= \nu \cdot (dw - dA\,u - \sum_f a_f\, da_f \cdot \mu) + \sum_j b_j\, \partial_j g\, da_j \cdot \mu \\
-    &\Big(I / \rho' + \sum_f a_f a_f^T\Big)\, \nu = \sum_j b_j\, a_j\, \partial_j g
+    dg &= \nu \cdot (dw - dA\,u - \sum_f a_f\, da_f \cdot \mu) + \sum_f \partial_f g\, da_f \cdot \mu \\
+    &\Big(I / \rho' + \sum_f a_f a_f^T\Big)\, \nu = \sum_f a_f\, \partial_f g
 
 | symbol | meaning | shape |
 |---|---|---|
@@ -36,13 +35,11 @@ from nlp.numbers.jets import (
     SHARP,
     Jet,
     Region,
-    find_parts,
-    induced_speeds,
-    join_parts,
-    larger,
+    find_factors,
     merged_jets,
     point_of_ball,
     project_inside,
+    speed,
 )
 from nlp.numbers.kinematics import add, cross, row
 from nlp.reduced.arrays import Mask, ReducedProblem, Speeds
@@ -62,8 +59,6 @@ class RowLimits(NamedTuple):
     """Depths of the points that are compared for cones and hulls [l_arm]."""
     slow: float = 0.2
     """Value of a row above which it has no gradient."""
-    bend: float = 0.2
-    """Width of the rounding of an input's kink at u_min, where its root is steep [u_hover]."""
 
 
 ROWS = RowLimits()
@@ -90,7 +85,7 @@ def speed_rows(
     points, jet, A = len(air.case) // cases, air.jet, rotor_wrenches(problem, pose)
     p, z, no_direction = np.empty(3), np.empty(3), np.zeros(3)
     x, by_point, share = np.empty((points, 3)), np.zeros((points, 3, 9)), np.zeros(points)
-    q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, 9)), np.empty((0, 3))
+    q, C, no_dC = np.empty((points, n, 3)), np.empty((points, n, 4)), np.empty((0, 3))
     p_E = pose.p_E
     offset = max(GAPS.min_distance, math.sqrt(p_E @ p_E))
     for point in range(points):  # one per region and module, the same in all load cases
@@ -111,29 +106,18 @@ def speed_rows(
                 q[point, j, a] = 0.0
                 for b in range(3):
                     q[point, j, a] += pose.R[j, b, a] * (x[point, b] + p_E[b] - pose.o[j, b])
-            find_parts(jet, q[point, j], ROUNDED, C[point, j], no_dC)
-    dC, has_slopes = np.empty((points, n, 9, 3)), np.zeros(points, np.bool_)
-    v, rounded, by_dual, weights = np.empty((n, 4)), np.empty(4 * n), np.empty(4 * n), np.empty(4 * n)
+            find_factors(jet, q[point, j], ROUNDED, C[point, j], no_dC)
+    dC, has_slopes, weights = np.empty((points, n, 4, 3)), np.zeros(points, np.bool_), np.empty(4 * n)
     free, slopes, no_slopes = np.empty(4 * n, np.bool_), np.empty(7), np.empty(0)
     H, nu, forces, E, by_J = np.empty((6, 6)), np.empty(6), np.empty((n, 6)), np.empty(3), np.empty((3, 3))
     for k in range(cases):
         for j in range(4 * n):
-            s = 0.0
-            for a in range(6):
-                s += A[j, a] * mu[k, a]
             free[j] = rotors.u_min < u[k, j] < rotors.u_max
-            rounded[j], by_dual[j] = larger(s, rotors.u_min, ROWS.bend)
-            if rounded[j] >= rotors.u_max or j == problem.cases.dead[k]:
-                rounded[j], by_dual[j] = 0.0 if j == problem.cases.dead[k] else rotors.u_max, 0.0
-        for j in range(n):
-            induced_speeds(jet, rounded[4 * j : 4 * j + 4], v[j])
-            for c in range(4):
-                by_dual[4 * j + c] *= jet.induced**2 / (2 * v[j, c])
         factored = False
         for point in range(points):
             r, i, region, total = first + k * points + point, air.module[point], air.region[point], 0.0
             for j in range(n):
-                total += join_parts(C[point, j], no_dC, v[j], ROUNDED, no_slopes)
+                total += speed(jet, C[point, j], no_dC, u[k, 4 * j : 4 * j + 4], no_slopes)
             g[r], by_total = -math.log(air.over[region] * total), 1 / total
             is_near[r] = g[r] < ROWS.slow
             if not is_near[r]:
@@ -146,17 +130,17 @@ def speed_rows(
                             H[a, b] += A[j, a] * A[j, b]
                 factor(H, 6)
             for j in range(0 if has_slopes[point] else n):
-                find_parts(jet, q[point, j], ROUNDED, C[point, j], dC[point, j])
+                find_factors(jet, q[point, j], ROUNDED, C[point, j], dC[point, j])
             factored = has_slopes[point] = True
             nu[:], X, from_com = 0.0, (0.0, 0.0, 0.0), add(row(x, point), 1.0, (p_E[0], p_E[1], p_E[2]))
             for j in range(n):
-                join_parts(C[point, j], dC[point, j], v[j], ROUNDED, slopes)
+                speed(jet, C[point, j], dC[point, j], u[k, 4 * j : 4 * j + 4], slopes)
                 F = rotate(pose.R, j, (by_total * slopes[0], by_total * slopes[1], by_total * slopes[2]))
                 X = add(X, -1.0, F)
                 forces[j, 0], forces[j, 1], forces[j, 2] = F
                 forces[j, 3], forces[j, 4], forces[j, 5] = cross(from_com, F)
                 for c in range(4):
-                    weights[4 * j + c] = by_total * slopes[3 + c] * by_dual[4 * j + c]
+                    weights[4 * j + c] = by_total * slopes[3 + c] if free[4 * j + c] else 0.0
                     for a in range(6):
                         nu[a] -= weights[4 * j + c] * A[4 * j + c, a]
             solve_factored(H, nu, 6)
@@ -199,7 +183,7 @@ def _find_fastest_point(jet: Jet, region: Region, R: Array, p: Array, x: Array, 
         x: output: the point from p'_E, shape (3,).
         slopes: output: derivatives of x by p, by the module's axis and by the region's axis, shape (3, 9).
     """
-    q, C, v, best_speed, best_depth = np.empty(3), np.empty(9), np.ones(4), -1.0, 0.0
+    q, C, u, best_speed, best_depth = np.empty(3), np.empty(4), np.ones(4), -1.0, 0.0
     no_slopes, no_dC, no_input_slopes = np.empty((0, 9)), np.empty((0, 3)), np.empty(0)
     for depth in ROWS.depths:
         for a in range(3):
@@ -209,12 +193,13 @@ def _find_fastest_point(jet: Jet, region: Region, R: Array, p: Array, x: Array, 
         for a in range(3):
             q[a] = R[0, a] * (x[0] - p[0]) + R[1, a] * (x[1] - p[1]) + R[2, a] * (x[2] - p[2])
         if q[2] < -2 * JETS.merged_at:  # only the merged jets matter there
-            speed, _, _ = merged_jets(jet, q, jet.origin - q[2] / 2)
+            merged, _, _ = merged_jets(jet, q, jet.origin - q[2] / 2)
+            own_speed = jet.induced * merged
         else:
-            find_parts(jet, q, SHARP, C, no_dC)
-            speed = join_parts(C, no_dC, v, SHARP, no_input_slopes)
-        if speed > best_speed:
-            best_speed, best_depth = speed, depth
+            find_factors(jet, q, SHARP, C, no_dC)
+            own_speed = speed(jet, C, no_dC, u, no_input_slopes)
+        if own_speed > best_speed:
+            best_speed, best_depth = own_speed, depth
     x[:] = p - best_depth * R[:, 2]
     rotations = np.zeros((3, 3))  # rotation of the axis by each of its components; x rotates with it
     slopes[:] = 0.0

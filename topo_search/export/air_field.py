@@ -85,7 +85,7 @@ def air_surface(design: Design, speed: float, load_case: int = 0, points: int = 
         raise BadInput("--air-speed", rule)
     excess = dict(zip(grid, (speeds - speed).tolist(), strict=True))
     mesh = Manifold.level_set(lambda *point: excess[point], box, edge).to_mesh()
-    surface = Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts)
+    surface = Trimesh(mesh.vert_properties[:, :3], mesh.tri_verts, process=False)  # merging would pinch
     return AirSurface(f"air faster than {speed:g} m/s, {name}", surface)
 
 

@@ -68,8 +68,8 @@ def _module(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "figure of merit", f"{figures(merit, 3)}, with rotors of {length(module.body.rotor_radius)} radius"
     propeller = "of propellers: thrust / (rho (revolutions / s)² diameter⁴)"
     yield "thrust coefficient C_T", f"{figures(C_T, 3)}, {propeller}"
-    momentum = f"{figures(module.jet_momentum, 3)} of the thrust, from the constants of the jet model"
-    yield "momentum of the jet", momentum
+    kept = "" if 0.9 <= module.jet_momentum <= 1.1 else "; a jet that keeps its momentum has 0.9 to 1.1"
+    yield "momentum of the jet", f"{figures(module.jet_momentum, 3)} of the thrust far below, by airflow.jet{kept}"
     tips = (figures(module.tip_speed(u), 3) for u in (hover, u_max))
     yield "rotor tip speed", "{} m/s at hover, {} m/s at full thrust".format(*tips)
     if module.min_input:

@@ -162,7 +162,7 @@ def _air(design: Design) -> dict[str, Any]:
         "radius": module.body.rotor_radius,
         "diameter": MODEL.diameter * module.arm_length,
         "merged": MODEL.merged_at,
-        "fades": MODEL.fades_over,
+        "merges": MODEL.merges_over,
         "shear": MODEL.shear,
         "jet": module.airflow.jet.model_dump(),
     }

@@ -24,7 +24,7 @@ import numpy as np
 from topo_search.model import Design, Residual, Status
 from topo_search.model.audit import AirSpeeds, CaseAir, RegionAir, RotorAir
 from topo_search.model.exposure import Exposure
-from verify.air.jets import MODEL, Jets, jets, speeds, wakes
+from verify.air.jets import MODEL, Jets, far_field, jets, sink, speeds, wakes
 from verify.bodies import Array, Cone, ConeSphere, ball, nearest_on_axis
 from verify.certificate import Solid
 from verify.hulls import Hull
@@ -48,8 +48,8 @@ class SpeedSearch(NamedTuple):
     """Relative inward distance of sample points from the region's surface."""
     projections: int = 6
     """Number of projections onto faces that move a point towards a polytope."""
-    steep: float = 0.95
-    """Cosine of the angle to a jet's axis within which its far field is bounded by its speed on the axis."""
+    slices: int = 64
+    """Number of slices of depth in which the far field beyond a distance is bounded."""
     least_speed: float = 1e-6
     """Smallest speed that matters [m/s]."""
 
@@ -137,20 +137,17 @@ def _relevant_distance(air: Jets, region: Cone) -> float:
 def bound_beyond(air: Jets, x: Array, distance: float) -> float:
     """Return an upper bound on the sum of speeds at all points farther from x than a distance.
 
-    Such a point is at least D away from a module. Either its depth is more than `steep` D, or it is at least
-    sqrt(1 - `steep`^2) D from the axis, where speeds are below U_c (a r^2 / r_half^2)^-2, which grows with depth.
-    The slipstreams of single rotors have ended there.
+    Such a point is at least D away from each module, where the slipstreams of single rotors have ended. The far
+    field is bounded in slices of depth, cut at equal angles to the jet's axis, and below D by its speed there.
     """
     D = distance - np.linalg.norm(air.centres - x, axis=1)
     if D.min() < 2 * (MODEL.merged_at * MODEL.diameter + 1 + 2 * air.radius):
         return math.inf
-    s = SEARCH.steep * D / MODEL.diameter + air.origin
-    on_axis = air.decay * air.merged / s
-    radial = math.sqrt(1 - SEARCH.steep**2) * D / (air.half_width * s * MODEL.diameter)
-    off_axis = on_axis / ((math.sqrt(2) - 1) * radial**2) ** 2
-    from_disc = D - 1 - air.radius
-    inflow = air.induced.sum(axis=1) / (1 + math.sqrt(2) * from_disc / air.radius) ** 2
-    return float(np.maximum(np.maximum(on_axis, off_axis), inflow).sum())
+    angles = np.linspace(math.pi / 2, 0.0, SEARCH.slices + 1)[:, None]
+    shallow, from_axis = D * np.cos(angles), D * np.append(np.sin(angles[1:]), [[0.0]], axis=0)
+    far = far_field(air, shallow, np.append(shallow[1:], [D], axis=0), from_axis).max(axis=0)
+    inflow = 4 * sink(air, D - 1 - air.radius) ** 2
+    return float(np.sqrt((air.induced**2).sum(axis=1) * np.maximum(far, inflow)).sum())
 
 
 def _may_meet(region: Solid | Cone | Hull, x: Array, h: float) -> Array:

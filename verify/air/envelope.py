@@ -1,11 +1,12 @@
 r"""The smallest cone-sphere around all air of a module that reaches a speed, and the speeds on a given cone-sphere.
 
 The module is level at the origin, and its four discs have equal thrust. Points are (z, r, phi): depth, distance
-from the axis, angle from the vertical plane through a rotor. Wakes are fastest at phi = 0, where a point is closest
-to a rotor's axis. The flow has the symmetry of the four rotors, so phi from 0 to 45 deg covers all of it.
+from the axis, angle from the vertical plane through a rotor. The flow has the symmetry of the four rotors, so phi
+from 0 to 45 deg covers all of it.
 
-A cell is the set of points with z and r within h of its centre and phi within an angle. Its wake is bounded in a
-ball about (z, r, 0), its inflow in a ball about (z, r, phi) that contains it (`verify.air.jets`). Cells outside a
+A cell is the set of points with z and r within h of its centre and phi within an angle. Its air is bounded in a
+ball about (z, r, phi) that is turned by the angle (`verify.air.jets`). The angle is halved with h where it raises
+the bound: where the rotors' jets have not merged, and where inflow counts. Cells outside a
 cone-sphere are split until their bounds are below the speed, which proves that the cone-sphere encloses that speed,
 or until a point that reaches it is found. The cone-sphere of minimum volume around all such points is computed,
 widened slightly, and tested, until no such point is outside. Lengths are in l_arm.
@@ -34,6 +35,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from topo_search.model import Module
 from topo_search.model.arrays import ROTOR_DIRECTIONS
@@ -42,7 +44,7 @@ from topo_search.model.module import Airflow
 from topo_search.model.proven import at_most
 from verify.air.bound import SEARCH as BOUND
 from verify.air.bound import SpeedBound, bound_beyond, bound_speed
-from verify.air.jets import MODEL, Jets, inflows, jets, speeds, wakes
+from verify.air.jets import MODEL, Jets, jets, speeds
 from verify.bodies import Array, ball
 from verify.certificate import Solid
 
@@ -253,8 +255,8 @@ def _faster_outside(air: Jets, shape: Shape, radius: float, speed: float, cell_s
         cells = cells[:, shape.excess(*cells[:2]) > -math.sqrt(2) * h]
         z, r, phi, half_angle = cells
         arc = (r + h) * half_angle
-        wake, inflow = _bounds(air, z, r, phi, math.sqrt(2) * h, arc)
-        unsettled, split = np.maximum(wake, inflow) >= speed, (inflow >= speed) & (arc > h)
+        bounds, is_turned = _bounds(air, z, r, phi, math.sqrt(2) * h, arc)
+        unsettled, split = bounds >= speed, is_turned & (arc > h)
         cells, split = cells[:, unsettled], split[unsettled]
         fast = (_speeds(air, *cells[:3]) >= speed) & (shape.excess(*cells[:2]) > 0)
         points.append(cells[:2, fast].T)
@@ -281,14 +283,12 @@ def _fastest(air: Jets, curve: Callable[[Array], tuple[Array, Array]], length: f
     while len(s):
         z, r = curve(s)
         arc = (r + h) * half_angle
-        wake, inflow = _bounds(air, z, r, phi, h, arc)
+        bounds, is_turned = _bounds(air, z, r, phi, h, arc)
         fastest = max(fastest, float(_speeds(air, z, r, phi).max()))
-        bounds, enough = np.maximum(wake, inflow), SEARCH.sharp * fastest
+        enough = SEARCH.sharp * fastest
         pruned = max(pruned, float(bounds[bounds <= enough].max(initial=0.0)))
         unsettled, h = bounds > enough, h / 2
-        s, phi, half_angle, split = (
-            np.tile(x[unsettled], 2) for x in (s, phi, half_angle, (inflow > enough) & (arc > h))
-        )
+        s, phi, half_angle, split = (np.tile(x[unsettled], 2) for x in (s, phi, half_angle, is_turned & (arc > h)))
         s[: len(s) // 2] -= h
         s[len(s) // 2 :] += h
         s, phi, half_angle = _split_angles(split, s, phi, half_angle)
@@ -306,10 +306,13 @@ def _split_angles(which: Array, *cells: Array) -> list[Array]:
     return split
 
 
-def _bounds(air: Jets, z: Array, r: Array, phi: Array, radius: float, arc: Array) -> tuple[Array, Array]:
-    """Return bounds on wake and inflow in cells with a radius about (z, r) and an arc length about the axis."""
-    wake = wakes(air, _points(z, r, 0.0 * phi), radius)[:, 0]
-    return wake * (1 + BOUND.rounding), inflows(air, _points(z, r, phi), radius + arc)[:, 0] * (1 + BOUND.rounding)
+def _bounds(
+    air: Jets, z: Array, r: Array, phi: Array, radius: float, arc: Array
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return bounds in cells of a radius about (z, r) and an arc, and where the arc raises them."""
+    points = _points(z, r, phi)
+    turned, still = (speeds(air, points, radius, turn)[:, 0] * (1 + BOUND.rounding) for turn in (arc, 0.0))
+    return turned, turned > still
 
 
 def _speeds(air: Jets, z: Array, r: Array, phi: Array) -> Array:

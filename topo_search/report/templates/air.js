@@ -15,38 +15,43 @@ function clip(t) {
 class Air {
   constructor({ R, p, throttle, air }, number) {
     Object.assign(this, air);
-    this.modules = R.map((turn, i) => {
-      const v = throttle[number][i].map((share) => air.full * Math.sqrt(Math.max(0, share)));
-      return { R: turn, p: p[i], v, U_H: Math.sqrt(v.reduce((sum, each) => sum + each * each, 0) / v.length) };
-    });
+    this.modules = R.map((turn, i) => ({
+      R: turn,
+      p: p[i],
+      squares: throttle[number][i].map((share) => air.full ** 2 * Math.max(0, share)), // of induced speeds
+    }));
   }
 
   // Returns the sum of all modules' speeds at a point.
   at(point) {
     let sum = 0;
-    for (const { R, p, v, U_H } of this.modules) {
+    for (const { R, p, squares } of this.modules) {
       const away = point.map((x, axis) => x - p[axis]);
       const [a, b, up] = [0, 1, 2].map((k) => R[0][k] * away[0] + R[1][k] * away[1] + R[2][k] * away[2]);
-      sum += this.fromModule(a, b, -up, v, U_H);
+      sum += this.fromModule(a, b, -up, squares);
     }
     return sum;
   }
 
-  fromModule(a, b, z, v, U_H) {
-    const { rotors, radius, diameter, merged, fades, shear, jet } = this;
+  fromModule(a, b, z, squares) {
+    const { rotors, radius, diameter, merged, merges, shear, jet } = this;
     const s = z / diameter;
     const from = Math.max(s, merged) + jet.origin;
     const across = Math.hypot(a, b) / (diameter * jet.half_width * from);
-    let fastest = (clip(s / merged) * jet.decay * U_H) / from / (1 + (Math.SQRT2 - 1) * across * across) ** 2;
+    const share = clip((s - merged) / merges + 1);
+    const far = (share / 4) * (jet.decay / from / (1 + (Math.SQRT2 - 1) * across * across) ** 2) ** 2;
     const g = 1 + z / Math.hypot(radius, z);
-    const fade = s < 0 ? 0 : clip((merged - s) / fades);
-    let inflow = 0;
-    for (const [q, [x, y]] of rotors.entries()) {
-      const aside = Math.hypot(a - x, b - y);
-      if (fade) fastest = Math.max(fastest, v[q] * g * fade * clip(0.5 + (radius / Math.sqrt(g) - aside) / (2 * shear * (z + radius))));
-      inflow += v[q] / (1 + (Math.SQRT2 * Math.hypot(Math.max(aside - radius, 0), z)) / radius) ** 2;
-    }
-    return Math.max(fastest, inflow);
+    const [delta, area] = [shear * (z + radius), (radius * radius) / g];
+    const core = area - (2 / 9) * delta * delta;
+    const outer = area >= (2 / 3) * delta * delta ? (4 / 3) * delta + Math.sqrt(core) : (24 * delta * delta * area) ** 0.25;
+    const aside = rotors.map(([x, y]) => Math.hypot(a - x, b - y));
+    const sinks = aside.map((r) => 1 / (1 + (Math.SQRT2 * Math.hypot(Math.max(r - radius, 0), z)) / radius) ** 2);
+    const sink = sinks.reduce((sum, each) => sum + each);
+    const square = aside.reduce((sum, r, q) => {
+      const slipstream = z < 0 ? 0 : (1 - share) * (g * clip((outer - r) / (2 * delta))) ** 2;
+      return sum + squares[q] * Math.max(slipstream + far, sinks[q] * sink);
+    }, 0);
+    return Math.sqrt(square);
   }
 
   // Returns the surface of equal speed in a box, by marching tetrahedra.
