@@ -17,16 +17,23 @@ from topo_search.limits import LIMITS
 from topo_search.model import (
     Audit,
     Design,
+    EndEffector,
     Infeasible,
     LoadCase,
+    Module,
     ResolvedTask,
+    Search,
     SolverRecord,
     Task,
+    Tolerances,
     Topology,
     Wrench,
 )
 from topo_search.model.exposure import Directional, Exterior, Local
 from topo_search.model.files import examples, read_json, read_task, to_json, to_toml, validate, write_atomically
+from topo_search.model.load_case import AskedFlight
+from topo_search.model.module import Airflow
+from topo_search.model.search import Goals
 from verify import audit
 
 EXAMPLES = [
@@ -131,6 +138,20 @@ def test_an_example_comes_back_from_toml_and_json(name: str) -> None:
     task = read_task(name)
     assert task.name == name
     comes_back(task)
+
+
+def test_a_design_states_every_field_of_its_task() -> None:
+    """Its file means the same under other defaults; a file without them has those of its time."""
+    made = fan()
+    told = json.loads(to_json(made))["task"]
+    parts = (told["module"]["airflow"], Airflow), (told["load_cases"][0], LoadCase), (told["goals"], Goals)
+    parts += (told["end_effector"], EndEffector), (told["flight"], AskedFlight), (told["module"], Module)
+    for fields, model in ((told, ResolvedTask), (told["tolerances"], Tolerances), (told["search"], Search), *parts):
+        assert set(fields) == set(model.model_fields)
+    assert (told["end_effector"]["rod_mass"], told["module"]["joint_mass"]) == ("ignored", 0.0)
+    older = json.loads(made.task.model_dump_json())
+    assert "rod_mass" not in older["end_effector"]
+    assert Design.model_validate({**json.loads(to_json(made)), "task": older}) == made
 
 
 def test_a_task_is_written_without_what_it_does_not_ask_for() -> None:

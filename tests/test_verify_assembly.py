@@ -12,6 +12,7 @@ from verify_cases import FAN, design, fan
 
 from topo_search.model import ResolvedTask, Status, Task, Topology
 from topo_search.model.files import to_toml
+from topo_search.model.proven import upper_text
 from verify import audit, poses
 from verify.kinematics import quarter_turns, rotation
 
@@ -81,6 +82,38 @@ def test_a_rod_of_five_percent_of_the_mass_is_told_with_what_it_weighs():
     )
     light = fan({"end_effector": {"rod_linear_density": 0.01}}, end_effector=(0.3, 0.4, 0.3))
     assert audit(light).assembly.end_effector.note is None
+
+
+STEADY = {"module": {"max_thrust_to_weight": 4.0}, "load_cases": [{"com": {"force": [0.0, 0.0, 1.0]}}]}
+IGNORED = {"rod": "straight", "largest_reach": False, "rod_linear_density": 0.1}
+
+
+def with_rod(flight, **end_effector):
+    return fan(
+        {**STEADY, "end_effector": {**IGNORED, **end_effector}, "flight": flight}, end_effector=(0.3, 0.4, 0.3)
+    )
+
+
+@pytest.mark.parametrize(
+    "flight", [{"torque_reserve": 1.0}, {"rotor_out": "hover", "rotor_out_torque": 1.0, "torque_reserve": 2.0}]
+)
+def test_an_ignored_rod_may_not_take_all_of_a_required_torque_reserve(flight):
+    found = audit(with_rod({}))
+    tip = found.assembly.end_effector
+    middle = [x - tip.rod.length_m / 2 * d for x, d in zip(tip.from_com_m, tip.rod.direction, strict=True)]
+    moment = 9.81 * tip.rod.mass_kg * math.hypot(*middle[:2])
+    assert found.flight.rod_moment_Nm == pytest.approx(moment, rel=1e-12)
+    assert not any("rod whose" in row.name for row in found.residuals)
+    assert f"takes {upper_text(moment, 3)} N m of" in found.flight.weakest_point
+    for share, status in ((0.999, Status.VIOLATED), (1.001, Status.CLEAR)):
+        sizes = {key: share * moment * x if "torque" in key else x for key, x in flight.items()}
+        (row,) = [row for row in audit(with_rod({"units": "SI", **sizes})).residuals if "rod whose" in row.name]
+        assert (row.status, row.derived) == (status, pytest.approx(moment))
+
+
+def test_a_rod_that_no_task_asks_for_takes_no_torque():
+    for end_effector in ({"rod": "none"}, {"rod_linear_density": 0.0}):
+        assert not audit(with_rod({"units": "SI", "torque_reserve": 1e-3}, **end_effector)).flight.rod_moment_Nm
 
 
 # ---- The audit's own forward kinematics, by hand and against products of rotations.

@@ -21,6 +21,7 @@ from pydantic import (
     PlainSerializer,
     ValidationError,
     ValidatorFunctionWrapHandler,
+    field_serializer,
     field_validator,
 )
 
@@ -31,7 +32,19 @@ from topo_search.model.proven import at_least, gap_percent, lower_text, upper_te
 from topo_search.model.task import ResolvedTask, Task, with_older_defaults
 from topo_search.model.text import heading, paragraph, table
 from topo_search.model.topology import PORT_NAMES, Joint, Topology
-from topo_search.model.value import OMIT_EMPTY, Broken, Flag, Index, Location, Number, Omitted, Value, Vector, show
+from topo_search.model.value import (
+    OMIT_EMPTY,
+    Broken,
+    Flag,
+    Index,
+    Location,
+    Number,
+    Omitted,
+    Value,
+    Vector,
+    every_field,
+    show,
+)
 
 NOT_CERTIFIED = "stated by the user, not certified"
 """Words for a claim without proof."""
@@ -201,6 +214,11 @@ class Geometry(Value):
             value = {**value, "end_effector": {"rod": "none", "largest_reach": False, **end_effector}}
         task = Task.model_validate(with_older_defaults(value))
         return task.resolve(task.n)
+
+    @field_serializer("task")
+    def _write_every_field(self, task: ResolvedTask) -> dict[str, Any]:
+        """Return the task with the fields that task files omit: a design does not depend on defaults."""
+        return dict(every_field(task))
 
     def _value_counts(self) -> Iterator[tuple[Location, str, int, int]]:
         """Yield (field, rule, required number, actual number) of each field with a fixed number of values."""

@@ -26,7 +26,7 @@ from pydantic import Field
 
 from topo_search.limits import LIMITS
 from topo_search.model.files import load_text, validate
-from topo_search.model.proven import lower_text
+from topo_search.model.proven import lower_text, upper_text
 from topo_search.model.text import toml_data
 from topo_search.model.value import (
     BadInput,
@@ -173,7 +173,8 @@ class CasePower(Value):
     figure_of_merit: Size
     """Ratio of ideal to shaft power."""
     endurance_min: Omitted[Size] = None
-    """Upper bound for the time that all batteries last [min]; None without `module.battery_Wh`."""
+    """Upper bound for the time that all batteries last, by the inputs of least power [min]; None without
+    `module.battery_Wh`."""
 
 
 class Flight(Value):
@@ -199,6 +200,8 @@ class Flight(Value):
     """Length of the rod [m]; None without a straight rod."""
     rod_mass_share: Size | None
     """Mass of the rod over that of the platform (with the rod if `rod_mass = "included"`)."""
+    rod_moment_Nm: Omitted[Size] = None
+    """Moment about the centre of mass of a required rod whose mass is ignored [N m]; None without such a rod."""
     span_m: Size
     """Largest distance of two rotor centres plus a rotor diameter [m]."""
 
@@ -236,6 +239,9 @@ class Flight(Value):
         undecided = f" ({len(out.undecided)} undecided)" if out.undecided else ""
         facts.append(f"survives {out.survive} of {out.of} single rotor failures, once known{undecided}")
         facts += [f"can only hover: {out.hover_only}"] if out.hover_only else []
+        if self.rod_moment_Nm is not None and hover.torque_reserve_Nm is not None:
+            moment, left = upper_text(self.rod_moment_Nm, 3), lower_text(hover.torque_reserve_Nm, 3)
+            facts.append(f"the rod, whose mass is ignored, takes {moment} N m of {left} N m of torque left")
         return "; ".join(facts)
 
 

@@ -377,6 +377,13 @@ Omitted = Annotated[Type | None, Field(exclude_if=lambda value: value is None)]
 Entries = TypeVar("Entries", bound=tuple[Any, ...])
 
 
+def every_field(value: Any) -> Any:
+    """Return a value as JSON data with the fields that files may omit."""
+    if isinstance(value, BaseModel):
+        return {name: every_field(getattr(value, name)) for name in type(value).model_fields}
+    return [every_field(entry) for entry in value] if isinstance(value, tuple) else value
+
+
 def _not_empty(entries: Entries) -> Entries:
     if not entries:
         raise ValueError("must have at least one entry")

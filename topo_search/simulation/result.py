@@ -109,8 +109,9 @@ def word(result: ScenarioResult | FlightResult) -> str:
 
 
 def digest_of(design: Design) -> str:
-    """Return a digest of a design's task, tree and numbers."""
-    return digest(design.model_dump(mode="json", exclude={"solver"}))
+    """Return a digest of a design's task, tree and numbers, without the fields that only its file states."""
+    numbers = design.model_dump(mode="json", exclude={"solver", "task"})
+    return digest({**numbers, "task": design.task.model_dump(mode="json")})
 
 
 NO_DOWNWASH = (

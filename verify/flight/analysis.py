@@ -38,6 +38,7 @@ from topo_search.model import (
     Flight,
     JointLoad,
     LoadCase,
+    Rod,
     RotorsOut,
     Sensitivity,
     Wrench,
@@ -101,7 +102,8 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
     if error := task.flight.com_error:
         off_centre = [with_com_error(error * c).cases() for c in CUBE]
         cases = tuple(_worst_case(*rows) for rows in zip(cases, *off_centre, strict=True))
-    rod = None if tip is None else tip.rod
+    rod, of_task = None if tip is None else tip.rod, task.end_effector
+    is_ignored = (of_task.rod, of_task.rod_mass) == ("straight", "ignored")
     angle = None if errors is None else errors.hinge_angle_deg
     rotors = platform.rotors.reshape(-1, 3)
     span = max(float(np.linalg.norm(rotors - rotor, axis=1).max()) for rotor in rotors)
@@ -118,6 +120,7 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
         hover_power_ratio=analysis.hover_power_ratio,
         rod_length_m=None if rod is None else rod.length_m,
         rod_mass_share=None if rod is None else rod.mass_kg / task.total_mass(task.n),
+        rod_moment_Nm=None if rod is None or not is_ignored else _moment(rod, platform, task.gravity),
         span_m=clamp(span + 2 * task.module.body.rotor_radius),
     )
 
@@ -385,6 +388,12 @@ def _worst_case(nominal: CaseFlight, *off_centre: CaseFlight) -> CaseFlight:
             smallest = np.min(values, axis=0).tolist()
             worst[name] = tuple(smallest) if isinstance(smallest, list) else smallest
     return nominal.model_copy(update=worst)
+
+
+def _moment(rod: Rod, platform: Platform, gravity: float) -> float:
+    """Return the moment of a rod's weight about the centre of mass [N m]."""
+    x, y, _ = platform.p_e - rod.length_m / 2 * np.array(rod.direction)
+    return clamp(rod.mass_kg * gravity * math.hypot(x, y))
 
 
 def _joint_loads(

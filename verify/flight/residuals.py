@@ -42,6 +42,12 @@ def reserve_residuals(design: Design, capability: Flight | None) -> Iterator[Res
         hover = None if capability is None else capability.hover
         bracket = _bracket(flight, hover, "tilt{}_deg")
         yield _shortfall("hover, tilt", "deg", flight.tilt_deg, *bracket, math.degrees(1.0))
+    moment = None if capability is None else capability.rod_moment_Nm
+    reserves = [r for r in (flight.torque_reserve, flight.rotor_out_torque) if r]
+    if reserves and moment is not None:
+        least, scale = min(reserves), task.torque_unit(task.n)
+        name = "moment of the rod whose mass is ignored, beyond the torque reserve"
+        yield residual(name, max(0.0, moment - least), "N m", scale, claim=least, derived=moment)
 
 
 def _acceleration_residuals(design: Design, case: CaseFlight | None, label: str) -> Iterator[Residual]:
