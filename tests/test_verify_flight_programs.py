@@ -176,14 +176,18 @@ def test_least_inputs_are_the_nearest_to_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
     A, box = drawn(rng, 6, 24)
     u = rng.uniform(box.low, box.high)
-    v = least_inputs(A, A @ u, box)
-    assert np.abs(A @ (v - u)).max() <= 1e-9
-    assert np.all((v >= box.low) & (v <= box.high))
-    # optimal: no feasible direction descends; the best one is a linear program
-    best = linprog(v, A_eq=A, b_eq=A @ v, bounds=np.stack([box.low, box.high], axis=1))
-    assert best.fun == pytest.approx(v @ v, abs=1e-7)
+    for p in (2.0, 1.5):
+        v, at_least = least_inputs(A, A @ u, box, p)
+        assert np.abs(A @ (v - u)).max() <= 1e-9
+        assert np.all((v >= box.low) & (v <= box.high))
+        # optimal: no feasible direction descends; the best one is a linear program
+        slopes = np.sign(v) * np.abs(v) ** (p - 1)
+        best = linprog(slopes, A_eq=A, b_eq=A @ v, bounds=np.stack([box.low, box.high], axis=1))
+        assert best.fun == pytest.approx(slopes @ v, abs=1e-7)
+        assert np.sum(np.abs(v) ** p) == pytest.approx(at_least, abs=1e-7)
+        assert at_least <= np.sum(np.abs(u) ** p)
 
 
 def test_there_are_no_least_inputs_of_what_is_impossible() -> None:
     A = np.random.default_rng(2).normal(size=(6, 12))
-    assert least_inputs(A, np.full(6, 100.0), Box(np.zeros(12), np.ones(12))) is None
+    assert least_inputs(A, np.full(6, 100.0), Box(np.zeros(12), np.ones(12)))[0] is None

@@ -14,11 +14,12 @@ Power:
 
 | symbol | meaning | unit |
 |---|---|---|
-| u | squared speeds of all rotors; in hover, those of least effort | rad^2/s^2 |
+| u | squared speeds of all rotors: the design's; in hover, those of least effort | rad^2/s^2 |
 | P_0, P | ideal power, sum_j (k_f u_j)^1.5 / sqrt(2 rho pi R^2); shaft power, sum_j k_tau u_j^1.5 | W |
 | FM | figure of merit, P_0 / P | |
 
-Motors, controllers and wires draw more than P, so the endurance is an upper bound.
+The endurance is an upper bound for any inputs within their limits that produce the wrench: of the least P among
+them, a convex program, only a lower bound is used, and motors, controllers and wires draw more.
 """
 
 from __future__ import annotations
@@ -80,7 +81,7 @@ def _best_inputs(task: ResolvedTask, platform: Platform) -> Array:
     v = solvable.v.copy()
     for k, b_k in enumerate(b):
         if solvable.yes[k]:
-            best = least_inputs(A, A @ v[k], box)
+            best, _ = least_inputs(A, A @ v[k], box)
             v[k] = v[k] if best is None else best
         else:
             v[k], _ = nearest(A, b_k, box.low, box.high)
@@ -111,27 +112,46 @@ def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
         yield residual(label, float(largest[k]), "m_t g, l_arm m_t g", 1.0, status=status)
 
 
-def power(design: Design, capability: Flight | None) -> tuple[CasePower, ...]:
+def power(design: Design, platform: Platform, capability: Flight | None) -> tuple[CasePower, ...]:
     """Return the power in hover, if the platform can hover, and in every load case."""
-    return tuple(_powers(design, capability))
+    return tuple(_powers(design, platform, capability))
 
 
-def _powers(design: Design, capability: Flight | None) -> Iterator[CasePower]:
+def _powers(design: Design, platform: Platform, capability: Flight | None) -> Iterator[CasePower]:
     task, module, rotors = design.task, design.task.module, 4 * design.topology.n
-    battery_Ws = 3600 * design.topology.n * module.battery_Wh if module.battery_Wh else None
-    sums = [
-        (label, float(np.sum(np.maximum(u, 0.0) ** 1.5)))
-        for label, u in zip(task.case_labels, design.inputs, strict=True)
+    A = wrench_map(platform, module)
+    rows = [
+        (label, float(np.sum(np.maximum(u, 0.0) ** 1.5)), A @ u, u)
+        for label, u in zip(task.case_labels, design.inputs.reshape(-1, rotors), strict=True)
     ]
     if capability is not None and capability.hover_power_ratio is not None:
         straight_up = task.force_unit(task.n) / (rotors * module.thrust_coefficient)
-        sums.insert(0, (capability.hover.name, rotors * straight_up**1.5 * capability.hover_power_ratio))
-    for name, cubes in sums:
+        cubes = rotors * straight_up**1.5 * capability.hover_power_ratio
+        weight = np.array([0.0, 0.0, task.force_unit(task.n), 0.0, 0.0, 0.0])
+        rows.insert(0, (capability.hover.name, cubes, weight, np.zeros(rotors)))
+    for name, cubes, b, u in rows:
         shaft_W = clamp(module.torque_coefficient * cubes)
         yield CasePower(
             name=name,
             ideal_W=clamp(module.ideal_power(1.0, task.air_density) * cubes),
             shaft_W=shaft_W,
             figure_of_merit=clamp(module.figure_of_merit(task.air_density)),
-            endurance_min=clamp(battery_Ws / shaft_W / 60) if battery_Ws and shaft_W > 0 else None,
+            endurance_min=_endurance(task, A, b, u),
         )
+
+
+def _endurance(task: ResolvedTask, A: Array, b: Array, u: Array) -> float | None:
+    """Return an upper bound on the time that all batteries last with inputs that produce a wrench [min].
+
+    Args:
+        task: the task.
+        A: wrench map, shape (6, 4n).
+        b: the wrench, shape (6,) [N, N m].
+        u: inputs that are also allowed, shape (4n,) [rad^2/s^2].
+    """
+    module, limit = task.module, task.module.max_input(task.gravity)
+    unit = np.repeat([task.force_unit(task.n), task.torque_unit(task.n)], 3)
+    box = Box(np.minimum(module.min_input, u / limit), np.maximum(1.0, u / limit))
+    _, least = least_inputs(A * limit / unit[:, None], b / unit, box, 1.5)
+    shaft_W = module.torque_coefficient * limit**1.5 * least
+    return clamp(task.n * module.battery_Wh * 60 / shaft_W) if module.battery_Wh and shaft_W > 0 else None

@@ -174,7 +174,7 @@ class CapabilityAnalysis:
     def v(self) -> list[Array | None]:
         """Inputs in hover and in every case; None if those of least effort are not found."""
         return [
-            least_inputs(self.A, self.A @ self.solvable.v[row], self.box)
+            least_inputs(self.A, self.A @ self.solvable.v[row], self.box)[0]
             if v is None and self.solvable.yes[row]
             else v
             for v, row in zip(self.inputs, self.wrench_index, strict=True)

@@ -14,15 +14,16 @@ audit's own, if some y with sum |y| = 1 has y . m - sum_j max(low_j w_j, high_j 
 `solve` takes all programs of one kind in a batch; HiGHS solves again, one by one, those that its points do not
 decide.
 
-The least inputs that produce a wrench are a quadratic program:
+The least inputs that produce a wrench are a convex program:
 
-    minimise |v|^2 / 2  such that  A v = b,  low <= v <= high
+    minimise sum_j |v_j|^p / p  such that  A v = b,  low <= v <= high
 
 | symbol | meaning | shape |
 |---|---|---|
 | A, b | wrench map and wrench | (6, N), (6,) |
-| y | multipliers; the minimising v is A^T y, clipped to the bounds | (6,) |
-| L(y) | dual function, |v|^2 / 2 - y . (A v - b) at that v; a lower bound on the minimum | |
+| p, q | 2 for effort, 1.5 for power; 1 / (p - 1) | |
+| y | multipliers; the minimising v_j is w |w|^(q - 1) with w = (A^T y)_j, clipped to the bounds | (6,) |
+| L(y) | dual function, sum_j |v_j|^p / p - y . (A v - b) at that v; a lower bound on the minimum | |
 
 L is concave with gradient b - A v. Newton's method finds its zero, where v is proven optimal.
 
@@ -207,28 +208,41 @@ def nearest(M: Array, m: Array, low: Array, high: Array) -> tuple[Array, Array]:
     return np.clip(solution.x[:N], low, high), np.asarray(over - under)
 
 
-def least_inputs(A: Array, b: Array, box: Box) -> Array | None:
-    """Return the inputs of least effort, shape (N,), with each equation met to RESIDUAL; None if not found."""
+def least_inputs(A: Array, b: Array, box: Box, p: float = 2.0) -> tuple[Array | None, float]:
+    """Return the inputs with the least sum of |v|^p, and a lower bound on that sum.
 
-    def evaluate(y: Array) -> tuple[Array, Array, float]:
-        v = np.clip(y @ A, box.low, box.high)
-        gradient = b - A @ v
-        return v, gradient, float(v @ v / 2 + y @ gradient)
+    Args:
+        A: wrench map, shape (6, N).
+        b: wrench, shape (6,).
+        box: bounds on the inputs.
+        p: 2 for effort, 1.5 for power.
 
-    y = np.zeros(len(A))
-    v, gradient, value = evaluate(y)
+    Returns:
+        Inputs, shape (N,), with each equation met to RESIDUAL, or None if not found; p L(y) for the last y.
+    """
+    q = 1 / (p - 1)
+
+    def evaluate(y: Array) -> tuple[Array, Array, Array, float]:
+        w = y @ A
+        free = np.sign(w) * np.abs(w) ** q
+        v = np.clip(free, box.low, box.high)
+        slopes, gradient = np.where(v == free, q * np.abs(w) ** (q - 1), 0.0), b - A @ v
+        return v, slopes, gradient, float(np.sum(np.abs(v) ** p) / p + y @ gradient)
+
+    y, found = np.zeros(len(A)), None
+    v, slopes, gradient, value = evaluate(y)
     # relative to the largest entry; the Hessian is singular if all rotors of a wrench are at a bound
     damping = least_damping = max(1e-12 * float(np.abs(A @ A.T).max()), 1e-300)
     for _ in range(100):
         if np.abs(gradient).max() <= RESIDUAL:
-            return np.asarray(v)
-        free = A[:, (y @ A >= box.low) & (y @ A <= box.high)]
-        step = np.linalg.solve(free @ free.T + damping * np.eye(len(A)), gradient)
+            found = v
+            break
+        step = np.linalg.solve((A * slopes) @ A.T + damping * np.eye(len(A)), gradient)
         step_size = 1.0
         while step_size > 1e-3:  # rather than shorten the step further, increase the damping
             trial = evaluate(y + step_size * step)
             # sufficient increase, as a share of the predicted one
-            if trial[2] >= value + 1e-4 * step_size * float(step @ gradient):
+            if trial[-1] >= value + 1e-4 * step_size * float(step @ gradient):
                 break
             step_size /= 2
         else:
@@ -236,8 +250,9 @@ def least_inputs(A: Array, b: Array, box: Box) -> Array | None:
             continue
         damping = max(damping / 10, least_damping)
         y = y + step_size * step
-        v, gradient, value = trial
-    return None
+        v, slopes, gradient, value = trial
+    size = p * (np.sum(np.abs(v) ** p) + np.abs(y) @ (np.abs(b) + np.abs(A) @ np.abs(v)))
+    return found, p * value - SUM_ROUNDING * len(v) * float(size)
 
 
 def times(x: Array, M: Sequence[Array] | Array, splits: Splits) -> Array:
