@@ -174,7 +174,7 @@ KIT_HEAD = "x_m,y_m,z_m,axis_x,axis_y,axis_z,spin,thrust_coefficient_Ns2,torque_
             "rotors: must be a CSV table",
         ),
         ("", "rotors: must be a CSV table"),
-        ("x_m\ry_m\n", "rotors: must be a CSV table"),
+        (f"{HEAD}0,275,0,0,0,0,1,1,1,0,1\n", "rotors[0]: must have at most 10 cells"),
         (f"{HEAD}0,0,0,0,0,1,1,1,0,1,5\n", "rotors[0]: must have at most 10 cells"),
         (f"{HEAD}0,0,0,0,0,1,1,1,0,x\n", "rotors[0].u_max: "),
         (f"{KIT_HEAD}0,0,0,0,0,1,1,0,0,3\n", "rotors[0].k_f: "),
@@ -184,6 +184,24 @@ KIT_HEAD = "x_m,y_m,z_m,axis_x,axis_y,axis_z,spin,thrust_coefficient_Ns2,torque_
 def test_faults_of_a_table_of_rotors_name_file_field_and_rule(text: str, fault: str, tmp_path: Path) -> None:
     (tmp_path / "vehicle").write_text(text, newline="")
     assert f"vehicle: {fault}" in invoke("capability", str(tmp_path / "vehicle"), status=2).output
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f",{HEAD}0,1.5,0,0,0,0,1,-1,1,0,2\n1,0,0,0,0,0,1,1,1,0,2\n",
+        f"Unnamed: 0,{HEAD}0,1.5,0,0,0,0,1,-1,1,0,2\n1,0,0,0,0,0,1,1,1,0,2\n",
+        f"\ufeff{HEAD}1.5,0,0,0,0,1,-1,1,0,2\n0,0,0,0,0,1,1.0,1,0,2\n,,,,,,,,,\n\n".replace("\n", "\r\n"),
+        f"{HEAD}1.5,0,0,0,0,1,-1,1,0,2,\n 0, 0, 0, 0, 0, 1, 1, 1e0, 0, 2\n".replace(",k_f", ", k_f "),
+        f"{HEAD}1,5,0,0,0,0,1,-1,1,0,2\n0,0,0,0,0,1,1,1,0,2\n".replace(",", ";").replace("1;5", "1,5"),
+        f"{HEAD}1.5,0,0,0,0,1,-1,1,0,2\n0,0,0,0,0,1,1,1,0,2\n".replace(",", "\t"),
+    ],
+)
+def test_tables_of_rotors_are_read_as_spreadsheets_write_them(tmp_path: Path, text: str) -> None:
+    (tmp_path / "rotors.csv").write_text(text, newline="", encoding="utf-8")
+    first, second = read_vehicle(tmp_path / "rotors.csv").rotors
+    assert (first.x_m, first.spin, first.k_f, first.u_max) == (1.5, -1, 1.0, 2.0)
+    assert (second.x_m, second.spin, second.k_f, second.u_max) == (0.0, 1, 1.0, 2.0)
 
 
 def test_the_command_judges_a_vehicle_by_a_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,6 @@ A rotor exerts the force k_f u a and the torque k_f u r x a - s k_tau u a.
 from __future__ import annotations
 
 import csv
-import io
 import math
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -329,45 +328,44 @@ def read_vehicle(path: str | Path) -> Vehicle:
     return validate(Vehicle, data, str(path))
 
 
+OF_A_KIT = {"axis_x": "ax", "axis_y": "ay", "axis_z": "az", "thrust_coefficient_Ns2": "k_f"}
+OF_A_KIT |= {"torque_coefficient_Nms2": "k_tau", "largest_thrust_N": "thrust"}
+"""Columns of a kit's table of rotors, and their names here."""
+
+
 def _rows(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a table of rotors, with cells that hold numbers converted."""
-    try:
-        reader = csv.DictReader(io.StringIO(load_text(path, most_bytes=LIMITS.task_bytes)))
-        table, columns = list(reader), reader.fieldnames or []
-    except csv.Error as error:
-        raise BadInput(str(path), [Fault("rotors", f"must be a CSV table, but {error}")]) from None
-    if not {"x_m", "y_m", "z_m"} <= set(columns):
-        rule = (
-            f"must be a CSV table with columns x_m, y_m, z_m, ..., but its first line is {show(','.join(columns))}"
-        )
+    """Return the rows of a table of rotors, with cells that hold numbers converted.
+
+    Columns may be separated by semicolons, with decimal commas, or by tabs. Columns without a name, such as an
+    index that pandas writes, and rows without a value are left out.
+    """
+    text = load_text(path, most_bytes=LIMITS.task_bytes)
+    mark = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
+    lines = (text if mark == "," else text.replace(",", ".")).splitlines()
+    head, *table = list(csv.reader(lines, delimiter=mark, skipinitialspace=True)) or [[]]
+    names = [OF_A_KIT.get(name.strip(), name.strip()) for name in head]
+    if not {"x_m", "y_m", "z_m"} <= set(names):
+        rule = f"must be a CSV table with columns x_m, y_m, z_m, ..., but its first line is {show(','.join(head))}"
         raise BadInput(str(path), [Fault("rotors", rule)])
-    if faults := [
-        Fault(
-            f"rotors[{k}]",
-            f"must have at most {len(columns)} cells, one per column, but has {len(columns) + len(row[None])}",
-        )
-        for k, row in enumerate(table)
-        if None in row
-    ]:
-        raise BadInput(str(path), faults)
-    of_a_kit = {"axis_x": "ax", "axis_y": "ay", "axis_z": "az", "thrust_coefficient_Ns2": "k_f"}
-    of_a_kit |= {"torque_coefficient_Nms2": "k_tau", "largest_thrust_N": "thrust"}
-    rows = []
-    for row in table:
-        given = {of_a_kit.get(name, name): _number(cell) for name, cell in row.items() if cell}
-        if "thrust" in given:
-            given = {name: given[name] for name in given if name in VehicleRotor.model_fields or name == "thrust"}
-            thrust, k_f = given.pop("thrust"), given.get("k_f")
-            both = isinstance(thrust, float) and isinstance(k_f, float) and k_f > 0
-            given["u_max"] = thrust / k_f if both else thrust  # `validate` refuses the latter
-        if isinstance(spin := given.get("spin"), float) and spin.is_integer():
-            given["spin"] = int(spin)
-        rows.append(given)
+    rows = list[dict[str, Any]]()
+    for line in table:
+        if any(line[len(names) :]):
+            rule = f"must have at most {len(names)} cells, one per column, but has {len(line)}"
+            raise BadInput(str(path), [Fault(f"rotors[{len(rows)}]", rule)])
+        cells = ((name, cell.strip()) for name, cell in zip(names, line, strict=False))
+        row = {name: _number(cell) for name, cell in cells if name and cell and not name.startswith("Unnamed: ")}
+        if "thrust" in row:
+            thrust, k_f = row["thrust"], row.get("k_f")
+            both = isinstance(thrust, int | float) and isinstance(k_f, int | float) and k_f > 0
+            row["u_max"] = thrust / k_f if both else thrust  # `validate` refuses the latter
+            row = {name: row[name] for name in row if name in VehicleRotor.model_fields}
+        rows += [row] if row else []
     return rows
 
 
 def _number(cell: str) -> Any:
     try:
-        return float(cell)
+        number = float(cell)
     except ValueError:
         return cell
+    return int(number) if number in (-1, 1) else number
