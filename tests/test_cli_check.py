@@ -59,6 +59,13 @@ def test_a_task_in_words_with_its_units_resolved() -> None:
     assert list(said["warnings"]) == ["module.torque_coefficient", "load_cases[0]", "load_cases[1]"]
 
 
+def test_warnings_come_first_and_no_air_of_a_module_in_millimetres() -> None:
+    told = groups("push-local", "--set", "module.arm_length=100", "--set", "module.connector_distance=150")
+    assert next(iter(told)) == "warnings"
+    assert {"module.arm_length", "module.connector_distance"} <= set(told["warnings"])
+    assert not [title for title in told if title.startswith("air of")]
+
+
 def test_load_cases_are_told_by_name_and_those_without_cost_say_so() -> None:
     said = groups("push", "--set", "load_cases[0].name=to the side", "--set", "load_cases[2].weight=0.0")
     cases = said["load cases, each the total wrench of the rotors"]

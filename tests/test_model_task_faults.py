@@ -45,6 +45,7 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[search]\nmargn = 1", "search.margn: unknown field; did you mean `margin`?"),
         ("[module.airflow]\nxyz = 1.0", "module.airflow.xyz: unknown field; valid names are start_radius..."),
         ("[[load_cases]]\nunit = 'SI'\ncom = { force = [0, 0, 1] }", "load_cases[1].unit: unknown field; did..."),
+        ("[module]\ngravity = 3.7", "module.gravity: unknown field; `gravity` is a field of the file, not of..."),
         ('[module]\n"mas s" = 1', 'module."mas s": unknown field; did you mean `mass`?'),
         # ranges
         ("[module]\nmass = -1", "module.mass: must be greater than 0, but got -1"),

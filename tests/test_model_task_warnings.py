@@ -3,14 +3,18 @@
 import copy
 import json
 import math
+import re
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from pydantic import BaseModel
 from wording import says
 
 from topo_search.model import BadInput, Task
 from topo_search.model.files import examples, read_task
-from topo_search.model.task_warnings import task_warnings
+from topo_search.model.task_warnings import USUAL, USUAL_AT_TARGET, task_warnings
+from topo_search.model.value import _models_in
 
 # Modules as they are sold: a nano quadrotor, one with 8-inch propellers, one that lifts itself and 15 kg.
 NANO = {
@@ -84,6 +88,11 @@ def test_a_rotor_better_than_ideal_is_refused_in_a_task_file_alone() -> None:
     with pytest.raises(BadInput, match=r"module.torque_coefficient: must give a figure of merit of at most 1"):
         read_task("push", ("module.torque_coefficient=1.7e-9",))
     assert read_task("push", ("module.torque_coefficient=1.8e-9",)).module.figure_of_merit(1.2) < 1
+    per_krpm = (2e3 * math.pi / 60) ** 2
+    settings = (f"module.thrust_coefficient={3.87e-7 * per_krpm}", f"module.torque_coefficient={3.1e-9 * per_krpm}")
+    for given in (settings, settings[:1], (settings[0], "module.torque_to_thrust=0.008")):
+        with pytest.raises(BadInput, match=r"module.thrust_coefficient: .*is it in N s\^2/rad\^2"):
+            read_task("wall-push", given)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +148,7 @@ def test_a_task_in_which_nothing_hovers() -> None:
         ),
         (
             {"exposure": [{"kind": "directional", "segments": [[1.0, 0.0, 0.0], [0.0, 0.0, -800.0]]}]},
-            "exposure[0].segments[1]",
+            "exposure[0].segments",
             "800 m is 1540 times",
         ),
         (
@@ -237,9 +246,9 @@ def test_a_slip_of_units_is_told_with_its_reason(fields: dict[str, Any], path: s
 @pytest.mark.parametrize(
     ("fields", "path"),
     [
-        ({"exposure": [{"kind": "local", "box": [40.0, 40.0, 40.0]}]}, "exposure[0]"),
+        ({"exposure": [{"kind": "local", "box": [40.0, 40.0, 40.0]}]}, "exposure[0].box"),
         ({"exposure": [{"kind": "directional", "radius": 15.0, "segments": [[1, 0, 0]]}]}, "exposure[0].radius"),
-        ({"exposure": [{"kind": "directional", "segments": [[1, 0, 0], [100, 0, 0]]}]}, "exposure[0].segments[1]"),
+        ({"exposure": [{"kind": "directional", "segments": [[1, 0, 0], [100, 0, 0]]}]}, "exposure[0].segments"),
         ({"end_effector": {"largest_reach": 20.0}}, "end_effector.largest_reach"),
         ({"end_effector": {"position": [0.0, 20.0, 0.0]}}, "end_effector.position"),
     ],
@@ -250,9 +259,59 @@ def test_centimetres_are_told_whatever_the_number_of_modules(fields: dict[str, A
         assert "lengths are in metres" in found(**fields, modules=n)[path]
 
 
+COMPUTED = {"module.body.frame_excess", "exposure.mesh_excess", "module.torque_to_thrust"}
+
+
+def units(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the fields of a task that have a length or an angle, and its unit."""
+    for name, field in model.model_fields.items():
+        at = f"{path}.{name}" if path else name
+        if unit := re.search(r"\[(m|deg)\]", field.description or ""):
+            yield at, unit[1]
+        for part in _models_in(field.annotation):
+            yield from units(part, at)
+
+
+def test_every_length_and_angle_has_usual_values() -> None:
+    """`module.arm_length` is what others are compared with."""
+    lengths = {*USUAL, *USUAL_AT_TARGET, *COMPUTED, "module.arm_length"}
+    assert {path for path, unit in units(Task) if unit == "m"} <= lengths
+    assert all(path.endswith("_deg") for path, unit in units(Task) if unit == "deg")
+
+
+PANE = {"kind": "allowed", "planes": [{"normal": [1, 0, 0]}], "speed": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("fields", "path"),
+    [
+        ({"module": {"bracket": {"bolt_circle": 24, "bolt_diameter": 3.2}}}, "module.bracket.bolt_circle"),
+        ({"module": {"bracket": {"bolt_circle": 0.24}}}, "module.bracket.bolt_circle"),
+        ({"module": {"bracket": {"thickness": 4.0}}}, "module.bracket.thickness"),
+        ({"module": {"airflow": {"regions": {"reach": 1414.2}}}}, "module.airflow.regions.reach"),
+        ({"search": {"body_clearance": 300.0}}, "search.body_clearance"),
+        ({"flight": {"com_error": 10.0, "tilt_deg": 10.0}}, "flight.com_error"),
+        ({"flight": {"tilt_deg": 0.1745}}, "flight.tilt_deg"),
+        ({"flight": {"angular_acceleration": [0.0, 630.0, 0.0]}}, "flight.angular_acceleration"),
+        ({"tolerances": {"position": 1.0}, "flight": {"tolerances": False}}, "tolerances.position"),
+        ({"goals": {"stand_off": [0.1, 200.0]}}, "goals.stand_off"),
+        ({"goals": {"hinge_angle_deg": [0.005, 0.01]}}, "goals.hinge_angle_deg"),
+        ({"search": {"hinge_angles_deg": [0.0, 0.52, 1.05]}}, "search.hinge_angles_deg"),
+        ({"exposure": [{**PANE, "speed_within": 3000.0}]}, "exposure[0].speed_within"),
+        (
+            {"exposure": [{**PANE, "planes": [{"normal": [2, 0, 0], "offset": 200.0}]}]},
+            "exposure[0].planes[0].offset",
+        ),
+        ({"end_effector": {"rod_deflection": 5.0}}, "end_effector.rod_deflection"),
+    ],
+)
+def test_a_slip_of_units_is_told_of_any_length_and_angle(fields: dict[str, Any], path: str) -> None:
+    assert path in found(**fields)
+
+
 def test_the_farthest_corner_of_a_region_counts() -> None:
     corners = [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1], [0.0, 0.0, 30.0]]
-    assert "30 m is" in found(exposure=[{"kind": "local", "vertices": corners}])["exposure[0]"]
+    assert "30 m is" in found(exposure=[{"kind": "local", "vertices": corners}])["exposure[0].vertices"]
 
 
 @pytest.mark.parametrize("n", [1, 3, 100])

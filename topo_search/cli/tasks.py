@@ -68,7 +68,7 @@ def check(
 
     Exit status: 0 valid task, with or without warnings; 2 bad input.
     """
-    from topo_search.model.task_warnings import task_warnings
+    from topo_search.model.task_warnings import UNIT_IN_DOUBT, task_warnings
 
     user_task = options.task_of(task, settings, paper=paper, modules=modules)
     if picture is not None:
@@ -79,23 +79,29 @@ def check(
         save(task_figure(user_task.resolve(user_task.sizes[0])), picture)
     sizes = [_size(user_task, n) for n in user_task.sizes]
     warnings = task_warnings(user_task)
+    plausible = not any(one.path.startswith("module.") and UNIT_IN_DOUBT in one.words for one in warnings)
     first = user_task.resolve(user_task.sizes[0]).model_dump(mode="json")
     value = {"task": first, "sizes": sizes, "warnings": [warning._asdict() for warning in warnings]}
     searches = [(f"search of {quantity(size['modules'], 'module')}", _expectations(size)) for size in sizes]
-    groups = chain(_requirements(user_task), searches, [("warnings", warnings)] * bool(warnings))
+    groups = chain(
+        [("warnings", warnings)] * bool(warnings), _requirements(user_task, plausible=plausible), searches
+    )
     lines = (line for title, rows in groups for line in _group(title, rows))
     picture_line = [] if picture is None else [f"\nthe picture is in {picture}"]
     options.echo_answer(value, chain([user_task.name], lines, picture_line))
 
 
-def _requirements(task: ts.Task) -> Iterator[tuple[str, Iterable[tuple[str, str]]]]:
-    """Yield the requirements of a task in groups, with the unit of weight for every number of modules."""
+def _requirements(task: ts.Task, *, plausible: bool) -> Iterator[tuple[str, Iterable[tuple[str, str]]]]:
+    """Yield the requirements of a task in groups, with the unit of weight for every number of modules.
+
+    The air of a module without plausible sizes is left out: it takes long and means nothing.
+    """
     from topo_search.report.task_facts import facts, goals, load_cases
 
     first, *larger = (task.resolve(n) for n in task.sizes)
     platform, *groups = facts(first)
     yield from (platform, *(facts(resolved)[0] for resolved in larger), *groups)
-    if any(exposure.geometry for exposure in first.exposure):
+    if plausible and any(exposure.geometry for exposure in first.exposure):
         from topo_search.cli.hardware import speeds_on
         from verify.air.envelope import envelope_air
 

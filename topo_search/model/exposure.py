@@ -88,10 +88,6 @@ class Region(Value):
         """Distance from the end-effector up to which `speed` applies [m]; None: everywhere in the region."""
         return None
 
-    def lengths(self) -> Iterator[tuple[str, float, bool]]:
-        """Yield lengths that may be in a wrong unit: field, length [m], and whether it is that of a path."""
-        yield from ()
-
     def mesh_excesses(self) -> Iterator[tuple[int | None, float]]:
         """Yield the segments (see `segment_of`) that reach beyond the mesh that they replace, and how far [m]."""
         yield from ()
@@ -175,11 +171,6 @@ class Local(Region):
         beyond = max(self.mesh_excess or (0.0,))
         return hulls + (f", up to {length(proven.at_most(beyond, 3))} larger than the mesh" if beyond else "")
 
-    def lengths(self) -> Iterator[tuple[str, float, bool]]:
-        """See `Region.lengths`."""
-        yield ".radius", self.radius or 0.0, False
-        yield "", max((math.hypot(*corner) for corner in self.corners.tolist()), default=0.0), False
-
     @property
     def relaxable(self) -> tuple[Relaxable, ...]:
         """Size of the region."""
@@ -260,14 +251,6 @@ class Directional(Region):
             paths = "; ".join(" to ".join(vector(point) for point in points) for points in self.polylines)
             path = f"{quantity(len(self.polylines), 'bent path')}, from the end-effector: {paths} m"
         return f"capsules of radius {length(self.radius)} along {path}"
-
-    def lengths(self) -> Iterator[tuple[str, float, bool]]:
-        """See `Region.lengths`."""
-        yield ".radius", self.radius, False
-        yield from ((f".segments[{k}]", math.hypot(*end), True) for k, end in enumerate(self.segments or ()))
-        for k, points in enumerate(self.polylines or ()):
-            yield f".polylines[{k}]", max(math.hypot(*point) for point in points), True
-        yield ".length", self.length or 0.0, True
 
     @property
     def relaxable(self) -> tuple[Relaxable, ...]:
@@ -354,10 +337,6 @@ class Allowed(UnboundedRegion):
         """The region in words."""
         sides = (f"{vector(plane.normal)} · x ≤ {length(plane.offset)}" for plane in self.planes)
         return f"everything except where {' and '.join(sides)}, with x from the end-effector"
-
-    def lengths(self) -> Iterator[tuple[str, float, bool]]:
-        """See `Region.lengths`."""
-        yield from ((f".planes[{k}].offset", abs(plane.offset), False) for k, plane in enumerate(self.planes))
 
     @property
     def relaxable(self) -> tuple[Relaxable, ...]:

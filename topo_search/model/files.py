@@ -70,12 +70,13 @@ def read_task(path: str | Path, settings: tuple[str, ...] = ()) -> Task:
     folder = Path() if name in examples() else Path(path).parent
     task = validate(Task, data, name, Folder(folder))
     if (merit := task.module.figure_of_merit(task.air_density)) > 1:
-        rule = (
-            f"must give a figure of merit of at most 1, but got {merit:.3g}: no rotor of "
-            f"{task.module.body.rotor_radius:g} m radius has so little drag torque for its thrust"
-        )
         field = "torque_to_thrust" if task.module.torque_to_thrust else "torque_coefficient"
-        raise BadInput(name, [Fault(f"module.{field}", rule)])
+        cause = "has so little drag torque for its thrust"
+        if (C_T := task.module.propeller_coefficient(task.air_density)) > 1:  # propellers have 0.05 to 0.2
+            field, cause = "thrust_coefficient", f"has C_T = {C_T:.3g}: is it in N s^2/rad^2, not per krpm^2?"
+        rule = f"must give a figure of merit of at most 1, but got {merit:.3g}"
+        radius = task.module.body.rotor_radius
+        raise BadInput(name, [Fault(f"module.{field}", f"{rule}: no rotor of {radius:g} m radius {cause}")])
     return task
 
 

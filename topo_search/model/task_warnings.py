@@ -25,9 +25,10 @@ impossible.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from itertools import chain, starmap
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from topo_search.limits import quantity
 from topo_search.model.load_case import LoadCase
@@ -35,7 +36,7 @@ from topo_search.model.module import Body, Module
 from topo_search.model.proven import excess_texts, upper_text
 from topo_search.model.room import LARGE, OUTWARDS, bracket_obstacle, folds_text, frame_reach, packed_width
 from topo_search.model.task import Task
-from topo_search.model.value import show
+from topo_search.model.value import Value, show
 
 
 class TaskWarning(NamedTuple):
@@ -51,13 +52,18 @@ class TaskWarning(NamedTuple):
         return f"{self.path}: {self.words}"
 
 
+UNIT_IN_DOUBT = "is the unit right?"
 Doubts = Iterator[tuple[str, str]]
 """Fields, and what is suspicious about each."""
 
 
 def doubts(task: Task) -> Doubts:
     """Yield the fields of a task whose unit may be wrong, with the reason."""
-    for step in (_module_size(task.module), _arm_lengths(task), chain(_mass(task), _thrust_coefficient(task))):
+    for step in (
+        _module_size(task.module),
+        _arm_lengths(task),
+        chain(_mass(task), _thrust_coefficient(task)),
+    ):
         suspicious = tuple(step)
         yield from suspicious
         if suspicious:
@@ -72,7 +78,7 @@ def doubts(task: Task) -> Doubts:
 def _usual(path: str, value: float, low: float, high: float, unit: str, basis: str = "") -> Doubts:
     if not low <= value <= high:
         usual = f"{low:.3g} to {high:.3g} {unit}{basis}"
-        yield path, f"{value:g} {unit} is outside {usual}: is the unit right?"
+        yield path, f"{value:g} {unit} is outside {usual}: {UNIT_IN_DOUBT}"
 
 
 def _module_size(module: Module) -> Doubts:
@@ -81,21 +87,76 @@ def _module_size(module: Module) -> Doubts:
     yield from _usual("module.connector_distance", module.connector_distance, 0.01, 3.0, "m")
 
 
+USUAL = {
+    "module.connector_distance": (0.2, 5.0),
+    "module.body.rotor_radius": (0.15, 1.0),
+    "module.body.rotor_height": (0.001, 1.0),
+    "module.body.arm_width": (0.001, 1.0),
+    "module.body.hub": (0.005, 4.0),
+    "module.body.frame.vertices": (0.0, 5.0),
+    "module.airflow.start_radius": (0.1, 10.0),
+    "module.airflow.reach": (0.5, 200.0),
+    "module.airflow.regions.start_radius": (0.1, 10.0),
+    "module.airflow.regions.reach": (0.5, 200.0),
+    "module.bracket.bolt_circle": (0.02, 1.0),
+    "module.bracket.bolt_diameter": (0.004, 0.5),
+    "module.bracket.thickness": (0.002, 0.5),
+    "module.bracket.wall": (0.002, 0.5),
+    "end_effector.rod_radius": (0.001, 0.5),
+    "end_effector.rod_deflection": (0.0, 1.0),
+    "tolerances.position": (0.0, 1.0),
+    "tolerances.envelope": (0.0, 1.0),
+    "flight.com_error": (0.0, 1.0),
+    "search.margin": (0.0, 1.0),
+    "search.separation": (0.2, 20.0),
+    "search.body_clearance": (0.2, 20.0),
+    "goals.clearance": (0.0, 1.0),
+}
+"""Usual lengths by field, without its indices [l_arm]."""
+LONG_PATH = 20.0
+USUAL_AT_TARGET = {
+    "end_effector.position": LARGE,
+    "end_effector.stand_off": LARGE,
+    "end_effector.largest_reach": LARGE,
+    "goals.stand_off": LARGE,
+    "exposure.radius": LARGE,
+    "exposure.box": LARGE,
+    "exposure.vertices": LARGE,
+    "exposure.pieces": LARGE,
+    "exposure.planes.offset": LARGE,
+    "exposure.segments": LONG_PATH,
+    "exposure.polylines": LONG_PATH,
+    "exposure.length": LONG_PATH,
+    "exposure.speed_within": LONG_PATH,
+}
+"""Largest usual lengths at the target by field, without its indices [widths of the modules packed in a square]."""
+
+
+def _sizes(value: Any, path: str = "") -> Iterator[tuple[str, str, float]]:
+    """Yield path, path without indices and largest absolute value of the fields with numbers other than zero."""
+    if isinstance(value, Value):
+        for name, part in value:
+            yield from _sizes(part, f"{path}.{name}" if path else name)
+    elif isinstance(value, tuple) and value and isinstance(value[0], Value):
+        for k, part in enumerate(value):
+            yield from _sizes(part, f"{path}[{k}]")
+    elif size := _largest(value):
+        yield path, re.sub(r"\[\d+\]", "", path), size
+
+
+def _largest(value: Any) -> float:
+    if isinstance(value, tuple):
+        return max(map(_largest, value), default=0.0)
+    return abs(value) if isinstance(value, int | float) and not isinstance(value, bool) else 0.0
+
+
 def _arm_lengths(task: Task) -> Doubts:
     """Yield lengths that do not fit the arm length."""
-    module, body, arm = task.module, task.module.body, task.module.arm_length
-    ranges = (
-        ("module.connector_distance", module.connector_distance, 0.2, 5.0),
-        ("module.body.rotor_radius", body.rotor_radius, 0.15, 1.0),
-        ("module.body.rotor_height", body.rotor_height, 0.001, 1.0),
-        ("module.body.arm_width", body.arm_width, 0.001, 1.0),
-        *((f"module.body.hub[{k}]", edge, 0.005, 4.0) for k, edge in enumerate(body.hub)),
-        ("module.airflow.start_radius", module.start_radius, 0.1, 10.0),
-        ("module.airflow.reach", module.reach, 0.5, 200.0),
-        ("end_effector.rod_radius", task.end_effector.rod_radius, 0.001, 0.5),
-    )
-    for path, value, low, high in ranges:
-        yield from _usual(path, value, low * arm, high * arm, "m", f", usual with arms of {arm:g} m")
+    arm = task.module.arm_length
+    for path, field, size in _sizes(task):
+        if field in USUAL:
+            low, high = USUAL[field]
+            yield from _usual(path, size, low * arm, high * arm, "m", f", usual with arms of {arm:g} m")
 
 
 def _radius(module: Module) -> float:
@@ -194,19 +255,6 @@ def _accessories(task: Task) -> Doubts:
     module, tip, arm = task.module, task.end_effector, task.module.arm_length
     weight = task.force_unit(task.sizes[-1])
     yield from _usual("end_effector.rod_modulus", tip.rod_modulus, 1e8, 1e12, "Pa")
-    yield from _usual("end_effector.rod_deflection", tip.rod_deflection, 0.0, arm, "m", ", the length of an arm")
-    for name, low, high in (
-        ("bolt_circle", 0.02, 1.0),
-        ("bolt_diameter", 0.004, 0.5),
-        ("thickness", 0.002, 0.5),
-        ("wall", 0.002, 0.5),
-    ):
-        size, basis = getattr(module.bracket_sizes, name), f", usual with arms of {arm:g} m"
-        if module.bracket is not None:
-            yield from _usual(f"module.bracket.{name}", size, low * arm, high * arm, "m", basis)
-    for name in ("position", "envelope"):
-        error = getattr(task.tolerances, name)
-        yield from _usual(f"tolerances.{name}", error, 0.0, arm, "m", ", the length of an arm")
     if module.battery_Wh is not None:  # cells have up to 0.3 kW h/kg
         yield from _usual("module.battery_Wh", module.battery_Wh, 0.0, 500 * module.mass, "W h", " by its mass")
     for name, largest, unit in (("joint_force", 100 * weight, "N"), ("joint_moment", 100 * weight * arm, "N m")):
@@ -215,19 +263,14 @@ def _accessories(task: Task) -> Doubts:
 
 
 def _angles(task: Task) -> Doubts:
-    sets = ((f"load_cases[{k}].cone", case.cone) for k, case in enumerate(task.cases) if case.cone)
-    regions = ((f"exposure[{e}]", exposure) for e, exposure in enumerate(task.exposure))
-    fields = ((f"{path}.{name}", value) for path, part in chain(sets, regions) for name, value in part)
-    least = 1.6  # smaller cone angles may be radians: a right angle is 1.571
-    angles = (
-        ("module.airflow.spread_angle_deg", task.module.airflow.spread_angle_deg, least),
-        *((path, half_angle, least) for path, half_angle in fields if path.endswith("_deg")),
-        ("tolerances.hinge_angle_deg", task.tolerances.hinge_angle_deg, 0.05),  # 1 mm at 1.1 m
-    )
-    for path, angle, usual in angles:
-        if 0 < angle < usual:
+    for path, field, angle in _sizes(task):
+        # smaller ones may be radians: a right angle is 1.571; errors of hinges are of the order of 1 mm at 1.1 m
+        least = 0.05 if field.endswith("hinge_angle_deg") else 1.6
+        if field.endswith("_deg") and angle < least:
             small = f"{angle:g} deg is small ({math.degrees(angle):.3g} deg if it were in radians)"
             yield path, f"{small}: is it in degrees?"
+    fastest = max(task.flight.angular_acceleration)
+    yield from _usual("flight.angular_acceleration", fastest, 0.0, 300.0, "rad/s^2")
 
 
 def task_warnings(task: Task) -> tuple[TaskWarning, ...]:
@@ -281,8 +324,8 @@ def _bracket(module: Module) -> Doubts:
 def _lengths(task: Task, n: int) -> Doubts:
     """Yield lengths at the target that may be in centimetres or millimetres."""
     width = packed_width(task.module, n)
-    for path, length, usual in _lengths_at_target(task):
-        if length > usual * width:
+    for path, field, length in _sizes(task):
+        if length > USUAL_AT_TARGET.get(field, math.inf) * width:
             yield (
                 path,
                 f"{length:g} m is {length / width:.0f} times the width of {n} modules in a square, "
@@ -322,17 +365,6 @@ def _rod(task: Task, n: int) -> Doubts:
             f"diameter bends by rod_deflection = {1000 * rod.rod_deflection:g} mm under the largest load of the "
             "task and its own weight",
         )
-
-
-def _lengths_at_target(task: Task) -> Iterator[tuple[str, float, float]]:
-    """Yield (field, length, largest usual length in packed widths) of each length at the target."""
-    long_path, tip = 20.0, task.end_effector
-    yield "end_effector.position", math.hypot(*(tip.fixed_position or ())), LARGE
-    yield "end_effector.stand_off", tip.stand_off, LARGE
-    yield "end_effector.largest_reach", tip.largest_reach or 0.0, LARGE
-    for e, exposure in enumerate(task.exposure):
-        for name, length, is_path in exposure.lengths():
-            yield f"exposure[{e}]{name}", length, long_path if is_path else LARGE
 
 
 def _thrust(task: Task, n: int) -> Doubts:

@@ -150,7 +150,11 @@ def _fault(detail: Any, model: type[BaseModel]) -> Fault:
     if kind == "rule":
         return Fault(path, detail["msg"])
     if kind == "extra_forbidden":
-        return Fault(path, f"unknown field; {nearest(str(detail['loc'][-1]), list(owner.model_fields))}")
+        name, fields = str(detail["loc"][-1]), list(owner.model_fields)
+        hint = nearest(name, fields)
+        if owner is not model and name in model.model_fields:
+            hint = f"`{name}` is a field of the file, not of this table: move it above the first [table]"
+        return Fault(path, f"unknown field; {hint}")
     if kind in ("missing", "union_tag_not_found"):
         return Fault(path if kind == "missing" else f"{path}.kind", "is required, but missing")
     if kind == "union_tag_invalid":
