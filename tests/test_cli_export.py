@@ -74,7 +74,7 @@ def test_what_a_simulator_has_beyond_the_model_is_an_option_of_its_kinds(command
     command(CLEAR, "--format", "kit", "--out", "kit", "--motor-lag", "0.05")
     assert "filterexact" in (tmp_path / "kit/platform.xml").read_text()
     told = refused("export", "design.json", "--out", "a.urdf", "--rod-mass")
-    assert "apply only to a MuJoCo model (mjcf, kit), but got --format urdf" in told
+    assert "applies only to mjcf, kit, but got --format urdf" in told
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_the_table_of_a_run_is_that_of_its_candidates(command, tmp_path):
         (["none.json", "--out", "new.png"], "none.json: no such file"),
         ([".", "--out", "new.csv"], ".: is not a run folder"),
         ([".", "--out", "new.png"], ".: must be a regular file, but is a folder"),
-        (["design.json", "--out", "new.pdf"], "--out: must end in .csv, .glb, .npz, .vti, .html, .mjcf"),
+        (["design.json", "--out", "new.pdf"], "new.pdf: must end in .csv, .glb, .html, .mjcf, .npz"),
         (["design.json", "--out", "new.png", "--format", "pdf"], "must be one of air, allocation"),
         (["design.json", "--out", "new.png", "--parts", "all"], "--parts: applies only to"),
         (["design.json", "--out", "."], "is a directory"),

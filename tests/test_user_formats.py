@@ -40,9 +40,21 @@ def test_a_registered_format_is_written_by_name_and_by_suffix(solved_push, tmp_p
         assert out.read_text().startswith("a70010 ")
 
 
-@pytest.mark.parametrize("name", ["glb", "mjcf", "stl", "urdf"])
-def test_our_own_formats_go_through_the_same_door(solved_push, tmp_path, name):
-    assert export_design(solved_push, tmp_path / f"design.{name}").stat().st_size > 1000
+@pytest.mark.parametrize(
+    "one", [one for one in formats.BUILT_IN if one.reads == "design"], ids=lambda one: one.name
+)
+def test_our_own_formats_go_through_the_same_door(solved_push, tmp_path, one):
+    out = tmp_path / f"design{one.suffixes[0] if one.suffixes else '.csv'}"
+    if one.name == "px4":
+        with pytest.raises(BadInput, match="PX4 takes at most 12 rotors"):
+            export_design(solved_push, out)
+    else:
+        assert export_design(solved_push, out, format=one.name).stat().st_size > 400
+
+
+def test_help_lists_every_format():
+    text = invoke("export", "--help").stdout
+    assert all(f"\n  {one.name:<12}" in text for one in formats.BUILT_IN)
 
 
 @pytest.mark.parametrize(
@@ -106,9 +118,9 @@ def test_what_a_format_cannot_write_is_told(solved_push, tmp_path, monkeypatch, 
 
 
 def test_an_unknown_format_or_suffix_is_named(solved_push, tmp_path):
-    with pytest.raises(BadInput, match=r"must end in \.glb, \.mjcf"):
+    with pytest.raises(BadInput, match=r"must end in \.glb, \.html, \.mjcf"):
         export_design(solved_push, tmp_path / "design.own")
-    with pytest.raises(BadInput, match="must be one of glb, mjcf, png, stl, svg, urdf, but got 'plain-text'"):
+    with pytest.raises(BadInput, match=r"must be one of air, allocation, .* urdf, but got 'plain-text'"):
         export_design(solved_push, tmp_path / "design.own", format="plain-text")
 
 

@@ -108,6 +108,13 @@ class _Air:
         return np.concatenate([speeds(jets, part).sum(axis=1) for part in parts])
 
 
+def air_file(design: Design, suffix: str) -> str | bytes:
+    """Return the content of a .npz or .vti file of a design's air; ValueError for another suffix."""
+    if suffix not in (".npz", ".vti"):
+        raise ValueError(f"the file's name must end in .npz or .vti, but ends in {suffix!r}")
+    return (vti if suffix == ".vti" else npz)(air_field(design))
+
+
 def npz(field: AirField) -> bytes:
     """Return the content of an .npz file: `case` (K,), `speed_m_s` (K, nx, ny, nz), `origin_m` (3,), `step_m`."""
     stream = io.BytesIO()

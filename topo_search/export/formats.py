@@ -1,47 +1,71 @@
-"""File formats of designs: built in, registered by a script, or provided by other packages.
+"""File formats: one table for `export`, its help and `export_design`, extended by scripts and other packages.
 
-A package provides one with an entry point in the group `topo_search.formats` that names an `OwnFormat`.
+A package provides a format with an entry point in the group `topo_search.formats` that names an `OwnFormat`.
+`export --help` loads this file, so it imports little.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from topo_search.model.design import Design
-from topo_search.model.files import write_atomically
-from topo_search.model.value import BadInput
-from topo_search.protocols import DesignWriter, OwnFormat
+if TYPE_CHECKING:
+    from topo_search.model import Design
+    from topo_search.protocols import OwnFormat
 
 GROUP = "topo_search.formats"
 """Group of entry points of other packages."""
 
 
-def _lazy(module: str, function: str, *arguments: str) -> DesignWriter:
-    """Return a writer that imports its module only when a design is written."""
+@dataclass(frozen=True)
+class Format:
+    """One file format."""
 
-    def write(design: Design, **options: Any) -> str | bytes:
-        writer: Callable[..., str | bytes] = getattr(import_module(f"topo_search.export.{module}"), function)
-        return writer(design, *arguments, **options)
+    name: str
+    writer: str | Callable[..., str | bytes]
+    """Function of the design or table that returns the content; of this package, `MODULE.FUNCTION`."""
+    suffixes: tuple[str, ...]
+    says: str
+    reads: Literal["design", "table", "folder"] = "design"
+    """What it is made of: a design, or a run, an audit or a design as a table; `folder`: a design, written as a
+    folder."""
+    takes: tuple[str, ...] = ()
+    """Options of `export` that apply; `suffix` and `notes` are further arguments of the writer."""
+    noun: str = "design"
+    """What a message calls the file."""
+    own: bool = False
+    """Whether it comes from the user or another package."""
 
-    return write
 
-
+PHYSICS = ("--motor-lag", "--rod-mass", "--contacts")
+AIR = ("--air-speed", "--load-case")
+ANGLES = ("--angle-step",)
 BUILT_IN = (
-    OwnFormat("glb", _lazy("solids", "glb"), (".glb",), "a scene for viewers and Blender"),
-    OwnFormat("stl", _lazy("solids", "stl"), (".stl",), "solids in millimetres for CAD and printing"),
-    OwnFormat("mjcf", _lazy("mjcf", "mjcf"), (".mjcf", ".xml"), "a model for the simulator MuJoCo"),
-    OwnFormat("urdf", _lazy("urdf", "urdf"), (".urdf",), "a robot description"),
-    OwnFormat("png", _lazy("picture", "picture", "png"), (".png",), "a picture"),
-    OwnFormat("svg", _lazy("picture", "picture", "svg"), (".svg",), "a picture"),
-)
-"""Built-in formats that write a single file."""
-
-
-_registered: dict[str, OwnFormat] = {file_format.name: file_format for file_format in BUILT_IN}
+    Format("png", "picture.png", (".png",), "a picture: platform, airflow, tree", takes=AIR, noun="picture"),
+    Format("svg", "picture.svg", (".svg",), "the same as vectors", takes=AIR, noun="picture"),
+    Format("glb", "solids.glb", (".glb",), "a scene for viewers and Blender", takes=("--parts", *AIR)),
+    Format("stl", "solids.stl", (".stl",), "solids in millimetres for CAD and printing", takes=("--parts",)),
+    Format("mjcf", "mjcf.mjcf", (".mjcf", ".xml"), "a model for MuJoCo, a keyframe per load case", takes=PHYSICS),
+    Format("urdf", "urdf.urdf", (".urdf",), "a robot description with a frame at every rotor"),
+    Format("air", "air_field.air_file", (".npz", ".vti"), "air speeds on a grid per load case", takes=("suffix",)),
+    Format("csv", "audits.csv", (".csv",), "candidates of a run, clearances of an audit", "table", noun="table"),
+    Format("parquet", "audits.parquet", (".parquet",), "the same table", "table", noun="table"),
+    Format("assembly", lambda sheet: sheet.csv(), (), "CSV: what to bolt to what, in order", "table", noun="table"),
+    Format("kit", "", (), "a folder for the lab: the following, and models", "folder", (*ANGLES, *PHYSICS)),
+    Format("allocation", "kit.allocation_file", (), "the matrix from rotor inputs to force and torque, "
+           ".json or .csv", takes=("suffix", *ANGLES), noun="table"),
+    Format("rotors", "kit.rotors_file", (), "CSV: position, axis, spin, coefficients", takes=ANGLES, noun="table"),
+    Format("px4", "kit.px4_file", (".params",), "PX4's parameters, at most 12 rotors", takes=ANGLES, noun="table"),
+    Format("brackets", "", (), "a folder of STL files [mm]: brackets of all joints, rod mount", "folder", ANGLES),
+    Format("sheet", "kit.sheet_file", (".html",), "the assembly sheet", takes=("notes", *ANGLES), noun="sheet"),
+    Format("parts", "kit.parts_file", (), "the parts list as CSV", takes=ANGLES, noun="table"),
+)  # fmt: skip
+"""All formats of this package, in the order of `export --help`."""
+_registered: dict[str, Format] = {file_format.name: file_format for file_format in BUILT_IN}
 
 
 def register_format(own: OwnFormat) -> None:
@@ -56,27 +80,31 @@ def register_format(own: OwnFormat) -> None:
         >>> export_design(read_design("hover-2/best.json"), "hover-2.tree").read_text()
         'a10'
     """
+    from topo_search.protocols import OwnFormat
+
     if not isinstance(own, OwnFormat):
         raise ValueError(f"must be an OwnFormat, but got {type(own).__name__}")
     if not re.fullmatch(r"[a-z0-9][a-z0-9-]*", own.name):
         raise ValueError(f"name must consist of lower-case letters, digits and dashes, but got {own.name!r}")
-    reserved = "air allocation assembly brackets csv kit parquet parts px4 rotors sheet"  # of the command line
-    if own.name in _registered or own.name in reserved.split():
+    if own.name in _registered:
         raise ValueError(f"name must be new, but a format {own.name!r} exists")
     for suffix in own.suffixes:
         if not re.fullmatch(r"\.[A-Za-z0-9]+", suffix):
             raise ValueError(f"a suffix must be a dot and letters or digits, but got {suffix!r}")
-        if (other := find_by_suffix(suffix)) is not None:
+        if (other := _with_suffix(suffix, _registered)) is not None:
             raise ValueError(f"a suffix must be new, but format {other.name} has {suffix}")
-    _registered[own.name] = own
+    _registered[own.name] = Format(own.name, own.write, own.suffixes, own.says, own=True)
 
 
-def formats() -> dict[str, OwnFormat]:
+def formats() -> dict[str, Format]:
     """Return all formats by name, including those of installed packages.
 
     Raises:
         BadInput: an entry point is not a format, or its name or suffix is taken.
     """
+    from topo_search.model import BadInput
+    from topo_search.protocols import OwnFormat
+
     for entry in metadata.entry_points(group=GROUP):
         if entry.name in _registered:
             continue
@@ -96,13 +124,21 @@ def formats() -> dict[str, OwnFormat]:
     return dict(_registered)
 
 
-def find_format(name: str) -> OwnFormat:
-    """Return an existing format; entry points are loaded only if it is not registered yet."""
-    return _registered[name] if name in _registered else formats()[name]
+def choose(name: str | None, out: Path, known: dict[str, Format]) -> Format:
+    """Return the format of a name, or without one that of a file's suffix; BadInput if there is none."""
+    from topo_search.model import BadInput
+
+    if name is not None and name not in known:
+        raise BadInput("format", f"must be one of {', '.join(sorted(known))}, but got {name!r}")
+    chosen = _with_suffix(out.suffix, known) if name is None else known[name]
+    if chosen is None:
+        suffixes = ", ".join(sorted(suffix for each in known.values() for suffix in each.suffixes))
+        raise BadInput(str(out), f"must end in {suffixes}, unless a format is given")
+    return chosen
 
 
 def export_design(design: Design, out: str | Path, *, format: str | None = None) -> Path:
-    """Write a design in one of the formats, and return the path.
+    """Write a design in one of the formats that are a single file, and return the path.
 
     Args:
         design: any design, audited or not.
@@ -117,41 +153,52 @@ def export_design(design: Design, out: str | Path, *, format: str | None = None)
         >>> print(export_design(read_design("hover-2/best.json"), "hover-2.urdf"))
         hover-2.urdf
     """
+    from topo_search.model import BadInput, Design
+
     if not isinstance(design, Design):
         raise BadInput("design", f"must be a Design, but got {type(design).__name__}")
-    path, by_name = Path(out), formats()
-    chosen = find_by_suffix(path.suffix) if format is None else by_name.get(format)
-    if chosen is None and format is None:
-        suffixes = ", ".join(sorted(suffix for file_format in by_name.values() for suffix in file_format.suffixes))
-        raise BadInput(str(out), f"must end in {suffixes}, unless a format is given")
-    if chosen is None:
-        raise BadInput("format", f"must be one of {', '.join(sorted(by_name))}, but got {format!r}")
-    write_atomically(path, content(design, chosen))
+    path = Path(out)
+    known = {name: file_format for name, file_format in formats().items() if file_format.reads == "design"}
+    write(choose(format, path, known), design, path)
     return path
 
 
-def content(design: Design, file_format: OwnFormat, **options: Any) -> bytes:
-    """Return the content of a design's file; only built-in formats take options.
+def write(file_format: Format, source: Any, out: Path, **options: Any) -> None:
+    """Write a file in a format.
+
+    Args:
+        file_format: the format, which is not a folder.
+        source: the design, or the table.
+        out: the file.
+        options: keyword arguments of the format's writer.
 
     Raises:
         BadInput: the format cannot represent this design, or its writer failed.
     """
+    from topo_search.model import BadInput
+    from topo_search.model.files import write_atomically
+
+    writer = file_format.writer
+    if isinstance(writer, str):
+        module, function = writer.split(".")
+        writer = getattr(import_module(f"topo_search.export.{module}"), function)
+    if "suffix" in file_format.takes:
+        options["suffix"] = out.suffix.lower()
     try:
-        writer: Callable[..., str | bytes] = file_format.write
-        written = writer(design, **options)
+        written = writer(source, **options)
         if not isinstance(written, str | bytes) or not written:
             kind = type(written).__name__ if written else "nothing"
             raise ValueError(f"must write text or bytes, but wrote {kind}")
-        return written if isinstance(written, bytes) else written.encode()
+        content = written if isinstance(written, bytes) else written.encode()
     except ValueError as error:
         raise BadInput(file_format.name, str(error)) from error
     except Exception as error:
-        if file_format in BUILT_IN:
+        if not file_format.own:
             raise
-        rule = f"cannot write {design.topology.key}: {type(error).__name__}: {error}"
+        rule = f"cannot write {source.topology.key}: {type(error).__name__}: {error}"
         raise BadInput(file_format.name, rule) from error
+    write_atomically(out, content)
 
 
-def find_by_suffix(suffix: str) -> OwnFormat | None:
-    """Return the registered format with this suffix; None if there is none."""
-    return next((known for known in _registered.values() if suffix.lower() in map(str.lower, known.suffixes)), None)
+def _with_suffix(suffix: str, known: dict[str, Format]) -> Format | None:
+    return next((each for each in known.values() if suffix.lower() in map(str.lower, each.suffixes)), None)

@@ -92,14 +92,29 @@ def write_brackets(design: Design, folder: Path) -> tuple[str, ...]:
     return tuple(part.file for part in parts)
 
 
-PIECES: dict[str, Callable[[Design, Sequence[str]], str]] = {
-    "allocation": lambda design, _: allocation(design).csv(),
-    "rotors": lambda design, _: allocation(design).rotor_csv(),
-    "px4": lambda design, _: px4_parameters(allocation(design)),
-    "sheet": lambda design, notes: sheet(design, printed_parts(design), notes),
-    "parts": lambda design, _: parts_csv(parts_list(design, printed_parts(design))),
-}
-"""Formats that write one file of a kit, from the design and the notes of its assembly sheet."""
+def allocation_file(design: Design, suffix: str) -> str:
+    """Return the allocation as JSON or, with another suffix, as CSV."""
+    return to_json(allocation(design)) if suffix == ".json" else allocation(design).csv()
+
+
+def rotors_file(design: Design) -> str:
+    """Return the rotors as CSV."""
+    return allocation(design).rotor_csv()
+
+
+def px4_file(design: Design) -> str:
+    """Return the parameters of PX4's control allocation."""
+    return px4_parameters(allocation(design))
+
+
+def sheet_file(design: Design, notes: Sequence[str] = ()) -> str:
+    """Return the assembly sheet, with notes at its top."""
+    return sheet(design, printed_parts(design), notes)
+
+
+def parts_file(design: Design) -> str:
+    """Return the parts list as CSV."""
+    return parts_csv(parts_list(design, printed_parts(design)))
 
 
 def require_kit_folder(folder: Path) -> None:

@@ -9,6 +9,7 @@ import io
 import itertools
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -61,6 +62,10 @@ def picture(design: Design, kind: Literal["png", "svg"], air: AirSurface | None 
     """
     with mpl.rc_context({"font.size": 8}):
         return content(figure_of(design, air), kind)
+
+
+png = partial(picture, kind="png")
+svg = partial(picture, kind="svg")
 
 
 @dataclass(frozen=True)
