@@ -31,7 +31,7 @@ from topo_search.model import BadInput, Design, Status, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.files import validate
 from verify import audit
-from verify.flight.joints import inertia, joint_loads
+from verify.flight.joints import inertia, joint_loads, rod_inertia
 from verify.kinematics import platform
 
 JOINTS: dict[str, Any] = {"joint_mass": 0.04}
@@ -136,6 +136,20 @@ def test_mass_and_inertia_of_exports_are_those_of_the_audit(held: Design) -> Non
     acts = allocation(held)
     assert acts.mass_kg == m_t
     np.testing.assert_allclose(acts.inertia_kg_m2, J, atol=1e-14)
+
+
+def test_a_rod_is_a_thin_tube(held: Design) -> None:
+    """As two rings of points where Gauss integrates squares exactly."""
+    wide = held.task.end_effector.model_copy(update={"rod_radius": 0.05})
+    design = held.model_copy(update={"task": held.task.model_copy(update={"end_effector": wide})})
+    found, m = platform(design), wide.counted_rod.mass
+    half = found.rod[0, 1]
+    sides = np.linalg.svd(half[None])[2][1:]
+    angles = np.arange(8) * np.pi / 4
+    ring = 0.05 * np.column_stack([np.cos(angles), np.sin(angles)]) @ sides
+    points = np.concatenate([ring + sign * half / np.sqrt(3) for sign in (1, -1)])
+    J = np.sum(points**2) * np.eye(3) - points.T @ points
+    np.testing.assert_allclose(rod_inertia(design, found), m * J / len(points), rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("position", ["free", [0.1, 0.1, 0.3]])

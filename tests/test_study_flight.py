@@ -1,12 +1,13 @@
 """What audits say beyond the task, from the ledger to the answer: columns, near ties, a tampered ledger."""
 
 from dataclasses import replace
+from itertools import permutations
 from typing import Any
 
 import toy_problem
 from processes import table
 from report_cases import HOVER, Reader, flight, joint
-from toy_problem import toy_run
+from toy_problem import toy_row, toy_run
 from wording import says
 
 from topo_search.cli.tables import answer_lines
@@ -16,6 +17,7 @@ from topo_search.model.audit import AirSpeeds, CaseAir, RegionAir
 from topo_search.report.page import render
 from topo_search.report.run_page import run_page
 from topo_search.study import COLUMNS, RunFolder
+from topo_search.study.summary import _reserve_order
 
 RESERVES = {"a500": 1.25, "a600": 0.5, "aa00": 2.0, "a300": 0.25}
 COSTS = {"a500": 2.0, "a600": 2.015, "aa00": 2.019, "a300": 2.03}
@@ -122,6 +124,23 @@ def test_designs_that_cost_about_the_same_are_ranked_by_reserve(tmp_path, capsys
     assert "audited designs within 1 % of the least control effort" in page.text
     assert "Beyond the task" in page.text
     assert says(page.text, "all load cases", "survives 10 of 12, not rotor 1 of module 2")
+
+
+def test_near_ties_are_ranked_by_force_then_torque_then_effort_and_unknown_reserves_are_last():
+    ranked = [
+        (2.0, 0.1, 9.0),
+        (1.0, 0.3, 9.0),
+        (1.0, 0.2, 1.0),
+        (1.0, 0.2, 2.0),
+        (0.0, None, 1.0),
+        (None, 0.9, 1.0),
+    ]
+    rows = [
+        replace(toy_row(f"a{k}", objective=J, gap=0.1), force_reserve_N=force, torque_reserve_Nm=torque)
+        for k, (force, torque, J) in enumerate(ranked)
+    ]
+    for given in permutations(rows):
+        assert sorted(given, key=_reserve_order) == rows
 
 
 def test_a_design_as_near_that_is_not_audited_is_counted(tmp_path, monkeypatch):

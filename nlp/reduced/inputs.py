@@ -124,7 +124,7 @@ def add_inertia_gradient(rotors: Rotors, pose: Platform, by_J: Array, forces: Ar
     if rod.mass > 0.0:
         d = _rod_path(rotors, pose)
         square, by_d = max(dot(d, d), TINY), (dot(x, d), dot(y, d), dot(z, d))
-        roll, i = rod.mass * rod.radius**2 / square, rod.module
+        roll, i = rod.mass * rod.radius**2 / 2 / square, rod.module
         along = 2 * roll / square * dot(d, by_d) + rod.mass / 3 * trace
         by_d = add(multiply(2 * roll + rod.mass / 3, by_d), -along, d)
         forces[i, 0], forces[i, 1], forces[i, 2] = add(row(forces, i), -1.0, by_d)
@@ -155,10 +155,11 @@ def inertia(rotors: Rotors, pose: Platform) -> Array:
         _add_point_inertia(J, rotors.modules[i], _centre(rotors, pose, i))
     if rod.mass > 0.0:  # beyond half its mass at each end
         d = _rod_path(rotors, pose)
-        roll = rod.mass * rod.radius**2 / max(dot(d, d), TINY)
+        across = rod.mass * rod.radius**2 / 2
+        roll = across / max(dot(d, d), TINY)
         _add_point_inertia(J, -roll - rod.mass / 6, d)
         for a in range(3):
-            J[a, a] += roll * dot(d, d)
+            J[a, a] += across + roll * dot(d, d)
     return J
 
 

@@ -72,8 +72,8 @@ def inertia(point: Point) -> Array:
     J += unit * np.einsum("iab,ibd,icd->ac", R, carried.inertias, R)
     if (rod := carried.rod).mass:
         d = (point.tip - p[rod.module]) / module.arm_length - R[rod.module] @ rod.foot
-        roll = rod.radius**2 / max(float(d @ d), TINY)
-        J += unit * rod.mass * (roll * np.outer(d, d) - point_inertia(d) / 6)
+        roll = np.outer(d, d) / max(float(d @ d), TINY)
+        J += unit * rod.mass * (rod.radius**2 / 2 * (np.eye(3) + roll) - point_inertia(d) / 6)
     return np.asarray(J)
 
 

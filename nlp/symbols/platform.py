@@ -156,9 +156,9 @@ def body_inertia(o: ca.SX, R: ca.SX, body: Body) -> ca.SX:
 
 
 def rod_inertia(d: ca.SX, rod: RodMass) -> ca.SX:
-    """Return the inertia of a rod about its middle."""
-    roll = rod.radius**2 / ca.fmax(ca.dot(d, d), TINY)
-    return rod.mass * (point_inertia(d) / 12 + roll * d @ d.T)
+    """Return the inertia of a rod about its middle: r^2 / 2 + d^2 / 12 across it, r^2 about its axis."""
+    roll = d @ d.T / ca.fmax(ca.dot(d, d), TINY)
+    return rod.mass * (point_inertia(d) / 12 + rod.radius**2 / 2 * (ca.DM.eye(3) + roll))
 
 
 def rod_inertia_beyond_ends(d: ca.SX, rod: RodMass) -> ca.SX:

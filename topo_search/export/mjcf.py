@@ -97,8 +97,7 @@ def add_rod_mass(floating: Element, rod: Rod, design: Design, poses: Platform) -
     along = float(v @ inertia @ v)
     across = (float(inertia.trace()) - along) / 2
     body = SubElement(floating, "body", name="rod_mass", pos=numbers(*middle), zaxis=numbers(*v))
-    # a very short tube would violate the triangle inequality, which MuJoCo checks
-    moments = numbers(across, across, min(along, 2 * across))
+    moments = numbers(across, across, along)
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(mass), diaginertia=moments)
 
 

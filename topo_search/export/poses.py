@@ -87,8 +87,8 @@ def mass_of(rod: Rod, design: Design, poses: Platform) -> tuple[float, Array, Ar
     counted = design.task.end_effector.counted_rod
     m = design.task.end_effector.rod_linear_density * rod.length if counted is None else counted.mass
     v = (rod.end - rod.start) / rod.length
-    across = m * rod.length**2 / 12 * (np.eye(3) - np.outer(v, v))
-    inertia = across + m * rod.radius**2 * np.outer(v, v)
+    along = np.outer(v, v)
+    inertia = m * (rod.length**2 / 12 * (np.eye(3) - along) + rod.radius**2 / 2 * (np.eye(3) + along))
     return m, inertia, (rod.start + rod.end) / 2 - poses.p_com
 
 

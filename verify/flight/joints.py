@@ -126,7 +126,8 @@ def rod_inertia(design: Design, platform: Platform) -> Array:
     for half in platform.rod[:, 1]:
         if rod is not None and (square := float(half @ half)) > 0:
             J = rod.mass / 3 * (square * np.eye(3) - np.outer(half, half))
-            J += rod.mass * design.task.end_effector.rod_radius**2 / square * np.outer(half, half)
+            along = np.outer(half, half) / square
+            J += rod.mass * design.task.end_effector.rod_radius**2 / 2 * (np.eye(3) + along)
     return J
 
 
