@@ -79,7 +79,7 @@ def test_what_cannot_be_read_in_a_folder_is_named_and_the_rest_is_audited(comman
     said = dict(line.split(": ", 1) for line in result.stderr.splitlines())
     assert said["in/broken link.json"] == "no such file"
     assert said["in/loop.json"].startswith("cannot be read: Too many levels of symbolic links")
-    assert said["in/pipe.json"] == "must be a regular file, but is a pipe"
+    assert said["in/pipe.json"] == "must be a regular file, but is a pipe or a device"
     assert said["in/half.json"].startswith("is not a JSON file, or only a part of one")
     assert len(said) == 4
 
@@ -218,7 +218,7 @@ def test_a_file_of_a_gigabyte_is_not_read(command, tmp_path):
     result = command("huge.json", "/dev/zero", status=2)
     assert result.stderr.splitlines() == [
         f"huge.json: must have at most {LIMITS.design_bytes:,} bytes, but has {2**30:,}",
-        "/dev/zero: must be a regular file, but is a character device",
+        "/dev/zero: must be a regular file, but is a pipe or a device",
     ]
 
 

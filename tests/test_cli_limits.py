@@ -9,7 +9,6 @@ from commands import invoke
 from topo_search.limits import LIMITS
 from topo_search.model import Task, Topology
 from topo_search.model.files import read_task, to_toml
-from topo_search.model.text import toml_data
 
 HEAD = 'name = "t"\nmodules = 5\n'
 HOVER = "[[load_cases]]\ncom = { force = [0.0, 0.0, 1.0] }\n"
@@ -27,10 +26,6 @@ def said(tmp_path, *words, task=HEAD + HOVER):
 BEYOND = {
     "ten thousand load cases": (HEAD + HOVER * 10_000, "load_cases: must have at most 200 entries, but got 10,000"),
     "a wide range": (HEAD.replace("5", "[1, 21]") + HOVER, "modules: must be at most 20 sizes, but got [1, 21]"),
-    "a hundred thousand segments": (
-        HEAD + HOVER + '[[exposure]]\nkind = "directional"\nsegments = [' + "[1, 0, 0]," * 100_000 + "]",
-        "must have at most 50,000 lists, but has 100,006",
-    ),
     "segments of several": (
         HEAD + HOVER + ('[[exposure]]\nkind = "directional"\nsegments = [' + "[1, 0, 0]," * 101 + "]\n") * 2,
         "exposure: must have at most 200 segments in all, but got 202",
@@ -46,7 +41,6 @@ BEYOND = {
         ),
         "goals: must have at most 1,000 combinations of levels, but got 1,000,000,000",
     ),
-    "a dotted key": (HEAD + HOVER + "a" + ".a" * 100_000 + " = 1", "must have at most 30 parts in a key"),
     "a long name": (HEAD + HOVER + "a" * 100_000 + " = 1", "unknown field"),
     "digits": (HEAD + HOVER + "gravity = " + "9" * 100_000, "is not a TOML file, or only a part of one"),
     "hexadecimal digits": (
@@ -57,7 +51,7 @@ BEYOND = {
         HEAD + 'load_cases = "ten-wrenches"\ntask_seed = 0x' + "f" * 100_000,
         "task_seed: must be at most 9.22337e+18, but got a whole number of 400,000 bits",
     ),
-    "brackets": (HEAD + HOVER + "x = " + "[" * 2000 + "]" * 2000, "must have fewer nested brackets"),
+    "brackets": (HEAD + HOVER + "x = " + "[" * 2000 + "]" * 2000, "is not a TOML file, or only a part of one"),
     "a long file": (HEAD + HOVER + "#" * LIMITS.task_bytes, "must have at most 1,048,576 bytes, but has"),
 }  # fmt: skip
 
@@ -73,10 +67,6 @@ def test_a_task_beyond_a_limit_is_refused_by_name(tmp_path, case):
 @pytest.mark.parametrize(
     ("setting", "rule"),
     [
-        ("search.margin=" + "[" * 2000 + "]" * 2000, "--set: search.margin: must have fewer nested brackets"),
-        ("a" + ".a" * 30_000 + "=1", "--set: must have at most 30 names in a field, but got"),
-        ("a" * 100_000 + "=1", "--set: must have names of at most 64 characters in a field, but got"),
-        ("search={a" + ".a" * 50_000 + "=1}", "--set: search: must have at most 30 parts in a key"),
         ("task_seed=0x" + "f" * 100_000, "task: task_seed: must be at most"),
         ("load_cases." + "1" * 60 + ".weight=1", "must be an index under 1"),
         ("load_cases.\u0663.weight=1", "must be an index under 1"),
@@ -151,9 +141,3 @@ def test_a_task_at_its_limits_is_read_again_from_what_is_written(tmp_path):
     assert len(text) < LIMITS.task_bytes
     (tmp_path / "task.toml").write_text(text)
     assert read_task(tmp_path / "task.toml") == task
-
-
-def test_keys_of_as_many_parts_as_allowed_are_read():
-    assert toml_data(".".join(["a"] * LIMITS.key_parts) + " = 1")
-    # neither numbers in lists, nor texts and comments are keys
-    assert toml_data("v = [" + "0.1, " * 1000 + "]\n# " + "1.2, " * 1000 + '\nt = "' + ". " * 1000 + '"')

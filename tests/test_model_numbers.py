@@ -7,7 +7,7 @@ import pytest
 
 from topo_search.model import LoadCase, Module, Status, Task, Wrench, ten_wrenches
 from topo_search.model.exposure import Directional, Exterior, Local
-from topo_search.model.files import read_task
+from topo_search.model.files import read_task, to_json
 from topo_search.model.module import Airflow, Body
 
 
@@ -185,3 +185,19 @@ def test_the_shipped_examples_are_the_papers_tasks(name: str, kinds: list[object
     assert list(task.exposure) == kinds
     base = read_task("ten-wrenches" if name.startswith("ten") else "push")
     assert task.model_copy(update={"name": base.name, "exposure": ()}) == base
+
+
+def test_numbers_of_numpy_are_taken_as_plain_ones():
+    paths = [np.array([1.0, 0.0, 0.0]), np.array([0, 1, 0])]
+    tool = read_task("push").end_effector.replace(position=np.array([0.5, 0.0, 0.25]), mass=np.float32(0.5))
+    task = read_task("push").replace(
+        modules=np.int64(3),
+        gravity=np.float32(9.5),
+        end_effector=tool,
+        exposure=[{"kind": "directional", "radius": np.float64(0.25), "segments": paths}],
+    )
+    again = read_task("push", ("modules=3", "gravity=9.5", "end_effector={position=[0.5, 0, 0.25], mass=0.5}"))
+    (asked,) = task.exposure
+    assert (asked.radius, asked.segments) == (0.25, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+    assert Task.model_validate_json(to_json(task)) == task
+    assert (task.sizes, task.gravity, task.end_effector.position) == (again.sizes, 9.5, again.end_effector.position)

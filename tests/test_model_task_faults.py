@@ -43,13 +43,10 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
     [
         # unknown names
         ("[search]\nmargn = 1", "search.margn: unknown field; did you mean `margin`?"),
-        ("[module.airflow]\nxyz = 1.0", "module.airflow.xyz: unknown field; valid names are start_radius..."),
-        ("[[load_cases]]\nunit = 'SI'\ncom = { force = [0, 0, 1] }", "load_cases[1].unit: unknown field; did..."),
         ("[module]\ngravity = 3.7", "module.gravity: unknown field; `gravity` is a field of the file, not of..."),
         ('[module]\n"mas s" = 1', 'module."mas s": unknown field; did you mean `mass`?'),
         # ranges
         ("[module]\nmass = -1", "module.mass: must be greater than 0, but got -1"),
-        ("[module]\nmass = 1e16", "module.mass: must be between 1e-15 and 1e15, but got 1e+16"),
         (
             "[module]\nmax_thrust = 2.0\nmax_thrust_to_weight = 2.5",
             "module.max_thrust: must agree with max_thrust_to_weight = 2.5, which is 1.472 N per rotor, "
@@ -60,8 +57,6 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "module.torque_to_thrust: must agree with torque_coefficient / thrust_coefficient, 0.02739 m, "
             "but got 0.03: leave one of them out",
         ),
-        ("[module]\nmax_thrust = 1.0\nmass = -1", "module.mass: must be greater than 0, but got -1"),
-        ("[module]\nmin_input = 0.5\n[search]\npeak_input = 0.5", "module.min_input: must be less than the..."),
         (
             "[module]\nmin_input = 0.5\n[goals]\npeak_input = [0.9, 0.4]",
             "module.min_input: must be less than the largest share that rotors may use, 0.4, but got 0.5",
@@ -69,7 +64,6 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ("[module]\narm_length = nan", "module.arm_length: must be a finite number, but got NaN"),
         ("[module.airflow]\nreach = 0.05", "module.airflow: `reach > start_radius` must hold, but got reach =..."),
         ("[module.body]\ninertia = [1, 1, 3]", "module.body.inertia: no moment may exceed the sum of the..."),
-        ("[search]\nbody_clearance = -1", "search.body_clearance: must be greater than 0, but got -1"),
         (CAPSULE + "segments = [[0, 0, 0]]", "exposure[0].segments[0]: must have a direction, but got [0, 0, 0]"),
         (
             "[[load_cases]]\nweight = 1e-16\ncom = { force = [0, 0, 1] }",
@@ -79,8 +73,6 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             "[[load_cases]]\ncom = { force = [0, 0, nan] }",
             "load_cases[1].com.force[2]: must be a finite number, but got NaN",
         ),
-        ("[[load_cases]]\ncom = { force = [0, 0, 1e308] }", "load_cases[1]: must be at most 1e+15 N and N m..."),
-        ("[[load_cases]]\nname = ''\ncom = { force = [0, 0, 1] }", f'load_cases[1].name: {NAME}, but got ""'),
         (
             "[[load_cases]]\nname = 'a\\nb'\ncom = { force = [0, 0, 1] }",
             f'load_cases[1].name: {NAME}, but got "a\\\\nb"',
@@ -97,8 +89,6 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
                 "load_cases[1]: must be at most 1e+15 N and N m, but got 0.0 and the weight, 4.905e+16 N",
             ],
         ),
-        (CAPSULE + "segments = [[1e-320, 0, 0]]", "exposure[0].segments[0]: must be between 1e-15 and 1e15..."),
-        ("[[load_cases]]\ncom = { force = [0, 1] }", "load_cases[1].com.force: must be a list of three..."),
         (CAPSULE + "segments = []", "exposure[0].segments: must have at least one entry, but got []"),
         (
             CAPSULE + "segments = [1, 0, 0]\n[search]\nroot = 'free'",
@@ -109,26 +99,17 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
         ),
         # types
         ("[module]\nmass = '0.2'", 'module.mass: must be a number, but got "0.2"'),
-        ("[module]\nmass = true", "module.mass: must be a number, but got true"),
-        ("[module]\nmass = 2024-01-01", 'module.mass: must be a number, but got "2024-01-01"'),
-        ("[end_effector]\nrod = 'bent'", 'end_effector.rod: must be "none" or "straight", but got "bent"'),
-        ("[end_effector]\nexclusion = 'no'", 'end_effector.exclusion: must be true or false, but got "no"'),
         ("[search]\nbody_clearance = true", "search.body_clearance: must be a length or false, but got true"),
-        ("[search]\nconnectors = 1", 'search.connectors: must be "aligned" or "any", but got 1'),
         ("[end_effector]\nposition = 'here'", 'end_effector.position: must be "free", "com" or [x, y, z], but...'),
-        ("[end_effector]\nposition = [1, 'a', 0]", 'end_effector.position[1]: must be a number, but got "a"'),
-        (CONE + "axis = 'up'", 'exposure[0].axis: must be "com" or [x, y, z], but got "up"'),
         ("[[exposure]]\nkind = 'locl'", f'exposure[0].kind: {KIND} "locl"'),
         ("[[exposure]]\nradius = 0.1", "exposure[0].kind: is required, but missing"),
         ("[exposure]\nkind = 'local'", 'exposure: must be a list, but got {"kind": "local"}'),
-        ("[[load_cases]]\ncom = 3", "load_cases[1].com: must be a table of named fields, but got 3"),
         # rules between fields
         (CAPSULE, f"exposure[0]: {FORMS} none of them"),
         (
             CAPSULE + "segments = [[1, 0, 0]]\npolylines = [[[0, 0, 0], [1, 0, 0]]]",
             f"exposure[0]: {FORMS} segments and polylines",
         ),
-        (CAPSULE + "polylines = [[[0, 0, 0]]]", "exposure[0].polylines[0]: must have at least two points, but..."),
         (
             CAPSULE + "polylines = [[[1, 0, 0], [1, 0, 0], [2, 0, 0]]]",
             "exposure[0].polylines[0]: must lead from each point to a different one, "
@@ -138,7 +119,6 @@ def messages(tmp_path: Path, text: str, *settings: str) -> list[str]:
             CAPSULE + "segments = [[1, 0, 0]]\nalong = 'end_effector'\nlength = 1",
             f"exposure[0]: {FORMS} segments and along and length",
         ),
-        (CONE + "axis = 'com'\n[end_effector]\nposition = 'com'", "exposure[0]: takes its direction from p_E:..."),
         (
             CAPSULE + "along = 'end_effector'\nlength = 1\n[end_effector]\nposition = [0, 0, 0.005]",
             "exposure[0]: takes its direction from p_E: `||end_effector.position|| >= 0.01` must hold, "
@@ -211,11 +191,7 @@ FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
     ("fields", "fault"),
     [
         ({"goals": {"clearance": [1e-3, 1e-3]}}, "goals.clearance: must all be different, but got [0.001, 0.001]"),
-        ({"goals": {"clearance": [-1e-3]}}, "goals.clearance[0]: must be at least 0, but got -0.001"),
-        ({"goals": {"clearance": 1e-3}}, "goals.clearance: must be a list, but got 0.001"),
-        ({"goals": {"stand_off": [0.0]}}, "goals.stand_off[0]: must be greater than 0, but got 0.0"),
         ({"goals": {"peak_input": [0.5, 1.1]}}, "goals.peak_input[1]: must be at most 1, but got 1.1"),
-        ({"goals": {"effort": [1.0]}}, "goals.effort: unknown field; valid names are"),
         (
             {"goals": {"modules": True}},
             "goals.modules: needs a range of sizes, [fewest, most], but got modules = 5",
@@ -232,23 +208,14 @@ FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
             {"flight": {"force_reserve": 0.2}, "goals": {"force_reserve": [0.1, 0.3]}},
             "flight.force_reserve: must be left out if goals.force_reserve has levels of it, but got 0.2",
         ),
-        ({"goals": {"rotor_out": ["one"]}}, 'goals.rotor_out[0]: must be "none", "hover" or "all", but got "one"'),
         ({"goals": {"speed": [1.0]}}, "goals.speed: needs an exposure"),
-        ({"goals": {"speed": [0.0]}}, "goals.speed[0]: must be greater than 0"),
-        ({"goals": {"joint_moment": [0.0]}}, "goals.joint_moment[0]: must be greater than 0"),
         ({"goals": {"torque_reserve": [0.1, 1e15]}}, "flight.torque_reserve: must be at most 1e+15 N and N m"),
         *(
             ({"flight": flight}, f"flight.{fault}")
             for flight, fault in (
                 ({"force_reserve": -0.1}, "force_reserve: must be at least 0, but got -0.1"),
-                ({"torque_reserve": "x"}, 'torque_reserve: must be a number, but got "x"'),
-                ({"directions": "up"}, 'directions: must be "all" or "horizontal", but got "up"'),
-                ({"around": "cases"}, 'around: must be "hover" or "all", but got "cases"'),
-                ({"units": "N"}, 'units: must be "weight" or "SI", but got "N"'),
                 ({"tilt_deg": 91}, "tilt_deg: must be at most 90, but got 91"),
                 ({"angular_acceleration": [1, 1]}, "angular_acceleration[2]: is required"),
-                ({"allocator": "px4"}, 'allocator: must be "optimal" or "pseudo-inverse", but got "px4"'),
-                ({"reserve": 1}, "reserve: unknown field; did you mean `force_reserve`?"),
                 ({"force_reserve": 1e15}, "force_reserve: must be at most 1e+15 N and N m, but got 1e+15 weights"),
             )
         ),
@@ -256,21 +223,14 @@ FORCES = {"axis": [1.0, 0.0, 0.0], "half_angle_deg": 20.0, "force": 0.2}
             ({"load_cases": [{"carries_weight": True, **case}]}, f"load_cases{fault}")
             for case, fault in (
                 ({"cone": {**FORCES, "axis": [0, 0, 0]}}, "[0].cone.axis: must have a direction, but got"),
-                ({"cone": {**FORCES, "half_angle_deg": 0}}, "[0].cone.half_angle_deg: must be greater than"),
                 ({"cone": {**FORCES, "half_angle_deg": 61}}, "[0].cone.half_angle_deg: must be at most 60"),
-                ({"cone": {**FORCES, "force": -1}}, "[0].cone.force: must be greater than 0, but got -1"),
-                ({"cone": {**FORCES, "size": 1}}, "[0].cone.size: unknown field; valid names are"),
-                ({"cone": {"axis": [1, 0, 0], "force": 1}}, "[0].cone.half_angle_deg: is required, but missing"),
-                ({"cone": 3}, "[0].cone: must be a table of named fields, but got 3"),
                 ({"vertices": [{"forces": [1, 0, 0]}]}, "[0].vertices[0].forces: unknown field; did you"),
-                ({"vertices": {"force": [1, 0, 0]}}, "[0].vertices: must be a list, but got"),
                 ({"vertices": [{}] * 201}, "[0].vertices: must have at most 200 vertices, but got 201"),
                 (
                     {"vertices": [{"force": [1e-3 * k, 0, 0]} for k in range(1, 201)]},
                     ": must have at most 200 entries, corners of sets included, but got 201",
                 ),
                 ({"vertices": [{"force": [1e300, 0, 0]}]}, "[0]: must be at most 1e+15 N and N m, but"),
-                ({"cone": {**FORCES, "force": 1e15}}, "[0]: must be at most 1e+15 N and N m, but got"),
             )
         ),
     ],
@@ -315,14 +275,9 @@ def test_a_byte_order_mark_and_windows_line_ends_are_no_fault(tmp_path: Path) ->
     ("setting", "expected"),
     [
         ("search.margn=1", "search.margn: unknown field; did you mean `margin`?"),
-        ("serch.margin=1", "serch: unknown field; did you mean `search`?"),
-        ("modules", 'must be FIELD=VALUE, but got "modules"'),
         ("a..b=5", 'must be FIELD=VALUE, but got "a..b=5"'),
         ("load_cases.3.weight=2", "load_cases.3: must be an index under 3, but got 3"),
-        ("load_cases.-1.weight=2", 'must be FIELD=VALUE, but got "load_cases.-1.weight=2"'),
         ("modules.0=2", "modules.0: `modules` must be a table or a list to have fields, but got 5"),
-        ("module.mass=heavy", 'module.mass: must be a number, but got "heavy"'),
-        ("exposure.0.kind=local", 'exposure: must be a list, but got {"0": {"kind": "local"}}'),
         ("modules=5\nname='x'", "modules: must be a whole number of modules or [fewest, most], but got..."),
     ],
 )
@@ -331,13 +286,6 @@ def test_wrong_settings(setting: str, expected: str) -> None:
         read_task("push", (setting,))
     found = [str(fault) for fault in caught.value.faults]
     assert told(found, [expected]), found
-
-
-def test_every_wrong_setting_is_told() -> None:
-    with pytest.raises(BadInput) as caught:
-        read_task("push", ("modules", "modules.0=2", "gravity=1"))
-    assert caught.value.source == "--set"
-    assert len(caught.value.faults) == 2
 
 
 def test_settings_override_any_field() -> None:

@@ -60,10 +60,6 @@ class Limits:
     frame_triangles: int = 5_000
     """Triangles of all pieces of a module's custom frame."""
 
-    key_parts: int = 30
-    """Parts of a dotted key in TOML, and of a field in a setting."""
-    lists: int = 50_000
-    """Opening brackets of a TOML text; a task at all other limits has a third as many."""
     workers: int = 256
     """Processes of one command; each needs the memory of a solve."""
     starts: int = 10_000

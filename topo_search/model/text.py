@@ -11,11 +11,11 @@ import stat
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from html import escape
 from pathlib import Path
 from typing import Any, TypeVar
 
-from topo_search.limits import LIMITS
 from topo_search.model.value import BadInput, Fault, show
 
 
@@ -26,49 +26,28 @@ class NotReadable(ValueError):
 def read_regular(path: str | Path, *, most_bytes: int) -> bytes:
     """Return the content of a regular file.
 
-    The open file is checked before it is read, so that no pipe can block the reader and no device fill the memory.
-
     Args:
         path: file, or a link to one.
         most_bytes: largest size that is read.
 
     Raises:
-        NotReadable: not a regular file, too large, or an invalid file name.
+        NotReadable: not a regular file, too large, a pointer of Git LFS, or an invalid file name.
         FileNotFoundError: there is no such file.
         OSError: the file cannot be opened or read.
     """
     try:
-        _require_regular(os.stat(path), most_bytes)  # so that no device or pipe is even opened
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC)
+        status = os.stat(path)
     except ValueError as error:  # a zero byte, or half of a surrogate pair
-        if isinstance(error, NotReadable):
-            raise
         raise NotReadable(f"must have a name that a file can have ({error})") from None
-    with os.fdopen(handle, "rb") as stream:
-        _require_regular(os.fstat(handle), most_bytes)  # it may have been replaced since
-        content = stream.read(most_bytes + 1)
-    if content is None:  # a kernel log claims to be a regular file
-        raise NotReadable("must be a regular file, but reading it would wait")
-    if content.startswith(b"version https://git-lfs"):
-        raise NotReadable("must be the file itself, but is a pointer of Git LFS: `git lfs pull` fetches the file")
-    if len(content) > most_bytes:  # the file is growing
-        raise NotReadable(f"must have at most {most_bytes:,} bytes, but has more")
-    return content
-
-
-def _require_regular(status: os.stat_result, most_bytes: int) -> None:
     if not stat.S_ISREG(status.st_mode):
-        kinds = {
-            stat.S_IFBLK: "a block device",
-            stat.S_IFCHR: "a character device",
-            stat.S_IFDIR: "a folder",
-            stat.S_IFIFO: "a pipe",
-            stat.S_IFSOCK: "a socket",
-        }
-        kind = kinds.get(stat.S_IFMT(status.st_mode), "of another kind")
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
         raise NotReadable(f"must be a regular file, but is {kind}")
     if status.st_size > most_bytes:
         raise NotReadable(f"must have at most {most_bytes:,} bytes, but has {status.st_size:,}")
+    content = Path(path).read_bytes()
+    if content.startswith(b"version https://git-lfs"):
+        raise NotReadable("must be the file itself, but is a pointer of Git LFS: `git lfs pull` fetches the file")
+    return content
 
 
 def decode(content: bytes, encoding: str = "utf-8") -> str:
@@ -85,53 +64,27 @@ def read_text(path: str | Path, *, most_bytes: int) -> str:
     return decode(read_regular(path, most_bytes=most_bytes), "utf-8-sig")
 
 
-class NotParsed(ValueError):
-    """Text that cannot be parsed; the message says why."""
-
-    def __init__(self, rule: str, *, beyond: bool = False) -> None:
-        super().__init__(rule)
-        self.beyond = beyond
-        """True if it exceeds a limit and was not parsed at all."""
-
-
 def toml_data(text: str) -> dict[str, Any]:
-    """Return the data of a TOML text.
-
-    Raises:
-        NotParsed: invalid TOML, or too many lists, nested brackets or parts of a key.
-    """
-    if (lists := text.count("[")) > LIMITS.lists:
-        raise NotParsed(f"must have at most {LIMITS.lists:,} lists, but has {lists:,}", beyond=True)
-    # The parser's time grows with the cube of the parts of a key: long keys would take hours.
-    part = r"""(?:[A-Za-z0-9_-]++|"[^"\n]*+"|'[^'\n]*+')"""
-    too_many = rf"""(?<![A-Za-z0-9_."'-]){part}(?:[ \t]*+\.[ \t]*+{part}){{{LIMITS.key_parts}}}"""
-    if (dotted := re.search(too_many, text)) is not None:
-        rule = f"must have at most {LIMITS.key_parts} parts in a key, but got {show(dotted[0])}"
-        raise NotParsed(rule, beyond=True)
+    """Return the data of a TOML text; ValueError if it is invalid."""
     try:
         return tomllib.loads(text)
-    except RecursionError:
-        raise NotParsed("must have fewer nested brackets", beyond=True) from None
-    except ValueError as error:
-        raise NotParsed(f"is not a TOML file, or only a part of one: {error}") from None
+    except (RecursionError, ValueError) as error:
+        raise ValueError(f"is not a TOML file, or only a part of one: {error}") from None
 
 
 def json_data(text: str) -> Any:
-    """Return the data of a JSON text; NotParsed if it is invalid, or an object has a name twice."""
+    """Return the data of a JSON text; ValueError if it is invalid, or an object has a name twice."""
     try:
         return json.loads(text, object_pairs_hook=_unique_names)
-    except NotParsed:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise NotParsed(f"is not a JSON file, or only a part of one: {error}") from None
+    except (RecursionError, ValueError) as error:
+        raise ValueError(f"is not a JSON file, or only a part of one: {error}") from None
 
 
 def _unique_names(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return an object as a table; NotParsed for a repeated name, whose value would be ambiguous."""
     table = dict(pairs)
     if len(table) < len(pairs):
         ((name, _),) = Counter(name for name, _ in pairs).most_common(1)
-        raise NotParsed(f"must give every name of an object once, but got {show(name)} twice")
+        raise ValueError(f"must give every name of an object once, but got {show(name)} twice")
     return table
 
 
@@ -171,16 +124,7 @@ def _apply(data: dict[str, Any], setting: str) -> Fault | None:
     match = SETTING.fullmatch(setting)
     if match is None:
         return Fault("", f"must be FIELD=VALUE, but got {show(setting)}")
-    names = [*field_of(setting)]
-    if len(names) > LIMITS.key_parts:
-        return Fault("", f"must have at most {LIMITS.key_parts} names in a field, but got {show(match[1])}")
-    if max(map(len, names)) > (most := 64):
-        return Fault("", f"must have names of at most {most} characters in a field, but got {show(match[1])}")
-    try:
-        value = _value(match[2])
-    except NotParsed as error:
-        return Fault(match[1], str(error))
-    return _set(data, names, value, above="")
+    return _set(data, [*field_of(setting)], _value(match[2]), above="")
 
 
 def _set(container: Any, names: list[str], value: Any, *, above: str) -> Fault | None:
@@ -203,14 +147,12 @@ def _set(container: Any, names: list[str], value: Any, *, above: str) -> Fault |
 
 
 def _value(text: str) -> Any:
-    """Return the value of a TOML text; invalid TOML is a string. NotParsed if it exceeds a limit."""
-    try:
+    """Return the value of a TOML text; invalid TOML is a string."""
+    with suppress(ValueError):
         data = toml_data(f"value = {text}")
-    except NotParsed as error:
-        if error.beyond:
-            raise
-        return text.strip()
-    return data["value"] if len(data) == 1 else text.strip()
+        if len(data) == 1:
+            return data["value"]
+    return text.strip()
 
 
 Cell = TypeVar("Cell")

@@ -250,6 +250,14 @@ class Value(BaseModel):
         fields = {name: getattr(self, name) for name in self.model_fields_set}
         return type(self).model_validate({**fields, **changes})
 
+    @model_validator(mode="before")
+    @classmethod
+    def _take_numpy(cls, data: Any) -> Any:
+        """Return the data with numbers and arrays of NumPy as plain numbers and lists."""
+        if not isinstance(data, dict):
+            return data
+        return {name: value.tolist() if hasattr(value, "tolist") else value for name, value in data.items()}
+
     def _broken_rules(self) -> Broken:
         """Yield the broken rules that involve several fields."""
         yield from ()
@@ -351,6 +359,7 @@ def _not_extreme(value: float) -> float:
 
 
 def _three(value: Any) -> Any:
+    value = value.tolist() if hasattr(value, "tolist") else value  # a row of a list of arrays
     if not isinstance(value, list | tuple) or len(value) != 3:
         raise ValueError("must be a list of three numbers")
     return value
