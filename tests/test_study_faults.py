@@ -17,7 +17,6 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
-from dask_cluster import Cluster
 from ledger_edit import altered
 from processes import HERE, Coordinator, eventually, processes_with, ranking, recorded
 from toy_problem import COMMAND, solved_keys, toy_run, toy_task
@@ -96,25 +95,6 @@ def test_every_candidate_ends_exactly_once(tmp_path):
         begun = Counter(solved_keys(coordinator.log))
         again = sum(begun[key] - 1 for key in keys_of(modules) if key not in crash | hang)
         assert again <= 3 * WORKERS  # what was running when a coordinator was killed
-        check(coordinator, tmp_path, modules, crash, hang)
-
-
-@pytest.mark.slow
-def test_every_candidate_ends_exactly_once_on_a_cluster_that_loses_workers_too(tmp_path):
-    modules = 5
-    with (
-        faulty(tmp_path, modules) as (coordinator, crash, hang),
-        Cluster(tmp_path, **coordinator.environment) as cluster,
-    ):
-        coordinator.options += ("--dask", cluster.address, "--deadline", "20")
-        cluster.add_worker()
-        count = len(keys_of(modules))
-        for quarter in (1, 2, 3):
-            kill_at(coordinator, quarter * count // 4, crash | hang)
-            os.killpg(cluster.workers[-1].pid, signal.SIGKILL)
-            cluster.add_worker()
-        coordinator.start()
-        assert coordinator.finish()[0] == 0
         check(coordinator, tmp_path, modules, crash, hang)
 
 

@@ -237,23 +237,12 @@ def test_a_finished_run_answers_from_a_read_only_folder(tmp_path, log, protected
     assert solved_keys(log) == []
 
 
-def test_a_ledger_that_cannot_be_written_to_is_read(tmp_path, monkeypatch):
-    answer = toy_run(tmp_path / "run")
-    ledger = tmp_path / "run" / "ledger.sqlite"
-    written, content = ledger.stat().st_mtime_ns, ledger.read_bytes()
-    monkeypatch.setattr(os, "access", lambda _, mode: mode != os.W_OK)
-    assert toy_run(tmp_path / "run") == answer
-    with pytest.raises(BadInput, match=r"cannot be written to: ledger\.sqlite is read-only; choose"):
-        toy_run(tmp_path / "run", starts=3)
-    assert (ledger.stat().st_mtime_ns, ledger.read_bytes()) == (written, content)
-
-
 def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path, protected):
     (tmp_path / "run").mkdir()
     protected(tmp_path / "run")
     with pytest.raises(BadInput, match=r"/run: cannot be written to: Permission denied; choose"):
         toy_run(tmp_path / "run")
-    with pytest.raises(BadInput, match=r"^/proc/self: is not a run folder, and not empty: it has .*; choose"):
+    with pytest.raises(BadInput, match=r"^/proc/self: has .* but no ledger\.sqlite: .*; choose"):
         toy_run("/proc/self")
     with pytest.raises(BadInput, match=r"^/proc/nowhere/deep: cannot be created: No such file or directory;"):
         toy_run("/proc/nowhere/deep")
@@ -280,9 +269,7 @@ def test_a_folder_of_another_run_is_refused(tmp_path, change, message):
     ("asked", "rule"),
     [
         ({"starts": 0}, "`1 <= starts <= 10,000` must hold, but got 0"),
-        ({"starts": 10_001}, "`1 <= starts <= 10,000` must hold, but got 10,001"),
         ({"strategy": "optuna", "trials": 0}, "`1 <= trials <= 100,000` must hold, but got 0"),
-        ({"strategy": "optuna", "trials": 100_001}, "`1 <= trials <= 100,000` must hold, but got 100,001"),
         ({"strategy": "Optuna"}, "strategy must be one of exhaustive, optuna, but got 'Optuna'"),
         ({"sampler": "cmaes"}, "sampler must be one of moves, tpe, nsga2, random, but got 'cmaes'"),
     ],
