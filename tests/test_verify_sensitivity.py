@@ -8,15 +8,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from nlp_cases import as_design, push, random_point, random_tree
+from nlp_cases import BELOW, CONE, OUTWARDS, PANE, PILLAR, as_design, push, random_point, random_tree, with_rod
 from suites import few
-from verify_cases import changed, design, fan
+from verify_cases import changed, design, failing, fan
 
-from topo_search.model import Design, Status, Topology
+from topo_search.model import Design, Geometry, Mount, Status, Topology
+from topo_search.model.audit import WITHIN_TOLERANCES
 from topo_search.model.files import to_json
+from verify.bare import complete
+from verify.certificate import Certificate
+from verify.contacts import AnyCheck, certify, checks
 from verify.design_audit import audit
+from verify.flight.residuals import tolerance_residuals
 from verify.kinematics import platform
-from verify.requirements import Requirement, Scene
+from verify.requirements import Scene
 from verify.sensitivity import clearance_of, deviate, sensitivity
 from verify.tolerance import Errors, Tolerance
 
@@ -33,33 +38,41 @@ EVERYTHING: list[dict[str, Any]] = [
 SMALL_AIR = {"airflow": {"start_radius": 0.03, "spread_angle_deg": 4.0, "reach": 0.4}}
 
 
-def tolerance(of: Design, holder: int = 0) -> Tolerance:
-    found = platform(of)
-    scene = Scene(of, found)
-    return Tolerance(scene, list(scene.requirements()), holder)
+def at(of: Design, holder: int | None) -> Mount | None:
+    """A free connector of a module, or of any if the module has none."""
+    free = of.topology.free_connectors
+    return None if holder is None else Mount(module=holder, port=next((p for i, p in free if i == holder), 0))
+
+
+def certified(some: list[AnyCheck]) -> list[tuple[AnyCheck, Certificate]]:
+    return list(zip(some, certify(some), strict=True))
+
+
+def tolerance(of: Design, holder: int | None = None) -> Tolerance:
+    scene = Scene(of)
+    return Tolerance(scene, certified(list(scene.requirements())), at(of, holder))
+
+
+def built_scene(of: Design, errors: Errors, rng: np.random.Generator, mount: Mount | None, *, worst: bool) -> Scene:
+    """A platform that is built with random errors, or with errors at their largest."""
+    n, l_arm = of.topology.n, of.task.module.arm_length
+    directions = rng.normal(size=(n + 1, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    turns = rng.uniform(-1, 1, n - 1)
+    return deviate(
+        Scene(of),
+        turns=errors.delta * (np.sign(turns) if worst else turns),
+        shifts=errors.delta_p * l_arm * (directions if worst else directions * rng.random((n + 1, 1)) ** (1 / 3)),
+        envelope=errors.delta_e * l_arm * (1.0 if worst else rng.random()),
+        mount=mount,
+    )
 
 
 def built(
-    of: Design, errors: Errors, rng: np.random.Generator, *, worst: bool, holder: int = 0
-) -> list[Requirement]:
-    """The requirements of a platform that is built with random errors, or with errors at their largest."""
-    n, l_arm = of.topology.n, of.task.module.arm_length
-
-    def shifts(count: int) -> np.ndarray:
-        directions = rng.normal(size=(count, 3))
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        return directions if worst else directions * rng.random((count, 1)) ** (1 / 3)
-
-    turns = rng.uniform(-1, 1, n - 1)
-    scene = deviate(
-        Scene(of),
-        turns=errors.delta * (np.sign(turns) if worst else turns),
-        shifts=errors.delta_p * l_arm * shifts(n),
-        tip=errors.delta_p * l_arm * shifts(1)[0],
-        envelope=errors.delta_e * l_arm * (1.0 if worst else rng.random()),
-        holder=holder,
-    )
-    return list(scene.requirements())
+    of: Design, errors: Errors, rng: np.random.Generator, *, worst: bool, holder: int | None = None
+) -> list[AnyCheck]:
+    """The requirements of a platform that is built with errors."""
+    return list(built_scene(of, errors, rng, at(of, holder), worst=worst).requirements())
 
 
 def random_platform(seed: int) -> Design:
@@ -97,14 +110,10 @@ def test_every_kind_of_requirement_has_a_bound_of_its_own(seed: int, kind: str) 
     errors = Errors(0.03, 0.02, 0.01)
     holder = int(rng.integers(of.topology.n))
     for asked in some[:4]:
-        bound = Tolerance(scene, [asked], holder).weakest(errors).bound
+        bound = Tolerance(scene, certified([asked]), at(of, holder)).weakest(errors).bound
         assert bound <= clearance_of(asked)
         for _ in range(12):
-            same = [
-                r
-                for r in built(of, errors, rng, worst=True, holder=holder)
-                if (r.kind, r.a, r.b, r.segment) == (asked.kind, asked.a, asked.b, asked.segment)
-            ]
+            same = [r for r in built(of, errors, rng, worst=True, holder=holder) if r.key == asked.key]
             assert clearance_of(same[0]) >= bound - 1e-9
 
 
@@ -117,12 +126,12 @@ def test_adversarial_errors_come_near_the_bound_but_never_below() -> None:
         delta = 0.01
         holder = int(rng.integers(of.topology.n))
         weakest = tolerance(of, holder).weakest(Errors(delta=delta))
-        name = weakest.requirement.kind, weakest.requirement.a, weakest.requirement.b, weakest.requirement.segment
+        name = weakest.check.key
 
         def left(turns: np.ndarray, of: Design = of, name: Any = name, holder: int = holder) -> float:
-            still = np.zeros((of.topology.n, 3))
-            scene = deviate(Scene(of), turns=turns, shifts=still, tip=still[0], envelope=0.0, holder=holder)
-            return clearance_of(next(r for r in scene.requirements() if (r.kind, r.a, r.b, r.segment) == name))
+            still = np.zeros((of.topology.n + 1, 3))
+            scene = deviate(Scene(of), turns=turns, shifts=still, envelope=0.0, mount=at(of, holder))
+            return clearance_of(next(r for r in scene.requirements() if r.key == name))
 
         least = math.inf
         for _ in range(3):
@@ -134,7 +143,7 @@ def test_adversarial_errors_come_near_the_bound_but_never_below() -> None:
                     turns = min(tried, key=left)
             least = min(least, left(turns))
         assert least >= weakest.bound - 1e-9
-        nominal = clearance_of(weakest.requirement)
+        nominal = clearance_of(weakest.check)
         if weakest.bound < nominal:  # not the holder's own envelope, which no hinge moves
             shares.append((nominal - least) / (nominal - weakest.bound))
     assert len(shares) >= 4
@@ -166,7 +175,7 @@ def test_errors_that_two_modules_share_cancel() -> None:
         found = platform(of)
         scene = Scene(of, found)
         pair = next(r for r in scene.requirements() if (r.kind, r.a, r.b) == ("airflow", a, b))
-        return Tolerance(scene, [pair], holder=0).weakest(Errors(delta=0.01)).bound
+        return Tolerance(scene, certified([pair]), None).weakest(Errors(delta=0.01)).bound
 
     assert bound(near, 0, 1) == pytest.approx(bound(far, 2, 3), abs=1e-12)
 
@@ -181,7 +190,7 @@ def test_the_module_that_the_rod_is_bolted_to_holds_the_end_effector() -> None:
     local = {r.a: r for r in scene.requirements() if r.kind == "local"}
 
     def lost(module: int, holder: int) -> float:
-        bound = Tolerance(scene, [local[module]], holder).weakest(errors).bound
+        bound = Tolerance(scene, certified([local[module]]), at(of, holder)).weakest(errors).bound
         return clearance_of(local[module]) - bound
 
     assert lost(2, holder=2) == pytest.approx(0.0, abs=1e-12)
@@ -196,6 +205,112 @@ def test_the_module_that_the_rod_is_bolted_to_holds_the_end_effector() -> None:
         assert bounds.weakest(Errors(delta=1.001 * tolerated)).bound < 1e-9
 
 
+RIGID: dict[str, tuple[int, dict[str, Any]]] = {
+    "bolted parts, brackets and a rod": (3, {"module": {**SMALL_AIR, "bracket": {}}}),
+    "a solid cone that follows the COM": (2, {"module": SMALL_AIR, **with_rod({**CONE, "half_angle_deg": 85.0})}),
+    "solid paths, hull and planes": (
+        2,
+        {
+            "module": SMALL_AIR,
+            "end_effector": {"rod": "straight"},
+            "exposure": [{**region, "solid": True} for region in (OUTWARDS, PANE, BELOW)],
+        },
+    ),
+    "one module": (1, {"module": SMALL_AIR, **with_rod(PILLAR)}),
+}
+
+
+@pytest.mark.parametrize("name", RIGID)
+@pytest.mark.parametrize("seed", few(range(4), 1))
+def test_every_check_of_a_rigid_body_has_a_bound(name: str, seed: int) -> None:
+    """Random errors, the largest of any size, and the bound's own example."""
+    n, fields = RIGID[name]
+    rng = np.random.default_rng(seed)
+    of = as_design(random_point(push(n, **fields), random_tree(n, rng), rng))
+    scene, mount = Scene(of), at(of, n - 1)
+    pairs = certified(list(checks(scene, mount)))
+    nominal = {check.key: certificate.analytic for check, certificate in pairs}
+    bounds = Tolerance(scene, pairs, mount)
+    for errors in (Errors(delta=0.02), Errors(delta_p=0.05), Errors(0.3, 0.02, 0.01), Errors(1e-7, 1e-7, 1e-7)):
+        least = {weakest.check.key: weakest for weakest in bounds.checks_up_to(errors, np.inf)}
+        assert least.keys() == nominal.keys()
+        (example, *_) = bounds.weakest(errors).examples
+        shifts = errors.delta_p * scene.l_arm * example.shifts
+        other = {"envelope": errors.delta_e * scene.l_arm, "mount": mount}
+        for moved in (
+            deviate(scene, errors.delta * example.turns, shifts, **other),
+            *(built_scene(of, errors, rng, mount, worst=worst) for worst in (True, False)),
+        ):
+            for check, certificate in certified(list(checks(moved, mount))):
+                if nominal[check.key] > 0:
+                    assert certificate.analytic >= least[check.key].bound - 1e-9
+
+
+def test_the_far_end_of_airflow_has_its_own_lever() -> None:
+    """A ball beside the far end of the second module's airflow, which its hinge swings towards the ball."""
+    two = Topology(((-1, -1, -1), (0, 0, 2)))
+    task = {"exposure": [{"kind": "local", "radius": 0.1}], "module": SMALL_AIR}
+    of = design(two, task, hinges=(0.0,), end_effector=(0.55, 0.0, -0.4))
+    scene = Scene(of)
+    ball = next(r for r in scene.requirements() if (r.kind, r.a) == ("local", 1))
+    delta, still = 1e-3, np.zeros((3, 3))
+    bound = Tolerance(scene, certified([ball]), None).weakest(Errors(delta=delta)).bound
+    swung = [deviate(scene, np.array([s * delta]), still, envelope=0.0, mount=None) for s in (-1.0, 1.0)]
+    attained = min(clearance_of(r) for s in swung for r in s.requirements() if r.key == ball.key)
+    lost = clearance_of(ball) - attained
+    assert lost > 3 * delta  # in arm lengths: the lever is that of the far end
+    assert 0 <= attained - bound < 0.02 * lost
+
+
+def test_parts_that_nearly_touch_are_what_errors_break_first() -> None:
+    two, module = Topology(((-1, -1, -1), (0, 0, 2))), {"body": {"rotor_radius": 0.076}}
+    of = design(two, {"module": module, "tolerances": {"position": 1e-3}}, hinges=(-0.5,))
+    found = audit(of)
+    body = next(pair for pair in found.pairs if pair.kind == "body")
+    assert 0 < body.lower_m < 2e-3
+    assert found.verdict == Status.VIOLATED
+    assert WITHIN_TOLERANCES in failing(found)
+    assert all(pair.status == Status.CLEAR for pair in found.pairs)
+    worst, limit = found.sensitivity.tolerances, found.sensitivity.position_m
+    assert (worst.kind, limit.kind) == ("body", "body")
+    assert worst.lower_m == pytest.approx(worst.attained_m, rel=1e-9)
+    assert worst.lower_m < 0
+    assert limit.tolerated == pytest.approx(body.analytic_m / 2, rel=1e-3)
+    assert limit.violated_at == pytest.approx(limit.tolerated, rel=2e-3)
+    assert found.sensitivity.hinge_angle_deg.kind == "body"
+
+
+@pytest.mark.parametrize("density", [0.3, 4.0])
+def test_the_mass_of_a_rod_turns_a_region_that_follows_the_com(density: float) -> None:
+    rod = {"rod": "straight", "largest_reach": 2.0, "rod_mass": "included", "rod_linear_density": density}
+    cone = {"kind": "exterior", "half_angle_deg": 46.0, "axis": "com"}
+    module = {"mass": 0.24, "airflow": {"start_radius": 0.03, "spread_angle_deg": 20.0}}
+    task = {"exposure": [cone], "module": module, "end_effector": {"mass": 0.01, **rod}}
+    drawn = design(Topology(((-1, -1, -1),)), task, hinges=(), end_effector=(0.0, 0.0, 0.4))
+    fields = {name: getattr(drawn, name) for name in Geometry.model_fields}
+    of = complete(Geometry(**{**fields, "mount": Mount(module=0, port=0)}))
+    limit = audit(of).sensitivity.position_m
+    assert limit.kind == "exterior"
+    assert 0 < limit.tolerated < limit.violated_at
+    scene = Scene(of)
+    longer = deviate(scene, np.zeros(0), np.array([[0.0] * 3, [0.0, 0.0, 0.05]]), envelope=0.0, mount=of.mount)
+    lengths = [2 * float(np.linalg.norm(placed.platform.rod[0, 1])) for placed in (scene, longer)]
+    masses = [placed.design.task.end_effector.counted_rod.mass for placed in (scene, longer)]
+    assert masses == pytest.approx([density * length for length in lengths])
+
+
+def test_an_example_within_what_is_proven_is_inconsistent() -> None:
+    of = fan({"tolerances": {"position": 1e-4}, "flight": {"tolerances": False}})
+    found = audit(of).sensitivity
+    assert list(tolerance_residuals(of, found)) == []
+    for name in ("hinge_angle_deg", "position_m", "envelope_m"):
+        limit = getattr(found, name)
+        wrong = limit.model_copy(update={"violated_at": 0.9 * limit.tolerated})
+        (row,) = tolerance_residuals(of, found.model_copy(update={name: wrong}))
+        assert row.status == Status.INCONSISTENT
+        assert row.derived < row.stated
+
+
 @settings(max_examples=25)
 @given(st.floats(1e-4, 0.2), st.floats(1.0, 3.0))
 def test_larger_errors_never_leave_more(delta: float, factor: float) -> None:
@@ -207,9 +322,11 @@ def test_larger_errors_never_leave_more(delta: float, factor: float) -> None:
 @pytest.mark.parametrize("scale", few([1e3, 1e-2], 1))
 def test_angles_do_not_depend_on_the_unit_of_length_and_lengths_scale_with_it(scale: float) -> None:
     def scaled(by: float) -> Design:
-        body = {"rotor_radius": 0.05 * by}
+        sizes = {"rotor_radius": 0.05, "rotor_height": 0.02, "arm_width": 0.01}
+        body = {"hub": [0.06 * by, 0.06 * by, 0.03 * by], **{name: size * by for name, size in sizes.items()}}
         module = {"arm_length": 0.1 * by, "connector_distance": 0.15 * by, "body": body}
-        return fan({"module": module}, end_effector=(0.0, 0.0, 0.6 * by))
+        rod = {"rod_radius": 0.004 * by}
+        return fan({"module": module, "end_effector": rod}, end_effector=(0.0, 0.0, 0.6 * by))
 
     one, other = audit(scaled(1.0)).sensitivity, audit(scaled(scale)).sensitivity
     assert other.hinge_angle_deg.tolerated == pytest.approx(one.hinge_angle_deg.tolerated, rel=1e-4)
@@ -237,14 +354,15 @@ def test_the_pair_that_is_named_breaks_first_of_all_that_hinges_can_break(seed: 
     found = platform(of)
     scene = Scene(of, found)
     airflow = [r for r in scene.requirements() if r.kind == "airflow"]
-    result = sensitivity(scene, airflow, 0)
+    result = sensitivity(scene, airflow, certify(airflow), None)
     assert result.hinge_angle_deg.violated_at is not None
     broken = []
-    for part, still in ((0.98, np.zeros((5, 3))), (1.0001, np.zeros((5, 3)))):
+    still = np.zeros((6, 3))
+    for part in (0.98, 1.0001):
         delta, least = part * math.radians(result.hinge_angle_deg.violated_at), math.inf
         for signs in product((-1.0, 1.0), repeat=4):
             turns = delta * np.array(signs)
-            moved = deviate(Scene(of), turns=turns, shifts=still, tip=still[0], envelope=0.0, holder=0)
+            moved = deviate(Scene(of), turns=turns, shifts=still, envelope=0.0, mount=None)
             least = min(least, *(clearance_of(r) for r in moved.requirements() if r.kind == "airflow"))
         broken.append(least < 0)
     assert broken == [False, True]
@@ -263,7 +381,7 @@ def test_errors_that_turn_the_axis_towards_the_com_make_an_example() -> None:
     found = platform(of)
     scene = Scene(of, found)
     cones = [r for r in scene.requirements() if r.kind == "exterior"]
-    result = sensitivity(scene, cones, 0)
+    result = sensitivity(scene, cones, certify(cones), None)
     assert result.position_m.violated_at < 1.5 * result.position_m.tolerated
 
 
@@ -322,7 +440,8 @@ def test_the_ablation_looks_at_distances_alone() -> None:
 
 def test_one_module_without_requirements_has_no_clearance_to_lose() -> None:
     one = Topology(((-1, -1, -1),))
-    assert audit(design(one, {"end_effector": {"exclusion": False}}, hinges=())).sensitivity is None
-    guarded = audit(design(one, {}, hinges=())).sensitivity
+    free = {"search": {"body_clearance": False}, "end_effector": {"exclusion": False}}
+    assert audit(design(one, free, hinges=())).sensitivity is None
+    guarded = audit(design(one, {"search": {"body_clearance": False}}, hinges=())).sensitivity
     assert guarded.hinge_angle_deg is None
     assert guarded.position_m.tolerated == pytest.approx((0.6 - 0.15) / 2, rel=1e-5)

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -159,14 +160,27 @@ def _translate(mesh: ConvexMesh, shift: Array) -> ConvexMesh:
     return ConvexMesh(mesh.vertices + shift, mesh.triangles)
 
 
-def _clearances(pairs: Sequence[BesideAirflow], R: Array, p: Array) -> list[_Clearances]:
-    """Return the clearances of rotors 0 to 3 and the frame, for modules at poses R (N, 3, 3) and p (N, 3)."""
-    assert pairs[0].body.source is not None
-    module = pairs[0].body.source[0]
+def normals(check: BesideAirflow, pieces: Sequence[Solid]) -> list[Array]:
+    """Return the unit vectors from each part of a check to N pieces of airflow, at their nearest points, (N, 3)."""
+    assert check.body.source is not None
+    N, (module, R, p) = len(pieces), check.body.source
+    K = _in_frames([replace(check, against=piece) for piece in pieces], np.tile(R, (N, 1, 1)), np.tile(p, (N, 1)))
+    parts = parts_of(replace(check, body=module))
+    return [-_part_clearances(part, K, np.zeros(N, dtype=np.intp)).n @ R.T for part in parts]
+
+
+def _in_frames(pairs: Sequence[BesideAirflow], R: Array, p: Array) -> ConeSpheres:
+    """Return the airflow of pairs in the frames of the modules at poses R (N, 3, 3) and p (N, 3)."""
     K = ConeSpheres.of([pair.against.body for pair in pairs])
     to_frame = R.transpose(0, 2, 1)
     o = np.einsum("nij,nj->ni", to_frame, K.o - p)
-    K = ConeSpheres(o, np.einsum("nij,nj->ni", to_frame, K.d), K.r, K.dr)
+    return ConeSpheres(o, np.einsum("nij,nj->ni", to_frame, K.d), K.r, K.dr)
+
+
+def _clearances(pairs: Sequence[BesideAirflow], R: Array, p: Array) -> list[_Clearances]:
+    """Return the clearances of rotors 0 to 3 and the frame, for modules at poses R (N, 3, 3) and p (N, 3)."""
+    assert pairs[0].body.source is not None
+    module, K = pairs[0].body.source[0], _in_frames(pairs, R, p)
     module_parts, frame = module.parts, module.frame
     rotors = [_part_clearances(part, K, np.full(len(R), frame + k)) for k, part in enumerate(module_parts[frame:])]
     return [*rotors, _frame_clearances(module_parts[:frame], K)]

@@ -31,6 +31,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -93,6 +94,13 @@ class ConeSphere:
     def move(self, shift: Array) -> ConeSphere:
         """Return a copy translated by `shift`, shape (3,)."""
         return replace(self, o=self.o + shift)
+
+    def cut(self, etas: Sequence[float]) -> list[ConeSphere]:
+        """Return the pieces between successive etas."""
+        return [
+            ConeSphere(self.centre(low), (high - low) * self.d, self.radius(low), (high - low) * self.dr)
+            for low, high in pairwise(etas)
+        ]
 
     def support(self, u: Array) -> Array:
         """Return h_K(u) for vectors u of any length, shape (..., 3) to (...)."""

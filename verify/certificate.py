@@ -87,6 +87,11 @@ class ClearanceCheck(Generic[Body, Other]):
     bolted: bool = False
     """True if the two frames may touch near the connector."""
 
+    @property
+    def key(self) -> tuple[Kind, int, int, int | None]:
+        """What tells it from the other checks of a design."""
+        return self.kind, self.a, self.b, self.segment
+
 
 class Solid:
     """A cone-sphere with its common inner and outer mesh, built on demand, once for all copies."""

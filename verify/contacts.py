@@ -41,16 +41,18 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from itertools import combinations, product
+from itertools import chain, combinations, product
 from typing import Any
 
 import numpy as np
 
 from topo_search.model import AllowedContact, Design, Mount, Status
 from topo_search.model.arrays import PORT_DIRECTIONS
+from topo_search.model.audit import Kind
+from topo_search.model.exposure import EXPOSURE_KINDS
 from topo_search.model.module import TIP
 from topo_search.model.room import INWARDS, OUTWARDS
-from verify.beside_airflow import certify_beside
+from verify.beside_airflow import beside_airflow, certify_beside
 from verify.bodies import Array, Cone, ConeSphere, ball
 from verify.certificate import FLOOR, Certificate, ClearanceCheck, Solid, certify_pairs
 from verify.compounds import Compound, certify_compounds
@@ -62,6 +64,31 @@ from verify.requirements import Requirement, Scene
 
 AnyCheck = ClearanceCheck[Any, Any]
 """A check between sides of any two types."""
+
+
+def checks(scene: Scene, mount: Mount | None, kind: Kind | None = None) -> Iterator[AnyCheck]:
+    """Yield all checks of a scene with the rod's mount, or only those made together with a kind."""
+    brackets, counts = bracket_hulls(scene), scene.design.task.parts_off_airflow
+    geometry: tuple[Kind, ...] = ("airflow", *EXPOSURE_KINDS, "exclusion", "separation")
+    groups: dict[tuple[Kind, ...], Callable[[], Iterator[AnyCheck]]] = {
+        geometry: scene.requirements,
+        ("body", "rod"): lambda: keep_apart(scene, mount),
+        ("rotor-airflow",): lambda: beside_airflow(scene.modules, scene.envelopes, counts=counts),
+        ("rod-airflow",): lambda: scene.rod(mount),
+        ("bracket-airflow",): lambda: beside_brackets(brackets, scene.envelopes),
+        ("bracket-rotor",): lambda: rotors_beside_brackets(brackets, scene.modules),
+        ("part-region",): lambda: parts_beside_regions(scene),
+        ("rod-region",): lambda: rod_beside_regions(scene, mount),
+    }
+    return chain.from_iterable(make() for kinds, make in groups.items() if kind is None or kind in kinds)
+
+
+def counterpart(scene: Scene, mount: Mount | None, other: AnyCheck) -> AnyCheck | None:
+    """Return the check that corresponds to one of another platform of the same task and tree, if there is one."""
+    if other.kind == "airflow":  # thousands for a hundred modules, too many to search
+        return Requirement("airflow", other.a, other.b, scene.envelopes[other.a], scene.envelopes[other.b])
+    same = (check for check in checks(scene, mount, other.kind) if check.key == other.key)
+    return next(same, None)
 
 
 def keep_apart(scene: Scene, mount: Mount | None) -> Iterator[AnyCheck]:

@@ -15,7 +15,7 @@ import itertools
 import platform as python_platform
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from importlib import metadata
 
 import numpy as np
@@ -27,23 +27,13 @@ from topo_search.model.value import Vector
 from verify.air.bound import air, speed_residuals
 from verify.assembly import assembly, rod_residuals
 from verify.bare import complete, corner_residuals, power
-from verify.beside_airflow import beside_airflow
 from verify.bodies import Array
 from verify.certificate import Certificate, Solid
-from verify.contacts import (
-    AnyCheck,
-    allowed_contacts,
-    beside_brackets,
-    bracket_hulls,
-    certify,
-    keep_apart,
-    parts_beside_regions,
-    rod_beside_regions,
-    rotors_beside_brackets,
-)
+from verify.contacts import AnyCheck, allowed_contacts, certify
+from verify.contacts import checks as checks_of
 from verify.flight.analysis import flight
 from verify.flight.residuals import failure_residuals, load_residuals, reserve_residuals, tolerance_residuals
-from verify.requirements import Requirement, Scene
+from verify.requirements import Scene
 from verify.residuals import clamp, residuals
 from verify.sensitivity import sensitivity
 
@@ -93,29 +83,16 @@ def _audit(design: Design, started: float) -> Audit:
         *corner_residuals(design, platform),
         *rod_residuals(scene, sheet),
     )
-    brackets, counts = bracket_hulls(scene), design.task.parts_off_airflow
-    all_checks: Iterable[AnyCheck] = itertools.chain(
-        scene.requirements(),
-        keep_apart(scene, sheet.mount),
-        beside_airflow(scene.modules, scene.envelopes, counts=counts),
-        scene.rod(sheet.mount),
-        beside_brackets(brackets, scene.envelopes),
-        rotors_beside_brackets(brackets, scene.modules),
-        parts_beside_regions(scene),
-        rod_beside_regions(scene, sheet.mount),
-    )
-    checks = list(itertools.islice(all_checks, MOST_CLEARANCES + 1))
+    checks = list(itertools.islice(checks_of(scene, sheet.mount), MOST_CLEARANCES + 1))
     if len(checks) > MOST_CLEARANCES:
         raise ValueError(f"a design may have at most {MOST_CLEARANCES:,} clearances, but this one has more")
     certificates = certify(checks)
     statuses = [c.status for check, c in zip(checks, certificates, strict=True) if check.counts]
-    mount, module = sheet.mount, design.task.module
-    holder = 0 if mount is None else mount.module
+    module = design.task.module
     middle = platform.p_com + platform.o.mean(axis=0)  # the scene's origin in W
     closest = _closest_points(checks, certificates, module.arm_length, middle)
     pairs = tuple(_clearance(*row, module) for row in zip(checks, certificates, closest, strict=True))
-    requirements = [check for check in checks if isinstance(check, Requirement)]
-    errors = sensitivity(scene, requirements, holder)
+    errors = sensitivity(scene, checks, certificates, sheet.mount)
     capability = flight(design, platform, sheet, errors)
     judged = (reserve_residuals, failure_residuals, load_residuals)
     residual_rows = (*residual_rows, *(row for residuals_of in judged for row in residuals_of(design, capability)))

@@ -108,13 +108,6 @@ class Scene:
                 if (a, b) not in exempt:
                     yield Requirement("separation", a, b, balls[a], balls[b])
 
-    def counterpart(self, other: Requirement) -> Requirement:
-        """Return this scene's requirement that corresponds to one of another platform of the same task and tree."""
-        if other.kind == "airflow":  # thousands for a hundred modules, too many to search
-            return Requirement("airflow", other.a, other.b, self.envelopes[other.a], self.envelopes[other.b])
-        key = other.kind, other.a, other.b, other.segment
-        return next(r for r in self.requirements() if (r.kind, r.a, r.b, r.segment) == key)
-
     def regions(self, exposure: Exposure) -> Iterator[tuple[int | None, Solid | Cone | Hull]]:
         """Yield the volumes of a requirement with their path or plane numbers; a cone is the allowed side."""
         if isinstance(exposure, Exterior):

@@ -10,9 +10,11 @@ Errors up to the lambda at which the bound vanishes provably violate nothing. Fo
 evaluated: hinges are turned and modules shifted in the worst way for a pair to first order, and kinematics and
 closed-form clearance are computed again. The pair whose bound vanishes first is evaluated first, then every pair
 whose bound vanishes below the smallest violating lambda so far. That lambda is `violated_at`, and its pair is
-reported; the true limit lies between the two.
+reported; the true limit lies between the two, and the audit is `inconsistent` if they are in the wrong order.
 
-Masses are nominal. Rotor inputs are left out because a controller adjusts them; rigid parts are left out too.
+Errors are in the frame of the module that carries the rod. All clearances that count are bounded. The mass of a
+counted rod follows its length; other masses are nominal. Rotor inputs are left out because a controller adjusts
+them; reserves and air speeds are those of the design as drawn.
 """
 
 from __future__ import annotations
@@ -21,14 +23,18 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from topo_search.model import Limit, Sensitivity, Status, WorstCase
+import numpy as np
+
+from topo_search.model import Limit, Mount, Sensitivity, Status, WorstCase
 from topo_search.model.module import RegionAirflow
 from verify.bodies import Array, Cone, clearances, cone_clearance
-from verify.certificate import BOUND_ROUNDING, Solid
+from verify.certificate import BOUND_ROUNDING, Certificate
+from verify.compounds import Compound, proximities
+from verify.contacts import AnyCheck, certify, counterpart
 from verify.hulls import Hull, approach
 from verify.kinematics import Poses, platform, poses_of
-from verify.requirements import Requirement, Scene
-from verify.tolerance import KINDS, Errors, Example, Tolerance, Weakest
+from verify.requirements import Scene
+from verify.tolerance import Errors, Example, Tolerance, Weakest
 
 
 class SearchSettings(NamedTuple):
@@ -55,18 +61,22 @@ class SearchSettings(NamedTuple):
 SEARCH = SearchSettings()
 
 
-def sensitivity(scene: Scene, requirements: Sequence[Requirement], holder: int) -> Sensitivity | None:
-    """Return the build errors that a design tolerates; None without clearances, or if parts decide interference.
+def sensitivity(
+    scene: Scene, checks: Sequence[AnyCheck], certificates: Sequence[Certificate], mount: Mount | None
+) -> Sensitivity | None:
+    """Return the build errors that a design tolerates; None without clearances, or if airflow may merge.
 
     Args:
         scene: the volumes of the design.
-        requirements: its requirements; those that do not count are ignored.
-        holder: the module that carries the end-effector.
+        checks: its checks; those that do not count are ignored.
+        certificates: their certificates.
+        mount: the connector that carries the end-effector.
     """
-    bounded = [r for r in requirements if r.counts and r.kind in KINDS]
-    if not bounded or scene.design.task.search.interference == "parts":  # parts beside airflow have no bound
+    counted = [pair for pair in zip(checks, certificates, strict=True) if pair[0].counts]
+    if not counted or scene.design.task.search.interference == "parts":  # thrust lost in wakes has no bound
         return None
-    tolerance, l_arm, specified = Tolerance(scene, bounded, holder), scene.l_arm, scene.design.task.tolerances
+    tolerance, l_arm = Tolerance(scene, counted, mount), scene.l_arm
+    specified = scene.design.task.tolerances
     errors = Errors(math.radians(specified.hinge_angle_deg), specified.position / l_arm, specified.envelope / l_arm)
     return Sensitivity(
         hinge_angle_deg=_limit(tolerance, Errors(delta=1.0), SEARCH.largest_turn, math.degrees(1.0)),
@@ -82,7 +92,7 @@ def _limit(tolerance: Tolerance, errors: Errors, largest: float, unit: float) ->
         return None
     nominal = tolerance.weakest(Errors())
     if nominal.bound <= BOUND_ROUNDING:
-        return Limit(**_pair(nominal.requirement), tolerated=0.0, violated_at=0.0 if nominal.bound < 0 else None)
+        return Limit(**_pair(nominal.check), tolerated=0.0, violated_at=0.0 if nominal.bound < 0 else None)
     low, high = 0.0, largest
     while high - low > SEARCH.accuracy * high and high > 1e-12:
         # divide by four until a lower bound is known, then bisect
@@ -90,7 +100,7 @@ def _limit(tolerance: Tolerance, errors: Errors, largest: float, unit: float) ->
         low, high = (middle, high) if tolerance.is_clear(errors.times(middle)) else (low, middle)
     first, factor = _first_violation(tolerance, errors, high, largest)
     violated_at = None if factor is None else factor * unit
-    return Limit(**_pair(first.requirement), tolerated=low * unit, violated_at=violated_at)
+    return Limit(**_pair(first.check), tolerated=low * unit, violated_at=violated_at)
 
 
 def _worst_case(tolerance: Tolerance, errors: Errors) -> WorstCase:
@@ -98,9 +108,13 @@ def _worst_case(tolerance: Tolerance, errors: Errors) -> WorstCase:
     weakest = tolerance.weakest(errors)
     attained = _example_clearance(tolerance, weakest, errors)
     status = Status.CLEAR if weakest.bound > BOUND_ROUNDING else Status.UNDECIDED
+    if attained < -BOUND_ROUNDING:
+        status = Status.VIOLATED
+    if attained < weakest.bound - BOUND_ROUNDING:
+        status = Status.INCONSISTENT
     return WorstCase(
-        **_pair(weakest.requirement),
-        status=Status.VIOLATED if attained < -BOUND_ROUNDING else status,
+        **_pair(weakest.check),
+        status=status,
         lower_m=weakest.bound * tolerance.scene.l_arm,
         attained_m=attained * tolerance.scene.l_arm,
         factor=_limit(tolerance, errors, SEARCH.largest_factor, 1.0),
@@ -117,9 +131,9 @@ def _first_violation(
     first = tolerance.weakest(errors.times(proven))
     smallest = _violating_factor(tolerance, first, errors, proven, largest)
     reach = min(SEARCH.leap * SEARCH.leap * proven, largest) if smallest is None else smallest
-    weakest = first.requirement
-    for candidate in tolerance.pairs_up_to(errors.times(reach), 0.0):
-        if candidate.requirement is weakest:
+    weakest = first.check
+    for candidate in tolerance.checks_up_to(errors.times(reach), 0.0):
+        if candidate.check is weakest:
             continue
         if smallest is None:
             factor = _violating_factor(tolerance, candidate, errors, proven, largest)
@@ -164,29 +178,24 @@ def _example_clearance(tolerance: Tolerance, weakest: Weakest, errors: Errors) -
     """Return the smallest exact clearance of a pair over its examples, scaled to the errors [l_arm]."""
     l_arm, scene, distinct = tolerance.scene.l_arm, tolerance.scene, dict[bytes, Example]()
     for example in weakest.examples:
-        shifts, tip = (errors.delta_p * l_arm * x for x in (example.shifts, example.tip))
-        scaled = Example(errors.delta * example.turns, shifts, tip)
+        scaled = Example(errors.delta * example.turns, errors.delta_p * l_arm * example.shifts)
         distinct[b"".join((x + 0.0).tobytes() for x in scaled)] = scaled  # + 0.0: no zero is negative
-    scenes = (
-        deviate(scene, *x, envelope=errors.delta_e * l_arm, holder=tolerance.holder) for x in distinct.values()
-    )
-    pairs = [scene.counterpart(weakest.requirement) for scene in scenes]
-    solids = [(pair.body.body, pair.against.body) for pair in pairs if isinstance(pair.against, Solid)]
-    return float(min(clearances(solids).d)) if solids else min(map(clearance_of, pairs))
+    scenes = (deviate(scene, *x, envelope=errors.delta_e * l_arm, mount=tolerance.mount) for x in distinct.values())
+    pairs = [counterpart(scene, tolerance.mount, weakest.check) for scene in scenes]
+    return min((clearance_of(pair) for pair in pairs if pair is not None), default=math.inf)
 
 
-def deviate(scene: Scene, turns: Array, shifts: Array, tip: Array, *, envelope: float, holder: int) -> Scene:
+def deviate(scene: Scene, turns: Array, shifts: Array, *, envelope: float, mount: Mount | None) -> Scene:
     """Return the scene of a design built with errors, in the frame of the module that carries the end-effector.
 
     Args:
         scene: the design as drawn.
         turns: errors of the hinge angles, shape (n-1,) [rad].
-        shifts: errors of the modules' centres, shape (n, 3) [m].
-        tip: error of p'_E, shape (3,) [m].
+        shifts: errors of the modules' centres and of p'_E, shape (n + 1, 3) [m].
         envelope: growth of the airflow beyond its envelope [m].
-        holder: the module that carries the end-effector; no hinge moves it.
+        mount: the connector of the rod, on the module that no hinge moves; the root if None.
     """
-    design, nominal = scene.design, scene.platform.poses
+    design, nominal, holder = scene.design, scene.platform.poses, 0 if mount is None else mount.module
     module = design.task.module
     larger = {"start_radius": module.start_radius + envelope, "reach": module.reach + envelope}
     airflow = module.airflow.model_copy(update=larger)
@@ -198,22 +207,30 @@ def deviate(scene: Scene, turns: Array, shifts: Array, tip: Array, *, envelope: 
         airflow = airflow.model_copy(update={"regions": larger_regions})
     task = design.task.model_copy(update={"module": module.model_copy(update={"airflow": airflow})})
     angles = [alpha + turn for alpha, turn in zip(design.hinge_angles_rad, turns.tolist(), strict=True)]
-    p_E = tuple(x + error for x, error in zip(design.end_effector_m, tip.tolist(), strict=True))
+    p_E = tuple(x + error for x, error in zip(design.end_effector_m, shifts[-1].tolist(), strict=True))
     built = design.model_copy(update={"task": task, "hinge_angles_rad": tuple(angles), "end_effector_m": p_E})
     turned = poses_of(built) if turns.any() else nominal
     R = nominal.R[holder] @ turned.R[holder].T
     p = nominal.p[holder] + (turned.p - turned.p[holder]) @ R.T
-    return Scene(built, platform(built, Poses(R @ turned.R, p + shifts)))
+    poses = Poses(R @ turned.R, p + shifts[:-1])
+    if (rod := task.end_effector.counted_rod) is not None:  # its mass follows its length
+        lengths = [2 * float(np.linalg.norm(of.rod[0, 1])) for of in (scene.platform, platform(built, poses))]
+        longer = task.end_effector.rod_linear_density * (lengths[1] - lengths[0])
+        heavier = rod.model_copy(update={"mass": max(0.0, rod.mass + longer)})
+        built = built.model_copy(update={"task": task.with_rod(heavier)})
+    return Scene(built, platform(built, poses))
 
 
-def clearance_of(requirement: Requirement) -> float:
-    """Return the exact closed-form clearance of a requirement [l_arm]."""
-    if isinstance(requirement.against, Cone):
-        return cone_clearance(requirement.body.body, requirement.against)[0]
-    if isinstance(requirement.against, Hull):
-        return approach(requirement.body.body, requirement.against).d
-    return float(clearances([(requirement.body.body, requirement.against.body)]).d[0])
+def clearance_of(check: AnyCheck) -> float:
+    """Return the exact clearance of a check [l_arm]."""
+    A, B = check.body, check.against
+    if isinstance(A, Compound):
+        both = isinstance(B, Compound)
+        return proximities([(A, B)], [check.bolted])[0].d if both else certify([check])[0].analytic
+    if isinstance(B, Cone):
+        return cone_clearance(A.body, B)[0]
+    return approach(A.body, B).d if isinstance(B, Hull) else float(clearances([(A.body, B.body)]).d[0])
 
 
-def _pair(requirement: Requirement) -> dict[str, object]:
-    return {"kind": requirement.kind, "a": requirement.a, "b": requirement.b, "segment": requirement.segment}
+def _pair(check: AnyCheck) -> dict[str, object]:
+    return {"kind": check.kind, "a": check.a, "b": check.b, "segment": check.segment}

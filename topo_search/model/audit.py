@@ -289,10 +289,13 @@ class WorstCase(Pair):
 
 
 class Sensitivity(Value):
-    """Errors that the clearances of a design tolerate, one kind at a time; None if no size violates any."""
+    """Errors that all clearances of a design tolerate, one kind at a time; None if no size violates any.
+
+    Errors are in the frame of the module that carries the rod.
+    """
 
     hinge_angle_deg: Limit | None
-    """Error of every hinge angle [deg]."""
+    """Error of every hinge angle [deg]; the end-effector and its regions keep their place at the rod's module."""
     position_m: Limit | None
     """Error of the position of every module's centre and the end-effector [m]."""
     envelope_m: Limit | None

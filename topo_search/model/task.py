@@ -80,7 +80,7 @@ class Tolerances(Value):
     """Largest build errors of a platform."""
 
     hinge_angle_deg: Angle = 0.0
-    """Error of every hinge angle [deg]."""
+    """Error of every hinge angle, in the frame of the module that carries the rod [deg]."""
     position: NonNegative = 0.0
     """Error of the position of every module's centre and the end-effector, in addition to the hinge errors [m]."""
     envelope: NonNegative = 0.0

@@ -97,13 +97,27 @@ def load_residuals(design: Design, capability: Flight | None) -> Iterator[Residu
 
 
 def tolerance_residuals(design: Design, errors: Sensitivity | None) -> Iterator[Residual]:
-    """Yield the violation of the smallest clearance within the tolerances, if the task requires clearance there."""
-    worst = None if errors is None else errors.tolerances
-    if not design.task.flight.tolerances or worst is None:  # there is no clearance to lose
+    """Yield the violation of the smallest clearance within the tolerances, if the task requires clearance there.
+
+    An example that contradicts a proven limit is a fault of the audit, whether tolerances are required or not.
+    """
+    if errors is None:  # there is no clearance to lose
         return
-    violation = 0.0 if worst.status == Status.CLEAR else max(0.0, -worst.lower_m)
-    limits = {"tolerance": 0.0, "claim": 0.0, "derived": worst.lower_m}
-    yield residual(WITHIN_TOLERANCES, violation, "m", design.task.module.arm_length, status=worst.status, **limits)
+    worst, l_arm = errors.tolerances, design.task.module.arm_length
+    for name, limit, unit, scale in (
+        ("hinge angles", errors.hinge_angle_deg, "deg", math.degrees(1.0)),
+        ("positions", errors.position_m, "m", l_arm),
+        ("airflow", errors.envelope_m, "m", l_arm),
+        ("tolerances", None if worst is None else worst.factor, "times the task's", 1.0),
+    ):
+        if limit is not None and limit.violated_at is not None and limit.violated_at < limit.tolerated:
+            excess, status = limit.tolerated - limit.violated_at, Status.INCONSISTENT
+            limits = {"claim": limit.tolerated, "derived": limit.violated_at}
+            yield residual(f"tolerated errors of {name}", excess, unit, scale, status=status, **limits)
+    if worst is not None and (design.task.flight.tolerances or worst.status == Status.INCONSISTENT):
+        violation = 0.0 if worst.status == Status.CLEAR else max(0.0, -worst.lower_m)
+        limits = {"tolerance": 0.0, "claim": 0.0, "derived": worst.lower_m}
+        yield residual(WITHIN_TOLERANCES, violation, "m", l_arm, status=worst.status, **limits)
 
 
 def _shortfall(name: str, unit: str, r: float, lower: float, upper: float | None, scale: float) -> Residual:
