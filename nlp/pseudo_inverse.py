@@ -13,6 +13,9 @@ A ball of additional wrenches changes input i by |S_i| at most. The allocator pr
 
 .. math:: v_i + |S_i| \le 1, \qquad v_i - |S_i| \ge v_{min}
 
+Rotors that cannot exert every wrench, like those of a chain with parallel hinges, may miss b or E: A A^+ b differs
+from b. The sum of squares of all misses is one more constraint.
+
 Hover at a tilt t in any direction e needs the force W (sin t e, cos t) in the axes of the body. With (h, c), the
 horizontal and vertical parts of W A^+_i for forces, input i is at most |h| sin t + c cos t, which grows with t up
 to tan t = |h| / c, and at least c cos t - |h| sin t, which falls. With an uncertain centre of mass the constraints
@@ -41,6 +44,8 @@ from topo_search.protocols import OwnConstraint, SymbolicPlatform
 
 ROUNDING = 1e-16
 """Added to the square of an input's change, as a share of its maximum, so that its root is smooth at zero."""
+SHIFT = 1e-13
+"""Shift of the eigenvalues of A A^T over their sum, for platforms that cannot exert every wrench."""
 Kind = Literal["tip", "com", "torque", "acceleration", "tilt", "nothing"]
 
 
@@ -72,15 +77,19 @@ class _Reserve:
         tip, com = self.case.at_end_effector, self.case.at_com
         levers = ca.cross(platform.end_effector, ca.DM(tip.force)) + np.cross(error, com.force)
         b = ca.vertcat(ca.DM(tip.force) + ca.DM(com.force), ca.DM(tip.torque) + ca.DM(com.torque) + levers)
-        inputs = A.T @ ca.solve(A @ A.T, ca.horzcat(b / units, self._additions(error, platform) / units))
+        wrenches = ca.horzcat(b / units, self._additions(error, platform) / units)
+        gram = A @ A.T
+        inputs = A.T @ ca.solve(gram + SHIFT * ca.trace(gram) * ca.SX.eye(6), wrenches)
+        missed = ca.sumsqr(A @ inputs - wrenches) / TOLERANCE**2
+        reached = (1 - missed) / (1 + missed)
         v, S, v_min = inputs[:, 0], inputs[:, 1:], task.module.min_input
         if self.kind != "tilt":
             change = ca.sqrt(ca.sum2(S**2) + ROUNDING)
-            return ca.vertcat(1 - v - change, v - change - v_min)
+            return ca.vertcat(reached, 1 - v - change, v - change - v_min)
         sine, cosine = math.sin(self.size[0]), math.cos(self.size[0])
         h, c = ca.sqrt(ca.sum2(S[:, :2] ** 2) + ROUNDING), S[:, 2]
         largest = ca.if_else(h * cosine < c * sine, ca.sqrt(h**2 + c**2), h * sine + c * cosine)
-        return ca.vertcat(1 - largest, c * cosine - h * sine - v_min)
+        return ca.vertcat(reached, 1 - largest, c * cosine - h * sine - v_min)
 
     def _additions(self, error: Array, platform: SymbolicPlatform) -> ca.SX:
         """Return E [N], [N m]."""

@@ -13,7 +13,7 @@ from nlp.bounds.effort import closed_form
 from nlp.numbers.point import Point
 from nlp.pseudo_inverse import pseudo_inverse_constraints
 from nlp.user_constraints import rows_of
-from topo_search.model import Status, Topology
+from topo_search.model import Infeasible, Status, Topology
 from topo_search.model.load_case import AskedFlight
 from verify import audit
 
@@ -110,6 +110,12 @@ def test_a_design_keeps_by_the_pseudo_inverse_what_is_asked_of_it(key: str) -> N
     assert len(rows) == len(names) == 7
     assert min(row.derived / row.stated for row in rows) == pytest.approx(1.0, abs=1e-5)
     assert design.stated == ()  # no constraint of the user's
+
+
+def test_two_modules_cannot_hover_at_a_tilt_about_their_only_hinge_by_the_pseudo_inverse() -> None:
+    """All thrusts are perpendicular to the hinge, so the map of inputs to wrenches has rank five."""
+    task = asked(2, tilt_deg=1.0, allocator="pseudo-inverse")
+    assert isinstance(solve(task, Topology.from_key("a10"), starts=range(1), seed=0), Infeasible)
 
 
 @pytest.mark.parametrize("directions", few(["horizontal", "all"], 1))

@@ -1,17 +1,20 @@
 """Rigid parts: distances of convex solids, what bolted and other neighbours may do, and proofs that hold."""
 
 import math
+from itertools import product
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from scipy.spatial import ConvexHull
 from verify_cases import changed, design, fan, unit
 
 from topo_search.model import Module, Status, Topology
 from verify import audit, kinematics
 from verify.compounds import Compound, certify_compounds, proximities
-from verify.convex import Capsule, Cylinder, box, capsule, cylinder
+from verify.convex import Capsule, Cylinder, Polyhedron, box, capsule, cylinder
 from verify.gjk import cores, nearest
+from verify.hulls import hull
 from verify.parts import bounding_box, module_parts
 from verify.requirements import Scene
 
@@ -267,3 +270,32 @@ def test_at_the_default_body_clearance_only_the_rims_of_facing_rotors_can_touch(
     assert touching.status == Status.VIOLATED
     assert touching.analytic == pytest.approx(3.0 - 2 * reach, abs=1e-6)
     assert facing(2 * reach + 1e-6, tilt).status == Status.CLEAR
+
+
+def prism(rng: np.random.Generator) -> Polyhedron:
+    """A random box, or a random prism or hull of points, turned at random."""
+    corners = np.array(list(product((-1.0, 1.0), repeat=3)))
+    if (form := rng.integers(3)) == 1:
+        ring = rng.normal(size=(int(rng.integers(3, 7)), 2))
+        corners = np.array([(*point, z) for point in ring for z in (-1.0, 1.0)])
+    elif form == 2:
+        corners = rng.normal(size=(int(rng.integers(4, 15)), 3))
+    mesh = hull((corners * rng.uniform(0.05, 2.0, 3)) @ rotation(rng).T + 0.3 * rng.normal(size=3)).mesh
+    return Polyhedron("prism", mesh.vertices, mesh.triangles)
+
+
+@pytest.mark.parametrize("capsules", [0, 1])
+def test_the_depth_of_overlapping_parts_is_that_of_the_origin_in_their_difference(capsules: int) -> None:
+    """Against the facets of the hull of all differences of vertices."""
+    rng, seen = np.random.default_rng(capsules), 0
+    while seen < 60:
+        A, B = prism(rng), prism(rng)
+        if capsules:
+            B = capsule("rod", *(0.5 * rng.normal(size=(2, 3))), radius=0.1)
+        differences = (A.vertices[:, None] - B.vertices[None]).reshape(-1, 3)
+        facets = ConvexHull(differences).equations
+        if (depth := -float(facets[:, 3].max())) <= 1e-3:  # apart, or the rod's axis is
+            continue
+        seen += 1
+        (found,) = proximities([(one(A), one(B))], [False])
+        assert -found.d == pytest.approx(depth + B.ball, rel=1e-9)

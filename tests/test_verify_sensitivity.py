@@ -231,6 +231,8 @@ def test_every_check_of_a_rigid_body_has_a_bound(name: str, seed: int) -> None:
     pairs = certified(list(checks(scene, mount)))
     nominal = {check.key: certificate.analytic for check, certificate in pairs}
     bounds = Tolerance(scene, pairs, mount)
+    for check, certificate in pairs:
+        assert clearance_of(check) == pytest.approx(certificate.analytic, abs=1e-9)
     for errors in (Errors(delta=0.02), Errors(delta_p=0.05), Errors(0.3, 0.02, 0.01), Errors(1e-7, 1e-7, 1e-7)):
         least = {weakest.check.key: weakest for weakest in bounds.checks_up_to(errors, np.inf)}
         assert least.keys() == nominal.keys()

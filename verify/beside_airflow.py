@@ -160,6 +160,13 @@ def _translate(mesh: ConvexMesh, shift: Array) -> ConvexMesh:
     return ConvexMesh(mesh.vertices + shift, mesh.triangles)
 
 
+def clearance(check: BesideAirflow) -> float:
+    """Return the exact clearance of one check."""
+    R, p = _pose(check.body)
+    by_side = _clearances([check], R[None], p[None])
+    return float(by_side[ROTORS if check.segment is None else check.segment].d[0])
+
+
 def normals(check: BesideAirflow, pieces: Sequence[Solid]) -> list[Array]:
     """Return the unit vectors from each part of a check to N pieces of airflow, at their nearest points, (N, 3)."""
     assert check.body.source is not None
@@ -225,7 +232,7 @@ def _part_clearances(part: Convex, K: ConeSpheres, number: Indices) -> _Clearanc
     unit_v = v / np.where(distance > 0, distance, 1.0)[:, None]
     n = np.where(distance[:, None] > 0, unit_v, np.array([0.0, 0.0, 1.0]))
     d = distance - K.radius(eta)
-    plane_gap = -_support(part, -n) - K.extents(n, 1).max(axis=1)
+    plane_gap = -part.supports(-n) - K.extents(n, 1).max(axis=1)
     lower = np.minimum(d, plane_gap)  # equal up to rounding if n is exact
     x_K = P + K.radius(eta)[:, None] * n
     x_inside = _depth(part, x) > -BOUND_ROUNDING
@@ -281,12 +288,6 @@ def _nearest_points(part: Convex, points: Array) -> Array:
     point_cores = Cores(points[:, None], np.tile([0.0, 0.0, 1.0], (len(points), 1)), np.zeros(len(points)))
     result = nearest(parts, point_cores, points - part.centre)
     return np.where(result.overlap[:, None], points, result.x_A)
-
-
-def _support(part: Convex, u: Array) -> Array:
-    """Return the support function of a part for unit vectors, shape (N, 3) to (N,)."""
-    across = norms(u - (u @ part.axis)[:, None] * part.axis)
-    return np.asarray((u @ part.vertices.T).max(axis=1) + part.disc * across + part.ball)
 
 
 def _depth(part: Convex, x: Array) -> Array:

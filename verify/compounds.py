@@ -13,8 +13,10 @@ gap of a pair along the n of the nearest pair is no less than that pair's distan
 
 For overlapping parts, the normal n at which their scaled copies touch gives their penetration depth: one part has
 to move by -g_ij(n) along n to be free. The gap of the copies along a given n is linear in s, so Newton's
-(Dinkelbach's) iteration from s = 0 reaches s* from below in a few steps [1]. From there n ascends to a maximum of
-g_ij, the shortest way out.
+(Dinkelbach's) iteration from s = 0 reaches s* from below in a few steps [1]. The shortest way out of a polyhedron
+or capsule is along the normal of a facet of A_i - B_j: of a face of either, or across an edge of each. All are
+tried. With a cylinder, or too many edges, n ascends from the best of them to a local maximum of g_ij, and -g_ij is
+only an upper bound on the depth.
 
 [1] C. J. Ong, E. G. Gilbert, "Growth distances: new measures for object separation and penetration", IEEE Trans.
 Robotics and Automation 12 (1996) 888-903.
@@ -60,6 +62,8 @@ class ProximitySettings(NamedTuple):
     """Largest number of steps towards a growth distance; a few are usually enough."""
     ascent_steps: int = 6
     """Largest number of steps from the normal at the growth distance towards the shortest way out."""
+    most_normals: int = 20_000
+    """Largest number of pairs of edges whose common normals are tried for a shortest way out."""
     least_gain: float = 1e-9
     """Smallest improvement of a gap that counts [l_arm]."""
     separations: tuple[float, ...] = (1e-4, 1e-2, 1.0)
@@ -295,10 +299,15 @@ class _Batch:
     def escape_normals(self, A: Indices, B: Indices, n: Array) -> Array:
         """Return normals along which N pairs of overlapping parts penetrate less than along n, if any.
 
-        Moved apart along n by 2 |g(n)|, the parts have a distance |v| >= |g(n)| along n', so g(n') = |v| + 2 g(n)
-        n.n' is at least g(n), and greater unless n' = n.
+        The best of `facet_normals` is exact for polyhedra and capsules. From there n ascends: moved apart along n
+        by 2 |g(n)|, the parts have a distance |v| >= |g(n)| along n', so g(n') = |v| + 2 g(n) n.n' is at least
+        g(n), and greater unless n' = n.
         """
         n, active = n.copy(), np.arange(len(n))
+        for k, (a, b) in enumerate(zip(A, B, strict=True)):
+            candidates = np.concatenate([n[k : k + 1], facet_normals(self.parts[a], self.parts[b])])
+            g = -self.parts[a].supports(candidates) - self.parts[b].supports(-candidates)
+            n[k] = candidates[np.argmax(g)]
         for _ in range(SETTINGS.ascent_steps):
             g = self.gap(A[active], B[active], n[active])
             moved = self.cores.take(B[active])
@@ -311,6 +320,21 @@ class _Batch:
                 break
             n[active] = candidate[better]
         return n
+
+
+def facet_normals(A: Convex, B: Convex) -> Array:
+    """Return unit normals, with those of all facets of A - B if both are polyhedra or capsules, shape (k, 3).
+
+    A facet is one of A or B, or spanned by an edge of each. More than `most_normals` of the latter are left out.
+    """
+    edges_A, edges_B = A.edge_directions, B.edge_directions
+    normals = [A.facet_normals, B.facet_normals]
+    if len(edges_A) * len(edges_B) <= SETTINGS.most_normals:
+        crosses = np.cross(edges_A[:, None], edges_B[None]).reshape(-1, 3)
+        length = norms(crosses)
+        normals.append(crosses[length > 1e-9] / length[length > 1e-9, None])
+    both = np.concatenate(normals)
+    return np.concatenate([both, -both])
 
 
 def touch(pairs: Sequence[tuple[Convex, Convex]]) -> tuple[Array, Array]:

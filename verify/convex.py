@@ -28,7 +28,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis
+from verify.bodies import Array, ConeSphere, basis_across, nearest_on_axis, norms
 from verify.meshes import MESH_ROUNDING, ConvexMesh, Indices, Shape, box_corners, inner_mesh, outer_mesh
 
 
@@ -86,6 +86,22 @@ class Convex(ABC):
         across = float(np.linalg.norm(u - (u @ self.axis) * self.axis))
         return float((self.vertices @ u).max()) + self.disc * across + self.ball
 
+    def supports(self, u: Array) -> Array:
+        """Return h_C(u) for unit vectors u, shape (N, 3) to (N,)."""
+        across = norms(u - (u @ self.axis)[:, None] * self.axis)
+        return np.asarray((u @ self.vertices.T).max(axis=1) + self.disc * across + self.ball)
+
+    @property
+    def facet_normals(self) -> Array:
+        """Unit normals of its flat faces, of one sign or both, shape (k, 3)."""
+        return self.axis[None] if self.disc else np.zeros((0, 3))
+
+    @property
+    def edge_directions(self) -> Array:
+        """Unit vectors along all its edges, of one sign or both, shape (k, 3)."""
+        along = self.vertices[-1] - self.vertices[0]
+        return along[None] / np.linalg.norm(along) if along.any() else np.zeros((0, 3))
+
     @functools.cached_property
     def shape(self) -> Shape:
         """FCL shape of a polytope around the solid, built once for all copies."""
@@ -132,6 +148,19 @@ class Polyhedron(Convex):
         proper = length > MESHES.sliver * self.radius**2
         normals = normals[proper] / length[proper, None]
         return normals, np.einsum("fx,fx->f", normals, corners[proper, 0])
+
+    @property
+    def facet_normals(self) -> Array:
+        """Unit normals of its faces, shape (k, 3)."""
+        return _distinct(self.faces[0])
+
+    @property
+    def edge_directions(self) -> Array:
+        """Unit vectors along all its edges, and across faces of several triangles, shape (k, 3)."""
+        sides = np.concatenate([self.triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+        along = self.vertices[sides[:, 1]] - self.vertices[sides[:, 0]]
+        length = norms(along)
+        return _distinct(along[length > 0] / length[length > 0, None])
 
     @property
     def thick(self) -> bool:
@@ -241,6 +270,13 @@ class Capsule(Convex):
         offset = x - body.centre(float(nearest_on_axis(body.o - x, body.d, body.dr)))
         distance = np.linalg.norm(offset)
         return inner_mesh(body, MESHES.capsule_level, offset / distance if distance > 0 else self.axis)
+
+
+def _distinct(directions: Array) -> Array:
+    """Return unit vectors without those that are another one to 12 digits, or its opposite."""
+    pivots = directions[np.arange(len(directions)), np.abs(directions).argmax(axis=1)]
+    _, first = np.unique(np.round(directions * np.sign(pivots)[:, None], 12), axis=0, return_index=True)
+    return directions[first]
 
 
 def capsule(name: str, start: Array, end: Array, radius: float) -> Capsule:

@@ -27,10 +27,12 @@ import numpy as np
 
 from topo_search.model import Limit, Mount, Sensitivity, Status, WorstCase
 from topo_search.model.module import RegionAirflow
+from verify.beside_airflow import clearance as clearance_beside
 from verify.bodies import Array, Cone, clearances, cone_clearance
 from verify.certificate import BOUND_ROUNDING, Certificate
 from verify.compounds import Compound, proximities
-from verify.contacts import AnyCheck, certify, counterpart
+from verify.cones import certify_parts_inside
+from verify.contacts import AnyCheck, counterpart
 from verify.hulls import Hull, approach
 from verify.kinematics import Poses, platform, poses_of
 from verify.requirements import Scene
@@ -225,8 +227,9 @@ def clearance_of(check: AnyCheck) -> float:
     """Return the exact clearance of a check [l_arm]."""
     A, B = check.body, check.against
     if isinstance(A, Compound):
-        both = isinstance(B, Compound)
-        return proximities([(A, B)], [check.bolted])[0].d if both else certify([check])[0].analytic
+        if isinstance(B, Compound):
+            return proximities([(A, B)], [check.bolted])[0].d
+        return certify_parts_inside(A, B).analytic if isinstance(B, Cone) else clearance_beside(check)
     if isinstance(B, Cone):
         return cone_clearance(A.body, B)[0]
     return approach(A.body, B).d if isinstance(B, Hull) else float(clearances([(A.body, B.body)]).d[0])

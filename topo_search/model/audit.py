@@ -203,7 +203,8 @@ class Clearance(Pair):
     upper_m: Number | None
     """Proven upper bound [m]; for a violation, minus the proven depth."""
     analytic_m: Number
-    """Exact value from the closed form [m]."""
+    """Exact value from the closed form [m]. Of overlapping rigid bodies, minus the depth of their deepest two
+    parts: an upper bound on it if one is a rotor, or if they have too many edges."""
     level: Index
     """Level of mesh refinement that decided the status."""
     percent: Number | None = None

@@ -190,8 +190,8 @@ class Flight(Value):
     joints: tuple[JointLoad, ...]
     """Loads of all joints in hover, then in every load case."""
     hinge_tolerance_deg: Size | None
-    """Proven, in the frame of the module that carries the rod: hinge errors of this size violate no clearance [deg];
-    None without clearances."""
+    """Proven: hinge errors of this size, in the frame of the rod's module, violate no clearance [deg]; None without
+    clearances."""
     hover_input: Size | None
     """Mean input in hover over u_max."""
     hover_power_ratio: Size | None
