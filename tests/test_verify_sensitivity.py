@@ -301,6 +301,19 @@ def test_the_mass_of_a_rod_turns_a_region_that_follows_the_com(density: float) -
     assert masses == pytest.approx([density * length for length in lengths])
 
 
+def test_the_failure_names_the_tolerance_that_a_design_does_not_hold() -> None:
+    errors = {"hinge_angle_deg": 1e-3, "position": 0.2}
+    of = fan({"tolerances": errors})
+    found = audit(of)
+    failure = found.failure(of.task)
+    assert "tolerances.position = 0.2" in failure
+    assert "hinge_angle_deg" not in failure
+    alone = found.sensitivity
+    both = {"hinge_angle_deg": 0.9 * alone.hinge_angle_deg.tolerated, "position": 0.9 * alone.position_m.tolerated}
+    of = fan({"tolerances": both})
+    assert "at once" in audit(of).failure(of.task)
+
+
 def test_an_example_within_what_is_proven_is_inconsistent() -> None:
     of = fan({"tolerances": {"position": 1e-4}, "flight": {"tolerances": False}})
     found = audit(of).sensitivity
