@@ -142,7 +142,7 @@ def test_opposite_forces_cannot_both_have_more_than_half_of_the_modules(over):
         assert (result.status, result.topology, result.unit) == ("impossible", None, "N")
         assert result.worst_constraint == "load cases 0, 1, forces"
         assert result.violation == pytest.approx((over - 1) * most * probe.force_unit(5), rel=0.1)
-        assert "the load cases 0, 1: summed along one direction each" in result.message
+        assert "the load cases 0, 1 without leaning: summed along one direction each" in result.message
 
 
 @pytest.mark.parametrize("seed", few(range(30), 6))
@@ -171,6 +171,7 @@ def test_one_module_pulls_along_one_axis_and_two_in_one_plane():
     assert prove_impossible(pulling(2, across)) is None
     result = prove_impossible(pulling(2, beside))
     assert "2 modules in a straight chain lie in one plane" in result.message
+    assert "without leaning" in result.message
     assert (result.topology, result.worst_constraint, result.unit) == (None, "load cases, forces", "N")
     assert prove_impossible(pulling(3, beside)) is None
 

@@ -11,11 +11,12 @@ from processes import table
 from toy_problem import InProcess, toy_run, toy_task
 from wording import says
 
-from topo_search.model import BadInput, Chunk, Proof
+from topo_search.model import BadInput, Chunk, LoadCase, Proof, Wrench
 from topo_search.model.exposure import Allowed, Local, Plane
 from topo_search.model.proof import chunk_count
 from topo_search.model.proven import gap_percent
 from topo_search.report.run_page import run_page
+from topo_search.report.task_facts import facts
 from topo_search.study import RunFolder, SilentObserver, answer_of, prove
 from topo_search.study.answer import candidates
 from topo_search.study.proofs import problem, proofs_hold_for, target
@@ -328,6 +329,26 @@ def test_the_gap_of_a_size_that_is_proven_tree_by_tree_has_a_scope(run):
         page = run_page(folder)
     tiles = [page["tiles"], *(card["figures"] for card in page["run"]["cards"])]
     assert all("in the scope of the proofs" in str(some) for some in tiles)
+
+
+@pytest.mark.parametrize("carries", [True, False])
+def test_proofs_of_a_platform_that_could_lean_say_that_it_does_not(tmp_path, carries):
+    """Where a load case carries the weight, a platform of another attitude could save effort in it."""
+    push, other = LoadCase(end_effector=Wrench(force=(1.0, 0.0, 0.0))), toy_task().load_cases[0]
+    if carries:
+        push = push.model_copy(update={"carries_weight": True})
+    cases = (push, other.model_copy(update={"com": Wrench(force=(0.0, 0.0, 0.5))}))
+    run = tmp_path / "run"
+    (found,) = toy_run(run, task=toy_task().model_copy(update={"load_cases": cases})).sizes
+    (size,) = proven(run, Prover()).sizes
+    with RunFolder.load(run) as folder:
+        page = run_page(folder)
+    (tile,) = [tile for tile in page["tiles"] if tile.name == "Proven gap"]
+    told = [found.statement, size.statement, size.proven, tile.meaning]
+    assert ["without leaning" in text for text in told] == 4 * [carries]
+    assert any("one attitude" in text for text in page["bound"]) is carries
+    stated = dict(fact for _, facts_of in facts(page["task"]) for fact in facts_of)
+    assert ("attitude" in stated) is carries
 
 
 def test_a_proof_names_what_its_bound_takes_in_beyond_load_cases():

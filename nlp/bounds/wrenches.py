@@ -119,14 +119,14 @@ def refute_axes(task: ResolvedTask, topology: Topology | None = None) -> Refutat
         "load cases, forces",
         error,
         "N",
-        f"{reason}, but the forces of the load cases do not: "
+        f"{reason}, but the forces of the load cases do not: without leaning between them, "
         f"at least one is missed by {lower_text(error, 4)} N or more",
     )
 
 
 @lru_cache(maxsize=32)
 def refute_forces(task: ResolvedTask) -> Refutation | None:
-    """Refute forces that no common angles produce, by their sum along one direction nu_k each.
+    """Refute forces that no common angles and attitude produce, by their sum along one direction nu_k each.
 
     For any nu_k, module i contributes sum_k s_ik nu_k . z_i, at most its largest thrust times the greatest
     sum_k max(nu_k . z, 0) over all unit z; the load cases require sum_k nu_k . F_k.
@@ -153,8 +153,8 @@ def refute_forces(task: ResolvedTask) -> Refutation | None:
         f"load cases {cases}, forces",
         required - limit,
         "N",
-        f"no fixed angles let {size_text(task)} produce the load cases {cases}: summed along one direction each, "
-        f"all rotors at full thrust give {limit_text} N at most, the load cases need {required_text} N",
+        f"no fixed angles let {size_text(task)} produce the load cases {cases} without leaning: summed along one "
+        f"direction each, all rotors at full thrust give {limit_text} N at most, the cases need {required_text} N",
     )
 
 

@@ -19,7 +19,15 @@ from pydantic import AfterValidator, BeforeValidator, ValidationInfo, field_vali
 
 from topo_search.limits import LIMITS
 from topo_search.model.exposure import LEAST_OFFSET, PART_NAMES, Exposure, needs_offset, segment_of
-from topo_search.model.load_case import AskedFlight, LoadCase, broken_reserves, broken_rules, labels, ten_wrenches
+from topo_search.model.load_case import (
+    AskedFlight,
+    LoadCase,
+    broken_reserves,
+    broken_rules,
+    labels,
+    ten_wrenches,
+    weight_cases,
+)
 from topo_search.model.module import AIR_DENSITY, PRECISION, CountedRod, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
 from topo_search.model.room import (
@@ -446,11 +454,20 @@ class Task(Value):
 
 
 class ResolvedTask(Task):
-    """Self-contained task for one number of modules: every default filled in, load cases in SI."""
+    """Self-contained task for one number of modules: every default filled in, load cases in SI.
+
+    One attitude of the platform serves all load cases.
+    """
 
     modules: Count
     end_effector: ResolvedEndEffector = ResolvedEndEffector()
     load_cases: Annotated[tuple[LoadCase, ...], at_most(LIMITS.load_cases), NonEmpty]
+
+    @property
+    def attitude(self) -> str:
+        """` without leaning` if a load case that carries the weight shares its attitude with others; or empty."""
+        shared = len(self.load_cases) > 1 or self.flight.asks
+        return " without leaning" if shared and len(weight_cases(self, "all")) > 1 else ""
 
     def _broken_rules(self) -> Broken:
         yield from super()._broken_rules()

@@ -13,7 +13,7 @@ import numpy as np
 
 from topo_search.export import palette
 from topo_search.limits import LIMITS
-from topo_search.model import Audit, Design, Status
+from topo_search.model import Audit, Design, ResolvedTask, Status
 from topo_search.model.arrays import Array
 from topo_search.model.files import load_text, read_json
 from topo_search.model.flight import Capability, direction
@@ -46,7 +46,7 @@ def design_page(design: Design, audit: Audit, file: str, simulated: dict[str, An
         "answer": "This report covers one design, not a search.",
         "tiles": tuple(headline(design, audit, gap, "in this design")),
         "notes": () if audit.inputs_words is None else (audit.inputs_words,),
-        "bound": bound(design.lower_bound, gap, task.n),
+        "bound": bound(design.lower_bound, gap, task),
         "task": task,
         "user_task": task,
         "design": design,
@@ -61,17 +61,18 @@ def title(name: str, n: int) -> str:
     return f"{name}: {modules(n)}"
 
 
-def bound(lower_bound: float | None, gap: float | None, n: int) -> tuple[str, ...]:
+def bound(lower_bound: float | None, gap: float | None, task: ResolvedTask) -> tuple[str, ...]:
     """Return paragraphs on the lower bound: its value, the gap, and what it means."""
     if lower_bound is None:
         return ("The design has no lower bound, so its distance from the optimum is unknown.",)
+    n, attitude = task.n, task.attitude and " that keeps one attitude in all load cases"
     statement = f"Lower bound: {rounded_down(lower_bound, digits=5)} rad⁴/s⁴ for the control effort {EFFORT}."
     meaning = (
-        f"It holds for every platform of {modules(n)} of this kind, with any tree, hinge angles and end-effector "
-        "position. It is the control effort for the forces of the load cases, within the rotors' limits, if every "
-        "thrust axis could point in any direction. Torques and geometry are neglected, so part of the gap may come "
-        "from the bound rather than from the design. It allows for the audit's tolerances on forces and inputs, so "
-        "no design with a clear audit lies below it."
+        f"It holds for every platform of {modules(n)} of this kind{attitude}, with any tree, hinge angles and "
+        "end-effector position. It is the control effort for the forces of the load cases, within the rotors' "
+        "limits, if every thrust axis could point in any direction. Torques and geometry are neglected, so part of "
+        "the gap may come from the bound rather than from the design. It allows for the audit's tolerances on "
+        "forces and inputs, so no design with a clear audit lies below it."
     )
     if gap is None:
         return statement, meaning

@@ -72,7 +72,7 @@ def headline(
     flight = None if audit is None else audit.flight
     if gap is not None:
         within = ", in the scope of the proofs" if scoped else ""
-        explanation = f"no platform of {modules(n)} can save more control effort{within}"
+        explanation = f"no platform of {modules(n)} can save more control effort{design.task.attitude}{within}"
         yield Tile("Proven gap", gap_percent(gap), explanation)
     nearest = closest(audit)
     if nearest is not None:

@@ -74,7 +74,7 @@ def _page(folder: RunFolder, answer: Answer) -> dict[str, Any]:
             *(note for size in answer.sizes for note in _size_notes(size, shown)),
         ),
         "bound": (
-            *bound(size.lower_bound, shown.gap if shown else None, n),
+            *bound(size.lower_bound, shown.gap if shown else None, request.task.resolve(n)),
             *(sentence(proven) for size in answer.sizes if (proven := size.proven) is not None),
         ),
         "task": request.task.resolve(n),

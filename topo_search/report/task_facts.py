@@ -40,6 +40,8 @@ def _platform(task: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "size", modules(n)
     yield "mass m_t", f"{figures(task.total_mass(n))} kg, with {_included_parts(task)}"
     yield "weight m_t g", f"{figures(task.force_unit(n))} N, at g = {figures(task.gravity)} m/s²"
+    if task.attitude:
+        yield "attitude", "one for all load cases: the platform does not lean into a load"
     yield "unit of torque l_arm m_t g", f"{figures(task.torque_unit(n))} N m"
 
 

@@ -208,9 +208,10 @@ def problem(task: ResolvedTask, about: Problem) -> str:
     # a proof holds for the trees and the orientations that the task allows
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
+    attitude = f", the same for all load cases ({task.attitude.strip()})" if task.attitude else ""
     is_set = task.search.hinge_set_deg is not None
     hinges = "hinge angles of the task's set" if is_set else "hinge angles within 90 deg either way"
     return (
-        f"scope: {connectors}{root}, {hinges}, every wrench and input within the audit's tolerance; {distances}; "
-        "all other requirements are left out, and can only raise the control effort"
+        f"scope: {connectors}{root}{attitude}, {hinges}, every wrench and input within the audit's "
+        f"tolerance; {distances}; all other requirements are left out, and can only raise the control effort"
     )

@@ -97,7 +97,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
     """Return the answer of one size of a task, or of one level of its goals."""
     ledger, request = folder.ledger, folder.request
     contexts, space, quotient = request.contexts(n), request.space(n), request.quotient(n)
-    candidates, covers = space.count(), request.covers(n)
+    candidates, covers, task = space.count(), request.covers(n), contexts[0].task
     lower_bound, impossible = ledger.bound(contexts[0]) or (0.0, None)
     is_complete = impossible is not None or ledger.is_complete(contexts[0], request.starts, request.trials)
     statuses = Counter[str]()
@@ -123,7 +123,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
                 top.append(row)
             remarks.extend(remark(row))
         elif row.status == "infeasible" and row.violation is not None:
-            violation = scaled_violation(row.violation, row.unit or "", contexts[0].task)
+            violation = scaled_violation(row.violation, row.unit or "", task)
             if violation < smallest_violation:
                 closest, smallest_violation = row, violation
         elif row.status == "failed" and statuses["failed"] <= SHOWN:
@@ -136,8 +136,8 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         remarks.append(f"{number} were never proposed: nothing is known about them")
     proven, failure = summarize(folder, n, best), None
     if best is None and top and (audit := folder.result_of(top[0])[1]) is not None:
-        failure = audit.failure(contexts[0].task)
-    words = None if best is None else statement(best, settled - statuses["failed"], candidates)
+        failure = audit.failure(task)
+    words = None if best is None else statement(best, settled - statuses["failed"], candidates, task.attitude)
     return SizeAnswer(
         modules=n,
         candidates=candidates,
@@ -153,11 +153,11 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
         near_ties=tuple(sorted((row for row in near_best if row.clear), key=_reserve_order)),
         near_ties_unaudited=sum(row.audit is None for row in near_best),
         remarks=tuple(remarks),
-        reason=None if feasible else reason(impossible, closest, statuses),
+        reason=None if feasible else reason(impossible, closest, statuses, task.attitude),
         failure=failure,
         covers_size=covers,
         impossible=impossible is not None or (covers and statuses["impossible"] == candidates),
-        statement=words if proven.gap is None else proven_statement(candidates, proven.gap),
+        statement=words if proven.gap is None else proven_statement(candidates, proven.gap, task.attitude),
         relaxed=None if feasible else causes(folder, n),
         proven=proven.sentence,
         proven_gap=proven.gap if covers else None,
@@ -166,28 +166,32 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
     )
 
 
-def statement(best: Row, solved: int, candidates: int) -> str:
-    """State how good the best design is: the best found, and proven by the lower bound of the size."""
+def statement(best: Row, solved: int, candidates: int, attitude: str = "") -> str:
+    """State how good the best design is: the best found, and proven by the lower bound of the size.
+
+    `attitude`: see `ResolvedTask.attitude`.
+    """
     number = f"all {candidates}" if solved == candidates else f"{solved} of {candidates}"
     words = "the best found of the only candidate" if candidates == 1 else f"the best found of {number} candidates"
     if best.gap is None:
         return words
-    return f"{words}; proven: no {best.modules}-module topology is {improvement(best.gap)}"
+    return f"{words}; proven{attitude}: no {best.modules}-module topology is {improvement(best.gap)}"
 
 
-def proven_statement(candidates: int, gap: float) -> str:
+def proven_statement(candidates: int, gap: float, attitude: str) -> str:
     """State that the best design is proven to be the best, up to a gap."""
     number = "the only candidate" if candidates == 1 else f"all {candidates} candidates"
-    return f"the best of {number}, proven" + (f" to within {gap_percent(gap)}" if gap > 0 else "")
+    return f"the best of {number}, proven{attitude}" + (f" to within {gap_percent(gap)}" if gap > 0 else "")
 
 
-def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]) -> str:
+def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str], attitude: str) -> str:
     """Say why there is no design: a proof, or else the smallest shortfall of all starts, which proves nothing.
 
     Args:
         proof: proof that no topology can do the task, if there is one.
         closest: the candidate with the smallest shortfall among those not proven impossible.
         statuses: number of candidates with each status.
+        attitude: see `ResolvedTask.attitude`.
     """
     if proof is not None:
         return proof.message
@@ -196,7 +200,7 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
         return "time limit reached before the first candidate was solved; nothing is known yet"
     if impossible == number:
         which = "the only candidate" if number == 1 else f"each of {number} candidates"
-        return f"{which} is proven impossible; candidates.csv names what it cannot meet"
+        return f"{which} is proven impossible{attitude}; candidates.csv names what it cannot meet"
 
     def candidates(count: int) -> str:
         return "the only candidate" if number == 1 else quantity(count, "candidate")
