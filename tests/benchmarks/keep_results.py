@@ -40,7 +40,8 @@ ablation.figure(rows).savefig("ablation.png")
 ```
 
 Shares and efforts depend on the small number of starts: more trees may have a design, and a stricter problem can
-come out cheaper if its starts were luckier. Seconds are CPU time of one thread on a machine with other load, which
+come out cheaper if its starts were luckier. Tables of an earlier version
+show what that one found. Seconds are CPU time of one thread on a machine with other load, which
 slows caches and memory; the documentation's page on benchmarks has times of an idle machine. Rows of `wall-push`
 are of `tests/designs/wall-push.toml`, with reserves at the tip.
 """
@@ -87,8 +88,15 @@ def section(name: str) -> str:
         rows = results(table)
         about = json.loads(table.with_suffix(".json").read_text(encoding="utf-8"))
         planned = len(study.cells(settings_of(about["settings"])))
-        parts.append(f"\n`{table.name}`, {len(rows)} of {planned} problems of\n\n    {about['command']}\n")
+        parts.append(
+            f"\n`{table.name}`, {len(rows)} of {planned} problems, {dated(about)}, of\n\n    {about['command']}\n"
+        )
     return "".join(parts)
+
+
+def dated(about: dict[str, Any]) -> str:
+    """Return the version and the date of a table's rows."""
+    return f"by version {about['versions']['topo-search']} on {about['date']}"
 
 
 def tables(name: str) -> list[Path]:
