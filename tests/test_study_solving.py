@@ -1,6 +1,7 @@
 import itertools
 import math
 import time
+from dataclasses import replace
 
 import pytest
 import toy_problem
@@ -8,8 +9,8 @@ from ledger_edit import altered
 from processes import table
 from toy_problem import InProcess, solved_keys, toy_run, toy_task
 
-from topo_search.engine import Candidates, ExhaustiveSearch, Proposal, Strategy
-from topo_search.model import BadInput
+from topo_search.engine import Candidates, ExhaustiveSearch, Job, Proposal, Strategy
+from topo_search.model import BadInput, Task, Topology
 from topo_search.study import Request, RunFolder, SilentObserver
 from topo_search.study.run import solve_proposals
 from topo_search.study.solving import Tools
@@ -206,6 +207,19 @@ def test_what_was_skipped_for_a_design_that_fails_its_audit_is_solved_after_all(
     assert answer.sizes[0].statuses == {"feasible": len(keys)}
     whole = toy_run(tmp_path / "whole", modules=5)
     assert (answer.best, answer.sizes) == (whole.best, whole.sizes)
+
+
+def test_a_region_of_many_corners_has_the_time_that_its_starts_take():
+    """96 struts of 20 corners take three modules 137 s per start: CPU time, alone on a core."""
+    strut = [[x, y, 0.1 * z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in range(5)]
+    pieces = [[[x + 0.2 * k, y, z] for x, y, z in strut] for k in range(96)]
+    exposure = {"kind": "local", "pieces": pieces}
+    task = Task.model_validate(
+        {"name": "t", "modules": 3, "load_cases": [{"carries_weight": True}], "exposure": [exposure]}
+    )
+    job = Job(task.resolve(3), Topology.from_key("a300"), range(2), 0)
+    assert job.deadline > 2 * 5 * 137
+    assert replace(job, task=toy_task().resolve(3)).deadline == 160.0
 
 
 def test_nothing_is_pruned_while_the_bound_leaves_room(tmp_path):

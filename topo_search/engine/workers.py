@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeVar
 
 from topo_search.limits import LIMITS
 from topo_search.model import Audit, Design, Geometry, Infeasible, ResolvedTask, SolverRecord, Topology
+from topo_search.model.shape import Polytope
 from topo_search.supervisor import call_pickled, interrupt, prepare_child
 
 if TYPE_CHECKING:
@@ -94,9 +95,12 @@ class Engine(Protocol):
         function(task, note)
 
 
-def solve_deadline(n: int, starts: int) -> float:
-    """Return the time after which a solve counts as hung [s]: far above the typical time (n = 5: 1 s per start)."""
-    return 120.0 + starts * max(20.0, 0.2 * n**2)
+def solve_deadline(n: int, starts: int, corners: int = 0) -> float:
+    """Return the time after which a solve counts as hung [s]: ten times the typical time or more.
+
+    That is 1 s per start for n = 5, and 0.024 s per start, module and corner of a convex region.
+    """
+    return 120.0 + starts * (max(20.0, 0.2 * n**2) + 0.25 * n * corners)
 
 
 def audit_deadline(n: int) -> float:
@@ -122,7 +126,9 @@ class Job:
     @property
     def deadline(self) -> float:
         """Time after which the job counts as hung [s]."""
-        return solve_deadline(self.topology.n, len(self.near) + len(self.starts))
+        shapes = (shape for exposure in self.task.exposure for shape in exposure.shapes)
+        corners = sum(len(shape.corners) for shape in shapes if isinstance(shape, Polytope))
+        return solve_deadline(self.topology.n, len(self.near) + len(self.starts), corners)
 
 
 @dataclass(frozen=True)
