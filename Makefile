@@ -7,7 +7,7 @@ WORKERS := 2
 # Older versions of pip take the pins of build tools from the first variable, newer ones from the second.
 PINNED := PIP_CONSTRAINT=constraints.txt PIP_BUILD_CONSTRAINT=constraints.txt
 
-.PHONY: demo notebooks notebooks-docs test test-slow test-browser lint figures docs clean
+.PHONY: demo notebooks notebooks-docs test test-slow test-browser mutants lint figures docs clean
 
 demo: $(STAMP)  ## search all five-module topologies for the push task
 	$(BIN)/topo-search run push
@@ -25,6 +25,9 @@ test: lint  ## everything that CI checks, except tests in a browser
 
 test-slow: lint  ## all tests except those in a browser, slow ones included
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m "not browser"
+
+mutants: $(STAMP)  ## put faults into a copy, and see that the tests of CI catch each
+	$(BIN)/python tests/mutants/run.py
 
 figures: $(STAMP)  ## draw the figures of the documentation from the package's data
 	$(BIN)/python docs/figures.py

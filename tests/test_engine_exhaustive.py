@@ -87,8 +87,9 @@ def test_a_bound_that_is_reached_ends_the_search_also_within_its_rounds_of_start
     assert {scored.objective for scored in reached.values()} == {1.0}
 
 
-def test_bounds_that_rule_nothing_out_change_no_result():
-    stages, reached = search(place, bound=0.5)
+@pytest.mark.parametrize("bound", [0.5, 0.999])
+def test_bounds_that_rule_nothing_out_change_no_result(bound):
+    stages, reached = search(place, bound=bound)
     assert reached == search(place)[1]
     assert sum(map(len, stages)) == len(KEYS)
 

@@ -24,6 +24,7 @@ from verify import audit
 from verify.flight.vehicle import capability
 
 ROOT = Path(__file__).parents[1]
+MUTANTS = tomllib.loads((ROOT / "tests/mutants/mutants.toml").read_text(encoding="utf-8"))["mutant"]
 sys.path.insert(0, str(ROOT / "tests/benchmarks"))
 
 from keep_schemas import FOLDER, MODELS, schemas  # noqa: E402
@@ -189,3 +190,10 @@ def test_functions_are_verbs_or_nouns() -> None:
     wrong = [f"{file}: {name}" for file, name in functions() if says_neither_verb_nor_noun(name)]
     assert [each for each in wrong if each.split(": ")[1] not in TERMS] == []
     assert {each.split(": ")[1] for each in wrong} == TERMS.keys()  # no term is listed that nothing needs
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant["file"])
+def test_a_mutant_can_be_put_in_and_its_test_exists(mutant: dict[str, str]) -> None:
+    assert (ROOT / mutant["file"]).read_text(encoding="utf-8").count(mutant["old"]) == 1
+    path, _, name = mutant["test"].partition("::")
+    assert not name or f"def {name}(" in (ROOT / path).read_text(encoding="utf-8")
