@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from topo_search.export.mjcf import SPIN
 from topo_search.model import Design, Mount, Task, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.topologies import sample
@@ -83,6 +84,11 @@ def inertia_about_com(design: Design) -> Array:
     for m, r in zip(masses, [*at.o, *joints, at.p_e], strict=True):
         J = J + m * (r @ r * np.eye(3) - np.outer(r, r))
     return np.asarray(J)
+
+
+def exported_inertia(design: Design) -> Array:
+    """The inertia of the exported model: the bodies of points turn like small balls."""
+    return inertia_about_com(design) + (design.topology.n + 1) * SPIN * np.eye(3)
 
 
 def in_mujoco(text: str) -> tuple[Any, Any]:

@@ -1,3 +1,4 @@
+import errno
 import os
 import signal
 import subprocess
@@ -58,6 +59,15 @@ def test_a_process_that_may_have_no_children_is_told_what_to_use(monkeypatch):
     """As of multiprocessing.Pool."""
     monkeypatch.setitem(current_process()._config, "daemon", True)
     with Workers(1) as workers, pytest.raises(WorkersLost, match=r"concurrent\.futures"):
+        workers.run_one(square, 3, deadline=LONG)
+
+
+def test_shared_memory_that_cannot_be_written_to_is_named(monkeypatch):
+    def refuse(_):
+        raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+    monkeypatch.setattr("multiprocessing.context.BaseContext.RLock", refuse)
+    with Workers(1) as workers, pytest.raises(OSError, match=r"Read-only file system: '/dev/shm'"):
         workers.run_one(square, 3, deadline=LONG)
 
 

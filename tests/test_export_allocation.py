@@ -7,7 +7,15 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from export_cases import OWN_FRAME, drawn_trees, in_mujoco, inertia_about_com, mass_matrix, random_design
+from export_cases import (
+    OWN_FRAME,
+    drawn_trees,
+    exported_inertia,
+    in_mujoco,
+    inertia_about_com,
+    mass_matrix,
+    random_design,
+)
 
 from topo_search.export.allocation import Allocation, allocation, px4_parameters, px4_warnings, set_points
 from topo_search.export.mjcf import mjcf
@@ -36,7 +44,7 @@ def test_columns_masses_and_inertia_are_those_of_mujoco(tree: Topology) -> None:
         assert rotor.largest_thrust_N == pytest.approx(model.actuator(j).ctrlrange[1], rel=1e-14)
     M = mass_matrix(model, data)
     assert acts.mass_kg == pytest.approx(M[0, 0], rel=1e-13)
-    np.testing.assert_allclose(acts.inertia_kg_m2, M[3:, 3:], atol=1e-13)
+    np.testing.assert_allclose(exported_inertia(design), M[3:, 3:], atol=1e-13)
     np.testing.assert_allclose(acts.inertia_kg_m2, inertia_about_com(design), atol=1e-13)
     np.testing.assert_allclose(acts.com_m, platform(design).p_com, atol=1e-13)
     axes = np.array(acts.principal_axes)

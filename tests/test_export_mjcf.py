@@ -13,6 +13,7 @@ from export_cases import (
     OWN_FRAME,
     WEDGE,
     drawn_trees,
+    exported_inertia,
     in_mujoco,
     inertia_about_com,
     mass_matrix,
@@ -113,7 +114,25 @@ def test_poses_wrenches_masses_and_inertia_are_those_of_the_audit(topology: Topo
     m_t = task.total_mass(topology.n)
     np.testing.assert_allclose(M[:3, :3], m_t * np.eye(3), atol=1e-13)
     np.testing.assert_allclose(M[:3, 3:], 0, atol=1e-13)
-    np.testing.assert_allclose(M[3:, 3:], inertia_about_com(design), atol=1e-13)
+    np.testing.assert_allclose(M[3:, 3:], exported_inertia(design), atol=1e-13)
+
+
+@pytest.mark.parametrize("masses", [{}, {"joint_mass": 0.03}], ids=["joints without mass", "joints"])
+def test_every_body_has_a_mass_and_an_inertia_as_other_readers_ask(masses: dict[str, float]) -> None:
+    task = {"module": masses, "end_effector": {"mass": 0.0}}
+    design = with_rod(random_design(Topology.from_key("a300"), 3, task))
+    bodies = ElementTree.fromstring(mjcf(design)).findall("worldbody//body")
+    inertials = [body.find("inertial") for body in bodies]
+    assert len(bodies) == 1 + 3 + 2 + 1
+    assert all(float(inertial.attrib["mass"]) > 0 for inertial in inertials)
+    assert all(min(map(float, inertial.attrib["diaginertia"].split())) >= 1e-9 for inertial in inertials)
+    total = sum(float(inertial.attrib["mass"]) for inertial in inertials)
+    model, _ = in_mujoco(mjcf(design))
+    assert total == pytest.approx(model.body("platform").subtreemass[0], rel=1e-12)
+    assert total == pytest.approx(design.task.total_mass(3), rel=1e-12)
+    for link in ElementTree.fromstring(urdf(design)).findall("link/inertial"):
+        mass, turning = float(link.find("mass").attrib["value"]), float(link.find("inertia").attrib["ixx"])
+        assert turning >= 1e-9 or mass == 0.0
 
 
 def test_a_platform_of_a_hundred_modules() -> None:

@@ -14,6 +14,7 @@ import nlp.bounds.branch.proof
 import nlp.reduced.platform
 import nlp.starts.reduced_starts
 import verify.proof.check
+from topo_search.model import BadInput
 from topo_search.model.compiled_code import CACHE_DIR, is_cached, njit, refresh
 
 
@@ -164,3 +165,9 @@ def test_no_folder_at_all_is_said(read_only, monkeypatch):
     with pytest.raises(OSError, match=CACHE_DIR) as caught:
         read_only()
     assert caught.value.errno == errno.ENOTDIR
+
+
+def test_a_compiler_that_is_switched_off_is_said(monkeypatch):
+    monkeypatch.setattr(numba.config, "DISABLE_JIT", 1)
+    with pytest.raises(BadInput, match="NUMBA_DISABLE_JIT"):
+        njit(cache=False)

@@ -2,6 +2,7 @@
 
 import ast
 import json
+import math
 import os
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
+from topo_search.compose import binding
 from topo_search.compose.drawer import Change, SharedKit
 from topo_search.export.allocation import allocation
 from topo_search.model import Design
@@ -197,3 +199,34 @@ def test_a_mutant_can_be_put_in_and_its_test_exists(mutant: dict[str, str]) -> N
     assert (ROOT / mutant["file"]).read_text(encoding="utf-8").count(mutant["old"]) == 1
     path, _, name = mutant["test"].partition("::")
     assert not name or f"def {name}(" in (ROOT / path).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", ["verify", "nlp"])
+def test_a_file_of_the_users_in_the_way_of_a_package_is_named(tmp_path, name):
+    own = tmp_path / f"{name}.py"
+    own.write_text("")
+    code = "import topo_search"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stderr.splitlines()[-1].startswith(f"ImportError: {own} is in the way of"), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("member", "limits", "quota"),
+    [
+        ("0::/a/b", {"a/cpu.max": "150000 100000", "a/b/cpu.max": "max 100000"}, 1.5),
+        ("0::/", {"cpu.max": "50000 100000"}, 0.5),
+        ("0::/host/path", {"cpu.max": "200000 100000"}, 2.0),  # which the container's own view lacks
+        ("3:x:/a\n1:cpu,x:/a", {"cpu/a/cpu.cfs_quota_us": "300000", "cpu/a/cpu.cfs_period_us": "100000"}, 3.0),
+        ("1:cpu:/", {"cpu/cpu.cfs_quota_us": "-1", "cpu/cpu.cfs_period_us": "100000"}, math.inf),
+        ("0::/", {}, math.inf),
+    ],
+)
+def test_a_container_limits_the_workers(tmp_path, monkeypatch, member, limits, quota):
+    files = {"proc/self/cgroup": member, **{f"sys/fs/cgroup/{name}": text for name, text in limits.items()}}
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(f"{text}\n")
+    assert binding.cpu_quota(tmp_path) == quota
+    monkeypatch.setattr(binding, "cpu_quota", lambda root: quota)
+    monkeypatch.setattr("os.sched_getaffinity", lambda _: range(64))
+    assert binding.available_cores() == (64 if math.isinf(quota) else math.ceil(quota))

@@ -3,6 +3,8 @@
 import csv
 import io
 import json
+import os
+import subprocess
 import sys
 from dataclasses import replace
 from functools import partial
@@ -217,6 +219,21 @@ def test_files_and_answer_of_the_command(command, tmp_path, monkeypatch) -> None
     with Image.open(tmp_path / "film.gif") as film:
         assert film.n_frames == 7
         assert len(film.convert("RGB").getcolors(1 << 20)) > 50  # something is to be seen
+
+
+@pytest.mark.parametrize(("film", "status"), [((), 0), (("--video", "film.gif"), 2)], ids=["no film", "film"])
+def test_only_a_film_needs_graphics(wall_press, tmp_path, film, status) -> None:
+    """MuJoCo cannot be imported with a graphics library that is missing."""
+    (tmp_path / "wall.json").write_text(to_json(wall_press))
+    done = subprocess.run(
+        [sys.executable, "-m", "topo_search", "fly", "wall.json", "--only", "hover", "--no-wake", *film],
+        cwd=tmp_path,
+        env={**os.environ, "MUJOCO_GL": "none-such"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == status, done.stderr
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_json_and_status_of_a_flight_that_fails(command, tmp_path, solved_push) -> None:

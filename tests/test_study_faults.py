@@ -98,6 +98,17 @@ def test_every_candidate_ends_exactly_once(tmp_path):
         check(coordinator, tmp_path, modules, crash, hang)
 
 
+def test_a_disk_without_shared_memory_maps_keeps_a_journal(tmp_path):
+    """As many network disks, where SQLite cannot share the index of its log."""
+    run = tmp_path / "run"
+    toy_run(run, modules=3, time_limit=0.0)
+    (run / "ledger.sqlite-shm").symlink_to("/dev/full")  # which SQLite does not open
+    assert toy_run(run, modules=3).complete
+    assert (run / "ledger.sqlite-journal").read_bytes() == b""
+    toy_run(tmp_path / "whole", modules=3)
+    assert ranking(run) == ranking(tmp_path / "whole")
+
+
 def test_a_disk_that_fills_up_ends_the_command_with_nothing_lost(tmp_path):
     (tmp_path / "toy.toml").write_text(to_toml(toy_task(4)))
     log = tmp_path / "log"

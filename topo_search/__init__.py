@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -73,6 +75,12 @@ __all__ = [
     "read_answer", "read_design", "read_json", "read_task", "register_format", "residuals", "search", "solve",
     "to_json", "to_toml", "write_report",
 ]  # fmt: skip
+
+
+for _name in ("nlp", "verify"):  # common names, of which a script's folder may have a file
+    _found = getattr(find_spec(_name), "origin", None)
+    if _found != str(Path(__file__).parents[1] / _name / "__init__.py"):
+        raise ImportError(f"{_found} is in the way of topo_search's own package {_name}: rename it", path=_found)
 
 
 def __getattr__(name: str) -> Any:

@@ -81,11 +81,14 @@ def fly(
     completed = read_completed(design)
     for option, path in (("--video", video), ("--out", out and out / "flight.json")):
         options.require_writable(path, option)
-    if video is not None:
-        os.environ.setdefault("MUJOCO_GL", "egl")
+    if video is None:  # else MuJoCo would load a graphics library, which may be missing
+        os.environ["MUJOCO_GL"] = "disable"
+    os.environ.setdefault("MUJOCO_GL", "egl")
     with needs_extras("fly"):
         from topo_search.model.files import write_atomically
         from topo_search.simulation import files
+
+        film = None if video is None else files.film(video, files.radius(completed))
         from topo_search.simulation.campaign import fly_all
         from topo_search.simulation.controller import Allocator, PseudoInverse
         from topo_search.simulation.fly import Options
@@ -94,7 +97,6 @@ def fly(
 
         rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[option_values["allocator"]]
         errors = Errors(option_values["model_error"], option_values["noise"], option_values["seed"])
-        film = None if video is None else files.film(video, files.radius(completed))
         campaign = fly_all(
             completed,
             Options(errors, detection=option_values["detection_time"], allocator=rule, wake=option_values["wake"]),

@@ -5,6 +5,7 @@ The user's code and designs are checked, and an airflow envelope given by an air
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 from collections import Counter
@@ -13,6 +14,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import islice
+from pathlib import Path
 from typing import TypeVar, get_args
 
 import nlp
@@ -133,7 +135,29 @@ def processes(workers: int) -> Workers | CallingProcess:
 def available_cores() -> int:
     """Return the number of cores that this process may use, at most the largest number of workers."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores, LIMITS.workers)
+    return math.ceil(min(cores, LIMITS.workers, cpu_quota(Path("/"))))
+
+
+def cpu_quota(root: Path) -> float:
+    """Return the number of cores whose CPU time this process may use, as a container limits it.
+
+    The limits are those of its control group and the groups above, of version 2 or 1 (Linux, cgroups(7)).
+
+    Args:
+        root: root of the file system.
+    """
+    quota, member = math.inf, root / "proc/self/cgroup"
+    for line in member.read_text().splitlines() if member.exists() else ():
+        _, controllers, group = line.split(":", 2)
+        if controllers and "cpu" not in controllers.split(","):
+            continue
+        mount = root / "sys/fs/cgroup" / ("cpu" if controllers else "")
+        names = ("cpu.cfs_quota_us", "cpu.cfs_period_us") if controllers else ("cpu.max",)
+        for folder in (mount / group.lstrip("/"), *(mount / group.lstrip("/")).parents):
+            with suppress(OSError):
+                limit, period = " ".join((folder / name).read_text() for name in names).split()
+                quota = min(quota, math.inf if limit in ("max", "-1") else int(limit) / int(period))
+    return quota
 
 
 AnySampler = Sampler | OwnSampler | SamplerFactory | TopologySampler

@@ -6,6 +6,7 @@ violation, scaled to the task's units.
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import pickle
@@ -371,6 +372,9 @@ class Workers(Engine):
                     self._pool.active  # noqa: B018 (starts it)
             except BrokenProcessPool as error:
                 raise (error.__cause__ or error) from None
+            except OSError as error:  # of a pipe, or of a semaphore, which is a file there
+                where = None if error.errno == errno.EMFILE else "/dev/shm"
+                raise OSError(error.errno, error.strerror, where) from None
         return self._pool
 
     def _stop(self) -> None:

@@ -11,8 +11,10 @@ r"""A design as a model for MuJoCo (MJCF): rigid bodies, a thrust actuator per r
 The body `platform` floats freely. Its frame has its origin at the centre of mass and the axes of the task frame
 W, so wrenches of load cases have the same components as in the task. Modules are its descendants along the tree,
 each behind a hinge fixed at the design's angle. Masses are those of the solver and the audit: m and the module's
-inertia at every module's centre, point masses m_E at p_E and the joints' at their hinges. The rod that holds the
-end-effector has a shape, and a mass if the design counts it. `Physics` adds what a simulator may need beyond that.
+inertia at every module's centre, masses m_E at p_E and the joints' at their hinges. Some readers refuse a body
+without mass and replace the inertia of a point, so each of these, and the body `platform`, has a mass of at least
+MOTE and the inertia SPIN. The rod that holds the end-effector has a shape, and a mass if the design counts it.
+`Physics` adds what a simulator may need beyond that.
 
 An added rod mass moves the centre of mass off the origin of the body `platform`, so no keyframe hovers exactly; a
 controller must compensate. The tip is a ball centred at the end-effector, as thick as the rod; it shrinks to a
@@ -54,6 +56,10 @@ from verify.kinematics import Platform, platform
 
 COLLISION = "3"
 """Group of geoms used only for contacts, which viewers hide by default."""
+MOTE = 1e-15
+"""Mass of a body that has none [kg]."""
+SPIN = 1e-9
+"""Moment of inertia of a point mass [kg m^2]; with less than 1e-10 some readers replace it by 1e-6."""
 POINT = 1e-5
 """Radius of a tip that starts on a solid region [m]."""
 
@@ -242,6 +248,7 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
     floating = SubElement(world, "body", name="platform")
     SubElement(floating, "freejoint", name="platform")
     SubElement(floating, "site", name="centre_of_mass", rgba=rgba(palette.CENTRE_OF_MASS))
+    _point_mass(floating, 0.0)
     root_pose = {"pos": numbers(*-poses.p_com), "euler": numbers(*design.root_orientation_rad)}
     bodies = [_module_body(floating, 0, root_pose, module)]
     for (h, i, a, b), alpha in zip(design.topology.edges(), design.hinge_angles_rad, strict=True):
@@ -251,7 +258,7 @@ def mjcf(design: Design, physics: Physics = AS_SEARCHED) -> str:
             beyond_hinge["euler"] = numbers(kappa * math.pi / 2, 0, 0)
         bodies.append(_module_body(hinge, i, beyond_hinge, module))
     end_effector = SubElement(floating, "body", name="end_effector", pos=numbers(*poses.p_e))
-    SubElement(end_effector, "inertial", pos="0 0 0", mass=numbers(task.end_effector.mass), diaginertia="0 0 0")
+    _point_mass(end_effector, task.end_effector.mass)
     rod = rod_of(design, poses)
     if design.mount is not None and rod is not None:
         shape = {"type": "capsule", "size": numbers(rod.radius), "rgba": rgba(palette.END_EFFECTOR)}
@@ -309,10 +316,14 @@ def _hinge(parent: Element, i: int, a: int, alpha: float, module: Module) -> Ele
     connector = numbers(*module.connector_distance * PORT_DIRECTIONS[a])
     _bar(parent, a, module)
     hinge = SubElement(parent, "body", name=f"hinge_{i}", pos=connector, euler=numbers(0, about_x, about_y))
-    if module.joint_mass:
-        SubElement(hinge, "inertial", pos="0 0 0", mass=numbers(module.joint_mass), diaginertia="0 0 0")
+    _point_mass(hinge, module.joint_mass)
     _bar(hinge, a, module)
     return hinge
+
+
+def _point_mass(body: Element, mass: float) -> None:
+    """Add a mass at a body's origin."""
+    SubElement(body, "inertial", pos="0 0 0", mass=numbers(mass or MOTE), diaginertia=numbers(SPIN, SPIN, SPIN))
 
 
 def _bar(body: Element, port: int, module: Module) -> None:

@@ -23,7 +23,7 @@ from xml.etree.ElementTree import Comment, Element, SubElement
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.mjcf import numbers, rgba, xml_text
+from topo_search.export.mjcf import SPIN, numbers, rgba, xml_text
 from topo_search.export.poses import ROTOR_ANGLES, mass_of, rod_of, rotation_to
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
@@ -102,7 +102,7 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
 def _point(robot: Element, name: str, mass: float) -> Element:
     """Add a link with a point mass."""
     link = SubElement(robot, "link", name=name)
-    _inertial(link, mass, np.zeros((3, 3)))
+    _inertial(link, mass, (SPIN if mass else 0.0) * np.eye(3))
     return link
 
 

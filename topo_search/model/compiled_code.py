@@ -22,6 +22,7 @@ import numba
 from numba.core.caching import FunctionCache
 from numba.core.types import unliteral
 
+from topo_search.model.value import BadInput
 from topo_search.supervisor import tell
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -43,8 +44,11 @@ def njit(
         options: options of numba.
 
     Raises:
+        BadInput: numba's compiler is switched off.
         OSError: no folder is writable.
     """
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        raise BadInput("NUMBA_DISABLE_JIT", "must be 0 or unset: without the compiler a search would take days")
 
     def compile_lazily(function: Function) -> Function:
         dispatcher: Any = numba.njit(**options | {"_nrt": allocates})(function)

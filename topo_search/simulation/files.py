@@ -6,7 +6,7 @@ import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,11 +15,13 @@ from topo_search.model.design import Design
 from topo_search.model.files import to_json, write_atomically
 from topo_search.model.text import csv_text
 from topo_search.model.value import BadInput, Fault
-from topo_search.simulation.campaign import Campaign, FlownScenario
-from topo_search.simulation.fly import Watch
-from topo_search.simulation.plant import Plant
 from topo_search.simulation.result import FlightResult, word
 from verify.kinematics import platform
+
+if TYPE_CHECKING:  # MuJoCo loads a graphics library, which may be missing
+    from topo_search.simulation.campaign import Campaign, FlownScenario
+    from topo_search.simulation.fly import Watch
+    from topo_search.simulation.plant import Plant
 
 FRAMES_EVERY = 16
 """Control steps per frame: 12.5 Hz in real time."""
@@ -128,12 +130,12 @@ def film(path: Path, radius: float) -> Film:
     """
     if path.suffix.lower() != ".gif":
         raise BadInput("--video", [Fault("", f"must end in .gif, but got {path.name}")])
-    import mujoco
-
     try:
+        import mujoco
+
         model = mujoco.MjModel.from_xml_string("<mujoco/>")
         mujoco.Renderer(model, 8, 8).close()
-    except (mujoco.FatalError, ImportError, AttributeError, RuntimeError) as error:
+    except Exception as error:  # noqa: BLE001 (each graphics library fails in its own way)
         backend = os.environ.get("MUJOCO_GL", "not set")
         rule = f"cannot be rendered here (MUJOCO_GL is {backend}; egl needs no display): {error}"
         raise BadInput("--video", [Fault("", rule)]) from None

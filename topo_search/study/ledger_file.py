@@ -99,23 +99,43 @@ def open_database(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection
     if not path.stat().st_size:  # only `stat`: opening and closing the file would drop SQLite's locks
         raise damage(path, "it is empty")
     options = "?mode=rw"
-    if read_only:  # without a write-ahead log the file can be read on its own, and SQLite creates no files
-        has_log = path.with_name(f"{path.name}-wal").exists()
+    if read_only:  # without a log or journal the file can be read on its own, and SQLite creates no files
+        has_log = any(path.with_name(f"{path.name}-{kind}").exists() for kind in ("wal", "journal"))
         options = "?mode=ro" if has_log else "?mode=ro&immutable=1"
-    with closing(sqlite3.connect(path.absolute().as_uri() + options, isolation_level=None, uri=True)) as database:
+    uri = path.absolute().as_uri() + options
+    try:
         try:
-            _check(database, path)
-            if not read_only:
-                database.execute("PRAGMA journal_mode = WAL")
-                database.execute("PRAGMA synchronous = FULL")
-                database.execute("BEGIN IMMEDIATE")  # creates the log, whose loss is noticed from then on
-                database.execute("ROLLBACK")
+            database = _opened(uri, path, read_only=read_only)
+        except sqlite3.OperationalError as error:
+            if getattr(error, "sqlite_errorcode", 0) & 0xFF not in (sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CANTOPEN):
+                raise
+            database = _opened(uri, path, read_only=read_only, maps=False)
+        with closing(database):
             yield database
-        except sqlite3.DatabaseError as error:  # text that is not UTF-8 has no code of SQLite
-            code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
-            if code not in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
-                raise  # such as a full disk
-            raise damage(path, str(error)) from None
+    except sqlite3.DatabaseError as error:  # text that is not UTF-8 has no code of SQLite
+        code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT) & 0xFF
+        if code not in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB):
+            raise  # such as a full disk
+        raise damage(path, str(error)) from None
+
+
+def _opened(uri: str, path: Path, *, read_only: bool, maps: bool = True) -> sqlite3.Connection:
+    """Return a connection that writes a log ahead or, on a disk without shared memory maps, keeps a journal."""
+    database = sqlite3.connect(uri, isolation_level=None, uri=True)
+    try:
+        if not maps:
+            database.execute("PRAGMA locking_mode = EXCLUSIVE")  # for a log that is left, which then needs no map
+        _check(database, path)
+        if not read_only:  # a truncated journal stays, by which readers know that a run writes
+            database.execute(f"PRAGMA journal_mode = {'WAL' if maps else 'TRUNCATE'}")
+            database.execute("PRAGMA locking_mode = NORMAL")
+            database.execute("PRAGMA synchronous = FULL")
+            database.execute("BEGIN IMMEDIATE")  # creates the log, whose loss is noticed from then on
+            database.execute("ROLLBACK")
+    except BaseException:
+        database.close()
+        raise
+    return database
 
 
 def _check(database: sqlite3.Connection, path: Path) -> None:
