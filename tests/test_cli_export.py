@@ -159,9 +159,9 @@ def test_without_a_library_the_answer_is_how_to_install_it(command, tmp_path, li
 
 def test_a_kit_is_a_folder_that_is_written_whole_again(command, kit, tmp_path):
     made, result = kit
-    names = result.stdout.removeprefix(f"the kit is in {made}: ").strip().split(", ")
+    assert result.stdout == f"the kit is in {made}\n"
     kit = shutil.copytree(made, tmp_path / "lab/kit")
-    assert sorted(str(path.relative_to(kit)) for path in kit.rglob("*") if path.is_file()) == sorted(names)
+    names = [str(path.relative_to(kit)) for path in kit.rglob("*") if path.is_file()]
     assert read_json(Design, kit / "design.json") == read_json(Design, CLEAR)
     before = {name: (kit / name).read_bytes() for name in names}
     (kit / "rotors.csv").write_text("old")
@@ -171,7 +171,7 @@ def test_a_kit_is_a_folder_that_is_written_whole_again(command, kit, tmp_path):
 
 def test_a_kit_says_what_the_audit_found_of_its_brackets(command, kit, tmp_path):
     folder, result = kit
-    assert "Brackets are audited clear" in result.stderr
+    assert "Brackets" not in result.stderr
     assert "Brackets are audited clear of all airflow and rotors" in (folder / "assembly.html").read_text()
     design = read_json(Design, CLEAR)
     for circle, status, found in (
@@ -238,8 +238,8 @@ def test_a_kit_of_rounded_angles_says_what_rounding_changed(command, tmp_path, s
     ("name", "broken"),
     few(
         [
-            ("wall-push", "exposure 1 (allowed, plane 0) of module 2: -2.35 mm (violated)"),
-            ("window-cleaning", "hover, horizontal force reserve: short by 0.000714 N (violated)"),
+            ("wall-push", "exposure 1 (allowed, plane 0) of module 2: violated, -2.35 mm"),
+            ("window-cleaning", "hover, horizontal force reserve: violated, off by 0.000714 N"),
         ],
         1,
     ),

@@ -1,4 +1,4 @@
-"""What a design can do beyond its task in words: in the audit's text and summary, and on its page."""
+"""What a design can do beyond its task in words: in the audit's text, and on its page."""
 
 import math
 
@@ -86,7 +86,7 @@ def test_text_and_page_of_an_audit_tell_of_it(capsys: pytest.CaptureFixture[str]
     found = audit(given)
     assert found.flight is not None
     lines = list(flight_lines(found.flight))
-    print(*audit_lines("fan.json", found), sep="\n")
+    print(*audit_lines("fan.json", found, details=True), sep="\n")
     text = capsys.readouterr().out.splitlines()
     page = Reader(render(design_page(given, found, "fan.json")))
     for line in lines:

@@ -94,7 +94,7 @@ def test_the_candidates_of_an_answer_are_those_of_its_file(tmp_path, monkeypatch
     assert frame.objective.dtype == frame.violation.dtype == float
 
 
-# ---- Texts of users that a spreadsheet would run as formulas, or Markdown show as markup, in every table written.
+# ---- Texts of users that a spreadsheet would run as formulas, in every table written.
 
 FORMULAS = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", '=HYPERLINK("http://x")']
 

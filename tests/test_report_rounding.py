@@ -20,9 +20,10 @@ from topo_search.cli.tables import _front, _rows, audit_lines
 from topo_search.cli.tasks import _expectations
 from topo_search.compose import audit
 from topo_search.compose.designs import compare_audits
+from topo_search.export.audits import summary_lines
 from topo_search.model import CaseFlight, Clearance, Limit, Topology
 from topo_search.model.audit import WorstCase
-from topo_search.model.design import Relaxation
+from topo_search.model.design import Relaxation, ShorterRod
 from topo_search.model.proven import excess_texts
 from topo_search.model.search import Level
 from topo_search.report.charts import clearance_matrices
@@ -115,7 +116,7 @@ def test_errors_that_are_harmless_and_what_is_not_met(audited, capsys):
                 "interference": None,
             }
         )
-        print(*audit_lines("mine", changed), sep="\n")
+        print(*audit_lines("mine", changed, details=True), sep="\n")
         printed, checked = capsys.readouterr().out, residuals(changed).rows[0]
         for text in (printed, *errors(changed).rows, findings(made, changed)):
             check(text, least=x, most=3 * x)
@@ -124,7 +125,7 @@ def test_errors_that_are_harmless_and_what_is_not_met(audited, capsys):
         check(checked, least=81 * x, most=27 * x)
 
 
-def test_flights_fronts_and_near_ties(capsys):
+def test_flights_fronts_and_near_ties(audited, capsys):
     for x in draws(25, 1e-2, 0.28):
         case = CaseFlight(
             name="hover",
@@ -139,6 +140,9 @@ def test_flights_fronts_and_near_ties(capsys):
         )
         found = flight(cases=(case,))
         check(found.weakest_point, least=x)
+        briefly = list(summary_lines(audited[1].model_copy(update={"flight": found})))
+        check(briefly[1], least=x)
+        check(briefly[3], least=1 + x)
         check(flight_sentences(found)[1:], least=x)
         check(cases(found).rows[0], least=x, most=3 * x)
         row = Row(
@@ -163,7 +167,8 @@ def test_efforts_and_gaps(capsys, monkeypatch):
         candidate = toy_row("a300", objective=x, gap=0.1), ProofState(x, 0.1, "task", "within"), None
         check(ranking([candidate], proofs=True)["candidates"]["rows"][0][-3:], least=x)
         check(bound(x, 0.1, 3)[0], least=x)
-        check(_expectations({"candidates": 3, "quotient": "", "impossible": None, "lower_bound": x}), least=x)
+        size = {"modules": 3, "candidates": 3, "quotient": "", "impossible": None, "lower_bound": x}
+        check([words for _, words in _expectations([size])], least=x)
         row = toy_row("a300", objective=x, gap=0.1)
         print(*_rows((row,)), sep="\n")
         check(capsys.readouterr().out.splitlines()[1].split()[2], most=x / row.lower_bound)
@@ -192,36 +197,18 @@ def test_the_scope_of_a_proof():
         check(problem(task, "task"), most=x)
 
 
-def reasons():
-    """Random tasks that cannot be done, each with what is needed at least and what there is at most."""
+def test_reasons_why_nothing_can_do_a_task():
     for x in draws(12, 0.6, 3.0):
         reach = hover(2, end_effector={"stand_off": x, "largest_reach": 0.1})
-        yield reach, x - reach.module.connector_distance, 0.1
-        placed = {"position": [x, 0.0, 0.0], "stand_off": 0.1, "largest_reach": 0.1}
-        task = hover(1, end_effector=placed, search={"body_clearance": False})
-        share = task.total_mass(1) / task.module.mass
-        yield task, share * x - task.module.connector_distance, 0.1
-        probe = hover(3)
-        most = 4 * 3 * probe.module.thrust_coefficient * probe.max_input
-        upwards = {"com": {"force": [0.0, 0.0, (most * (1 + x)) / probe.force_unit(3)]}}
-        yield hover(3, load_cases=[upwards]), most * (1 + x), most
-        far = {"position": [0.01, 0.0, 0.0], "stand_off": 4 * x, "rod": "none", "largest_reach": False}
-        yield hover(2, end_effector=far), 4 * x, None
-        weak = hover(3, module={"max_thrust_to_weight": 1.0 + x / 30})
-        pull = 4 * 3 * weak.module.thrust_coefficient * weak.max_input
-        yield hover(3, module={"max_thrust_to_weight": 1.0 + x / 30}), weak.force_unit(3), pull
+        message = prove_impossible(reach).message
+        check(message.split("so that")[-1], least=x - reach.module.connector_distance)
+        check(message, most=0.1)
 
 
-def test_reasons_why_nothing_can_do_a_task():
-    seen = 0
-    for task, needed, available in reasons():
-        proof = prove_impossible(task)
-        if proof is None:
-            continue
-        seen += 1
-        check(proof.message.split("so that")[-1], least=needed)
-        check(proof.message, most=available)
-    assert seen >= 40
+@pytest.mark.parametrize(("cost", "side"), [(0.0123, "most"), (None, "least")])
+def test_what_a_shorter_rod_costs(cost, side):
+    for length in (0.23456, 0.23444):
+        check(ShorterRod(length_m=length, cost=cost).words, **{side: length})
 
 
 def test_a_needed_and_an_available_amount_stay_apart():

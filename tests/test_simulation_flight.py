@@ -201,9 +201,9 @@ def test_files_and_answer_of_the_command(command, tmp_path, monkeypatch) -> None
     result = command(*words, "--detection-time", "0.2", "--no-wake")
     assert result.stdout.splitlines()[1].split()[:4] == ["return", "from", "+x", "recovered"]
     assert result.stdout.endswith("in simulation: recovered\n")
-    assert NO_DOWNWASH in result.stdout
     assert result.stderr == "return from +x: recovered\n"
     read = FlightResult.model_validate_json((tmp_path / "flight/flight.json").read_text())
+    assert NO_DOWNWASH in read.notes
     assert (read.options["seed"], read.options["detection_time_s"], read.options["wake_loss_share"]) == (3, 0.2, 0)
     assert "hovers statically after 20 of 20 single rotor failures, 20 of them with torque left" in result.stdout
     assert "survive" not in result.stdout

@@ -73,12 +73,32 @@ def explain_errors(*, resumes: bool = False) -> Iterator[None]:
             signal.signal(number, handler)
 
 
+OPTION_GROUPS = {
+    "Task": {"--modules", "--set", "--paper", "--topologies", "--near"},
+    "Output": {"--out", "--live", "--json", "--csv", "--details", "--picture", "--page", "--video"},
+    "Advanced": {"--symmetry", "--root", "--connectors", "--round", "--prune", "--keep-within", "--dask"},
+}
+"""Options below a title of their own in the help; all others are `Options`."""
+
+
 class ExplainedCommand(click.Command):
-    """A command whose errors `explain_errors` explains."""
+    """A command with grouped options whose errors `explain_errors` explains."""
 
     def __init__(self, *arguments: Any, resumes: bool = False, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
         self._resumes = resumes
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write a section for each group of options that the command has."""
+        sections: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Options", *OPTION_GROUPS)}
+        for parameter in self.get_params(ctx):
+            if (record := parameter.get_help_record(ctx)) is not None:
+                groups = (title for title, names in OPTION_GROUPS.items() if names & set(parameter.opts))
+                sections[next(groups, "Options")].append(record)
+        for title, records in sections.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command."""

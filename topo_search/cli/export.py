@@ -130,8 +130,9 @@ def export(
             raise SystemExit(1)
         _warn_unless_clear(audited)
         if chosen.name in ("kit", "sheet"):
-            note(brackets := brackets_note(design))
-            notes += (brackets,)
+            notes += (brackets := brackets_note(design),)
+            if "not clear" in brackets:
+                note(brackets)
         physics = Physics(motor_lag, rod_mass, contacts, solid_regions=contacts)
         if chosen.reads == "folder":
             _write_folder(design, chosen.name, out, notes, physics)
@@ -175,10 +176,9 @@ def _write_folder(design: ts.Design, name: str, out: Path, notes: tuple[str, ...
     if name == "brackets":
         click.echo(f"the brackets are in {out}: {', '.join(write_brackets(design, out))}")
         return
-    kit = write_kit(design, out, notes, physics)
-    click.echo(f"the kit is in {out}: {', '.join(kit.files)}")
-    for text in kit.notes:
+    for text in write_kit(design, out, notes, physics).notes:
         note(text)
+    click.echo(f"the kit is in {out}")
 
 
 def _table(source: str, name: str) -> pd.DataFrame | Assembly:

@@ -13,7 +13,7 @@ from topo_search.cli import options
 from topo_search.cli.errors import command, needs_extras, note
 
 if TYPE_CHECKING:
-    from topo_search.simulation.result import FlightResult
+    from topo_search.simulation.result import FlightResult, ScenarioResult
 
 
 @command(epilog="Example: topo-search fly runs/push-*/best.json --out flight --video flight.gif")
@@ -93,7 +93,6 @@ def fly(
         from topo_search.simulation.controller import Allocator, PseudoInverse
         from topo_search.simulation.fly import Options
         from topo_search.simulation.plant import Errors
-        from topo_search.simulation.result import word
 
         rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[option_values["allocator"]]
         errors = Errors(option_values["model_error"], option_values["noise"], option_values["seed"])
@@ -102,7 +101,9 @@ def fly(
             Options(errors, detection=option_values["detection_time"], allocator=rule, wake=option_values["wake"]),
             rotor_out=option_values["rotor_out"],
             only=option_values["only"],
-            tell=lambda scenario: note(f"{scenario.name}: {word(scenario)}"),
+            tell=lambda scenario: note(
+                ": ".join(filter(None, (scenario.name, _outcome(scenario), scenario.reason)))
+            ),
             watch=lambda scenario: None if film is None else film.watch(scenario.name),
         )
         if out is not None:
@@ -115,26 +116,19 @@ def fly(
         raise SystemExit(1)
 
 
+def _outcome(scenario: ScenarioResult) -> str:
+    from topo_search.simulation.result import word
+
+    return word(scenario) + " (informative)" * (scenario.verdict == "not held" and not scenario.counts)
+
+
 def _lines(result: FlightResult) -> Iterator[str]:
-    """Yield a table of the scenarios, and sentences about the rest of the result."""
+    """Yield a table of the scenarios, and the outcome of all that count."""
     from topo_search.simulation.result import CELLS, word
 
     head = ("scenario", "outcome", *CELLS[:-1], "largest")
-    rows = [head, *((scenario.name, word(scenario), *scenario.cells) for scenario in result.scenarios)]
+    rows = [head, *((scenario.name, _outcome(scenario), *scenario.cells) for scenario in result.scenarios)]
     widths = [max(len(row[k]) for row in rows) for k in range(len(head))]
     for row in rows:
         yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-    for scenario in result.scenarios:
-        if scenario.reason is not None:
-            informative = "" if scenario.counts else " (informative)"
-            yield f"{scenario.name}: {word(scenario)}{informative}: {scenario.reason}"
-    x, y, _ = result.weakest_direction
-    yield (
-        f"side force in hover: {result.weakest_force_N:.3g} N in the weakest direction [{x:.2f}, {y:.2f}], "
-        f"{100 * result.weakest_force_share:.3g} % of the weight; {result.statics}"
-    )
-    if result.rod_mass_kg > 0:
-        mass = f"{1000 * result.rod_mass_kg:.3g} g"
-        yield f"simulated with the rod's mass of {mass}, which the design model neglects"
-    yield "\n".join(result.notes)
     yield f"in simulation: {word(result)}"

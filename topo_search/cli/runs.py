@@ -134,12 +134,13 @@ def _figures(design: Compared) -> dict[str, object]:
     }
 
 
-@command(epilog="Example: topo-search audit runs/push-*/best.json --csv pairs.csv")
+@command(epilog="Example: topo-search audit runs/push-*/best.json --details")
 @click.argument("designs", nargs=-1, required=True, metavar="DESIGN.json|FOLDER...")
 @options.as_json
 @options.out("--csv", "table", "Write all clearances to a CSV table.")
+@click.option("--details", is_flag=True, help="Print every figure.")
 @options.workers
-def audit(designs: tuple[str, ...], table: Path | None, workers: int | None) -> None:
+def audit(designs: tuple[str, ...], table: Path | None, details: bool, workers: int | None) -> None:
     """Audit designs exactly, from the design files alone.
 
     Given a folder, every .json file below it is audited; audits in a run's folder are skipped.
@@ -167,7 +168,7 @@ def audit(designs: tuple[str, ...], table: Path | None, workers: int | None) -> 
             continue
         judged.append((name, result))
         if not options.is_json():
-            options.echo_lines(audit_lines(name, result))
+            options.echo_lines(audit_lines(name, result, details=details))
     verdicts = [audit.verdict for _, audit in judged]
     if options.is_json():
         values = [{"file": name, **audit.model_dump(mode="json")} for name, audit in judged]

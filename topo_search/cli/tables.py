@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from topo_search.engine import Failed, Outcome
-from topo_search.export.audits import flight_lines, power_lines, tolerance_lines
+from topo_search.export.audits import broken_lines, flight_lines, power_lines, summary_lines, tolerance_lines
 from topo_search.model import Audit, Design, Infeasible, Status
 from topo_search.model.design import NOT_CERTIFIED
-from topo_search.model.proven import at_least, at_most, gap_percent, lower_text, upper_text
+from topo_search.model.proven import at_least, at_most, gap_percent, upper_text
 from topo_search.report.wording import NEAR_TIES, length, modules, near_tie_cells, quantity
 from topo_search.study import NEAR_BEST, Answer, Row, SizeAnswer, Solved
 from topo_search.study.ledger import proven_cell
@@ -34,6 +34,7 @@ def result_lines(answer: Answer) -> Iterator[str]:
     if answer.levels:
         yield from _front(answer)
     else:
+        yield from dict.fromkeys(size.quotient for size in answer.sizes)
         for size in answer.sizes:
             yield from _size(size)
     best = answer.best
@@ -53,7 +54,6 @@ def result_lines(answer: Answer) -> Iterator[str]:
 def _size(size: SizeAnswer) -> Iterator[str]:
     """Yield the table of one size."""
     yield _counts(size)
-    yield size.quotient
     if size.feasible:
         yield f"feasible trees, symmetric copies included: {size.feasible}"
         yield from _rows(size.top)
@@ -96,7 +96,7 @@ def _front(answer: Answer) -> Iterator[str]:
     rows = []
     for point in answer.points:
         reached = ["" if x is None else length(at_least(x, 3)) for x in (point.clearance, point.stand_off)]
-        effort, peak = f"{point.row.objective:.6g}", f"{upper_text(point.peak_input, 4)} u_max"
+        effort, peak = f"{point.row.objective:.3g}", f"{upper_text(point.peak_input, 3)} u_max"
         rows.append((point.row.key, str(point.row.modules), effort, *reached, peak, str(point.number)))
     yield from _table(("key", "modules", "J [rad^4/s^4]", "clearance", "stand-off", "peak input", "level"), rows)
     yield from answer.idle_goals
@@ -106,14 +106,14 @@ def _rows(rows: tuple[Row, ...]) -> Iterator[str]:
     cells = []
     for row in rows:
         key, objective, gap, audit = _summary_cells(row)
-        ratio = f"{at_most(row.objective / row.lower_bound, 5):.4f}" if row.objective and row.lower_bound else ""
+        ratio = f"{at_most(row.objective / row.lower_bound, 3):.2f}" if row.objective and row.lower_bound else ""
         cells.append((key, objective, ratio, gap, f"{row.starts_at_best} of {row.starts}", str(row.orbit), audit))
     return _table(("key", "J [rad^4/s^4]", "J over bound", "gap", "hits", "symmetric copies", "audit"), cells)
 
 
 def _summary_cells(row: Row) -> tuple[str, str, str, str]:
     gap = "" if row.gap is None else gap_percent(row.gap)
-    return row.key, f"{row.objective:.6g}", gap, row.audit or ("failed" if row.audit_failure else "")
+    return row.key, f"{row.objective:.3g}", gap, row.audit or ("failed" if row.audit_failure else "")
 
 
 def _near_ties(size: SizeAnswer) -> Iterator[str]:
@@ -173,7 +173,7 @@ def _table(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> Iterator[st
 
 def _effort(design: Row | Design) -> str:
     gap = "" if design.gap is None else f", gap to the lower bound {gap_percent(design.gap)}"
-    return f"J = {design.objective:.6g} rad^4/s^4{gap}"
+    return f"J = {design.objective:.3g} rad^4/s^4{gap}"
 
 
 def progress_line(outcome: Outcome) -> str:
@@ -204,13 +204,9 @@ def solved_lines(solved: Solved, out: Path | None) -> Iterator[str]:
             yield f"the design is in {out}"
 
 
-def audit_lines(name: str, audit: Audit) -> Iterator[str]:
-    """Yield the verdict of an audit, and everything that is not clear."""
-    nearest = min(audit.pairs, key=lambda pair: pair.analytic_m, default=None)
-    clearance = (
-        "" if nearest is None else f"; smallest clearance {lower_text(nearest.analytic_m)} m, {nearest.name}"
-    )
-    yield f"{name}: {audit.verdict}, {len(audit.pairs)} clearances{clearance}"
+def audit_lines(name: str, audit: Audit, *, details: bool = False) -> Iterator[str]:
+    """Yield the verdict of an audit, what is not clear, and a summary; with `details` every figure."""
+    yield f"{name}: {audit.verdict}, {quantity(len(audit.pairs), 'clearance')}"
     if audit.inputs_words is not None:
         yield f"  {audit.inputs_words}"
     overlaps = audit.interference
@@ -220,24 +216,18 @@ def audit_lines(name: str, audit: Audit) -> Iterator[str]:
             f"  {quantity(overlaps.colliding_pairs, 'pair')} of envelopes overlap, in clusters of {sizes} modules; "
             f"the deepest by {upper_text(overlaps.deepest_percent, 3)} % of the deepest possible"
         )
-    for pair in audit.pairs:
-        if pair.status != "clear":
-            yield f"  {pair.name}: {pair.status}, {lower_text(pair.analytic_m)} m"
-            yield from (f"    {line}" for line in pair.evidence)
+    yield from (f"  {line}" for line in broken_lines(audit))
     for constraint in audit.stated:
         yield f"  {constraint.name} ({NOT_CERTIFIED}): {constraint.words}, bounds: {constraint.bounds}"
-    for residual in audit.residuals:
-        if residual.status != "clear":
-            off = f"off by {upper_text(residual.value, 3)} {residual.unit}"
-            yield f"  {residual.words}: {residual.status}, {off}"
-    for excess in audit.mesh_excess:
-        yield f"  note: {excess.words}"
+    yield from (f"  {line}" for line in summary_lines(audit))
+    if details:
+        notes = [f"note: {excess.words}" for excess in audit.mesh_excess]
+        flight = () if audit.flight is None else (*flight_lines(audit.flight), *power_lines(audit))
+        air = () if audit.air is None else audit.air.sentences()
+        yield from (f"  {line}" for line in (*notes, *tolerance_lines(audit), *flight, *air))
     sheet = audit.assembly.end_effector
     if sheet is not None and sheet.note is not None:
         yield f"  note: {sheet.note}"
-    flight = () if audit.flight is None else (*flight_lines(audit.flight), *power_lines(audit))
-    air = () if audit.air is None else audit.air.sentences()
-    yield from (f"  {line}" for line in (*tolerance_lines(audit), *flight, *air))
 
 
 def tally_lines(verdicts: Sequence[Status], failed: int, refused: int, skipped: int) -> Iterator[str]:

@@ -82,7 +82,7 @@ def check(
     plausible = not any(one.path.startswith("module.") and UNIT_IN_DOUBT in one.words for one in warnings)
     first = user_task.resolve(user_task.sizes[0]).model_dump(mode="json")
     value = {"task": first, "sizes": sizes, "warnings": [warning._asdict() for warning in warnings]}
-    searches = [(f"search of {quantity(size['modules'], 'module')}", _expectations(size)) for size in sizes]
+    searches = [("search, and a bound on control effort if every wrench is met exactly", _expectations(sizes))]
     groups = chain(
         [("warnings", warnings)] * bool(warnings), _requirements(user_task, plausible=plausible), searches
     )
@@ -99,8 +99,7 @@ def _requirements(task: ts.Task, *, plausible: bool) -> Iterator[tuple[str, Iter
     from topo_search.report.task_facts import facts, goals, load_cases
 
     first, *larger = (task.resolve(n) for n in task.sizes)
-    platform, *groups = facts(first)
-    yield from (platform, *(facts(resolved)[0] for resolved in larger), *groups)
+    yield from facts(first, *larger)
     if plausible and any(exposure.geometry for exposure in first.exposure):
         from topo_search.cli.hardware import speeds_on
         from verify.air.envelope import envelope_air
@@ -115,16 +114,15 @@ def _requirements(task: ts.Task, *, plausible: bool) -> Iterator[tuple[str, Iter
     yield f"load cases{size}, each the total wrench of the rotors", cases
 
 
-def _expectations(size: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return the figures of `_size` in words."""
+def _expectations(sizes: list[dict[str, Any]]) -> Iterator[tuple[str, str]]:
+    """Yield the figures of `_size` in words."""
     from topo_search.model.proven import at_least
 
-    bound_text = figures(at_least(size["lower_bound"], 4))
-    bound = f"at least {bound_text} rad⁴/s⁴ if every wrench is met exactly, whatever the topology"
-    return [
-        ("candidates", f"{size['candidates']}; {size['quotient']}"),
-        ("control effort J", f"impossible: {size['impossible']}" if size["impossible"] else bound),
-    ]
+    yield from (("trees", quotient) for quotient in dict.fromkeys(size["quotient"] for size in sizes))
+    for size in sizes:
+        bound = f"J at least {figures(at_least(size['lower_bound'], 3))} rad⁴/s⁴, whatever the topology"
+        effort = f"impossible: {size['impossible']}" if size["impossible"] else bound
+        yield quantity(size["modules"], "module"), f"{quantity(size['candidates'], 'candidate')}; {effort}"
 
 
 def _group(title: str, rows: Iterable[tuple[str, str]]) -> Iterator[str]:

@@ -40,10 +40,34 @@ def broken_lines(audit: Audit) -> Iterator[str]:
     """Yield a line for each requirement that is not clear, with the shortfall in its unit."""
     for pair in audit.pairs:
         if pair.status != Status.CLEAR:
-            yield f"{pair.name}: {lower_text(1000 * pair.analytic_m, 3)} mm ({pair.status})"
+            yield f"{pair.name}: {pair.status}, {lower_text(1000 * pair.analytic_m, 3)} mm"
+            yield from (f"  {line}" for line in pair.evidence)
     for row in audit.residuals:
         if row.status != Status.CLEAR:
-            yield f"{row.words}: short by {upper_text(row.value, 3)} {row.unit} ({row.status})"
+            yield f"{row.words}: {row.status}, off by {upper_text(row.value, 3)} {row.unit}"
+
+
+def summary_lines(audit: Audit) -> Iterator[str]:
+    """Yield the closest pair, the side force, tilt and rotor failures in hover, and the load, one per line."""
+    if audit.pairs:
+        nearest = min(audit.pairs, key=lambda pair: pair.analytic_m)
+        yield f"closest pair: {nearest.name}, {lower_text(1000 * nearest.analytic_m, 3)} mm"
+    if (flight := audit.flight) is None:
+        return
+    hover = flight.hover
+    if not hover.possible:
+        yield flight.weakest_point
+        return
+    if (at_tip := hover.horizontal_reserve_N) is not None:
+        towards = "" if hover.horizontal_weakest is None else f" towards {direction(hover.horizontal_weakest)}"
+        yield f"side force in hover: {lower_text(at_tip, 3)} N at the tip{towards}"
+    if hover.tilt_deg is not None:
+        yield f"tilt in hover: up to {lower_text(hover.tilt_deg, 3)} degrees"
+    yield f"rotor failures in hover: {_rotors_out(flight.rotors_out_hover, 'can only hover', named=False)}"
+    factors = [(case.load_factor, case.name) for case in flight.cases if case.load_factor is not None]
+    if factors:
+        factor, name = min(factors)
+        yield f"load until a rotor saturates: {lower_text(factor, 3)} times {name}"
 
 
 def flight_lines(flight: Flight) -> Iterator[str]:
@@ -103,9 +127,9 @@ def power_lines(audit: Audit) -> Iterator[str]:
         )
 
 
-def _rotors_out(out: RotorsOut, uncontrolled: str) -> str:
+def _rotors_out(out: RotorsOut, uncontrolled: str, *, named: bool = True) -> str:
     words = f"survives {out.survive} of {out.of}"
-    if 0 < len(out.lost) <= NAMED_ROTORS:
+    if named and 0 < len(out.lost) <= NAMED_ROTORS:
         words += f", not {_rotors(out.lost)}"
     words += f", undecided {_rotors(out.undecided)}" if out.undecided else ""
     return f"{words}; {uncontrolled}: {out.hover_only}" if out.hover_only else words

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from topo_search.limits import vector
 from topo_search.model import AnyExposure, LoadCase, ResolvedTask, Task
@@ -11,19 +11,19 @@ from topo_search.model.proven import upper_text
 from topo_search.model.room import folds_text
 from topo_search.model.task import Tolerances
 from topo_search.model.value import is_zero
-from topo_search.report.wording import figures, length, modules, quantity
+from topo_search.report.wording import figures, length, quantity
 
 Facts = tuple[str, Sequence[tuple[str, str]]]
 """A group of facts: its title, then names and values."""
 
 
-def facts(task: ResolvedTask) -> tuple[Facts, ...]:
-    """Return everything that a task specifies except its load cases."""
+def facts(task: ResolvedTask, *larger: ResolvedTask) -> tuple[Facts, ...]:
+    """Return everything that a task specifies except its load cases; `larger`: the same with more modules."""
     numbered = [(exposure, (f"requirement {e}", requirement(exposure))) for e, exposure in enumerate(task.exposure)]
     regions = [fact for exposure, fact in numbered if exposure.geometry]
     speeds = [fact for exposure, fact in numbered if not exposure.geometry]
     return (
-        ("platform", list(_platform(task))),
+        ("platform", list(_platform(task, *larger))),
         ("module", list(_module(task))),
         ("airflow envelope", list(_envelope(task))),
         ("end-effector", list(_end_effector(task))),
@@ -35,14 +35,17 @@ def facts(task: ResolvedTask) -> tuple[Facts, ...]:
     )
 
 
-def _platform(task: ResolvedTask) -> Iterator[tuple[str, str]]:
-    n = task.n
-    yield "size", modules(n)
-    yield "mass m_t", f"{figures(task.total_mass(n))} kg, with {_included_parts(task)}"
-    yield "weight m_t g", f"{figures(task.force_unit(n))} N, at g = {figures(task.gravity)} m/s²"
-    if task.attitude:
+def _platform(*tasks: ResolvedTask) -> Iterator[tuple[str, str]]:
+    def each(value: Callable[[ResolvedTask, int], float]) -> str:
+        return ", ".join(figures(value(task, task.n)) for task in tasks)
+
+    numbers, gravity = ", ".join(str(task.n) for task in tasks), figures(tasks[0].gravity)
+    yield "size", f"{numbers} module{'s' * (numbers != '1')}"
+    yield "mass m_t", f"{each(ResolvedTask.total_mass)} kg, with {_included_parts(tasks[0])}"
+    yield "weight m_t g", f"{each(ResolvedTask.force_unit)} N, at g = {gravity} m/s²"
+    if tasks[0].attitude:
         yield "attitude", "one for all load cases: the platform does not lean into a load"
-    yield "unit of torque l_arm m_t g", f"{figures(task.torque_unit(n))} N m"
+    yield "unit of torque l_arm m_t g", f"{each(ResolvedTask.torque_unit)} N m"
 
 
 def _included_parts(task: ResolvedTask) -> str:

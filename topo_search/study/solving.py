@@ -256,8 +256,6 @@ def audit_best(folder: RunFolder, n: int, lower_bound: float, tools: Tools) -> N
             _audit(ledger, context, _rows(ledger, context, pending), tools)
             for row in _rows(ledger, context, pending):
                 if not row.clear and (audit := ledger.audit(context, row.key)) is not None:
-                    words = f"the audit of the design with margin {row.margin:g} m is {row.audit}"
-                    tools.observer.note(f"{row.key}: {words}")
                     margins[row.key].raise_after(audit)
 
 

@@ -101,7 +101,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
     lower_bound, impossible = ledger.bound(contexts[0]) or (0.0, None)
     is_complete = impossible is not None or ledger.is_complete(contexts[0], request.starts, request.trials)
     statuses = Counter[str]()
-    fewest_starts, feasible = request.starts, 0
+    fewest_starts, feasible, repeated = request.starts, 0, 0
     best, closest, smallest_violation = None, None, math.inf
     top, near_best, remarks = list[Row](), list[Row](), list[str]()
     smallest = lower_bound * (1 - 3.0e-6)  # for rounding, and for older ledgers that leave tolerances to the audit
@@ -115,6 +115,7 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
             fewest_starts = min(fewest_starts, row.asked)
         if row.feasible:
             feasible += row.orbit if quotient.exact else 1
+            repeated += bool(row.step)
             if best is None and row.clear:
                 best = row
             if best and row.objective is not None and row.objective <= (1 + NEAR_BEST) * (best.objective or 0.0):
@@ -128,6 +129,9 @@ def _size_answer(folder: RunFolder, n: int) -> SizeAnswer:
                 closest, smallest_violation = row, violation
         elif row.status == "failed" and statuses["failed"] <= SHOWN:
             remarks.append(f"{row.key}: failed, {row.worst_constraint}")
+    if repeated:
+        again = quantity(repeated, "design")
+        remarks.append(f"{again} solved again with a larger margin, as the audit was not clear")
     if statuses["failed"]:
         remarks.append("some candidates failed for reasons that may not recur; the same command solves them again")
     settled = candidates if impossible else statuses.total()
@@ -220,13 +224,10 @@ def reason(proof: Infeasible | None, closest: Row | None, statuses: Counter[str]
 
 
 def remark(row: Row) -> list[str]:
-    """Return remarks on a design whose first audit was not clear."""
-    repeat = f"solved again with margin {row.margin:g} m because its audit was not clear" if row.step else ""
-    skip = "" if row.audit is None or row.clear else f"skipped, its audit is {row.audit}"
+    """Return the remark on a design whose last audit is not clear."""
     if row.audit_failure is not None:
-        skip = f"skipped, its audit failed: {row.audit_failure}"
-    text = "; ".join(part for part in (repeat, skip) if part)
-    return [f"{row.key}: {text}"] if text else []
+        return [f"{row.key}: skipped, its audit failed: {row.audit_failure}"]
+    return [] if row.audit is None or row.clear else [f"{row.key}: skipped, its audit is {row.audit}"]
 
 
 def _reserve_order(row: Row) -> tuple[float, float, float]:
