@@ -131,6 +131,19 @@ def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed, flies):
         assert dual_value(task, tree, theta, tip, y, rows(stated, sigma)) >= proven
 
 
+@pytest.mark.parametrize("half", [0.01, 0.1, 0.7])
+def test_the_middle_of_an_arc_has_no_dual_value_under_the_bound_of_the_arc(half):
+    """Multipliers along one thrust axis: the rotors cost least where a hinge turns theirs towards it."""
+    task, tree = push(2, load_cases=[HOVER]), Topology(((-1, -1, -1), (0, 0, 2)))
+    stated = to_arrays(task, tree)
+    y = np.zeros((len(stated.loads.f), 6))
+    y[:, :3] = stated.loads.f / 4
+    ends = np.array([0.0, 0.0, 0.0, half])
+    proven = bound_of(stated, y, np.zeros(0), -ends, ends)
+    middle, end = (dual_value(task, tree, theta, np.zeros(3), y, ()) for theta in (0 * ends, ends))
+    assert proven <= middle < end
+
+
 @pytest.mark.parametrize("flies", [False, True])
 @pytest.mark.parametrize("seed", few(range(15), 4))
 def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(seed, flies):
@@ -269,6 +282,18 @@ def test_two_modules_are_too_close_at_every_point_of_a_crowded_box(seed, rule):
         for _ in range(10 if rule == "airflow" else 2):
             assert clearance_missed(task, tree, rng.uniform(lower, upper))
     assert found > 0
+
+
+def test_a_box_whose_vertices_alone_are_too_close_is_not_crowded():
+    """Two bolted centres are 0.3 cos(h / 2) m apart: farthest at h = 0, inside the box."""
+    least = 0.3 * math.cos(0.04)
+    task = push(2, search={"interference": "separation", "separation": least})
+    tree = Topology(((-1, -1, -1), (0, 0, 2)))
+    for start, crowded in ((-0.1, False), (0.2, True)):
+        lower, upper = np.array([0.0, 0.0, 0.0, start]), np.array([0.0, 0.0, 0.0, 0.3])
+        _, at, axes, vertices, rho = seen(to_arrays(task, tree), lower, upper)
+        where = crowding(to_arrays(task, tree), at, axes, vertices, rho, np.zeros(4))
+        assert (where == EVERYWHERE) is crowded
 
 
 @pytest.mark.parametrize("spread", [0.03, 0.3, 3.0])

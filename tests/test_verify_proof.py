@@ -105,6 +105,19 @@ def test_no_point_of_a_box_has_a_dual_value_under_its_bound(seed, flies):
         assert dual_value(task, tree, theta, tip, y, walls, corners) >= proven
 
 
+@pytest.mark.parametrize("half", [0.01, 0.1, 0.7])
+def test_the_middle_of_an_arc_has_no_dual_value_under_the_bound_of_the_arc(half):
+    """Multipliers along one thrust axis: the rotors cost least where a hinge turns theirs towards it."""
+    task = push(2, load_cases=[HOVER])
+    stated = check_arrays(task, PAIR)
+    y = np.zeros((len(stated.f), 6))
+    y[:, :3] = 2 * stated.weight[:, None] * stated.f / 8
+    ends = np.array([0.0, 0.0, 0.0, half])
+    proven = bound_of(stated, y, np.zeros(0), -ends, ends)
+    middle, end = (dual_value(task, PAIR, theta, np.zeros(3), y, ()) for theta in (0 * ends, ends))
+    assert proven <= middle < end
+
+
 @pytest.mark.parametrize("flies", [False, True])
 @pytest.mark.parametrize("seed", few(range(15), 4))
 def test_the_bound_of_a_point_is_its_dual_value_but_for_what_an_audit_lets_pass(seed, flies):
