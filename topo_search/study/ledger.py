@@ -346,12 +346,12 @@ class Ledger:
         if text is None:
             return None
         model: type[Design] | type[Infeasible] = Design if '"topo-search/design"' in text[:60] else Infeasible
-        return parse(self.path, model, "texts", text, strict=False)
+        return parse(self.path, model, "texts", text)
 
     def audit(self, context: Context, key: str) -> Audit | None:
         """Return the audit of a candidate's design."""
         text = self._text("audit", context, key)
-        return None if text is None else parse(self.path, Audit, "texts", text, strict=False)
+        return None if text is None else parse(self.path, Audit, "texts", text)
 
     def result_text(self, context: Context, key: str) -> str | None:
         """Return a candidate's result as JSON text."""

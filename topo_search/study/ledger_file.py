@@ -165,14 +165,14 @@ def checked_text(path: Path, key: str, text: bytes | None, checksum: int) -> str
     return text.decode()
 
 
-def parse(path: Path, model: type[Model], table: str, text: str, *, strict: bool = True) -> Model:
+def parse(path: Path, model: type[Model], table: str, text: str) -> Model:
     """Return the value of a JSON text from a table.
 
     Raises:
         BadInput: the text is invalid.
     """
     try:
-        return model.model_validate_json(text, strict=strict)
+        return model.model_validate_json(text)
     except ValidationError as error:
         raise damage(path, f"its table {table}: {faults_of(error, model)[0]}") from None
 
