@@ -15,7 +15,6 @@ from export_cases import (
     drawn_trees,
     exported_inertia,
     in_mujoco,
-    inertia_about_com,
     mass_matrix,
     random_design,
     rod_ends,
@@ -240,7 +239,7 @@ def test_the_rod_has_its_mass_where_it_is_asked_for(topology: Topology) -> None:
     ring = 0.005 * np.einsum("ka,kx->ax", [np.cos(angles), np.sin(angles)], side)
     points = (ends[0] + along[:, None, None] * v + ring).reshape(-1, 3)
     J = np.einsum("nx,nx->", points, points) * np.eye(3) - points.T @ points
-    np.testing.assert_allclose(M[3:, 3:], inertia_about_com(design) + rod * J / len(points), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(M[3:, 3:], exported_inertia(design) + rod * J / len(points), rtol=0, atol=1e-12)
 
 
 def test_thrust_lags_and_a_keyframe_begins_with_what_it_holds() -> None:

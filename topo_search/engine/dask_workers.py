@@ -118,10 +118,10 @@ class DaskWorkers(Engine):
             while (not running or len(running) < 2 * self._threads()) and (job := next(pending, None)) is not None:
                 if completed is None:
                     completed = as_completed(
-                        loop=self._connected().loop, timeout=None if math.isinf(seconds) else seconds
+                        loop=self._connect().loop, timeout=None if math.isinf(seconds) else seconds
                     )
                 call = pickle.dumps((function, job))
-                future = self._connected().submit(run_in_child, call, deadline(job), seconds, pure=False)
+                future = self._connect().submit(run_in_child, call, deadline(job), seconds, pure=False)
                 running[future] = job
                 completed.add(future)
             if completed is None or not running:
@@ -132,7 +132,7 @@ class DaskWorkers(Engine):
                 return
             yield running.pop(future), self._result(future)
 
-    def _connected(self) -> Client:
+    def _connect(self) -> Client:
         """Return the client; the first call connects it."""
         if self._client is None:
             from distributed import Client
@@ -148,7 +148,7 @@ class DaskWorkers(Engine):
     def _threads(self) -> int:
         """Return the number of jobs that all Dask workers run at a time."""
         try:
-            return sum(self._connected().nthreads().values())
+            return sum(self._connect().nthreads().values())
         except OSError:
             raise self._loss() from None
 

@@ -328,7 +328,7 @@ class Workers(Engine):
                         if (job := next(pending, None)) is None:
                             break
                         waiting.append((job, False))
-                    job, pool = waiting[0][0], self._started()
+                    job, pool = waiting[0][0], self._start_pool()
                     call = pickle.dumps((function, job))
                     try:
                         future: Future[Any] = pool.schedule(call_pickled, args=(call,), timeout=deadline(job))
@@ -353,7 +353,7 @@ class Workers(Engine):
             if running:
                 self._stop()
 
-    def _started(self) -> ProcessPool:
+    def _start_pool(self) -> ProcessPool:
         """Return the pool, started if necessary."""
         if self._pool is None:
             from pebble import ProcessPool  # slow to import, and many commands start no worker

@@ -105,11 +105,11 @@ def open_database(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection
     uri = path.absolute().as_uri() + options
     try:
         try:
-            database = _opened(uri, path, read_only=read_only)
+            database = _open(uri, path, read_only=read_only)
         except sqlite3.OperationalError as error:
             if getattr(error, "sqlite_errorcode", 0) & 0xFF not in (sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CANTOPEN):
                 raise
-            database = _opened(uri, path, read_only=read_only, maps=False)
+            database = _open(uri, path, read_only=read_only, maps=False)
         with closing(database):
             yield database
     except sqlite3.DatabaseError as error:  # text that is not UTF-8 has no code of SQLite
@@ -119,7 +119,7 @@ def open_database(path: Path, *, read_only: bool) -> Iterator[sqlite3.Connection
         raise damage(path, str(error)) from None
 
 
-def _opened(uri: str, path: Path, *, read_only: bool, maps: bool = True) -> sqlite3.Connection:
+def _open(uri: str, path: Path, *, read_only: bool, maps: bool = True) -> sqlite3.Connection:
     """Return a connection that writes a log ahead or, on a disk without shared memory maps, keeps a journal."""
     database = sqlite3.connect(uri, isolation_level=None, uri=True)
     try:
