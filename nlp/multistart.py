@@ -23,13 +23,13 @@ from nlp.joints import Limits
 from nlp.numbers.jets import climb
 from nlp.numbers.point import Point
 from nlp.reduced.arrays import ReducedProblem, to_arrays
+from nlp.reduced.descent import descend
 from nlp.reduced.search import (
     FIRST,
     SECOND,
     SELECTION,
     STIFF,
     LocalMinimum,
-    descend_all,
     local_minima,
     point_of,
 )
@@ -247,10 +247,10 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
         tell: called with a message before compiling.
     """
     in_air = _limits_air(task)
-    functions = (place_starts, descend_all, *((climb, derive_speeds) if in_air else ()))
+    functions = (place_starts, descend, *((climb, derive_speeds) if in_air else ()))
     if all(map(is_cached, functions)):
         return
-    tell("compiling the solver (once per installation, about two minutes)")
+    tell("compiling the solver (once per installation, about a minute)")
     tree = straight_chain(task.n)
     problem = to_arrays(task, tree)
     best, _ = local_minima(problem, draw_starts(task, tree, problem, range(1), "compile"))

@@ -5,6 +5,7 @@ from typing import Any
 
 import casadi as ca
 import mujoco
+import numba
 import numpy as np
 import pytest
 from nlp_cases import as_design, push, random_point, random_tree
@@ -15,9 +16,9 @@ from nlp.joints import _vectors, limited_loads
 from nlp.numbers.masses import masses
 from nlp.numbers.point import weigh_rod
 from nlp.problem import Variables
+from nlp.reduced import inputs
+from nlp.reduced import platform as poses
 from nlp.reduced.arrays import to_arrays
-from nlp.reduced.inputs import inertia as reduced_inertia
-from nlp.reduced.platform import platform as reduced_platform
 from nlp.requirements.balances import inertia as point_inertia
 from nlp.requirements.balances import required_wrenches, wrench_matrix, wrench_residuals
 from nlp.units import Units
@@ -35,6 +36,16 @@ from verify.flight.joints import inertia, joint_loads, rod_inertia
 from verify.kinematics import platform
 
 JOINTS: dict[str, Any] = {"joint_mass": 0.04}
+
+
+@numba.njit
+def reduced_platform(problem, x):
+    return poses.platform(problem, x)
+
+
+@numba.njit
+def reduced_inertia(rotors, pose):
+    return inputs.inertia(rotors, pose)
 
 
 @pytest.mark.parametrize("position", ["free", [0.1, 0.1, 0.3]])

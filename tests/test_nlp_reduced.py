@@ -58,13 +58,14 @@ def printed_gaps(task, topology):
 
 def lengths_of(row, stated):
     """The least and the largest R, the length by which the printed problem divides a square."""
-    kind = row.search_row.kind
-    _, start, growth = stated.air if kind in (s.AIR, s.PARTS) else row.search_row.envelope
-    end, radius = start + growth, row.search_row.path.radius
-    if kind == s.PARTS:
+    body, obstacle, _ = row.search_row
+    start, growth = stated.air[1:] if isinstance(obstacle, s.AirflowObstacle) else (0.0, 0.0)
+    end = start + growth
+    if isinstance(body, s.PartsBody):
         return end + stated.parts[:, 3].min(), end + stated.parts[:, 3].max()
-    regions = dict.fromkeys((s.BALL, s.CAPSULE, s.ALONG), end + radius)
-    R = {s.AIR: 2 * end, **regions}.get(kind, row.search_row.distance)
+    if isinstance(body, s.EnvelopeBody):
+        end += body.radius + body.growth
+    R = end + obstacle.radius if isinstance(obstacle, s.CapsuleObstacle) else end or obstacle.distance
     return R, R
 
 
@@ -85,10 +86,10 @@ def of_best_rod(listed, found):
     """The least finite gap of each limit of rods, all of one rod."""
     least, numbers = {}, set()
     for row, g in zip(listed, found, strict=True):
-        if row.search_row.rod.number >= 0 and math.isfinite(g):
+        if isinstance(row.search_row.body, s.RodBody) and math.isfinite(g):
             least[row.name] = min(g, least.get(row.name, math.inf))
-            numbers.add(row.search_row.rod.number)
-    assert len(numbers) == any(row.search_row.rod.number >= 0 for row in listed)
+            numbers.add(row.search_row.body.number)
+    assert len(numbers) == any(isinstance(row.search_row.body, s.RodBody) for row in listed)
     return least
 
 
@@ -131,20 +132,20 @@ def test_clearances_are_those_of_the_printed_problem(name):
                 if min(of_rods.values()) > 0.05:
                     assert min(printed[limit]) > 0
             for row, g in zip(listed, found, strict=True):
-                values = printed[row.name]
-                if row.search_row.rod.number >= 0:  # of a rod
+                values, (body, obstacle, _) = printed[row.name], row.search_row
+                if isinstance(body, s.RodBody):
                     continue
-                if s.PARTS_CONE <= row.search_row.kind <= s.PARTS_HULL:
+                if isinstance(body, s.PartsBody) and not isinstance(obstacle, s.AirflowObstacle):
                     assert g == pytest.approx(exact[row.name], abs=1e-6)
                     assert (min(values) > 0) == (g > 0) or abs(g) < 0.05
                     continue
-                if row.search_row.kind == s.HULL:
+                if isinstance(obstacle, s.HullObstacle):
                     assert (g > 0) == (exact[row.name] > 0) or abs(g) < 1e-6
                     assert g < 0 or values[1] > 0.0  # the centre is outside
                     assert (g > 0) == (min(values) > 0) or abs(g) < 0.05
                     continue
-                if row.search_row.kind in (s.CONE, s.CONE_COM):
-                    assert g == pytest.approx(values[int(row.search_row.cone.end)], abs=1e-4)
+                if isinstance(obstacle, s.ConeObstacle):
+                    assert g == pytest.approx(values[int(obstacle.end)], abs=1e-4)
                     continue
                 least, most = sorted(as_length(values[0], R) for R in lengths_of(row, stated))
                 assert least - 3e-5 <= g
@@ -243,7 +244,7 @@ def outside(P, corners):
 def test_an_envelope_and_a_hull_are_as_far_apart_as_their_nearest_points(region):
     rng, compared = np.random.default_rng(4), 0
     (formula,) = next(exposure_clearances(push(1, exposure=[region]))).formulas
-    hull = formula.search_rows()[0].hull
+    hull = formula.search_rows()[0].obstacle.hull
     a, b = hull.corners[hull.edges].transpose(1, 0, 2)
     d, r_0, dr = np.array([0.3, -1.0, 4.0]), 0.7, 0.5
     for _ in range(40):
@@ -280,7 +281,7 @@ def test_an_axis_in_a_hull_leaves_it_by_the_row_that_it_has(region):
     """Deep inside, where the printed problem has no slope that leads out: going uphill ends outside."""
     task, topology = push(1, exposure=[region]), Topology.from_key("a0")
     stated = to_arrays(task, topology)
-    place = next(r for r, kind in enumerate(stated.rows.kind) if kind == s.HULL)
+    place = next(r for r, kind in enumerate(stated.rows.obstacles.kind) if kind == s.HULL)
     rng, entered = np.random.default_rng(4), 0
     for _ in range(20):
         x = unknowns(task, topology, random_point(task, topology, rng))

@@ -151,7 +151,7 @@ def derive_speeds(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> t
     return values, gradients, hessians
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _add_curvature_of_point(numbers: Array, y: Array, slopes: Array, H: Array) -> None:
     """Add the curvature of a speed due to the motion of its point, by differences as in `nlp.numbers.jets`."""
     x, above, below = np.empty(3), np.empty((3, 6)), np.empty((3, 6))

@@ -73,7 +73,7 @@ def smooth_minimum(c: Array, A: float, beta: float) -> tuple[Array, Array, Array
     return value, gradient, hessian
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _find_candidates(C: float, D: float, E: float, A: float, candidates: Array) -> None:
     """Write eta and gamma of all candidates."""
     inverse = _inverse(C, A)[0]
@@ -85,7 +85,7 @@ def _find_candidates(C: float, D: float, E: float, A: float, candidates: Array) 
         candidates[7 + k] = end, 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _differentiate(k: int, C: float, D: float, E: float, A: float, d: Array, d2: Array) -> None:
     """Write the derivatives of eta and gamma of candidate k."""
     d[:] = 0.0
@@ -104,7 +104,7 @@ def _differentiate(k: int, C: float, D: float, E: float, A: float, d: Array, d2:
         d2[side, 0, column] = d2[side, column, 0] = bend * t_C * t_linear
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _stationary(C: float, linear: float, other: float, A: float, i: int, j: int, d: Array, d2: Array) -> None:
     """Write the derivatives of the stationary point's eta, with `linear` and `other` D and E, at i and j in c.
 
@@ -127,7 +127,7 @@ def _stationary(C: float, linear: float, other: float, A: float, i: int, j: int,
         d[a] *= slope
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _chain(
     candidate: Array, C: float, D: float, E: float, A: float, d: Array, d2: Array, df: Array, d2f: Array
 ) -> None:
@@ -150,7 +150,7 @@ def _chain(
             d2f[b, a] += mixed[b]
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _inverse(C: float, A: float) -> tuple[float, float, float]:
     """Return det / (det^2 + epsilon) of f's Hessian, det = 4 A^2 - C^2, with two derivatives by C."""
     det = 4 * A * A - C * C
@@ -160,13 +160,13 @@ def _inverse(C: float, A: float) -> tuple[float, float, float]:
     return det / denominator, -2 * C * first, 4 * C * C * second - 2 * first
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _on_edge(linear: float, A: float) -> float:
     """Return the minimiser of A t^2 + linear t."""
     return -linear * A / (2 * A * A + EPSILON)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _clamp(value: float) -> tuple[float, float, float]:
     """Return the smooth clamp to [0, 1], with two derivatives."""
     upper = math.sqrt((1.0 - value) ** 2 + EPSILON)

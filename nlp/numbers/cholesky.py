@@ -15,14 +15,14 @@ LEAST_PIVOT = 1e-30
 """Lower bound on a pivot, which rounding can make smaller."""
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def solve_in_place(H: Array, d: Array) -> None:
     """Solve H x = d in place by Cholesky's factors of the lower half of H, which it overwrites."""
     factor(H, len(d))
     solve_factored(H, d, len(d))
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def factor(H: Array, n: int) -> None:
     """Replace the lower half of H, shape (n, n), by its Cholesky factor."""
     for a in range(n):
@@ -37,7 +37,7 @@ def factor(H: Array, n: int) -> None:
         H[a, a] = math.sqrt(max(s, LEAST_PIVOT))
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def solve_factored(L: Array, d: Array, n: int) -> None:
     """Solve L L^T x = d in place; only the lower half of L is read."""
     for a in range(n):

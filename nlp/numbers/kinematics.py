@@ -100,12 +100,11 @@ def chain(theta: Array, parent: Indices, port: Indices, kappa: Indices, l_c: flo
     c0, s0 = math.cos(theta[0]), math.sin(theta[0])
     c1, s1 = math.cos(theta[1]), math.sin(theta[1])
     c2, s2 = math.cos(theta[2]), math.sin(theta[2])
-    omega[0, 2] = 1.0
-    omega[1] = c0, s0, 0.0
-    omega[2] = -s0 * c1, c0 * c1, s1
-    R[0, :, 1] = omega[2]
-    R[0, :, 0] = c0 * c2 - s0 * s1 * s2, s0 * c2 + c0 * s1 * s2, -c1 * s2
-    R[0, :, 2] = c0 * s2 + s0 * s1 * c2, s0 * s2 - c0 * s1 * c2, c1 * c2
+    omega[0, 2], omega[1, 0], omega[1, 1] = 1.0, c0, s0
+    omega[2, 0], omega[2, 1], omega[2, 2] = y = -s0 * c1, c0 * c1, s1
+    R[0, 0, 1], R[0, 1, 1], R[0, 2, 1] = y
+    R[0, 0, 0], R[0, 1, 0], R[0, 2, 0] = c0 * c2 - s0 * s1 * s2, s0 * c2 + c0 * s1 * s2, -c1 * s2
+    R[0, 0, 2], R[0, 1, 2], R[0, 2, 2] = c0 * s2 + s0 * s1 * c2, s0 * s2 - c0 * s1 * c2, c1 * c2
     for i in range(1, n):
         h, a, angle = parent[i], port[i], theta[i + 2]
         ca, sa = math.cos(angle), math.sin(angle)

@@ -12,8 +12,8 @@ Dimensionless as in `nlp.problem`: lengths in l_arm, forces in m g, inputs in u_
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +25,21 @@ from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.balances import angular_accelerations
-from nlp.requirements.statement import COLUMNS, SearchRow
+from nlp.requirements.statement import (
+    AIRFLOW,
+    BODIES,
+    MODULE,
+    OBSTACLES,
+    FacesObstacle,
+    HullObstacle,
+    RodBody,
+    SearchRow,
+)
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
 from topo_search.model.corners import CorneredTask
-from topo_search.model.shape import Capsule
+from topo_search.model.shape import Capsule, Hull
 
 Indices = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -75,15 +84,25 @@ class Cases(NamedTuple):
     """Set of each corner; -1 for load cases that are always active. A corner becomes active once it is violated."""
 
 
+class Kinds(NamedTuple):
+    """The bodies or obstacles of all rows."""
+
+    kind: Indices
+    """Kind of each."""
+    first: Indices
+    """Index of its first number."""
+    numbers: Array
+    """Numbers of all, of each in the order of its fields, shape (count,)."""
+
+
 class Rows(NamedTuple):
     """The clearances, each with a lower bound."""
 
-    kind: Indices
     i: Indices
     j: Indices
-    """The other module; unused if there is none."""
-    data: Array
-    """Numbers of each row in the columns `COLUMNS`, shape (m, width)."""
+    """The other module; -1 if there is none."""
+    bodies: Kinds
+    obstacles: Kinds
     lower: Array
     """Smallest allowed value of every row, shape (m,)."""
     rods: int
@@ -135,7 +154,8 @@ class ReducedProblem(NamedTuple):
     cases: Cases
     rows: Rows
     hulls: Hulls
-    speeds: Speeds
+    speeds: Speeds | None
+    """None without limits on air speed: the code of their rows is then not compiled."""
     air: tuple[float, float, float]
     """Length, start radius and growth of an envelope."""
     parts: Array
@@ -180,7 +200,7 @@ def to_arrays(task: ResolvedTask, topology: Topology) -> ReducedProblem:
         tree_of(topology),
         rotors,
         _cases(task, n, unit),
-        *_tabulate(list(rows(task, topology)), len(speeds.case)),
+        *_tabulate(list(rows(task, topology)), 0 if speeds is None else len(speeds.case)),
         speeds,
         (air.length / unit.length, air.start_radius / unit.length, air.growth / unit.length),
         np.column_stack(task.part_cover) / unit.length,
@@ -219,29 +239,37 @@ def rows(task: ResolvedTask, topology: Topology) -> Iterator[NamedRow]:
 
 
 def _tabulate(named_rows: list[NamedRow], speeds: int) -> tuple[Rows, Hulls]:
-    kind = np.array([row.search_row.kind for row in named_rows], dtype=np.int64)
-    i, j = (np.array([row[k] for row in named_rows], dtype=np.int64) for k in (1, 2))
-    data = np.array([row.search_row.numbers() for row in named_rows]).reshape(-1, COLUMNS.width)
+    search_rows = [row.search_row for row in named_rows]
     planes, edges, ranges = [np.empty((0, 4))], [np.empty((0, 6))], dict[int, list[int]]()
     face_count = edge_count = 0
-    for row, numbers in zip(named_rows, data, strict=True):
-        hull = row.search_row.hull
-        if hull is None:
-            continue
-        if id(hull) not in ranges:  # modules share a hull
+    for obstacle in (row.obstacle for row in search_rows):
+        if isinstance(obstacle, HullObstacle | FacesObstacle) and id(hull := obstacle.hull) not in ranges:
             a, b = hull.corners[hull.edges].transpose(1, 0, 2)
             planes.append(hull.planes)
             edges.append(np.column_stack([a, b - a]))
             ranges[id(hull)] = [face_count, face_count + len(planes[-1]), edge_count, edge_count + len(edges[-1])]
             _, face_count, _, edge_count = ranges[id(hull)]
-        numbers[COLUMNS.planes : COLUMNS.planes + 4] = ranges[id(hull)]
-    tables = Hulls(np.concatenate(planes), np.concatenate(edges))
-    rods = max((row.search_row.rod.number for row in named_rows), default=-1) + 1
+    i, j = (np.array([row[k] for row in named_rows], dtype=np.int64) for k in (1, 2))
+    obstacles = _kinds([row.obstacle for row in search_rows], OBSTACLES, ranges)
+    bodies = _kinds([row.body for row in search_rows], BODIES, ranges)
+    j[(obstacles.kind != MODULE) & (obstacles.kind != AIRFLOW)] = -1
+    rods = len({row.body.number for row in search_rows if isinstance(row.body, RodBody)})
     lower = np.array([row.lower for row in named_rows] + [-math.log(TARGET_SHARE)] * speeds)
-    return Rows(kind, i, j, data, lower, rods), tables
+    return Rows(i, j, bodies, obstacles, lower, rods), Hulls(np.concatenate(planes), np.concatenate(edges))
 
 
-def _speeds(task: ResolvedTask) -> Speeds:
+def _kinds(things: Sequence[tuple[Any, ...]], kinds: Sequence[type], ranges: Mapping[int, Sequence[int]]) -> Kinds:
+    """Return bodies or obstacles as arrays; a hull has its ranges of planes and edges."""
+    kind = np.array([kinds.index(type(thing)) for thing in things], dtype=np.int64)
+    numbers = [
+        np.hstack([[], *(ranges[id(value)] if isinstance(value, Hull) else value for value in thing)])
+        for thing in things
+    ]
+    first = np.cumsum([0, *map(len, numbers)])[: len(things)]
+    return Kinds(kind, first, np.concatenate([np.empty(0), *numbers]))
+
+
+def _speeds(task: ResolvedTask) -> Speeds | None:
     l_arm, regions, along, over = task.module.arm_length, list[Region](), list[float](), list[float]()
     for exposure in task.exposure:
         if exposure.speed is None:
@@ -251,6 +279,8 @@ def _speeds(task: ResolvedTask) -> Speeds:
             along.append(length if shape.takes_direction_from_com else 0.0)  # the axis follows the platform
             regions.append(region_of(shape.at(np.zeros(3)), l_arm, exposure.speed_reach))
             over.append(1 / exposure.speed)
+    if not regions:
+        return None
     case, region, module = (
         index.ravel() for index in np.indices((len(task.declared.load_cases), len(regions), task.n))
     )

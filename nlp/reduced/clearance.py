@@ -24,23 +24,19 @@ from typing import NamedTuple
 
 from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
 from nlp.reduced.arrays import ReducedProblem
-from nlp.reduced.platform import Platform, rotate
+from nlp.reduced.platform import Platform, p_E_of, rotate
 from nlp.requirements.statement import (
-    AIR,
-    ALONG,
-    APART,
-    COLUMNS,
+    AIRFLOW,
+    CAPSULE,
     CONE,
-    CONE_COM,
-    EXCLUSION,
-    HULL,
+    ENVELOPE,
+    FACES,
+    MODULE,
     OFFSET,
     PARTS,
-    PARTS_ALONG,
-    PARTS_CONE,
-    PARTS_CONE_COM,
-    PARTS_HULL,
     REACH,
+    ROD,
+    TIP_POINT,
 )
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -60,6 +56,9 @@ class GapLimits(NamedTuple):
 
 
 GAPS = GapLimits()
+NO_AXIS = (0.0, 0.0, 0.0)
+Swept = tuple[Vector, Vector, float, float]
+"""Start, axis, start radius and growth of a swept ball."""
 
 
 @njit(cache=True, forceinline=True)
@@ -169,7 +168,7 @@ def hull_gap(
     return nearest, eta, gradient
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def face_excess(q: Vector, planes: Array) -> tuple[float, Vector]:
     """Return the largest distance of a point beyond a face of a hull, and the normal of that face."""
     excess, face = -math.inf, 0
@@ -180,7 +179,7 @@ def face_excess(q: Vector, planes: Array) -> tuple[float, Vector]:
     return excess, row(planes, face)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array, rods: Array) -> None:
     """Compute the clearances of all rows, and their gradients.
 
@@ -193,109 +192,182 @@ def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Arr
             are the opposite, and E is unused.
         rods: output: largest missing clearance, 0 at first, and length of each rod, shape (rods, 2).
     """
-    rows = problem.rows
-    kinds, module_i, module_j, data, lower = rows.kind, rows.i, rows.j, rows.data, rows.lower
-    parts, R, centres, axes, zero = problem.parts, pose.R, pose.o, pose.z, (0.0, 0.0, 0.0)
-    length, r_air, dr_air = problem.air
-    b = (pose.p_E[0], pose.p_E[1], pose.p_E[2])
-    offset, reach = max(GAPS.min_distance, math.sqrt(dot(b, b))), 0.0
-    for k in range(len(parts)):
-        reach = max(reach, math.sqrt(dot(row(parts, k), row(parts, k))) + parts[k, 3])
-    for r in range(len(kinds)):
-        kind, i, j = kinds[r], module_i[r], module_j[r]
-        o, scale, is_pair = row(centres, i), 0.0, kind in (AIR, APART, PARTS)
-        # w: vector to module i from a point, or from the start of an axis or path d with a radius
-        if is_pair:
-            w, d, radius, growth = add(o, -1.0, row(centres, j)), multiply(-length, row(axes, j)), r_air, dr_air
-        else:
-            w = add(add(o, -1.0, b), -1.0, row(data, r, COLUMNS.origin))
-            d = row(data, r, COLUMNS.axis if kind in (CONE, PARTS_CONE) else COLUMNS.along)
-            radius, growth = data[r, COLUMNS.radius], 0.0
-            if kind in (CONE_COM, PARTS_CONE_COM, ALONG, PARTS_ALONG):  # d follows p_E
-                scale = (-1.0 if kind in (CONE_COM, PARTS_CONE_COM) else data[r, COLUMNS.length]) / offset
-                d = multiply(scale, b)
-        # gradients: push, by the point of module i at `arm` from its centre; by_d, by d; and E
-        gap, push, arm, by_d, E = math.inf, zero, zero, zero, zero
-        if kind == OFFSET:
-            gap, E = offset - data[r, COLUMNS.distance], divide(b, offset)
-        elif kind in (APART, EXCLUSION):
-            gap = math.sqrt(dot(w, w))
-            push = divide(w, gap)
-            gap -= data[r, COLUMNS.distance]
-        elif PARTS <= kind <= PARTS_HULL:
-            if kind == PARTS and _are_far(w, zero, d, length / 2 + r_air + dr_air + reach):
+    rows, reach = problem.rows, 0.0
+    for k in range(len(problem.parts)):
+        ball = row(problem.parts, k)
+        reach = max(reach, math.sqrt(dot(ball, ball)) + problem.parts[k, 3])
+    for r in range(len(rows.i)):
+        g[r] = math.inf
+        if rows.obstacles.kind[r] == AIRFLOW and _are_far(problem, pose, r, reach):
+            continue
+        for k in range(len(problem.parts) if rows.bodies.kind[r] == PARTS else 1):
+            body = _piece(problem, pose, r, k)
+            gap, eta, push, E = _gap(problem, pose, r, body)
+            if gap < g[r]:
+                g[r] = gap
+                point = add(body[0], eta, body[1])
+                if rows.bodies.kind[r] == ROD:
+                    push, point = _push_on_rod(problem, pose, r, body, eta, push), body[0]
+                gradients[r, 0], gradients[r, 1], gradients[r, 2] = push
+                gradients[r, 3], gradients[r, 4], gradients[r, 5] = cross(point, push)
+                gradients[r, 6], gradients[r, 7], gradients[r, 8] = add(E, -1.0, push)
+    _keep_best_rod(problem, pose, g, rods)
+
+
+@njit(cache=True, inner=True, allocates=False, forceinline=True)
+def _are_far(problem: ReducedProblem, pose: Platform, r: int, reach: float) -> bool:
+    """True if a body is so far from an envelope's middle that the gap must exceed GAPS.far; `reach` is of parts."""
+    i, j, (length, radius, growth) = problem.rows.i[r], problem.rows.j[r], problem.air
+    between, size = add(row(pose.o, i), -1.0, row(pose.o, j)), length / 2 + radius + growth
+    between = add(between, length / 2, row(pose.z, j))
+    if problem.rows.bodies.kind[r] == ENVELOPE:
+        between, reach = add(between, -length / 2, row(pose.z, i)), size
+    return dot(between, between) >= (reach + size + GAPS.far) ** 2
+
+
+@njit(cache=True, inner=True, allocates=False, forceinline=True)
+def _piece(problem: ReducedProblem, pose: Platform, r: int, k: int) -> Swept:
+    """Return piece k of the body of row r: its start from the COM, its axis, start radius and growth."""
+    i, bodies = problem.rows.i[r], problem.rows.bodies
+    kind, k_0, numbers, o = bodies.kind[r], bodies.first[r], bodies.numbers, row(pose.o, i)
+    if kind == ENVELOPE:
+        return o, multiply(-numbers[k_0], row(pose.z, i)), numbers[k_0 + 1], numbers[k_0 + 2]
+    if kind == PARTS:
+        return add(o, 1.0, rotate(pose.R, i, row(problem.parts, k))), NO_AXIS, problem.parts[k, 3], 0.0
+    if kind == ROD:  # without its tip
+        start = add(o, 1.0, rotate(pose.R, i, _vector(numbers, k_0 + 1)))
+        to_start = add(start, -1.0, p_E_of(pose))
+        return start, multiply(_tip_share(to_start, numbers[k_0 + 5]) - 1.0, to_start), numbers[k_0 + 4], 0.0
+    return o, NO_AXIS, 0.0, 0.0
+
+
+@njit(cache=True, inner=True, allocates=False, forceinline=True)
+def _gap(problem: ReducedProblem, pose: Platform, r: int, body: Swept) -> tuple[float, float, Vector, Vector]:
+    """Return the gap of a body from the obstacle of row r, and eta of its nearest point.
+
+    Also returned are the gradients by that point and, for a fixed point, by p_E.
+    """
+    obstacles, j, b = problem.rows.obstacles, problem.rows.j[r], p_E_of(pose)
+    kind, k_0, numbers, (o, d, radius, growth) = obstacles.kind[r], obstacles.first[r], obstacles.numbers, body
+    if kind == AIRFLOW:
+        length, r_air, dr_air = problem.air
+        w, axis = add(o, -1.0, row(pose.o, j)), multiply(-length, row(pose.z, j))
+        gap, eta, _, push = swept_gap(w, d, radius, growth, axis, r_air, dr_air)
+        return gap, eta, push, NO_AXIS
+    if kind == MODULE:
+        return _distance_gap(add(o, -1.0, row(pose.o, j)), numbers[k_0])
+    if kind == OFFSET:
+        gap, _, E, _ = _distance_gap(b, numbers[k_0])
+        return gap, 0.0, NO_AXIS, E
+    o = add(o, -1.0, b)
+    if kind == TIP_POINT:
+        return _distance_gap(o, numbers[k_0])
+    if kind == REACH:
+        gap, _, push, _ = _distance_gap(o, numbers[k_0])
+        return -gap, 0.0, multiply(-1.0, push), NO_AXIS
+    if kind == CAPSULE:
+        return _capsule_gap(o, d, radius, growth, b, numbers, k_0)
+    if kind == CONE:
+        return _cone_row(o, d, radius, growth, b, numbers, k_0)
+    planes = problem.hulls.planes[int(numbers[k_0]) : int(numbers[k_0 + 1])]
+    if kind == FACES:
+        gap, push = face_excess(o, planes)
+        return gap - radius, 0.0, push, NO_AXIS
+    edges = problem.hulls.edges[int(numbers[k_0 + 2]) : int(numbers[k_0 + 3])]
+    gap, eta, push = hull_gap(o, d, radius, growth, planes, edges)
+    return gap, eta, push, NO_AXIS
+
+
+@njit(cache=True, forceinline=True)
+def _distance_gap(w: Vector, distance: float) -> tuple[float, float, Vector, Vector]:
+    """Return the length of a vector beyond a distance, and its gradient, as in `_gap`."""
+    length = math.sqrt(dot(w, w))
+    return length - distance, 0.0, divide(w, length), NO_AXIS
+
+
+@njit(cache=True, inner=True, allocates=False)
+def _capsule_gap(
+    w: Vector, d: Vector, radius: float, growth: float, b: Vector, numbers: Array, k_0: int
+) -> tuple[float, float, Vector, Vector]:
+    """Return the gap of a body from a capsule, as in `_gap`; w is from p'_E."""
+    length, path = numbers[k_0 + 7], _vector(numbers, k_0 + 3)
+    if length > 0.0:
+        path = multiply(length / _offset(b), b)
+    start = _vector(numbers, k_0)
+    gap, eta, gamma, push = swept_gap(add(w, -1.0, start), d, radius, growth, path, numbers[k_0 + 6], 0.0)
+    return gap, eta, push, _by_p_E(b, length, multiply(-gamma, push))
+
+
+@njit(cache=True, inner=True, allocates=False)
+def _cone_row(
+    w: Vector, d: Vector, radius: float, growth: float, b: Vector, numbers: Array, k_0: int
+) -> tuple[float, float, Vector, Vector]:
+    """Return the gap of an end ball of a body inside a cone, as in `_gap`; w is from p'_E."""
+    axis, end, to_com = _vector(numbers, k_0 + 3), numbers[k_0 + 8], numbers[k_0 + 9]
+    if to_com > 0.0:
+        axis = multiply(-1.0 / _offset(b), b)
+    ball = add(add(w, -1.0, _vector(numbers, k_0)), end, d)
+    gap, push, by_axis = _cone_gap(ball, axis, numbers[k_0 + 6], numbers[k_0 + 7])
+    return gap - (radius + end * growth), end, push, _by_p_E(b, -to_com, by_axis)
+
+
+@njit(cache=True, forceinline=True)
+def _vector(numbers: Array, k: int) -> Vector:
+    """Return three numbers from index k on."""
+    return numbers[k], numbers[k + 1], numbers[k + 2]
+
+
+@njit(cache=True, forceinline=True)
+def _offset(b: Vector) -> float:
+    """Return the length of p_E."""
+    return max(GAPS.min_distance, math.sqrt(dot(b, b)))
+
+
+@njit(cache=True, forceinline=True)
+def _by_p_E(b: Vector, length: float, by_axis: Vector) -> Vector:
+    """Return the gradient by p_E of a function of an axis of a length along p_E."""
+    offset = _offset(b)
+    return multiply(length / offset, add(by_axis, -dot(by_axis, b) / offset**2, b))
+
+
+@njit(cache=True, forceinline=True)
+def _tip_share(to_start: Vector, tip: float) -> float:
+    """Return the share of a rod that is its tip."""
+    return min(1.0, tip / max(GAPS.min_distance, math.sqrt(dot(to_start, to_start))))
+
+
+@njit(cache=True, inner=True, allocates=False, forceinline=True)
+def _push_on_rod(problem: ReducedProblem, pose: Platform, r: int, body: Swept, eta: float, push: Vector) -> Vector:
+    """Return the gradient by a rod's start, whose nearest point is (1 - eta) t + eta tip t / |t| from p'_E."""
+    bodies = problem.rows.bodies
+    t = add(body[0], -1.0, p_E_of(pose))
+    length = max(GAPS.min_distance, math.sqrt(dot(t, t)))
+    share = _tip_share(t, bodies.numbers[bodies.first[r] + 5])
+    along = eta * share * dot(push, t) / length**2
+    return add(multiply(1.0 - eta + eta * share, push), -along, t)
+
+
+@njit(cache=True, inner=True, allocates=False)
+def _keep_best_rod(problem: ReducedProblem, pose: Platform, g: Array, rods: Array) -> None:
+    """Make the clearances of all rods but the best infinite, and of those that are nothing but tip."""
+    rows, bodies, best = problem.rows, problem.rows.bodies, 0
+    numbers = bodies.numbers
+    for r in range(len(rows.i) if len(rods) else 0):
+        if bodies.kind[r] == ROD:
+            k_0 = bodies.first[r]
+            start = add(row(pose.o, rows.i[r]), 1.0, rotate(pose.R, rows.i[r], _vector(numbers, k_0 + 1)))
+            t, rod = add(start, -1.0, p_E_of(pose)), int(numbers[k_0])
+            if _tip_share(t, numbers[k_0 + 5]) >= 1.0:
                 g[r] = math.inf
-                continue
-            for k in range(len(parts)):
-                c, by_axis = rotate(R, i, row(parts, k)), zero
-                ball = add(w, 1.0, c)
-                if kind == PARTS_HULL:
-                    ball_gap, by_ball = face_excess(ball, _slice(problem.hulls.planes, data, r, COLUMNS.planes))
-                    ball_gap -= parts[k, 3]
-                elif kind in (PARTS_CONE, PARTS_CONE_COM):
-                    ball_gap, by_ball, by_axis = _cone_gap(ball, d, data[r, COLUMNS.sine], data[r, COLUMNS.cosine])
-                    ball_gap -= parts[k, 3]
-                else:
-                    ball_gap, _, gamma, by_ball = swept_gap(ball, zero, parts[k, 3], 0.0, d, radius, growth)
-                    by_axis = multiply(-gamma, by_ball)
-                if ball_gap < gap:
-                    gap, push, arm, by_d = ball_gap, by_ball, c, by_axis
-        else:  # an envelope, or a rod from a connector
-            rod, tip_share, rod_length, eta, t = int(data[r, COLUMNS.rod]), 0.0, 0.0, 0.0, add(o, -1.0, b)
-            axis, r_0, dr = (length, r_air, dr_air) if kind == AIR else row(data, r, COLUMNS.envelope)
-            d_i = multiply(-axis, row(axes, i))
-            if kind == AIR and _are_far(w, d_i, d, length + 2 * (r_air + dr_air)):
-                g[r] = math.inf
-                continue
-            if rod >= 0:
-                arm = rotate(R, i, row(data, r, COLUMNS.connector))
-                w, t = add(w, 1.0, arm), add(t, 1.0, arm)
-                rod_length = max(GAPS.min_distance, math.sqrt(dot(t, t)))
-                r_0, dr, tip_share = data[r, COLUMNS.rod_radius], 0.0, data[r, COLUMNS.tip] / rod_length
-                rods[rod, 1] = rod_length
-                if tip_share >= 1.0:  # the rod is nothing but tip
-                    g[r] = math.inf
-                    continue
-                d_i = multiply(tip_share - 1.0, t)
-            if kind == REACH:
-                gap, push = data[r, COLUMNS.distance] - rod_length, multiply(-1.0 / rod_length, t)
-            elif kind == HULL:
-                planes = _slice(problem.hulls.planes, data, r, COLUMNS.planes)
-                edges = _slice(problem.hulls.edges, data, r, COLUMNS.edges)
-                gap, eta, push = hull_gap(w, d_i, r_0, dr, planes, edges)
-            elif kind in (CONE, CONE_COM):  # an end ball
-                eta, end = data[r, COLUMNS.end], add(w, data[r, COLUMNS.end], d_i)
-                gap, push, by_d = _cone_gap(end, d, data[r, COLUMNS.sine], data[r, COLUMNS.cosine])
-                gap -= r_0 + eta * dr
-            else:
-                gap, eta, gamma, push = swept_gap(w, d_i, r_0, dr, d, radius, growth)
-                by_d = multiply(-gamma, push)
-            if rod >= 0:  # the nearest point is (1 - eta) t + eta tip t / |t|
-                rods[rod, 0] = max(rods[rod, 0], lower[r] - gap)
-                along = eta * tip_share * dot(push, t) / rod_length**2
-                push = add(multiply(1.0 - eta + eta * tip_share, push), -along, t)
-            else:
-                arm = multiply(eta, d_i)
-        g[r] = gap
-        gradients[r, 0], gradients[r, 1], gradients[r, 2] = push
-        gradients[r, 3], gradients[r, 4], gradients[r, 5] = cross(add(o, 1.0, arm), push)
-        if not is_pair:
-            across = add(by_d, -dot(by_d, b) / offset**2, b)
-            gradients[r, 6], gradients[r, 7], gradients[r, 8] = add(add(E, scale, across), -1.0, push)
-    best = 0
+            rods[rod, 0] = max(rods[rod, 0], rows.lower[r] - g[r])
+            rods[rod, 1] = max(GAPS.min_distance, math.sqrt(dot(t, t)))
     for rod in range(1, len(rods)):
         change = rods[rod, 0] - rods[best, 0]
         if change < 0.0 or (change == 0.0 and rods[rod, 1] < rods[best, 1]):
             best = rod
-    for r in range(len(kinds)):
-        if data[r, COLUMNS.rod] >= 0.0 and data[r, COLUMNS.rod] != best:
+    for r in range(len(rows.i) if len(rods) else 0):
+        if bodies.kind[r] == ROD and int(numbers[bodies.first[r]]) != best:
             g[r] = math.inf
-
-
-@njit(cache=True, forceinline=True)
-def _slice(table: Array, data: Array, r: int, column: int) -> Array:
-    """Return the faces or edges of the hull of row r, from a table of all."""
-    return table[int(data[r, column]) : int(data[r, column + 1])]
 
 
 @njit(cache=True, forceinline=True)
@@ -316,10 +388,3 @@ def _cone_gap(q: Vector, d: Vector, sine: float, cosine: float) -> tuple[float, 
     n = divide(n, rho)
     by_q, by_d = add(multiply(sine, d), -cosine, n), add(multiply(sine, q), cosine * along, n)
     return sine * along - cosine * rho, by_q, by_d
-
-
-@njit(cache=True, forceinline=True)
-def _are_far(w: Vector, d_i: Vector, d_j: Vector, reach: float) -> bool:
-    """True if the midpoints of two axes are so far apart that the gap must exceed GAPS.far."""
-    middles = add(add(w, 0.5, d_i), -0.5, d_j)
-    return dot(middles, middles) >= (reach + GAPS.far) ** 2

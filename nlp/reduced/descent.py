@@ -41,8 +41,7 @@ from nlp.reduced.arrays import Indices, Mask, ReducedProblem
 from nlp.reduced.clearance import clearances
 from nlp.reduced.inputs import effort
 from nlp.reduced.platform import Platform, add_reaction, platform
-from nlp.reduced.speeds import speed_rows
-from nlp.requirements.statement import AIR, APART, PARTS
+from nlp.reduced.speeds import add_speed_rows
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -62,6 +61,8 @@ class StepSettings(NamedTuple):
     """Smallest decrease of M in a step, as a share of the model's prediction."""
     halvings: int = 12
     """Largest number of halvings of a step."""
+    min_curvature: float = 0.1
+    """Smallest initial curvature of the Lagrangian."""
     curvature: float = 0.2
     """Smallest curvature along a step in an update, as a share of the model's (Powell's damping)."""
 
@@ -81,8 +82,25 @@ class Evaluation(NamedTuple):
     """Rows that have a gradient, shape (m,)."""
     mu: Array
     """Dual unknowns of the load cases, shape (K, 6): the warm start of the next point."""
+    u: Array
+    """Inputs of the load cases, shape (K, 4n)."""
     active: Mask
     """The active load cases, shape (K,)."""
+
+
+class Phase(NamedTuple):
+    """Prices and limits of one phase of the descents."""
+
+    rho: float
+    """Price of the wrenches' squared residuals."""
+    sigma: float
+    """Price of missing clearance."""
+    rounds: int
+    """Number of rounds; the multipliers are updated between them."""
+    steps: int
+    """Largest number of steps per round."""
+    tolerance: float
+    """Decrease of the merit M in a step, relative to 1 + M, at which a round ends."""
 
 
 @njit(cache=True)
@@ -94,24 +112,22 @@ def evaluate(problem: ReducedProblem, x: Array, mu: Array, active: Mask, rho: fl
     g, J, is_near, gradients = np.empty(m), np.zeros((m, N)), np.zeros(m, np.bool_), np.empty((m, 9))
     clearances(problem, pose, g, gradients, np.zeros((problem.rows.rods, 2)))
     _slopes(problem, pose, g, gradients, J, is_near)
-    if len(problem.speeds.case):
-        speed_rows(problem, pose, rho, duals, u, g, J, is_near)
-    return Evaluation(x, V, dV, g, J, is_near, duals, active)
+    add_speed_rows(problem.speeds, problem, pose, rho, duals, u, g, J, is_near)
+    return Evaluation(x, V, dV, g, J, is_near, duals, u, active)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _slopes(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array, J: Array, is_near: Mask) -> None:
     """Find which rows are near, and their derivatives by the unknowns.
 
     A clearance between two modules depends only on the hinges between them.
     """
-    rows, moves, omega, v = problem.rows, problem.tree.moves, pose.omega, pose.v
-    kinds, module_i, module_j = rows.kind, rows.i, rows.j
-    for r in range(len(kinds)):
+    module_i, module_j, moves, omega, v = problem.rows.i, problem.rows.j, problem.tree.moves, pose.omega, pose.v
+    for r in range(len(module_i)):
         if g[r] >= DESCENT.near:
             continue
         is_near[r] = True
-        i, j, is_pair = module_i[r], module_j[r], kinds[r] in (AIR, APART, PARTS)
+        i, j, is_pair = module_i[r], module_j[r], module_j[r] >= 0
         F, T = row(gradients, r), row(gradients, r, 3)
         for l in range(3 if is_pair else 0, len(omega)):
             if moves[l, i] != (is_pair and moves[l, j]):
@@ -122,11 +138,11 @@ def _slopes(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array,
 
 
 @njit(cache=True, allocates=False)
-def merit(problem: ReducedProblem, point: Evaluation, multipliers: Array, sigma: float) -> float:
+def merit(V: float, g: Array, lower: Array, multipliers: Array, sigma: float) -> float:
     """Return M."""
-    total = point.V
-    for r in range(len(point.g)):
-        s = multipliers[r] + sigma * (problem.rows.lower[r] - point.g[r])
+    total = V
+    for r in range(len(g)):
+        s = multipliers[r] + sigma * (lower[r] - g[r])
         if s > 0.0:
             total += s * s / (2 * sigma)
         total -= multipliers[r] ** 2 / (2 * sigma)
@@ -134,9 +150,8 @@ def merit(problem: ReducedProblem, point: Evaluation, multipliers: Array, sigma:
 
 
 @njit(cache=True)
-def estimates(problem: ReducedProblem, point: Evaluation, multipliers: Array, sigma: float) -> Array:
+def estimates(g: Array, lower: Array, multipliers: Array, sigma: float) -> Array:
     """Return the first-order multiplier estimates max(0, lambda + sigma (m - g))."""
-    g, lower = point.g, problem.rows.lower
     estimate = np.empty(len(g))
     for r in range(len(g)):
         estimate[r] = max(0.0, multipliers[r] + sigma * (lower[r] - g[r]))
@@ -145,66 +160,71 @@ def estimates(problem: ReducedProblem, point: Evaluation, multipliers: Array, si
 
 @njit(cache=True)
 def descend(
-    problem: ReducedProblem,
-    start: Evaluation,
-    multipliers: Array,
-    B: Array,
-    rho: float,
-    sigma: float,
-    steps: int,
-    tolerance: float,
+    problem: ReducedProblem, x: Array, mu: Array, active: Mask, multipliers: Array, B: Array, phase: Phase
 ) -> Evaluation:
-    """Return the last point of a descent on M.
+    """Return the last point of a phase of descents on M.
 
     Args:
         problem: the task and topology.
-        start: initial point.
-        multipliers: multipliers of the rows, shape (m,).
-        B: curvature, shape (N, N); updated in place.
-        rho: price of residuals.
-        sigma: price of missing clearance.
-        steps: largest number of steps.
-        tolerance: decrease of M in a step, relative to 1 + M, at which the descent ends.
+        x: initial point, shape (N,).
+        mu: dual unknowns of the load cases there, or any, shape (K, 6).
+        active: the active load cases, shape (K,).
+        multipliers: multipliers of the rows, shape (m,); updated in place between rounds.
+        B: curvature, shape (N, N), or zeros; updated in place.
+        phase: prices and limits.
     """
-    point, N = start, len(start.x)
-    value = merit(problem, point, multipliers, sigma)
+    point = evaluate(problem, x, mu, active, phase.rho)
+    if B[0, 0] == 0.0:  # larger where the first slope is steep, for steps of about a radian
+        B[:] = max(DESCENT.min_curvature, np.max(np.abs(point.dV))) * np.eye(len(x))
+    for k in range(phase.rounds):
+        if k:
+            multipliers[:] = estimates(point.g, problem.rows.lower, multipliers, phase.sigma)
+        point = _descend(problem, point, multipliers, B, phase)
+    return point
+
+
+@njit(cache=True, inner=True)
+def _descend(problem: ReducedProblem, start: Evaluation, multipliers: Array, B: Array, phase: Phase) -> Evaluation:
+    """Return the last point of a descent on M; B is updated in place."""
+    point, N, lower, sigma = start, len(start.x), problem.rows.lower, phase.sigma
+    value = merit(point.V, point.g, lower, multipliers, sigma)
     n = len(problem.tree.parent)
     low, high = np.empty(N), np.empty(N)
-    for _ in range(steps):
+    for _ in range(phase.steps):
         for l in range(N):
             limit = DESCENT.largest_turn if l < n + 2 else DESCENT.largest_move
             low[l] = max(-limit, problem.lower[l] - point.x[l])
             high[l] = min(limit, problem.upper[l] - point.x[l])
-        d, predicted = _model_step(problem, point, multipliers, B, sigma, low, high)
-        if predicted <= 1e-2 * tolerance * (1.0 + abs(value)):
+        d, predicted = _model_step(point, lower, multipliers, B, sigma, low, high)
+        if predicted <= 1e-2 * phase.tolerance * (1.0 + abs(value)):
             return point
         t, decreased = 1.0, False
         for _ in range(DESCENT.halvings):
             x = np.minimum(np.maximum(point.x + t * d, problem.lower), problem.upper)
-            trial = evaluate(problem, x, point.mu, point.active, rho)
-            trial_value = merit(problem, trial, multipliers, sigma)
+            trial = evaluate(problem, x, point.mu, point.active, phase.rho)
+            trial_value = merit(trial.V, trial.g, lower, multipliers, sigma)
             if trial_value <= value - DESCENT.armijo * t * predicted:
                 decreased = True
                 break
             t *= 0.5 if t > 0.3 else 0.25
         if not decreased:
             return point
-        _update_curvature(B, point, trial, estimates(problem, trial, multipliers, sigma))
+        _update_curvature(B, point, trial, estimates(trial.g, lower, multipliers, sigma))
         gain, point, value = value - trial_value, trial, trial_value
-        if gain <= tolerance * (1.0 + abs(value)):
+        if gain <= phase.tolerance * (1.0 + abs(value)):
             return point
     return point
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _model_step(
-    problem: ReducedProblem, point: Evaluation, multipliers: Array, B: Array, sigma: float, low: Array, high: Array
+    point: Evaluation, lower: Array, multipliers: Array, B: Array, sigma: float, low: Array, high: Array
 ) -> tuple[Array, float]:
     """Return the step that minimises q, and the decrease of q."""
     N, m = len(point.x), len(point.g)
     s = np.empty(m)
     relevant = np.empty(m, np.int64)
-    rows, dV, J, is_near, g, lower = 0, point.dV, point.J, point.is_near, point.g, problem.rows.lower
+    rows, dV, J, is_near, g = 0, point.dV, point.J, point.is_near, point.g
     for r in range(m):
         if is_near[r]:
             s[rows] = multipliers[r] + sigma * (lower[r] - g[r])
@@ -244,12 +264,11 @@ def _model_step(
             t /= 2
         if not decreased:
             break
-        d[:] = trial
-        value = trial_value
+        d, trial, value = trial, d, trial_value
     return d, first - value
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _newton(
     gradient: Array, H: Array, d: Array, low: Array, high: Array, free: Mask, index: Indices, y: Array
 ) -> None:
@@ -276,7 +295,7 @@ def _newton(
                 free[l], repeat = False, True
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, literals=False, allocates=False)
 def _model(
     dV: Array,
     J: Array,
@@ -315,7 +334,7 @@ def _model(
     return value
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _update_curvature(B: Array, before: Evaluation, after: Evaluation, multipliers: Array) -> None:
     """Update B with the gradients of the Lagrangian before and after a step (Powell's damped BFGS)."""
     N = len(after.x)

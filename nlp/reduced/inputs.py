@@ -47,7 +47,7 @@ class DualAscent(NamedTuple):
 ASCENT = DualAscent()
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def effort(
     problem: ReducedProblem, pose: Platform, active: Mask, rho: float, mu: Array, u: Array, gradient: Array
 ) -> float:
@@ -78,7 +78,7 @@ def effort(
     return total
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def add_wrench_gradient(problem: ReducedProblem, k: int, scale: float, mu: Array, E: Array, by_J: Array) -> None:
     """Add the gradient of scale mu . w of load case k by the end-effector to E, and by J (3, 3) to by_J."""
     scale /= problem.rotors.bodies + problem.rotors.m_E
@@ -92,7 +92,7 @@ def add_wrench_gradient(problem: ReducedProblem, k: int, scale: float, mu: Array
             by_J[a, b] += scale * mu[3 + a] * turn[b]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def add_gradient(A: Array, scale: float, mu: Array, u: Array, forces: Array) -> None:
     """Subtract the gradient of scale mu . A u by the modules' poses from F and T."""
     by_force, by_torque = (mu[0], mu[1], mu[2]), (mu[3], mu[4], mu[5])
@@ -105,7 +105,7 @@ def add_gradient(A: Array, scale: float, mu: Array, u: Array, forces: Array) -> 
         forces[i, 3], forces[i, 4], forces[i, 5] = add(row(forces, i, 3), -scale, T)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def add_inertia_gradient(rotors: Rotors, pose: Platform, by_J: Array, forces: Array, E: Array) -> None:
     """Convert a gradient by J to one by F, T and E, and add it."""
     S = (by_J + by_J.T) / 2
@@ -135,7 +135,7 @@ def add_inertia_gradient(rotors: Rotors, pose: Platform, by_J: Array, forces: Ar
     E[2] += F[2]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def find_wrench(problem: ReducedProblem, pose: Platform, J: Array, k: int, w: Array) -> None:
     """Compute w of load case k."""
     turn, f = row(problem.cases.turn, k), row(problem.cases.f, k)
@@ -145,7 +145,7 @@ def find_wrench(problem: ReducedProblem, pose: Platform, J: Array, k: int, w: Ar
     w[0], w[1], w[2], w[3], w[4], w[5] = f[0] / m, f[1] / m, f[2] / m, t[0] / m, t[1] / m, t[2] / m
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def inertia(rotors: Rotors, pose: Platform) -> Array:
     """Return J, the inertia about the COM, shape (3, 3) [m l_arm^2]."""
     J, rod, tip = np.zeros((3, 3)), rotors.rod, (pose.p_E[0], pose.p_E[1], pose.p_E[2])
@@ -163,7 +163,7 @@ def inertia(rotors: Rotors, pose: Platform) -> Array:
     return J
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _add_point_inertia(J: Array, mass: float, o: Vector) -> None:
     """Add the inertia of a point mass at o from the COM."""
     for a in range(3):
@@ -172,7 +172,7 @@ def _add_point_inertia(J: Array, mass: float, o: Vector) -> None:
         J[a, a] += mass * dot(o, o)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _rotate_inertia(rotors: Rotors, pose: Platform, i: int) -> Array:
     """Return the inertia of module i with its joints about its centre of mass, along the axes of W."""
     J, R, I = np.zeros((3, 3)), pose.R, rotors.inertias
@@ -184,13 +184,13 @@ def _rotate_inertia(rotors: Rotors, pose: Platform, i: int) -> Array:
     return J
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _centre(rotors: Rotors, pose: Platform, i: int) -> Vector:
     """Return the centre of mass of module i with its joints, from the COM."""
     return add(row(pose.o, i), 1.0, rotate(pose.R, i, (rotors.centres[i, 0], rotors.centres[i, 1], 0.0)))
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _rod_path(rotors: Rotors, pose: Platform) -> Vector:
     """Return the vector from the rod's connector to the end-effector."""
     i = rotors.rod.module
@@ -198,22 +198,24 @@ def _rod_path(rotors: Rotors, pose: Platform) -> Vector:
     return add((pose.p_E[0], pose.p_E[1], pose.p_E[2]), -1.0, start)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: Array, u: Array) -> float:
     """Return phi / c of load case k, and set mu and u to the maximum of the dual; a dead rotor's input is 0."""
     price, dead = 2 * rho / problem.cases.weight[k], problem.cases.dead[k]
     u_min, u_max = problem.rotors.u_min, problem.rotors.u_max
     if dead < 0:
         return dual(A, w, price, u_min, u_max, mu, u)
-    column = A[dead].copy()
-    A[dead] = 0.0
+    column = np.empty(6)
+    for a in range(6):
+        column[a], A[dead, a] = A[dead, a], 0.0
     value = dual(A, w, price, u_min, u_max, mu, u) - u_min * u_min / 2  # without the cost of the dead rotor
-    A[dead] = column
+    for a in range(6):
+        A[dead, a] = column[a]
     u[dead] = 0.0
     return value
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def rotor_wrenches(problem: ReducedProblem, pose: Platform) -> Array:
     """Return the wrench of each rotor at unit input, A transposed, shape (4n, 6)."""
     R, axes, centres, torques = pose.R, pose.z, pose.o, problem.rotors.torques
@@ -276,7 +278,7 @@ def dual(A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, 
     return value
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _line_search(
     A: Array, w: Array, rho: float, u_min: float, u_max: float, mu: Array, d: Array, v: Array, slope: Array
 ) -> float:

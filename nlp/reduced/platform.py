@@ -61,7 +61,13 @@ def rotate(R: Array, i: int, a: Vector) -> Vector:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
+def p_E_of(pose: Platform) -> Vector:
+    """Return p_E as a vector."""
+    return pose.p_E[0], pose.p_E[1], pose.p_E[2]
+
+
+@njit(cache=True, inner=True)
 def platform(problem: ReducedProblem, x: Array) -> Platform:
     """Return the platform at x."""
     tree, rotors = problem.tree, problem.rotors
@@ -100,7 +106,7 @@ def platform(problem: ReducedProblem, x: Array) -> Platform:
 refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesky.__file__), Path(jets.__file__))
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def add_slopes(problem: ReducedProblem, pose: Platform, forces: Array, E: Array, slopes: Array) -> None:
     """Convert a gradient by poses to one by x, and add it.
 
@@ -121,7 +127,7 @@ def add_slopes(problem: ReducedProblem, pose: Platform, forces: Array, E: Array,
     add_reaction(problem, pose, row(forces, 0), (E[0], E[1], E[2]), slopes)
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True, inner=True, forceinline=True)
 def add_reaction(problem: ReducedProblem, pose: Platform, F: Vector, E: Vector, slopes: Array) -> None:
     """Add the part of a gradient by x that comes from the motion of COM and end-effector; F is the sum of all."""
     free, dC = len(problem.fixed) == 0, pose.dC

@@ -19,8 +19,8 @@ import numpy as np
 
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
-from nlp.reduced.descent import Evaluation, descend, estimates, evaluate, merit
-from nlp.reduced.inputs import effort, find_wrench, inertia, inputs, rotor_wrenches
+from nlp.reduced.descent import Evaluation, Phase, descend, estimates, evaluate, merit
+from nlp.reduced.inputs import find_wrench, inertia, inputs, rotor_wrenches
 from nlp.reduced.platform import platform
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
@@ -29,7 +29,7 @@ from topo_search.model.compiled_code import njit
 
 
 class CornerSettings(NamedTuple):
-    """Settings of adding corners to a descent, and of its initial curvature."""
+    """Settings of adding corners to a descent."""
 
     tolerance: float = 1e-6
     """Residual above which a corner is violated [m_t g, l_arm m_t g]."""
@@ -39,8 +39,6 @@ class CornerSettings(NamedTuple):
     """Largest number of times that a round continues with corners violated at its end."""
     max_violation: float = 0.2
     """Largest violation, without corners, of a minimum whose corners are checked [l_arm, m_t g, l_arm m_t g]."""
-    min_curvature: float = 0.1
-    """Initial curvature of the Lagrangian; larger where the first slope is steep, for steps of about a radian."""
 
 
 CORNERS = CornerSettings()
@@ -83,21 +81,6 @@ def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple
             break
         active[largest] = full[cases.group[largest]] = True
     return active, worst
-
-
-class Phase(NamedTuple):
-    """Prices and limits of one phase of the descents."""
-
-    rho: float
-    """Price of the wrenches' squared residuals."""
-    sigma: float
-    """Price of missing clearance."""
-    rounds: int
-    """Number of rounds; the multipliers are updated between them."""
-    steps: int
-    """Largest number of steps per round."""
-    tolerance: float
-    """Decrease of the merit M in a step, relative to 1 + M, at which a round ends."""
 
 
 FIRST = Phase(rho=300.0, sigma=30.0, rounds=1, steps=40, tolerance=1e-5)
@@ -245,9 +228,8 @@ def point_of(task: ResolvedTask, topology: Topology, problem: ReducedProblem, mi
         problem: the task and topology with all corners.
         minimum: the local minimum.
     """
-    n, K, x = topology.n, len(minimum.active), minimum.x
-    pose, mu, u = platform(problem, x), np.zeros((K, 6)), np.empty((K, 4 * n))
-    effort(problem, pose, minimum.active, SECOND.rho, mu, u, np.zeros(len(x)))
+    n, x = topology.n, minimum.x
+    u = evaluate(problem, x, np.zeros((len(minimum.active), 6)), minimum.active, SECOND.rho).u
     root, alpha, unit = x[:3].copy(), x[3 : n + 2].copy(), Units.of(task)
     free = task.end_effector.fixed_position is None
     tip = x[n + 2 :] * unit.length if free else fixed_end_effector(task, topology, root, alpha)
@@ -265,55 +247,41 @@ def new_descents(starts: Array, active: Mask) -> Descents:
     return Descents(starts, active, np.zeros((s, K, 6)), np.zeros((s, N, N)), np.zeros(s), np.zeros(s))
 
 
-@njit(cache=True)
 def descend_all(problem: ReducedProblem, descents: Descents, phase: Phase) -> Descents:
-    """Run one phase of all descents.
-
-    Args:
-        problem: the task and topology.
-        descents: the descents before the phase; they keep their curvature.
-        phase: settings of the phase.
-    """
-    count, N = descents.x.shape
-    m, K = len(problem.rows.lower), len(problem.cases.weight)
-    x, mu, curvature = np.empty((count, N)), np.empty((count, K, 6)), descents.B.copy()
-    merits, violations = np.empty(count), np.zeros(count)
-    active = np.empty((count, K), np.bool_)
-    for s in range(count):
-        point = evaluate(problem, descents.x[s].copy(), descents.mu[s], descents.active[s], phase.rho)
-        B = curvature[s]
-        multipliers = np.zeros(m)
-        if B[0, 0] == 0.0:
-            B[:] = max(CORNERS.min_curvature, np.max(np.abs(point.dV))) * np.eye(N)
-        for k in range(phase.rounds):
-            if k:
-                multipliers = estimates(problem, point, multipliers, phase.sigma)
-            point = descend(problem, point, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.tolerance)
-            for _ in range(CORNERS.rounds):
-                if violation(problem, point, phase.rho) > CORNERS.max_violation:
-                    break
-                more, violations[s] = add_corners(problem, point, phase.rho)
-                if violations[s] <= CORNERS.tolerance:
-                    break
-                point = evaluate(problem, point.x, point.mu, more, phase.rho)
-                point = descend(
-                    problem, point, multipliers, B, phase.rho, phase.sigma, phase.steps, phase.tolerance
-                )
-        if violations[s] > CORNERS.tolerance:
-            _, violations[s] = add_corners(problem, point, phase.rho)
-        x[s], active[s], mu[s] = point.x, point.active, point.mu
-        merits[s] = merit(problem, point, multipliers, phase.sigma)
-        violations[s] = max(violations[s], violation(problem, point, phase.rho))
-    return Descents(x, active, mu, curvature, merits, violations)
+    """Run one phase of all descents; they keep their curvature."""
+    states = zip(descents.x, descents.active, descents.mu, descents.B, strict=True)
+    return Descents(*map(np.array, zip(*(_descend(problem, *state, phase) for state in states), strict=True)))
 
 
-@njit(cache=True)
+def _descend(
+    problem: ReducedProblem, x: Array, active: Mask, mu: Array, B: Array, phase: Phase
+) -> tuple[Array, Mask, Array, Array, float, float]:
+    """Run one phase of a descent, and return its state (`Descents`)."""
+    lower, unmet = problem.rows.lower, 0.0
+    multipliers, B, rounds = np.zeros(len(lower)), B.copy(), phase.rounds
+    has_corners = bool((problem.cases.group >= 0).any())
+    if has_corners:  # corners are added after each round
+        phase = phase._replace(rounds=1)
+    for k in range(0, rounds, phase.rounds):
+        point = descend(problem, x, mu, active, multipliers, B, phase)
+        for _ in range(CORNERS.rounds if has_corners else 0):
+            if violation(problem, point, phase.rho) > CORNERS.max_violation:
+                break
+            more, unmet = add_corners(problem, point, phase.rho)
+            if unmet <= CORNERS.tolerance:
+                break
+            point = descend(problem, point.x, point.mu, more, multipliers, B, phase)
+        x, mu, active = point.x, point.mu, point.active
+        if k + phase.rounds < rounds:
+            multipliers = estimates(point.g, lower, multipliers, phase.sigma)
+    if unmet > CORNERS.tolerance:
+        _, unmet = add_corners(problem, point, phase.rho)
+    value = merit(point.V, point.g, lower, multipliers, phase.sigma)
+    return x, active, mu, B, value, max(unmet, violation(problem, point, phase.rho))
+
+
 def violation(problem: ReducedProblem, point: Evaluation, rho: float) -> float:
     """Return the largest missing clearance or residual of an active load case."""
-    largest = 0.0
-    for r in range(len(point.g)):
-        largest = max(largest, problem.rows.lower[r] - point.g[r])
-    for k in range(len(point.mu)):  # the residual is mu / rho'
-        for a in range(6 if point.active[k] else 0):
-            largest = max(largest, abs(point.mu[k, a]) * problem.cases.weight[k] / (2 * rho))
-    return largest
+    residuals = np.abs(point.mu).max(axis=1) * problem.cases.weight / (2 * rho)  # the residual is mu / rho'
+    missing = (problem.rows.lower - point.g).max(initial=0.0)
+    return float(residuals.max(initial=missing, where=point.active))

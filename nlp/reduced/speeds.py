@@ -24,9 +24,12 @@ The inputs are those of minimum effort, u = clip(A^T mu), and mu changes with th
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core.types import NoneType
+from numba.extending import overload
 
 from nlp.numbers.cholesky import factor, solve_factored
 from nlp.numbers.jets import (
@@ -64,13 +67,34 @@ class RowLimits(NamedTuple):
 ROWS = RowLimits()
 
 
-@njit(cache=True)
-def speed_rows(
-    problem: ReducedProblem, pose: Platform, rho: float, mu: Array, u: Array, g: Array, J: Array, is_near: Mask
+def add_speed_rows(*arguments: Any) -> None:
+    """Compute the rows of air speeds of a task that limits any; arguments as in `_speed_rows`."""
+
+
+@overload(add_speed_rows, strict=False)
+def _by_type(air: Any, *_: Any) -> Callable[..., None]:
+    """Return the compiled rows, or nothing to compile for a task without limits."""
+    if isinstance(air, NoneType):
+        return lambda air, *arguments: None
+    return lambda air, *arguments: _speed_rows(air, *arguments)
+
+
+@njit(cache=True, inner=True)
+def _speed_rows(
+    air: Speeds,
+    problem: ReducedProblem,
+    pose: Platform,
+    rho: float,
+    mu: Array,
+    u: Array,
+    g: Array,
+    J: Array,
+    is_near: Mask,
 ) -> None:
     """Compute the rows of air speeds, the last ones of g, and their Jacobian.
 
     Args:
+        air: the rows.
         problem: the task and topology.
         pose: the platform.
         rho: price of a squared residual.
@@ -80,7 +104,7 @@ def speed_rows(
         J: increased by the Jacobian, shape (m, N).
         is_near: output: mask of rows that have a gradient, shape (m,).
     """
-    air, rotors, n = problem.speeds, problem.rotors, len(pose.p)
+    rotors, n = problem.rotors, len(pose.p)
     cases, first = air.case[-1] + 1, len(g) - len(air.case)
     points, jet, A = len(air.case) // cases, air.jet, rotor_wrenches(problem, pose)
     p, z, no_direction = np.empty(3), np.empty(3), np.zeros(3)
@@ -163,7 +187,7 @@ def speed_rows(
             add_slopes(problem, pose, forces, E, J[r])
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _region(air: Speeds, k: int, to_tip: Array) -> Region:
     """Return region k for a direction from the COM to the tip."""
     axis = air.axis[k] + air.along[k] * to_tip
@@ -171,7 +195,7 @@ def _region(air: Speeds, k: int, to_tip: Array) -> Region:
     return Region(air.start[k], axis, air.radius[k], air.half_angle[k], planes, air.within[k])
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _find_fastest_point(jet: Jet, region: Region, R: Array, p: Array, x: Array, slopes: Array) -> None:
     """Find the point of a region next to a module's axis where the module's own air is fastest.
 

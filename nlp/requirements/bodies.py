@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nlp.numbers.geometry import Ball, Swept
-from nlp.requirements.statement import FROM_TIP, OF_PARTS, X_I, Y_I, Z_I, LocalVector, RodRow, SearchRow
+from nlp.requirements.statement import FROM_TIP, X_I, Y_I, Z_I, EnvelopeBody, LocalVector, PartsBody, RodBody
 from nlp.units import Units
 from topo_search.model import ResolvedTask
 from topo_search.model.module import AirflowEnvelope
@@ -56,9 +56,10 @@ class Air(NamedTuple):
         o, z = y
         return [Swept(o, -self.length * z, self.start_radius, self.growth)]
 
-    def rows(self, search_rows: tuple[SearchRow, ...]) -> tuple[SearchRow, ...]:
-        """Return the rows with the sizes of this body."""
-        return tuple(row._replace(envelope=(self.length, self.start_radius, self.growth)) for row in search_rows)
+    @property
+    def search_body(self) -> EnvelopeBody:
+        """The body of the compiled search."""
+        return EnvelopeBody(self.length, self.start_radius, self.growth)
 
 
 class Rod(NamedTuple):
@@ -88,9 +89,10 @@ class Rod(NamedTuple):
             tip_share = np.minimum(self.tip / length, 1.0)
         return [Swept(start, (tip_share - 1) * start, self.radius)]
 
-    def rows(self, search_rows: tuple[SearchRow, ...]) -> tuple[SearchRow, ...]:
-        """Return the rows with the sizes of this body."""
-        return tuple(row._replace(rod=RodRow(radius=self.radius, tip=self.tip)) for row in search_rows)
+    @property
+    def search_body(self) -> RodBody:
+        """The body of the compiled search, without its connector."""
+        return RodBody(radius=self.radius, tip=self.tip)
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,7 @@ class PartBalls:
     balls: tuple[tuple[Vector, float], ...]
     """Centres in the module's frame, and radii [l_arm]."""
     local_vectors = (FROM_TIP, X_I, Y_I, Z_I)
+    search_body = PartsBody()
 
     @classmethod
     def of(cls, task: ResolvedTask) -> PartBalls:
@@ -115,10 +118,6 @@ class PartBalls:
         """Return the balls, symbolic or for m modules each."""
         q, X, Y, Z = y
         return [Ball(q + (a * X + b * Y + c * Z), radius) for (a, b, c), radius in self.balls]
-
-    def rows(self, search_rows: tuple[SearchRow, ...]) -> tuple[SearchRow, ...]:
-        """Return one row for all balls, in place of one for each end of an envelope."""
-        return (search_rows[0]._replace(kind=OF_PARTS[search_rows[0].kind]),)
 
 
 Body = Air | Rod | PartBalls

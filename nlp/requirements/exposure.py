@@ -31,24 +31,21 @@ from nlp.numbers.geometry import Ball, Swept, cone_clearance, hull_clearance
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.requirements.bodies import Air, Body, PartBalls, divide
 from nlp.requirements.statement import (
-    ALONG,
-    BALL,
-    CAPSULE,
-    CONE,
-    CONE_COM,
-    EXCLUSION,
     FROM_COM,
     FROM_TIP,
-    HULL,
-    OFFSET,
     ORIGIN,
-    ConeRow,
+    CapsuleObstacle,
+    ConeObstacle,
     Distance,
+    FacesObstacle,
+    HullObstacle,
     LocalVector,
-    PathRow,
+    Obstacle,
+    OffsetObstacle,
     Requirement,
     SearchRow,
     Subjects,
+    TipObstacle,
 )
 from nlp.symbols.clearance import clearance, clearance_of_all, hull_clearances
 from nlp.units import Units
@@ -91,7 +88,7 @@ class CapsuleRegion:
         elif not any(self.path):
             if not isinstance(body[0], Ball):
                 return clearance(body[0], Ball(start, self.radius), beta)
-            distances = [Distance(FROM_TIP, self.radius + ball.end_radius, BALL) for ball in body]
+            distances = [Distance(FROM_TIP, self.radius + ball.end_radius, TipObstacle) for ball in body]
             return ca.vertcat(*(d.smooth([ball.o - start], beta) for d, ball in zip(distances, body, strict=True)))
         capsule = Swept(start, path, self.radius)
         if isinstance(body[0], Ball):
@@ -105,12 +102,9 @@ class CapsuleRegion:
             path = self.length * towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
         return exact_clearance(swept, Swept(np.array(self.start), path, self.radius))
 
-    def search_rows(self) -> tuple[SearchRow, ...]:
-        """Return one row."""
-        if self.length is not None:
-            return (SearchRow(ALONG, path=PathRow(self.radius, length=self.length)),)
-        kind = CAPSULE if any(self.path) else BALL
-        return (SearchRow(kind, origin=self.start, path=PathRow(self.radius, self.path)),)
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Return one obstacle."""
+        return (CapsuleObstacle(self.start, self.path, self.radius, self.length or 0.0),)
 
 
 @dataclass(frozen=True)
@@ -128,9 +122,9 @@ class HullRegion:
         """Return the gap where f is smallest."""
         return hull_clearance(swept, np.zeros(3), hull_of(self.corners))
 
-    def search_rows(self) -> tuple[SearchRow, ...]:
-        """Return one row."""
-        return (SearchRow(HULL, hull=hull_of(self.corners)),)
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Return one obstacle."""
+        return (HullObstacle(hull_of(self.corners)),)
 
 
 class HullFaces(HullRegion):
@@ -149,6 +143,10 @@ class HullFaces(HullRegion):
         """Return the largest height."""
         normals, offsets = hull_of(self.corners).normals, hull_of(self.corners).offsets
         return np.asarray((swept.o @ normals.T - offsets).max(axis=-1) - swept.r_0)
+
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Return one obstacle."""
+        return (FacesObstacle(hull_of(self.corners)),)
 
 
 @dataclass(frozen=True)
@@ -188,11 +186,10 @@ class InfiniteCone:
             axis = -towards[0] / np.linalg.norm(towards[0], axis=-1, keepdims=True)
         return cone_clearance(swept, np.array(self.apex), axis, self.half_angle)
 
-    def search_rows(self) -> tuple[SearchRow, ...]:
-        """Return a row for each end ball."""
-        kind, axis = (CONE_COM, ORIGIN) if self.axis is None else (CONE, self.axis)
-        sine, cosine = math.sin(self.half_angle), math.cos(self.half_angle)
-        return tuple(SearchRow(kind, origin=self.apex, cone=ConeRow(sine, cosine, axis, end)) for end in (0.0, 1.0))
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """Return an obstacle for each end ball."""
+        axis, angle = self.axis or ORIGIN, (math.sin(self.half_angle), math.cos(self.half_angle))
+        return tuple(ConeObstacle(self.apex, axis, *angle, end, float(self.axis is None)) for end in (0.0, 1.0))
 
 
 Region = CapsuleRegion | HullRegion | InfiniteCone
@@ -224,8 +221,9 @@ class RegionClearance:
         return np.asarray(np.min(gaps, axis=0))
 
     def search_rows(self) -> tuple[SearchRow, ...]:
-        """Return the body's rows."""
-        return self.body.rows(self.region.search_rows())
+        """Return a row for each obstacle; balls around parts have both ends in one place."""
+        obstacles = self.region.obstacles()[: 1 if isinstance(self.body, PartBalls) else None]
+        return tuple(SearchRow(self.body.search_body, obstacle) for obstacle in obstacles)
 
 
 def to_formula(shape: Shape, body: Body, unit: float, segment: int | None) -> RegionClearance:
@@ -249,7 +247,7 @@ def end_effector_clearances(task: ResolvedTask) -> Iterator[Requirement]:
     unit, subjects = Units.of(task).length, _all_modules(task.n)
     margin = task.search.margin / unit
     if task.exclusion_radius is not None:
-        exclusion = Distance(FROM_TIP, task.exclusion_radius / unit, EXCLUSION)
+        exclusion = Distance(FROM_TIP, task.exclusion_radius / unit, TipObstacle)
         yield Requirement(7, lambda i, *_: names.exclusion(i), subjects, (exclusion,), margin)
     if task.tip_radius is not None:
         tip = RegionClearance(Air.of(task), CapsuleRegion(task.tip_radius / unit))
@@ -274,7 +272,7 @@ def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
             parts = formulas(exposure, PartBalls.of(task))
             yield Requirement(9, partial(_solid_name, number), subjects, parts, margin)
     if any(needs_offset(exposure) for exposure in task.exposure):
-        offset = Distance(FROM_COM, LEAST_OFFSET, OFFSET)
+        offset = Distance(FROM_COM, LEAST_OFFSET, OffsetObstacle)
         yield Requirement(9, lambda *_: names.OFFSET, subjects[:1], (offset,), 0.0)  # no clearance: no margin
 
 

@@ -14,13 +14,12 @@ from nlp.numbers.geometry import Swept
 from nlp.numbers.geometry import clearance as exact_clearance
 from nlp.requirements.bodies import Air, PartBalls
 from nlp.requirements.statement import (
-    AIR,
-    APART,
     FROM_J,
-    PARTS,
     Z_J,
+    AirflowObstacle,
     Distance,
     LocalVector,
+    ModuleObstacle,
     Requirement,
     SearchRow,
     Subjects,
@@ -72,7 +71,7 @@ class AirflowClearance:
 
     def search_rows(self) -> tuple[SearchRow, ...]:
         """Return one row."""
-        return (SearchRow(AIR if isinstance(self.body, Air) else PARTS),)
+        return (SearchRow(self.body.search_body, AirflowObstacle()),)
 
 
 def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requirement]:
@@ -93,7 +92,7 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
     distance = task.separation if ablation else task.centre_distance
     if distance is not None:
         separated = [pair for pair in pairs if ablation or pair not in topology.bolted]
-        formula = Distance(FROM_J, distance / unit, APART)
+        formula = Distance(FROM_J, distance / unit, ModuleObstacle)
         yield Requirement(
             5, lambda i, j, _: f"separation of modules {i} and {j}", _pairs(separated), (formula,), margin
         )

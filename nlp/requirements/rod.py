@@ -33,12 +33,13 @@ from nlp.requirements.exposure import HullRegion, RegionClearance, hull_of, to_f
 from nlp.requirements.statement import (
     FROM_COM,
     FROM_TIP,
-    REACH,
     X_I,
     Formula,
     LocalVector,
     PlatformVector,
+    ReachObstacle,
     Requirement,
+    RodBody,
     SearchRow,
     VectorsByName,
 )
@@ -76,7 +77,7 @@ class WithinReach:
 
     def search_rows(self) -> tuple[SearchRow, ...]:
         """Return one row."""
-        return (SearchRow(REACH, self.largest),)
+        return (SearchRow(RodBody(), ReachObstacle(self.largest)),)
 
 
 class RodClearance(RegionClearance):
@@ -141,14 +142,13 @@ class LimitOfBestRod:
 
     def search_rows(self) -> tuple[SearchRow, ...]:
         """Return the rows of every connector; only those of the best one apply."""
-        return tuple(
-            search_row._replace(
-                subject=i,
-                rod=search_row.rod._replace(number=number, connector=divide(self.l_c * PORT_DIRECTIONS[port], 1.0)),
-            )
-            for number, (i, port) in enumerate(self.free)
-            for search_row in self.limits[self.segment].search_rows()
-        )
+        found = []
+        for number, (i, port) in enumerate(self.free):
+            connector = divide(self.l_c * PORT_DIRECTIONS[port], 1.0)
+            for rod, obstacle, _ in self.limits[self.segment].search_rows():
+                assert isinstance(rod, RodBody)
+                found.append(SearchRow(rod._replace(number=number, connector=connector), obstacle, i))
+        return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)

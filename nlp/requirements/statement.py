@@ -26,112 +26,132 @@ from topo_search.model.arrays import Array
 from topo_search.model.shape import Hull
 from topo_search.model.value import Vector
 
-AIR, APART, EXCLUSION, BALL, CAPSULE, ALONG, HULL, CONE, CONE_COM, OFFSET, PARTS = range(11)
-"""Kinds of rows of the compiled search. AIR: two envelopes. APART: two centres. EXCLUSION: p'_E and a centre. BALL,
-CAPSULE, ALONG, HULL: an envelope and a ball, a capsule near p'_E, a capsule along p_E, a hull near p'_E. CONE,
-CONE_COM: an end ball of an envelope in a cone with a fixed axis, with its axis to the COM. OFFSET: the length of
-p_E. PARTS: the parts of one module and the envelope of another."""
-PARTS_CONE, PARTS_CONE_COM, PARTS_CAPSULE, PARTS_ALONG, PARTS_HULL, REACH = range(11, 17)
-"""PARTS_CONE, PARTS_CONE_COM: the parts of a module in such a cone. PARTS_CAPSULE, PARTS_ALONG, PARTS_HULL: the
-parts outside such a region; PARTS to PARTS_HULL must stay consecutive. REACH: p'_E and a free connector. REACH and
-the rows of regions may be about rods: only the rows of the best rod apply."""
-
-OF_PARTS = {
-    BALL: PARTS_CAPSULE, CAPSULE: PARTS_CAPSULE, ALONG: PARTS_ALONG,
-    HULL: PARTS_HULL, CONE: PARTS_CONE, CONE_COM: PARTS_CONE_COM,
-}  # fmt: skip
-"""Kind of a row for a module's parts and a region, by its kind for an envelope and the region."""
-
 ORIGIN: Vector = (0.0, 0.0, 0.0)
 
 
-class PathRow(NamedTuple):
-    """All points near a path [l_arm]; a ball if the path has no length."""
-
-    radius: float = 0.0
-    along: Vector = ORIGIN
-    """Vector from start to end."""
-    length: float = 0.0
-    """Length of a path along p_E; it replaces `along`."""
+class CentreBody(NamedTuple):
+    """The centre of module i."""
 
 
-class ConeRow(NamedTuple):
-    """Infinite cone that contains an end ball of an envelope, or all balls around a module's parts."""
+class EnvelopeBody(NamedTuple):
+    """The airflow envelope of module i [l_arm]."""
 
-    sine: float = 0.0
-    """Sine of the half-angle."""
-    cosine: float = 0.0
-    axis: Vector = ORIGIN
-    """Unit vector; unused if the axis points to the COM."""
-    end: float = 0.0
-    """eta of the end ball, 0 or 1."""
+    length: float
+    radius: float
+    """Start radius."""
+    growth: float
 
 
-class RodRow(NamedTuple):
-    """Candidate rod from a free connector to the end-effector [l_arm]."""
+class RodBody(NamedTuple):
+    """Candidate rod from a connector of module i to the end-effector [l_arm]: only the best rod's rows apply."""
 
     number: int = -1
-    """Index among the free connectors; -1: no rod."""
+    """Index among the free connectors."""
     connector: Vector = ORIGIN
-    """Start of the rod, in its module's frame."""
+    """Start of the rod, in the frame of its module."""
     radius: float = 0.0
     tip: float = 0.0
     """Length of its tip, which may touch regions."""
 
 
+class PartsBody(NamedTuple):
+    """The balls around the parts of module i."""
+
+
+class ModuleObstacle(NamedTuple):
+    """The centre of module j."""
+
+    distance: float
+    """Smallest distance [l_arm]."""
+
+
+class AirflowObstacle(NamedTuple):
+    """The airflow envelope of module j."""
+
+
+class TipObstacle(NamedTuple):
+    """The end-effector."""
+
+    distance: float
+    """Smallest distance [l_arm]."""
+
+
+class CapsuleObstacle(NamedTuple):
+    """All points near a path, which starts at p'_E plus an origin [l_arm]; a ball if the path has no length."""
+
+    origin: Vector
+    along: Vector
+    """Vector from start to end."""
+    radius: float
+    length: float = 0.0
+    """Length of a path along p_E, which then replaces `along`."""
+
+
+class HullObstacle(NamedTuple):
+    """A hull with its corners from p'_E; arrays have its ranges of planes and edges."""
+
+    hull: Hull
+
+
+class FacesObstacle(NamedTuple):
+    """The same hull, but a ball is outside if it is beyond a face."""
+
+    hull: Hull
+
+
+class ConeObstacle(NamedTuple):
+    """The outside of an infinite cone; a row has one end ball of a body, or all balls around parts."""
+
+    apex: Vector
+    """From p'_E [l_arm]."""
+    axis: Vector
+    """Unit vector; unused if the axis points to the COM."""
+    sine: float
+    """Sine of the half-angle."""
+    cosine: float
+    end: float
+    """eta of the end ball, 0 or 1."""
+    to_com: float
+    """1 if the axis points to the COM, else 0."""
+
+
+class ReachObstacle(NamedTuple):
+    """All points too far from the end-effector."""
+
+    distance: float
+    """Largest reach of a rod [l_arm]."""
+
+
+class OffsetObstacle(NamedTuple):
+    """The centre of mass, near which the end-effector has no direction."""
+
+    distance: float
+    """Smallest length of p_E [l_arm]."""
+
+
+BODIES = (CentreBody, EnvelopeBody, RodBody, PartsBody)
+OBSTACLES = (
+    ModuleObstacle, AirflowObstacle, TipObstacle, CapsuleObstacle, HullObstacle, FacesObstacle, ConeObstacle,
+    ReachObstacle, OffsetObstacle,
+)  # fmt: skip
+CENTRE, ENVELOPE, ROD, PARTS = range(len(BODIES))
+MODULE, AIRFLOW, TIP_POINT, CAPSULE, HULL, FACES, CONE, REACH, OFFSET = range(len(OBSTACLES))
+"""Kinds of bodies and obstacles in the compiled search; `nlp.reduced.clearance` has a function for each."""
+
+SearchBody = CentreBody | EnvelopeBody | RodBody | PartsBody
+Obstacle = (
+    ModuleObstacle | AirflowObstacle | TipObstacle | CapsuleObstacle | HullObstacle | FacesObstacle
+    | ConeObstacle | ReachObstacle | OffsetObstacle
+)  # fmt: skip
+
+
 class SearchRow(NamedTuple):
-    """A row of the compiled search; its kind determines which fields it uses."""
+    """A row of the compiled search: a body of module i keeps out of an obstacle."""
 
-    kind: int
-    distance: float = 0.0
-    """Smallest distance of two points, or the largest reach [l_arm]."""
-    origin: Vector = ORIGIN
-    """Start of a path or apex of a cone, from p'_E [l_arm]."""
-    path: PathRow = PathRow()
-    cone: ConeRow = ConeRow()
-    hull: Hull | None = None
-    """Hull with its corners from p'_E; a row of arrays has its ranges of planes and edges (`Hulls`)."""
-    envelope: Vector = ORIGIN
-    """Length, start radius and growth of an envelope that keeps out of a region [l_arm]."""
-    rod: RodRow = RodRow()
+    body: SearchBody
+    obstacle: Obstacle
     subject: int = 0
-    """Index of its module in the requirement's subject."""
-
-    def numbers(self) -> list[float]:
-        """Return the row as numbers in the order of `COLUMNS`; the columns of a hull are 0."""
-        path, cone, rod = self.path, self.cone, self.rod
-        region = self.distance, *self.origin, path.radius, *path.along, path.length
-        inside = cone.sine, cone.cosine, *cone.axis, cone.end, 0.0, 0.0, 0.0, 0.0
-        return [*region, *inside, *self.envelope, rod.number, *rod.connector, rod.radius, rod.tip]
-
-
-class Columns(NamedTuple):
-    """First column of each number, pair or vector of a `SearchRow`."""
-
-    distance: int = 0
-    origin: int = 1
-    radius: int = 4
-    along: int = 5
-    length: int = 8
-    sine: int = 9
-    cosine: int = 10
-    axis: int = 11
-    end: int = 14
-    planes: int = 15
-    """Index of a hull's first plane, and one past its last."""
-    edges: int = 17
-    """Index of a hull's first edge, and one past its last."""
-    envelope: int = 19
-    rod: int = 22
-    """Number of the rod."""
-    connector: int = 23
-    rod_radius: int = 26
-    tip: int = 27
-    width: int = 28
-    """Number of columns."""
-
-
-COLUMNS = Columns()
+    """Index of module i in the requirement's subject."""
 
 
 Subjects = NDArray[np.intp]
@@ -212,8 +232,8 @@ class Distance:
     """Vector between the points."""
     minimum: float
     """d [l_arm]."""
-    kind: int
-    """Kind of its row in the compiled search."""
+    obstacle: type[ModuleObstacle | TipObstacle | OffsetObstacle]
+    """Obstacle of its row in the compiled search."""
     segment = None
 
     @property
@@ -235,7 +255,7 @@ class Distance:
 
     def search_rows(self) -> tuple[SearchRow, ...]:
         """Return one row."""
-        return (SearchRow(self.kind, self.minimum),)
+        return (SearchRow(CentreBody(), self.obstacle(self.minimum)),)
 
 
 @dataclass(frozen=True, eq=False)

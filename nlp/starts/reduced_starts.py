@@ -15,9 +15,8 @@ import numpy as np
 
 from nlp.numbers import kinematics
 from nlp.numbers.geometry import largest_turn, signs
-from nlp.reduced import arrays
+from nlp.numbers.kinematics import Tree, chain
 from nlp.reduced.arrays import ReducedProblem
-from nlp.reduced.platform import platform
 from nlp.starts.random_starts import DRAWING, cones, entropy, mean_force, upstream_of
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import Array
@@ -81,50 +80,55 @@ def draw_starts(
         (*rng.uniform(lower, 1.0, topology.n), *rng.normal(size=3), rng.uniform(LEAST_OFFSET, LARGEST_OFFSET))
         for rng in (np.random.default_rng((key, start)) for start in starts)
     ]
-    return place_starts(problem, data, np.array(random).reshape(-1, topology.n + 4))
+    numbers = np.array(random).reshape(-1, topology.n + 4)
+    return place_starts(problem.tree, problem.rotors.l_c, problem.lower, problem.upper, data, numbers)
 
 
 @njit(cache=True)
-def place_starts(problem: ReducedProblem, data: StartData, random: Array) -> Array:
-    """Return the unknowns of a start for each row of random numbers, in one call: passing a problem is slow."""
-    n, x = len(problem.tree.parent), np.empty((len(random), len(problem.lower)))
+def place_starts(tree: Tree, l_c: float, lower: Array, upper: Array, data: StartData, random: Array) -> Array:
+    """Return the unknowns of a start for each row of random numbers."""
+    x = np.empty((len(random), len(lower)))
     for k in range(len(random)):
-        x[k] = _start(problem, data, random[k, :n], random[k, n : n + 3], random[k, n + 3])
+        _place_start(tree, l_c, lower, upper, data, random[k], x[k])
     return x
 
 
-@njit(cache=True)
-def _start(problem: ReducedProblem, data: StartData, uniform: Array, direction: Array, distance: float) -> Array:
-    """Return the unknowns of a start from random numbers: for yaw and hinges, and for the end-effector."""
-    n, x = len(problem.tree.parent), np.zeros(len(problem.lower))
+@njit(cache=True, inner=True)
+def _place_start(
+    tree: Tree, l_c: float, lower: Array, upper: Array, data: StartData, random: Array, x: Array
+) -> None:
+    """Compute the unknowns of a start from random numbers: for yaw and hinges, and for the end-effector."""
+    n = len(tree.parent)
+    direction = random[n : n + 3]
+    x[:] = 0.0
     for i in range(1, n):
-        x[i + 2] = min(max(data.splay[i - 1] * uniform[i], problem.lower[i + 2]), problem.upper[i + 2])
-    pose = platform(problem, x)
+        x[i + 2] = min(max(data.splay[i - 1] * random[i], lower[i + 2]), upper[i + 2])
+    R_i, _, _, _ = chain(x, tree.parent, tree.port, tree.kappa, l_c)
     lift, force = np.zeros(3), data.force
     for i in range(n):
-        lift += pose.z[i]
-    yaw = 0.0 if data.paper else 2 * math.pi * uniform[0] - math.pi
+        lift += R_i[i, :, 2]
+    yaw = 0.0 if data.paper else 2 * math.pi * random[0] - math.pi
     R = _rotation_about(force, yaw) @ _rotation_between(lift, force)
     x[0] = math.atan2(-R[0, 1], R[1, 1])
     x[1] = math.atan2(R[2, 1], math.hypot(R[0, 1], R[1, 1]))
     c, s = math.cos(x[0]), math.sin(x[0])
     x[2] = math.atan2(c * R[0, 2] + s * R[1, 2], c * R[0, 0] + s * R[1, 0])
     for l in range(3):
-        x[l] = min(max(x[l], problem.lower[l]), problem.upper[l])
-    if len(problem.fixed):
-        return x
-    pose, d = platform(problem, x), direction.copy()
+        x[l] = min(max(x[l], lower[l]), upper[l])
+    if len(x) == n + 2:
+        return
+    _, p, _, _ = chain(x, tree.parent, tree.port, tree.kappa, l_c)
+    d = direction.copy()
     if data.side == CONE:
         d = data.upstream + DRAWING.cone_spread * direction
     elif data.side == UPSTREAM and np.sum(direction * data.upstream) < 0:
         d = -direction
-    d *= (distance + data.stand_off) / math.sqrt(np.sum(d * d))
+    d *= (random[n + 3] + data.stand_off) / math.sqrt(np.sum(d * d))
     for k in range(3):
-        x[n + 2 + k] = np.mean(pose.p[:, k]) + d[k]
-    return x
+        x[n + 2 + k] = np.mean(p[:, k]) + d[k]
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _rotation_about(axis: Array, angle: float) -> Array:
     """Return the rotation about a unit axis."""
     x, y, z = axis
@@ -133,7 +137,7 @@ def _rotation_about(axis: Array, angle: float) -> Array:
     return R
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _rotation_between(a: Array, b: Array) -> Array:
     """Return the smallest rotation from the direction of a to the unit vector b."""
     length = math.sqrt(np.sum(a * a))
@@ -149,4 +153,4 @@ def _rotation_between(a: Array, b: Array) -> Array:
     return _rotation_about(axis / sine, math.atan2(sine, cosine))
 
 
-refresh(place_starts, Path(__file__).parent, Path(arrays.__file__).parent, Path(kinematics.__file__).parent)
+refresh(place_starts, Path(__file__).parent, Path(kinematics.__file__).parent)

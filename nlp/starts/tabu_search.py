@@ -148,7 +148,7 @@ def straighten(tree: Tree, poses: Poses, alpha: Array, rules: Rules, sweeps: int
                 _turn(tree, poses, alpha, rules, deficit, hinge, angle)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _deficits(tree: Tree, poses: Poses, rules: Rules) -> Array:
     """Return the deficits of all pairs."""
     n = len(poses.p)
@@ -159,7 +159,7 @@ def _deficits(tree: Tree, poses: Poses, rules: Rules) -> Array:
     return deficit
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _cost(deficit: Array) -> float:
     """Return the unweighted cost of all deficits."""
     total = 0.0
@@ -170,7 +170,7 @@ def _cost(deficit: Array) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _random_pair(deficit: Array, rng: np.random.Generator) -> tuple[int, int]:
     """Return a random pair with a deficit."""
     a, b, count = 0, 0, 0
@@ -183,7 +183,7 @@ def _random_pair(deficit: Array, rng: np.random.Generator) -> tuple[int, int]:
     return a, b
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _hinges_between(
     tree: Tree, i: int, j: int, tabu_until: Indices, turn: int, rng: np.random.Generator
 ) -> Indices:
@@ -205,7 +205,7 @@ def _hinges_between(
     return choice[: TABU.hinges]
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _best_turn(
     tree: Tree,
     poses: Poses,
@@ -247,7 +247,7 @@ def _best_turn(
     return min_change, best
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _nearest_allowed(folds: Array, sign: float, angle: float) -> float:
     """Return the nearest allowed angle."""
     nearest = math.inf
@@ -258,7 +258,7 @@ def _nearest_allowed(folds: Array, sign: float, angle: float) -> float:
     return nearest
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _pairs_in_reach(poses: Poses, rules: Rules, deficit: Array, hinge: int, end: int) -> Indices:
     """Return a superset of the pairs (moved, fixed) with a deficit at some angle of the hinge, shape (m, 2).
 
@@ -296,7 +296,7 @@ def _pairs_in_reach(poses: Poses, rules: Rules, deficit: Array, hinge: int, end:
     return pairs[:m]
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _turn(tree: Tree, poses: Poses, alpha: Array, rules: Rules, deficit: Array, hinge: int, angle: float) -> None:
     """Turn a hinge to an angle; update `poses`, `alpha` and the deficits."""
     n, end, by = len(alpha), tree.end[hinge], angle - alpha[hinge]
@@ -308,7 +308,7 @@ def _turn(tree: Tree, poses: Poses, alpha: Array, rules: Rules, deficit: Array, 
                 deficit[i, j] = deficit[j, i] = deficit_of(rules, tree, poses, i, poses, j)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _rotate(poses: Poses, first: int, end: int, angle: float, rotated: Poses) -> None:
     """Rotate modules and hinges first..end-1 about the hinge `first` (Rodrigues' formula); may be in place."""
     x, y, z = poses.omega[first]
@@ -331,7 +331,7 @@ def _rotate(poses: Poses, first: int, end: int, angle: float, rotated: Poses) ->
             turned_vectors[i, 2] = zx * x + zy * y + zz * z
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def deficit_of(rules: Rules, tree: Tree, poses_i: Poses, i: int, poses_j: Poses, j: int) -> float:
     """Return the deficit of a pair, with module i in poses_i and module j in poses_j."""
     p_i, p_j = poses_i.p[i], poses_j.p[j]
@@ -347,7 +347,7 @@ def deficit_of(rules: Rules, tree: Tree, poses_i: Poses, i: int, poses_j: Poses,
     return rules.required - smallest
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _ball_clearance(rules: Rules, poses_i: Poses, i: int, poses_j: Poses, j: int) -> float:
     """Return the smallest clearance of the balls of module i from the envelope of module j.
 

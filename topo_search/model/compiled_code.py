@@ -32,12 +32,14 @@ CACHE_DIR = "NUMBA_CACHE_DIR"
 
 
 def njit(
-    *, cache: bool, literals: bool = True, allocates: bool = True, **options: Any
+    *, cache: bool, inner: bool = False, literals: bool = True, allocates: bool = True, **options: Any
 ) -> Callable[[Function], Function]:
     """Return a decorator like `numba.njit` whose cache always has a folder.
 
     Args:
         cache: True to cache the function on disk.
+        inner: True for a function that only compiled functions call: it gets no entry from Python, which takes
+            longer to compile than most functions if an argument is a record of many arrays.
         literals: True to compile a version for each literal number or flag that compiled callers pass.
         allocates: False for a function that neither creates nor returns arrays; this saves reference counting. If
             it returned an array, the caller would release a reference that was never taken.
@@ -51,7 +53,8 @@ def njit(
         raise BadInput("NUMBA_DISABLE_JIT", "must be 0 or unset: without the compiler a search would take days")
 
     def compile_lazily(function: Function) -> Function:
-        dispatcher: Any = numba.njit(**options | {"_nrt": allocates})(function)
+        options.update(_nrt=allocates, no_cpython_wrapper=inner, no_cfunc_wrapper=True)
+        dispatcher: Any = numba.njit(**options)(function)
         if cache:
             dispatcher._cache = _cache_of(function)
         if not literals:

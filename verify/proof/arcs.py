@@ -69,7 +69,7 @@ def fill_triangles(lower: Array, upper: Array, first_angle: int, triangles: Arra
         triangles[a, 2, 0], triangles[a, 2, 1] = scale * (c0 + c1), scale * (s0 + s1)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def multiply_by_hinge(M: Array, axis: int, c: float, s: float, product: Array) -> None:
     """Fill the product M H, where H turns about x (axis 0), y (1) or z (2) by the pair (c, s)."""
     j, k = (axis + 1) % 3, (axis + 2) % 3
@@ -79,7 +79,7 @@ def multiply_by_hinge(M: Array, axis: int, c: float, s: float, product: Array) -
         product[row, j], product[row, k] = c * mj + s * mk, c * mk - s * mj
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def fill_root_orientation(psi: Array, alpha_0: Array, alpha_1: Array, R: Array) -> None:
     """Fill R = Rz(psi) Rx(alpha_0) Ry(alpha_1) from pairs (c, s)."""
     R[:] = 0.0
@@ -119,7 +119,7 @@ def fill_frames(problem: CheckProblem, pairs: Array, choices: int, frames: Frame
                     multiply_by_hinge(B[frame], 2, 0.0, 1.0, B[frame])
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _add_step(R: Array, column: int, step: float, B: Array) -> None:
     """Add R [d]x to B, where d has the length `step` along an axis."""
     j, k = (column + 1) % 3, (column + 2) % 3

@@ -120,7 +120,7 @@ def set_kink_width(problem: CheckProblem, points: Points, s: float) -> None:
     points.weight[:] = np.maximum(problem.weight, s)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def drop_idle_cases(problem: CheckProblem, points: Points, y: Array, sigma: Array) -> bool:
     """Drop idle load cases; return whether there are any."""
     any_dropped = False
@@ -152,7 +152,7 @@ def enforce_condition(problem: CheckProblem, points: Points, y: Array, sigma: Ar
         sigma[:] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def maximize_at_vertices(problem: CheckProblem, points: Points, y: Array, sigma: Array, cut: float) -> None:
     """Improve y and sigma in place, for the greatest D at the worst point."""
     T, s = ASCENT.initial_temperature * cut, ASCENT.initial_kink_width * cut / points.a.shape[1]
@@ -262,7 +262,7 @@ def smoothed_value(problem: CheckProblem, points: Points, y: Array, sigma: Array
     return minimum - T * math.log(share_sum) - penalty
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _evaluate_slopes(problem: CheckProblem, points: Points, y: Array, sigma: Array) -> None:
     """Fill the slopes g of D, and their derivatives by y."""
     slopes = points.slopes
@@ -297,7 +297,7 @@ def _evaluate_slopes(problem: CheckProblem, points: Points, y: Array, sigma: Arr
                     dg_dy[l] -= u * c[l] + curvature * slope * a[l]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _psi_derivatives(t: float, weight: float, is_smoothed: bool, u_min: float) -> tuple[float, float]:
     """Return the first and second derivatives of psi, smoothed or not."""
     if is_smoothed:
@@ -309,7 +309,7 @@ def _psi_derivatives(t: float, weight: float, is_smoothed: bool, u_min: float) -
     return (u, 1 / (2 * weight)) if u < 1.0 else (1.0, 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _fill_newton_step(problem: CheckProblem, points: Points, y: Array, sigma: Array, T: float) -> None:
     """Fill the step to the maximum of the quadratic model with p'_E cancelled, after `smoothed_value`.
 
@@ -350,7 +350,7 @@ def _fill_newton_step(problem: CheckProblem, points: Points, y: Array, sigma: Ar
                     points.step[k, l] -= points.solved[k, l, 1 + row] * q_solved[row]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_model(
     problem: CheckProblem,
     points: Points,
@@ -406,7 +406,7 @@ def _fill_model(
             rows[3 + point_rows + angle, l] = points.slopes.dg_dy[angle, k, l]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _solve_model(H: Array, mean: Array, rows: Array, solved: Array, row_count: int, S: Array, q: Array) -> None:
     """Fill H^-1 times the gradient and the rows, by Cholesky, and add the rows times these to S and q."""
     for l in range(6):
@@ -437,7 +437,7 @@ def _solve_model(H: Array, mean: Array, rows: Array, solved: Array, row_count: i
                 S[row, column] += rows[row, l] * solved[l, 1 + column]
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _solve_rows(points: Points, sigma: Array, wall_gradient: Array, S: Array, q: Array) -> Array:
     """Return the multipliers of the rows, and fill the step of sigma, which keeps it nonnegative."""
     ridge, rows = points.ridge[1], points.wall_rows[: len(q)]

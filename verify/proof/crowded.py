@@ -60,7 +60,7 @@ def find_crowded_pair(problem: CheckProblem, triangles: Array, frames: Frames, m
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _pair_crowding(problem: CheckProblem, triangles: Array, frames: Frames, i: int, j: int) -> tuple[bool, float]:
     """Return whether two modules are too close everywhere in a box, and their least gap at the middle."""
     gap = math.inf
@@ -93,7 +93,7 @@ def _pair_crowding(problem: CheckProblem, triangles: Array, frames: Frames, i: i
     return False, gap
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _ball_in_airflow(problem: CheckProblem, frames: Frames, i: int, j: int, b: int) -> tuple[float, float]:
     """Return the share of the axis of j at which ball b of module i is deepest in the airflow, and the gap."""
     x, y, z, radius = problem.balls[b]
@@ -105,7 +105,7 @@ def _ball_in_airflow(problem: CheckProblem, frames: Frames, i: int, j: int, b: i
     return share, gap - problem.margin
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def deepest_shares(problem: CheckProblem, frames: Frames, i: int, j: int) -> tuple[float, float, float]:
     """Return the shares of two axes at which the envelopes overlap most, approximately, and the gap there."""
     L, growth = problem.length, problem.growth
@@ -123,7 +123,7 @@ def deepest_shares(problem: CheckProblem, frames: Frames, i: int, j: int) -> tup
     return best
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _deepest_share(w: Array, z: Array, L: float, growth: float) -> float:
     """Return the share of an axis at which |w - share L z| - share growth is least."""
     if growth >= L:
@@ -159,12 +159,12 @@ def largest_squared_distance(
     return largest
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _length(point: Vector) -> float:
     return math.sqrt(point[0] ** 2 + point[1] ** 2 + point[2] ** 2)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _positions(
     problem: CheckProblem, triangles: Array, i: int, ancestor: int, point: Vector
 ) -> tuple[Array, Array, float]:

@@ -134,7 +134,7 @@ def bound(
     return result + constant(problem, y, sigma) - rounding(problem, y, sigma, triangles)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_module(problem: CheckProblem, frames: Frames, i: int, v: int, workspace: BoundWorkspace) -> None:
     """Fill the term of module i in one frame, for each combination of the root."""
     R, value, (w, a, b) = frames.R[v], workspace.least_sum[v], problem.bodies[i]
@@ -170,7 +170,7 @@ def _fill_module(problem: CheckProblem, frames: Frames, i: int, v: int, workspac
                 value[choice] -= u * (t - weight * u)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def lever_force(problem: CheckProblem, y: Array) -> tuple[float, float, float]:
     """Return sum_k h_k x mu_k, the factor of c in sum_k mu_k . (c x h_k)."""
     a, b, c = 0.0, 0.0, 0.0
@@ -181,7 +181,7 @@ def lever_force(problem: CheckProblem, y: Array) -> tuple[float, float, float]:
     return a, b, c
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def constant(problem: CheckProblem, y: Array, sigma: Array) -> float:
     """Return the terms that depend on no angle, less the losses to the audit's tolerance and to p'_E."""
     total, (a, b, c) = 0.0, residual(problem, y, sigma)
@@ -208,7 +208,7 @@ def residual(problem: CheckProblem, y: Array, sigma: Array) -> tuple[float, floa
     return a, b, c
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def rounding(problem: CheckProblem, y: Array, sigma: Array, triangles: Array) -> float:
     """Return the allowance for rounding."""
     n, magnitude, gamma, deepest = len(problem.parent), 0.0, 1.0, 0
@@ -229,6 +229,6 @@ def rounding(problem: CheckProblem, y: Array, sigma: Array, triangles: Array) ->
     return BOUND_ROUNDING * max(1.0, n * len(y) / 20_000) * magnitude * gamma
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _norm(v: Array) -> float:
     return math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])

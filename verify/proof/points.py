@@ -165,7 +165,7 @@ def fill_point(problem: CheckProblem, pairs: Array, frames: Frames, points: Poin
         b[5] += cx * y - cy * x
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _rotate(R: Array, x: float, y: float, z: float) -> tuple[float, float, float]:
     return (
         R[0, 0] * x + R[0, 1] * y + R[0, 2] * z,
@@ -174,7 +174,7 @@ def _rotate(R: Array, x: float, y: float, z: float) -> tuple[float, float, float
     )
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _moment(problem: CheckProblem, frames: Frames, R: Array, i: int) -> tuple[float, float, float]:
     """Return c_i in W."""
     w, a, b = problem.bodies[i]
@@ -187,7 +187,7 @@ def _moment(problem: CheckProblem, frames: Frames, R: Array, i: int) -> tuple[fl
     )
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _envelope_end(problem: CheckProblem, frames: Frames, R: Array, r: int) -> tuple[float, float, float]:
     """Return e_r in W, the end of the envelope of wall r."""
     i, distance = problem.wall_module[r], problem.wall_distance[r]
@@ -228,7 +228,7 @@ def fill_slopes(problem: CheckProblem, pairs: Array, frames: Frames, rho: Array,
                 slopes.wall_slope[angle, r] = wall_slope
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_axes(problem: CheckProblem, pairs: Array, frames: Frames, points: Points) -> None:
     (c, s), (c0, s0), axes = pairs[0, 0], pairs[1, 0], points.slopes.axes
     axes[:3] = 0.0
@@ -255,7 +255,7 @@ def is_turned_by(problem: CheckProblem, angle: int, i: int) -> bool:
     return angle < 3 or i > 0
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_beta(axis: Array, wrench: Array, beta: Array) -> None:
     """Fill the derivative of a rotor's wrench by an angle: omega x f, and omega x the torque about the axis."""
     (w0, w1, w2), (c0, c1, c2) = axis[0], axis[1]
@@ -268,7 +268,7 @@ def _fill_beta(axis: Array, wrench: Array, beta: Array) -> None:
     beta[5] = w0 * t1 - w1 * t0 + c0 * d1 - c1 * d0
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def fill_condition_inverse(points: Points) -> None:
     """Fill `condition_inverse` for the active load cases."""
     M = np.zeros((3, 3))

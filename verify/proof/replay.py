@@ -121,7 +121,7 @@ def replay(problem: CheckProblem, lower: Array, upper: Array, cut: float, record
     return Replayed(VALID, len(record), halved, lower, upper)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, inner=True, inline="always")
 def _box_workspace(problem: CheckProblem) -> BoxWorkspace:
     A, K = len(problem.parent) + 2, len(problem.f)
     frames, middle_frames = arcs.empty_frames(problem, 3), arcs.empty_frames(problem, 1)
@@ -144,7 +144,7 @@ def _box_workspace(problem: CheckProblem) -> BoxWorkspace:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _halve(problem: CheckProblem, lo: Array, hi: Array, top: int, a: int) -> None:
     """Replace the top box with its halves, the lower one on top, with limits from the set of hinge angles."""
     lower_end = upper_begin = (lo[top, a] + hi[top, a]) / 2
@@ -154,7 +154,7 @@ def _halve(problem: CheckProblem, lo: Array, hi: Array, top: int, a: int) -> Non
     lo[top, a], hi[top + 1, a] = upper_begin, lower_end
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, inner=True, inline="always")
 def _process_box(
     problem: CheckProblem, code: int, lower: Array, upper: Array, rho: Array, cut: float, workspace: BoxWorkspace
 ) -> int:
@@ -204,7 +204,7 @@ def _process_box(
     return axis
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _crowded_hinge(problem: CheckProblem, rho: Array, i: int, j: int) -> int:
     """Return the widest hinge on the path between two modules."""
     axis = max(i, j) + 2
@@ -217,7 +217,7 @@ def _crowded_hinge(problem: CheckProblem, rho: Array, i: int, j: int) -> int:
     return axis
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _split_axis(problem: CheckProblem, workspace: BoxWorkspace, rho: Array) -> int:
     """Return the angle with the largest effect on the bound, after the slopes are filled."""
     points, slopes = workspace.middle, workspace.middle.slopes

@@ -193,7 +193,7 @@ def bound(
     return _least_vertex_value(problem, workspace, workspace.t_bound, case_count, constant, cut)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def is_active(problem: BranchProblem, y: Array, k: int) -> bool:
     """Return whether a load case has a weight or multipliers; others add nothing to D."""
     active: bool = problem.loads.weight[k] > 0.0
@@ -202,7 +202,7 @@ def is_active(problem: BranchProblem, y: Array, k: int) -> bool:
     return active
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _add_bodies(
     problem: BranchProblem,
     y: Array,
@@ -250,7 +250,7 @@ def _add_bodies(
                 workspace.module_value[root, v] += total
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_products(
     problem: BranchProblem, y: Array, roots: Array, vertices: Frames, count: int, workspace: BoundWorkspace
 ) -> None:
@@ -291,7 +291,7 @@ def _fill_products(
             screw[3], screw[4], screw[5] = cross(c, omega)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_force_limits(
     problem: BranchProblem, y: Array, R: Array, axes: Axes, count: int, workspace: BoundWorkspace
 ) -> None:
@@ -305,7 +305,7 @@ def _fill_force_limits(
             workspace.force_limit[slot, a] = math.sqrt(dot(f, f)) + mu_norm * workspace.drift[a]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _add_remainders(
     problem: BranchProblem, roots: Array, axes: Axes, rho: Array, count: int, workspace: BoundWorkspace
 ) -> None:
@@ -387,7 +387,7 @@ def _add_remainders(
                             t_bound[root, upper_vertex, slot, q] += loss
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _least_vertex_value(
     problem: BranchProblem, workspace: BoundWorkspace, t_values: Array, count: int, constant: float, cut: float
 ) -> float:
@@ -419,7 +419,7 @@ def _least_vertex_value(
     return result
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _constant(problem: BranchProblem, y: Array, sigma: Array) -> float:
     """Return the terms of D that depend on no angle, less the allowances for the audit's tolerance and rounding."""
     total, loads, slack = 0.0, problem.loads, problem.slack
@@ -438,7 +438,7 @@ def _constant(problem: BranchProblem, y: Array, sigma: Array) -> float:
     return total - slack.tip * math.sqrt(a * a + b * b + c * c)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_wall_sums(problem: BranchProblem, R: Array, sigma: Array, wall_sums: Array) -> None:
     """Fill the sums of sigma_r n_r in the root's frame."""
     walls = problem.walls
@@ -451,7 +451,7 @@ def _fill_wall_sums(problem: BranchProblem, R: Array, sigma: Array, wall_sums: A
                 wall_sum[l] += R[0, l] * x + R[1, l] * y + R[2, l] * z
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _to_root(R: Array, x: float, y: float, z: float) -> Vector:
     """Return R^T of a vector."""
     return (
@@ -471,7 +471,7 @@ def _nu_about(nu: Vector, mu: Vector, c: Vector) -> Vector:
     )
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _lever_force(problem: BranchProblem, y: Array) -> Vector:
     """Return s = sum_k h_k x mu_k in W."""
     x, y_, z = 0.0, 0.0, 0.0
@@ -482,7 +482,7 @@ def _lever_force(problem: BranchProblem, y: Array) -> Vector:
     return x, y_, z
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_drifts(problem: BranchProblem, rho: Array, drift: Array) -> None:
     """Fill the largest displacements of the points of the axes in the box."""
     tree, between = problem.tree, problem.levers.between
@@ -493,7 +493,7 @@ def _fill_drifts(problem: BranchProblem, rho: Array, drift: Array) -> None:
             drift[i + 2] += rho[b] * between[b, i + 2]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def add_rotor_gains(
     problem: BranchProblem, y: Array, R: Array, middle: Frames, axes: Axes, rho: Array, workspace: BoundWorkspace
 ) -> None:
@@ -537,7 +537,7 @@ def add_rotor_gains(
                         workspace.loss[path[level]] += u * losses[level, q]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _moment_loss(
     problem: BranchProblem,
     i: int,

@@ -76,7 +76,7 @@ def crowding(problem: BranchProblem, middle: Frames, axes: Axes, vertices: Frame
     return where
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _deepest_shares(problem: BranchProblem, frames: Frames, i: int, j: int) -> tuple[float, float]:
     """Return the shares of the two axes at which the envelopes overlap most, approximately."""
     L, growth = problem.separation.length, problem.separation.growth
@@ -104,7 +104,7 @@ def _deepest_shares(problem: BranchProblem, frames: Frames, i: int, j: int) -> t
     return best
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _ball_in_airflow(
     problem: BranchProblem,
     middle: Frames,
@@ -131,7 +131,7 @@ def _ball_in_airflow(
     return _point_crowding(problem, middle, axes, vertices, rho, i, j, q_i, q_j, distance, gain)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _point_crowding(
     problem: BranchProblem,
     middle: Frames,
@@ -173,7 +173,7 @@ def _point_crowding(
     return EVERYWHERE
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _hinge_loss(
     problem: BranchProblem,
     axes: Axes,
@@ -214,7 +214,7 @@ def _hinge_loss(
     return loss
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _max_lever(l_c: float, modules: int, q: Vector) -> float:
     """Return the largest distance of a point q of a module from a hinge with `modules` modules in between."""
     if modules == 0:  # the module's axis is at a right angle to the arm
@@ -222,18 +222,18 @@ def _max_lever(l_c: float, modules: int, q: Vector) -> float:
     return l_c * (1 + 2 * modules) + _length(q)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _length(q: Vector) -> float:
     return math.sqrt(dot(q, q))
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _point(frames: Frames, frame: int, q: Vector) -> Vector:
     p = add(row(frames.p, frame), q[0], row(frames.x, frame))
     return add(add(p, q[1], row(frames.y, frame)), q[2], row(frames.z, frame))
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _squared_distance(A: Vector, B: Vector) -> float:
     d = add(A, -1.0, B)
     squared: float = dot(d, d)

@@ -43,7 +43,7 @@ def rotate(R: Array, a: Vector) -> Vector:
     )
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def moment(frames: Frames, v: int, body: Array) -> Vector:
     """Return the moment of a module's body (`BranchProblem.bodies`) in frame v."""
     w, a, b = body
@@ -88,7 +88,7 @@ def fill_middle_frames(tree: Tree, l_c: float, middle: Array, frames: Frames, ax
             axes.c[i + 2, k] = frames.p[h, k] + l_c * sign * along
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def fill_root_orientation(psi: float, alpha_0: float, alpha_1: float, R: Array) -> None:
     """Fill R = Rz(psi) Rx(alpha_0) Ry(alpha_1)."""
     c0, s0 = math.cos(psi), math.sin(psi)
@@ -99,13 +99,13 @@ def fill_root_orientation(psi: float, alpha_0: float, alpha_1: float, R: Array) 
     R[2, 0], R[2, 1], R[2, 2] = -c1 * s2, s1, c1 * c2
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_root(frames: Frames) -> None:
     frames.x[0], frames.y[0] = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
     frames.z[0], frames.p[0] = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_root_axes(middle: Array, axes: Axes) -> None:
     """Fill the axes of psi, alpha_0 and alpha_1 (e_z, Rz e_x and Rz Rx e_y in W), all through the origin."""
     c1, s1 = math.cos(middle[1]), math.sin(middle[1])
@@ -116,7 +116,7 @@ def _fill_root_axes(middle: Array, axes: Axes) -> None:
     axes.c[:3] = 0.0
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_child(frames: Frames, h: int, i: int, port: int, kappa: int, c: float, s: float, l_c: float) -> None:
     """Fill frame i of a module from frame h of its parent: R_i = R_h H(alpha) Rz(kappa pi/2)."""
     sign = 1.0 if port < 2 else -1.0

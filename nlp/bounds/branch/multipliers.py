@@ -141,7 +141,7 @@ def dual_value(problem: BranchProblem, newton: NewtonWorkspace, y: Array) -> flo
     return total
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def best_input(t: float, weight: float, u_min: float, u_max: float) -> float:
     """Return the u in [u_min, u_max] that maximizes t u - weight u^2."""
     if t <= 2 * weight * u_min:
@@ -183,7 +183,7 @@ def maximize(problem: BranchProblem, newton: NewtonWorkspace, y: Array, steps: i
     return best
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def copy(y: Array, target: Array) -> None:
     """Copy multipliers, shape (K, 6)."""
     for k in range(len(y)):
@@ -191,7 +191,7 @@ def copy(y: Array, target: Array) -> None:
             target[k, l] = y[k, l]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def enforce_condition(problem: BranchProblem, y: Array) -> None:
     """Make sum_k g_k x mu_k = 0 by the least change of the torque multipliers."""
     loads, q = problem.loads, rotate(problem.loads.condition_inverse, load_residual(problem, y))
@@ -212,7 +212,7 @@ def load_residual(problem: BranchProblem, y: Array) -> tuple[float, float, float
     return a, b, c
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def residual(problem: BranchProblem, y: Array, sigma: Array) -> tuple[float, float, float]:
     """Return the residual of the condition, sum_k g_k x mu_k - sum_r sigma_r n_r."""
     a, b, c = load_residual(problem, y)
@@ -222,7 +222,7 @@ def residual(problem: BranchProblem, y: Array, sigma: Array) -> tuple[float, flo
     return a, b, c
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def fill_newton_step(problem: BranchProblem, newton: NewtonWorkspace, y: Array, row_count: int) -> None:
     """Fill the step to the maximum of the quadratic model with the first `row_count` rows.
 

@@ -148,7 +148,7 @@ def search(problem: BranchProblem, lower: Array, upper: Array, cut: float, most_
     return SearchResult(CLOSED, record[:boxes], lower, upper, active_cases)
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _initial_stack(problem: BranchProblem, lower: Array, upper: Array) -> BoxStack:
     """Return the stack with the whole box on it."""
     K, A, W = len(problem.loads.f), len(lower), len(problem.walls.normal)
@@ -166,7 +166,7 @@ def _initial_stack(problem: BranchProblem, lower: Array, upper: Array) -> BoxSta
     return stack
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def _box_workspace(problem: BranchProblem) -> BoxWorkspace:
     n, K, W = len(problem.tree.parent), len(problem.loads.f), len(problem.walls.normal)
     A, initial_y = n + 2, np.zeros((K, 6))
@@ -192,7 +192,7 @@ def _box_workspace(problem: BranchProblem) -> BoxWorkspace:
     )
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _process_box(
     problem: BranchProblem, stack: BoxStack, workspace: BoxWorkspace, top: int, cut: float, whole_rho: float
 ) -> int:
@@ -246,7 +246,7 @@ def _process_box(
     return SPLIT + axis
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _halve(
     problem: BranchProblem, stack: BoxStack, workspace: BoxWorkspace, top: int, axis: int, has_bound: bool
 ) -> None:
@@ -280,7 +280,7 @@ def halves(angles: Array, lower: float, upper: float) -> tuple[float, float]:
     return angles[index - 1], angles[index]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _exclude_at_middle(problem: BranchProblem, workspace: BoxWorkspace, cut: float) -> bool:
     """Improve y, the parent's multipliers, at the middle of a box; return whether they exclude the box."""
     rho, y, newton = workspace.rho, workspace.y, workspace.newton
@@ -304,7 +304,7 @@ def _exclude_at_middle(problem: BranchProblem, workspace: BoxWorkspace, cut: flo
     return _is_excluded(problem, workspace, cut)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _exclude_at_vertices(problem: BranchProblem, workspace: BoxWorkspace, cut: float) -> bool:
     """Improve y and sigma, the parent's, at the worst vertex of a box; return whether they exclude the box."""
     if _maximize_at_vertices(problem, workspace, cut, worst_vertex.SEARCH.steps):
@@ -317,7 +317,7 @@ def _exclude_at_vertices(problem: BranchProblem, workspace: BoxWorkspace, cut: f
     return _maximize_at_vertices(problem, workspace, cut, BRANCHING.retry_steps)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _maximize_at_vertices(problem: BranchProblem, workspace: BoxWorkspace, cut: float, steps: int) -> bool:
     """Run the search at the worst vertex, `steps` a stage; return whether y and sigma exclude the box."""
     vertex_search, y, sigma = workspace.vertex_search, workspace.y, workspace.sigma
@@ -335,7 +335,7 @@ def _maximize_at_vertices(problem: BranchProblem, workspace: BoxWorkspace, cut: 
     return _is_excluded(problem, workspace, cut)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _max_width(rho: Array) -> float:
     width = 0.0
     for a in range(len(rho)):
@@ -343,7 +343,7 @@ def _max_width(rho: Array) -> float:
     return width
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _is_excluded(problem: BranchProblem, workspace: BoxWorkspace, cut: float) -> bool:
     """Return whether the bound of a box reaches the cut."""
     w = workspace
@@ -351,13 +351,13 @@ def _is_excluded(problem: BranchProblem, workspace: BoxWorkspace, cut: float) ->
     return bool(bound >= cut)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _set_ridge(newton: multipliers.NewtonWorkspace, ridge: float) -> None:
     for l in range(3):
         newton.ridge[l], newton.ridge[3 + l] = ridge, BRANCHING.torque_ridge * ridge
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _widest_angle(rho: Array) -> int:
     """Return the angle to halve in a box that is too wide for a bound, hinges first; -1 if it is not too wide."""
     axis = 3
@@ -373,7 +373,7 @@ def _widest_angle(rho: Array) -> int:
     return axis if 2 * rho[axis] > BRANCHING.max_bound_width else -1
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _crowded_hinge(rho: Array, gain: Array) -> int:
     """Return the hinge whose halves are most likely to be crowded everywhere, or -1 if all are narrow."""
     axis, largest_gain = -1, -1.0
@@ -383,7 +383,7 @@ def _crowded_hinge(rho: Array, gain: Array) -> int:
     return axis
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _split_axis(rho: Array, gain: Array) -> int:
     """Return the angle with the largest gain, without those that are much narrower than others.
 

@@ -77,7 +77,7 @@ class VertexWorkspace(NamedTuple):
     trial_sigma: Array
 
 
-@njit(cache=True)
+@njit(cache=True, inner=True)
 def vertex_workspace(problem: BranchProblem) -> VertexWorkspace:
     """Return the workspace for a task and tree."""
     tree, K, W = problem.tree, len(problem.loads.f), len(problem.walls.normal)
@@ -122,7 +122,7 @@ def vertex_workspace(problem: BranchProblem) -> VertexWorkspace:
     )
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, workspace: VertexWorkspace) -> None:
     """Fill the wrenches, moments and wall distances of all frames."""
     walls = problem.walls
@@ -145,7 +145,7 @@ def fill_frames(problem: BranchProblem, roots: Array, vertices: Frames, workspac
                     workspace.wall[root, v, r] = dot(row(walls.normal, r), e)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def smoothed_value(
     problem: BranchProblem, workspace: VertexWorkspace, y: Array, sigma: Array, T: float, m: float, s: float
 ) -> tuple[float, float, float]:

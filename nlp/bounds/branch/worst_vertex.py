@@ -89,7 +89,7 @@ class VertexSearch(NamedTuple):
 SEARCH = VertexSearch()
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def start(
     problem: BranchProblem,
     roots: Array,
@@ -133,7 +133,7 @@ def start(
     _correct_torques(problem, y, sigma, True)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def maximize(
     problem: BranchProblem, newton: NewtonWorkspace, workspace: VertexWorkspace, cut: float, stage: int, steps: int
 ) -> tuple[float, float]:
@@ -189,7 +189,7 @@ def maximize(
     return minimum, limit
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _max_step_size(workspace: VertexWorkspace) -> float:
     y_square, step_square = 0.0, 0.0
     for k in range(len(workspace.y)):
@@ -198,7 +198,7 @@ def _max_step_size(workspace: VertexWorkspace) -> float:
     return min(1.0, SEARCH.max_step * math.sqrt(y_square / step_square)) if y_square * step_square > 0.0 else 1.0
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _drop_idle_corners(
     problem: BranchProblem, newton: NewtonWorkspace, workspace: VertexWorkspace, limit: float
 ) -> None:
@@ -214,7 +214,7 @@ def _drop_idle_corners(
         _correct_torques(problem, workspace.y, workspace.sigma, False)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _largest_product(newton: NewtonWorkspace, y: Array) -> float:
     """Return the largest |a_j . y| at the middle."""
     greatest = 0.0
@@ -226,7 +226,7 @@ def _largest_product(newton: NewtonWorkspace, y: Array) -> float:
     return greatest
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _select_vertices(workspace: VertexWorkspace) -> int:
     """Fill the vertices that enter a step and, in `q`, their shares; return their number."""
     largest, share_sum, count = 0.0, 0.0, 0
@@ -246,7 +246,7 @@ def _select_vertices(workspace: VertexWorkspace) -> int:
     return count
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _fill_newton_step(
     problem: BranchProblem, newton: NewtonWorkspace, workspace: VertexWorkspace, T: float, m: float, s: float
 ) -> None:
@@ -305,7 +305,7 @@ def _fill_newton_step(
     _solve_step(3 + V, m, workspace)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _add_frame(problem: BranchProblem, root: int, v: int, workspace: VertexWorkspace, s: float) -> None:
     """Fill the gradient of a module in one of its frames, and add its share to the negative Hessian."""
     u_min, u_max, dead_rotor = problem.u_min, problem.u_max, problem.loads.dead_rotor
@@ -339,7 +339,7 @@ def _add_frame(problem: BranchProblem, root: int, v: int, workspace: VertexWorks
         module_gradient[5] += cx * hy - cy * hx
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _solve_step(row_count: int, m: float, workspace: VertexWorkspace) -> None:
     """Fill the step: the first three rows are the condition, and the others each cost half their square."""
     y, sigma, step, wall_step = workspace.y, workspace.sigma, workspace.step, workspace.wall_step
@@ -389,7 +389,7 @@ def _solve_step(row_count: int, m: float, workspace: VertexWorkspace) -> None:
             wall_step[r] -= q[index] * wall_rows[index, r] * sigma[r] ** 2 / m
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def evenness(workspace: VertexWorkspace, axis: int) -> float:
     """Return the product of the shares at the two ends of an angle, at most 1/4 when they are even.
 
@@ -418,7 +418,7 @@ def enforce_condition(problem: BranchProblem, y: Array, sigma: Array) -> None:
         _correct_torques(problem, y, sigma, False)
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _correct_torques(problem: BranchProblem, y: Array, sigma: Array, all_cases: bool) -> None:
     """Change mu_k by q x g_k, where (sum_k [g_k]x [g_k]x^T) q is the residual of the condition."""
     xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -451,7 +451,7 @@ def _correct_torques(problem: BranchProblem, y: Array, sigma: Array, all_cases: 
                     y[k, 3 + l] -= change[l]
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def _is_nonzero(y: Array) -> bool:
     nonzero: bool = False
     for l in range(6):
@@ -459,7 +459,7 @@ def _is_nonzero(y: Array) -> bool:
     return nonzero
 
 
-@njit(cache=True, allocates=False)
+@njit(cache=True, inner=True, allocates=False)
 def finish(problem: BranchProblem, newton: NewtonWorkspace, y: Array, sigma: Array) -> None:
     """Drop idle corners, each of which would lose something to rounding, and enforce the condition."""
     for k in range(len(y)):
