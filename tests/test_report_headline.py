@@ -124,6 +124,12 @@ def test_the_air_is_told_at_the_tip_and_over_the_regions(audited: tuple[Design, 
     assert 0 <= float(figure.removesuffix(" m/s")) - tip < 0.01 * tip
     most = float(meaning.removeprefix("in the regions at most ").removesuffix(" m/s, by the jet model"))
     assert 0 <= most - over < 0.01 * over
+    for speed, limit, status in ((2.9, None, ""), (3.1, None, "fragile"), (3.1, 4.0, "")):  # fragile: amber
+        region = found.air.cases[0].regions[0].model_copy(update={"speed_at_most_m_s": speed, "limit_m_s": limit})
+        cases = [case.model_copy(update={"regions": (region,)}) for case in found.air.cases]
+        changed = found.model_copy(update={"air": found.air.model_copy(update={"cases": tuple(cases)})})
+        (tile,) = (tile for tile in module.headline(made, changed, None, "") if tile.name == "Air at the tip")
+        assert tile.status == status
     assert told(*audited)["Air at the tip"][1] == "by the jet model"
     assert "Air at the tip" not in told(made, found.model_copy(update={"air": None}))
 

@@ -157,6 +157,7 @@ def answer_as_json(answer: ts.Answer, warnings: Sequence[TaskWarning]) -> dict[s
         "note": answer.note,
         "weakest_point": answer.weakest_point,
         "air": answer.air,
+        "fast_air": [air.model_dump(mode="json") for air in answer.fast_air],
         "tolerances": answer.tolerances,
         "sizes": [_size_as_json(size) for size in answer.sizes],
         "warnings": [warning._asdict() for warning in warnings],

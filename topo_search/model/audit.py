@@ -471,6 +471,8 @@ class RotorAir(Value):
     """Sum of the speeds of their jets [m/s]."""
     thrust_loss: Annotated[float, Field(strict=True, ge=0, le=1)]
     """Share of the rotor's thrust lost."""
+    lost_N: Omitted[Size] = None
+    """Thrust lost [N]; None in older audits."""
 
 
 class CaseAir(Value):
@@ -485,6 +487,21 @@ class CaseAir(Value):
     regions: tuple[RegionAir, ...] = ()
     """One entry per exposure requirement."""
     rotors: tuple[RotorAir, ...] = ()
+
+
+FAST_AIR = 3.0
+"""Speed of the air over a region without a limit from which answers warn [m/s]."""
+
+
+class FastAir(Value):
+    """Fast air over a region without a limit on air speed, in its worst load case."""
+
+    exposure: Index
+    """Number of the requirement."""
+    case: str
+    """Name of the load case."""
+    speed_at_most_m_s: Size
+    """Same as in `RegionAir`."""
 
 
 class AirSpeeds(Value):
@@ -503,10 +520,24 @@ class AirSpeeds(Value):
         return max((region.speed_at_most_m_s for case in self.cases for region in case.regions), default=None)
 
     @property
+    def fast(self) -> tuple[FastAir, ...]:
+        """Regions without a limit whose air may move at FAST_AIR or more."""
+        over = zip(*(case.regions for case in self.cases), strict=True)
+        worst = (
+            max(zip(regions, self.cases, strict=True), key=lambda pair: pair[0].speed_at_most_m_s)
+            for regions in over
+        )
+        return tuple(
+            FastAir(exposure=number, case=case.name, speed_at_most_m_s=region.speed_at_most_m_s)
+            for number, (region, case) in enumerate(worst)
+            if region.limit_m_s is None and region.speed_at_most_m_s > FAST_AIR
+        )
+
+    @property
     def worst_rotor(self) -> tuple[CaseAir, RotorAir] | None:
-        """Rotor that loses the largest share of its thrust to wakes, with its load case; None without losses."""
+        """Rotor that loses the most thrust to wakes, with its load case; None without losses."""
         rotors = ((case, rotor) for case in self.cases for rotor in case.rotors)
-        worst = max(rotors, key=lambda pair: pair[1].thrust_loss, default=None)
+        worst = max(rotors, key=lambda pair: (pair[1].lost_N or 0.0, pair[1].thrust_loss), default=None)
         return worst if worst is not None and worst[1].thrust_loss > 0 else None
 
     def sentences(self) -> Iterator[str]:
@@ -517,6 +548,8 @@ class AirSpeeds(Value):
             case = max(self.cases, key=lambda case: case.regions[number].speed_at_most_m_s)
             fastest = case.regions[number]
             limit = "" if fastest.limit_m_s is None else f", allowed {fastest.limit_m_s:g} m/s: {fastest.status}"
+            if number in {air.exposure for air in self.fast}:
+                limit = f"; envelopes do not limit speed, exposure[{number}].speed does"
             yield (
                 f"air over {region.name}: at most {upper_text(fastest.speed_at_most_m_s, 3)} m/s, "
                 f"in {case.name}{limit}"

@@ -391,6 +391,8 @@ class Module(Value):
     """Mass of a joint (bracket, struts and bolts), located at its connector [kg]."""
     min_input: Annotated[float, Field(strict=True, ge=0, lt=1, exclude_if=lambda given: given == 0.0)] = 0.0
     """Minimum squared speed of a running rotor, as a share of the maximum; a failed rotor is exempt."""
+    wake_loss: Annotated[NonNegative, omit_if(0.37)] = 0.37
+    """Share of a rotor's thrust lost to a wake as fast as its own induced speed; default: blade-element theory."""
     battery_Wh: Omitted[Positive] = None
     """Energy of a module's battery [Wh], from which the audit bounds the endurance."""
     airflow: Airflow = Airflow()

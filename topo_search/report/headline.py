@@ -84,7 +84,9 @@ def headline(
         yield from _side_force(flight)
     if audit is not None and (air := audit.air) is not None:
         over = "" if air.region_m_s is None else f"in the regions at most {upper_text(air.region_m_s, 3)} m/s, "
-        yield Tile("Air at the tip", f"{upper_text(air.tip_m_s, 3)} m/s", f"{over}by the jet model")
+        over += "not limited there, " * bool(air.fast)
+        status = "fragile" * bool(air.fast)
+        yield Tile("Air at the tip", f"{upper_text(air.tip_m_s, 3)} m/s", f"{over}by the jet model", status)
     yield Tile("Modules", str(n), compared)
     throttle = design.inputs / design.task.module.max_input(design.task.gravity)
     mean = f"mean {figures(100 * float(throttle.mean()), 3)} % over all load cases"

@@ -22,9 +22,9 @@ from topo_search.model.value import BadInput, Fault
 from topo_search.simulation import scenarios
 from topo_search.simulation.controller import Allocator, Controller
 from topo_search.simulation.fly import Options, Track, Watch, fly, judge
-from topo_search.simulation.plant import Nominal, nominal
+from topo_search.simulation.plant import Nominal, in_wakes, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, Outcome, ScenarioResult, digest_of
-from verify.air.bound import air
+from verify.air.bound import case_jets, ingested
 from verify.flight.analysis import CapabilityAnalysis
 from verify.flight.programs import Box
 from verify.requirements import Scene
@@ -91,24 +91,30 @@ def static_failures(nominal: Nominal, torque: float | None) -> RotorsOut:
     return CapabilityAnalysis(A, nominal.tip, units, box, {}, [None], None, torque).rotors_out([0])
 
 
-def wake_losses(design: Design) -> tuple[float, ...]:
-    """Return the share of thrust that each rotor loses to wakes in its worst load case."""
-    air_speeds = air(Scene(design))
-    if air_speeds is None:
-        return ()
-    losses = ([rotor.thrust_loss for rotor in case.rotors] for case in air_speeds.cases)
-    return tuple(map(max, zip(*losses, strict=True)))
+def worst_wakes(design: Design) -> tuple[float, ...]:
+    """Return W of each rotor, in the wakes of its worst load case [N]."""
+    module, density = design.task.module, design.task.air_density
+    V = np.max([ingested(jets)[1].ravel() for _, jets in case_jets(Scene(design))], axis=0)
+    return tuple((2 * density * math.pi * (module.body.rotor_radius * module.wake_loss * V) ** 2).tolist())
 
 
-def describe_losses(nominal: Nominal, losses: tuple[float, ...]) -> str:
-    """Return a note on the thrust lost to wakes, and whether the rotors can make up for it in hover."""
+def lost_in_hover(nominal: Nominal, wakes: tuple[float, ...]) -> tuple[Array, float]:
+    """Return the thrust that each rotor loses in hover, (N,) [N], and the share of the one that loses most."""
     T, _ = Allocator(nominal).thrusts(np.array([0.0, 0.0, nominal.weight, 0.0, 0.0, 0.0]))
-    lost = nominal.B @ (np.array(losses) * T)
+    lost = T - in_wakes(T, np.array(wakes))
+    most = int(np.argmax(lost))
+    return lost, float(lost[most] / T[most]) if lost[most] else 0.0
+
+
+def describe_losses(nominal: Nominal, wakes: tuple[float, ...]) -> str:
+    """Return a note on the thrust lost to wakes in hover, and whether the rotors can make up for it."""
+    thrusts, share = lost_in_hover(nominal, wakes)
+    lost, full = nominal.B @ thrusts, np.full(len(wakes), nominal.largest_thrust)
     force, torque = np.linalg.norm(lost[:3]), np.linalg.norm(lost[3:])
-    residual, _ = hover_residual(replace(nominal, B=nominal.B * (1 - np.array(losses))))
+    residual, _ = hover_residual(replace(nominal, B=nominal.B * in_wakes(full, np.array(wakes)) / full))
     comparison = "more" if residual > HOVER_TOLERANCE else "less"
     return (
-        f"Wakes of other modules take up to {100 * max(losses):.2g} % of a rotor's thrust. In hover that is "
+        f"Wakes of other modules take up to {100 * share:.2g} % of a rotor's thrust in hover: together "
         f"{force:.2g} N and {torque:.2g} N m, {comparison} than the rotors can add."
     )
 
@@ -151,8 +157,8 @@ def fly_all(
     """
     model = nominal(design)
     _require_hover(design, model)
-    losses = wake_losses(design) if options.wake else ()
-    options = replace(options, errors=replace(options.errors, losses=losses))
+    wakes = worst_wakes(design) if options.wake else ()
+    options = replace(options, errors=replace(options.errors, wakes=wakes))
     force, d = weakest_force(model)
     rotor, out = hardest_rotor(model), static_failures(model, design.task.flight.rotor_out_torque)
     results: list[ScenarioResult] = []
@@ -198,14 +204,14 @@ def fly_all(
                 "model_error": options.errors.model,
                 "motor_lag_s": options.lag,
                 "detection_time_s": options.detection,
-                "wake_loss_share": max(losses, default=0.0),
+                "wake_loss_share": lost_in_hover(model, wakes)[1],
                 "position_bandwidth_rad_s": Controller.omega_p,
                 "attitude_bandwidth_rad_s": Controller.omega_a,
             },
             versions={name: version(name) for name in ("mujoco", "casadi", "numpy")},
             notes=(
                 downwash_note if options.wake else NO_DOWNWASH,
-                *([describe_losses(model, losses)] if any(losses) else []),
+                *([describe_losses(model, wakes)] if any(wakes) else []),
             ),
         ),
         tuple(flown),

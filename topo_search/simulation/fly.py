@@ -18,7 +18,7 @@ import numpy as np
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.simulation.controller import Allocator, Controller, Reference
-from topo_search.simulation.plant import LAG, STEP, Errors, Nominal, Plant, orientation
+from topo_search.simulation.plant import LAG, STEP, Errors, Nominal, Plant, in_wakes, orientation
 from topo_search.simulation.result import Outcome, ScenarioResult
 from topo_search.simulation.scenarios import APPROACH, TILT, Scenario
 
@@ -74,7 +74,7 @@ def fly(
     home = nominal.com.copy()  # the design's COM is the origin
     quaternion = np.array([1.0, 0.0, 0.0, 0.0])
     plant.place(home, quaternion)
-    plant.data.act[:] = _trim(plant, controller, allocator, home)
+    plant.data.act[:] = in_wakes(_trim(plant, controller, allocator, home), plant.wakes)
     if scenario.axis.any() and not scenario.tilt:
         mujoco.mju_axisAngle2Quat(quaternion, scenario.axis, math.radians(TILT))
     plant.place(home + scenario.start, quaternion)

@@ -6,6 +6,7 @@
 | m, J | mass, inertia about c, rod included | | kg, kg m^2 |
 | B | wrench about c, in body axes, of unit thrusts | (6, N) | N, N m per N |
 | T, T_max | thrusts, largest thrust of a rotor | (N,) | N |
+| W | thrust of a rotor below which wakes take all of it | (N,) | N |
 | tau | time constant of a rotor's thrust | | s |
 """
 
@@ -40,8 +41,8 @@ class Errors:
     noise: float = 1.0
     """Factor on the noise of position, velocity, attitude and rate."""
     seed: int = 0
-    losses: tuple[float, ...] = ()
-    """Share of thrust that each rotor loses to the wakes of other modules; empty: no losses."""
+    wakes: tuple[float, ...] = ()
+    """W: the thrust of each rotor below which the wakes of other modules take all of it [N]; empty: no losses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +92,7 @@ class Plant:
         self.model = mujoco.MjModel.from_xml_string(_world(design, wall, lag))
         rng = np.random.default_rng(errors.seed)
         self.gain = 1.0 + errors.model * rng.standard_normal(self.model.nu)
-        if errors.losses:
-            self.gain *= 1.0 - np.array(errors.losses)
+        self.wakes = np.array(errors.wakes)
         scale = np.maximum(1.0 + errors.model * rng.standard_normal(self.model.nbody), 0.1)
         self.model.body_mass *= scale
         self.model.body_inertia *= scale[:, None]
@@ -123,7 +123,7 @@ class Plant:
         offset = self.data.subtree_com[self.platform_body] - self.state[0]
         weight = -self.model.body_mass.sum() * self.model.opt.gravity
         required = np.concatenate([self.R.T @ weight, self.R.T @ cross(offset, weight)])
-        return np.asarray(required - self.nominal.B @ (self.gain * thrusts))
+        return np.asarray(required - self.nominal.B @ (self.gain * in_wakes(thrusts, self.wakes)))
 
     def step(self, commanded: Array, at_tip: Array, at_com: Array) -> None:
         """Advance the simulation by STEP.
@@ -133,7 +133,7 @@ class Plant:
             at_tip: wrench of the environment on the end-effector, world axes, (6,).
             at_com: wrench of the environment on the platform's COM, world axes, (6,).
         """
-        self.data.ctrl[:] = commanded
+        self.data.ctrl[:] = in_wakes(commanded, self.wakes)
         self.data.xfrc_applied[self.tip_body] = at_tip
         platform = self.platform_body
         arm = self.data.subtree_com[platform] - self.data.xipos[platform]
@@ -164,6 +164,11 @@ class Plant:
     def _contacts(self) -> list[tuple[str, str]]:
         geom, contacts = self.model.geom, self.data.contact[: self.data.ncon]
         return [(geom(contact.geom1).name, geom(contact.geom2).name) for contact in contacts]
+
+
+def in_wakes(thrusts: Array, wakes: Array) -> Array:
+    """Return what wakes leave of thrusts: T - sqrt(W T), since a share goes with 1 / v_i, and v_i with sqrt(T)."""
+    return np.maximum(thrusts - np.sqrt(wakes * thrusts), 0.0) if wakes.size else thrusts
 
 
 def nominal(design: Design, *, rod_mass: bool = True) -> Nominal:

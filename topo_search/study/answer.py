@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from topo_search.model import Audit, Design, Infeasible, Relaxed
+from topo_search.model.audit import FastAir
 from topo_search.model.proven import gap_percent
 from topo_search.model.search import Level
 from topo_search.model.text import heading, paragraph, table
@@ -232,6 +233,11 @@ class Answer:
     def air(self) -> tuple[str, ...]:
         """The air speeds of the best design, one line each, from its audit."""
         return () if self.audit is None or self.audit.air is None else tuple(self.audit.air.sentences())
+
+    @property
+    def fast_air(self) -> tuple[FastAir, ...]:
+        """Regions without a limit on air speed where the best design's air is fast, from its audit."""
+        return () if self.audit is None or self.audit.air is None else self.audit.air.fast
 
     @property
     def tolerances(self) -> str | None:

@@ -8,8 +8,11 @@ most `enough` times an attained speed unless the limit on cubes is reached.
 
 In an unbounded region, everything beyond a distance D is pruned by the decay of the jets.
 
-A rotor loses 0.05 of its thrust per m/s of wake along its axis; 0.04 to 0.06 s/m were measured for two quadrotors
-one above the other (arXiv 2507.09463). Averages over a disc are of degree 5 (Abramowitz and Stegun, 25.4.61).
+A rotor with the induced speed v_q in a load case loses the share wake_loss V / v_q of its thrust to a wake with the
+component V along its axis, at most all of it; a rotor at rest has none to lose. The law is that of Su et al. (arXiv
+2207.09645, Eq. 5), linear in V, and its coefficient a field of the module. At a fixed rotor speed blade-element
+theory gives K / (K + 4 v_q / (omega R)), with K = sigma a / 4 of solidity and lift slope: 0.37 for K = 0.21 and the
+default rotor in hover. Averages over a disc are of degree 5 (Abramowitz and Stegun, 25.4.61).
 """
 
 from __future__ import annotations
@@ -21,7 +24,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from topo_search.model import Design, Residual, Status
+from topo_search.model import Design, Module, Residual, Status
 from topo_search.model.audit import AirSpeeds, CaseAir, RegionAir, RotorAir
 from topo_search.model.exposure import Exposure
 from verify.air.jets import MODEL, Jets, far_field, jets, sink, speeds, wakes
@@ -228,7 +231,7 @@ def _case(name: str, scene: Scene, jets: Jets) -> CaseAir:
         tip_m_s=clamp(float(at_tip.sum())),
         tip_estimate_m_s=clamp(float(np.linalg.norm(at_tip))),
         regions=tuple(_region(number, exposure, scene, jets) for number, exposure in enumerate(exposures)),
-        rotors=tuple(_rotors(jets)),
+        rotors=tuple(_rotors(jets, scene.design.task.module, scene.design.task.air_density)),
     )
 
 
@@ -254,19 +257,30 @@ def _region(number: int, exposure: Exposure, scene: Scene, jets: Jets) -> Region
     )
 
 
-def _rotors(jets: Jets) -> list[RotorAir]:
-    """Return the air that every rotor ingests from other modules' wakes, and the thrust it loses."""
-    rows = []
-    for module, (R, discs) in enumerate(zip(jets.poses, jets.rotors, strict=True)):
-        others = jets.drop(module)
-        points = discs[:, None] + jets.radius * DISC @ R[:, :2].T
-        weights = np.array([2.0, *[1.0] * 6]) / 8  # quadrature weights of DISC
-        through = weights @ wakes(others, points.reshape(-1, 3)).reshape(4, len(DISC), len(others.centres))
-        along = np.maximum(through @ (others.axes @ R[:, 2]), 0.0)
-        rows += [
-            RotorAir(
-                module=module, rotor=q, ingested_m_s=clamp(float(speed)), thrust_loss=min(1.0, 0.05 * float(axial))
-            )
-            for q, (speed, axial) in enumerate(zip(through.sum(axis=1), along, strict=True))
-        ]
-    return rows
+def _rotors(jets: Jets, module: Module, density: float) -> Iterator[RotorAir]:
+    """Yield the air that every rotor ingests from other modules' wakes, and the thrust it loses."""
+    thrust_of_square = 2 * density * math.pi * module.body.rotor_radius**2
+    through, along = ingested(jets)
+    for (i, q), v in np.ndenumerate(jets.induced):
+        loss = min(1.0, module.wake_loss * float(along[i, q]) / float(v)) if v else 0.0
+        yield RotorAir(
+            module=i,
+            rotor=q,
+            ingested_m_s=clamp(float(through[i, q])),
+            thrust_loss=loss,
+            lost_N=clamp(loss * thrust_of_square * float(v) ** 2),
+        )
+
+
+def ingested(jets: Jets) -> tuple[Array, Array]:
+    """Return the average speed of other modules' wakes through discs, and its part along the disc's own flow.
+
+    Both have the shape (n, 4) [m/s].
+    """
+    weights = np.array([2.0, *[1.0] * 6]) / 8  # quadrature weights of DISC
+    through, along = np.zeros(jets.induced.shape), np.zeros(jets.induced.shape)
+    for i, (R, discs) in enumerate(zip(jets.poses, jets.rotors, strict=True)):
+        others, points = jets.drop(i), discs[:, None] + jets.radius * DISC @ R[:, :2].T
+        of_each = weights @ wakes(others, points.reshape(-1, 3)).reshape(4, len(DISC), len(others.centres))
+        through[i], along[i] = of_each.sum(axis=1), np.maximum(of_each @ (others.axes @ R[:, 2]), 0.0)
+    return through, along
