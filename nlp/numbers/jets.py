@@ -139,7 +139,7 @@ def find_factors(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> Non
         dC: output: derivatives of C by q, shape (4, 3); empty: none are computed.
     """
     R, z = jet.radius, -q[2]
-    k_total, d_total, d_far = 0.0, np.zeros(3), np.empty(3)
+    k_total, x_total, y_total, z_total = 0.0, 0.0, 0.0, 0.0
     for k in range(4):  # inflow, before it is multiplied by its sum
         x, y = q[0] - DISCS[k, 0], q[1] - DISCS[k, 1]
         r = math.sqrt(x * x + y * y + 1e-12)
@@ -151,7 +151,7 @@ def find_factors(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> Non
             by_d = -2 * math.sqrt(2) / R * C[k] / (1 + math.sqrt(2) * d / R)
             by_r = by_d * beyond * beyond_r / d
             dC[k, 0], dC[k, 1], dC[k, 2] = by_r * x / r, by_r * y / r, -by_d * z / d
-            d_total += dC[k]
+            x_total, y_total, z_total = x_total + dC[k, 0], y_total + dC[k, 1], z_total + dC[k, 2]
 
     unmerged = (JETS.merged_at - z / 2) / JETS.merges_over
     share, share_t = clip(1 - unmerged, epsilon)
@@ -161,8 +161,8 @@ def find_factors(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> Non
     S += jet.origin
     merged, curve, profile = merged_jets(jet, q, S)
     far = share * merged * merged / 4
-    d_far[:2] = -8 * far * curve / profile * q[:2]
-    d_far[2] = -share_z * merged * merged / 4 - far * S_s / S * (4 * (profile - 1) / profile - 1)
+    far_x, far_y = -8 * far * curve / profile * q[0], -8 * far * curve / profile * q[1]
+    far_z = share_z * merged * merged / 4 + far * S_s / S * (4 * (profile - 1) / profile - 1)
 
     below, below_z = larger(z, 0.0, epsilon)
     below_disc, below_disc_z = clip(1 + z / epsilon, epsilon)
@@ -192,10 +192,9 @@ def find_factors(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> Non
             by_r = -2 * fade * g * g * inside * by_t / (2 * delta)
             t_z = outer_z / (2 * delta) - t * delta_z / delta
             by_z = fade_z * (g * inside) ** 2 + 2 * fade * g * inside * (g_z * inside + g * by_t * t_z)
-            dC[k] = by_inflow * (dC[k] * k_total + C[k] * d_total) + by_jet * d_far
-            dC[k, 0] += by_jet * by_r * x / r
-            dC[k, 1] += by_jet * by_r * y / r
-            dC[k, 2] -= by_jet * by_z
+            dC[k, 0] = by_inflow * (dC[k, 0] * k_total + C[k] * x_total) + by_jet * (far_x + by_r * x / r)
+            dC[k, 1] = by_inflow * (dC[k, 1] * k_total + C[k] * y_total) + by_jet * (far_y + by_r * y / r)
+            dC[k, 2] = by_inflow * (dC[k, 2] * k_total + C[k] * z_total) - by_jet * (far_z + by_z)
         C[k] = rounded
 
 
@@ -207,10 +206,13 @@ def speed(jet: Jet, C: Array, dC: Array, u: Array, slopes: Array) -> float:
         square += C[k] * (u[k] + JETS.idle)
     U = jet.induced * math.sqrt(square)
     if len(slopes):
-        slopes[:3] = 0.0
+        by_square = jet.induced**2 / (2 * U)
+        for axis in range(3):
+            slopes[axis] = 0.0
+            for k in range(4):
+                slopes[axis] += by_square * (u[k] + JETS.idle) * dC[k, axis]
         for k in range(4):
-            slopes[:3] += jet.induced**2 / (2 * U) * (u[k] + JETS.idle) * dC[k]
-            slopes[3 + k] = jet.induced**2 / (2 * U) * C[k]
+            slopes[3 + k] = by_square * C[k]
     return U
 
 
