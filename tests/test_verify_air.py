@@ -35,7 +35,8 @@ def one(u: float = 1.0, module: Module | None = None) -> Jets:
 
 def some(rng: np.random.Generator, n: int) -> Jets:
     """Return modules of any size, place, attitude and thrust, some of them idle."""
-    module = Module(body={"rotor_radius": 0.1 * Module().arm_length * 10 ** rng.uniform(-1.5, 0.8)})
+    ratio = rng.choice([3.0, 4.0, 5.0, 6.0, 10 ** rng.uniform(0.2, 3.0)])
+    module = Module(body={"rotor_radius": 2 * Module().arm_length / ratio})
     u = 10 ** rng.uniform(2, 7, (n, 4)) * (rng.random((n, 4)) < 0.9)
     return blow(rng.normal(0, 3, (n, 3)), Rotation.random(n, random_state=rng).as_matrix(), u, module)
 
