@@ -112,6 +112,7 @@ def test_errors_that_are_harmless_and_what_is_not_met(audited, capsys):
                 "sensitivity": found.sensitivity.model_copy(update=limits),
                 "pairs": (),
                 "flight": None,
+                "air": None,
                 "residuals": (row,),
                 "interference": None,
             }
@@ -166,7 +167,7 @@ def test_efforts_and_gaps(capsys, monkeypatch):
     for x in draws(25, 1e13, 1e15):
         candidate = toy_row("a300", objective=x, gap=0.1), ProofState(x, 0.1, "task", "within"), None
         check(ranking([candidate], proofs=True)["candidates"]["rows"][0][-3:], least=x)
-        check(bound(x, 0.1, 3)[0], least=x)
+        check(bound(x, 0.1, hover(3))[0], least=x)
         size = {"modules": 3, "candidates": 3, "quotient": "", "impossible": None, "lower_bound": x}
         check([words for _, words in _expectations([size])], least=x)
         row = toy_row("a300", objective=x, gap=0.1)
