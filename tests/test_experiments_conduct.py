@@ -15,7 +15,16 @@ from processes import eventually, gone
 from topo_search.compose import BACKENDS
 from topo_search.engine import Failed, Job
 from topo_search.experiments import Settings, conduct, experiment, results
-from topo_search.experiments.study import AIRFLOW_ALONE, COLUMNS, Variant, identity, measure, recorded, roots, trees
+from topo_search.experiments.study import (
+    AIRFLOW_ALONE,
+    COLUMNS,
+    Variant,
+    identity,
+    measure,
+    open_record,
+    roots,
+    trees,
+)
 from topo_search.model import BadInput, Design, Topology
 from topo_search.topologies import candidates
 
@@ -181,10 +190,10 @@ def test_a_killed_experiment_skips_finished_rows_and_a_torn_one_is_cut_off(tmp_p
 
 def test_a_folder_of_other_conditions_is_refused_by_their_name_and_left_as_it_is(tmp_path):
     def refused(words, name="scaling", **changes):
-        with pytest.raises(BadInput, match=words), recorded(tmp_path, name, replace(TOY, **changes), "command"):
+        with pytest.raises(BadInput, match=words), open_record(tmp_path, name, replace(TOY, **changes), "command"):
             pass
 
-    with recorded(tmp_path, "scaling", TOY, "command"):
+    with open_record(tmp_path, "scaling", TOY, "command"):
         pass
     before = {path: path.read_bytes() for path in tmp_path.glob("*.*")}
     refused("has rows with starts 2, not 7", starts=7)
@@ -197,10 +206,10 @@ def test_a_folder_of_other_conditions_is_refused_by_their_name_and_left_as_it_is
 
 
 def test_results_of_another_program_are_left_as_they_are(tmp_path):
-    with recorded(tmp_path, "scaling", TOY, "command"):
+    with open_record(tmp_path, "scaling", TOY, "command"):
         pass
     (tmp_path / "results.csv").write_text("a,b\n1,2")
-    with pytest.raises(BadInput, match="with other columns"), recorded(tmp_path, "scaling", TOY, "command"):
+    with pytest.raises(BadInput, match="with other columns"), open_record(tmp_path, "scaling", TOY, "command"):
         pass
     assert (tmp_path / "results.csv").read_text() == "a,b\n1,2"
 

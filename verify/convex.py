@@ -152,7 +152,7 @@ class Polyhedron(Convex):
     @property
     def facet_normals(self) -> Array:
         """Unit normals of its faces, shape (k, 3)."""
-        return _distinct(self.faces[0])
+        return _without_opposites(self.faces[0])
 
     @property
     def edge_directions(self) -> Array:
@@ -160,7 +160,7 @@ class Polyhedron(Convex):
         sides = np.concatenate([self.triangles[:, [k, (k + 1) % 3]] for k in range(3)])
         along = self.vertices[sides[:, 1]] - self.vertices[sides[:, 0]]
         length = norms(along)
-        return _distinct(along[length > 0] / length[length > 0, None])
+        return _without_opposites(along[length > 0] / length[length > 0, None])
 
     @property
     def thick(self) -> bool:
@@ -272,7 +272,7 @@ class Capsule(Convex):
         return inner_mesh(body, MESHES.capsule_level, offset / distance if distance > 0 else self.axis)
 
 
-def _distinct(directions: Array) -> Array:
+def _without_opposites(directions: Array) -> Array:
     """Return unit vectors without those that are another one to 12 digits, or its opposite."""
     pivots = directions[np.arange(len(directions)), np.abs(directions).argmax(axis=1)]
     _, first = np.unique(np.round(directions * np.sign(pivots)[:, None], 12), axis=0, return_index=True)

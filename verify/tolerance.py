@@ -293,7 +293,7 @@ class Tolerance:
         self._checks, self._rigid = [*simple, *(check for check, _ in rigid)], len(simple)
         self._tables = [self._table(simple, self._simple_rows(simple))] if simple else []
         if rigid:
-            self._tables.append(self._whole(rigid))
+            self._tables.append(self._plain_table(rigid))
         self._by_parts = dict[int, _Table]()
         self._set_masses()
         self._nominal = self._first_bounds(Errors())
@@ -331,7 +331,7 @@ class Tolerance:
         A, B = (_Points.of(sides, shared, self._levers) for sides in zip(*rows, strict=True))
         return _Table(A, B, np.array([AIRFLOWS.get(check.kind, 0) for check in checks]), shared)
 
-    def _whole(self, checks: Sequence[tuple[AnyCheck, Certificate]]) -> _Table:
+    def _plain_table(self, checks: Sequence[tuple[AnyCheck, Certificate]]) -> _Table:
         """Return the table of bounds without n: the clearance less the lengths of all displacements."""
         places, rows = np.concatenate([self.scene.centres, self.scene.tip[None]]), list[Row]()
         for check, certificate in checks:

@@ -242,7 +242,7 @@ def conduct(
         return settings.time_limit + solve_deadline(cell.n, settings.starts) + audit_deadline(cell.n)
 
     with (
-        recorded(Path(out), study.name, settings, command) as (done, add),
+        open_record(Path(out), study.name, settings, command) as (done, add),
         Workers(workers or available_cores()) as pool,
     ):
         for n, size in groupby((cell for cell in cells if identity(cell.row) not in done), key=lambda cell: cell.n):
@@ -263,7 +263,7 @@ def conduct(
 
 
 @contextmanager
-def recorded(
+def open_record(
     out: Path, name: str, settings: Settings, command: str
 ) -> Iterator[tuple[set[tuple[str, ...]], Callable[[Row], None]]]:
     """Open a study's folder; yield the identities of its finished cells and a function that appends a row.

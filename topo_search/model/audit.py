@@ -380,11 +380,11 @@ class Audit(Value):
             return f"{worst.name} ({worst.status}, clearance {upper_text(worst.analytic_m, 3)} m)"
         for row in self.residuals:
             if row.status is not Status.CLEAR:
-                held = self._exceeded(task) if row.name == WITHIN_TOLERANCES else ""
+                held = self._missed_tolerances(task) if row.name == WITHIN_TOLERANCES else ""
                 return f"{row.words} ({row.status}, off by {upper_text(row.value, 3)} {row.unit}{held})"
         return next((f"{row.name} ({row.words})" for row in self.stated if row.status == "missed"), None)
 
-    def _exceeded(self, task: ResolvedTask) -> str:
+    def _missed_tolerances(self, task: ResolvedTask) -> str:
         """Return the task's tolerances that a design does not hold even alone, with what it holds."""
         limits = {} if self.sensitivity is None else dict(self.sensitivity)
         asked = (("hinge_angle_deg", "hinge_angle_deg"), ("position", "position_m"), ("envelope", "envelope_m"))

@@ -24,7 +24,7 @@ from topo_search.simulation.controller import Allocator, Controller
 from topo_search.simulation.fly import Options, Track, Watch, fly, judge
 from topo_search.simulation.plant import Nominal, in_wakes, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, Outcome, ScenarioResult, digest_of
-from verify.air.bound import case_jets, ingested
+from verify.air.bound import case_jets, ingested_wakes
 from verify.flight.analysis import CapabilityAnalysis
 from verify.flight.programs import Box
 from verify.requirements import Scene
@@ -94,11 +94,11 @@ def static_failures(nominal: Nominal, torque: float | None) -> RotorsOut:
 def worst_wakes(design: Design) -> tuple[float, ...]:
     """Return W of each rotor, in the wakes of its worst load case [N]."""
     module, density = design.task.module, design.task.air_density
-    V = np.max([ingested(jets)[1].ravel() for _, jets in case_jets(Scene(design))], axis=0)
+    V = np.max([ingested_wakes(jets)[1].ravel() for _, jets in case_jets(Scene(design))], axis=0)
     return tuple((2 * density * math.pi * (module.body.rotor_radius * module.wake_loss * V) ** 2).tolist())
 
 
-def lost_in_hover(nominal: Nominal, wakes: tuple[float, ...]) -> tuple[Array, float]:
+def hover_losses(nominal: Nominal, wakes: tuple[float, ...]) -> tuple[Array, float]:
     """Return the thrust that each rotor loses in hover, (N,) [N], and the share of the one that loses most."""
     T, _ = Allocator(nominal).thrusts(np.array([0.0, 0.0, nominal.weight, 0.0, 0.0, 0.0]))
     lost = T - in_wakes(T, np.array(wakes))
@@ -108,7 +108,7 @@ def lost_in_hover(nominal: Nominal, wakes: tuple[float, ...]) -> tuple[Array, fl
 
 def describe_losses(nominal: Nominal, wakes: tuple[float, ...]) -> str:
     """Return a note on the thrust lost to wakes in hover, and whether the rotors can make up for it."""
-    thrusts, share = lost_in_hover(nominal, wakes)
+    thrusts, share = hover_losses(nominal, wakes)
     lost, full = nominal.B @ thrusts, np.full(len(wakes), nominal.largest_thrust)
     force, torque = np.linalg.norm(lost[:3]), np.linalg.norm(lost[3:])
     residual, _ = hover_residual(replace(nominal, B=nominal.B * in_wakes(full, np.array(wakes)) / full))
@@ -204,7 +204,7 @@ def fly_all(
                 "model_error": options.errors.model,
                 "motor_lag_s": options.lag,
                 "detection_time_s": options.detection,
-                "wake_loss_share": lost_in_hover(model, wakes)[1],
+                "wake_loss_share": hover_losses(model, wakes)[1],
                 "position_bandwidth_rad_s": Controller.omega_p,
                 "attitude_bandwidth_rad_s": Controller.omega_a,
             },

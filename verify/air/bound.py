@@ -260,7 +260,7 @@ def _region(number: int, exposure: Exposure, scene: Scene, jets: Jets) -> Region
 def _rotors(jets: Jets, module: Module, density: float) -> Iterator[RotorAir]:
     """Yield the air that every rotor ingests from other modules' wakes, and the thrust it loses."""
     thrust_of_square = 2 * density * math.pi * module.body.rotor_radius**2
-    through, along = ingested(jets)
+    through, along = ingested_wakes(jets)
     for (i, q), v in np.ndenumerate(jets.induced):
         loss = min(1.0, module.wake_loss * float(along[i, q]) / float(v)) if v else 0.0
         yield RotorAir(
@@ -272,7 +272,7 @@ def _rotors(jets: Jets, module: Module, density: float) -> Iterator[RotorAir]:
         )
 
 
-def ingested(jets: Jets) -> tuple[Array, Array]:
+def ingested_wakes(jets: Jets) -> tuple[Array, Array]:
     """Return the average speed of other modules' wakes through discs, and its part along the disc's own flow.
 
     Both have the shape (n, 4) [m/s].
