@@ -14,7 +14,10 @@ from topo_search.model.exposure import EXPOSURE_KINDS, AnyExposure
 from topo_search.model.files import read_task, task_template
 from topo_search.model.module import CountedRod
 
-EXAMPLES = "rotor_out_torque|joint_moment|joint_force|tolerances|battery_Wh|speed|hinge_step_deg|hinge_angles_deg"
+EXAMPLES = (
+    "rotor_out_torque|joint_moment|joint_force|tolerances|battery_Wh|speed|"
+    "centre_margin|hinge_step_deg|hinge_angles_deg"
+)
 """Fields without a default: what the file says of them is an example."""
 SLIPSTREAMS = {"airflow": {"regions": {}}}
 """Lines of `init` beside load cases and flight: envelopes against regions enclose the slipstreams."""

@@ -1,5 +1,7 @@
 """Every requirement is stated once: its smooth form, exact value and compiled rows agree, for every feature."""
 
+import math
+
 import numpy as np
 import pytest
 from nlp_cases import FEATURES, push, random_point, random_tree
@@ -7,6 +9,12 @@ from nlp_cases import FEATURES, push, random_point, random_tree
 from nlp.reduced import reason_against
 from nlp.reduced.arrays import rows
 from nlp.requirements import clearances
+from nlp.solve import solve
+from topo_search.model import Design, Topology
+from topo_search.model.files import read_task
+from topo_search.model.topology import straight_chain
+from topo_search.study.request import with_margin
+from verify import audit
 
 SHARP = 1e8
 
@@ -38,3 +46,31 @@ def test_a_round_of_ipopt_does_without_far_subjects():
         kept = requirement.restrict(vectors)
         gaps = requirement.gaps(vectors).min(axis=1)
         np.testing.assert_array_equal(kept.subjects, requirement.subjects[gaps < requirement.near])
+
+
+def test_centres_keep_no_more_of_a_larger_margin_than_errors_take():
+    chain = straight_chain(4)
+
+    def least(task):
+        found = [r for r in clearances(task, chain) if r.equation == 5]
+        return {(i, j): r.margin * task.module.arm_length for r in found for i, j in r.subjects.tolist()}
+
+    task = push(4, tolerances={"hinge_angle_deg": 0.3, "position": 1e-3}, flight={"tolerances": True})
+    assert list(least(task).values()) == pytest.approx([task.search.margin] * 3)
+    larger = least(with_margin(task, 8e-3))
+    for (i, j), margin in larger.items():
+        hinges, l_c, radius = chain.distances[i, j], task.module.connector_distance, task.centre_distance / 2
+        arms = sum(min(2 * m - 1, 2 * (hinges - m) + 1) * l_c + radius for m in range(1, hinges + 1))
+        taken = 2e-3 + math.radians(0.3) * arms
+        assert margin == pytest.approx(min(8e-3, task.search.margin + taken))
+    assert len(set(larger.values())) > 1
+    assert list(least(with_margin(task, 3e-3)).values()) == pytest.approx([3e-3] * 3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("example", ["wall-push", "window-cleaning"])
+def test_a_larger_margin_for_errors_leaves_a_platform_with_its_rod_room(example):
+    task = read_task(example, ("end_effector.rod_mass=included",)).resolve(3)
+    found = solve(with_margin(task, 7.7e-3), Topology.from_key("a300"), starts=range(4), seed=0)
+    assert isinstance(found, Design)
+    assert audit(found).verdict == "clear"

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, groupby
 
 import casadi as ca
 import numpy as np
@@ -93,13 +94,33 @@ def module_clearances(task: ResolvedTask, topology: Topology) -> Iterator[Requir
     if distance is not None:
         separated = [pair for pair in pairs if ablation or pair not in topology.bolted]
         formula = Distance(FROM_J, distance / unit, ModuleObstacle)
-        yield Requirement(
-            5, lambda i, j, _: f"separation of modules {i} and {j}", _pairs(separated), (formula,), margin
-        )
+        for enough, group in groupby(separated, lambda pair: _centre_margin(task, int(topology.distances[pair]))):
+            yield Requirement(
+                5,
+                lambda i, j, _: f"separation of modules {i} and {j}",
+                _pairs(list(group)),
+                (formula,),
+                enough / unit,
+            )
     if task.parts_off_airflow:
         parts, pairs = (AirflowClearance(PartBalls.of(task), air),), list(topology.unbolted)
         near = NEAR_PARTS if airflow else NEAR_ENVELOPE
         yield Requirement(6, lambda i, j, _: names.rotor_airflow(i, j), _pairs(pairs), parts, margin, near=near)
+
+
+def _centre_margin(task: ResolvedTask, hinges: int) -> float:
+    """Return the margin of the centres of two modules with some hinges between them [m].
+
+    To first order, a hinge's error moves two bodies closer by at most that angle times the arm of the line through
+    their nearest points. The line passes both centres within half of their distance, and the nearer centre is at
+    most l_c, 3 l_c, 5 l_c, ... from the hinge: k arms are at most ceil(k^2 / 2) l_c + k distance / 2 in total.
+    """
+    search, errors, distance = task.search, task.tolerances, task.centre_distance
+    if search.centre_margin is None or distance is None:
+        return search.margin
+    arms = (hinges**2 + 1) // 2 * task.module.connector_distance + hinges * distance / 2
+    taken = 2 * errors.position + math.radians(errors.hinge_angle_deg) * arms
+    return min(search.margin, search.centre_margin + taken)
 
 
 def _pairs(pairs: list[tuple[int, int]]) -> Subjects:

@@ -68,12 +68,13 @@ def generator(task: ResolvedTask, topology: Topology, start: int, seed: int) -> 
 def entropy(task: ResolvedTask, topology: Topology, seed: str) -> int:
     """Return the seed of a task and topology.
 
-    It ignores limits of the rod, and a rod of type "none": limits that are not active do not change the result.
+    It ignores limits of the rod, a rod of type "none" and the margin of centres: limits that are not active do not
+    change the result.
     """
     ignored = {"largest_reach", "rod_modulus", "rod_deflection"}
     if task.end_effector.rod == "none":
         ignored.add("rod")
-    content = task.declared.model_dump_json(exclude={"end_effector": ignored})
+    content = task.declared.model_dump_json(exclude={"end_effector": ignored, "search": {"centre_margin"}})
     text = f"{content}\n{topology.key}\n{seed}"
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:16], "big")
 

@@ -67,10 +67,18 @@ class Search(Value):
     body_clearance: BodyClearance | None = None
     """Minimum distance of centres of modules not bolted together [m]; default: 2 (arm_length + rotor_radius); or
     false."""
+    centre_margin: Omitted[NonNegative] = None
+    """Margin of these centres [m] beyond what errors within [tolerances] take, at most `margin` in all; default: as
+    much as `margin`. A run that raises `margin` for tolerances sets it."""
     hinge_step_deg: Omitted[Annotated[float, Field(strict=True, ge=MIN_STEP_DEG, le=90)]] = None
     """Hinge angles are multiples of this step within +-90 deg [deg]; default: any angle."""
     hinge_angles_deg: Omitted[Angles] = None
     """Hinge angles are these values of either sign [deg]; an alternative to a step."""
+
+    @property
+    def least_margin(self) -> float:
+        """Smallest margin that every clearance between modules keeps, which the solver's proofs use [m]."""
+        return self.margin if self.centre_margin is None else min(self.margin, self.centre_margin)
 
     @property
     def hinge_set_deg(self) -> tuple[float, ...] | None:

@@ -191,7 +191,7 @@ def is_stuck(proof: Proof, best: float) -> bool:
 
 def problem(task: ResolvedTask, about: Problem) -> str:
     """State the scope of a proof: the designs that it covers."""
-    margin = f" and {upper_text(task.search.margin)} m" if about == "solver" else ""
+    margin = f" and {upper_text(task.search.least_margin)} m" if about == "solver" else ""
     if task.search.interference == "separation":
         distances = f"centres of modules may be {upper_text(task.separation)} m{margin} apart"
     else:

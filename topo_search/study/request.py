@@ -315,8 +315,11 @@ def margins(task: ResolvedTask) -> list[float]:
 
 
 def with_margin(task: ResolvedTask, margin: float) -> ResolvedTask:
-    """Return the same task with another margin [m]."""
-    return task.model_copy(update={"search": task.search.model_copy(update={"margin": margin})})
+    """Return the task with another margin [m]; of a larger one, module centres keep no more than errors take."""
+    changed: dict[str, float] = {"margin": margin}
+    if task.flight.tolerances and margin > task.search.margin:
+        changed["centre_margin"] = task.search.least_margin
+    return task.model_copy(update={"search": task.search.model_copy(update=changed)})
 
 
 def _is_beyond_margins(audit: Audit) -> bool:

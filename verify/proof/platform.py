@@ -163,7 +163,7 @@ def to_arrays(
     air = module.envelope
     exempts_bolted, margin = task.search.interference != "separation", 0.0
     if problem == "solver":
-        margin = task.search.margin
+        margin = task.search.least_margin
     centre_distance = task.separation
     if exempts_bolted:
         centre_distance = (task.centre_distance if problem == "solver" else task.body_clearance) or 0.0

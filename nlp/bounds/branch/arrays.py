@@ -172,7 +172,7 @@ def to_arrays(task: ResolvedTask, topology: Topology, problem: Problem = "task")
     air, interference = module.envelope, task.search.interference
     margin, body_distance = 0.0, task.body_clearance
     if problem == "solver":
-        margin, body_distance = task.search.margin, task.centre_distance
+        margin, body_distance = task.search.least_margin, task.centre_distance
     centre_distance = task.separation if interference == "separation" else body_distance or 0.0
     centre_distance = math.sqrt(centre_distance * (centre_distance + 2 * margin))
     length, start_radius, growth = (x / unit.length for x in (air.length, air.start_radius, air.growth))
