@@ -11,7 +11,7 @@ from processes import table
 from toy_problem import InProcess, toy_run, toy_task
 from wording import says
 
-from topo_search.model import BadInput, Chunk, LoadCase, Proof, Wrench
+from topo_search.model import BadInput, Chunk, Proof, Task
 from topo_search.model.exposure import Allowed, Local, Plane
 from topo_search.model.proof import chunk_count
 from topo_search.model.proven import gap_percent
@@ -331,24 +331,32 @@ def test_the_gap_of_a_size_that_is_proven_tree_by_tree_has_a_scope(run):
     assert all("in the scope of the proofs" in str(some) for some in tiles)
 
 
-@pytest.mark.parametrize("carries", [True, False])
-def test_proofs_of_a_platform_that_could_lean_say_that_it_does_not(tmp_path, carries):
-    """Where a load case carries the weight, a platform of another attitude could save effort in it."""
-    push, other = LoadCase(end_effector=Wrench(force=(1.0, 0.0, 0.0))), toy_task().load_cases[0]
-    if carries:
-        push = push.model_copy(update={"carries_weight": True})
-    cases = (push, other.model_copy(update={"com": Wrench(force=(0.0, 0.0, 0.5))}))
+PUSH = {"end_effector": {"force": [0.1, 0.0, 1.0]}}
+
+
+@pytest.mark.parametrize(
+    ("cases", "shared"),
+    [
+        ([PUSH], False),
+        ([PUSH, {"end_effector": {"force": [-0.1, 0.0, 1.0]}}], True),
+        ([{**PUSH, "vertices": [{"force": [0.0, 0.1, 1.0]}]}], True),
+        ([{"carries_weight": True, "cone": {"axis": [1, 0, 0], "half_angle_deg": 60.0, "force": 0.2}}], True),
+    ],
+)
+def test_proofs_of_a_platform_that_could_lean_say_that_it_does_not(tmp_path, cases, shared):
+    """With another attitude for each of several wrenches, a platform could save effort."""
+    task = Task.model_validate({"name": "toy", "modules": 3, "load_cases": cases})
     run = tmp_path / "run"
-    (found,) = toy_run(run, task=toy_task().model_copy(update={"load_cases": cases})).sizes
+    (found,) = toy_run(run, task=task).sizes
     (size,) = proven(run, Prover()).sizes
     with RunFolder.load(run) as folder:
         page = run_page(folder)
     (tile,) = [tile for tile in page["tiles"] if tile.name == "Proven gap"]
     told = [found.statement, size.statement, size.proven, tile.meaning]
-    assert ["without leaning" in text for text in told] == 4 * [carries]
-    assert any("one attitude" in text for text in page["bound"]) is carries
+    assert ["without leaning" in text for text in told] == 4 * [shared]
+    assert any("one attitude" in text for text in page["bound"]) is shared
     stated = dict(fact for _, facts_of in facts(page["task"]) for fact in facts_of)
-    assert ("attitude" in stated) is carries
+    assert ("attitude" in stated) is shared
 
 
 def test_a_proof_names_what_its_bound_takes_in_beyond_load_cases():

@@ -26,7 +26,6 @@ from topo_search.model.load_case import (
     broken_rules,
     labels,
     ten_wrenches,
-    weight_cases,
 )
 from topo_search.model.module import AIR_DENSITY, PRECISION, CountedRod, EndEffector, Module, ResolvedEndEffector
 from topo_search.model.proven import FARTHEST_TIP, TOLERANCE
@@ -456,7 +455,7 @@ class Task(Value):
 class ResolvedTask(Task):
     """Self-contained task for one number of modules: every default filled in, load cases in SI.
 
-    One attitude of the platform serves all load cases.
+    One attitude of the platform serves all wrenches.
     """
 
     modules: Count
@@ -465,9 +464,9 @@ class ResolvedTask(Task):
 
     @property
     def attitude(self) -> str:
-        """` without leaning` if a load case that carries the weight shares its attitude with others; or empty."""
-        shared = len(self.load_cases) > 1 or self.flight.asks
-        return " without leaning" if shared and len(weight_cases(self, "all")) > 1 else ""
+        """` without leaning` if several wrenches share the attitude; or empty."""
+        wrenches = sum(1 + len(case.corners) for case in self.load_cases)
+        return " without leaning" if wrenches > 1 or self.flight.asks else ""
 
     def _broken_rules(self) -> Broken:
         yield from super()._broken_rules()

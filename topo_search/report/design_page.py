@@ -65,7 +65,7 @@ def bound(lower_bound: float | None, gap: float | None, task: ResolvedTask) -> t
     """Return paragraphs on the lower bound: its value, the gap, and what it means."""
     if lower_bound is None:
         return ("The design has no lower bound, so its distance from the optimum is unknown.",)
-    n, attitude = task.n, task.attitude and " that keeps one attitude in all load cases"
+    n, attitude = task.n, task.attitude and " that keeps one attitude for all wrenches"
     statement = f"Lower bound: {rounded_down(lower_bound, digits=5)} rad⁴/s⁴ for the control effort {EFFORT}."
     meaning = (
         f"It holds for every platform of {modules(n)} of this kind{attitude}, with any tree, hinge angles and "

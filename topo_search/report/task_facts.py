@@ -44,7 +44,7 @@ def _platform(*tasks: ResolvedTask) -> Iterator[tuple[str, str]]:
     yield "mass m_t", f"{each(ResolvedTask.total_mass)} kg, with {_included_parts(tasks[0])}"
     yield "weight m_t g", f"{each(ResolvedTask.force_unit)} N, at g = {gravity} m/s²"
     if tasks[0].attitude:
-        yield "attitude", "one for all load cases: the platform does not lean into a load"
+        yield "attitude", "one for all wrenches: the platform does not lean into a load"
     yield "unit of torque l_arm m_t g", f"{each(ResolvedTask.torque_unit)} N m"
 
 

@@ -208,7 +208,7 @@ def problem(task: ResolvedTask, about: Problem) -> str:
     # a proof holds for the trees and the orientations that the task allows
     connectors = "aligned connectors, " if task.search.connectors == "aligned" else ""
     root = "any orientation" if task.search.root == "free" else "the paper's orientations of the root"
-    attitude = f", the same for all load cases ({task.attitude.strip()})" if task.attitude else ""
+    attitude = f", the same for all wrenches ({task.attitude.strip()})" if task.attitude else ""
     is_set = task.search.hinge_set_deg is not None
     hinges = "hinge angles of the task's set" if is_set else "hinge angles within 90 deg either way"
     return (
