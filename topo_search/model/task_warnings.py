@@ -104,13 +104,14 @@ USUAL = {
     "module.bracket.wall": (0.002, 0.5),
     "end_effector.rod_radius": (0.001, 0.5),
     "end_effector.rod_deflection": (0.0, 1.0),
-    "tolerances.position": (0.0, 1.0),
-    "tolerances.envelope": (0.0, 1.0),
-    "flight.com_error": (0.0, 1.0),
-    "search.margin": (0.0, 1.0),
+    "tolerances.position": (0.0, 0.2),
+    "tolerances.envelope": (0.0, 0.2),
+    "flight.com_error": (0.0, 0.2),
+    "search.margin": (0.0, 0.2),
+    "search.centre_margin": (0.0, 0.2),
     "search.separation": (0.2, 20.0),
     "search.body_clearance": (0.2, 20.0),
-    "goals.clearance": (0.0, 1.0),
+    "goals.clearance": (0.0, 0.4),
 }
 """Usual lengths by field, without its indices [l_arm]."""
 LONG_PATH = 20.0
