@@ -301,6 +301,32 @@ def test_the_mass_of_a_rod_turns_a_region_that_follows_the_com(density: float) -
     assert masses == pytest.approx([density * length for length in lengths])
 
 
+def test_a_rod_that_grows_heavier_with_its_length_is_within_the_bound() -> None:
+    """All modules move away from p_E along the rod: the COM follows them, and the mass that the rod gains."""
+    line = Topology(((-1, -1, -1), *((i, 0, 2) for i in range(4))))
+    rod = {"rod": "straight", "largest_reach": 2.0, "rod_mass": "included", "rod_linear_density": 1.5}
+    task = {
+        "exposure": [{"kind": "exterior", "half_angle_deg": 80.0}],
+        "module": {"mass": 0.15, **SMALL_AIR},
+        "end_effector": {"mass": 0.01, **rod},
+    }
+    drawn = design(line, task, hinges=(0.0,) * 4, end_effector=(0.4, 0.0, 0.05))
+    fields = {name: getattr(drawn, name) for name in Geometry.model_fields}
+    of = complete(Geometry(**{**fields, "mount": Mount(module=0, port=1)}))
+    scene = Scene(of)
+    cone = next(r for r in scene.requirements() if (r.kind, r.a) == ("exterior", 4))
+    v, along_rod = scene.offset / np.linalg.norm(scene.offset), scene.platform.rod[0, 1]
+    across = along_rod - (along_rod @ v) * v
+    delta_p = 1e-3
+    shift = delta_p * scene.l_arm * across / np.linalg.norm(across)
+    moved = deviate(scene, np.zeros(4), np.array([*[-shift] * 5, shift]), envelope=0.0, mount=of.mount)
+    attained = next(clearance_of(r) for r in moved.requirements() if r.key == cone.key)
+    bound = Tolerance(scene, certified([cone]), of.mount).weakest(Errors(delta_p=delta_p)).bound
+    lost = clearance_of(cone) - attained
+    assert lost > 20 * delta_p  # the module is far from p_E, and the COM near
+    assert 0 <= attained - bound < 0.15 * lost
+
+
 def test_the_failure_names_the_tolerance_that_a_design_does_not_hold() -> None:
     errors = {"hinge_angle_deg": 1e-3, "position": 0.2}
     of = fan({"tolerances": errors})
