@@ -174,6 +174,11 @@ KIT_HEAD = "x_m,y_m,z_m,axis_x,axis_y,axis_z,spin,thrust_coefficient_Ns2,torque_
             "rotors: must be a CSV table",
         ),
         ("", "rotors: must be a CSV table"),
+        (f"x_m, {HEAD}1,0,0,0,0,0,1,1,1,0,1\n", 'rotors: must have one column per quantity, but has "x_m, x_m"'),
+        (
+            f"axis_x,{HEAD}1,0,0,0,0,0,1,1,1,0,1\n",
+            'rotors: must have one column per quantity, but has "axis_x, ax"',
+        ),
         (f"{HEAD}0,275,0,0,0,0,1,1,1,0,1\n", "rotors[0]: must have at most 10 cells"),
         (f"{HEAD}0,0,0,0,0,1,1,1,0,1,5\n", "rotors[0]: must have at most 10 cells"),
         (f"{HEAD}0,0,0,0,0,1,1,1,0,x\n", "rotors[0].u_max: "),

@@ -348,6 +348,9 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     if not {"x_m", "y_m", "z_m"} <= set(names):
         rule = f"must be a CSV table with columns x_m, y_m, z_m, ..., but its first line is {show(','.join(head))}"
         raise BadInput(str(path), [Fault("rotors", rule)])
+    if twice := [text.strip() for text, name in zip(head, names, strict=True) if name and names.count(name) > 1]:
+        rule = f"must have one column per quantity, but has {show(', '.join(twice))}"
+        raise BadInput(str(path), [Fault("rotors", rule)])
     rows = list[dict[str, Any]]()
     for line in table:
         if any(line[len(names) :]):
