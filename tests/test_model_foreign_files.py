@@ -206,7 +206,7 @@ def test_a_box_reads_as_a_box_in_every_form(tmp_path, name):
         ("a.obj", b"curv 0 1 1 2\n", "must be an OBJ of vertices and facets, but has `curv`"),
         ("a.obj", b"\x89PNG\r\n\x1a\n", "must be the mesh of a body with a volume"),
         ("a.obj", b"v 0 0 0\nv 0 0 0\nv 0 0 0\n" + b"f 1 2 3\n" * (LIMITS.facets + 1), "at most 100,000 facets"),
-        ("a.stl", b"", "must be a whole STL file, but has 0 whole facets of 0 in its text"),
+        ("a.stl", b"", "must be an STL file, but has no facet"),
         ("a.stl", BINARY[:-1], "must be a whole STL file, but has 11 whole facets of 12 in its header"),
         ("a.stl", BINARY + RECORDS, "must be a whole STL file, but has 24 whole facets of 12 in its header"),
         ("a.stl", BINARY[:84] + np.full(150, np.nan, "<f4").tobytes(), "must be the mesh of a body with a volume"),
@@ -220,7 +220,7 @@ def test_a_box_reads_as_a_box_in_every_form(tmp_path, name):
             f"solid\n{ASCII}".replace(" -3", " -3,0", 1).encode(),
             "must have three numbers per vertex, but",
         ),
-        ("a.stl", b"<!doctype html>\n<title>Sign in</title>\n" * 5, "but has 0 whole facets of 0 in its text"),
+        ("a.stl", b"<!doctype html>\n<title>Sign in</title>\n" * 5, "must be an STL file, but has no facet"),
     ],
 )
 def test_a_mesh_that_is_none_is_named(tmp_path: Path, name: str, content: bytes, rule: str) -> None:

@@ -70,7 +70,7 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(tmp_pa
         ('mesh = "none.stl"', "exposure[0].mesh: must be a file that can be read"),
         ('mesh = "case.toml"', "exposure[0].mesh: must be an .stl or .obj file"),
         ("mesh = 3", "exposure[0].mesh: must be the name of an STL or OBJ file"),
-        ('mesh = "empty.stl"', "exposure[0].mesh: must be a whole STL file"),
+        ('mesh = "empty.stl"', "exposure[0].mesh: must be an STL file, but has no facet"),
         ('mesh = "flat.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "lines.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),
         ('mesh = "far.obj"', "exposure[0].mesh: must be the mesh of a body with a volume"),

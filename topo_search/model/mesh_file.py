@@ -183,6 +183,8 @@ def _stl(content: bytes) -> tuple[Array, Triangles]:
         if not loops or len(loops) != begun:
             is_text = begun > 0 or content.isascii()
             whole, due, place = (len(loops), begun, "text") if is_text else (facets, stated, "header")
+            if not due and is_text:
+                raise ValueError("must be an STL file, but has no facet")
             raise ValueError(f"must be a whole STL file, but has {whole:,} whole facets of {due:,} in its {place}")
         try:
             corners = np.array(loops, dtype=float)
