@@ -32,14 +32,19 @@ def level(topology: Topology, **task) -> Design:
 
 
 @pytest.mark.parametrize(
-    ("n", "connectors", "module"),
+    ("n", "connectors", "module", "seed"),  # of trees without two modules in one place
     few(
-        [(2, "any", {"body": OWN_FRAME}), (6, "any", {}), (2, "aligned", {}), (12, "aligned", {"body": OWN_FRAME})],
+        [
+            (2, "any", {"body": OWN_FRAME}, 3),
+            (6, "any", {}, 4),
+            (2, "aligned", {}, 3),
+            (12, "aligned", {"body": OWN_FRAME}, 3),
+        ],
         2,
     ),
 )
-def test_any_platform_is_flown_and_has_its_matrix_and_brackets(command, tmp_path, n, connectors, module):
-    (tree,) = sample(n, 1, 3, connectors=connectors)
+def test_any_platform_is_flown_and_has_its_matrix_and_brackets(command, tmp_path, n, connectors, module, seed):
+    (tree,) = sample(n, 1, seed, connectors=connectors)
     made = level(tree, module=module)
     (tmp_path / "mine.json").write_text(to_json(made))
     flown = command("fly", "--only", "hover", "--json")

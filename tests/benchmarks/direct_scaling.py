@@ -20,7 +20,7 @@ from attempts import TaskChoice, attempts
 from children import Child
 
 from topo_search.experiments import experiment
-from topo_search.experiments.study import Cell, identity, recorded
+from topo_search.experiments.study import Cell, identity, open_record
 
 METHOD = "direct"
 
@@ -51,7 +51,7 @@ def main() -> None:
         f"--sizes {' '.join(map(str, arguments.sizes))} --topologies {arguments.topologies} "
         f"--distance {arguments.distance} --starts {arguments.starts} --cap {arguments.cap}"
     )
-    with recorded(arguments.out, study.name, settings, command) as (done, add):
+    with open_record(arguments.out, study.name, settings, command) as (done, add):
         for cell in study.cells(settings):
             if identity(cell.row) not in done:
                 add(row_of(cell, arguments.starts, arguments.cap))
