@@ -90,12 +90,9 @@ def test_public_names_are_functions_even_after_their_modules_are_loaded():
 
 def test_commands_compute_in_one_thread():
     """Threads of a library for linear algebra take longer than one, and change sums."""
-    statement = (
-        "import contextlib, os, sys; sys.argv[1:] = ['--version']; from topo_search.__main__ import _command"
-    )
-    run = "with contextlib.suppress(SystemExit): _command()"
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
-    code = f"{statement}\n{run}\nprint([os.environ[name] for name in {names}], 'numpy' in sys.modules)"
+    shown = f"print([os.environ[name] for name in {names}], 'numpy' in sys.modules)"
+    code = f"import os, sys\nfrom topo_search.supervisor import supervise\nsupervise(lambda: {shown})"
     environment = {name: value for name, value in os.environ.items() if name not in names}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     assert done.stdout.splitlines()[-1] == "['1', '1'] False"

@@ -94,12 +94,7 @@ def test_the_winner_of_push_fails_and_the_reason_is_its_lack_of_force(solved_pus
     assert result.verdict == "not held"
     back = {one.name.removeprefix("return from "): one for one in result.scenarios[:4]}
     assert {one.verdict for one in back.values()} == {"not held"}
-    assert [back[side].outcome for side in ("+x", "+y", "-x", "-y")] == [
-        "lost",
-        "saturated",
-        "saturated",
-        "saturated",
-    ]
+    assert {one.outcome for one in back.values()} == {"saturated"}
     assert all(one.saturated_share > 0.3 for one in back.values())
     assert "a rotor at its largest thrust for" in back["-y"].reason
     for side in ("+x", "+y"):  # it is pulled back, where rotors have nothing left
