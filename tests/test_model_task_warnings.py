@@ -71,7 +71,8 @@ def test_the_shipped_tasks_are_odd_only_where_the_paper_pushes_with_half_the_wei
         warnings = {one.path for one in task_warnings(read_task(name))}
         flies = name in ("wall-push", "window-cleaning", "survives-a-rotor")
         pushes = {"load_cases[0]", "load_cases[1]"} if name.startswith("push") else set()
-        assert warnings == pushes | (set() if flies else {"module.torque_coefficient"}), name
+        ignored = {"end_effector.rod_mass"} if name == "survives-a-rotor" else set()
+        assert warnings == pushes | (ignored if flies else {"module.torque_coefficient"}), name
 
 
 def test_rotors_that_nobody_builds() -> None:
@@ -353,6 +354,28 @@ def test_a_rod_that_may_bend_far_is_warned_about() -> None:
             f"{allows} rods longer than 0.714 m: at that length one of 10 mm diameter bends by"
         )
         assert "rod_deflection = 10 mm" in message
+
+
+@pytest.mark.parametrize(
+    ("fields", "warned"),
+    [
+        ({"flight": {"torque_reserve": 0.05}}, True),
+        ({"flight": {"rotor_out": "hover"}}, True),  # by default with a torque reserve
+        ({"flight": {"rotor_out": "hover", "rotor_out_torque": 0.0}}, False),
+        ({"flight": {"torque_reserve": 0.05}, "end_effector": {"position": [0.3, 0.0, 0.0]}}, True),
+        ({"goals": {"torque_reserve": [0.0, 0.05]}}, True),
+        ({"goals": {"rotor_out": ["none", "hover"]}}, True),
+        ({"flight": {"force_reserve": 0.05}}, False),
+        ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod_mass": "included"}}, False),
+        ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod": "none"}}, False),
+        ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod_linear_density": 0.0}}, False),
+    ],
+)
+def test_an_ignored_rod_that_may_cost_a_required_torque_is_warned_about(
+    fields: dict[str, Any], warned: bool
+) -> None:
+    words = found(**fields).get("end_effector.rod_mass", "")
+    assert ('set it to "included"' in words) is warned
 
 
 def test_a_position_that_needs_a_long_rod_is_warned_about() -> None:

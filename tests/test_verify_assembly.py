@@ -109,6 +109,7 @@ def test_an_ignored_rod_may_not_take_all_of_a_required_torque_reserve(flight):
         sizes = {key: share * moment * x if "torque" in key else x for key, x in flight.items()}
         (row,) = [row for row in audit(with_rod({"units": "SI", **sizes})).residuals if "rod whose" in row.name]
         assert (row.status, row.derived) == (status, pytest.approx(moment))
+        assert 'end_effector.rod_mass = "included"' in row.name
 
 
 def test_a_rod_that_no_task_asks_for_takes_no_torque():

@@ -46,7 +46,10 @@ def reserve_residuals(design: Design, capability: Flight | None) -> Iterator[Res
     reserves = [r for r in (flight.torque_reserve, flight.rotor_out_torque) if r]
     if reserves and moment is not None:
         least, scale = min(reserves), task.torque_unit(task.n)
-        name = "moment of the rod whose mass is ignored, beyond the torque reserve"
+        name = (
+            "moment of the rod whose mass is ignored, beyond the torque reserve "
+            '(end_effector.rod_mass = "included" counts it)'
+        )
         yield residual(name, max(0.0, moment - least), "N m", scale, claim=least, derived=moment)
 
 
