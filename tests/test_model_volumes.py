@@ -61,7 +61,7 @@ def test_a_mesh_is_looked_for_beside_the_task_and_the_design_stands_alone(tmp_pa
     assert read_task(tmp_path / "again.toml") == task
     one = design(FAN, {"exposure": [task.exposure[0].model_dump()]}, hinges=(-0.6, 0.6))
     assert Design.model_validate_json(to_json(one)) == one
-    assert "mesh" not in to_json(one)
+    assert '"mesh":' not in to_json(one)
 
 
 @pytest.mark.parametrize(
