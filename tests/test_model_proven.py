@@ -74,7 +74,7 @@ def test_one_answer_has_one_figure() -> None:
 
 
 def test_the_lower_bound_is_told_rounded_down() -> None:
-    assert "2.331 × 10¹⁴" in bound(2.33109e14, 0.1, 5)[0]
+    assert "2.331 × 10¹⁴" in bound(2.33109e14, 0.1, design(Topology.from_key("a300")).task)[0]
 
 
 def test_bounds_of_clearances_and_errors_are_told_on_their_side() -> None:
