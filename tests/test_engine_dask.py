@@ -1,4 +1,4 @@
-"""A run on a Dask cluster: the same answer as on this machine; what ends there costs no result, and is told."""
+"""A run on a Dask cluster gives the same answer as one here; a lost worker or scheduler costs no result."""
 
 import os
 import signal

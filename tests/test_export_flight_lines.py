@@ -1,4 +1,4 @@
-"""What a design can do beyond its task in words: in the audit's text, and on its page."""
+"""Lines on reserves and failures, in the audit's text and on the page."""
 
 import math
 

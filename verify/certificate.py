@@ -89,7 +89,7 @@ class ClearanceCheck(Generic[Body, Other]):
 
     @property
     def key(self) -> tuple[Kind, int, int, int | None]:
-        """What tells it from the other checks of a design."""
+        """Key of the check within a design."""
         return self.kind, self.a, self.b, self.segment
 
 

@@ -100,7 +100,7 @@ class Rows(NamedTuple):
 
     i: Indices
     j: Indices
-    """The other module; -1 if there is none."""
+    """Index of the other module, or -1."""
     bodies: Kinds
     obstacles: Kinds
     lower: Array

@@ -36,9 +36,9 @@ class Format:
     takes: tuple[str, ...] = ()
     """Options of `export` that apply; `suffix` and `notes` are further arguments of the writer."""
     noun: str = "design"
-    """What a message calls the file."""
+    """Name of the file in messages."""
     own: bool = False
-    """Whether it comes from the user or another package."""
+    """True for a format of the user or another package."""
 
 
 PHYSICS = ("--motor-lag", "--rod-mass", "--contacts")
@@ -125,7 +125,7 @@ def formats() -> dict[str, Format]:
 
 
 def choose(name: str | None, out: Path, known: dict[str, Format]) -> Format:
-    """Return the format of a name, or without one that of a file's suffix; BadInput if there is none."""
+    """Return the format with a name, else with a file's suffix; BadInput if no format has it."""
     from topo_search.model import BadInput
 
     if name is not None and name not in known:
