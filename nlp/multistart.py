@@ -308,7 +308,6 @@ def _limits_air(task: ResolvedTask) -> bool:
 
 
 def _with_starts(minima: Minima, starts: Sequence[int]) -> Minima:
-    """Return minima of random points with the starts of those points."""
     return [replace(m, starts=tuple(dict.fromkeys(starts[draw // DRAWS] for draw in m.starts))) for m in minima]
 
 

@@ -88,7 +88,6 @@ def _count_at(connector: Connector | None, design: StartResult, constraints: Use
 
 
 def _weigh(design: StartResult, constraints: UserConstraints, connector: Connector | None = None) -> StartResult:
-    """Return the design with the same angles, the mass of its rod, and corrected inputs."""
     point = correct_point(weigh_rod(design.point, connector or rod_of(design.point)), constraints)
     return StartResult.from_point(design.start, point, design.result, design.corners, constraints)
 

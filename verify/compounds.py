@@ -368,7 +368,6 @@ def _scale(solids: Cores, centre: Array, s: Array, rows: Indices) -> Cores:
 
 
 def _unit(v: Array) -> Array:
-    """Return vectors as unit vectors; the z axis for zero vectors."""
     length = np.linalg.norm(v, axis=1, keepdims=True)
     return np.where(length > 0, v / np.where(length > 0, length, 1.0), np.array([0.0, 0.0, 1.0]))
 

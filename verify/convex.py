@@ -273,7 +273,6 @@ class Capsule(Convex):
 
 
 def _without_opposites(directions: Array) -> Array:
-    """Return unit vectors without those that are another one to 12 digits, or its opposite."""
     pivots = directions[np.arange(len(directions)), np.abs(directions).argmax(axis=1)]
     _, first = np.unique(np.round(directions * np.sign(pivots)[:, None], 12), axis=0, return_index=True)
     return directions[first]

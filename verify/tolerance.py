@@ -543,7 +543,6 @@ def _balls(body: AnyConvex, n: Array) -> tuple[Array, Array | float]:
 
 
 def _side(body: AnyConvex, n: Array, carriers: Sequence[int]) -> _Side:
-    """Return a body as a side whose points are all carried by all of some modules."""
     x, r = _balls(body, n)
     k, P = len(carriers), len(x)
     return _Side(np.tile(x, (k, 1)), np.broadcast_to(n, (k * P, 3)), np.tile(x @ n + r, k), np.repeat(carriers, P))

@@ -162,7 +162,6 @@ def _inverse(C: float, A: float) -> tuple[float, float, float]:
 
 @njit(cache=True, inner=True)
 def _on_edge(linear: float, A: float) -> float:
-    """Return the minimiser of A t^2 + linear t."""
     return -linear * A / (2 * A * A + EPSILON)
 
 

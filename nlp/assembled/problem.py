@@ -121,7 +121,6 @@ class AssembledProblem:
         return self.platform, variables[self.g :].reshape(self.K, -1)
 
     def _derive(self, platform: Platform) -> list[Jet]:
-        """Return all terms with their derivatives, cached: Ipopt takes values, Jacobian and Hessian at a point."""
         self._jets = self._jets or [term.evaluate(platform) for term in self._terms]
         return self._jets
 

@@ -193,7 +193,6 @@ def _peaks(nu: Array, weights: Array, T: float) -> Array:
 
 
 def _phi(t: Array, weights: Array, T: float) -> Array:
-    """Return phi_k(t) for t (..., K): t^2 / (4 lambda_k) between 0 and the knee 2 lambda_k T, linear beyond."""
     s = _thrust(t, weights, T)
     return np.asarray(s * (t - weights * s))
 

@@ -280,7 +280,6 @@ def _gap(problem: ReducedProblem, pose: Platform, r: int, body: Swept) -> tuple[
 
 @njit(cache=True, forceinline=True)
 def _distance_gap(w: Vector, distance: float) -> tuple[float, float, Vector, Vector]:
-    """Return the length of a vector beyond a distance, and its gradient, as in `_gap`."""
     length = math.sqrt(dot(w, w))
     return length - distance, 0.0, divide(w, length), NO_AXIS
 
@@ -313,26 +312,22 @@ def _cone_row(
 
 @njit(cache=True, forceinline=True)
 def _vector(numbers: Array, k: int) -> Vector:
-    """Return three numbers from index k on."""
     return numbers[k], numbers[k + 1], numbers[k + 2]
 
 
 @njit(cache=True, forceinline=True)
 def _offset(b: Vector) -> float:
-    """Return the length of p_E."""
     return max(GAPS.min_distance, math.sqrt(dot(b, b)))
 
 
 @njit(cache=True, forceinline=True)
 def _by_p_E(b: Vector, length: float, by_axis: Vector) -> Vector:
-    """Return the gradient by p_E of a function of an axis of a length along p_E."""
     offset = _offset(b)
     return multiply(length / offset, add(by_axis, -dot(by_axis, b) / offset**2, b))
 
 
 @njit(cache=True, forceinline=True)
 def _tip_share(to_start: Vector, tip: float) -> float:
-    """Return the share of a rod that is its tip."""
     return min(1.0, tip / max(GAPS.min_distance, math.sqrt(dot(to_start, to_start))))
 
 

@@ -186,7 +186,6 @@ def _rotate_inertia(rotors: Rotors, pose: Platform, i: int) -> Array:
 
 @njit(cache=True, inner=True)
 def _centre(rotors: Rotors, pose: Platform, i: int) -> Vector:
-    """Return the centre of mass of module i with its joints, from the COM."""
     return add(row(pose.o, i), 1.0, rotate(pose.R, i, (rotors.centres[i, 0], rotors.centres[i, 1], 0.0)))
 
 

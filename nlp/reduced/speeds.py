@@ -73,7 +73,6 @@ def add_speed_rows(*arguments: Any) -> None:
 
 @overload(add_speed_rows, strict=False)
 def _by_type(air: Any, *_: Any) -> Callable[..., None]:
-    """Return the compiled rows, or nothing to compile for a task without limits."""
     if isinstance(air, NoneType):
         return lambda air, *arguments: None
     return lambda air, *arguments: _speed_rows(air, *arguments)
@@ -189,7 +188,6 @@ def _speed_rows(
 
 @njit(cache=True, inner=True)
 def _region(air: Speeds, k: int, to_tip: Array) -> Region:
-    """Return region k for a direction from the COM to the tip."""
     axis = air.axis[k] + air.along[k] * to_tip
     planes = air.planes[air.first[k] : air.first[k + 1]]
     return Region(air.start[k], axis, air.radius[k], air.half_angle[k], planes, air.within[k])

@@ -277,7 +277,6 @@ def exposure_clearances(task: ResolvedTask) -> Iterator[Requirement]:
 
 
 def _all_modules(n: int) -> Subjects:
-    """Return each module as a subject of its own."""
     return np.repeat(np.arange(n)[:, None], 2, axis=1)
 
 

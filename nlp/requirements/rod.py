@@ -222,6 +222,5 @@ def _distance(shape: Shape, unit: float) -> float:
 
 
 def _from_connector(i: int, port: int) -> tuple[LocalVector, LocalVector]:
-    """Return the local vectors q and e of a connector."""
     q, axis = LocalVector(PlatformVector("p", i), FROM_TIP.minus), PlatformVector("xy"[port % 2], i)
     return q, LocalVector(axis) if port < 2 else LocalVector(None, axis)

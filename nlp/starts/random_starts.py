@@ -174,7 +174,6 @@ def upstream_of(task: ResolvedTask) -> Array:
 
 
 def _upstream(task: ResolvedTask, cone: Cone | None) -> Array:
-    """Return the upstream direction: out of a cone with a fixed axis, else along the mean force."""
     if cone is None or cone.axis is None:
         return _unit(mean_force(task))
     return -_unit(np.asarray(cone.axis))
@@ -186,7 +185,6 @@ def with_inputs(point: Point) -> Point:
 
 
 def _with_least_norm(point: Point) -> Point:
-    """Return the point with the least-norm inputs of every load case, without bounds."""
     u = np.linalg.lstsq(wrench_matrix(point), required_wrenches(point).T, rcond=1e-6)[0]
     return replace(point, u=np.asarray(u.T, dtype=float).reshape(point.u.shape))
 

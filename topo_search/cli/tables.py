@@ -74,7 +74,6 @@ def _remarks(size: SizeAnswer) -> tuple[str, ...]:
 
 
 def _counts(size: SizeAnswer) -> str:
-    """Return the number of candidates of one size by outcome."""
     text = f"{modules(size.modules)}: {size.settled} of {quantity(size.candidates, 'candidate')}"
     return f"{text} ({size.counts})" if size.counts else text
 

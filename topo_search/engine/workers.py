@@ -201,7 +201,6 @@ def merge(earlier: Design | Infeasible, later: Design | Infeasible, task: Resolv
 
 
 def _rank(result: Design | Infeasible, task: ResolvedTask) -> tuple[bool, float]:
-    """Return the sort key of a result: designs by objective, then infeasible ones by violation."""
     if isinstance(result, Design):
         return False, result.objective
     return True, scaled_violation(result.violation, result.unit, task)

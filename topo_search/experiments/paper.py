@@ -151,7 +151,6 @@ def _pairs(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _series(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield the rows of every task, method and distance with a name for the legend."""
     for (method, distance, task), series in rows.groupby(SERIES, sort=False):
         yield f"{task}, {distance:.2f} m{'' if method == METHOD else f', {method}'}", series
 

@@ -203,7 +203,6 @@ def roots(key: str) -> list[str]:
 
 
 def _rootings(tree: Rooted, entered: int | None = None) -> list[Rooted]:
-    """Return an aligned tree with each of its modules as the root, except those beyond the port `entered`."""
     beyond = (port for port in range(4) if tree[port] and port != entered)
     return [tree, *(other for port in beyond for other in _rootings(reroot(tree, port), (port + 2) % 4))]
 

@@ -228,7 +228,6 @@ def join(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def _arc(start: float, end: float, r: float, height: float, sides: int) -> Array:
-    """Return the profile of a ball between two polar angles; rows (distance from the axis, height)."""
     steps = max(2, math.ceil((end - start) / (2 * math.pi / sides)) + 1)
     theta = np.linspace(start, end, steps) if r and end > start else np.empty(0)
     return np.stack([r * np.sin(theta), height + r * np.cos(theta)], axis=1)

@@ -100,7 +100,6 @@ def _module_link(robot: Element, i: int, R: Array, module: Module) -> None:
 
 
 def _point(robot: Element, name: str, mass: float) -> Element:
-    """Add a link with a point mass."""
     link = SubElement(robot, "link", name=name)
     _inertial(link, mass, (SPIN if mass else 0.0) * np.eye(3))
     return link

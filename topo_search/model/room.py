@@ -390,7 +390,6 @@ def _ring(axes: Array, angle: float, first: float) -> Array:
 
 
 def _turn(vectors: Array, angle: Array) -> Array:
-    """Return vectors (..., 3) rotated about the y axis."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     c, s = np.cos(angle), np.sin(angle)
     return np.stack([c * x + s * z, y + 0.0 * c, c * z - s * x], axis=-1)
@@ -465,7 +464,6 @@ def _rotor_balls(module: Module) -> Balls:
 
 
 def _join_balls(balls: Balls, boxes: list[_Box]) -> Balls:
-    """Return the balls and another around each box."""
     centres = np.concatenate([balls.centres, *(box.centre[None] for box in boxes)])
     radii = np.concatenate([balls.radii, [float(np.linalg.norm(box.half)) for box in boxes]])
     return Balls(read_only(centres), read_only(radii))

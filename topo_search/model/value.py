@@ -253,13 +253,11 @@ class Value(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _take_numpy(cls, data: Any) -> Any:
-        """Return the data with numbers and arrays of NumPy as plain numbers and lists."""
         if not isinstance(data, dict):
             return data
         return {name: value.tolist() if hasattr(value, "tolist") else value for name, value in data.items()}
 
     def _broken_rules(self) -> Broken:
-        """Yield the broken rules that involve several fields."""
         yield from ()
 
     @model_validator(mode="after")

@@ -198,7 +198,6 @@ def progress(solves: Sequence[SolveEvent], lower_bound: float) -> Figure:
 
 
 def _thin(indices: Any) -> Any:
-    """Return at most `MAX_POINTS` of the indices, evenly spaced, including the last one."""
     if len(indices) <= MAX_POINTS:
         return indices
     return indices[np.linspace(0, len(indices) - 1, MAX_POINTS).round().astype(int)]
@@ -331,7 +330,6 @@ def plot_candidates(answer: Answer, x: str = "hinge_tolerance_deg", y: str = "ob
 
 
 def _plotly_figure(figure: Figure) -> go.Figure:
-    """Return a Plotly figure in the style of the report."""
     import plotly.graph_objects as go  # slow to import, and not needed for pages
 
     return go.Figure(figure["data"], {"template": "plotly_white", **PLOTLY_LAYOUT, **figure["layout"]})

@@ -95,7 +95,6 @@ def _libraries() -> str:
 
 
 def _content(package: str, file: str) -> bytes:
-    """Return the content of a data file of plotly or trimesh without importing them, which takes long."""
     return Path(str(metadata.distribution(package).locate_file(f"{package}/{file}"))).read_bytes()
 
 

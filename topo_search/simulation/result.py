@@ -97,7 +97,6 @@ class FlightResult(Value):
         return f"{hovers} single rotor failures{controls} (computed, not flown)"
 
     def _repr_html_(self) -> str:
-        """Return the HTML table for notebooks."""
         rows = [(scenario.name, word(scenario), *scenario.cells, scenario.reason) for scenario in self.scenarios]
         html = table(("scenario", "outcome", *CELLS, "why"), rows)
         return heading(f"flight in simulation: {word(self)}") + html + "".join(map(paragraph, self.notes))

@@ -247,7 +247,6 @@ class Ledger:
             raise LedgerLost(self.path)
 
     def _file_identities(self) -> list[tuple[float, ...] | None]:
-        """Return inode and device of the ledger and of its write-ahead log; None for a missing file."""
         paths = self.path, self.path.with_name(f"{self.path.name}-wal")
         return [path.stat()[1:3] if path.exists() else None for path in paths]
 

@@ -344,7 +344,6 @@ def _record_if_better(folder: RunFolder, row: Row, clear: list[Design]) -> bool:
 
 
 def _solve_and_audit(backends: Backends, max_effort: float, job: Job) -> list[tuple[Design, bool]]:
-    """Return the local optima of a tree, and whether the audit of each is clear (in a worker)."""
     return [
         (design, backends.audit(design).verdict == "clear") for design in backends.local_optima(job, max_effort)
     ]

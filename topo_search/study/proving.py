@@ -226,7 +226,6 @@ def prove(
 
 
 def _search(prove_chunk: ProveChunk, job: tuple[Proof, int]) -> Chunk:
-    """Search a chunk of the tree of a proof (in a worker)."""
     proof, number = job
     return prove_chunk(proof.task, proof.topology, number, proof.cut, proof.problem)
 
@@ -287,7 +286,6 @@ def _claim(proof: Proof, floor: float) -> str:
 
 
 def _cause(chunk: Chunk) -> str:
-    """Say why a chunk is open."""
     if chunk.outcome == "many":
         return f"chunk {chunk.number} needs more than {chunk.boxes:,} boxes"
     return f"chunk {chunk.number} cannot exclude a better design with the smallest boxes"
@@ -468,7 +466,6 @@ def _replay(
 
 
 def _check(check_chunk: CheckChunk, job: _CheckJob) -> CheckedChunk:
-    """Check a chunk of a proof (in a worker)."""
     proof, chunk = job
     return check_chunk(proof.task, proof.topology, proof.root_module, proof.cut, chunk, proof.problem)
 

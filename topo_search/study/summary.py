@@ -231,7 +231,6 @@ def remark(row: Row) -> list[str]:
 
 
 def _reserve_order(row: Row) -> tuple[float, float, float]:
-    """Return the sort key of designs of similar effort: largest reserves first, unknown ones last."""
     reserves = (row.force_reserve_N, row.torque_reserve_Nm)
     force, torque = (-math.inf if reserve is None else reserve for reserve in reserves)
     return -force, -torque, row.objective or 0.0

@@ -131,7 +131,6 @@ def _row_on_axis(sides: Sequence[str], random: Random, connectors: Connectors) -
 
 
 def _joint_across_axis(slots: Sequence[str], *_: object) -> Rooted:
-    """Return a tree of two mirror images, joined across the x axis."""
     right, ahead, left = slots
     return left, mirror_code(plant((right, ahead, left))), right, ahead
 
@@ -163,7 +162,6 @@ def _draw_tree(random: Random, n: int, group: Group, connectors: Connectors, roo
 
 @lru_cache(maxsize=64)
 def _weights(n: int, group: Group, connectors: Connectors, root: Root) -> tuple[int, ...]:
-    """Return the number of trees that each element of a group fixes."""
     return tuple(sum(shape.number for shape in _shapes(*element, n, connectors, root)) for element in GROUPS[group])
 
 
@@ -317,7 +315,6 @@ class Family:
         return self._least(rooted_of(topology.key))
 
     def _least(self, rooted: Rooted) -> Rooted:
-        """Return the tree with the smallest text in the class of a tree."""
         return min(self._equivalents(rooted if self.root == "paper" else centre(rooted), self.group), key=text_of)
 
     def _is_representative(self, rooted: Rooted) -> bool:

@@ -214,7 +214,6 @@ def far_field(air: Jets, shallow: Array, deep: Array, from_axis: Array) -> Array
 
 
 def _merged_share(depth: Array) -> Array:
-    """Return c at depths."""
     return np.asarray(np.clip((depth / MODEL.diameter - MODEL.merged_at) / MODEL.merges_over + 1, 0.0, 1.0))
 
 
@@ -228,6 +227,5 @@ def _slipstreams(air: Jets, balls: _Balls) -> Array:
 
 
 def _outer_radius(delta: Array, a: Array) -> Array:
-    """Return r_2."""
     core = 4 / 3 * delta + np.sqrt(np.maximum(a - 2 / 9 * delta**2, 0.0))
     return np.where(a >= 2 / 3 * delta**2, core, (24 * delta**2 * a) ** 0.25)

@@ -304,7 +304,6 @@ class CapabilityAnalysis:
 
     @cached_property
     def _failures(self) -> list[RotorFailures]:
-        """The distinct wrenches with each single rotor dead."""
         level = None if self.is_left_computed else self.enough_left
         return [rotor_failures(self.A, b, self.box, level) for b in self.wrenches]
 

@@ -189,7 +189,6 @@ def _moment(problem: CheckProblem, frames: Frames, R: Array, i: int) -> tuple[fl
 
 @njit(cache=True, inner=True, allocates=False)
 def _envelope_end(problem: CheckProblem, frames: Frames, R: Array, r: int) -> tuple[float, float, float]:
-    """Return e_r in W, the end of the envelope of wall r."""
     i, distance = problem.wall_module[r], problem.wall_distance[r]
     p, axes = frames.p[i], frames.R[i]
     return _rotate(R, p[0] - distance * axes[0, 2], p[1] - distance * axes[1, 2], p[2] - distance * axes[2, 2])

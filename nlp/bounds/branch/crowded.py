@@ -216,7 +216,6 @@ def _hinge_loss(
 
 @njit(cache=True, inner=True, allocates=False)
 def _max_lever(l_c: float, modules: int, q: Vector) -> float:
-    """Return the largest distance of a point q of a module from a hinge with `modules` modules in between."""
     if modules == 0:  # the module's axis is at a right angle to the arm
         return math.hypot(l_c + math.hypot(q[0], q[1]), q[2])
     return l_c * (1 + 2 * modules) + _length(q)

@@ -345,7 +345,6 @@ def _max_width(rho: Array) -> float:
 
 @njit(cache=True, inner=True, allocates=False)
 def _is_excluded(problem: BranchProblem, workspace: BoxWorkspace, cut: float) -> bool:
-    """Return whether the bound of a box reaches the cut."""
     w = workspace
     bound = box.bound(problem, w.y, w.sigma, w.roots, w.middle, w.axes, w.vertices, w.rho, w.bound, cut)
     return bool(bound >= cut)

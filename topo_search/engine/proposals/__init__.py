@@ -191,7 +191,6 @@ def _tell(study: optuna.Study, trial: optuna.Trial, score: Tried) -> FrozenTrial
 
 
 def _new_journal(path: Path) -> optuna.Study:
-    """Return an empty study in a file, replacing an old one and the lock of a killed process."""
     path.unlink(missing_ok=True)
     path.with_name(f"{path.name}.lock").unlink(missing_ok=True)
     return _new_study(storage=JournalStorage(JournalFileBackend(str(path))), study_name=path.resolve().parent.name)
