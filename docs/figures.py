@@ -24,7 +24,7 @@ from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Wedge
 
 from topo_search.export import palette
 from topo_search.export.brackets import bracket
-from topo_search.export.picture import Scene
+from topo_search.export.picture import Drawing
 from topo_search.export.poses import circle, cone_sphere_outline
 from topo_search.export.tree_drawing import layout
 from topo_search.model import Design, Module, Topology
@@ -223,7 +223,7 @@ def frames(figure: Figure) -> None:
     with mpl.rc_context({"font.size": 8}):
         design = read_json(Design, DESIGNS / "wall-push.json")
         platform = poses_of(design)
-        scene = Scene(figure, (0.02, 0.02, 0.96, 0.94), design, platform)
+        scene = Drawing(figure, (0.02, 0.02, 0.96, 0.94), design, platform)
         scene.platform()
         scene.finish()
         for position, words, by in (

@@ -52,7 +52,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.shape import Capsule, Cone, Polytope, Shape
 
 if TYPE_CHECKING:
-    from nlp.numbers.jets import Region
+    from nlp.numbers.jets import SpeedRegion
 
 TARGET_SHARE = 0.997
 """Share of a limit that rows allow, so that faster air between their points is within the limit."""
@@ -140,7 +140,7 @@ def fastest(point: Point) -> Iterator[SpeedMaximum]:
             yield SpeedMaximum(case, number, exposure.speed or math.inf, largest, tuple(sorted(points)))
 
 
-def _nearest_of_path(region: Region, x: Array) -> Array:
+def _nearest_of_path(region: SpeedRegion, x: Array) -> Array:
     along = (x - region.start) @ region.axis / max(float(region.axis @ region.axis), 1e-300)
     return np.asarray(region.start + np.clip(along, 0.0, 1.0) * region.axis)
 
@@ -161,9 +161,9 @@ def _direction(centre: Array, radius: float, z: Array, p: Array, x: Array) -> tu
     return tuple((frame @ (x - centre) / radius).round(6).tolist())
 
 
-def region_of(shape: Shape, l_arm: float, within: float | None) -> Region:
+def region_of(shape: Shape, l_arm: float, within: float | None) -> SpeedRegion:
     """Return the region of a shape with a fixed direction, cut off at a distance `within` [m] from p'_E."""
-    from nlp.numbers.jets import Region  # compiled code, which other commands need not load
+    from nlp.numbers.jets import SpeedRegion  # compiled code, which other commands need not load
 
     start, axis, radius, half_angle, planes = np.zeros(3), np.zeros(3), 0.0, 0.0, np.zeros((0, 3))
     match shape:
@@ -175,4 +175,4 @@ def region_of(shape: Shape, l_arm: float, within: float | None) -> Region:
             planes = hull.normals * (l_arm / (hull.offsets - hull.normals @ start))[:, None]
         case Cone():
             start, axis, half_angle = np.array(shape.apex), np.array(shape.axis), math.radians(shape.half_angle_deg)
-    return Region(start / l_arm, axis, radius / l_arm, half_angle, planes, (within or math.inf) / l_arm)
+    return SpeedRegion(start / l_arm, axis, radius / l_arm, half_angle, planes, (within or math.inf) / l_arm)

@@ -16,7 +16,7 @@ import numpy as np
 from nlp.airspeed import fastest
 from nlp.evaluation import worst
 from nlp.ipopt import IpoptResult
-from nlp.joints import Limits, holder, limited_loads, loads
+from nlp.joints import LimitedLoads, holder, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.requirements.balances import WRENCH_TOLERANCE, wrench_residuals
 from nlp.start_result import StartResult
@@ -62,7 +62,7 @@ def solve_with_corners(
 
     near_limits = [maximum for maximum in fastest(origin) if maximum.speed > LAZY.speed_share * maximum.limit]
     speed_points = tuple(sorted({point for maximum in near_limits for point in maximum.points}))
-    point, iterations, limits = origin, 0, Limits(None, (), speed_points) if speed_points else None
+    point, iterations, limits = origin, 0, LimitedLoads(None, (), speed_points) if speed_points else None
     for _ in range(LAZY.rounds):
         program = AssembledProgram(point.task, point.topology, constraints, limits)
         result = program.solve(point) if rounds else program.polish(point)
@@ -84,7 +84,7 @@ def solve_with_corners(
             # no loads had rows, or another module carries the end-effector now: then it may be on either side
             next_limits, violated = _near_limits(reached, limits), violated - overloaded
         if too_fast := set().union(*violated_air.values()).difference(next_limits.air if next_limits else ()):
-            next_limits = next_limits or Limits(None, ())
+            next_limits = next_limits or LimitedLoads(None, ())
             next_limits = next_limits._replace(air=tuple(sorted({*next_limits.air, *too_fast})))
         if violated or (not more and next_limits is limits):
             return start_result
@@ -98,14 +98,14 @@ def judge(task: ResolvedTask, start: int, point: Point, status: str, constraints
     return StartResult.from_point(start, whole, IpoptResult(point, status, 0), constraints=constraints)
 
 
-def _near_limits(point: Point, previous: Limits | None) -> Limits:
+def _near_limits(point: Point, previous: LimitedLoads | None) -> LimitedLoads:
     """Return rows for loads near their limits, with the end-effector on either side if there were any before."""
     either_side = previous is not None and bool(previous.loads)
     task = point.task.declared
     all_loads = limited_loads(task, point.topology)
     sizes = zip(all_loads, loads(point).tolist(), strict=True)
     near_loads = tuple(load for load, size in sizes if size > LAZY.load_share * load.limit)
-    return Limits(None if either_side else holder(point), near_loads, previous.air if previous else ())
+    return LimitedLoads(None if either_side else holder(point), near_loads, previous.air if previous else ())
 
 
 def with_all_corners(point: Point, task: ResolvedTask, constraints: UserConstraints = ()) -> Point:

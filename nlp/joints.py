@@ -134,7 +134,7 @@ def _sizes(
     return ca.Function("sizes", [x], [ca.vertcat(*sizes)])
 
 
-class Limits(NamedTuple):
+class LimitedLoads(NamedTuple):
     """Loads and air speeds that have rows in a program."""
 
     tip_module: int | None
@@ -143,7 +143,7 @@ class Limits(NamedTuple):
     air: tuple[SpeedPoint, ...] = ()
 
 
-def limit_rows(task: ResolvedTask, topology: Topology, limits: Limits) -> tuple[ca.SX, ca.SX]:
+def limit_rows(task: ResolvedTask, topology: Topology, limits: LimitedLoads) -> tuple[ca.SX, ca.SX]:
     """Return the unknowns of a program with its corners, and the rows of the limits, each at least zero."""
     unit, rows = Units.of(task), list[ca.SX]()
     x, vectors = _vectors(task, topology, limits.tip_module, limits.loads)

@@ -19,7 +19,7 @@ from nlp.airspeed import fastest
 from nlp.assembled import AssembledProgram
 from nlp.assembled.air import derive_speeds
 from nlp.corners import judge, solve_with_corners, without_corners
-from nlp.joints import Limits
+from nlp.joints import LimitedLoads
 from nlp.numbers.jets import climb
 from nlp.numbers.point import Point
 from nlp.reduced.arrays import ReducedProblem, to_arrays
@@ -257,7 +257,7 @@ def compile_reduced(task: ResolvedTask, tell: Callable[[str], None]) -> None:
     point = point_of(without_corners(task), tree, problem, best[0])
     if in_air:  # compile the rows of air speeds, too
         points = sorted({p for maximum in fastest(point) for p in maximum.points})
-        AssembledProgram(point.task, tree, (), Limits(None, (), tuple(points))).polish(point)
+        AssembledProgram(point.task, tree, (), LimitedLoads(None, (), tuple(points))).polish(point)
 
 
 def solve_starts(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from topo_search.export.allocation import allocation
 from topo_search.export.brackets import (
-    Part,
+    PrintedPart,
     bracket,
     bracket_file,
     bracket_turns,
@@ -43,7 +43,7 @@ TREES = [
 ]
 
 
-def read(part: Part) -> trimesh.Trimesh:
+def read(part: PrintedPart) -> trimesh.Trimesh:
     """A solid as its file holds it, in metres."""
     mesh = trimesh.load_mesh(io.BytesIO(part.stl()), file_type="stl")
     assert mesh.is_watertight
@@ -118,7 +118,7 @@ def test_brackets_put_together_are_the_platform(tree: Topology) -> None:
 @pytest.mark.parametrize("degrees", [-90.0, -60.0, -1e-3, 0.0, 1e-3, 33.0, 90.0])
 @pytest.mark.parametrize("sizes", [Bracket(), Bracket(bolt_circle=0.05, bolt_diameter=0.006, thickness=0.001)])
 def test_any_fold_is_a_closed_solid_that_keeps_off_both_modules(degrees: float, sizes: Bracket) -> None:
-    mesh = read(Part("bracket", "", bracket(sizes, math.radians(degrees))))
+    mesh = read(PrintedPart("bracket", "", bracket(sizes, math.radians(degrees))))
     c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     for normal in ([-1.0, 0.0, 0.0], [c, 0.0, -s]):
         assert (mesh.vertices @ normal).max() == pytest.approx(sizes.set_back, abs=1e-7)

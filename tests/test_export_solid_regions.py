@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from topo_search.export.mjcf import POINT, Physics, mjcf
 from topo_search.model import Design, Mount, Task, Topology
 from topo_search.model.files import to_json
-from topo_search.simulation.plant import Errors, Plant, Wall
+from topo_search.simulation.plant import ModelErrors, Plant, Wall
 from verify.kinematics import platform
 
 Array = NDArray[np.float64]
@@ -154,7 +154,7 @@ def test_what_is_not_solid_or_not_asked_for_is_not_there(wall_press: Design) -> 
     assert "exposure_" not in mjcf(places, TOUCHED).split("-->")[1]
     solid = beside(wall_press, {"kind": "exterior", "half_angle_deg": 90.0, "axis": [-1.0, 0.0, 0.0]})
     assert "exposure_" not in mjcf(solid, Physics(contacts=True))
-    plant = Plant(solid, Errors(), Wall(np.array([1.0, 0.0, 0.0]), 0.03))  # its wall is the only one
+    plant = Plant(solid, ModelErrors(), Wall(np.array([1.0, 0.0, 0.0]), 0.03))  # its wall is the only one
     static = {plant.model.geom(g).name for g in range(plant.model.ngeom) if not plant.model.geom_bodyid[g]}
     assert static == {"wall"}
 

@@ -19,7 +19,7 @@ from nlp.requirements import clearances
 from nlp.units import Units
 from topo_search.model import Topology
 from verify import audit
-from verify.bodies import Cone
+from verify.bodies import AllowedCone
 from verify.kinematics import platform
 from verify.requirements import Scene
 from verify.residuals import residuals
@@ -124,7 +124,7 @@ def audited_clearances(design):
             name = names.exclusion(r.a)
         else:
             name = names.exposure(r.b, task.exposure[r.b], r.a, r.segment)
-        assert isinstance(r.against, Cone) == (r.kind in ("exterior", "allowed"))
+        assert isinstance(r.against, AllowedCone) == (r.kind in ("exterior", "allowed"))
         found[name] = clearance_of(r) * task.module.arm_length - more
     return found
 

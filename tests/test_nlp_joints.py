@@ -12,7 +12,7 @@ from suites import few
 
 from nlp import joints, solve
 from nlp.assembled.problem import AssembledProblem
-from nlp.joints import Limits, holder, limit_rows, limited_loads, loads
+from nlp.joints import LimitedLoads, holder, limit_rows, limited_loads, loads
 from nlp.numbers.point import Point
 from nlp.requirements import clearances
 from nlp.requirements.balances import required_wrenches, wrench_matrix, wrench_residuals
@@ -83,7 +83,7 @@ def test_rows_and_derivatives_of_a_limited_problem_are_those_of_both(
     point = random_point(task, topology, rng)
     base = AssembledProblem(task, topology, clearances(task, topology), 50.0)
     listed = limited_loads(task, topology)[::3]
-    unknowns, g = limit_rows(task, topology, Limits(held, listed))
+    unknowns, g = limit_rows(task, topology, LimitedLoads(held, listed))
     both, x = AssembledProblem(task, topology, clearances(task, topology), 50.0), point.pack()
     both.append(DerivedRows(unknowns, g, np.zeros(g.numel()), np.full(g.numel(), np.inf)))
     unit = task.module.arm_length * task.module.mass * task.gravity

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -192,6 +193,17 @@ def test_functions_are_verbs_or_nouns() -> None:
     wrong = [f"{file}: {name}" for file, name in functions() if says_neither_verb_nor_noun(name)]
     assert [each for each in wrong if each.split(": ")[1] not in TERMS] == []
     assert {each.split(": ")[1] for each in wrong} == TERMS.keys()  # no term is listed that nothing needs
+
+
+def test_no_two_classes_share_a_name() -> None:
+    count = Counter(
+        node.name
+        for package in ("topo_search", "nlp", "verify")
+        for path in (ROOT / package).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert [name for name, times in count.items() if times > 1] == []
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant["file"])

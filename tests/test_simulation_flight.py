@@ -22,7 +22,7 @@ from topo_search.model.files import to_json
 from topo_search.model.load_case import AskedFlight, ForceCone
 from topo_search.simulation.campaign import CORNERS, describe_losses, fly_all, load_factor, plan, worst_wakes
 from topo_search.simulation.fly import Options, fly
-from topo_search.simulation.plant import Errors, Plant, in_wakes, nominal
+from topo_search.simulation.plant import ModelErrors, Plant, in_wakes, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult
 from topo_search.simulation.scenarios import Scenario, dead_rotor, imbalance
 from verify import audit
@@ -107,7 +107,9 @@ def test_the_winner_of_push_fails_and_the_reason_is_its_lack_of_force(solved_pus
 
 def test_the_same_seed_flies_the_same(wall_press: Design) -> None:
     runs = [
-        fly_all(wall_press, Options(Errors(model=0.02, noise=1.0, seed=seed)), only=("hover",)).result.scenarios[0]
+        fly_all(
+            wall_press, Options(ModelErrors(model=0.02, noise=1.0, seed=seed)), only=("hover",)
+        ).result.scenarios[0]
         for seed in (1, 1, 2)
     ]
     assert runs[0] == runs[1] != runs[2]
@@ -117,7 +119,7 @@ def test_the_same_seed_flies_the_same(wall_press: Design) -> None:
 @pytest.mark.parametrize("seed", few([1, 2], 1))
 def test_errors_of_masses_and_thrusts_are_trimmed_before_a_flight(wall_press: Design, seed: int) -> None:
     """By 5 %, which integrals take seconds to learn."""
-    (hover,) = fly_all(wall_press, Options(Errors(model=0.05, seed=seed)), only=("hover",)).result.scenarios
+    (hover,) = fly_all(wall_press, Options(ModelErrors(model=0.05, seed=seed)), only=("hover",)).result.scenarios
     assert (hover.verdict, hover.drift_m < 5e-3) == ("held", True)
 
 
@@ -154,7 +156,7 @@ def test_a_rotor_loses_in_flight_the_share_that_the_audit_states() -> None:
 def test_wakes_take_thrust_unless_they_are_switched_off(wall_press: Design) -> None:
     known, wakes = nominal(wall_press), np.linspace(0.0, 1e-3, 20)
     T = np.full(20, 0.5)
-    plain, blown = (Plant(wall_press, Errors(wakes=given)) for given in ((), tuple(wakes)))
+    plain, blown = (Plant(wall_press, ModelErrors(wakes=given)) for given in ((), tuple(wakes)))
     for plant in (plain, blown):
         plant.place(known.com, np.array([1.0, 0.0, 0.0, 0.0]))
     lacking = blown.missing_wrench(T) - plain.missing_wrench(T)
@@ -168,7 +170,7 @@ def test_wakes_take_thrust_unless_they_are_switched_off(wall_press: Design) -> N
 
 
 def test_without_noise_a_hover_stands_still(wall_press: Design) -> None:
-    (hover,) = fly_all(wall_press, Options(Errors(noise=0.0)), only=("hover",)).result.scenarios
+    (hover,) = fly_all(wall_press, Options(ModelErrors(noise=0.0)), only=("hover",)).result.scenarios
     assert hover.drift_m < 1e-5
     assert hover.tilt_deg < 1e-3
 

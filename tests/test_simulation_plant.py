@@ -24,10 +24,10 @@ from topo_search.simulation.controller import (
     TORQUE_FIRST,
     Allocator,
     Controller,
-    PseudoInverse,
+    PseudoInverseAllocator,
     Reference,
 )
-from topo_search.simulation.plant import Errors, Plant, Wall, nominal
+from topo_search.simulation.plant import ModelErrors, Plant, Wall, nominal
 from verify import audit
 from verify.kinematics import platform
 
@@ -38,7 +38,7 @@ LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 @pytest.mark.parametrize("tree", drawn_trees(), ids=lambda tree: tree.key)
 def test_mass_inertia_and_wrenches_with_the_rod_are_those_of_mujoco(tree: Topology) -> None:
     design = with_rod(random_design(tree, 3))
-    known, plant = nominal(design), Plant(design, Errors())
+    known, plant = nominal(design), Plant(design, ModelErrors())
     plant.place(known.com, LEVEL)
     data, model = plant.data, plant.model
     c = data.body("platform").subtree_com
@@ -69,7 +69,7 @@ def test_without_a_rod_it_is_the_model_of_the_search() -> None:
 
 
 def test_state_and_loads_are_those_of_the_centre_of_mass(wall_press: Design) -> None:
-    plant = Plant(wall_press, Errors())
+    plant = Plant(wall_press, ModelErrors())
     known = plant.nominal
     turned = np.zeros(4)
     mujoco.mju_axisAngle2Quat(turned, np.array([0.6, 0.0, 0.8]), 0.7)
@@ -90,7 +90,7 @@ def test_state_and_loads_are_those_of_the_centre_of_mass(wall_press: Design) -> 
 
 
 def test_motors_lag(wall_press: Design) -> None:
-    plant = Plant(wall_press, Errors())
+    plant = Plant(wall_press, ModelErrors())
     for _ in range(50):
         plant.step(np.ones(20), np.zeros(6), np.zeros(6))
     np.testing.assert_allclose(plant.data.act, 1 - math.exp(-1), rtol=1e-12)
@@ -98,7 +98,7 @@ def test_motors_lag(wall_press: Design) -> None:
 
 def test_a_wall_feels_the_force_of_the_tip(wall_press: Design) -> None:
     towards = np.array([0.6, 0.8, 0.0])
-    plant = Plant(wall_press, Errors(), Wall(towards, 0.0))
+    plant = Plant(wall_press, ModelErrors(), Wall(towards, 0.0))
     plant.model.opt.gravity[:] = 0
     plant.model.dof_damping[:3] = 50.0
     plant.model.dof_damping[3:] = 1e4  # held upright
@@ -111,7 +111,7 @@ def test_a_wall_feels_the_force_of_the_tip(wall_press: Design) -> None:
 
 def test_errors_of_the_model_are_drawn_by_the_seed(wall_press: Design) -> None:
     exact, first, again, other = (
-        Plant(wall_press, Errors(e, 1.0, s)) for e, s in ((0, 1), (0.05, 1), (0.05, 1), (0.05, 2))
+        Plant(wall_press, ModelErrors(e, 1.0, s)) for e, s in ((0, 1), (0.05, 1), (0.05, 1), (0.05, 2))
     )
     assert np.all(exact.gain == 1)
     np.testing.assert_array_equal(first.gain, again.gain)
@@ -141,7 +141,7 @@ def test_thrusts_are_the_least_squares_within_limits(wall_press: Design) -> None
 
 def test_px4_multiplies_by_the_pseudo_inverse_and_cuts_off(wall_press: Design) -> None:
     known = nominal(wall_press)
-    rule, full = PseudoInverse(known), known.largest_thrust
+    rule, full = PseudoInverseAllocator(known), known.largest_thrust
     for wrench in ([0.0, 0.0, known.weight, 0.0, 0.0, 0.0], [5.0, -4.0, known.weight, 0.1, 0.3, -0.2]):
         plain = np.linalg.pinv(known.B) @ wrench
         T, missing = rule.thrusts(np.array(wrench))

@@ -13,7 +13,7 @@ from topo_search.model.files import read_json, to_json
 from verify import audit
 from verify.air.bound import _rotors, bound_beyond, bound_speed
 from verify.air.jets import Jets, jets, speeds, wakes
-from verify.bodies import Cone, ConeSphere
+from verify.bodies import AllowedCone, ConeSphere
 from verify.certificate import Solid
 from verify.hulls import hull
 
@@ -41,7 +41,7 @@ def some(rng: np.random.Generator, n: int) -> Jets:
     return blow(rng.normal(0, 3, (n, 3)), Rotation.random(n, random_state=rng).as_matrix(), u, module)
 
 
-def region(rng: np.random.Generator) -> Solid | Cone:
+def region(rng: np.random.Generator) -> Solid | AllowedCone:
     size, middle = 10 ** rng.uniform(-1, 1), rng.normal(0, 6, 3)
     kind = rng.integers(4)
     if kind == 0:
@@ -49,12 +49,12 @@ def region(rng: np.random.Generator) -> Solid | Cone:
     if kind == 1:
         return hull(rng.normal(0, size, (12, 3))).move(middle)
     axis = rng.normal(0, 1, 3)
-    return Cone(middle, axis / np.linalg.norm(axis), 90.0 if kind == 2 else rng.uniform(20, 89))
+    return AllowedCone(middle, axis / np.linalg.norm(axis), 90.0 if kind == 2 else rng.uniform(20, 89))
 
 
-def contains(region: Solid | Cone, x: np.ndarray) -> np.ndarray:
+def contains(region: Solid | AllowedCone, x: np.ndarray) -> np.ndarray:
     """Return which points are in a region, by formulas of their own."""
-    if isinstance(region, Cone):
+    if isinstance(region, AllowedCone):
         away = x - region.apex
         angle = np.arccos(np.clip(away @ region.axis / np.linalg.norm(away, axis=1), -1, 1))
         return angle > math.radians(region.half_angle_deg)
@@ -157,8 +157,8 @@ def test_turned_moved_and_scaled_copies_agree() -> None:
     R, p = Rotation.random(random_state=3).as_matrix(), np.array([5.0, -3, 2])
     copy = air._replace(centres=air.centres @ R.T + p, poses=R @ air.poses, rotors=air.rotors @ R.T + p)
     np.testing.assert_allclose(speeds(copy, x @ R.T + p), speeds(air, x), rtol=1e-9, atol=1e-12)
-    where = Cone(np.zeros(3), np.array([0.0, 0.0, 1.0]), 70.0)
-    moved = Cone(p, R @ where.axis, 70.0)
+    where = AllowedCone(np.zeros(3), np.array([0.0, 0.0, 1.0]), 70.0)
+    moved = AllowedCone(p, R @ where.axis, 70.0)
     assert bound_speed(copy, moved).at_most == pytest.approx(bound_speed(air, where).at_most, rel=0.03)
     faster = air._replace(induced=3 * air.induced)
     np.testing.assert_allclose(speeds(faster, x), 3 * speeds(air, x))
@@ -166,7 +166,10 @@ def test_turned_moved_and_scaled_copies_agree() -> None:
 
 def test_without_thrust_the_air_is_still() -> None:
     air = one(0.0)
-    for where in (Solid(ConeSphere(np.zeros(3), np.zeros(3), 5.0, 0.0)), Cone(np.zeros(3), np.eye(3)[2], 60.0)):
+    for where in (
+        Solid(ConeSphere(np.zeros(3), np.zeros(3), 5.0, 0.0)),
+        AllowedCone(np.zeros(3), np.eye(3)[2], 60.0),
+    ):
         assert bound_speed(air, where).at_most < 1e-5
 
 

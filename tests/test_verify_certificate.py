@@ -11,7 +11,7 @@ from verify_cases import FAMILIES, GAPS, SCALES, at_clearance, brute_clearance, 
 import verify.certificate
 import verify.cones
 from topo_search.model import Status
-from verify.bodies import Cone, ConeSphere, Nearest, ball, clearances, cone_clearance
+from verify.bodies import AllowedCone, ConeSphere, NearestOnAxes, ball, clearances, cone_clearance
 from verify.certificate import FLOOR, Certificate, Solid, certify_pairs
 from verify.cones import certify_inside
 from verify.meshes import LARGEST_COORDINATE, Shape
@@ -120,7 +120,7 @@ LIES = {
     "too small": lambda found: found._replace(d=found.d - 0.5),
     "another sign": lambda found: found._replace(d=-found.d),
     "elsewhere": lambda found: found._replace(eta=1 - found.eta, gamma=1 - found.gamma),
-    "nothing": lambda found: Nearest(*(np.full_like(column, np.nan) for column in found)),
+    "nothing": lambda found: NearestOnAxes(*(np.full_like(column, np.nan) for column in found)),
 }
 
 
@@ -166,7 +166,7 @@ def test_a_mesh_that_fails_its_check_proves_nothing(monkeypatch):
 def cone_cases(rng: np.random.Generator) -> SimpleNamespace:
     """A cone and a body on or off its axis, with the direction that moves the body straight into the cone."""
     half_angle = float(rng.choice([1.0, 30.0, 60.0, 89.9, 90.0]))
-    cone = Cone(rng.normal(size=3), unit(rng), half_angle)
+    cone = AllowedCone(rng.normal(size=3), unit(rng), half_angle)
     L, r = rng.uniform(1, 14), rng.uniform(0.1, 2)
     on_axis = rng.random() < 0.3
     across = np.zeros(3) if on_axis else rng.normal(size=3)
@@ -187,14 +187,14 @@ def test_bodies_in_cones_are_judged_right_down_to_the_floor():
 
 
 def test_a_ball_on_the_axis_touches_the_cone_all_the_way_round():
-    cone = Cone(np.zeros(3), np.array([0.0, 0.0, 1.0]), 30.0)
+    cone = AllowedCone(np.zeros(3), np.array([0.0, 0.0, 1.0]), 30.0)
     for gap, status in ((1.5e-7, Status.CLEAR), (-1.5e-7, Status.VIOLATED), (0.0, Status.UNDECIDED)):
         body = ball(np.array([0.0, 0.0, 2 * (2.1 + gap)]), 2.1)
         assert certify_inside(Solid(body), cone).status == status
 
 
 def test_behind_the_apex_is_outside():
-    cone = Cone(np.zeros(3), np.array([0.0, 0.0, 1.0]), 60.0)
+    cone = AllowedCone(np.zeros(3), np.array([0.0, 0.0, 1.0]), 60.0)
     certificate = certify_inside(Solid(ball(np.array([0.0, 0.0, -5.0]), 0.1)), cone)
     assert certificate.status == Status.VIOLATED
     assert certificate.upper == pytest.approx(certificate.analytic)
@@ -232,7 +232,7 @@ def test_a_disagreement_is_written_out_with_what_each_side_says(monkeypatch):
 
 @pytest.mark.parametrize("half_angle", [60.0, 90.0])
 def test_a_disagreement_about_a_cone_is_written_out(half_angle, monkeypatch):
-    cone = Cone(np.zeros(3), np.array([0.0, 0.0, 1.0]), half_angle)
+    cone = AllowedCone(np.zeros(3), np.array([0.0, 0.0, 1.0]), half_angle)
     inside, outside = (Solid(ball(np.array([0.0, 0.0, z]), 0.5)) for z in (3.0, -3.0))
     assert certify_inside(inside, cone).evidence == certify_inside(outside, cone).evidence == ()
     with monkeypatch.context() as patch:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from verify_cases import FAMILIES, brute_clearance, random_pair, unit
 
-from verify.bodies import Cone, ConeSphere, ball, clearances, cone_clearance
+from verify.bodies import AllowedCone, ConeSphere, ball, clearances, cone_clearance
 
 
 def clearance(A: ConeSphere, B: ConeSphere) -> float:
@@ -52,7 +52,7 @@ def test_equals_golden_section(family):
 @pytest.mark.parametrize("half_angle_deg", [5.0, 60.0, 90.0])
 def test_s_is_the_distance_to_the_surface_inside(half_angle_deg):
     rng = np.random.default_rng(14)
-    cone = Cone(rng.normal(size=3), unit(rng), half_angle_deg)
+    cone = AllowedCone(rng.normal(size=3), unit(rng), half_angle_deg)
     theta = math.radians(half_angle_deg)
     for _ in range(100):
         x = cone.apex + 3 * unit(rng)
@@ -71,7 +71,7 @@ def test_s_is_the_distance_to_the_surface_inside(half_angle_deg):
 def test_the_cone_clearance_is_the_least_over_the_whole_body():
     rng = np.random.default_rng(15)
     for _ in range(50):
-        cone = Cone(rng.normal(size=3), unit(rng), float(rng.uniform(5, 90)))
+        cone = AllowedCone(rng.normal(size=3), unit(rng), float(rng.uniform(5, 90)))
         A, _ = random_pair("generic", rng)
         eta = np.linspace(0, 1, 101)
         every_ball = cone.s(A.o + eta[:, None] * A.d) - A.r - eta * A.dr

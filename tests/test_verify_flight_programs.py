@@ -11,21 +11,21 @@ from scipy.spatial import ConvexHull
 
 import verify.flight.programs
 from verify.flight.balls import Polytopes, largest_balls
-from verify.flight.programs import GAP, Box, SimplexResult, find_solutions, greatest, least_inputs, solve
+from verify.flight.programs import GAP, Bounds, SimplexResult, find_solutions, greatest, least_inputs, solve
 from verify.meshes import Indices
 
 Array = NDArray[np.float64]
 
 
-def drawn(rng: np.random.Generator, k: int, N: int) -> tuple[Array, Box]:
+def drawn(rng: np.random.Generator, k: int, N: int) -> tuple[Array, Bounds]:
     """Equations with columns as rotors have them: four at a time are alike, and some bounds fixed."""
     M = np.repeat(rng.normal(size=(k, (N + 3) // 4)), 4, axis=1)[:, :N]
     M[k // 2 :] += rng.normal(size=(k - k // 2, N))
     low = np.where(rng.random(N) < 0.2, 0.1, 0.0)
-    return M, Box(low, np.where(rng.random(N) < 0.1, low, 1.0))
+    return M, Bounds(low, np.where(rng.random(N) < 0.1, low, 1.0))
 
 
-def by_highs(c: Array, M: Array, m: Array, box: Box) -> Any:
+def by_highs(c: Array, M: Array, m: Array, box: Bounds) -> Any:
     return linprog(-c, A_eq=M, b_eq=m, bounds=np.stack([box.low, box.high], axis=1))
 
 
@@ -58,7 +58,7 @@ def test_equations_have_a_solution_where_highs_has_one(seed: int) -> None:
 
 
 def test_the_audits_tolerance_decides_what_is_next_to_impossible() -> None:
-    M, box = np.eye(2), Box(np.zeros(2), np.ones(2))
+    M, box = np.eye(2), Bounds(np.zeros(2), np.ones(2))
     found = find_solutions(
         M, np.array([[1.0, 0.5], [1 + 5e-7, 0.5], [1 + 2e-6, 0.5], [-5e-7, 1.0], [-2e-6, 1.0]]), box
     )
@@ -114,14 +114,14 @@ def test_a_wrench_at_the_very_edge_is_reached_without_highs(monkeypatch: pytest.
     """All inputs at a limit: what the others make up for is exactly what is missing, but for rounding."""
     monkeypatch.setattr("scipy.optimize.linprog", None)
     rng = np.random.default_rng(3)
-    A, box = rng.normal(size=(6, 20)), Box(np.zeros(20), np.ones(20))
+    A, box = rng.normal(size=(6, 20)), Bounds(np.zeros(20), np.ones(20))
     d = rng.normal(size=(50, 6))
     edge = (d @ A > 0).astype(float)
     assert np.all(find_solutions(A, edge @ A.T, box).yes)
     assert np.all(find_solutions(A, 1.001 * edge @ A.T - 0.001 * A.sum(axis=1) / 2, box).no)
 
 
-def polytope(C: Array, M: Array, g: Array, m: Array, box: Box) -> Array:
+def polytope(C: Array, M: Array, g: Array, m: Array, box: Bounds) -> Array:
     """All vertices of {C v - g : M v = m} by brute force: every choice of basic variables and bounds."""
     k, N = M.shape
     found = []
@@ -142,7 +142,7 @@ def test_the_largest_ball_is_that_of_all_vertices(D: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     N, k = 9, 6 - D
     A = rng.normal(size=(6, N))
-    C, M, box = A[:D], A[D:], Box(np.zeros(N), np.ones(N))
+    C, M, box = A[:D], A[D:], Bounds(np.zeros(N), np.ones(N))
     v = rng.uniform(0.2, 0.8, N)
     g, m = C @ v, M @ v
     ((ball,),) = largest_balls([Polytopes(C, M, g[None], m[None])], box)
@@ -157,7 +157,7 @@ def test_a_flat_polytope_has_no_ball() -> None:
     rng = np.random.default_rng(1)
     C = np.outer([1.0, 2.0, 2.0], rng.uniform(size=8)) / 3  # all along one line
     M, v = rng.normal(size=(3, 8)), np.full(8, 0.5)
-    ((ball,),) = largest_balls([Polytopes(C, M, (C @ v)[None], (M @ v)[None])], Box(np.zeros(8), np.ones(8)))
+    ((ball,),) = largest_balls([Polytopes(C, M, (C @ v)[None], (M @ v)[None])], Bounds(np.zeros(8), np.ones(8)))
     assert ball.lower == 0
     assert ball.upper < 1e-7
     assert abs(ball.weakest @ [1.0, 2.0, 2.0]) < 1e-6
@@ -166,7 +166,7 @@ def test_a_flat_polytope_has_no_ball() -> None:
 def test_a_centre_on_the_edge_has_no_ball() -> None:
     C, M = np.eye(3), np.zeros((1, 3))
     polytope = Polytopes(C, M, np.array([[0.5, 1.0, 0.5]]), np.zeros((1, 1)))
-    ((ball,),) = largest_balls([polytope], Box(np.zeros(3), np.ones(3)))
+    ((ball,),) = largest_balls([polytope], Bounds(np.zeros(3), np.ones(3)))
     assert (ball.lower, ball.weakest.tolist()) == (0.0, [0.0, 1.0, 0.0])
     assert ball.upper < 1e-7
 
@@ -190,4 +190,4 @@ def test_least_inputs_are_the_nearest_to_nothing(seed: int) -> None:
 
 def test_there_are_no_least_inputs_of_what_is_impossible() -> None:
     A = np.random.default_rng(2).normal(size=(6, 12))
-    assert least_inputs(A, np.full(6, 100.0), Box(np.zeros(12), np.ones(12)))[0] is None
+    assert least_inputs(A, np.full(6, 100.0), Bounds(np.zeros(12), np.ones(12)))[0] is None

@@ -12,7 +12,7 @@ from verify_cases import changed, design, fan, unit
 from topo_search.model import Module, Status, Topology
 from verify import audit, kinematics
 from verify.compounds import Compound, certify_compounds, proximities
-from verify.convex import Capsule, Cylinder, Polyhedron, box, capsule, cylinder
+from verify.convex import Cylinder, Polyhedron, SweptBall, box, capsule, cylinder
 from verify.gjk import cores, nearest
 from verify.hulls import hull
 from verify.parts import bounding_box, module_parts
@@ -50,7 +50,7 @@ def random_solid(rng):
 
 def projected(solid, x):
     """The point of a solid nearest to x, from the formulas of its kind."""
-    if isinstance(solid, Capsule):
+    if isinstance(solid, SweptBall):
         start, path = solid.vertices[0], solid.vertices[1] - solid.vertices[0]
         foot = start + np.clip((x - start) @ path / (path @ path), 0, 1) * path
         return foot + (x - foot) * min(1.0, solid.ball / max(np.linalg.norm(x - foot), 1e-300))

@@ -22,7 +22,7 @@ from topo_search.model import Design, Status, Task, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.files import to_toml
 from verify import audit, choose_mount
-from verify.bodies import Cone
+from verify.bodies import AllowedCone
 from verify.cones import certify_parts_inside, lowest_point
 from verify.convex import Cylinder, Polyhedron
 from verify.kinematics import platform
@@ -231,10 +231,10 @@ def test_a_wall_right_behind_a_rotor_is_clear_and_one_right_before_it_is_not() -
             given = random_design(TREE, 3)
             module = Scene(given).modules[0]
             axis = np.array([0.6, 0.0, 0.8])
-            cone = Cone(np.zeros(3), axis, degrees)
+            cone = AllowedCone(np.zeros(3), axis, degrees)
             least = min(float(cone.s(lowest_point(part, cone))) for part in module.parts)
             if degrees == 90.0:
-                found = certify_parts_inside(module, Cone((least - shift) * axis, axis, degrees))
+                found = certify_parts_inside(module, AllowedCone((least - shift) * axis, axis, degrees))
                 assert found.status is status
             elif least > 0:
                 assert certify_parts_inside(module, cone).status is Status.CLEAR

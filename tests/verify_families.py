@@ -23,7 +23,7 @@ from verify.bodies import ConeSphere
 from verify.certificate import Certificate, Solid, certify_pairs
 from verify.compounds import Compound, certify_compounds
 from verify.convex import cylinder
-from verify.hulls import Hull, approach, hull
+from verify.hulls import HullBody, approach, hull
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def rotation(rng: np.random.Generator) -> Array:
     return np.asarray(Q * np.sign(np.linalg.det(Q)))
 
 
-def thin_hull(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, Hull]:
+def thin_hull(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, HullBody]:
     """An envelope and a hull of random points, squashed along one direction."""
     R, thin = rotation(rng), 10 ** rng.uniform(-5.5, -1)
     corners = rng.normal(size=(rng.integers(5, 20), 3)) * rng.uniform(0.3, 10) * [1.0, 1.0, thin] @ R.T
@@ -92,7 +92,7 @@ def thin_hull(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, Hull]
     return _scaled(body, scale), hull(scale * corners)
 
 
-def any_hull(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, Hull]:
+def any_hull(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, HullBody]:
     """An envelope or a ball and a box or a hull of random points, from nested to far apart."""
     if rng.random() < 0.5:
         corners = CUBE * rng.uniform(0.1, 3, 3) + rng.normal(size=3)
@@ -104,7 +104,7 @@ def any_hull(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, Hull]:
     return _scaled(body, scale), hull(scale * corners)
 
 
-def wall_along_an_axis(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, Hull]:
+def wall_along_an_axis(scale: float, rng: np.random.Generator) -> tuple[ConeSphere, HullBody]:
     """An envelope and a wall at up to six degrees to its axis: it may leave the wall and grow deeper into it."""
     R, edge = rotation(rng), rng.uniform(2, 20)
     half = np.array([edge, edge * rng.uniform(0.3, 1), 10 ** rng.uniform(-3, -0.5)]) / 2
@@ -119,7 +119,7 @@ def _scaled(body: ConeSphere, scale: float) -> ConeSphere:
     return ConeSphere(scale * body.o, scale * body.d, scale * body.r, scale * body.dr)
 
 
-def moved_to(body: ConeSphere, region: Hull, d: float) -> ConeSphere | None:
+def moved_to(body: ConeSphere, region: HullBody, d: float) -> ConeSphere | None:
     """The body moved along the witness until the clearance is d."""
     for _ in range(60):
         found = approach(body, region)
@@ -133,7 +133,7 @@ def moved_to(body: ConeSphere, region: Hull, d: float) -> ConeSphere | None:
 
 
 def _judged_hulls(
-    draw: Callable[[float, np.random.Generator], tuple[ConeSphere, Hull]],
+    draw: Callable[[float, np.random.Generator], tuple[ConeSphere, HullBody]],
 ) -> Callable[[float, np.random.Generator], Iterator[Judged]]:
     def judge(scale: float, rng: np.random.Generator) -> Iterator[Judged]:
         body, region = draw(scale, rng)

@@ -34,7 +34,7 @@ from topo_search.model.module import CountedRod
 from topo_search.model.proven import TOLERANCE
 from verify.assembly import choose_mount
 from verify.bodies import Array
-from verify.flight.programs import LARGEST, Box, find_solutions, least_inputs, nearest
+from verify.flight.programs import LARGEST, Bounds, find_solutions, least_inputs, nearest
 from verify.kinematics import Platform, objective, platform, required_wrench, wrench_map
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
@@ -76,7 +76,7 @@ def _best_inputs(task: ResolvedTask, platform: Platform) -> Array:
     N = A.shape[1]
     if not (np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST):
         return np.zeros((len(b), N))
-    box = Box(np.full(N, task.min_input / task.max_input), np.ones(N))
+    box = Bounds(np.full(N, task.min_input / task.max_input), np.ones(N))
     solvable = find_solutions(A, b, box)
     v = solvable.v.copy()
     for k, b_k in enumerate(b):
@@ -97,7 +97,7 @@ def corner_residuals(design: Design, platform: Platform) -> Iterator[Residual]:
     unit = np.repeat([task.force_unit(n), task.torque_unit(n)], 3)
     A = wrench_map(platform, task.module) * task.module.max_input(task.gravity) / unit[:, None]
     b = np.array([required_wrench(case, platform.p_e) for _, case in corners]) / unit
-    box = Box(np.full(4 * n, task.module.min_input), np.full(4 * n, task.search.peak_input))
+    box = Bounds(np.full(4 * n, task.module.min_input), np.full(4 * n, task.search.peak_input))
     if np.abs(A).max() <= LARGEST and np.abs(b).max() <= LARGEST:
         solvable = find_solutions(A, b, box)
         error = solvable.v @ A.T - b
@@ -151,7 +151,7 @@ def _endurance(task: ResolvedTask, A: Array, b: Array, u: Array) -> float | None
     """
     module, limit = task.module, task.module.max_input(task.gravity)
     unit = np.repeat([task.force_unit(task.n), task.torque_unit(task.n)], 3)
-    box = Box(np.minimum(module.min_input, u / limit), np.maximum(1.0, u / limit))
+    box = Bounds(np.minimum(module.min_input, u / limit), np.maximum(1.0, u / limit))
     _, least = least_inputs(A * limit / unit[:, None], b / unit, box, 1.5)
     shaft_W = module.torque_coefficient * limit**1.5 * least
     return clamp(task.n * module.battery_Wh * 60 / shaft_W) if module.battery_Wh and shaft_W > 0 else None

@@ -142,7 +142,7 @@ def ball(centre: Array, radius: float) -> ConeSphere:
 
 
 @dataclass(frozen=True, eq=False)
-class Cone:
+class AllowedCone:
     """The infinite cone that airflow may fill; a half-space if theta is 90 degrees."""
 
     apex: Array
@@ -190,7 +190,7 @@ def basis_across(axis: Array) -> tuple[Array, Array]:
     return e_1, np.cross(axis, e_1)
 
 
-class Nearest(NamedTuple):
+class NearestOnAxes(NamedTuple):
     """Clearances of N pairs of cone-spheres and the axis parameters that attain them."""
 
     d: Array
@@ -201,13 +201,13 @@ class Nearest(NamedTuple):
     """Position on the second axis, shape (N,)."""
 
 
-def clearances(pairs: Sequence[tuple[ConeSphere, ConeSphere]]) -> Nearest:
+def clearances(pairs: Sequence[tuple[ConeSphere, ConeSphere]]) -> NearestOnAxes:
     """Return the exact signed clearance of every pair."""
     A, B = (ConeSpheres.of([pair[side] for pair in pairs]) for side in (0, 1))
     return rowwise_clearances(A, B)
 
 
-def rowwise_clearances(A: ConeSpheres, B: ConeSpheres) -> Nearest:
+def rowwise_clearances(A: ConeSpheres, B: ConeSpheres) -> NearestOnAxes:
     """Return the exact signed clearance between corresponding rows of two batches."""
     w, ends, (first, last) = A.o - B.o, np.array([[[0.0]], [[1.0]]]), np.broadcast_to([[0.0], [1.0]], (2, len(A.r)))
     starts = np.concatenate([w - ends * B.d, -w - ends * A.d])
@@ -218,7 +218,7 @@ def rowwise_clearances(A: ConeSpheres, B: ConeSpheres) -> Nearest:
     distance = norms(w + eta[..., None] * A.d - gamma[..., None] * B.d)
     d = distance - A.radius(eta) - B.radius(gamma)
     best = np.argmin(d, axis=0), np.arange(len(A.r))
-    return Nearest(d[best], eta[best], gamma[best])
+    return NearestOnAxes(d[best], eta[best], gamma[best])
 
 
 def _stationary(w: Array, d_A: Array, d_B: Array, dr_A: Array, dr_B: Array) -> tuple[Array, Array]:
@@ -244,7 +244,7 @@ def _stationary(w: Array, d_A: Array, d_B: Array, dr_A: Array, dr_B: Array) -> t
     return np.where(exists, np.clip(eta, 0.0, 1.0), 0.0), np.where(exists, np.clip(gamma, 0.0, 1.0), 0.0)
 
 
-def cone_clearance(body: ConeSphere, cone: Cone) -> tuple[float, float]:
+def cone_clearance(body: ConeSphere, cone: AllowedCone) -> tuple[float, float]:
     """Return the exact clearance of a cone-sphere from a cone's surface, and the eta of the ball that attains it.
 
     s is concave along the axis and the radius linear, so the minimum of s - r is at an end ball (paper, Sec.

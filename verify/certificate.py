@@ -30,7 +30,7 @@ import numpy as np
 from topo_search.model import Status
 from topo_search.model.audit import Kind
 from verify.bodies import Array, ConeSphere, ConeSpheres, clearances
-from verify.hulls import Hull, approach
+from verify.hulls import HullBody, approach
 from verify.meshes import LARGEST_COORDINATE, ConvexMesh, Shape, encloses, inner_mesh, lies_within, outer_mesh
 
 FLOOR = 1e-7
@@ -165,21 +165,21 @@ class Witness(NamedTuple):
     """Nearest points, or one common point twice, shape (2, 3)."""
 
 
-def certify_pairs(pairs: Sequence[tuple[Solid, Solid | Hull]]) -> list[Certificate]:
+def certify_pairs(pairs: Sequence[tuple[Solid, Solid | HullBody]]) -> list[Certificate]:
     """Certify that cone-spheres keep clear of other cone-spheres or convex regions."""
     certificates = []
     for (A, B), witness in zip(pairs, witnesses(pairs), strict=True):
         if not (A.in_range and B.in_range):
             certificates.append(Certificate(Status.UNDECIDED, None, None, witness.d, 0))
             continue
-        first = int(isinstance(B, Hull))  # a region's mesh is exact, so A's mesh is turned from the start
+        first = int(isinstance(B, HullBody))  # a region's mesh is exact, so A's mesh is turned from the start
         proof = functools.partial(_prove, A, B, witness, first)
         levels = 1 + len(TURNED_LEVELS) - first
         certificates.append(judge(witness.d, witness.upper, witness.closest, proof, levels))
     return certificates
 
 
-def _prove(A: Solid, B: Solid | Hull, witness: Witness, first: int, level: int) -> tuple[float, bool] | None:
+def _prove(A: Solid, B: Solid | HullBody, witness: Witness, first: int, level: int) -> tuple[float, bool] | None:
     """Bound d along n, by outer meshes if clear, else by supports; return it and whether FCL confirms its sign."""
     x, normal = witness.x, witness.n
     clear = witness.d > 0
@@ -191,14 +191,16 @@ def _prove(A: Solid, B: Solid | Hull, witness: Witness, first: int, level: int) 
     overlap = mesh_A[1].overlaps(mesh_B[1])
     if clear:
         return float((mesh_B[0].vertices @ normal).min() - (mesh_A[0].vertices @ normal).max()), not overlap
-    support_B = (mesh_B[0].vertices @ -normal).max() if isinstance(B, Hull) else B.body.move(-x).support(-normal)
+    support_B = (
+        (mesh_B[0].vertices @ -normal).max() if isinstance(B, HullBody) else B.body.move(-x).support(-normal)
+    )
     return -float(A.body.move(-x).support(normal) + support_B), overlap
 
 
-def witnesses(pairs: Sequence[tuple[Solid, Solid | Hull]]) -> Iterator[Witness]:
+def witnesses(pairs: Sequence[tuple[Solid, Solid | HullBody]]) -> Iterator[Witness]:
     """Yield the witness of every pair; cone-spheres are computed in one batch."""
     solid_witnesses = _solid_witnesses([(A, B) for A, B in pairs if isinstance(B, Solid)])
-    return (_region_witness(A.body, B) if isinstance(B, Hull) else next(solid_witnesses) for A, B in pairs)
+    return (_region_witness(A.body, B) if isinstance(B, HullBody) else next(solid_witnesses) for A, B in pairs)
 
 
 def _solid_witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
@@ -224,7 +226,7 @@ def _solid_witnesses(pairs: Sequence[tuple[Solid, Solid]]) -> Iterator[Witness]:
         yield Witness(value, n[k], x[k], float(upper[k]) if proven[k] else None, closest[k])
 
 
-def _region_witness(body: ConeSphere, region: Hull) -> Witness:
+def _region_witness(body: ConeSphere, region: HullBody) -> Witness:
     closest = approach(body, region)
     P, r = body.centre(closest.eta), body.radius(closest.eta)
     x = P if region.depth(P) > BOUND_ROUNDING else region.nearest_of_surface(P)

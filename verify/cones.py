@@ -42,7 +42,7 @@ from typing import NamedTuple
 import numpy as np
 
 from topo_search.model import Status
-from verify.bodies import Array, Cone, ConeSphere, basis_across, cone_clearance
+from verify.bodies import AllowedCone, Array, ConeSphere, basis_across, cone_clearance
 from verify.certificate import BOUND_ROUNDING, COMMON_LEVEL, Certificate, Solid, facing_mesh, judge
 from verify.compounds import Compound
 from verify.convex import Convex, Cylinder
@@ -67,7 +67,7 @@ class ConeMeshes(NamedTuple):
 MESHES = ConeMeshes()
 
 
-def certify_inside(solid: Solid, cone: Cone) -> Certificate:
+def certify_inside(solid: Solid, cone: AllowedCone) -> Certificate:
     """Certify that a cone-sphere lies inside an infinite cone."""
     body = solid.body
     d, worst = cone_clearance(body, cone)
@@ -86,7 +86,7 @@ def certify_inside(solid: Solid, cone: Cone) -> Certificate:
     return judge(d, upper if proven else None, np.stack([x, x - upper * m]), proof, levels=len(MESHES.sides))
 
 
-def smallest_s(body: ConeSphere, cone: Cone, sides: int) -> float:
+def smallest_s(body: ConeSphere, cone: AllowedCone, sides: int) -> float:
     """Return the smallest s over the vertices of polytopes of revolution around both end balls."""
     sin, cos = cone.sin_cos
     radial, axial, azimuth = lathe(math.atan2(sin, cos), sides)
@@ -101,7 +101,7 @@ def smallest_s(body: ConeSphere, cone: Cone, sides: int) -> float:
     return smallest
 
 
-def keeps_off(solid: Solid, cone: Cone, eta: float) -> bool:
+def keeps_off(solid: Solid, cone: AllowedCone, eta: float) -> bool:
     """True if FCL finds an outer mesh disjoint from the outside of the half-space nearest to an end ball.
 
     A mesh turned towards the half-space is built only if the common mesh overlaps.
@@ -113,14 +113,14 @@ def keeps_off(solid: Solid, cone: Cone, eta: float) -> bool:
     return mesh is not None and not Shape(mesh).overlaps(outside)
 
 
-def reaches_beyond(body: ConeSphere, cone: Cone, eta: float) -> bool:
+def reaches_beyond(body: ConeSphere, cone: AllowedCone, eta: float) -> bool:
     """True if FCL finds an inner mesh overlapping the outside of the half-space nearest to an end ball."""
     m, x, outside = _outside_at_ball(body, cone, eta)
     mesh = facing_mesh(body, x, -m, COMMON_LEVEL, inside=True)
     return mesh is not None and Shape(mesh).overlaps(outside)
 
 
-def _outside_at_ball(body: ConeSphere, cone: Cone, eta: float) -> tuple[Array, Array, Shape]:
+def _outside_at_ball(body: ConeSphere, cone: AllowedCone, eta: float) -> tuple[Array, Array, Shape]:
     """Return the normal of the half-space nearest to an end ball, the ball's point nearest to it, and its outside.
 
     No point of the body is farther from that point than twice its extent.
@@ -131,7 +131,7 @@ def _outside_at_ball(body: ConeSphere, cone: Cone, eta: float) -> tuple[Array, A
     return m, x, _outside_box(cone, x, m, 4 * body.extent)
 
 
-def _outside_box(cone: Cone, x: Array, m: Array, size: float) -> Shape:
+def _outside_box(cone: AllowedCone, x: Array, m: Array, size: float) -> Shape:
     """Return a box that fills the outside of the supporting half-space with normal m, with its origin at x.
 
     It is large enough that no body of the given size at x reaches past it.
@@ -164,7 +164,7 @@ def lathe(theta: float, sides: int) -> tuple[Array, Array, Array]:
     )
 
 
-def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:
+def certify_parts_inside(module: Compound, cone: AllowedCone) -> Certificate:
     """Certify that all parts of a module are inside a cone."""
     if not (module.in_range and np.all(np.abs(cone.apex) < LARGEST_COORDINATE / 16)):
         return Certificate(Status.UNDECIDED, None, None, 0.0, 0)
@@ -191,7 +191,7 @@ def certify_parts_inside(module: Compound, cone: Cone) -> Certificate:
     return judge(d, d if proven else None, closest, proof, levels=len(MESHES.part_sides))
 
 
-def lowest_point(part: Convex, cone: Cone) -> Array:
+def lowest_point(part: Convex, cone: AllowedCone) -> Array:
     """Return the point of a part with the smallest s, shape (3,)."""
     if not isinstance(part, Cylinder):
         return np.asarray(part.vertices[np.argmin(cone.s(part.vertices))])
@@ -217,7 +217,7 @@ def _rim_points(part: Cylinder, angles: Array, radius: float) -> Array:
     return np.asarray(part.vertices[:, None] + radius * ring)
 
 
-def _smallest_s(parts: tuple[Convex, ...], cone: Cone, sides: int) -> float:
+def _smallest_s(parts: tuple[Convex, ...], cone: AllowedCone, sides: int) -> float:
     """Return the smallest s over the vertices of polytopes around parts."""
     smallest = math.inf
     for part in parts:

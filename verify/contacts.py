@@ -53,14 +53,14 @@ from topo_search.model.exposure import EXPOSURE_KINDS
 from topo_search.model.module import TIP
 from topo_search.model.room import INWARDS, OUTWARDS
 from verify.beside_airflow import beside_airflow, certify_beside
-from verify.bodies import Array, Cone, ConeSphere, ball
+from verify.bodies import AllowedCone, Array, ConeSphere, ball
 from verify.certificate import FLOOR, Certificate, ClearanceCheck, Solid, certify_pairs
 from verify.compounds import Compound, certify_compounds
 from verify.cones import certify_inside, certify_parts_inside
 from verify.convex import CLIPPING, Convex, Polyhedron, capsule, clip
-from verify.hulls import Hull, approach, hull
+from verify.hulls import HullBody, approach, hull
 from verify.parts import FIT, UP
-from verify.requirements import Requirement, Scene
+from verify.requirements import ClearanceRequirement, Scene
 
 AnyCheck = ClearanceCheck[Any, Any]
 """A check between sides of any two types."""
@@ -86,7 +86,7 @@ def checks(scene: Scene, mount: Mount | None, kind: Kind | None = None) -> Itera
 def counterpart(scene: Scene, mount: Mount | None, other: AnyCheck) -> AnyCheck | None:
     """Return the check that corresponds to one of another platform of the same task and tree, if there is one."""
     if other.kind == "airflow":  # thousands for a hundred modules, too many to search
-        return Requirement("airflow", other.a, other.b, scene.envelopes[other.a], scene.envelopes[other.b])
+        return ClearanceRequirement("airflow", other.a, other.b, scene.envelopes[other.a], scene.envelopes[other.b])
     same = (check for check in checks(scene, mount, other.kind) if check.key == other.key)
     return next(same, None)
 
@@ -157,7 +157,7 @@ def allowed_contacts(design: Design, mount: Mount | None) -> tuple[AllowedContac
     return (*joints, fitting)
 
 
-def bracket_hulls(scene: Scene) -> dict[int, Hull]:
+def bracket_hulls(scene: Scene) -> dict[int, HullBody]:
     """Return the bracket of every joint by child module; empty without brackets or if coordinates are too large."""
     if scene.design.task.module.bracket is None or not scene.in_range:
         return {}
@@ -167,14 +167,14 @@ def bracket_hulls(scene: Scene) -> dict[int, Hull]:
     }
 
 
-def beside_brackets(brackets: dict[int, Hull], envelopes: Sequence[Solid]) -> Iterator[Requirement]:
+def beside_brackets(brackets: dict[int, HullBody], envelopes: Sequence[Solid]) -> Iterator[ClearanceRequirement]:
     """Yield every bracket against every airflow."""
     for a, bracket in brackets.items():
         for b, envelope in enumerate(envelopes):
-            yield Requirement("bracket-airflow", a, b, envelope, bracket)
+            yield ClearanceRequirement("bracket-airflow", a, b, envelope, bracket)
 
 
-def rotors_beside_brackets(brackets: dict[int, Hull], modules: Sequence[Compound]) -> Iterator[AnyCheck]:
+def rotors_beside_brackets(brackets: dict[int, HullBody], modules: Sequence[Compound]) -> Iterator[AnyCheck]:
     """Yield every bracket against the rotors of every module."""
     for a, bracket in brackets.items():
         solid = _body(bracket, "bracket")
@@ -199,11 +199,11 @@ def parts_beside_regions(scene: Scene) -> Iterator[AnyCheck]:
     """Yield every module against every solid region."""
     for number, segment, region in _regions(scene):
         for a, module in enumerate(scene.modules):
-            against = region if isinstance(region, Cone) else _body(region, "region")
+            against = region if isinstance(region, AllowedCone) else _body(region, "region")
             yield ClearanceCheck("part-region", a, number, module, against, segment)
 
 
-def rod_beside_regions(scene: Scene, mount: Mount | None) -> Iterator[Requirement]:
+def rod_beside_regions(scene: Scene, mount: Mount | None) -> Iterator[ClearanceRequirement]:
     """Yield the rod from a mount against every solid region that it need not reach into.
 
     The checks count if the task requires a straight rod.
@@ -219,12 +219,12 @@ def rod_beside_regions(scene: Scene, mount: Mount | None) -> Iterator[Requiremen
             continue
         share = 1.0 - tip / rod.length if tip else 1.0
         body = Solid(ConeSphere(rod.start, share * rod.path, rod.radius, 0.0))
-        yield Requirement("rod-region", mount.module, number, body, region, segment, counts=counts)
+        yield ClearanceRequirement("rod-region", mount.module, number, body, region, segment, counts=counts)
 
 
-def _distance(x: Array, region: Solid | Cone | Hull) -> float:
+def _distance(x: Array, region: Solid | AllowedCone | HullBody) -> float:
     """Return the distance of a point from a solid region, negative inside."""
-    if isinstance(region, Cone):
+    if isinstance(region, AllowedCone):
         return float(region.s(x))
     if isinstance(region, Solid):
         return -float(region.body.depth(x))
@@ -252,12 +252,12 @@ def certify(checks: Sequence[AnyCheck]) -> list[Certificate]:
     """Return one certificate per check; checks between the same two types of sides are certified in one batch."""
     certifiers: dict[tuple[type, type], Callable[[list[AnyCheck]], list[Certificate]]] = {
         (Solid, Solid): lambda batch: certify_pairs([(check.body, check.against) for check in batch]),
-        (Solid, Cone): lambda batch: [certify_inside(check.body, check.against) for check in batch],
-        (Solid, Hull): lambda batch: certify_pairs([(check.body, check.against) for check in batch]),
+        (Solid, AllowedCone): lambda batch: [certify_inside(check.body, check.against) for check in batch],
+        (Solid, HullBody): lambda batch: certify_pairs([(check.body, check.against) for check in batch]),
         (Compound, Compound): lambda batch: certify_compounds(
             [(check.body, check.against) for check in batch], [check.bolted for check in batch]
         ),
-        (Compound, Cone): lambda batch: [certify_parts_inside(check.body, check.against) for check in batch],
+        (Compound, AllowedCone): lambda batch: [certify_parts_inside(check.body, check.against) for check in batch],
         (Compound, Solid): certify_beside,
     }
     types = [(type(check.body), type(check.against)) for check in checks]
@@ -268,16 +268,16 @@ def certify(checks: Sequence[AnyCheck]) -> list[Certificate]:
     return [next(certificates[key]) for key in types]
 
 
-def _regions(scene: Scene) -> Iterator[tuple[int, int | None, Solid | Cone | Hull]]:
+def _regions(scene: Scene) -> Iterator[tuple[int, int | None, Solid | AllowedCone | HullBody]]:
     for number, exposure in enumerate(scene.design.task.exposure):
         if exposure.solid:
             yield from ((number, segment, region) for segment, region in scene.regions(exposure))
 
 
-def _body(region: Solid | Hull, name: str) -> Compound:
+def _body(region: Solid | HullBody, name: str) -> Compound:
     """Return a convex solid as a rigid body."""
     solid: Convex
-    if isinstance(region, Hull):
+    if isinstance(region, HullBody):
         solid = Polyhedron(name, region.mesh.vertices, region.mesh.triangles)
     else:
         body = region.body

@@ -248,7 +248,7 @@ def cylinder(name: str, centre: Array, axis: Array, radius: float, height: float
 
 
 @dataclass(frozen=True, eq=False)
-class Capsule(Convex):
+class SweptBall(Convex):
     """A ball swept from the first vertex to the second."""
 
     @property
@@ -278,9 +278,9 @@ def _without_opposites(directions: Array) -> Array:
     return directions[first]
 
 
-def capsule(name: str, start: Array, end: Array, radius: float) -> Capsule:
+def capsule(name: str, start: Array, end: Array, radius: float) -> SweptBall:
     """Return a capsule around a segment."""
-    return Capsule(name, np.stack([start, end]), ball=radius)
+    return SweptBall(name, np.stack([start, end]), ball=radius)
 
 
 class Clipping(NamedTuple):

@@ -28,7 +28,7 @@ from verify.meshes import LARGEST_COORDINATE, ConvexMesh, Indices, Shape
 
 
 @dataclass(frozen=True, eq=False)
-class Hull:
+class HullBody:
     """A convex polytope with its faces."""
 
     mesh: ConvexMesh
@@ -74,13 +74,13 @@ class Hull:
         mesh = ConvexMesh(self.mesh.vertices - x, self.mesh.triangles)
         return mesh, Shape(mesh)
 
-    def move(self, shift: Array) -> Hull:
+    def move(self, shift: Array) -> HullBody:
         """Return a copy translated by `shift`, shape (3,)."""
         mesh = ConvexMesh(self.mesh.vertices + shift, self.mesh.triangles)
-        return Hull(mesh, self.normals, self.offsets + self.normals @ shift)
+        return HullBody(mesh, self.normals, self.offsets + self.normals @ shift)
 
 
-def hull(points: Array) -> Hull:
+def hull(points: Array) -> HullBody:
     """Return the hull of points, shape (k, 3).
 
     Raises:
@@ -104,7 +104,7 @@ def hull(points: Array) -> Hull:
         raise ValueError("a target region's corners are too close to one another for a hull with exact faces")
     # FCL walks from vertex to vertex along faces and gets stuck on a vertex without any.
     used_vertices, renumbered = np.unique(triangles, return_inverse=True)
-    return Hull(ConvexMesh(points[used_vertices], renumbered.reshape(-1, 3)), normals, offsets)
+    return HullBody(ConvexMesh(points[used_vertices], renumbered.reshape(-1, 3)), normals, offsets)
 
 
 class Approach(NamedTuple):
@@ -116,7 +116,7 @@ class Approach(NamedTuple):
     """Point of the region nearest to the ball's centre, shape (3,)."""
 
 
-def approach(body: ConeSphere, region: Hull) -> Approach:
+def approach(body: ConeSphere, region: HullBody) -> Approach:
     """Return the exact signed clearance of a cone-sphere from a region."""
     endpoints = np.array([body.o, body.o + body.d])
     corners = region.mesh.vertices
@@ -139,7 +139,7 @@ def approach(body: ConeSphere, region: Hull) -> Approach:
     return best
 
 
-def _largest_eta_inside(endpoints: Array, region: Hull) -> float | None:
+def _largest_eta_inside(endpoints: Array, region: HullBody) -> float | None:
     """Return the largest eta at which the axis is inside the region; None if the whole axis is outside."""
     first, last = region.normals @ endpoints[0] - region.offsets, region.normals @ endpoints[1] - region.offsets
     slope = last - first

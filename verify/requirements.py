@@ -18,16 +18,16 @@ from topo_search.model import Design, Mount
 from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.exposure import Allowed, Directional, Exposure, Exterior
 from topo_search.model.module import AirflowEnvelope
-from verify.bodies import Array, Cone, ConeSphere, ball
+from verify.bodies import AllowedCone, Array, ConeSphere, ball
 from verify.certificate import ClearanceCheck, Solid
 from verify.compounds import Compound
-from verify.hulls import Hull, hull
+from verify.hulls import HullBody, hull
 from verify.kinematics import Platform, platform
 from verify.meshes import LARGEST_COORDINATE
 from verify.parts import StraightRod, module_body
 
 
-class Requirement(ClearanceCheck[Solid, Solid | Cone | Hull]):
+class ClearanceRequirement(ClearanceCheck[Solid, Solid | AllowedCone | HullBody]):
     """A cone-sphere (airflow envelope, ball or rod) that must keep clear of a volume or stay inside a cone."""
 
 
@@ -85,20 +85,22 @@ class Scene:
         start = self.centres[mount.module] + l_c * self.R[mount.module] @ PORT_DIRECTIONS[mount.port]
         return StraightRod(mount, start, self.tip - start, radius)
 
-    def requirements(self) -> Iterator[Requirement]:
+    def requirements(self) -> Iterator[ClearanceRequirement]:
         """Yield the requirements: airflow, exposure, exclusion, separation."""
         task, pairs = self.design.task, list(combinations(range(len(self.centres)), 2))
         kind = task.search.interference
         for a, b in pairs if kind != "parts" else ():
-            yield Requirement("airflow", a, b, self.envelopes[a], self.envelopes[b], counts=kind == "airflow")
+            yield ClearanceRequirement(
+                "airflow", a, b, self.envelopes[a], self.envelopes[b], counts=kind == "airflow"
+            )
         for number, exposure in enumerate(task.exposure):
             for segment, region in self.regions(exposure) if exposure.geometry else ():
                 for a, envelope in enumerate(self.region_envelopes):
-                    yield Requirement(exposure.kind, a, number, envelope, region, segment)
+                    yield ClearanceRequirement(exposure.kind, a, number, envelope, region, segment)
         if (distance := task.exclusion_radius) is not None:
             *balls, tip = _balls([*self.centres, self.tip], distance / self.l_arm / 2)
             for a, ball in enumerate(balls):
-                yield Requirement("exclusion", a, -1, ball, tip)
+                yield ClearanceRequirement("exclusion", a, -1, ball, tip)
         ablation = kind == "separation"
         distance = task.separation if ablation else task.body_clearance
         if distance is not None:
@@ -106,19 +108,19 @@ class Scene:
             balls = _balls(self.centres, distance / self.l_arm / 2)
             for a, b in pairs:
                 if (a, b) not in exempt:
-                    yield Requirement("separation", a, b, balls[a], balls[b])
+                    yield ClearanceRequirement("separation", a, b, balls[a], balls[b])
 
-    def regions(self, exposure: Exposure) -> Iterator[tuple[int | None, Solid | Cone | Hull]]:
+    def regions(self, exposure: Exposure) -> Iterator[tuple[int | None, Solid | AllowedCone | HullBody]]:
         """Yield the volumes of a requirement with their path or plane numbers; a cone is the allowed side."""
         if isinstance(exposure, Exterior):
             outwards = self._outward_direction() if exposure.axis == "com" else -_unit(np.array(exposure.axis))
             if outwards is not None:
-                yield None, Cone(self.tip, -outwards, exposure.half_angle_deg)
+                yield None, AllowedCone(self.tip, -outwards, exposure.half_angle_deg)
         elif isinstance(exposure, Directional):
             yield from enumerate(self._capsules(exposure))
         elif isinstance(exposure, Allowed):
             for number, (outwards, offset) in enumerate(half_spaces(exposure)):
-                yield number, Cone(self.tip + offset / self.l_arm * outwards, -outwards, 90.0)
+                yield number, AllowedCone(self.tip + offset / self.l_arm * outwards, -outwards, 90.0)
         elif exposure.radius is not None:
             yield None, Solid(ball(self.tip, exposure.radius / self.l_arm))
         else:
@@ -139,14 +141,14 @@ class Scene:
             paths = [(origin, exposure.length / self.l_arm * outwards)]
         return [Solid(ConeSphere(self.tip + start, path, r, 0.0)) for start, path in paths]
 
-    def rod(self, mount: Mount | None) -> Iterator[Requirement]:
+    def rod(self, mount: Mount | None) -> Iterator[ClearanceRequirement]:
         """Yield the rod from a mount against every airflow envelope; counts if the task requires a straight rod."""
         if mount is None or not self.in_range:
             return
         body = self.straight_rod(mount).solid
         counts = self.design.task.end_effector.rod == "straight"
         for b, envelope in enumerate(self.envelopes):
-            yield Requirement("rod-airflow", mount.module, b, body, envelope, counts=counts)
+            yield ClearanceRequirement("rod-airflow", mount.module, b, body, envelope, counts=counts)
 
     def _outward_direction(self) -> Array | None:
         """Return p_E / ||p_E||; None if p_E is almost zero, which the residuals report as a violation."""

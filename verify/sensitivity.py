@@ -28,12 +28,12 @@ import numpy as np
 from topo_search.model import Limit, Mount, Sensitivity, Status, WorstCase
 from topo_search.model.module import RegionAirflow
 from verify.beside_airflow import clearance as clearance_beside
-from verify.bodies import Array, Cone, clearances, cone_clearance
+from verify.bodies import AllowedCone, Array, clearances, cone_clearance
 from verify.certificate import BOUND_ROUNDING, Certificate
 from verify.compounds import Compound, proximities
 from verify.cones import certify_parts_inside
 from verify.contacts import AnyCheck, counterpart
-from verify.hulls import Hull, approach
+from verify.hulls import HullBody, approach
 from verify.kinematics import Poses, platform, poses_of
 from verify.requirements import Scene
 from verify.tolerance import Errors, Example, Tolerance, Weakest
@@ -229,10 +229,10 @@ def clearance_of(check: AnyCheck) -> float:
     if isinstance(A, Compound):
         if isinstance(B, Compound):
             return proximities([(A, B)], [check.bolted])[0].d
-        return certify_parts_inside(A, B).analytic if isinstance(B, Cone) else clearance_beside(check)
-    if isinstance(B, Cone):
+        return certify_parts_inside(A, B).analytic if isinstance(B, AllowedCone) else clearance_beside(check)
+    if isinstance(B, AllowedCone):
         return cone_clearance(A.body, B)[0]
-    return approach(A.body, B).d if isinstance(B, Hull) else float(clearances([(A.body, B.body)]).d[0])
+    return approach(A.body, B).d if isinstance(B, HullBody) else float(clearances([(A.body, B.body)]).d[0])
 
 
 def _pair(check: AnyCheck) -> dict[str, object]:

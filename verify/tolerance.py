@@ -79,14 +79,14 @@ from topo_search.model.arrays import PORT_DIRECTIONS
 from topo_search.model.audit import Kind
 from topo_search.model.exposure import EXPOSURE_KINDS
 from verify.beside_airflow import normals, parts_of
-from verify.bodies import Array, Cone, norms
+from verify.bodies import AllowedCone, Array, norms
 from verify.certificate import BOUND_ROUNDING, Certificate, Solid, witnesses
 from verify.compounds import Compound, proximities
 from verify.cones import lowest_point
 from verify.contacts import AnyCheck
 from verify.convex import Convex, Cylinder
 from verify.gjk import Flags
-from verify.hulls import Hull
+from verify.hulls import HullBody
 from verify.meshes import Indices
 from verify.requirements import Scene
 
@@ -346,7 +346,7 @@ class Tolerance:
                 sides.append(_Side(x, np.zeros_like(x), zeros + height, np.array(carriers), radius=radius))
             if self._follows_offset(check):
                 turning = _farthest(
-                    check.body if isinstance(check.against, Cone) else check.against, self.scene.tip
+                    check.body if isinstance(check.against, AllowedCone) else check.against, self.scene.tip
                 )
                 sides[0] = sides[0]._replace(swing=turning)
             rows.append((sides[0]._replace(shift=2.0), sides[1]))
@@ -355,11 +355,11 @@ class Tolerance:
 
     def _simple_rows(self, checks: Sequence[AnyCheck]) -> list[Row]:
         """Return one row per check of a cone-sphere."""
-        pairs = [(check.body, check.against) for check in checks if not isinstance(check.against, Cone)]
+        pairs = [(check.body, check.against) for check in checks if not isinstance(check.against, AllowedCone)]
         found = witnesses(pairs)
         return [
             self._cone_row(check, check.body)
-            if isinstance(check.against, Cone)
+            if isinstance(check.against, AllowedCone)
             else self._row(check, check.body, check.against, next(found).n)
             for check in checks
         ]
@@ -367,7 +367,7 @@ class Tolerance:
     def _rows_by_parts(self, check: AnyCheck) -> list[Row]:
         """Return one row for every two parts that must not touch."""
         A, B = check.body, check.against
-        if isinstance(B, Cone):
+        if isinstance(B, AllowedCone):
             return [self._cone_row(check, part) for part in A.parts]
         if isinstance(B, Solid):
             pieces = [Solid(piece) for piece in B.body.cut(PIECES)]
@@ -517,7 +517,7 @@ class Tolerance:
         if not self._follows_offset(check):
             return np.zeros(3)
         along = self.scene.offset / self._v
-        if isinstance(check.against, Cone):
+        if isinstance(check.against, AllowedCone):
             cone = check.against
             sin, cos = cone.sin_cos
             q = x_A - cone.apex
@@ -529,7 +529,7 @@ class Tolerance:
         return np.asarray(gradient - (gradient @ along) * along) / self._v
 
 
-AnyConvex = Solid | Hull | Convex
+AnyConvex = Solid | HullBody | Convex
 
 
 def _balls(body: AnyConvex, n: Array) -> tuple[Array, Array | float]:
@@ -537,7 +537,7 @@ def _balls(body: AnyConvex, n: Array) -> tuple[Array, Array | float]:
     if isinstance(body, Solid):
         solid = body.body
         return np.stack([solid.o, solid.o + solid.d]), np.array([solid.r, solid.r + solid.dr])
-    if isinstance(body, Hull):
+    if isinstance(body, HullBody):
         return body.mesh.vertices, 0.0
     return (body.outer(n).vertices, 0.0) if isinstance(body, Cylinder) else (body.vertices, body.ball)
 
@@ -548,15 +548,15 @@ def _side(body: AnyConvex, n: Array, carriers: Sequence[int]) -> _Side:
     return _Side(np.tile(x, (k, 1)), np.broadcast_to(n, (k * P, 3)), np.tile(x @ n + r, k), np.repeat(carriers, P))
 
 
-def _farthest(body: Compound | AnyConvex | Cone, x: Array) -> float:
+def _farthest(body: Compound | AnyConvex | AllowedCone, x: Array) -> float:
     """Return an upper bound on the distance of a body's points from x; 0 for a cone, which nothing turns."""
-    if isinstance(body, Cone):
+    if isinstance(body, AllowedCone):
         return 0.0
     if isinstance(body, Compound):
         return float(np.linalg.norm(body.bounds.centre - x)) + body.bounds.radius
     if isinstance(body, Solid):
         return float(np.linalg.norm(body.body.o - x)) + body.body.extent
-    assert isinstance(body, Hull)
+    assert isinstance(body, HullBody)
     return float(norms(body.mesh.vertices - x).max())
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from nlp.airspeed import TARGET_SHARE, SpeedPoint
 from nlp.assembled.platform import Indices
 from nlp.assembled.problem import AssembledProblem
-from nlp.numbers.jets import JETS, ROUNDED, Jet, curvature, find_factors, jet_of, point_of_ball, speed
+from nlp.numbers.jets import JETS, ROUNDED, JetConstants, curvature, find_factors, jet_of, point_of_ball, speed
 from nlp.requirements.statement import FROM_TIP, TIP, X_I, Y_I, Z_I, Z_J, LocalVector, PlatformVector
 from topo_search.model import ResolvedTask
 from topo_search.model.arrays import Array
@@ -93,7 +93,7 @@ class SpeedRows:
 
 
 @njit(cache=True)
-def derive_speeds(order: int, jet: Jet, y: Array, u: Array, numbers: Array) -> tuple[Array, Array, Array]:
+def derive_speeds(order: int, jet: JetConstants, y: Array, u: Array, numbers: Array) -> tuple[Array, Array, Array]:
     """Return speeds over limits, with derivatives by (y, u) up to an order.
 
     Args:

@@ -92,7 +92,7 @@ class Layout:
         return index
 
 
-class Platform:
+class AssembledPlatform:
     """V and A at geometric unknowns x."""
 
     def __init__(self, layout: Layout, x: Array) -> None:

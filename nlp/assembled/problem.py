@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from nlp.assembled.chain_rule import add_curvature, slopes
-from nlp.assembled.platform import CROSS, Indices, Layout, Platform
+from nlp.assembled.platform import CROSS, AssembledPlatform, Indices, Layout
 from nlp.assembled.terms import Jet, Term, derived_rows, inertia_terms
 from nlp.requirements import Requirement
 from nlp.units import Units
@@ -112,15 +112,15 @@ class AssembledProblem:
         self.rows = indices.stop
         self.lower, self.upper = np.append(self.lower, rows.lower), np.append(self.upper, rows.upper)
 
-    def platform_at(self, variables: Array) -> tuple[Platform, Array]:
+    def platform_at(self, variables: Array) -> tuple[AssembledPlatform, Array]:
         """Return the platform and the inputs; the platform is cached until the geometry changes."""
         x = variables[: self.g]
         if not (x == self._x).all():
             self._x = x.copy()
-            self.platform, self._jets = Platform(self.layout, self._x), None
+            self.platform, self._jets = AssembledPlatform(self.layout, self._x), None
         return self.platform, variables[self.g :].reshape(self.K, -1)
 
-    def _derive(self, platform: Platform) -> list[Jet]:
+    def _derive(self, platform: AssembledPlatform) -> list[Jet]:
         self._jets = self._jets or [term.evaluate(platform) for term in self._terms]
         return self._jets
 

@@ -17,7 +17,7 @@ from nlp.assembled.air import SpeedRows
 from nlp.assembled.problem import AssembledProblem
 from nlp.evaluation import worst
 from nlp.ipopt import BETA, OPTIONS, IpoptResult, ipopt, result_of
-from nlp.joints import Limits, limit_rows
+from nlp.joints import LimitedLoads, limit_rows
 from nlp.numbers.point import Point
 from nlp.requirements import clearances, variable_bounds
 from nlp.requirements.modules import BETWEEN_MODULES
@@ -148,7 +148,7 @@ class AssembledProgram:
         task: ResolvedTask,
         topology: Topology,
         constraints: UserConstraints = (),
-        limits: Limits | None = None,
+        limits: LimitedLoads | None = None,
     ) -> None:
         """Store the arguments; `limits` are the joint loads and air speeds that have rows."""
         self._task, self._topology, self._constraints, self._limits = task, topology, constraints, limits

@@ -25,8 +25,8 @@ import casadi as ca
 import numpy as np
 
 from nlp.assembled.kkt_candidates import smooth_minimum
-from nlp.assembled.platform import Indices, Layout, Platform
-from nlp.numbers.masses import Body, RodMass
+from nlp.assembled.platform import AssembledPlatform, Indices, Layout
+from nlp.numbers.masses import RigidBody, RodMass
 from nlp.requirements.balances import angular_accelerations
 from nlp.requirements.bodies import Air
 from nlp.requirements.modules import AirflowClearance
@@ -72,7 +72,7 @@ class Term:
         self.changing = self.moving & ~layout.turned[involved].all(axis=1)  # rigid turns change nothing
         """Mask of unknowns that change each clearance, shape (m, g)."""
 
-    def evaluate(self, platform: Platform) -> Jet:
+    def evaluate(self, platform: AssembledPlatform) -> Jet:
         """Return values and derivatives by the local vectors."""
         return self._derived(platform.V.take(self.plus, 0) - platform.V.take(self.minus, 0))
 
@@ -155,7 +155,7 @@ O_I = LocalVector(PlatformVector("p", 0), COM)
 def inertia_terms(task: ResolvedTask, layout: Layout) -> Iterator[tuple[int, Term]]:
     """Yield the terms of angular accelerations, each with the row of the balances that it is subtracted from."""
     n, m_E, rod = task.n, layout.masses.tip, layout.masses.rod
-    modules_by_body = dict[Body, list[int]]()
+    modules_by_body = dict[RigidBody, list[int]]()
     for i in range(n):
         modules_by_body.setdefault(layout.masses.body(i), []).append(i)
     holder = np.full((2, 1), rod.module)
@@ -172,7 +172,7 @@ def inertia_terms(task: ResolvedTask, layout: Layout) -> Iterator[tuple[int, Ter
 
 
 @cache
-def _of_body(body: Body, a: Vector, axis: int) -> Derived:
+def _of_body(body: RigidBody, a: Vector, axis: int) -> Derived:
     """Return a component of a module's part of J a, as a function of o_i and its axes."""
     y = [ca.SX.sym("y", 3) for _ in range(4)]
     return Mapped(y, (body_inertia(y[0], ca.horzcat(*y[1:]), body) @ ca.DM(a))[axis])

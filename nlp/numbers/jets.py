@@ -82,7 +82,7 @@ DISCS = np.ascontiguousarray(ROTOR_DIRECTIONS[:, :2])
 """Positions of the discs in the module's plane, shape (4, 2) [l_arm]."""
 
 
-class Jet(NamedTuple):
+class JetConstants(NamedTuple):
     """Jet model of a module type."""
 
     decay: float
@@ -97,11 +97,13 @@ class Jet(NamedTuple):
     """Induced speed of a disc at u_hover [m/s]."""
 
 
-def jet_of(module: Module, density: float, gravity: float) -> Jet:
+def jet_of(module: Module, density: float, gravity: float) -> JetConstants:
     """Return a module's jet in air of some density [kg/m^3]."""
     jet, disc = module.airflow.jet, math.pi * module.body.rotor_radius**2
     induced = math.sqrt(module.thrust_coefficient * module.hover_input(gravity) / (2 * density * disc))
-    return Jet(jet.decay, jet.origin, jet.half_width, module.body.rotor_radius / module.arm_length, induced)
+    return JetConstants(
+        jet.decay, jet.origin, jet.half_width, module.body.rotor_radius / module.arm_length, induced
+    )
 
 
 @njit(cache=True)
@@ -120,7 +122,7 @@ def clip(t: float, epsilon: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def merged_jets(jet: Jet, q: Array, S: float) -> tuple[float, float, float]:
+def merged_jets(jet: JetConstants, q: Array, S: float) -> tuple[float, float, float]:
     """Return the speed of merged jets over U_H, and the curvature and value of their profile; S is s' + s_0."""
     curve = (math.sqrt(2) - 1) / (2 * jet.half_width * S) ** 2
     profile = 1 + curve * (q[0] * q[0] + q[1] * q[1])
@@ -128,7 +130,7 @@ def merged_jets(jet: Jet, q: Array, S: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def find_factors(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> None:
+def find_factors(jet: JetConstants, q: Array, epsilon: float, C: Array, dC: Array) -> None:
     """Compute C and its derivatives.
 
     Args:
@@ -199,7 +201,7 @@ def find_factors(jet: Jet, q: Array, epsilon: float, C: Array, dC: Array) -> Non
 
 
 @njit(cache=True)
-def speed(jet: Jet, C: Array, dC: Array, u: Array, slopes: Array) -> float:
+def speed(jet: JetConstants, C: Array, dC: Array, u: Array, slopes: Array) -> float:
     """Return U, and write its gradient by q and u to `slopes`, shape (7,); no gradient if that is empty."""
     square = 0.0
     for k in range(4):
@@ -216,7 +218,7 @@ def speed(jet: Jet, C: Array, dC: Array, u: Array, slopes: Array) -> float:
     return U
 
 
-class Region(NamedTuple):
+class SpeedRegion(NamedTuple):
     """A region with a speed limit, from p'_E [l_arm]: of radius, half_angle and planes only one is nonzero."""
 
     start: Array
@@ -234,7 +236,7 @@ class Region(NamedTuple):
 
 
 @njit(cache=True)
-def project_inside(region: Region, x: Array, slopes: Array) -> bool:
+def project_inside(region: SpeedRegion, x: Array, slopes: Array) -> bool:
     """Project x and its derivatives into the region; return whether that succeeded."""
     to_shape(region, x, slopes)
     for _ in range(CLIMB.projections):
@@ -265,7 +267,7 @@ def to_ball(radius: float, x: Array, slopes: Array) -> None:
 
 
 @njit(cache=True)
-def to_shape(region: Region, x: Array, slopes: Array) -> None:
+def to_shape(region: SpeedRegion, x: Array, slopes: Array) -> None:
     """Project x and its derivatives into the region, regardless of the distance from p'_E.
 
     The result is the nearest point for paths, cones and boxes, and a near point for other hulls.
@@ -343,7 +345,7 @@ def _project(normal: Array, slopes: Array) -> None:
 
 
 @njit(cache=True)
-def total_speed(jet: Jet, R: Array, p: Array, u: Array, x: Array) -> float:
+def total_speed(jet: JetConstants, R: Array, p: Array, u: Array, x: Array) -> float:
     """Return the sum of all modules' speeds at a point, not rounded.
 
     Args:
@@ -363,7 +365,9 @@ def total_speed(jet: Jet, R: Array, p: Array, u: Array, x: Array) -> float:
 
 
 @njit(cache=True)
-def climb(jet: Jet, R: Array, p: Array, u: Array, region: Region, depths: Array, directions: Array) -> Array:
+def climb(
+    jet: JetConstants, R: Array, p: Array, u: Array, region: SpeedRegion, depths: Array, directions: Array
+) -> Array:
     """Search for the fastest air over a region by pattern search, one search for each module.
 
     A search starts below its module or one of its discs. Searches that meet are merged.
@@ -491,7 +495,7 @@ def point_of_ball(
 
 
 @njit(cache=True)
-def curvature(jet: Jet, q: Array, u: Array, hessian: Array) -> None:
+def curvature(jet: JetConstants, q: Array, u: Array, hessian: Array) -> None:
     """Compute the Hessian of a rounded speed by q and u, shape (7, 7), from that of its square."""
     C, dC, above, below = np.empty(4), np.empty((4, 3)), np.empty((4, 3)), np.empty((4, 3))
     slopes, square = np.empty(7), jet.induced**2

@@ -41,7 +41,7 @@ class RodMass(NamedTuple):
     """Radius of the rod, a thin tube [l_arm]."""
 
 
-class Body(NamedTuple):
+class RigidBody(NamedTuple):
     """A module with its joints, as a rigid body."""
 
     mass: float
@@ -67,9 +67,9 @@ class Masses(NamedTuple):
     tip_kg: float
     """M_E [kg]."""
 
-    def body(self, i: int) -> Body:
+    def body(self, i: int) -> RigidBody:
         """Return module i with its joints."""
-        return Body(
+        return RigidBody(
             float(self.modules[i]), tuple(self.centres[i].tolist()), tuple(map(tuple, self.inertias[i].tolist()))
         )
 

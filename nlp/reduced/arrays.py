@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from nlp.airspeed import TARGET_SHARE, region_of
 from nlp.numbers.geometry import torque_map
-from nlp.numbers.jets import Jet, Region, jet_of
+from nlp.numbers.jets import JetConstants, SpeedRegion, jet_of
 from nlp.numbers.kinematics import Tree, tree_of
 from nlp.numbers.masses import RodMass, masses
 from nlp.requirements import clearances, variable_bounds
@@ -125,7 +125,7 @@ class Speeds(NamedTuple):
     Each region is a `nlp.numbers.jets.Region`, whose axis may follow p_E.
     """
 
-    jet: Jet
+    jet: JetConstants
     case: Indices
     module: Indices
     region: Indices
@@ -270,7 +270,7 @@ def _kinds(things: Sequence[tuple[Any, ...]], kinds: Sequence[type], ranges: Map
 
 
 def _speeds(task: ResolvedTask) -> Speeds | None:
-    l_arm, regions, along, over = task.module.arm_length, list[Region](), list[float](), list[float]()
+    l_arm, regions, along, over = task.module.arm_length, list[SpeedRegion](), list[float](), list[float]()
     for exposure in task.exposure:
         if exposure.speed is None:
             continue

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
 from nlp.reduced.arrays import ReducedProblem
-from nlp.reduced.platform import Platform, p_E_of, rotate
+from nlp.reduced.platform import ReducedPlatform, p_E_of, rotate
 from nlp.requirements.statement import (
     AIRFLOW,
     CAPSULE,
@@ -180,7 +180,7 @@ def face_excess(q: Vector, planes: Array) -> tuple[float, Vector]:
 
 
 @njit(cache=True, inner=True, allocates=False)
-def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array, rods: Array) -> None:
+def clearances(problem: ReducedProblem, pose: ReducedPlatform, g: Array, gradients: Array, rods: Array) -> None:
     """Compute the clearances of all rows, and their gradients.
 
     Args:
@@ -215,7 +215,7 @@ def clearances(problem: ReducedProblem, pose: Platform, g: Array, gradients: Arr
 
 
 @njit(cache=True, inner=True, allocates=False, forceinline=True)
-def _are_far(problem: ReducedProblem, pose: Platform, r: int, reach: float) -> bool:
+def _are_far(problem: ReducedProblem, pose: ReducedPlatform, r: int, reach: float) -> bool:
     """True if a body is so far from an envelope's middle that the gap must exceed GAPS.far; `reach` is of parts."""
     i, j, (length, radius, growth) = problem.rows.i[r], problem.rows.j[r], problem.air
     between, size = add(row(pose.o, i), -1.0, row(pose.o, j)), length / 2 + radius + growth
@@ -226,7 +226,7 @@ def _are_far(problem: ReducedProblem, pose: Platform, r: int, reach: float) -> b
 
 
 @njit(cache=True, inner=True, allocates=False, forceinline=True)
-def _piece(problem: ReducedProblem, pose: Platform, r: int, k: int) -> Swept:
+def _piece(problem: ReducedProblem, pose: ReducedPlatform, r: int, k: int) -> Swept:
     """Return piece k of the body of row r: its start from the COM, its axis, start radius and growth."""
     i, bodies = problem.rows.i[r], problem.rows.bodies
     kind, k_0, numbers, o = bodies.kind[r], bodies.first[r], bodies.numbers, row(pose.o, i)
@@ -242,7 +242,9 @@ def _piece(problem: ReducedProblem, pose: Platform, r: int, k: int) -> Swept:
 
 
 @njit(cache=True, inner=True, allocates=False, forceinline=True)
-def _gap(problem: ReducedProblem, pose: Platform, r: int, body: Swept) -> tuple[float, float, Vector, Vector]:
+def _gap(
+    problem: ReducedProblem, pose: ReducedPlatform, r: int, body: Swept
+) -> tuple[float, float, Vector, Vector]:
     """Return the gap of a body from the obstacle of row r, and eta of its nearest point.
 
     Also returned are the gradients by that point and, for a fixed point, by p_E.
@@ -332,7 +334,9 @@ def _tip_share(to_start: Vector, tip: float) -> float:
 
 
 @njit(cache=True, inner=True, allocates=False, forceinline=True)
-def _push_on_rod(problem: ReducedProblem, pose: Platform, r: int, body: Swept, eta: float, push: Vector) -> Vector:
+def _push_on_rod(
+    problem: ReducedProblem, pose: ReducedPlatform, r: int, body: Swept, eta: float, push: Vector
+) -> Vector:
     """Return the gradient by a rod's start, whose nearest point is (1 - eta) t + eta tip t / |t| from p'_E."""
     bodies = problem.rows.bodies
     t = add(body[0], -1.0, p_E_of(pose))
@@ -343,7 +347,7 @@ def _push_on_rod(problem: ReducedProblem, pose: Platform, r: int, body: Swept, e
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _keep_best_rod(problem: ReducedProblem, pose: Platform, g: Array, rods: Array) -> None:
+def _keep_best_rod(problem: ReducedProblem, pose: ReducedPlatform, g: Array, rods: Array) -> None:
     """Make the clearances of all rods but the best infinite, and of those that are nothing but tip."""
     rows, bodies, best = problem.rows, problem.rows.bodies, 0
     numbers = bodies.numbers

@@ -40,7 +40,7 @@ from nlp.numbers.kinematics import dot, row
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
 from nlp.reduced.clearance import clearances
 from nlp.reduced.inputs import effort
-from nlp.reduced.platform import Platform, add_reaction, platform
+from nlp.reduced.platform import ReducedPlatform, add_reaction, platform
 from nlp.reduced.speeds import add_speed_rows
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -88,7 +88,7 @@ class Evaluation(NamedTuple):
     """The active load cases, shape (K,)."""
 
 
-class Phase(NamedTuple):
+class DescentPhase(NamedTuple):
     """Prices and limits of one phase of the descents."""
 
     rho: float
@@ -117,7 +117,9 @@ def evaluate(problem: ReducedProblem, x: Array, mu: Array, active: Mask, rho: fl
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _slopes(problem: ReducedProblem, pose: Platform, g: Array, gradients: Array, J: Array, is_near: Mask) -> None:
+def _slopes(
+    problem: ReducedProblem, pose: ReducedPlatform, g: Array, gradients: Array, J: Array, is_near: Mask
+) -> None:
     """Find which rows are near, and their derivatives by the unknowns.
 
     A clearance between two modules depends only on the hinges between them.
@@ -160,7 +162,7 @@ def estimates(g: Array, lower: Array, multipliers: Array, sigma: float) -> Array
 
 @njit(cache=True)
 def descend(
-    problem: ReducedProblem, x: Array, mu: Array, active: Mask, multipliers: Array, B: Array, phase: Phase
+    problem: ReducedProblem, x: Array, mu: Array, active: Mask, multipliers: Array, B: Array, phase: DescentPhase
 ) -> Evaluation:
     """Return the last point of a phase of descents on M.
 
@@ -184,7 +186,9 @@ def descend(
 
 
 @njit(cache=True, inner=True)
-def _descend(problem: ReducedProblem, start: Evaluation, multipliers: Array, B: Array, phase: Phase) -> Evaluation:
+def _descend(
+    problem: ReducedProblem, start: Evaluation, multipliers: Array, B: Array, phase: DescentPhase
+) -> Evaluation:
     """Return the last point of a descent on M; B is updated in place."""
     point, N, lower, sigma = start, len(start.x), problem.rows.lower, phase.sigma
     value = merit(point.V, point.g, lower, multipliers, sigma)

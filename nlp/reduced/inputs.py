@@ -30,7 +30,7 @@ from nlp.numbers.cholesky import solve_in_place
 from nlp.numbers.kinematics import Vector, add, cross, dot, multiply, row
 from nlp.numbers.masses import TINY
 from nlp.reduced.arrays import Mask, ReducedProblem, Rotors
-from nlp.reduced.platform import Platform, add_slopes, rotate
+from nlp.reduced.platform import ReducedPlatform, add_slopes, rotate
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -49,7 +49,7 @@ ASCENT = DualAscent()
 
 @njit(cache=True, inner=True)
 def effort(
-    problem: ReducedProblem, pose: Platform, active: Mask, rho: float, mu: Array, u: Array, gradient: Array
+    problem: ReducedProblem, pose: ReducedPlatform, active: Mask, rho: float, mu: Array, u: Array, gradient: Array
 ) -> float:
     """Return the sum of phi over the active load cases, add its gradient by x to `gradient`, and set mu and u.
 
@@ -106,7 +106,7 @@ def add_gradient(A: Array, scale: float, mu: Array, u: Array, forces: Array) -> 
 
 
 @njit(cache=True, inner=True)
-def add_inertia_gradient(rotors: Rotors, pose: Platform, by_J: Array, forces: Array, E: Array) -> None:
+def add_inertia_gradient(rotors: Rotors, pose: ReducedPlatform, by_J: Array, forces: Array, E: Array) -> None:
     """Convert a gradient by J to one by F, T and E, and add it."""
     S = (by_J + by_J.T) / 2
     trace, rod, tip, x = S[0, 0] + S[1, 1] + S[2, 2], rotors.rod, (pose.p_E[0], pose.p_E[1], pose.p_E[2]), row(S, 0)
@@ -136,7 +136,7 @@ def add_inertia_gradient(rotors: Rotors, pose: Platform, by_J: Array, forces: Ar
 
 
 @njit(cache=True, inner=True, allocates=False)
-def find_wrench(problem: ReducedProblem, pose: Platform, J: Array, k: int, w: Array) -> None:
+def find_wrench(problem: ReducedProblem, pose: ReducedPlatform, J: Array, k: int, w: Array) -> None:
     """Compute w of load case k."""
     turn, f = row(problem.cases.turn, k), row(problem.cases.f, k)
     inertial = (dot(row(J, 0), turn), dot(row(J, 1), turn), dot(row(J, 2), turn))
@@ -146,7 +146,7 @@ def find_wrench(problem: ReducedProblem, pose: Platform, J: Array, k: int, w: Ar
 
 
 @njit(cache=True, inner=True)
-def inertia(rotors: Rotors, pose: Platform) -> Array:
+def inertia(rotors: Rotors, pose: ReducedPlatform) -> Array:
     """Return J, the inertia about the COM, shape (3, 3) [m l_arm^2]."""
     J, rod, tip = np.zeros((3, 3)), rotors.rod, (pose.p_E[0], pose.p_E[1], pose.p_E[2])
     _add_point_inertia(J, rotors.m_E, tip)
@@ -173,7 +173,7 @@ def _add_point_inertia(J: Array, mass: float, o: Vector) -> None:
 
 
 @njit(cache=True, inner=True)
-def _rotate_inertia(rotors: Rotors, pose: Platform, i: int) -> Array:
+def _rotate_inertia(rotors: Rotors, pose: ReducedPlatform, i: int) -> Array:
     """Return the inertia of module i with its joints about its centre of mass, along the axes of W."""
     J, R, I = np.zeros((3, 3)), pose.R, rotors.inertias
     for a in range(3):
@@ -185,12 +185,12 @@ def _rotate_inertia(rotors: Rotors, pose: Platform, i: int) -> Array:
 
 
 @njit(cache=True, inner=True)
-def _centre(rotors: Rotors, pose: Platform, i: int) -> Vector:
+def _centre(rotors: Rotors, pose: ReducedPlatform, i: int) -> Vector:
     return add(row(pose.o, i), 1.0, rotate(pose.R, i, (rotors.centres[i, 0], rotors.centres[i, 1], 0.0)))
 
 
 @njit(cache=True, inner=True)
-def _rod_path(rotors: Rotors, pose: Platform) -> Vector:
+def _rod_path(rotors: Rotors, pose: ReducedPlatform) -> Vector:
     """Return the vector from the rod's connector to the end-effector."""
     i = rotors.rod.module
     start = add(row(pose.o, i), 1.0, rotate(pose.R, i, rotors.rod.foot))
@@ -215,7 +215,7 @@ def inputs(problem: ReducedProblem, A: Array, k: int, w: Array, rho: float, mu: 
 
 
 @njit(cache=True, inner=True)
-def rotor_wrenches(problem: ReducedProblem, pose: Platform) -> Array:
+def rotor_wrenches(problem: ReducedProblem, pose: ReducedPlatform) -> Array:
     """Return the wrench of each rotor at unit input, A transposed, shape (4n, 6)."""
     R, axes, centres, torques = pose.R, pose.z, pose.o, problem.rotors.torques
     m = problem.rotors.bodies + problem.rotors.m_E

@@ -37,7 +37,7 @@ from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit, refresh
 
 
-class Platform(NamedTuple):
+class ReducedPlatform(NamedTuple):
     """Positions and axes of the platform, and its motion with the angles; see the module's table."""
 
     R: Array
@@ -62,13 +62,13 @@ def rotate(R: Array, i: int, a: Vector) -> Vector:
 
 
 @njit(cache=True, forceinline=True)
-def p_E_of(pose: Platform) -> Vector:
+def p_E_of(pose: ReducedPlatform) -> Vector:
     """Return p_E as a vector."""
     return pose.p_E[0], pose.p_E[1], pose.p_E[2]
 
 
 @njit(cache=True, inner=True)
-def platform(problem: ReducedProblem, x: Array) -> Platform:
+def platform(problem: ReducedProblem, x: Array) -> ReducedPlatform:
     """Return the platform at x."""
     tree, rotors = problem.tree, problem.rotors
     R, p, omega, c = chain(x, tree.parent, tree.port, tree.kappa, rotors.l_c)
@@ -99,7 +99,7 @@ def platform(problem: ReducedProblem, x: Array) -> Platform:
         v[l, 0], v[l, 1], v[l, 2] = velocity = cross(turn, add(com, -1.0, row(c, l)))
         moment = add(cross(turn, row(outward, i)), outward[i, 3], velocity)
         dC[l, 0], dC[l, 1], dC[l, 2] = multiply(1 / mass, moment)
-    return Platform(R, p, z, o, p_E, p_COM, omega, v, dC)
+    return ReducedPlatform(R, p, z, o, p_E, p_COM, omega, v, dC)
 
 
 # every compiled function of the search depends on this module
@@ -107,7 +107,7 @@ refresh(platform, Path(__file__).parent, Path(kinematics.__file__), Path(cholesk
 
 
 @njit(cache=True, inner=True, allocates=False)
-def add_slopes(problem: ReducedProblem, pose: Platform, forces: Array, E: Array, slopes: Array) -> None:
+def add_slopes(problem: ReducedProblem, pose: ReducedPlatform, forces: Array, E: Array, slopes: Array) -> None:
     """Convert a gradient by poses to one by x, and add it.
 
     Args:
@@ -128,7 +128,7 @@ def add_slopes(problem: ReducedProblem, pose: Platform, forces: Array, E: Array,
 
 
 @njit(cache=True, inner=True, forceinline=True)
-def add_reaction(problem: ReducedProblem, pose: Platform, F: Vector, E: Vector, slopes: Array) -> None:
+def add_reaction(problem: ReducedProblem, pose: ReducedPlatform, F: Vector, E: Vector, slopes: Array) -> None:
     """Add the part of a gradient by x that comes from the motion of COM and end-effector; F is the sum of all."""
     free, dC = len(problem.fixed) == 0, pose.dC
     F = add(F, 1.0 if free else 0.0, E)

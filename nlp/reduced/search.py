@@ -19,7 +19,7 @@ import numpy as np
 
 from nlp.numbers.point import Point, fixed_end_effector
 from nlp.reduced.arrays import Indices, Mask, ReducedProblem
-from nlp.reduced.descent import Evaluation, Phase, descend, estimates, evaluate, merit
+from nlp.reduced.descent import DescentPhase, Evaluation, descend, estimates, evaluate, merit
 from nlp.reduced.inputs import find_wrench, inertia, inputs, rotor_wrenches
 from nlp.reduced.platform import platform
 from nlp.units import Units
@@ -83,8 +83,8 @@ def add_corners(problem: ReducedProblem, point: Evaluation, rho: float) -> tuple
     return active, worst
 
 
-FIRST = Phase(rho=300.0, sigma=30.0, rounds=1, steps=40, tolerance=1e-5)
-SECOND = Phase(rho=1e4, sigma=100.0, rounds=4, steps=15, tolerance=1e-7)
+FIRST = DescentPhase(rho=300.0, sigma=30.0, rounds=1, steps=40, tolerance=1e-5)
+SECOND = DescentPhase(rho=1e4, sigma=100.0, rounds=4, steps=15, tolerance=1e-7)
 STIFF = FIRST._replace(sigma=3000.0), SECOND._replace(sigma=3000.0)
 """Both phases with clearance priced above any effort: low prices lead to cheap platforms with small violations, and
 may pull a feasible platform back there."""
@@ -165,7 +165,7 @@ class LocalMinimum:
 def local_minima(
     problem: ReducedProblem,
     starts: Array,
-    phases: tuple[Phase, Phase] = (FIRST, SECOND),
+    phases: tuple[DescentPhase, DescentPhase] = (FIRST, SECOND),
     *,
     min_minima: int = SELECTION.min_minima,
     min_starts: int = SELECTION.min_starts,
@@ -192,7 +192,7 @@ def local_minima(
 
 
 def _first_phase(
-    problem: ReducedProblem, descents: Descents, phase: Phase, min_starts: int
+    problem: ReducedProblem, descents: Descents, phase: DescentPhase, min_starts: int
 ) -> tuple[list[LocalMinimum], list[LocalMinimum]]:
     """Run the first phase; return the distinct minima of the better starts, and where the others were stopped."""
     remaining, stopped = np.arange(len(descents.x)), list[LocalMinimum]()
@@ -247,14 +247,14 @@ def new_descents(starts: Array, active: Mask) -> Descents:
     return Descents(starts, active, np.zeros((s, K, 6)), np.zeros((s, N, N)), np.zeros(s), np.zeros(s))
 
 
-def descend_all(problem: ReducedProblem, descents: Descents, phase: Phase) -> Descents:
+def descend_all(problem: ReducedProblem, descents: Descents, phase: DescentPhase) -> Descents:
     """Run one phase of all descents; they keep their curvature."""
     states = zip(descents.x, descents.active, descents.mu, descents.B, strict=True)
     return Descents(*map(np.array, zip(*(_descend(problem, *state, phase) for state in states), strict=True)))
 
 
 def _descend(
-    problem: ReducedProblem, x: Array, active: Mask, mu: Array, B: Array, phase: Phase
+    problem: ReducedProblem, x: Array, active: Mask, mu: Array, B: Array, phase: DescentPhase
 ) -> tuple[Array, Mask, Array, Array, float, float]:
     """Run one phase of a descent, and return its state (`Descents`)."""
     lower, unmet = problem.rows.lower, 0.0

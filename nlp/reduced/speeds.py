@@ -36,8 +36,8 @@ from nlp.numbers.jets import (
     JETS,
     ROUNDED,
     SHARP,
-    Jet,
-    Region,
+    JetConstants,
+    SpeedRegion,
     find_factors,
     merged_jets,
     point_of_ball,
@@ -48,7 +48,7 @@ from nlp.numbers.kinematics import add, cross, row
 from nlp.reduced.arrays import Mask, ReducedProblem, Speeds
 from nlp.reduced.clearance import GAPS, swept_gap
 from nlp.reduced.inputs import add_gradient, add_inertia_gradient, add_wrench_gradient, rotor_wrenches
-from nlp.reduced.platform import Platform, add_slopes, rotate
+from nlp.reduced.platform import ReducedPlatform, add_slopes, rotate
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
 
@@ -82,7 +82,7 @@ def _by_type(air: Any, *_: Any) -> Callable[..., None]:
 def _speed_rows(
     air: Speeds,
     problem: ReducedProblem,
-    pose: Platform,
+    pose: ReducedPlatform,
     rho: float,
     mu: Array,
     u: Array,
@@ -187,14 +187,16 @@ def _speed_rows(
 
 
 @njit(cache=True, inner=True)
-def _region(air: Speeds, k: int, to_tip: Array) -> Region:
+def _region(air: Speeds, k: int, to_tip: Array) -> SpeedRegion:
     axis = air.axis[k] + air.along[k] * to_tip
     planes = air.planes[air.first[k] : air.first[k + 1]]
-    return Region(air.start[k], axis, air.radius[k], air.half_angle[k], planes, air.within[k])
+    return SpeedRegion(air.start[k], axis, air.radius[k], air.half_angle[k], planes, air.within[k])
 
 
 @njit(cache=True, inner=True)
-def _find_fastest_point(jet: Jet, region: Region, R: Array, p: Array, x: Array, slopes: Array) -> None:
+def _find_fastest_point(
+    jet: JetConstants, region: SpeedRegion, R: Array, p: Array, x: Array, slopes: Array
+) -> None:
     """Find the point of a region next to a module's axis where the module's own air is fastest.
 
     Args:

@@ -62,7 +62,7 @@ class Air(NamedTuple):
         return EnvelopeBody(self.length, self.start_radius, self.growth)
 
 
-class Rod(NamedTuple):
+class RodShape(NamedTuple):
     """Rod from a connector to the end-effector, without its tip [l_arm]."""
 
     l_c: float
@@ -120,7 +120,7 @@ class PartBalls:
         return [Ball(q + (a * X + b * Y + c * Z), radius) for (a, b, c), radius in self.balls]
 
 
-Body = Air | Rod | PartBalls
+Body = Air | RodShape | PartBalls
 """Body that keeps out of a region at the end-effector; hashable."""
 
 

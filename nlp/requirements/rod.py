@@ -28,7 +28,7 @@ import numpy as np
 
 from nlp import names
 from nlp.numbers.point import connectors
-from nlp.requirements.bodies import Rod, divide
+from nlp.requirements.bodies import RodShape, divide
 from nlp.requirements.exposure import HullRegion, RegionClearance, hull_of, to_formula
 from nlp.requirements.statement import (
     FROM_COM,
@@ -85,7 +85,7 @@ class RodClearance(RegionClearance):
 
     def exact(self, y: Sequence[Array]) -> Array:
         """Return the gap; infinite if the rod is nothing but tip."""
-        assert isinstance(self.body, Rod)
+        assert isinstance(self.body, RodShape)
         length = np.linalg.norm(y[0] + self.body.l_c * y[1], axis=-1)
         return np.where((self.body.tip > 0) & (length <= self.body.tip), math.inf, super().exact(y))
 
@@ -198,7 +198,7 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
                 distance = _distance(shape, unit)
                 if distance <= TOUCHING - r:
                     continue
-                rod = Rod(l_c, r, TIP * r if distance <= r + TOUCHING else 0.0)
+                rod = RodShape(l_c, r, TIP * r if distance <= r + TOUCHING else 0.0)
                 segment = segment_of(exposure, part)
                 suffix = "" if segment is None else f", segment {segment}"
                 limit_names.append(f"the end-effector's rod and solid exposure {number}{suffix}")
@@ -214,7 +214,7 @@ def rod_clearances(task: ResolvedTask, topology: Topology) -> Iterator[BestRod]:
 
 def _distance(shape: Shape, unit: float) -> float:
     """Return the distance of p'_E outside a shape, negative inside [l_arm]."""
-    point = to_formula(shape, Rod(0.0, 0.0, 0.0), unit, None)
+    point = to_formula(shape, RodShape(0.0, 0.0, 0.0), unit, None)
     if isinstance(point.region, HullRegion) and (inside := hull_of(point.region.corners).offsets.min()) >= 0:
         return -float(inside)
     tip, any_p_E = np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])  # the distance from p'_E does not depend on p_E

@@ -60,7 +60,7 @@ class TabuSearch(NamedTuple):
 TABU = TabuSearch()
 
 
-class Tree(NamedTuple):
+class PreorderTree(NamedTuple):
     """Parents of the modules, in preorder."""
 
     parent: Indices
@@ -71,7 +71,7 @@ class Tree(NamedTuple):
     """Sign of the fold at a positive angle, for the hinge of module i."""
 
 
-class Poses(NamedTuple):
+class TreePoses(NamedTuple):
     """Positions and axes of modules and hinges."""
 
     p: Array
@@ -106,7 +106,7 @@ class Rules(NamedTuple):
 
 @njit(cache=True)
 def tabu_search(
-    tree: Tree, poses: Poses, alpha: Array, rules: Rules, turns: int, rng: np.random.Generator
+    tree: PreorderTree, poses: TreePoses, alpha: Array, rules: Rules, turns: int, rng: np.random.Generator
 ) -> float:
     """Turn hinges until no pair has a deficit; set `poses` and `alpha` to the best found and return its cost."""
     n = len(alpha)
@@ -137,7 +137,9 @@ def tabu_search(
 
 
 @njit(cache=True)
-def straighten(tree: Tree, poses: Poses, alpha: Array, rules: Rules, sweeps: int, rng: np.random.Generator) -> None:
+def straighten(
+    tree: PreorderTree, poses: TreePoses, alpha: Array, rules: Rules, sweeps: int, rng: np.random.Generator
+) -> None:
     """Turn hinges in random order, each to a smaller cost of deficits and angles."""
     deficit = _deficits(tree, poses, rules)
     weight = np.ones_like(deficit)
@@ -149,7 +151,7 @@ def straighten(tree: Tree, poses: Poses, alpha: Array, rules: Rules, sweeps: int
 
 
 @njit(cache=True, inner=True)
-def _deficits(tree: Tree, poses: Poses, rules: Rules) -> Array:
+def _deficits(tree: PreorderTree, poses: TreePoses, rules: Rules) -> Array:
     """Return the deficits of all pairs."""
     n = len(poses.p)
     deficit = np.zeros((n, n))
@@ -185,7 +187,7 @@ def _random_pair(deficit: Array, rng: np.random.Generator) -> tuple[int, int]:
 
 @njit(cache=True, inner=True)
 def _hinges_between(
-    tree: Tree, i: int, j: int, tabu_until: Indices, turn: int, rng: np.random.Generator
+    tree: PreorderTree, i: int, j: int, tabu_until: Indices, turn: int, rng: np.random.Generator
 ) -> Indices:
     """Return a few random hinges on the path between two modules, preferably ones that are not tabu."""
     path = np.empty(len(tabu_until), np.int64)
@@ -207,8 +209,8 @@ def _hinges_between(
 
 @njit(cache=True, inner=True)
 def _best_turn(
-    tree: Tree,
-    poses: Poses,
+    tree: PreorderTree,
+    poses: TreePoses,
     alpha: float,
     rules: Rules,
     deficit: Array,
@@ -227,7 +229,9 @@ def _best_turn(
     for i, j in pairs:
         if deficit[i, j] > 0.0:
             cost_before += weight[i, j] * (TABU.overlap + deficit[i, j])
-    rotated = Poses(np.empty_like(poses.p), np.empty_like(poses.p), np.empty_like(poses.p), np.empty_like(poses.p))
+    rotated = TreePoses(
+        np.empty_like(poses.p), np.empty_like(poses.p), np.empty_like(poses.p), np.empty_like(poses.p)
+    )
     min_change, best = to_beat, alpha
     for trial in range(TABU.angles):
         angle = rng.uniform(-rules.turn, rules.turn) if 2 * trial < TABU.angles else rng.normal(alpha, TABU.spread)
@@ -259,7 +263,7 @@ def _nearest_allowed(folds: Array, sign: float, angle: float) -> float:
 
 
 @njit(cache=True, inner=True)
-def _pairs_in_reach(poses: Poses, rules: Rules, deficit: Array, hinge: int, end: int) -> Indices:
+def _pairs_in_reach(poses: TreePoses, rules: Rules, deficit: Array, hinge: int, end: int) -> Indices:
     """Return a superset of the pairs (moved, fixed) with a deficit at some angle of the hinge, shape (m, 2).
 
     A ball around each envelope, or around each centre, moves about the hinge's axis at constant height and radius.
@@ -297,7 +301,9 @@ def _pairs_in_reach(poses: Poses, rules: Rules, deficit: Array, hinge: int, end:
 
 
 @njit(cache=True, inner=True)
-def _turn(tree: Tree, poses: Poses, alpha: Array, rules: Rules, deficit: Array, hinge: int, angle: float) -> None:
+def _turn(
+    tree: PreorderTree, poses: TreePoses, alpha: Array, rules: Rules, deficit: Array, hinge: int, angle: float
+) -> None:
     """Turn a hinge to an angle; update `poses`, `alpha` and the deficits."""
     n, end, by = len(alpha), tree.end[hinge], angle - alpha[hinge]
     _rotate(poses, hinge, end, by, poses)
@@ -309,7 +315,7 @@ def _turn(tree: Tree, poses: Poses, alpha: Array, rules: Rules, deficit: Array, 
 
 
 @njit(cache=True, inner=True)
-def _rotate(poses: Poses, first: int, end: int, angle: float, rotated: Poses) -> None:
+def _rotate(poses: TreePoses, first: int, end: int, angle: float, rotated: TreePoses) -> None:
     """Rotate modules and hinges first..end-1 about the hinge `first` (Rodrigues' formula); may be in place."""
     x, y, z = poses.omega[first]
     a, b, c = poses.c[first]
@@ -332,7 +338,7 @@ def _rotate(poses: Poses, first: int, end: int, angle: float, rotated: Poses) ->
 
 
 @njit(cache=True, inner=True)
-def deficit_of(rules: Rules, tree: Tree, poses_i: Poses, i: int, poses_j: Poses, j: int) -> float:
+def deficit_of(rules: Rules, tree: PreorderTree, poses_i: TreePoses, i: int, poses_j: TreePoses, j: int) -> float:
     """Return the deficit of a pair, with module i in poses_i and module j in poses_j."""
     p_i, p_j = poses_i.p[i], poses_j.p[j]
     x, y, z = p_i[0] - p_j[0], p_i[1] - p_j[1], p_i[2] - p_j[2]
@@ -348,7 +354,7 @@ def deficit_of(rules: Rules, tree: Tree, poses_i: Poses, i: int, poses_j: Poses,
 
 
 @njit(cache=True, inner=True)
-def _ball_clearance(rules: Rules, poses_i: Poses, i: int, poses_j: Poses, j: int) -> float:
+def _ball_clearance(rules: Rules, poses_i: TreePoses, i: int, poses_j: TreePoses, j: int) -> float:
     """Return the smallest clearance of the balls of module i from the envelope of module j.
 
     With s along the envelope's axis and rho across it, the nearest point of the axis has

@@ -26,7 +26,7 @@ from nlp.numbers.geometry import allowed_folds, cone_reach, envelopes, largest_t
 from nlp.requirements.bodies import Air
 from nlp.requirements.modules import module_clearances
 from nlp.requirements.statement import Distance
-from nlp.starts.tabu_search import Poses, Rules, Tree, straighten, tabu_search
+from nlp.starts.tabu_search import PreorderTree, Rules, TreePoses, straighten, tabu_search
 from nlp.units import Units
 from topo_search.model import ResolvedTask, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
@@ -146,24 +146,24 @@ def _preorder(topology: Topology) -> list[int]:
     return order
 
 
-def _tree(topology: Topology, order: list[int]) -> Tree:
+def _tree(topology: Topology, order: list[int]) -> PreorderTree:
     """Return the tree in preorder."""
     n, rank = topology.n, np.argsort(order)
     parent = np.array([-1, *(rank[topology.parents[i]] for i in order[1:])])
     end = np.arange(1, n + 1)
     for i in range(n - 1, 0, -1):
         end[parent[i]] = max(end[parent[i]], end[i])
-    return Tree(parent, end, np.concatenate([[0.0], signs(topology)])[order])
+    return PreorderTree(parent, end, np.concatenate([[0.0], signs(topology)])[order])
 
 
-def _platform(topology: Topology, alpha: Array, l_c: float, order: list[int]) -> Poses:
+def _platform(topology: Topology, alpha: Array, l_c: float, order: list[int]) -> TreePoses:
     """Return the poses of modules and hinges, in preorder; lengths in the unit of l_c."""
     R, p = poses(topology, np.eye(3), alpha, l_c)
     c, omega = np.zeros_like(p), R[:, :, 0].copy()
     for h, i, a, _ in topology.edges():
         c[i] = p[h] + l_c * R[h] @ PORT_DIRECTIONS[a]
         omega[i] = R[h][:, 1 - a % 2]
-    return Poses(*(np.ascontiguousarray(array[order]) for array in (p, R[:, :, 2], c, omega)))
+    return TreePoses(*(np.ascontiguousarray(array[order]) for array in (p, R[:, :, 2], c, omega)))
 
 
 def _rules(task: ResolvedTask, topology: Topology, required: float) -> Rules:

@@ -44,7 +44,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from nlp.numbers.geometry import QUARTER_TURNS, torque_map
-from nlp.numbers.masses import TINY, Body, Masses, RodMass, masses
+from nlp.numbers.masses import TINY, Masses, RigidBody, RodMass, masses
 from nlp.units import Units
 from topo_search.model import EndEffector, LoadCase, Module, Topology
 from topo_search.model.arrays import PORT_DIRECTIONS
@@ -149,7 +149,7 @@ def module_inertia(R: ca.SX, module: Module) -> ca.SX:
     return R @ (ca.diag(ca.DM(module.inertia)) / (module.mass * module.arm_length**2)) @ R.T
 
 
-def body_inertia(o: ca.SX, R: ca.SX, body: Body) -> ca.SX:
+def body_inertia(o: ca.SX, R: ca.SX, body: RigidBody) -> ca.SX:
     """Return the inertia of module i with its joints about the COM."""
     centre = o + R[:, :2] @ ca.DM(body.centre)
     return body.mass * point_inertia(centre) + R @ ca.DM(body.inertia) @ R.T

@@ -26,9 +26,9 @@ import verify
 from topo_search import search
 from topo_search.model import Design
 from topo_search.model.files import read_task
-from topo_search.simulation.controller import Allocator, PseudoInverse
+from topo_search.simulation.controller import Allocator, PseudoInverseAllocator
 from topo_search.simulation.fly import Options, fly, judge
-from topo_search.simulation.plant import Errors
+from topo_search.simulation.plant import ModelErrors
 from topo_search.simulation.scenarios import TILT, Scenario, tilts
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +40,7 @@ MODEL_ERROR = 0.02
 GUST = 1.0
 """Force at the centre of mass for one second [N]."""
 GUSTS = 8
-RULES = {"bounded": Allocator, "px4": PseudoInverse}
+RULES = {"bounded": Allocator, "px4": PseudoInverseAllocator}
 FIGURES = {
     "tip": "horizontal_reserve_N",
     "com": "horizontal_reserve_com_N",
@@ -71,7 +71,7 @@ def count_held(design: Design, rule: type[Allocator], seeds: int) -> dict[str, s
     """Fly the scenarios and return how many gusts and tilts are held."""
     counts = {"gust": [0, 0], "tilt": [0, 0]}
     for seed in range(seeds):
-        options = Options(Errors(model=MODEL_ERROR, seed=seed), allocator=rule)
+        options = Options(ModelErrors(model=MODEL_ERROR, seed=seed), allocator=rule)
         for scenario in scenarios():
             count = counts[scenario.name[:4]]
             count[0] += judge(scenario, *fly(design, scenario, options)).verdict == "held"

@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 import topo_search
-from topo_search.export.picture import Scene, figure_of
+from topo_search.export.picture import Drawing, figure_of
 from topo_search.export.poses import azimuth_deg, poses_to_draw
 from topo_search.model import Design
 from topo_search.model.files import examples, read_json, read_task, write_atomically
@@ -99,9 +99,9 @@ def turning(design: Design) -> bytes:
     return out.getvalue()
 
 
-def _draw(design: Design, platform: Platform, azimuth: float) -> tuple[Figure, Scene, float]:
+def _draw(design: Design, platform: Platform, azimuth: float) -> tuple[Figure, Drawing, float]:
     figure = Figure(figsize=(4.4, 4.4))
-    scene = Scene(figure, (0.0, 0.0, 1.0, 1.0), design, platform, azimuth=azimuth)
+    scene = Drawing(figure, (0.0, 0.0, 1.0, 1.0), design, platform, azimuth=azimuth)
     scene.exposure()
     scene.airflow()
     scene.platform()

@@ -90,12 +90,12 @@ def fly(
 
         film = None if video is None else files.film(video, files.radius(completed))
         from topo_search.simulation.campaign import fly_all
-        from topo_search.simulation.controller import Allocator, PseudoInverse
+        from topo_search.simulation.controller import Allocator, PseudoInverseAllocator
         from topo_search.simulation.fly import Options
-        from topo_search.simulation.plant import Errors
+        from topo_search.simulation.plant import ModelErrors
 
-        rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverse}[option_values["allocator"]]
-        errors = Errors(option_values["model_error"], option_values["noise"], option_values["seed"])
+        rule = {"bounded": Allocator, "pseudo-inverse": PseudoInverseAllocator}[option_values["allocator"]]
+        errors = ModelErrors(option_values["model_error"], option_values["noise"], option_values["seed"])
         campaign = fly_all(
             completed,
             Options(errors, detection=option_values["detection_time"], allocator=rule, wake=option_values["wake"]),

@@ -34,7 +34,7 @@ from pydantic import ConfigDict, Field
 
 from topo_search.compose.designs import audits, brackets_note
 from topo_search.compose.searching import search
-from topo_search.export.brackets import DIGITS, Part, bracket, bracket_file, bracket_turns
+from topo_search.export.brackets import DIGITS, PrintedPart, bracket, bracket_file, bracket_turns
 from topo_search.export.kit import BRACKETS, write_kit
 from topo_search.export.sheet import STYLE
 from topo_search.export.tree_drawing import tree_svg
@@ -239,7 +239,7 @@ def kit(
             note(f"{entry.task}: {text}")
     for kind in shared.brackets:
         solid = bracket(chosen[0].task.module.bracket_sizes, math.radians(kind.angle_deg))
-        write_atomically(out / kind.file, Part("bracket", kind.file, solid).stl())
+        write_atomically(out / kind.file, PrintedPart("bracket", kind.file, solid).stl())
     for name, change, pair in zip(shared.pages, shared.changes, pairwise(chosen), strict=True):
         title = f"From {change.before} to {change.after}"
         write_atomically(out / name, html_page(title, STYLE, _change_lines(change, *pair)))

@@ -26,7 +26,7 @@ import numpy as np
 from manifold3d import Manifold, Mesh, OpType
 from trimesh import Trimesh
 
-from topo_search.export.poses import Rod, rod_of, rotation_to
+from topo_search.export.poses import RodPose, rod_of, rotation_to
 from topo_search.export.solids import pose_matrix
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
@@ -46,7 +46,7 @@ DIGITS = 3
 
 
 @dataclass(frozen=True)
-class Part:
+class PrintedPart:
     """A printable solid."""
 
     name: Literal["bracket", "rod mount", "strut"]
@@ -67,12 +67,12 @@ class Part:
         return content
 
 
-def printed_parts(design: Design) -> list[Part]:
+def printed_parts(design: Design) -> list[PrintedPart]:
     """Return the printable solids of a design; BadInput if there is no room for brackets."""
     return [*brackets(design), *mount(design), *struts(design)]
 
 
-def brackets(design: Design) -> list[Part]:
+def brackets(design: Design) -> list[PrintedPart]:
     """Return the brackets, one part per size of hinge angle, with its count.
 
     Raises:
@@ -82,7 +82,7 @@ def brackets(design: Design) -> list[Part]:
     require_room(module)
     kinds = Counter(map(abs, bracket_turns(design)))
     return [
-        Part("bracket", bracket_file(size), bracket(module.bracket_sizes, math.radians(size)), count)
+        PrintedPart("bracket", bracket_file(size), bracket(module.bracket_sizes, math.radians(size)), count)
         for size, count in sorted(kinds.items())
     ]
 
@@ -98,7 +98,7 @@ def bracket_file(size: float) -> str:
     return f"bracket_{size:.{DIGITS}f}deg.stl"
 
 
-def struts(design: Design) -> list[Part]:
+def struts(design: Design) -> list[PrintedPart]:
     """Return the struts that hold brackets and the rod's mount on the hub, one part per length, with its count.
 
     The list is empty for a frame of the user's own, and if there is no room between the rotors.
@@ -114,7 +114,9 @@ def struts(design: Design) -> list[Part]:
     if module.body.frame is not None or room <= sizes.half_width:
         return []
     return [
-        Part("strut", f"strut_{MILLIMETRES * (outer - inner):.1f}mm.stl", strut(sizes, inner, outer, width), count)
+        PrintedPart(
+            "strut", f"strut_{MILLIMETRES * (outer - inner):.1f}mm.stl", strut(sizes, inner, outer, width), count
+        )
         for inner, count in lengths.items()
         if outer - inner > 2 * sizes.thickness
     ]
@@ -140,7 +142,7 @@ def strut(sizes: Bracket, inner: float, outer: float, width: float) -> Trimesh:
     return _mesh(solid)
 
 
-def mount(design: Design) -> Iterator[Part]:
+def mount(design: Design) -> Iterator[PrintedPart]:
     """Yield the mount of the end-effector's rod, if there is a rod."""
     poses = platform(design)
     rod = rod_of(design, poses)
@@ -149,10 +151,10 @@ def mount(design: Design) -> Iterator[Part]:
         i, a = design.mount.module, design.mount.port
         v = (poses.R[i] @ connector_turn(a)).T @ (rod.end - rod.start) / rod.length
         shape = _mount(design.task.module.bracket_sizes, v, rod.radius, grip_of(rod))
-        yield Part("rod mount", f"rod-mount_module{i}-port{a}.stl", shape)
+        yield PrintedPart("rod mount", f"rod-mount_module{i}-port{a}.stl", shape)
 
 
-def grip_of(rod: Rod) -> float:
+def grip_of(rod: RodPose) -> float:
     """Return the depth of the socket that holds a rod [m]."""
     return min(6 * rod.radius, rod.length)
 

@@ -45,7 +45,7 @@ from xml.etree.ElementTree import Comment, Element, SubElement
 import numpy as np
 
 from topo_search.export import palette
-from topo_search.export.poses import ROTOR_ANGLES, Rod, hull, mass_of, rod_of, rotation_to
+from topo_search.export.poses import ROTOR_ANGLES, RodPose, hull, mass_of, rod_of, rotation_to
 from topo_search.model.arrays import PORT_DIRECTIONS, ROTOR_SPINS, Array
 from topo_search.model.design import Design
 from topo_search.model.exposure import segment_of
@@ -96,7 +96,7 @@ AS_SEARCHED = Physics()
 """Nothing beyond the model of the search."""
 
 
-def add_rod_mass(floating: Element, rod: Rod, design: Design, poses: Platform) -> None:
+def add_rod_mass(floating: Element, rod: RodPose, design: Design, poses: Platform) -> None:
     """Add the rod's mass as a separate body with its z axis along the rod."""
     mass, inertia, middle = mass_of(rod, design, poses)
     v = (rod.end - rod.start) / rod.length
@@ -107,7 +107,7 @@ def add_rod_mass(floating: Element, rod: Rod, design: Design, poses: Platform) -
     SubElement(body, "inertial", pos="0 0 0", mass=numbers(mass), diaginertia=moments)
 
 
-def add_tip(end_effector: Element, design: Design, rod: Rod | None, *, on_solid: bool) -> None:
+def add_tip(end_effector: Element, design: Design, rod: RodPose | None, *, on_solid: bool) -> None:
     """Add the contact geoms of the end-effector: the rod without its end, and a ball at the end.
 
     Args:

@@ -82,7 +82,7 @@ def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
     """Return the picture as a matplotlib figure; `air` replaces the envelopes."""
     figure = Figure(figsize=(10.5, 6.8))
     poses = geometry.poses_to_draw(design)
-    whole = Scene(figure, (0.0, 0.10, 0.58, 0.82), design, poses)
+    whole = Drawing(figure, (0.0, 0.10, 0.58, 0.82), design, poses)
     whole.exposure()
     if air is None:
         whole.airflow()
@@ -90,7 +90,7 @@ def figure_of(design: Design, air: AirSurface | None = None) -> Figure:
         whole.air(air)
     whole.platform()
     whole.finish()
-    close_up = Scene(figure, (0.57, 0.47, 0.42, 0.45), design, poses)
+    close_up = Drawing(figure, (0.57, 0.47, 0.42, 0.45), design, poses)
     close_up.platform()
     close_up.load_cases()
     close_up.finish()
@@ -191,7 +191,7 @@ CUBE = np.array(
 """Faces of the cube [-1, 1]^3."""
 
 
-class Scene:
+class Drawing:
     """One drawing of a design in part of a figure; its limits enclose everything drawn."""
 
     def __init__(

@@ -63,7 +63,7 @@ def rotation_to(a: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Rod:
+class RodPose:
     """A straight rod with round ends."""
 
     start: Array
@@ -79,7 +79,7 @@ class Rod:
         return float(np.linalg.norm(self.end - self.start))
 
 
-def mass_of(rod: Rod, design: Design, poses: Platform) -> tuple[float, Array, Array]:
+def mass_of(rod: RodPose, design: Design, poses: Platform) -> tuple[float, Array, Array]:
     """Return mass [kg], inertia (3, 3) [kg m^2] about the middle in W's axes, and the middle from the COM (3,) [m].
 
     The rod is modelled as a thin tube.
@@ -92,13 +92,13 @@ def mass_of(rod: Rod, design: Design, poses: Platform) -> tuple[float, Array, Ar
     return m, inertia, (rod.start + rod.end) / 2 - poses.p_com
 
 
-def rod_of(design: Design, poses: Platform) -> Rod | None:
+def rod_of(design: Design, poses: Platform) -> RodPose | None:
     """Return the rod of a design; None if no connector holds one, or its length is 0."""
     if design.mount is None:
         return None
     i, l_c = design.mount.module, design.task.module.connector_distance
     start = poses.p[i] + l_c * poses.R[i] @ PORT_DIRECTIONS[design.mount.port]
-    rod = Rod(start, poses.end_effector, design.task.end_effector.rod_radius)
+    rod = RodPose(start, poses.end_effector, design.task.end_effector.rod_radius)
     return rod if rod.length > 0 else None
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from topo_search.export import brackets, palette
 from topo_search.export.allocation import allocation
-from topo_search.export.brackets import DIGITS, MILLIMETRES, Part
+from topo_search.export.brackets import DIGITS, MILLIMETRES, PrintedPart
 from topo_search.export.poses import ROTOR_ANGLES, rod_of
 from topo_search.model.arrays import PORT_DIRECTIONS, Array
 from topo_search.model.design import Design
@@ -41,7 +41,7 @@ parent's flange and two on the child's. Mount it with the mark holes on the uppe
 lower side where a step says "mark holes down"."""
 
 
-def sheet(design: Design, solids: Sequence[Part], notes: Sequence[str]) -> str:
+def sheet(design: Design, solids: Sequence[PrintedPart], notes: Sequence[str]) -> str:
     """Return the assembly sheet as an HTML page.
 
     Args:
@@ -78,7 +78,7 @@ def _faces(design: Design) -> str:
     )
 
 
-def strut_section(design: Design, part: Part) -> str:
+def strut_section(design: Design, part: PrintedPart) -> str:
     """Return a side view of a strut with the positions of its faces, and its text."""
     (start, _, low), (end, _, high) = part.mesh.bounds
     t = MILLIMETRES * design.task.module.bracket_sizes.thickness
@@ -106,7 +106,7 @@ def _steps(design: Design) -> Iterator[str]:
         yield f"<section>{joint(design.task.module.bracket_sizes, a, alpha)}{paragraph(text)}</section>"
 
 
-def _rod(design: Design, step: int, solids: Sequence[Part]) -> Iterator[str]:
+def _rod(design: Design, step: int, solids: Sequence[PrintedPart]) -> Iterator[str]:
     """Yield the step that mounts the end-effector."""
     poses = platform(design)
     rod = rod_of(design, poses)
@@ -295,7 +295,7 @@ ABOUT_PARTS = (
 )
 
 
-def parts_list(design: Design, solids: Sequence[Part]) -> list[ListedPart]:
+def parts_list(design: Design, solids: Sequence[PrintedPart]) -> list[ListedPart]:
     """Return a row for every kind of part, then the total mass, then the mass of the search's model."""
     task, bracket = design.task, design.task.module.bracket_sizes
     rows = [_row("module", design.topology.n, "", task.module.mass)]
@@ -353,7 +353,7 @@ def _bolt_row(name: str, count: int, d: float, length: float) -> ListedPart:
     return _row(name, count, f"M{d:g} x {length:g}", STEEL * volume / MILLIMETRES**3)
 
 
-def _part_row(part: Part) -> ListedPart:
+def _part_row(part: PrintedPart) -> ListedPart:
     mass = PLASTIC * part.volume_cm3 / 100.0**3
     return _row(part.name, part.count, f"{part.volume_cm3:.1f} cm^3", mass, f"brackets/{part.file}")
 

@@ -55,7 +55,7 @@ class Mesh(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Solid:
+class MeshCopies:
     """A mesh and the poses of its copies."""
 
     name: str
@@ -73,7 +73,7 @@ def glb(design: Design, parts: Parts = "all", air: AirSurface | None = None) -> 
     solids = list(_solids(design, parts))
     if air is not None:
         surface = Mesh(air.mesh.vertices, air.mesh.faces)
-        solids.append(Solid("air", surface, palette.AIR, [np.eye(4)], opacity=0.3))
+        solids.append(MeshCopies("air", surface, palette.AIR, [np.eye(4)], opacity=0.3))
     scene = Scene(base_frame="world")
     scene.graph.update("platform", "world", matrix=pose_matrix(rotation(0, -math.pi / 2), np.zeros(3)))
     for solid in solids:
@@ -96,18 +96,18 @@ def stl(design: Design, parts: Parts = "platform") -> bytes:
     return content
 
 
-def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
+def _solids(design: Design, parts: Parts) -> Iterator[MeshCopies]:
     """Yield the solids of the chosen parts of a design."""
     module, poses = design.task.module, platform(design)
     module_poses = [pose_matrix(R, p) for R, p in zip(poses.R, poses.p, strict=True)]
     if parts != "airflow":
-        yield Solid("frame", frame(module), palette.MODULE, module_poses)
-        yield Solid("rotors", join(rotor_discs(module)), palette.ROTOR, module_poses)
+        yield MeshCopies("frame", frame(module), palette.MODULE, module_poses)
+        yield MeshCopies("rotors", join(rotor_discs(module)), palette.ROTOR, module_poses)
         if rod := rod_of(design, poses):
             tube = cone_sphere(rod.start, rod.radius, rod.end, rod.radius)
-            yield Solid("rod", tube, palette.END_EFFECTOR, [np.eye(4)])
+            yield MeshCopies("rod", tube, palette.END_EFFECTOR, [np.eye(4)])
     if parts != "platform":
-        yield Solid("airflow", airflow(module), palette.AIRFLOW, module_poses, opacity=0.2)
+        yield MeshCopies("airflow", airflow(module), palette.AIRFLOW, module_poses, opacity=0.2)
     if parts == "all":
         for name, point, colour in (
             ("end_effector", poses.end_effector, palette.END_EFFECTOR),
@@ -115,21 +115,21 @@ def _solids(design: Design, parts: Parts) -> Iterator[Solid]:
         ):
             radius = 0.2 * module.arm_length
             ball = cone_sphere(np.zeros(3), radius, np.zeros(3), radius)
-            yield Solid(name, ball, colour, [pose_matrix(np.eye(3), point)])
+            yield MeshCopies(name, ball, colour, [pose_matrix(np.eye(3), point)])
         for number in range(len(design.task.exposure)):
             yield _region(design, number, poses)
 
 
-def _region(design: Design, number: int, poses: Platform) -> Solid:
+def _region(design: Design, number: int, poses: Platform) -> MeshCopies:
     """Return the region of one exposure requirement; for a cone, the surface that must contain all airflow."""
     pieces = [shape for k, shape in shapes(design.task, poses.p_e) if k == number]
     surface = join([region_mesh(shape, cone_slant(design, poses)) for shape in pieces])
     opacity = 0.15 if isinstance(pieces[0], Cone) else 0.3
     tip = pose_matrix(np.eye(3), poses.end_effector)
-    return Solid(f"exposure_{number}", surface, palette.EXPOSURE, [tip], opacity=opacity)
+    return MeshCopies(f"exposure_{number}", surface, palette.EXPOSURE, [tip], opacity=opacity)
 
 
-def _material(solid: Solid) -> Any:
+def _material(solid: MeshCopies) -> Any:
     """Return the material of a solid for glTF, whose colours are linear; visible from both sides."""
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial

@@ -50,7 +50,7 @@ from topo_search.model.topology import PORT_NAMES
 from topo_search.report.scene import NUMBERED, Part, ball, closest, closest_words, ring, scene, straight_arrow
 from topo_search.report.wording import clearance, figures, length, rounded_down, rounded_up
 from verify.air.jets import MODEL, jets
-from verify.flight.programs import Box
+from verify.flight.programs import Bounds
 from verify.flight.vehicle import force_hull
 from verify.kinematics import Platform
 
@@ -116,7 +116,7 @@ def force_polytope(design: Design, poses: Platform) -> tuple[Array, Indices] | N
     F, T = np.split(largest * thrust_matrix(module, poses) / scale, 2)
     x, y, z = poses.p_e / module.arm_length
     lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # lever @ f = p_E x f
-    carried, bounds = np.array([0.0, 0.0, 1.0]), Box(np.zeros(F.shape[1]), np.ones(F.shape[1]))
+    carried, bounds = np.array([0.0, 0.0, 1.0]), Bounds(np.zeros(F.shape[1]), np.ones(F.shape[1]))
     # the hull may have thousands of facets; five rounds approximate its volume within a few percent
     polytope = force_hull(F, T - lever @ F, -lever @ carried, bounds, rounds=5)
     return None if polytope is None else (weight * (polytope.points - carried), polytope.simplices)

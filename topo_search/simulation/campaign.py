@@ -26,7 +26,7 @@ from topo_search.simulation.plant import Nominal, in_wakes, nominal
 from topo_search.simulation.result import NO_DOWNWASH, FlightResult, Outcome, ScenarioResult, digest_of
 from verify.air.bound import case_jets, ingested_wakes
 from verify.flight.analysis import CapabilityAnalysis
-from verify.flight.programs import Box
+from verify.flight.programs import Bounds
 from verify.requirements import Scene
 
 HOVER_TOLERANCE = 1e-3
@@ -86,7 +86,7 @@ def static_failures(nominal: Nominal, torque: float | None) -> RotorsOut:
         torque: `flight.rotor_out_torque` [N m]; None: its default.
     """
     N, units = nominal.B.shape[1], (nominal.weight, nominal.arm)
-    box = Box(np.full(N, nominal.least_share), np.ones(N))
+    box = Bounds(np.full(N, nominal.least_share), np.ones(N))
     A = nominal.B * nominal.largest_thrust
     return CapabilityAnalysis(A, nominal.tip, units, box, {}, [None], None, torque).rotors_out([0])
 

@@ -138,7 +138,7 @@ class Allocator:
         return T, wrench - self.nominal.B @ T
 
 
-class PseudoInverse(Allocator):
+class PseudoInverseAllocator(Allocator):
     """Allocation by the pseudo-inverse of the running rotors, clipped to the limits: PX4 with CA_METHOD 0."""
 
     def thrusts(self, wrench: Array) -> tuple[Array, Array]:

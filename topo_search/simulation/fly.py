@@ -18,7 +18,7 @@ import numpy as np
 from topo_search.model.arrays import Array
 from topo_search.model.design import Design
 from topo_search.simulation.controller import Allocator, Controller, Reference
-from topo_search.simulation.plant import LAG, STEP, Errors, Nominal, Plant, in_wakes, orientation
+from topo_search.simulation.plant import LAG, STEP, ModelErrors, Nominal, Plant, in_wakes, orientation
 from topo_search.simulation.result import Outcome, ScenarioResult
 from topo_search.simulation.scenarios import APPROACH, TILT, Scenario
 
@@ -53,7 +53,7 @@ class Track:
 class Options:
     """Options of the flights."""
 
-    errors: Errors = field(default_factory=Errors)
+    errors: ModelErrors = field(default_factory=ModelErrors)
     lag: float = LAG
     detection: float = 0.1
     """Delay until the controller detects a rotor failure [s]."""

@@ -33,7 +33,7 @@ LAG = 0.05
 
 
 @dataclass(frozen=True)
-class Errors:
+class ModelErrors:
     """Differences between the simulated platform and the controller's model."""
 
     model: float = 0.0
@@ -86,7 +86,7 @@ class Wall:
 class Plant:
     """The simulated platform."""
 
-    def __init__(self, design: Design, errors: Errors, wall: Wall | None = None, lag: float = LAG) -> None:
+    def __init__(self, design: Design, errors: ModelErrors, wall: Wall | None = None, lag: float = LAG) -> None:
         """Build the MuJoCo model; `lag` is the time constant of the thrusts [s]."""
         self.nominal = nominal(design)
         self.model = mujoco.MjModel.from_xml_string(_world(design, wall, lag))

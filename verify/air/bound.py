@@ -28,9 +28,9 @@ from topo_search.model import Design, Module, Residual, Status
 from topo_search.model.audit import AirSpeeds, CaseAir, RegionAir, RotorAir
 from topo_search.model.exposure import Exposure
 from verify.air.jets import MODEL, Jets, far_field, jets, sink, speeds, wakes
-from verify.bodies import Array, Cone, ConeSphere, ball, nearest_on_axis
+from verify.bodies import AllowedCone, Array, ConeSphere, ball, nearest_on_axis
 from verify.certificate import Solid
-from verify.hulls import Hull
+from verify.hulls import HullBody
 from verify.meshes import LARGEST_COORDINATE
 from verify.requirements import Scene
 from verify.residuals import clamp, residual
@@ -72,7 +72,11 @@ class SpeedBound(NamedTuple):
 
 
 def bound_speed(
-    air: Jets, region: Solid | Cone | Hull, *, limit: float = math.inf, within: ConeSphere | None = None
+    air: Jets,
+    region: Solid | AllowedCone | HullBody,
+    *,
+    limit: float = math.inf,
+    within: ConeSphere | None = None,
 ) -> SpeedBound:
     """Return bounds on the largest air speed in a region.
 
@@ -84,7 +88,7 @@ def bound_speed(
     """
     speed, best, pruned = 0.0, np.full(3, np.nan), 0.0
     cubes, half = _first_cubes(air, region) if within is None else (within.o[None], within.r)
-    if within is None and isinstance(region, Cone):
+    if within is None and isinstance(region, AllowedCone):
         pruned = bound_beyond(air, region.apex, half) * (1 + SEARCH.rounding)
     remaining = SEARCH.most_cubes / len(air.centres)
     while len(cubes):
@@ -112,11 +116,11 @@ def bound_speed(
     return SpeedBound(speed, max(pruned, speed * (1 + SEARCH.rounding)), best)
 
 
-def _first_cubes(air: Jets, region: Solid | Cone | Hull) -> tuple[Array, float]:
+def _first_cubes(air: Jets, region: Solid | AllowedCone | HullBody) -> tuple[Array, float]:
     """Return the centre, (1, 3), and half-edge of a cube around the relevant part of the region."""
-    if isinstance(region, Cone):
+    if isinstance(region, AllowedCone):
         return region.apex[None], _relevant_distance(air, region)
-    if isinstance(region, Hull):
+    if isinstance(region, HullBody):
         low, high = region.mesh.vertices.min(axis=0), region.mesh.vertices.max(axis=0)
     else:
         endpoints, r = np.stack([region.body.o, region.body.o + region.body.d]), region.body.r + region.body.dr
@@ -124,7 +128,7 @@ def _first_cubes(air: Jets, region: Solid | Cone | Hull) -> tuple[Array, float]:
     return ((low + high) / 2)[None], float((high - low).max()) / 2
 
 
-def _relevant_distance(air: Jets, region: Cone) -> float:
+def _relevant_distance(air: Jets, region: AllowedCone) -> float:
     """Return a distance from the apex beyond which no speed exceeds one sampled within it."""
     distance = (
         4 * float(np.linalg.norm(air.centres - region.apex, axis=1).max()) + 4 * MODEL.merged_at * MODEL.diameter
@@ -153,22 +157,22 @@ def bound_beyond(air: Jets, x: Array, distance: float) -> float:
     return float(np.sqrt((air.induced**2).sum(axis=1) * np.maximum(far, inflow)).sum())
 
 
-def _may_meet(region: Solid | Cone | Hull, x: Array, h: float) -> Array:
+def _may_meet(region: Solid | AllowedCone | HullBody, x: Array, h: float) -> Array:
     """Return which balls of radius h about x, (m, 3), may meet the region; the others are proven not to."""
     slack = h + SEARCH.rounding * (h + float(np.abs(x).max(initial=0.0)))
-    if isinstance(region, Cone):
+    if isinstance(region, AllowedCone):
         return np.asarray(region.s(x) <= slack)
-    if isinstance(region, Hull):
+    if isinstance(region, HullBody):
         return np.asarray((x @ region.normals.T - region.offsets).max(axis=1) <= slack)
     return np.asarray(region.body.depth(x) >= -slack)
 
 
-def _points_in(region: Solid | Cone | Hull, x: Array) -> Array:
+def _points_in(region: Solid | AllowedCone | HullBody, x: Array) -> Array:
     """Return points of the region near points x, (m, 3); an x inside stays where it is."""
-    if isinstance(region, Cone):
+    if isinstance(region, AllowedCone):
         depth = np.maximum(region.s(x) + SEARCH.inside * (1 + np.abs(x - region.apex).max(axis=1)), 0.0)
         return np.asarray(x - depth[:, None] * region.inward_normal(x))
-    if isinstance(region, Hull):
+    if isinstance(region, HullBody):
         for _ in range(SEARCH.projections):
             heights = x @ region.normals.T - region.offsets
             face = np.argmax(heights, axis=1)

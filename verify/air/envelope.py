@@ -136,7 +136,7 @@ class Unreached(ValueError):
         self.bound = bound
 
 
-class Shape(NamedTuple):
+class EnvelopeShape(NamedTuple):
     """A cone-sphere: first radius, growth per length, length [l_arm]."""
 
     a: float
@@ -144,7 +144,7 @@ class Shape(NamedTuple):
     l: float
 
     @classmethod
-    def of(cls, module: Module) -> Shape:
+    def of(cls, module: Module) -> EnvelopeShape:
         """Return a module's envelope against target regions."""
         envelope, l_arm = module.region_envelope, module.arm_length
         return cls(envelope.start_radius / l_arm, envelope.growth / envelope.length, envelope.length / l_arm)
@@ -175,7 +175,7 @@ def enclose(module: Module, density: float, thrust: float, speed: float) -> Spee
     fastest = bound_speed(air, Solid(ball(np.zeros(3), radius)), limit=speed)
     if fastest.at_least < speed:
         raise Unreached(fastest)
-    points = _faster_outside(air, Shape(SEARCH.point, 0.0, SEARCH.point), radius, speed, math.inf)
+    points = _faster_outside(air, EnvelopeShape(SEARCH.point, 0.0, SEARCH.point), radius, speed, math.inf)
     if not len(points):
         raise ArithmeticError(f"air reaches {speed} m/s only within {SEARCH.point} arm lengths of the centre")
     margin = SEARCH.margin
@@ -186,7 +186,7 @@ def enclose(module: Module, density: float, thrust: float, speed: float) -> Spee
         spread = min(at_most(2 * math.degrees(math.atan(smallest.g)), SEARCH.digits), 90.0)
         reach = at_most(a + smallest.l * l_arm * (1 + math.tan(math.radians(spread) / 2)), SEARCH.digits)
         flow = Airflow(start_radius=a, spread_angle_deg=spread, reach=reach, jet=module.airflow.jet)
-        shape = Shape.of(module.model_copy(update={"airflow": flow}))
+        shape = EnvelopeShape.of(module.model_copy(update={"airflow": flow}))
         if volume(*shape) > SEARCH.enough * smallest.least_volume:
             margin /= 2
             continue
@@ -215,7 +215,7 @@ def envelope_air(module: Module, density: float, thrust: float) -> EnvelopeAir:
         density: rho [kg/m^3].
         thrust: T [N].
     """
-    air, (a, g, l) = _module_jets(module, density, thrust), Shape.of(module)
+    air, (a, g, l) = _module_jets(module, density, thrust), EnvelopeShape.of(module)
     cos, tilt, b = math.sqrt(1 - g * g), math.asin(g), a + g * l
 
     def side(length: float) -> float:
@@ -239,7 +239,7 @@ def _module_jets(module: Module, density: float, thrust: float) -> Jets:
     return jets(module, density, np.zeros((1, 3)), np.eye(3)[None], ROTOR_DIRECTIONS[None], inputs)
 
 
-def _faster_outside(air: Jets, shape: Shape, radius: float, speed: float, cell_size: float) -> Array:
+def _faster_outside(air: Jets, shape: EnvelopeShape, radius: float, speed: float, cell_size: float) -> Array:
     """Return points (z, r), (m, 2), outside a cone-sphere that reach a speed; if empty, it is proven that none do.
 
     Args:

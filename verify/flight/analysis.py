@@ -49,7 +49,7 @@ from topo_search.model.value import Vector
 from verify.bodies import Array
 from verify.flight.balls import (
     TORQUES,
-    Ball,
+    BallBound,
     Polytopes,
     PseudoInverse,
     RotorFailures,
@@ -57,7 +57,7 @@ from verify.flight.balls import (
     rotor_failures,
 )
 from verify.flight.joints import inertia, joint_loads
-from verify.flight.programs import LARGEST, Box, Solvable, find_solutions, greatest, least_inputs
+from verify.flight.programs import LARGEST, Bounds, Solvable, find_solutions, greatest, least_inputs
 from verify.kinematics import Platform, required_wrench, wrench_map
 from verify.residuals import clamp
 
@@ -88,7 +88,7 @@ def flight(design: Design, platform: Platform, sheet: Assembly, errors: Sensitiv
             np.vstack([A[:3], _torques_about(c, A)]),
             platform.p_e - c,
             (task.force_unit(task.n), task.module.arm_length),
-            Box(np.full(N, task.module.min_input), np.ones(N)),
+            Bounds(np.full(N, task.module.min_input), np.ones(N)),
             dict(zip(task.case_labels, task.load_cases, strict=True)),
             inputs,
             inertia(design, platform),
@@ -145,7 +145,7 @@ class CapabilityAnalysis:
         A: Array,
         p_E: Array,
         units: tuple[float, float],
-        box: Box,
+        box: Bounds,
         cases: dict[str, LoadCase],
         inputs: Sequence[Array | None],
         J: Array | None,
@@ -270,7 +270,7 @@ class CapabilityAnalysis:
         limits = 1.01 * (max_wrench + np.abs(b))[:, largest] / np.abs(directions[np.arange(D), largest])
         bounds = self.box.rows(B * D)
         low = np.hstack([bounds.low, np.zeros_like(one_hot)])
-        box = Box(low, np.hstack([bounds.high, limits.reshape(-1, 1) * one_hot]))
+        box = Bounds(low, np.hstack([bounds.high, limits.reshape(-1, 1) * one_hot]))
         costs = np.hstack([np.zeros((B * D, N)), one_hot])
         optima = greatest(costs, np.hstack([self.A, -directions.T]), np.repeat(b, D, axis=0), box)
         return optima.attained.reshape(B, D), optima.upper.reshape(B, D)
@@ -408,7 +408,7 @@ def _joint_loads(
     )
 
 
-def _ball_fields(name: str, weakest: str, ball: Ball, scale: float) -> dict[str, Any]:
+def _ball_fields(name: str, weakest: str, ball: BallBound, scale: float) -> dict[str, Any]:
     """Return the fields of a reserve; empty if nothing is proven.
 
     Args:

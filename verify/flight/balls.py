@@ -56,7 +56,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
-from verify.flight.programs import Box, find_solutions, greatest, times
+from verify.flight.programs import Bounds, find_solutions, greatest, times
 from verify.meshes import Indices
 
 ACCURACY = 1e-7
@@ -66,7 +66,7 @@ ROUNDS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class Ball:
+class BallBound:
     """Proven bounds on the radius of a largest ball, or the half-angle [rad] of a largest cap."""
 
     lower: float
@@ -91,7 +91,7 @@ class Polytopes(NamedTuple):
     """True if the largest caps are computed, not the largest balls."""
 
 
-def largest_balls(groups: Sequence[Polytopes], box: Box, level: float | None = None) -> list[list[Ball]]:
+def largest_balls(groups: Sequence[Polytopes], box: Bounds, level: float | None = None) -> list[list[BallBound]]:
     """Return the largest ball around zero, or the largest cap, in each polytope of every group.
 
     Args:
@@ -99,14 +99,14 @@ def largest_balls(groups: Sequence[Polytopes], box: Box, level: float | None = N
         box: bounds on the variables, common or one row per polytope.
         level: bounds are refined only until both are on one side of it; None: until they agree.
     """
-    shapes, balls = [(len(group.C), len(group.M)) for group in groups], dict[int, list[Ball]]()
+    shapes, balls = [(len(group.C), len(group.M)) for group in groups], dict[int, list[BallBound]]()
     for shape in set(shapes):
         alike = [k for k in range(len(groups)) if shapes[k] == shape]
         balls |= zip(alike, _refine([groups[k] for k in alike], box, level), strict=True)
     return [balls[k] for k in range(len(groups))]
 
 
-def _refine(groups: list[Polytopes], box: Box, level: float | None) -> list[list[Ball]]:
+def _refine(groups: list[Polytopes], box: Bounds, level: float | None) -> list[list[BallBound]]:
     """Refine all polytopes at once, one batch of linear programs per round."""
     C, M = [group.C for group in groups], [group.M for group in groups]
     g, m = (np.concatenate(rows) for rows in zip(*((group.g, group.m) for group in groups), strict=True))
@@ -124,7 +124,9 @@ def _refine(groups: list[Polytopes], box: Box, level: float | None) -> list[list
         if len(search[rows[0]].directions):
             bases = np.concatenate([search[row].warm_starts(d) for row, d in queries.items()])
         splits = np.searchsorted(number[rows], np.arange(len(C) + 1)).tolist()
-        optima = greatest(times(d, C, splits), M, m[rows], Box(bounds.low[rows], bounds.high[rows]), bases, splits)
+        optima = greatest(
+            times(d, C, splits), M, m[rows], Bounds(bounds.low[rows], bounds.high[rows]), bases, splits
+        )
         x, feasible = times(optima.v, [matrix.T for matrix in C], splits) - g[rows], np.isfinite(optima.attained)
         upper = optima.upper - np.sum(d * g[rows], axis=1)
         for row in unfinished:
@@ -227,10 +229,10 @@ class _Polytope:
                 selected.append(k)
         return normals[selected[:12]]
 
-    def ball(self) -> Ball:
+    def ball(self) -> BallBound:
         """Return the proven bounds."""
         sizes = (size for size, *facets in sorted(self.hulls, key=lambda hull: -hull[0]) if _surrounds(*facets))
-        return Ball(min(max(next(sizes, 0.0), 0.0), max(self.upper, 0.0)), self.upper, self.weakest)
+        return BallBound(min(max(next(sizes, 0.0), 0.0), max(self.upper, 0.0)), self.upper, self.weakest)
 
 
 def _surrounds(normals: Array, corners: Array) -> bool:
@@ -261,7 +263,7 @@ class PseudoInverse:
         box: bounds on the inputs, shape (N,) each.
     """
 
-    def __init__(self, A: Array, box: Box) -> None:
+    def __init__(self, A: Array, box: Bounds) -> None:
         # relative to the largest, smaller singular values count as zero
         self._A, self._box, self._inverse = A, box, np.linalg.pinv(A, rcond=1e-9)
 
@@ -304,7 +306,7 @@ class RotorFailures(NamedTuple):
     """Upper bound."""
 
 
-def rotor_failures(A: Array, b: Array, box: Box, level: float | None = None) -> RotorFailures:
+def rotor_failures(A: Array, b: Array, box: Bounds, level: float | None = None) -> RotorFailures:
     """Return whether a wrench is possible after the failure of each single rotor, and the remaining torque reserve.
 
     Args:
@@ -316,12 +318,12 @@ def rotor_failures(A: Array, b: Array, box: Box, level: float | None = None) -> 
     N = A.shape[1]
     is_alive = 1.0 - np.eye(N)
     low, high = box.low * is_alive, box.high * is_alive
-    solvable = find_solutions(A, np.tile(b, (N, 1)), Box(low, high))
+    solvable = find_solutions(A, np.tile(b, (N, 1)), Bounds(low, high))
     lower, upper = np.zeros(N), np.where(solvable.no, 0.0, np.inf)
     possible = np.flatnonzero(solvable.yes)
     for dead in np.array_split(possible, math.ceil(len(possible) / 20) or 1):  # 20 polytopes per batch
         produced = solvable.v[dead] @ A.T  # within the audit's tolerance of b, and attained exactly
         torques = Polytopes(A[3:], A[:3], produced[:, 3:], produced[:, :3])
-        (balls,) = largest_balls([torques], Box(low[dead], high[dead]), level)
+        (balls,) = largest_balls([torques], Bounds(low[dead], high[dead]), level)
         lower[dead], upper[dead] = [ball.lower for ball in balls], [max(ball.upper, 0.0) for ball in balls]
     return RotorFailures(solvable.yes, solvable.no, lower, upper)

@@ -69,17 +69,17 @@ SUM_ROUNDING = 1e-15
 
 
 @dataclass(frozen=True, eq=False)
-class Box:
+class Bounds:
     """Bounds on the variables."""
 
     low: Array
     """Shape (N,), or one row per program."""
     high: Array
 
-    def rows(self, programs: int) -> Box:
+    def rows(self, programs: int) -> Bounds:
         """Return the bounds with one row per program."""
         shape = programs, self.low.shape[-1]
-        return Box(np.broadcast_to(self.low, shape), np.broadcast_to(self.high, shape))
+        return Bounds(np.broadcast_to(self.low, shape), np.broadcast_to(self.high, shape))
 
     def greatest(self, w: Array) -> Array:
         """Return upper bounds on w . v within the box, rounding included, shape (B,)."""
@@ -103,7 +103,7 @@ class Maxima:
 
 
 def greatest(
-    c: Array, M: Array | list[Array], m: Array, box: Box, bases: Indices | None = None, splits: Splits = ()
+    c: Array, M: Array | list[Array], m: Array, box: Bounds, bases: Indices | None = None, splits: Splits = ()
 ) -> Maxima:
     """Return the greatest c . v of each program.
 
@@ -143,7 +143,7 @@ def greatest(
 
 
 def _bracket(
-    c: Array, M: list[Array], m: Array, box: Box, v: Array, y: Array, bases: Indices, splits: Splits
+    c: Array, M: list[Array], m: Array, box: Bounds, v: Array, y: Array, bases: Indices, splits: Splits
 ) -> Maxima:
     """Return the proven bounds that primal and dual points give."""
     is_feasible = np.abs(times(v, [matrix.T for matrix in M], splits) - m).max(axis=1, initial=0.0) <= RESIDUAL
@@ -167,7 +167,7 @@ class Solvable:
     """Final bases, warm starts for slightly different bounds, shape (B, k)."""
 
 
-def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -> Solvable:
+def find_solutions(M: Array, m: Array, box: Bounds, bases: Indices | None = None) -> Solvable:
     """Return for each m, shape (B, k), whether M v = m has a solution within bounds, each equation to TOLERANCE."""
     bounds = box.rows(len(m))
     # any costs would do; distinct ones make the solution a unique vertex
@@ -178,7 +178,7 @@ def find_solutions(M: Array, m: Array, box: Box, bases: Indices | None = None) -
         v[row], y = nearest(M, m[row], bounds.low[row], bounds.high[row])
         single = slice(row, row + 1)
         yes[single] = _is_solution(M, m[single], v[single])
-        no[single] = _is_infeasible(M, m[single], Box(bounds.low[single], bounds.high[single]), y[None])
+        no[single] = _is_infeasible(M, m[single], Bounds(bounds.low[single], bounds.high[single]), y[None])
     return Solvable(yes, no, v, bases)
 
 
@@ -186,7 +186,7 @@ def _is_solution(M: Array, m: Array, v: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(v @ M.T - m).max(axis=1) <= TOLERANCE)
 
 
-def _is_infeasible(M: Array, m: Array, box: Box, y: Array) -> NDArray[np.bool_]:
+def _is_infeasible(M: Array, m: Array, box: Bounds, y: Array) -> NDArray[np.bool_]:
     """Return whether each y proves that no v within the bounds solves the equations to TOLERANCE."""
     norm = np.sum(np.abs(y), axis=1, keepdims=True)
     y = y / np.where(norm > 0, norm, 1.0)
@@ -208,7 +208,7 @@ def nearest(M: Array, m: Array, low: Array, high: Array) -> tuple[Array, Array]:
     return np.clip(solution.x[:N], low, high), np.asarray(over - under)
 
 
-def least_inputs(A: Array, b: Array, box: Box, p: float = 2.0) -> tuple[Array | None, float]:
+def least_inputs(A: Array, b: Array, box: Bounds, p: float = 2.0) -> tuple[Array | None, float]:
     """Return the inputs with the least sum of |v|^p, and a lower bound on that sum.
 
     Args:

@@ -24,7 +24,7 @@ from topo_search.model.load_case import labels
 from verify.bodies import Array
 from verify.flight.analysis import CapabilityAnalysis
 from verify.flight.balls import Polytopes, largest_balls
-from verify.flight.programs import Box, greatest
+from verify.flight.programs import Bounds, greatest
 from verify.residuals import clamp
 
 ON_FACET = 1e-9
@@ -43,7 +43,7 @@ def capability(vehicle: Vehicle, task: Task | None = None) -> Capability | None:
     arm, weight = float(np.linalg.norm(r, axis=1).max()) or 1.0, vehicle.mass * vehicle.gravity
     A, cases = rotor_map(vehicle), {} if task is None else _cases(task, weight)
     low = np.array([rotor.u_min / rotor.u_max for rotor in vehicle.rotors])
-    box = Box(low, np.ones(len(low)))
+    box = Bounds(low, np.ones(len(low)))
     inertia = vehicle.inertia
     J = None if inertia is None else np.diag(inertia) if np.ndim(inertia) == 1 else np.array(inertia)
     analysis = CapabilityAnalysis(
@@ -107,7 +107,7 @@ def _flat_indices(out: RotorsOut) -> RotorsOut:
     return out.model_copy(update={"lost": lost, "undecided": undecided})
 
 
-def force_hull(F: Array, T: Array, t: Array, box: Box, *, rounds: int = 200) -> ConvexHull | None:
+def force_hull(F: Array, T: Array, t: Array, box: Bounds, *, rounds: int = 200) -> ConvexHull | None:
     """Return the hull of all forces F v with T v = t and v in the box; None if it has no volume.
 
     Args:

@@ -33,7 +33,7 @@ MAX_WIDTH = 1.6
 """Largest width of an interval with a triangle: no coordinate of a vertex exceeds 1.44 [rad]."""
 
 
-class Frames(NamedTuple):
+class ArcFrames(NamedTuple):
     """Frames of all modules; those of module i begin at first[i], and each hinge of its path appends a digit."""
 
     first: Indices
@@ -47,14 +47,14 @@ class Frames(NamedTuple):
 
 
 @njit(cache=True, literals=False)
-def empty_frames(problem: CheckProblem, choices: int) -> Frames:
+def empty_frames(problem: CheckProblem, choices: int) -> ArcFrames:
     """Return arrays for the frames of all modules, with `choices` pairs per angle."""
     n = len(problem.parent)
     first = np.zeros(n + 1, np.int64)
     for i in range(n):
         first[i + 1] = first[i] + choices ** problem.depth[i]
     count = first[n]
-    return Frames(first, np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3)))
+    return ArcFrames(first, np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3)))
 
 
 @njit(cache=True, allocates=False)
@@ -90,7 +90,7 @@ def fill_root_orientation(psi: Array, alpha_0: Array, alpha_1: Array, R: Array) 
 
 
 @njit(cache=True, literals=False, allocates=False)
-def fill_frames(problem: CheckProblem, pairs: Array, choices: int, frames: Frames) -> None:
+def fill_frames(problem: CheckProblem, pairs: Array, choices: int, frames: ArcFrames) -> None:
     """Fill the frames of all modules for each combination of pairs (c, s), shape (A, choices, 2)."""
     first, R, B, p = frames
     R[0], B[0], p[0] = 0.0, 0.0, 0.0

@@ -24,7 +24,7 @@ import numpy as np
 
 from topo_search.model.compiled_code import njit
 from verify.bodies import Array
-from verify.proof.arcs import Frames
+from verify.proof.arcs import ArcFrames
 from verify.proof.platform import CheckProblem, Indices
 
 Vector = tuple[float, float, float]
@@ -34,7 +34,7 @@ SQUARE_ROUNDING = 1e-11
 
 
 @njit(cache=True)
-def find_crowded_pair(problem: CheckProblem, triangles: Array, frames: Frames, module_pair: Indices) -> bool:
+def find_crowded_pair(problem: CheckProblem, triangles: Array, frames: ArcFrames, module_pair: Indices) -> bool:
     """Return whether two modules are too close everywhere in a box.
 
     Args:
@@ -61,7 +61,9 @@ def find_crowded_pair(problem: CheckProblem, triangles: Array, frames: Frames, m
 
 
 @njit(cache=True, inner=True)
-def _pair_crowding(problem: CheckProblem, triangles: Array, frames: Frames, i: int, j: int) -> tuple[bool, float]:
+def _pair_crowding(
+    problem: CheckProblem, triangles: Array, frames: ArcFrames, i: int, j: int
+) -> tuple[bool, float]:
     """Return whether two modules are too close everywhere in a box, and their least gap at the middle."""
     gap = math.inf
     if problem.has_airflow:
@@ -94,7 +96,7 @@ def _pair_crowding(problem: CheckProblem, triangles: Array, frames: Frames, i: i
 
 
 @njit(cache=True, inner=True)
-def _ball_in_airflow(problem: CheckProblem, frames: Frames, i: int, j: int, b: int) -> tuple[float, float]:
+def _ball_in_airflow(problem: CheckProblem, frames: ArcFrames, i: int, j: int, b: int) -> tuple[float, float]:
     """Return the share of the axis of j at which ball b of module i is deepest in the airflow, and the gap."""
     x, y, z, radius = problem.balls[b]
     R, axis = frames.R[i], frames.R[j, :, 2]
@@ -106,7 +108,7 @@ def _ball_in_airflow(problem: CheckProblem, frames: Frames, i: int, j: int, b: i
 
 
 @njit(cache=True, inner=True)
-def deepest_shares(problem: CheckProblem, frames: Frames, i: int, j: int) -> tuple[float, float, float]:
+def deepest_shares(problem: CheckProblem, frames: ArcFrames, i: int, j: int) -> tuple[float, float, float]:
     """Return the shares of two axes at which the envelopes overlap most, approximately, and the gap there."""
     L, growth = problem.length, problem.growth
     w, zi, zj = frames.p[i] - frames.p[j], frames.R[i, :, 2], frames.R[j, :, 2]

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from topo_search.model.compiled_code import njit
 from topo_search.model.proven import TOLERANCE
 from verify.bodies import Array
-from verify.proof.arcs import Frames, fill_root_orientation
+from verify.proof.arcs import ArcFrames, fill_root_orientation
 from verify.proof.platform import CheckProblem
 
 BOUND_ROUNDING = 5e-11
@@ -51,7 +51,7 @@ MAX_INVERSE_WEIGHT = 1e300
 """1 / (2 lambda) of a load case without weight: its rotors are at their least or greatest input."""
 
 
-class BoundWorkspace(NamedTuple):
+class DualWorkspace(NamedTuple):
     """Arrays for the bound of one box."""
 
     R: Array
@@ -69,10 +69,10 @@ class BoundWorkspace(NamedTuple):
 
 
 @njit(cache=True)
-def bound_workspace(problem: CheckProblem, frame_count: int) -> BoundWorkspace:
+def bound_workspace(problem: CheckProblem, frame_count: int) -> DualWorkspace:
     """Return arrays for boxes with `frame_count` frames."""
     K = len(problem.f)
-    return BoundWorkspace(
+    return DualWorkspace(
         np.zeros((ROOT_CHOICES, 3, 3)),
         np.zeros((K, 6, ROOT_CHOICES)),
         np.zeros((3, ROOT_CHOICES)),
@@ -84,7 +84,7 @@ def bound_workspace(problem: CheckProblem, frame_count: int) -> BoundWorkspace:
 
 @njit(cache=True, allocates=False)
 def bound(
-    problem: CheckProblem, y: Array, sigma: Array, triangles: Array, frames: Frames, workspace: BoundWorkspace
+    problem: CheckProblem, y: Array, sigma: Array, triangles: Array, frames: ArcFrames, workspace: DualWorkspace
 ) -> float:
     """Return a lower bound on the effort of all designs in a box.
 
@@ -135,7 +135,7 @@ def bound(
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _fill_module(problem: CheckProblem, frames: Frames, i: int, v: int, workspace: BoundWorkspace) -> None:
+def _fill_module(problem: CheckProblem, frames: ArcFrames, i: int, v: int, workspace: DualWorkspace) -> None:
     """Fill the term of module i in one frame, for each combination of the root."""
     R, value, (w, a, b) = frames.R[v], workspace.least_sum[v], problem.bodies[i]
     Mx, My, Mz = frames.B[v, 0, 2], frames.B[v, 1, 2], frames.B[v, 2, 2]

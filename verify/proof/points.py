@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from topo_search.model.compiled_code import njit
 from verify.bodies import Array
-from verify.proof.arcs import Frames, fill_root_orientation
+from verify.proof.arcs import ArcFrames, fill_root_orientation
 from verify.proof.platform import CheckProblem
 
 MAX_POINTS = 32
 """Largest number of points that enter a step."""
 
 
-class Slopes(NamedTuple):
+class AngleDerivatives(NamedTuple):
     """Derivatives by the angles at the middle of a box."""
 
     rho: Array
@@ -79,7 +79,7 @@ class Points(NamedTuple):
     """m, shape (1,)."""
     min_gain: Array
     """Least gain of a Newton step over the maximized value, shape (1,)."""
-    slopes: Slopes
+    slopes: AngleDerivatives
     """Slopes at the middle; without angles at vertices."""
 
 
@@ -99,7 +99,7 @@ def empty_points(problem: CheckProblem, count: int, angles: int) -> Points:
     for a in range(angles):
         for i in range(n):
             is_turned[a, i] = is_turned_by(problem, a, i)
-    slopes = Slopes(
+    slopes = AngleDerivatives(
         np.zeros(angles),
         is_turned,
         np.zeros((angles, 2, 3)),
@@ -134,7 +134,7 @@ def empty_points(problem: CheckProblem, count: int, angles: int) -> Points:
 
 
 @njit(cache=True, literals=False, allocates=False)
-def fill_point(problem: CheckProblem, pairs: Array, frames: Frames, points: Points, v: int) -> None:
+def fill_point(problem: CheckProblem, pairs: Array, frames: ArcFrames, points: Points, v: int) -> None:
     """Fill the data of point v from its pairs (c, s), shape (A, 1, 2), and its frames, one per module."""
     R, cx, cy, cz = points.R, 0.0, 0.0, 0.0
     fill_root_orientation(pairs[0, 0], pairs[1, 0], pairs[2, 0], R)
@@ -175,7 +175,7 @@ def _rotate(R: Array, x: float, y: float, z: float) -> tuple[float, float, float
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _moment(problem: CheckProblem, frames: Frames, R: Array, i: int) -> tuple[float, float, float]:
+def _moment(problem: CheckProblem, frames: ArcFrames, R: Array, i: int) -> tuple[float, float, float]:
     """Return c_i in W."""
     w, a, b = problem.bodies[i]
     p, axes = frames.p[i], frames.R[i]
@@ -188,14 +188,14 @@ def _moment(problem: CheckProblem, frames: Frames, R: Array, i: int) -> tuple[fl
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _envelope_end(problem: CheckProblem, frames: Frames, R: Array, r: int) -> tuple[float, float, float]:
+def _envelope_end(problem: CheckProblem, frames: ArcFrames, R: Array, r: int) -> tuple[float, float, float]:
     i, distance = problem.wall_module[r], problem.wall_distance[r]
     p, axes = frames.p[i], frames.R[i]
     return _rotate(R, p[0] - distance * axes[0, 2], p[1] - distance * axes[1, 2], p[2] - distance * axes[2, 2])
 
 
 @njit(cache=True, allocates=False)
-def fill_slopes(problem: CheckProblem, pairs: Array, frames: Frames, rho: Array, points: Points) -> None:
+def fill_slopes(problem: CheckProblem, pairs: Array, frames: ArcFrames, rho: Array, points: Points) -> None:
     """Fill the derivatives by the angles at the middle, the only point of `points`, after `fill_point`."""
     slopes, curvature, R = points.slopes, points.curvature, points.R
     _fill_axes(problem, pairs, frames, points)
@@ -228,7 +228,7 @@ def fill_slopes(problem: CheckProblem, pairs: Array, frames: Frames, rho: Array,
 
 
 @njit(cache=True, inner=True, allocates=False)
-def _fill_axes(problem: CheckProblem, pairs: Array, frames: Frames, points: Points) -> None:
+def _fill_axes(problem: CheckProblem, pairs: Array, frames: ArcFrames, points: Points) -> None:
     (c, s), (c0, s0), axes = pairs[0, 0], pairs[1, 0], points.slopes.axes
     axes[:3] = 0.0
     axes[0, 0, 2] = 1.0

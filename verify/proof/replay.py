@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from topo_search.model.compiled_code import njit
 from verify.bodies import Array
 from verify.proof import arcs, ascent, dual
-from verify.proof.arcs import Frames
+from verify.proof.arcs import ArcFrames
 from verify.proof.crowded import find_crowded_pair
 from verify.proof.platform import CheckProblem, angles_around
 from verify.proof.points import Points, empty_points, fill_point, fill_slopes
@@ -47,19 +47,19 @@ class Replayed(NamedTuple):
     upper: Array
 
 
-class BoxWorkspace(NamedTuple):
+class ReplayWorkspace(NamedTuple):
     """Arrays for one box."""
 
     triangles: Array
     """Triangles of all angles, shape (A, 3, 2)."""
     middle_pairs: Array
     """(c, s) of the middle or of a vertex, shape (A, 1, 2)."""
-    frames: Frames
+    frames: ArcFrames
     """Frames for all combinations of triangle vertices of the hinges."""
-    middle_frames: Frames
+    middle_frames: ArcFrames
     middle: Points
     vertices: Points
-    bound: dual.BoundWorkspace
+    bound: dual.DualWorkspace
     y: Array
     """Multipliers of the previous box, shape (K, 6)."""
     sigma: Array
@@ -122,13 +122,13 @@ def replay(problem: CheckProblem, lower: Array, upper: Array, cut: float, record
 
 
 @njit(cache=True, inner=True, inline="always")
-def _box_workspace(problem: CheckProblem) -> BoxWorkspace:
+def _box_workspace(problem: CheckProblem) -> ReplayWorkspace:
     A, K = len(problem.parent) + 2, len(problem.f)
     frames, middle_frames = arcs.empty_frames(problem, 3), arcs.empty_frames(problem, 1)
     initial_y, initial_sigma = np.zeros((K, 6)), np.zeros(len(problem.wall_normal))
     for k in range(K):  # four rotors per module, all parallel to the force: t = 2 lambda u
         initial_y[k, :3] = 2 * problem.weight[k] * problem.f[k] / (4 * len(problem.parent))
-    return BoxWorkspace(
+    return ReplayWorkspace(
         np.zeros((A, 3, 2)),
         np.zeros((A, 1, 2)),
         frames,
@@ -156,7 +156,7 @@ def _halve(problem: CheckProblem, lo: Array, hi: Array, top: int, a: int) -> Non
 
 @njit(cache=True, inner=True, inline="always")
 def _process_box(
-    problem: CheckProblem, code: int, lower: Array, upper: Array, rho: Array, cut: float, workspace: BoxWorkspace
+    problem: CheckProblem, code: int, lower: Array, upper: Array, rho: Array, cut: float, workspace: ReplayWorkspace
 ) -> int:
     """Return -1 if the reason given by the record excludes the box, else the angle to halve."""
     wide_axis, first_angle = -1, 0 if code == BOUND else 3
@@ -218,7 +218,7 @@ def _crowded_hinge(problem: CheckProblem, rho: Array, i: int, j: int) -> int:
 
 
 @njit(cache=True, inner=True)
-def _split_axis(problem: CheckProblem, workspace: BoxWorkspace, rho: Array) -> int:
+def _split_axis(problem: CheckProblem, workspace: ReplayWorkspace, rho: Array) -> int:
     """Return the angle with the largest effect on the bound, after the slopes are filled."""
     points, slopes = workspace.middle, workspace.middle.slopes
     curvature = np.zeros(len(rho))

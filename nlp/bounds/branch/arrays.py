@@ -44,7 +44,7 @@ SUM_ROUNDING = 1e-11
 """Allowance for rounding of a sum, over its largest terms, up to n K = 10,000 (`nlp.bounds.branch.box`)."""
 
 
-class Tree(NamedTuple):
+class TreePaths(NamedTuple):
     """Parents, ports and paths of the modules."""
 
     parent: Indices
@@ -61,7 +61,7 @@ class Tree(NamedTuple):
     """True if two modules share a joint, shape (n, n)."""
 
 
-class Levers(NamedTuple):
+class LargestLevers(NamedTuple):
     """Greatest distances from the axes over all angles [l_arm]."""
 
     rotor: Array
@@ -135,8 +135,8 @@ class Separation(NamedTuple):
 class BranchProblem(NamedTuple):
     """A task and a tree as arrays."""
 
-    tree: Tree
-    levers: Levers
+    tree: TreePaths
+    levers: LargestLevers
     loads: Loads
     walls: Walls
     slack: Slack
@@ -266,7 +266,7 @@ def reroot(topology: Topology, root: int) -> Topology:
     return Topology(tuple(joints))
 
 
-def _tree(topology: Topology) -> Tree:
+def _tree(topology: Topology) -> TreePaths:
     n = topology.n
     parent, port = (np.array([joint[k] for joint in topology.joints]) for k in (0, 1))
     depth, path = np.zeros(n, np.int64), np.full((n, n + 2), -1)
@@ -281,16 +281,18 @@ def _tree(topology: Topology) -> Tree:
     parent, port, kappa, depth, path, first = (
         x.astype(np.int64) for x in (parent, port, np.array(topology.kappas), depth, path, first)
     )
-    return Tree(parent, port, kappa, depth, path, first, bolted)
+    return TreePaths(parent, port, kappa, depth, path, first, bolted)
 
 
-def _levers(tree: Tree, l_c: float, drag: float, bodies: Array) -> Levers:
+def _levers(tree: TreePaths, l_c: float, drag: float, bodies: Array) -> LargestLevers:
     """Return the distances in the stretched-out tree; hinges are l_c before their modules, the root's axes at 0."""
     n = len(tree.parent)
     axis_offset = np.concatenate([np.zeros(3), l_c * (2 * tree.depth[1:] - 1)])
     centre = np.abs(2 * l_c * tree.depth[:, None] - axis_offset)
     body = bodies[:, :1] * centre + np.linalg.norm(bodies[:, 1:], axis=1)[:, None]
-    return Levers(centre + 1 + drag, centre, body, np.abs(axis_offset[:, None] - axis_offset[None, :])[: n + 2])
+    return LargestLevers(
+        centre + 1 + drag, centre, body, np.abs(axis_offset[:, None] - axis_offset[None, :])[: n + 2]
+    )
 
 
 def _loads(task: ResolvedTask, mass: Masses, unit: Units) -> Loads:
@@ -330,7 +332,7 @@ def _walls(task: ResolvedTask, unit: Units) -> Walls:
 
 
 def _slack(
-    task: ResolvedTask, tree: Tree, levers: Levers, loads: Loads, walls: Walls, mass: Masses, U: float
+    task: ResolvedTask, tree: TreePaths, levers: LargestLevers, loads: Loads, walls: Walls, mass: Masses, U: float
 ) -> Slack:
     """Return the losses of a dual value to the audit's tolerance and to rounding.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nlp.bounds.branch.arrays import Tree
+from nlp.bounds.branch.arrays import TreePaths
 from nlp.numbers.kinematics import Vector, add, row
 from topo_search.model.arrays import Array
 from topo_search.model.compiled_code import njit
@@ -58,7 +58,7 @@ def empty_frames(count: int) -> Frames:
 
 
 @njit(cache=True, allocates=False)
-def fill_vertex_frames(tree: Tree, l_c: float, lower: Array, upper: Array, frames: Frames) -> None:
+def fill_vertex_frames(tree: TreePaths, l_c: float, lower: Array, upper: Array, frames: Frames) -> None:
     """Fill the frames of all modules at the vertices of the hinges on their paths."""
     _fill_root(frames)
     for i in range(1, len(tree.parent)):
@@ -73,7 +73,7 @@ def fill_vertex_frames(tree: Tree, l_c: float, lower: Array, upper: Array, frame
 
 
 @njit(cache=True, allocates=False)
-def fill_middle_frames(tree: Tree, l_c: float, middle: Array, frames: Frames, axes: Axes) -> None:
+def fill_middle_frames(tree: TreePaths, l_c: float, middle: Array, frames: Frames, axes: Axes) -> None:
     """Fill one frame per module, and the axes, at the angles `middle`."""
     _fill_root(frames)
     _fill_root_axes(middle, axes)
