@@ -4,6 +4,7 @@ import ast
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -165,6 +166,13 @@ TERMS = {
 }
 
 
+def core_contract() -> dict[str, list[str]]:
+    """Return the contract of import-linter that separates core and features."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    (contract,) = (each for each in settings["contracts"] if each["name"] == "core imports no feature")
+    return contract
+
+
 def is_participle(word: str) -> bool:
     """Return whether a word is the past participle of a verb."""
     return word in IRREGULAR.split() or (word.endswith("ed") and word not in NO_PARTICIPLES)
@@ -204,6 +212,33 @@ def test_no_two_classes_share_a_name() -> None:
         if isinstance(node, ast.ClassDef)
     )
     assert [name for name, times in count.items() if times > 1] == []
+
+
+def test_every_module_is_core_or_a_feature() -> None:
+    contract = core_contract()
+    sources, features = set(contract["source_modules"]), set(contract["forbidden_modules"])
+    modules = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for package in ("nlp", "topo_search", "verify")
+        for path in (ROOT / package).rglob("*.py")
+        if path.name not in ("__init__.py", "features.py") and path.parent.name not in ("cli", "compose")
+    }
+    where = {
+        module: [name for name in sources | features if f"{module}.".startswith(f"{name}.")] for module in modules
+    }
+    assert {module: names for module, names in where.items() if len(names) != 1} == {}
+
+
+def test_an_import_of_a_feature_by_the_core_breaks_its_contract(tmp_path: Path) -> None:
+    for package in ("nlp", "topo_search", "verify"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    command = [sys.executable, "-c", "from importlinter.cli import lint_imports_command; lint_imports_command()"]
+    with (tmp_path / "nlp" / "ipopt.py").open("a", encoding="utf-8") as core:
+        core.write("import nlp.hinge_sets\n")
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "nlp.ipopt is not allowed to import nlp.hinge_sets" in done.stdout
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant["file"])
