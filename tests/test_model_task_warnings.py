@@ -71,8 +71,7 @@ def test_the_shipped_tasks_are_odd_only_where_the_paper_pushes_with_half_the_wei
         warnings = {one.path for one in task_warnings(read_task(name))}
         flies = name in ("wall-push", "window-cleaning", "survives-a-rotor")
         pushes = {"load_cases[0]", "load_cases[1]"} if name.startswith("push") else set()
-        ignored = {"end_effector.rod_mass"} if name == "survives-a-rotor" else set()
-        assert warnings == pushes | (ignored if flies else {"module.torque_coefficient"}), name
+        assert warnings == pushes | (set() if flies else {"module.torque_coefficient"}), name
 
 
 def test_rotors_that_nobody_builds() -> None:
@@ -367,6 +366,7 @@ def test_a_rod_that_may_bend_far_is_warned_about() -> None:
         ({"goals": {"rotor_out": ["none", "hover"]}}, True),
         ({"flight": {"force_reserve": 0.05}}, False),
         ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod_mass": "included"}}, False),
+        ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod_mass": "ignored"}}, False),
         ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod": "none"}}, False),
         ({"flight": {"torque_reserve": 0.05}, "end_effector": {"rod_linear_density": 0.0}}, False),
     ],

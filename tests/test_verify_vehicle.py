@@ -4,12 +4,12 @@ import json
 import math
 from itertools import combinations, product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from commands import invoke
 from scipy.spatial import ConvexHull
+from vehicle_cases import HEXACOPTERS, hexacopter, omnicopter, rotor, star
 
 from topo_search.export.allocation import allocation
 from topo_search.model import Design
@@ -23,24 +23,9 @@ from verify.kinematics import platform
 SPOILT = ("x_m,y_m,z_m,ax,ay,az,spin,k_f,k_tau,u_max\n0,0,0,0,0,0,2,1,0,1\n", "spin")
 
 
-def rotor(r: Any, a: Any, **fields: Any) -> dict[str, Any]:
-    """A rotor whose largest thrust is 1 N."""
-    place = dict(zip(("x_m", "y_m", "z_m", "ax", "ay", "az"), [*map(float, r), *map(float, a)], strict=True))
-    return {**place, "spin": 1, "k_f": 1.0, "k_tau": 0.0, "u_max": 1.0, **fields}
-
-
-def star(tilt: float) -> Vehicle:
-    """Six rotors on a circle, tilted about their arms, one to the left and one to the right."""
-    rotors = []
-    for k in range(6):
-        c, s, t = math.cos(k * math.pi / 3), math.sin(k * math.pi / 3), tilt * (-1) ** k
-        rotors.append(rotor([c, s, 0.0], [-s * math.sin(t), c * math.sin(t), math.cos(t)], spin=(-1) ** k))
-    return Vehicle(rotors=rotors)
-
-
 @pytest.mark.parametrize("tilt_deg", [30.0, 54.735610317245346, 70.0])
 def test_the_star_shaped_hexarotor_has_the_volume_of_its_formula(tilt_deg: float) -> None:
-    """12 sqrt(3) c s^2: 4.5 at 30 and, the most, 8 at 54.74 degrees."""
+    """12 sqrt(3) c s^2 (arXiv 2408.12294): 4.5 at 30 and, the most, 8 at 54.74 degrees."""
     tilt = math.radians(tilt_deg)
     found = capability(star(tilt))
     volume = 12 * math.sqrt(3) * math.cos(tilt) * math.sin(tilt) ** 2
@@ -50,13 +35,7 @@ def test_the_star_shaped_hexarotor_has_the_volume_of_its_formula(tilt_deg: float
 
 @pytest.mark.parametrize(("drag", "ball"), [(0.0, 2 * math.sqrt(8 / 3)), (0.05, 2.9330)])
 def test_the_omnicopter_exerts_any_force_without_torque(drag: float, ball: float) -> None:
-    """Eight reversible rotors on the corners of a cube (Brescianini and D'Andrea, ICRA 2016), arms of 0.25 m."""
-    a, b, c = 0.5 + 1 / math.sqrt(12), 0.5 - 1 / math.sqrt(12), 1 / math.sqrt(3)
-    axes = np.array([[-a, b, -b, a, a, -b, b, -a], [b, a, -a, -b, -b, -a, a, b], [c, -c, -c, c, c, -c, -c, c]])
-    x = [[1, -1, 1, -1, 1, -1, 1, -1], [1, 1, -1, -1, 1, 1, -1, -1], [1, 1, 1, 1, -1, -1, -1, -1]]
-    at = 0.25 / math.sqrt(3) * np.array(x)
-    rotors = [rotor(r, z, u_min=-1.0, k_tau=drag) for r, z in zip(at.T, axes.T, strict=True)]
-    vehicle = Vehicle(rotors=rotors)
+    vehicle = omnicopter(drag)
     F = rotor_map(vehicle)[:3]
     np.testing.assert_allclose(F @ F.T, 8 / 3 * np.eye(3), atol=1e-12)
     assert capability(vehicle).zero_torque_ball_N == pytest.approx(ball, abs=1e-4 if drag else 2e-6)
@@ -95,20 +74,6 @@ def test_a_flat_lattice_pulls_up_alone() -> None:
     assert other.flight.hover.possible is True
 
 
-def hexacopter(spins: str, seed: int | None = None) -> Vehicle:
-    """The usual hexacopter of 2.4 times its weight, or one with other drag, thrust and centre of mass."""
-    rng = np.random.default_rng(seed)
-    drag, thrust, com = (rng.uniform(0.005, 0.05), rng.uniform(0.3, 0.9), rng.normal(0, 0.03, 3))
-    if seed is None:
-        drag, thrust, com = 0.1 * 0.275, 6.125 / 15.043, np.zeros(3)
-    rotors = [
-        rotor([0.275 * math.cos(k * math.pi / 3), -0.275 * math.sin(k * math.pi / 3), 0.0], [0, 0, 1])
-        | {"spin": 1 if spin == "p" else -1, "k_tau": drag, "u_max": thrust}
-        for k, spin in enumerate(spins)
-    ]
-    return Vehicle(rotors=rotors, mass=1 / 9.81, com=tuple(com.tolist()))
-
-
 def torque_left(vehicle: Vehicle, dead: int) -> float:
     """Distance of hover from the nearest facet of the torques at its thrust; at each vertex one input is free."""
     T, vertices = np.delete(rotor_map(vehicle), dead, axis=1)[2:], []
@@ -120,12 +85,8 @@ def torque_left(vehicle: Vehicle, dead: int) -> float:
     return -float(ConvexHull(vertices).equations[:, 3].max()) if vertices else -math.inf
 
 
-PUBLISHED = {"pnpnpn": (0, 6), "ppnnpn": (4, 0)}
-"""Failures after which roll, pitch and yaw are held, and after which only hover is (arXiv 1403.5986)."""
-
-
 @pytest.mark.parametrize("seed", [None, *range(6)])
-@pytest.mark.parametrize("spins", [*PUBLISHED, "pppnnn", "ppnpnn"])
+@pytest.mark.parametrize("spins", [*HEXACOPTERS, "pppnnn", "ppnpnn"])
 def test_a_hexacopter_survives_failures_that_leave_torque_in_every_direction(spins: str, seed: int | None) -> None:
     vehicle = hexacopter(spins, seed)
     out = capability(vehicle).flight.rotors_out_hover
@@ -133,8 +94,8 @@ def test_a_hexacopter_survives_failures_that_leave_torque_in_every_direction(spi
     left = np.array([torque_left(vehicle, dead) for dead in range(6)]) / np.linalg.norm(places, axis=1).max()
     assert (out.survive, out.hover_only) == (sum(left >= 0.01), sum((left > -1e-9) & (left < 0.01)))
     assert [rotor for _, rotor in out.lost] == np.flatnonzero(left <= -1e-9).tolist()
-    if seed is None and spins in PUBLISHED:
-        assert (out.survive, out.hover_only) == PUBLISHED[spins]
+    if seed is None and spins in HEXACOPTERS:
+        assert (out.survive, out.hover_only) == HEXACOPTERS[spins]
 
 
 def test_a_kit_can_do_what_the_audit_says(tmp_path: Path) -> None:
@@ -184,6 +145,16 @@ KIT_HEAD = "x_m,y_m,z_m,axis_x,axis_y,axis_z,spin,thrust_coefficient_Ns2,torque_
         (f"{HEAD}0,0,0,0,0,1,1,1,0,x\n", "rotors[0].u_max: "),
         (f"{KIT_HEAD}0,0,0,0,0,1,1,0,0,3\n", "rotors[0].k_f: "),
         (f"{KIT_HEAD}0,0,0,0,0,1,1,1,0,x\n", "rotors[0].u_max: "),
+        (
+            f"{HEAD}0.275,0,0,0,0,1,1,1,0,".replace(",", ";") + "612,500\n",
+            "rotors: must have decimal commas or points and nothing between thousands, but has 612,500 and 0.275",
+        ),
+        (
+            f"{HEAD}0,0,0,0,0,1,1,1,0,".replace(",", "\t") + "612,500.0\n",
+            "rotors: must have decimal commas or points and nothing between thousands, but has 612,500.0 and ",
+        ),
+        (f"{HEAD}0,0,0,0,0,1,1,1,0,".replace(",", ";") + "1,612,500\n", "rotors[0].u_max: "),
+        (f'{HEAD}0,0,0,0,0,1,1,1,0,"612,500"\n', "rotors[0].u_max: "),
     ],
 )
 def test_faults_of_a_table_of_rotors_name_file_field_and_rule(text: str, fault: str, tmp_path: Path) -> None:
@@ -200,6 +171,7 @@ def test_faults_of_a_table_of_rotors_name_file_field_and_rule(text: str, fault: 
         f"{HEAD}1.5,0,0,0,0,1,-1,1,0,2,\n 0, 0, 0, 0, 0, 1, 1, 1e0, 0, 2\n".replace(",k_f", ", k_f "),
         f"{HEAD}1,5,0,0,0,0,1,-1,1,0,2\n0,0,0,0,0,1,1,1,0,2\n".replace(",", ";").replace("1;5", "1,5"),
         f"{HEAD}1.5,0,0,0,0,1,-1,1,0,2\n0,0,0,0,0,1,1,1,0,2\n".replace(",", "\t"),
+        f"{HEAD}1.5,0,0,0,0,1,-1,1,0,2\n0,0,0,0,0,1,1,1,0,2\n".replace(",", ";"),
     ],
 )
 def test_tables_of_rotors_are_read_as_spreadsheets_write_them(tmp_path: Path, text: str) -> None:

@@ -240,7 +240,9 @@ class Geometry(Value):
 class Design(Geometry):
     """Complete platform for a task; the audit recomputes all of its numbers.
 
-    Unknown fields of a file are ignored, so that other programs can add their own.
+    The schema is that of complete designs: it refuses a bare geometry, without `rotor_speeds_squared` and
+    `objective`, which commands read as well. Unknown fields of a file are ignored, so that other programs can add
+    their own.
     """
 
     rotor_speeds_squared: tuple[tuple[Number, ...], ...]

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -332,18 +333,19 @@ def read_vehicle(path: str | Path) -> Vehicle:
 OF_A_KIT = {"axis_x": "ax", "axis_y": "ay", "axis_z": "az", "thrust_coefficient_Ns2": "k_f"}
 OF_A_KIT |= {"torque_coefficient_Nms2": "k_tau", "largest_thrust_N": "thrust"}
 """Columns of a kit's table of rotors, and their names here."""
+NUMBER = re.compile(r"[-+\d.,eE]+")
+"""Cell that holds a number, with decimal point or comma."""
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:
     """Return the rows of a table of rotors, with cells that hold numbers converted.
 
-    Columns may be separated by semicolons, with decimal commas, or by tabs. Columns without a name, such as an
-    index that pandas writes, and rows without a value are left out.
+    Columns may be separated by semicolons or tabs, with decimal commas or points. Columns without a name, such as
+    an index that pandas writes, and rows without a value are left out.
     """
     text = load_text(path, most_bytes=LIMITS.task_bytes)
     mark = next((mark for mark in ";\t" if mark in text.partition("\n")[0]), ",")
-    lines = (text if mark == "," else text.replace(",", ".")).splitlines()
-    head, *table = list(csv.reader(lines, delimiter=mark, skipinitialspace=True)) or [[]]
+    head, *table = list(csv.reader(text.splitlines(), delimiter=mark, skipinitialspace=True)) or [[]]
     names = [OF_A_KIT.get(name.strip(), name.strip()) for name in head]
     if not {"x_m", "y_m", "z_m"} <= set(names):
         rule = f"must be a CSV table with columns x_m, y_m, z_m, ..., but its first line is {show(','.join(head))}"
@@ -351,13 +353,19 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     if twice := [text.strip() for text, name in zip(head, names, strict=True) if name and names.count(name) > 1]:
         rule = f"must have one column per quantity, but has {show(', '.join(twice))}"
         raise BadInput(str(path), [Fault("rotors", rule)])
+    numbers = [cell.strip() for line in table for cell in line if NUMBER.fullmatch(cell.strip())]
+    comma, point = (next((cell for cell in numbers if sign in cell), None) for sign in ",.")
+    if mark != "," and comma and point:
+        rule = f"must have decimal commas or points and nothing between thousands, but has {comma} and {point}"
+        raise BadInput(str(path), [Fault("rotors", rule)])
     rows = list[dict[str, Any]]()
     for line in table:
         if any(line[len(names) :]):
             rule = f"must have at most {len(names)} cells, one per column, but has {len(line)}"
             raise BadInput(str(path), [Fault(f"rotors[{len(rows)}]", rule)])
         cells = ((name, cell.strip()) for name, cell in zip(names, line, strict=False))
-        row = {name: _number(cell) for name, cell in cells if name and cell and not name.startswith("Unnamed: ")}
+        named = ((name, cell) for name, cell in cells if name and cell and not name.startswith("Unnamed: "))
+        row = {name: _number(cell, mark) for name, cell in named}
         if "thrust" in row:
             thrust, k_f = row["thrust"], row.get("k_f")
             both = isinstance(thrust, int | float) and isinstance(k_f, int | float) and k_f > 0
@@ -367,9 +375,10 @@ def _rows(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def _number(cell: str) -> Any:
+def _number(cell: str, mark: str) -> Any:
+    """Return a cell of a table with this mark between columns as a number; the cell itself if it is none."""
     try:
-        number = float(cell)
+        number = float(cell if mark == "," else cell.replace(",", "."))
     except ValueError:
         return cell
     return int(number) if number in (-1, 1) else number

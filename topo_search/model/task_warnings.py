@@ -375,14 +375,14 @@ def _rod(task: Task, n: int) -> Doubts:
 
 
 def _rod_mass(task: Task) -> Doubts:
-    """Yield a rod's mass that is ignored, but whose moment required torque reserves have to cover."""
+    """Yield a rod's mass that is ignored unsaid, but whose moment required torque reserves have to cover."""
     rod, flights = task.end_effector, [task.at(level).flight for level in task.goals.levels]
     reserves = any(f.torque_reserve or (f.rotor_out != "none" and f.rotor_out_torque != 0) for f in flights)
-    if (rod.rod, rod.rod_mass) == ("straight", "ignored") and rod.rod_linear_density and reserves:
+    if rod.rod == "straight" and "rod_mass" not in rod.model_fields_set and rod.rod_linear_density and reserves:
         yield (
             "end_effector.rod_mass",
             "with torque reserves required, the audit rejects designs whose rod, ignored by the search, takes more "
-            'than that by its weight: set it to "included"',
+            'than that by its weight: set it to "included", or to "ignored" if that is meant',
         )
 
 
